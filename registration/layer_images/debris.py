@@ -14,10 +14,12 @@ from registration.layer_images.ways import Seen, Ways
 _LEFT: Final = np.abs(ACROSS - 0.325) < 0.075
 """A line's flank: bare as well where ink is missing, not beside a crumb on the line."""
 _MIDDLE: Final = np.abs(ACROSS) < 0.25
-_FLANK_INK: Final = 0.4
+_FLANK_INK: Final = 0.45
 """Of the flank's usual level, from which on ink is seen there."""
 _MOST_UNLIKE: Final = 90
 """Percentile of a gap's core that must look like bath."""
+_AROUND: Final = 0.3
+"""In widths from a doubtful gap: so far it isn't clear either."""
 
 
 def is_bare(gap: Gap, ways: Ways, seen: Seen, told: Told, why: IntArray) -> bool:
@@ -44,7 +46,9 @@ def is_bare(gap: Gap, ways: Ways, seen: Seen, told: Told, why: IntArray) -> bool
     alike = float(np.percentile(core, _MOST_UNLIKE)) < 1.0
     if alike and (told.template.by_edges or not _flanked(told, told.profiles[rows])):
         return True
-    why[rows] = int(Unseen.UNCLEAR)
+    around = _AROUND * float(ways.width[rows].max())
+    near = (ways.along > gap.from_mm - around) & (ways.along < gap.to_mm + around)
+    why[near & (ways.stroke == gap.stroke) & (why == Unseen.SEEN)] = int(Unseen.UNCLEAR)
     return False
 
 

@@ -162,14 +162,14 @@ def window_noise(
     bath_values: FloatArray | None,
     gap_mm: float,
     known: bool,
-    by_edges: bool,
+    even: bool,
 ) -> WindowNoise | None:
     """Measure scatter; None where there is too little ink, unless ink's look is known.
 
     Missing ink lowers presence, so that the upper half of all values is that of ink; the lower half
     counts as far as it is ink at all. The tails are measured, not taken for normal. What scatters
-    far more above the middle than below is more ink or debris, unless ink is told ``by_edges``,
-    whose strength means nothing.
+    far more above the middle than below is more ink or debris, unless the measure is ``even``:
+    edges and heights scatter to both sides alike.
     """
     step = float(np.median(ways.step))
     ink_values = values[good & (values > INK)]
@@ -186,7 +186,7 @@ def window_noise(
         if len(ink) < _FEWEST:
             break
         lengths.append(count * step)
-        spread = _spread(ink, np.inf if by_edges else _PILED)
+        spread = _spread(ink, np.inf if even else _PILED)
         spreads.append(times * spread * (1.0 + _FEW / len(ink)))
     if not spreads:
         return None

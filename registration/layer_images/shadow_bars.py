@@ -1,9 +1,10 @@
 """Find straight soft shadows across a picture's bath.
 
-A camera arm casts them, a syringe, a lamp's frame. In logarithms a shadow adds a function of the place across it alone, a ridge function (Friedman and
-Stuetzle 1981, J. Am. Stat. Assoc. 76, 817: projection pursuit regression). It is learned from bath
-and holds for ink as well, also where lines leave no bath between them. Only what both halves of the
-picture show counts, each along the bar: a blob, a needle or a dragged line isn't light.
+A camera arm casts them, a syringe, a lamp's frame. In logarithms a shadow adds a function of the
+place across it alone, a ridge function (Friedman and Stuetzle 1981, J. Am. Stat. Assoc. 76, 817:
+projection pursuit regression). It is learned from bath and holds for ink as well, also where lines
+leave no bath between them. Only what both halves of the picture show along the bar counts: a blob,
+a needle or a dragged line isn't light.
 """
 
 from __future__ import annotations

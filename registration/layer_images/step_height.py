@@ -96,7 +96,7 @@ def tell_by_height(
     why = np.where((why == Unseen.SEEN) & odd, int(Unseen.GLARE), why)
     why = np.where((why == Unseen.SEEN) & unknown, int(Unseen.OLD_INK), why)
     good = use & (why == Unseen.SEEN)
-    noise = window_noise(present, good, ways, None, gap_mm, known=False)
+    noise = window_noise(present, good, ways, None, gap_mm, known=False, even=True)
     if noise is None:
         return None
     noise = type(noise)(noise.length_mm, noise.middle, noise.spread, float(noise.spread[0]))
