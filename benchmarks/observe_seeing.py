@@ -126,7 +126,8 @@ def troubled(seed: int, kind: str) -> painter.Painted:
     look = painter.random_look("absorbing" if crossing else CLEAR[seed % 2], rng, 0.3)
     if crossing and sum(look.ink) > sum(look.bath):  # what absorbs is darker
         look.ink, look.bath = look.bath, look.ink
-    gaps = painter.plant_gaps(plan, ((), (0.3, 0.5), (0.25, 1.0))[seed % 3], rng)
+    lengths: tuple[float, ...] = ((), (0.3, 0.5), (0.25, 1.0))[seed % 3]
+    gaps = painter.plant_gaps(plan, lengths * 4 if crossing else lengths, rng)
     gaps = trouble.bare(plan, gaps) if crossing else gaps
     ink = painter.lay(plan, rng, gaps=gaps)
     fine = 1.6

@@ -44,7 +44,8 @@ def is_bare(gap: Gap, ways: Ways, seen: Seen, told: Told, why: IntArray) -> bool
     here = Seen(seen.at[rows], seen.across[rows], seen.along[rows])
     core = here.profiles(told.unlike_bath, ways.width[rows, None] * ACROSS[CORE])
     alike = float(np.percentile(core, _MOST_UNLIKE)) < 1.0
-    if alike and (told.template.by_edges or not _flanked(told, told.profiles[rows])):
+    alone = rows[~ways.crossed[rows]]  # beside a corner the line's other arm lies on its flank
+    if alike and (told.template.by_edges or not _flanked(told, told.profiles[alone])):
         return True
     around = _AROUND * float(ways.width[rows].max())
     near = (ways.along > gap.from_mm - around) & (ways.along < gap.to_mm + around)
@@ -54,6 +55,8 @@ def is_bare(gap: Gap, ways: Ways, seen: Seen, told: Told, why: IntArray) -> bool
 
 def _flanked(told: Told, profiles: FloatImage) -> bool:
     """Whether ink is seen to a side where least of it is seen in the middle."""
+    if not len(profiles):
+        return False
     depth = profiles[:, _MIDDLE].mean(axis=1)
     deepest = profiles[np.argsort(depth)[: max(1, len(depth) // 2)]].mean(axis=0)
     usual = told.template.values
