@@ -4,6 +4,7 @@ import pytest
 from benchmarks.checkers import layer_painter as painter
 from benchmarks.checkers import layer_troubles as trouble
 from registration.layer_images import Unseen, see_layer
+from registration.layer_images.light import flattened
 from registration.layer_images.presence import window_noise
 from registration.layer_images.shadow_bars import bar_directions, bar_light
 from registration.layer_images.ways import Ways, lay_ways
@@ -57,6 +58,21 @@ def test_a_dark_crumb_on_a_light_line_is_no_gap(tint: float) -> None:
     assert [g.from_mm for g in findings.gaps] == [pytest.approx(2.6, abs=0.08)]
     station = int(np.argmin(np.hypot(*(findings.stations.at_mm - middle).T)))
     assert findings.stations.why[station] in (Unseen.UNCLEAR, Unseen.GLARE)
+
+
+def test_light_in_a_filled_area_follows_the_shadow_beside_it() -> None:
+    y, x = np.mgrid[0:200, 0:200] / 20.0  # mm
+    ink = (np.abs(x - 5) < 2) & (np.abs(y - 5) < 2)
+    free = ~((np.abs(x - 5) < 2.3) & (np.abs(y - 5) < 2.3))
+    across = 0.8 * (x - 5) + 0.6 * (y - 5)
+    out = np.clip((np.abs(across) - 0.4) / 0.5, 0, 1)
+    shade = -0.2 * 0.5 * (1 + np.cos(np.pi * out))
+    noise = np.random.default_rng(6).normal(0, 0.01, ink.shape)
+    picture = (0.3 * ink + shade + noise).astype(np.float32)[:, :, None]
+    flat = flattened(picture, free.astype(np.uint8), ink.astype(np.uint8), 20.0)[:, :, 0]
+    assert np.std(flat[ink]) < 0.025
+    assert np.std(flat[free]) < 0.025
+    assert np.mean(flat[ink]) - np.mean(flat[free]) == pytest.approx(0.3, abs=0.03)
 
 
 def _cells() -> tuple[np.ndarray, np.ndarray]:
