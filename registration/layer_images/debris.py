@@ -16,6 +16,7 @@ _LEFT: Final = np.abs(ACROSS - 0.325) < 0.075
 _MIDDLE: Final = np.abs(ACROSS) < 0.25
 _FLANK_INK: Final = 0.45
 """Of the flank's usual level, from which on ink is seen there."""
+_FLANK_SOME: Final = 0.15
 _MOST_UNLIKE: Final = 90
 """Percentile of a gap's core that must look like bath."""
 _AROUND: Final = 0.3
@@ -44,8 +45,8 @@ def is_bare(gap: Gap, ways: Ways, seen: Seen, told: Told, why: IntArray) -> bool
     here = Seen(seen.at[rows], seen.across[rows], seen.along[rows])
     core = here.profiles(told.unlike_bath, ways.width[rows, None] * ACROSS[CORE])
     alike = float(np.percentile(core, _MOST_UNLIKE)) < 1.0
-    alone = rows[~ways.crossed[rows]]  # beside a corner the line's other arm lies on its flank
-    if alike and (told.template.by_edges or not _flanked(told, told.profiles[alone])):
+    crossed = bool(ways.crossed[rows].any())
+    if alike and (told.template.by_edges or not _flanked(told, told.profiles[rows], crossed)):
         return True
     around = _AROUND * float(ways.width[rows].max())
     near = (ways.along > gap.from_mm - around) & (ways.along < gap.to_mm + around)
@@ -53,11 +54,14 @@ def is_bare(gap: Gap, ways: Ways, seen: Seen, told: Told, why: IntArray) -> bool
     return False
 
 
-def _flanked(told: Told, profiles: FloatImage) -> bool:
-    """Whether ink is seen to a side where least of it is seen in the middle."""
-    if not len(profiles):
-        return False
+def _flanked(told: Told, profiles: FloatImage, crossed: bool) -> bool:
+    """Whether ink is seen to a side where least of it is seen in the middle.
+
+    Where another line or the line's other arm crosses, it may lie on one flank: then some ink must
+    be seen on both.
+    """
     depth = profiles[:, _MIDDLE].mean(axis=1)
     deepest = profiles[np.argsort(depth)[: max(1, len(depth) // 2)]].mean(axis=0)
     usual = told.template.values
-    return any(deepest[z].mean() > _FLANK_INK * usual[z].mean() for z in (_LEFT, _LEFT[::-1]))
+    less, more = sorted(deepest[z].mean() / usual[z].mean() for z in (_LEFT, _LEFT[::-1]))
+    return bool(more > _FLANK_INK and (less > _FLANK_SOME or not crossed))
