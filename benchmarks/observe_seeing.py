@@ -1,9 +1,9 @@
 """Measure layer seeing: gaps found, false findings, width intervals, time.
 
-python -m benchmarks.observe_seeing [--quick] [--only gaps|false|widths|time|oct]
+python -m benchmarks.observe_seeing [--quick] [--only gaps|false|troubles|widths|time|oct]
 
-Pictures and volumes come from `benchmarks/checkers/layer_painter.py` and `layer_volume.py`, which
-share nothing with the product.
+Pictures and volumes come from `benchmarks/checkers/layer_painter.py`, `layer_troubles.py` and
+`layer_volume.py`, which share nothing with the product.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.checkers import layer_painter as painter
+from benchmarks.checkers import layer_troubles as trouble
 from benchmarks.checkers.layer_volume import paint_volume
 from benchmarks.command import Row, run
 from benchmarks.machine import row
@@ -110,6 +111,71 @@ def false(quick: bool) -> Iterator[Row]:
         "<= 1 in 1,000", found["gaps"] <= max(1, count // 1000),
     ) | {"thin_or_thick": found["stretches"], "blobs": found["blobs"], "seeds": bad[:20],
          "seen_share": round(float(np.mean(seen)), 3)}  # fmt: skip
+
+
+def troubled(seed: int, kind: str) -> painter.Painted:
+    """Paint a layer with gaps under a shadow bar, of crossing translucent lines, or with crumbs."""
+    rng = np.random.default_rng([31, seed])
+    size, um, width = 5.0, (15.0, 25.0, 35.0)[seed % 3], rng.uniform(0.25, 0.5)
+    crossing = kind == "crossings"
+    plan = (
+        trouble.grid(size, width, rng)
+        if crossing
+        else painter.plan_layer(painter.LAYOUTS[(seed // 2) % 4], size, width, rng)
+    )
+    look = painter.random_look("absorbing" if crossing else CLEAR[seed % 2], rng, 0.3)
+    if crossing and sum(look.ink) > sum(look.bath):  # what absorbs is darker
+        look.ink, look.bath = look.bath, look.ink
+    lengths: tuple[float, ...] = ((), (0.3, 0.5), (0.25, 1.0))[seed % 3]
+    gaps = painter.plant_gaps(plan, lengths * 4 if crossing else lengths, rng)
+    gaps = trouble.bare(plan, gaps) if crossing else gaps
+    ink = painter.lay(plan, rng, gaps=gaps)
+    fine = 1.6
+    overlay = trouble.Troubles(
+        bars=[trouble.random_bar(size, rng)] if kind == "shadow" else [],
+        crumbs=trouble.random_crumbs(ink, 5, 0.8, rng) if kind == "crumbs" else [],
+        extra=trouble.piled(ink, gaps, (0.0, 0.0), size, um * 1e-3 / fine, look)
+        if crossing
+        else None,
+    )
+    return painter.paint(plan, ink, gaps, size, um, look, rng, fine=fine, overlay=overlay)
+
+
+def troubles(quick: bool) -> Iterator[Row]:
+    """Share seen, gaps found where seen and false gaps, under three kinds of trouble."""
+    count = 12 if quick else 60
+    for kind in ("shadow", "crossings", "crumbs"):
+        seen, found, missed, false_gaps = [], 0, 0, 0
+        for k in range(count):
+            painted = troubled(50_000 + k, kind)
+            f = see_layer(painted.picture, painted.frame, expected(painted.plan))
+            seen.append(f.seen_share)
+            for stroke, begin, end in painted.gaps:
+                hit = any(
+                    g.stroke == stroke and g.from_mm < end and g.to_mm > begin for g in f.gaps
+                )
+                found += hit
+                missed += not hit and _all_seen(f, stroke, begin, end)
+            false_gaps += sum(
+                not any(g.stroke == s and g.from_mm < e and g.to_mm > b for s, b, e in painted.gaps)
+                for g in f.gaps
+            )
+        share = found / max(1, found + missed)
+        limit = max(1, count // 12) if kind == "crumbs" else 0
+        yield row(
+            f"{kind}: gaps found where lines are seen, {count} layers", round(share, 3), "",
+            ">= 0.95", share >= 0.95 and false_gaps <= limit,
+        ) | {
+            "seen_share": round(float(np.mean(seen)), 3), "found": found, "missed": missed,
+            "false_gaps": false_gaps,
+        }  # fmt: skip
+
+
+def _all_seen(f: LayerFindings, stroke: int, begin: float, end: float) -> bool:
+    """Whether every station of a stretch was seen."""
+    at, half = f.stations.along_mm, 0.5 * f.stations.length_mm
+    own = (f.stations.stroke == stroke) & (at > begin - half) & (at < end + half)
+    return bool(own.any() and f.stations.seen[own].all())
 
 
 def widths(quick: bool) -> Iterator[Row]:
@@ -219,6 +285,7 @@ if __name__ == "__main__":
         {
             "gaps": gaps,
             "false": false,
+            "troubles": troubles,
             "widths": widths,
             "time": eight_megapixels,
             "oct": oct_volume,

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import cv2
@@ -281,8 +282,12 @@ def paint(
     glare: list[tuple[float, float, float]] | None = None,
     needle: bool = False,
     fine: float = 1.6,
+    overlay: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] | None = None,
 ) -> Painted:
-    """Paint it; blobs, bubbles and glare as (x, y, radius) in mm of the printer."""
+    """Paint it; blobs, bubbles and glare as (x, y, radius) in mm of the printer.
+
+    ``overlay`` (`layer_troubles`) changes the plane, given the places x and y of its cells.
+    """
     frame, (high, wide) = camera(size, um_per_px, tilt, rng)
     cell = um_per_px * 1e-3 / fine
     origin = np.array([10.0, 20.0]) - 2.0
@@ -297,6 +302,7 @@ def paint(
         better = part < rel
         rel, radius = np.where(better, part, rel), np.where(better, br, radius)
     plane = _shade(rel, radius, cell, look, rng)
+    plane = overlay(plane, x, y) if overlay else plane
     for bx, by, br in bubbles or []:
         d = np.hypot(x - bx, y - by) / br
         ring = np.exp(-(((d - 0.93) / 0.06) ** 2))

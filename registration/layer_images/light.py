@@ -1,8 +1,9 @@
 """Take uneven light and the bath's own colour out of a working picture.
 
 In logarithms light adds. It is a polynomial of fourth order, fitted to the bath and, one step away
-from it, to the ink (so that a large filled area has light of its own), and what the bath shows of
-it beyond that over some millimetres.
+from it, to the ink (so that a large filled area has light of its own), straight soft shadows that
+the bath shows from one end to the other (`bar_light`), and what it shows of light beyond that
+over some millimetres.
 """
 
 from __future__ import annotations
@@ -10,10 +11,17 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from registration.layer_images.shadow_bars import bar_directions, bar_light
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage
 from registration.layer_images.working import Mask, shrunk
 
 _CELL_MM = 0.5
+_FINE_MM = 0.2
+"""Cells for shadows, whose edges may be half a millimetre wide."""
+_ROUNDS = 2
+"""Polynomial and shadows in turn."""
+_BIN = 1.5
+"""Cells to a place across a shadow."""
 _ORDER = 4
 _SECOND = 6
 """Terms up to the second order."""
@@ -40,25 +48,72 @@ def flattened(
     local : bool
         Whether light is followed beyond a polynomial.
     """
-    high, wide, count = channels.shape
-    n = max(4.0, _CELL_MM * px_per_mm)
-    size = (max(2, round(wide / n)), max(2, round(high / n)))
+    high, wide = channels.shape[:2]
+    size = _size(channels, _CELL_MM * px_per_mm)
+    own, light = _without_bars(channels, free, core, size, _size(channels, _FINE_MM * px_per_mm))
+    if local:
+        bath, share = _cells(own, free, size)
+        for c in range(light.shape[1]):
+            rest = (bath[:, c] - light[:, c]).reshape(size[1], size[0])
+            light[:, c] += _local(rest, share, share > _LEAST).ravel()
+    out = np.empty_like(channels)
+    for c in range(out.shape[2]):
+        out[:, :, c] = own[:, :, c] - _resized(light[:, c], size, (wide, high))
+    return out
+
+
+def _without_bars(
+    channels: FloatImage, free: Mask, core: Mask, size: tuple[int, int], fine: tuple[int, int]
+) -> tuple[FloatImage, FloatArray]:
+    """Channels less straight shadows, and the polynomial of the rest at cells (cells, c)."""
+    bath, share = _cells(channels, free, fine)
+    weight, at = share * (share > _LEAST), _places(fine)
+    own, light = channels, _light(channels, free, core, size)
+    angles: list[float] = []
+    for number in range(_ROUNDS):
+        rest = bath - np.column_stack([_resized(one, size, fine).ravel() for one in light.T])
+        if number == 0:
+            angles = bar_directions(rest, weight, at, _BIN)
+        if not angles:
+            break
+        bars = bar_light(rest, weight, at, _BIN, angles)
+        shade = [_resized(one, fine, channels.shape[1::-1]) for one in bars.T]
+        own = channels - np.stack(shade, axis=2)
+        light = _light(own, free, core, size)
+    return own, light
+
+
+def _size(channels: FloatImage, cell_px: float) -> tuple[int, int]:
+    """Cells across and down."""
+    n = max(4.0, cell_px)
+    high, wide = channels.shape[:2]
+    return max(2, round(wide / n)), max(2, round(high / n))
+
+
+def _resized(values: FloatArray, size: tuple[int, int], to: tuple[int, int]) -> FloatImage:
+    """Cells (columns, rows) as a raster of another size, (rows, columns)."""
+    raster = values.reshape(size[1], size[0]).astype(np.float32)
+    return np.asarray(cv2.resize(raster, to, interpolation=cv2.INTER_LINEAR))
+
+
+def _places(size: tuple[int, int]) -> FloatArray:
+    """Column and row of each cell, (cells, 2)."""
+    x, y = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
+    return np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+
+
+def _light(channels: FloatImage, free: Mask, core: Mask, size: tuple[int, int]) -> FloatArray:
+    """Polynomial of the light of each channel, (cells, c)."""
     bath, bath_share = _cells(channels, free, size)
     ink, ink_share = _cells(channels, core, size)
     basis = _basis(size)
-    out = np.empty_like(channels)
     is_bath = bath_share > _LEAST
     is_ink = _ink_cells(bath, ink, bath_share, ink_share, basis[:, :_SECOND])
     if is_bath.sum() < _ENOUGH:
         basis = basis[:, :_SECOND]
-    for c in range(count):
-        light = _fit(basis, bath[:, c], bath_share * is_bath, ink[:, c], ink_share * is_ink)
-        light = light.reshape(size[1], size[0])
-        if local:
-            light = light + _local(bath[:, c].reshape(light.shape) - light, bath_share, is_bath)
-        out[:, :, c] = channels[:, :, c] - cv2.resize(
-            light.astype(np.float32), (wide, high), interpolation=cv2.INTER_LINEAR
-        )
+    out = np.empty_like(bath)
+    for c in range(out.shape[1]):
+        out[:, c] = _fit(basis, bath[:, c], bath_share * is_bath, ink[:, c], ink_share * is_ink)
     return out
 
 

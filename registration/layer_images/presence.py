@@ -24,6 +24,8 @@ INK: Final = 0.5
 _SIDE = 0.15
 """Of a width: nearer than that to an edge a side isn't clear bath."""
 _TAILS: Final = (0.02, 0.005)
+_PILED: Final = 1.5
+"""Times the scatter below the middle, that the one above counts for at most."""
 _FEWEST = 16
 _FEW: Final = 5.0
 """Spreads of n windows are widened by 1 + 5 / n."""
@@ -160,11 +162,14 @@ def window_noise(
     bath_values: FloatArray | None,
     gap_mm: float,
     known: bool,
+    even: bool,
 ) -> WindowNoise | None:
     """Measure scatter; None where there is too little ink, unless ink's look is known.
 
     Missing ink lowers presence, so that the upper half of all values is that of ink; the lower half
-    counts as far as it is ink at all. The tails are measured, not taken for normal.
+    counts as far as it is ink at all. The tails are measured, not taken for normal. What scatters
+    far more above the middle than below is more ink or debris, unless the measure is ``even``:
+    edges and heights scatter to both sides alike.
     """
     step = float(np.median(ways.step))
     ink_values = values[good & (values > INK)]
@@ -181,7 +186,8 @@ def window_noise(
         if len(ink) < _FEWEST:
             break
         lengths.append(count * step)
-        spreads.append(times * _spread(ink) * (1.0 + _FEW / len(ink)))
+        spread = _spread(ink, np.inf if even else _PILED)
+        spreads.append(times * spread * (1.0 + _FEW / len(ink)))
     if not spreads:
         return None
     bath = 0.0 if bath_values is None else _bath_spread(bath_values, step, gap_mm)
@@ -194,13 +200,16 @@ def _bath_spread(values: FloatArray, step: float, gap_mm: float) -> float:
     return _spread(values.reshape(-1, 8)[:, :count].mean(axis=1))
 
 
-def _spread(values: FloatArray) -> float:
-    """Standard deviation by the wider half, or by the tails where those are wider."""
+def _spread(values: FloatArray, most_above: float = np.inf) -> float:
+    """Standard deviation by the wider half, or by the tails where those are wider.
+
+    What lies above the median counts up to ``most_above`` times what lies below.
+    """
     middle = float(np.median(values))
     low, high = np.percentile(values, [15.87, 84.13])
-    found = max(middle - low, high - middle)
+    below, above = middle - low, high - middle
     for tail in _TAILS:
         if tail * len(values) >= 5:
-            below, above = np.quantile(values, [tail, 1 - tail])
-            found = max(found, max(middle - below, above - middle) / norm.isf(tail))
-    return float(found)
+            lower, upper = (np.quantile(values, [tail, 1 - tail]) - middle) / norm.isf(tail)
+            below, above = max(below, -lower), max(above, upper)
+    return float(max(below, min(above, most_above * below)))

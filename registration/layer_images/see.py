@@ -22,6 +22,7 @@ import numpy as np
 
 from registration.errors import PictureError
 from registration.layer_images.blobs import find_blobs
+from registration.layer_images.debris import is_bare
 from registration.layer_images.first_shift import first_shift
 from registration.layer_images.gaps import find_gaps, lit_along, merged
 from registration.layer_images.ink_image import ACROSS, angle_of, smoothed
@@ -359,6 +360,8 @@ def _gaps(
             if look.by_height and told is look.old:
                 gaps, doubtful = stepped(gaps, look.present, clear, look.ways)
                 unclear |= doubtful
+            else:
+                gaps = [gap for gap in gaps if is_bare(gap, look.ways, look.seen, told, why)]
             found += gaps
             why[unclear] = int(Unseen.UNCLEAR)
             noise = told.noise

@@ -96,7 +96,7 @@ def tell_by_height(
     why = np.where((why == Unseen.SEEN) & odd, int(Unseen.GLARE), why)
     why = np.where((why == Unseen.SEEN) & unknown, int(Unseen.OLD_INK), why)
     good = use & (why == Unseen.SEEN)
-    noise = window_noise(present, good, ways, None, gap_mm, known=False)
+    noise = window_noise(present, good, ways, None, gap_mm, known=False, even=True)
     if noise is None:
         return None
     noise = type(noise)(noise.length_mm, noise.middle, noise.spread, float(noise.spread[0]))
@@ -115,6 +115,7 @@ def tell_by_height(
         noise=noise,
         contrast=noise.contrast(gap_mm),
         strange=np.asarray(image - np.float32(np.nanmedian(level)) > _HIGH - 1.0),
+        unlike_bath=np.zeros(work.shape, dtype=np.float32),
         appearance=Appearance(np.zeros(work.channels.shape[2]), flat, True),
         bath_spread=float(noise.spread[0]),
         log_step=0.0,

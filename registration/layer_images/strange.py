@@ -15,12 +15,12 @@ _HOLE = 8.0
 """Widths: a larger hole in a strange ring (a dish's rim) isn't strange itself."""
 _MOST_INK = 2.5
 """Of ink's usual difference from bath: thick ink."""
+_UNLIKE = 2.0
+"""Times what one place of bath in fifty exceeds: that isn't bath."""
 
 
-def strange_places(
-    smooth: FloatImage, bath: BathNoise, ink: FloatArray, free: Mask, fresh: Mask, width_px: float
-) -> BoolArray:
-    """Where the smoothed channels (h, w, c) fit neither bath nor ink, (h, w).
+def strangeness(smooth: FloatImage, bath: BathNoise, ink: FloatArray) -> FloatImage:
+    """Deviations of the smoothed channels (h, w, c) from bath, ink and all between, (h, w).
 
     Parameters
     ----------
@@ -28,8 +28,6 @@ def strange_places(
     bath : BathNoise
     ink : (c,) float64
         Mean of ink less that of bath.
-    free, fresh : (h, w) uint8
-    width_px : float
     """
     count = smooth.shape[2]
     covariance = bath.covariance + 1e-4 * np.diag(ink**2) + 1e-12 * np.eye(count)
@@ -38,10 +36,26 @@ def strange_places(
     way = ink.astype(np.float32) @ root
     power = float(way @ way)
     share = np.clip(whitened @ way / max(power, 1e-12), 0.0, _MOST_INK)
-    away = np.sqrt(((whitened - share[:, :, None] * way) ** 2).sum(axis=2))
+    return np.asarray(np.sqrt(((whitened - share[:, :, None] * way) ** 2).sum(axis=2)))
+
+
+def strange_places(away: FloatImage, free: Mask, fresh: Mask, width_px: float) -> BoolArray:
+    """Where a picture's `strangeness` (h, w) fits neither bath nor ink, (h, w).
+
+    Parameters
+    ----------
+    away : (h, w) float32
+    free, fresh : (h, w) uint8
+    width_px : float
+    """
     # Quantiles that a needle over a tenth of the picture doesn't reach.
     limit = max(_SURE, 3.0 * _quantile(away, free, 80), 2.0 * _quantile(away, fresh, 70))
     return _grown((away > limit).astype(np.uint8), width_px)
+
+
+def unlike_bath(away: FloatImage, free: Mask) -> FloatImage:
+    """`strangeness` over the most that bath shows, (h, w): above 1 it surely isn't bath."""
+    return np.asarray(away / max(_UNLIKE * _quantile(away, free, 98), 1e-6), dtype=np.float32)
 
 
 def _quantile(values: FloatImage, mask: Mask, percent: float) -> float:

@@ -23,7 +23,7 @@ from registration.layer_images.presence import (
     presence,
     window_noise,
 )
-from registration.layer_images.strange import grown, strange_places
+from registration.layer_images.strange import grown, strange_places, strangeness, unlike_bath
 from registration.layer_images.values import (
     Appearance,
     BoolArray,
@@ -50,6 +50,8 @@ _ALONE = 0.8
 """Widths to the next ink: nearer, and edges by which ink is told may be missing."""
 ASIDE = 0.1
 """Slant from which on each direction must show ink of its own."""
+_FEW_ALONE, _LEAST_ALONE = 60, 0.05
+"""Places without another line over them, and their share, to learn from them alone."""
 _SECTORS = 12
 _LEAST_INK = 0.7
 _WEAK = 0.4
@@ -80,6 +82,8 @@ class Told:
     contrast : float
         Ink over background, in standard deviations of a place as long as a tolerated gap.
     strange : (h, w) bool
+    unlike_bath : (h, w) float32
+        Above 1 where it surely is neither bath nor on the way to ink.
     appearance : Appearance
     bath_spread : float
         Of a place's level in the image, at a single place across.
@@ -100,6 +104,7 @@ class Told:
     noise: WindowNoise | None
     contrast: float
     strange: BoolArray
+    unlike_bath: FloatImage
     appearance: Appearance
     bath_spread: float
     log_step: float
@@ -143,8 +148,9 @@ def tell_ink(
     if bath is None or not use.any():
         return None
     known = ground.known if _fits(ground.known, ground.flat.shape[2]) else None
-    mixes = [known.mix] if known else mixes_of(ground.smooth, bath, seen, ways.width, use)
-    ink = _ink_levels(ground.smooth, bath, seen, use)
+    alone = _alone(ways, use)
+    mixes = [known.mix] if known else mixes_of(ground.smooth, bath, seen, ways.width, alone)
+    ink = _ink_levels(ground.smooth, bath, seen, alone)
     best: Told | None = None
     for mix in mixes:
         told = _by_mix(mix, ink, bath, known, ground, ways, seen, sides, use, rng)
@@ -169,10 +175,11 @@ def _by_mix(
 ) -> Told | None:
     mixed = np.asarray(ground.flat @ mix.astype(np.float32) - np.float32(bath.mean @ mix))
     width_px = float(np.median(ways.width)) * ground.work.px_per_mm
-    strange = _strange(ground, bath, ink, width_px)
+    away = strangeness(ground.smooth, bath, ink)
+    strange = _strange(ground, away, width_px)
     profiles = seen.profiles(mixed, ways.width[:, None] * ACROSS)
     why, angle = reasons(ground.work, seen, ways, strange), angle_of(seen)
-    learn = use & (why == Unseen.SEEN)
+    learn = _alone(ways, use & (why == Unseen.SEEN))
     if learn.sum() < _FEWEST and known is None:
         return None
     if known:
@@ -203,9 +210,12 @@ def _by_mix(
         why[(why == Unseen.SEEN) & _unlearned(angle, present)] = int(Unseen.FAINT)
     good = use & (why == Unseen.SEEN)
     noise, contrast = (
-        window_noise(present, good, ways, fake_present, ground.gap_mm, known is not None),
+        window_noise(
+            present, _alone(ways, good), ways, fake_present, ground.gap_mm, known is not None,
+            template.by_edges,
+        ),
         0.0,
-    )
+    )  # fmt: skip
     faint = True
     if noise is not None:
         contrast = noise.contrast(ground.gap_mm)
@@ -216,9 +226,16 @@ def _by_mix(
             noise = None
     look = Appearance(mix, template.terms * template.scale, template.filled)
     return Told(
-        image, profiles, present, plain, why, template, noise, contrast, strange, look, bath_spread,
+        image, profiles, present, plain, why, template, noise, contrast, strange,
+        unlike_bath(away, ground.free), look, bath_spread,
         _log_step(mix, ink, ground.work.is_log), ink, faint,
     )  # fmt: skip
+
+
+def _alone(ways: Ways, use: BoolArray) -> BoolArray:
+    """Places over which no other line lies; all where too few of them are left."""
+    alone = use & ~ways.crossed
+    return alone if alone.sum() > max(_FEW_ALONE, _LEAST_ALONE * use.sum()) else use
 
 
 def _unlearned(angle: FloatArray, present: FloatArray) -> BoolArray:
@@ -272,8 +289,8 @@ def _log_step(mix: FloatArray, ink: FloatArray, is_log: bool) -> float:
     return float(np.clip(weight @ ink / weight.sum(), -3.0, 3.0))
 
 
-def _strange(ground: Ground, bath: BathNoise, ink: FloatArray, width_px: float) -> BoolArray:
-    found = strange_places(ground.smooth, bath, ink, ground.free, ground.fresh, width_px)
+def _strange(ground: Ground, away: FloatImage, width_px: float) -> BoolArray:
+    found = strange_places(away, ground.free, ground.fresh, width_px)
     saturated = ground.work.bad
     lines = ground.fresh > 0
     on, off = (_share(saturated, mask) for mask in (lines, ~lines))

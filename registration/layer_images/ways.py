@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
+from scipy.spatial import cKDTree
 
 from registration.errors import PictureError
 from registration.layer_images.values import (
@@ -23,6 +25,10 @@ _STEEP = 0.3
 _NEAR_TURN = 0.9
 _STRAIGHT = 0.9
 """Cosine of the turn, above which a way goes on straight."""
+_OVER = 0.85
+"""Of the mean width: lines whose middles are nearer lie over each other."""
+_DETOUR = 1.25
+"""Way along a line over the distance of two of its places, from which on it has turned back."""
 _CHUNK = 20_000
 """OpenCV takes pictures of at most 2^15 samples a side."""
 
@@ -70,6 +76,23 @@ class Ways:
         ahead = np.where(self.run[ahead] == self.run, ahead, index)
         turned |= (self.normal[back] * self.normal[ahead]).sum(axis=1) < _STRAIGHT
         return turned
+
+    @cached_property
+    def crossed(self) -> BoolArray:
+        """Places over which another line lies, or the line's own way back, (n,).
+
+        The density of translucent ink adds there: crossings, overlaps, sharp corners.
+        """
+        out = np.zeros(len(self), dtype=np.bool_)
+        at = self.point[:, :2]
+        reach = _OVER * float(self.width.max())
+        one, other = cKDTree(at).query_pairs(reach, output_type="ndarray").T
+        apart = np.linalg.norm(at[one] - at[other], axis=1)
+        along = np.abs(self.along[one] - self.along[other])
+        same = (self.run[one] == self.run[other]) & (along < _DETOUR * apart)
+        over = (apart < _OVER * 0.5 * (self.width[one] + self.width[other])) & ~same
+        out[one[over]] = out[other[over]] = True
+        return out
 
     def moved(self, by_mm: FloatArray) -> Ways:
         """Return the same, moved by (2,) mm."""

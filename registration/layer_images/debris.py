@@ -1,0 +1,67 @@
+"""Tell missing ink from debris on a line that is about as bright as the bath."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from registration.layer_images.ink_image import ACROSS, CORE
+from registration.layer_images.told import Told
+from registration.layer_images.values import FloatImage, Gap, IntArray, Unseen
+from registration.layer_images.ways import Seen, Ways
+
+_LEFT: Final = np.abs(ACROSS - 0.325) < 0.075
+"""A line's flank: bare as well where ink is missing, not beside a crumb on the line."""
+_MIDDLE: Final = np.abs(ACROSS) < 0.25
+_FLANK_INK: Final = 0.45
+"""Of the flank's usual level, from which on ink is seen there."""
+_FLANK_SOME: Final = 0.15
+_MOST_UNLIKE: Final = 90
+"""Percentile of a gap's core that must look like bath."""
+_AROUND: Final = 0.3
+"""In widths from a doubtful gap: so far it isn't clear either."""
+
+
+def is_bare(gap: Gap, ways: Ways, seen: Seen, told: Told, why: IntArray) -> bool:
+    """Whether a gap surely shows bath, over the line's whole width; marks others as unclear.
+
+    Parameters
+    ----------
+    gap : Gap
+    ways : Ways
+    seen : Seen
+        Of the places of ``ways``.
+    told : Told
+        Ink told by its level; by its edges alone a line has no flanks to look at.
+    why : (n,) int64
+        `Unseen`, changed where it isn't clear.
+    """
+    rows = np.flatnonzero(
+        (ways.stroke == gap.stroke) & (ways.along > gap.from_mm) & (ways.along < gap.to_mm)
+    )
+    if not len(rows) or told.noise is None:
+        return True
+    here = Seen(seen.at[rows], seen.across[rows], seen.along[rows])
+    core = here.profiles(told.unlike_bath, ways.width[rows, None] * ACROSS[CORE])
+    alike = float(np.percentile(core, _MOST_UNLIKE)) < 1.0
+    crossed = bool(ways.crossed[rows].any())
+    if alike and (told.template.by_edges or not _flanked(told, told.profiles[rows], crossed)):
+        return True
+    around = _AROUND * float(ways.width[rows].max())
+    near = (ways.along > gap.from_mm - around) & (ways.along < gap.to_mm + around)
+    why[near & (ways.stroke == gap.stroke) & (why == Unseen.SEEN)] = int(Unseen.UNCLEAR)
+    return False
+
+
+def _flanked(told: Told, profiles: FloatImage, crossed: bool) -> bool:
+    """Whether ink is seen to a side where least of it is seen in the middle.
+
+    Where another line or the line's other arm crosses, it may lie on one flank: then some ink must
+    be seen on both.
+    """
+    depth = profiles[:, _MIDDLE].mean(axis=1)
+    deepest = profiles[np.argsort(depth)[: max(1, len(depth) // 2)]].mean(axis=0)
+    usual = told.template.values
+    less, more = sorted(deepest[z].mean() / usual[z].mean() for z in (_LEFT, _LEFT[::-1]))
+    return bool(more > _FLANK_INK and (less > _FLANK_SOME or not crossed))
