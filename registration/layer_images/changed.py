@@ -21,7 +21,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from registration.layer_images.ink_image import ACROSS, BathNoise, Template, channel_mix
+from registration.layer_images.ink_image import ACROSS, BathNoise, Template, angle_of, channel_mix
 from registration.layer_images.presence import fake_places, window_noise
 from registration.layer_images.strange import grown
 from registration.layer_images.told import LONG, Told, reasons
@@ -31,6 +31,7 @@ from registration.layer_images.values import (
     FloatArray,
     FloatImage,
     Gap,
+    IntArray,
     Unseen,
 )
 from registration.layer_images.ways import Seen, Ways
@@ -38,7 +39,7 @@ from registration.layer_images.working import Mask, Working
 
 _LEAST_STEP: Final = 0.025
 """Logarithm by which ink must change the level: drying and stray light change it by less."""
-_OF_LIGHT: Final = 0.2
+_OF_LIGHT: Final = 0.12
 """And that share of what the light changed by: sensors aren't quite linear."""
 _SOFT: Final = 0.12
 """Of a width, over which the difference is smoothed."""
@@ -51,8 +52,12 @@ _UNCHANGED: Final = 0.3
 """Most change, over ink's, in a gap: more is thin ink, or a veil over both pictures."""
 _STILL: Final = 5.0
 """Standard deviations by which a thing that lay there before stands out."""
-_LOW, _HIGH = -1.0, 5.0
+_LOW, _HIGH = -0.4, 3.0
 """Change, over ink's, of a bubble that came or went."""
+_FULL: Final = 1.5
+"""Change, over ink's, that counts at most."""
+_TOLD: Final = 0.35
+"""Share of the fresh surface, over the usual, that missing ink must stay below to be told."""
 _BINS: Final = 8
 _MOST: Final = 100_000
 
@@ -103,19 +108,53 @@ def tell_by_change(
     if work.earlier is None or cv2.countNonZero(places.ground) < _FEWEST:
         return None
     width_px = float(np.median(places.ways.width)) * work.px_per_mm
+    step_px = float(np.median(places.ways.step)) * work.px_per_mm
+    fakes = fake_places(places.ground, width_px, step_px, rng)
+    if fakes is None:
+        return None
     still = _still(places, width_px)
     best: Told | None = None
-    for image, step in _signs(work, places, width_px, rng):
-        told = _by_sign(image, step, still, work, places, gap_mm, rate, rng)
-        if told is not None and (best is None or told.contrast > best.contrast):
+    for sign in _signs(work, places, fakes, width_px, rng):
+        told = _by_sign(sign, still, work, places, gap_mm, rate)
+        if told is not None and (best is None or _rank(told, places) > _rank(best, places)):
             best = told
     return best
 
 
+def _rank(told: Told, places: Places) -> tuple[bool, int, float]:
+    """Which sign is the better one: that which tells a tolerated gap, at more places."""
+    return not told.faint, int((told.why[places.use] == Unseen.SEEN).sum()), told.contrast
+
+
+@dataclass(frozen=True)
+class _Sign:
+    """A figure of what changed.
+
+    Attributes
+    ----------
+    image : (h, w) float32
+        Where it was much, somewhere.
+    value : (n,) float64
+        Of each place; 0 where nothing changed.
+    nothing : (f,) float64
+        The same of ground, in rows of eight places.
+    step : float
+        Logarithm by which ink changes the level; 0 where it doesn't count.
+    told : (n,) bool
+        Where missing ink would differ from sound ink.
+    """
+
+    image: FloatImage
+    value: FloatArray
+    nothing: FloatArray
+    step: float
+    told: BoolArray
+
+
 def _signs(
-    work: Working, places: Places, width_px: float, rng: np.random.Generator
-) -> Iterator[tuple[FloatImage, float]]:
-    """Images in which fresh ink is high and nothing is 0; and the logarithm of ink's level."""
+    work: Working, places: Places, fakes: Seen, width_px: float, rng: np.random.Generator
+) -> Iterator[_Sign]:
+    """Level, where it changed by more than light and drying do it; and amount of detail."""
     count = work.channels.shape[2] // 2
     raw = work.channels[:, :, count:]
     light = _light(raw, places.ground)
@@ -125,52 +164,122 @@ def _signs(
     if ground is None:
         return
     rows = places.use & places.settled
-    at = _at(level, places, rows)
-    step, keep = _usual_step(at)
+    ways, px_core = places.ways, width_px * _CORE[None, :]
+    step = _usual_step(_core(level, places.seen, ways.width[:, None] * _CORE).mean(axis=1)[rows])
     least = _LEAST_STEP + _OF_LIGHT * float(np.abs(light[places.ground > 0]).max())
-    moved = bool(np.abs(step).max() >= least)
-    if moved:
-        mix = channel_mix(level, ground, places.seen, places.ways.width, rows)
-        mixed = np.asarray((level - ground.mean.astype(np.float32)) @ mix.astype(np.float32))
-        yield mixed, float(step[np.argmax(np.abs(step))])
-    else:
-        seen = places.seen.at[rows][keep]
-        level = level - _drawn_surface(_surface(*seen.T, at[keep], level.shape), level.shape)
-    scale = _noise(raw, work.channels[:, :, :count], blur)
-    amount = np.sqrt(((level / scale) ** 2).mean(axis=2))
-    some = amount[places.ground > 0]
-    yield np.asarray(amount - np.float32(some.mean()), dtype=np.float32), 0.0
+    if np.abs(step).max() >= least:
+        mix = channel_mix(level, ground, places.seen, ways.width, rows).astype(np.float32)
+        mix *= np.float32(np.sign(step @ mix))
+        mixed = np.asarray((level - ground.mean.astype(np.float32)) @ mix)[:, :, None]
+        yield _Sign(
+            mixed[:, :, 0],
+            _core(mixed, places.seen, ways.width[:, None] * _CORE).mean(axis=(1, 2)),
+            _core(mixed, fakes, px_core).mean(axis=(1, 2)),
+            float(step[np.argmax(np.abs(step))]),
+            places.use,
+        )
+    now = work.channels[:, :, :count]
+    scale = _noise(raw, now, blur)
+    now = cv2.GaussianBlur(now, (0, 0), blur).reshape(raw.shape) / scale
+    level = level / scale
+    quiet = _detail(_core(level, fakes, px_core), np.repeat(np.arange(len(fakes.at) // 8), 8))
+    across = ways.width[:, None] * _CORE
+    sign = _by_surface(
+        _core(now, places.seen, across), _core(level, places.seen, across), places,
+        float(np.median(quiet)), np.sqrt((level**2).mean(axis=2)),
+    )  # fmt: skip
+    if sign is not None:
+        yield sign
+
+
+def _by_surface(
+    now: FloatArray, change: FloatArray, places: Places, quiet: float, image: FloatImage
+) -> _Sign | None:
+    """Whose surface each place shows: that of sound fresh lines (1), or the one before (0).
+
+    What differs from the old surface is held against what differs from a usual fresh line: s / (s
+    + f), both squared. Where both differ nothing is known (a gap's shade), and where the old
+    surface looks like a fresh line a gap can't be told.
+    """
+    ways, rows = places.ways, places.use & places.settled
+    angle = angle_of(places.seen)
+    old = _detail(change, ways.run) ** 2
+    keep = rows & (old >= np.median(old[rows]))
+    share = np.zeros(len(ways))
+    plain = now - now.mean(axis=1, keepdims=True)
+    for _ in range(4):
+        if keep.sum() < _FEWEST:
+            return None
+        line = _usual_line(plain, angle, keep)
+        share = old / np.maximum(old + _detail(now - line, ways.run) ** 2, 1e-12)
+        keep = rows & (share > 0.5 * np.percentile(share[rows], _HIGHEST))
+    missing = quiet**2 / np.maximum(quiet**2 + _detail(now - change - line, ways.run) ** 2, 1e-12)
+    told = rows & (missing < _TOLD * float(np.percentile(share[rows], _HIGHEST)))
+    if told.sum() < _FEWEST:
+        return None
+    nothing = missing[told]
+    return _Sign(image, share, nothing[: len(nothing) // 8 * 8], 0.0, told)
+
+
+def _usual_line(plain: FloatArray, angle: FloatArray, keep: BoolArray) -> FloatArray:
+    """What fresh lines look like across by their direction in the picture, (n, u, c)."""
+    turned = np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
+    a = turned[keep]
+    power = a.T @ a + 1e-3 * len(a) * np.eye(3)
+    terms = np.linalg.solve(power, np.tensordot(a.T, plain[keep], axes=1).reshape(3, -1))
+    return (turned @ terms).reshape(plain.shape)
+
+
+def _core(image: FloatImage, seen: Seen, across: FloatArray) -> FloatArray:
+    """Each channel in the middle of lines, (n, u, c)."""
+    parts = [
+        seen.profiles(np.ascontiguousarray(image[:, :, c]), across) for c in range(image.shape[2])
+    ]
+    return np.stack(parts, axis=2).astype(np.float64)
+
+
+def _detail(core: FloatArray, run: IntArray) -> FloatArray:
+    """Standard deviation within a place (n, u, c) and its neighbours of the run, (n,).
+
+    An even change (drying, light) doesn't count.
+    """
+    first, second = core.mean(axis=1), (core**2).mean(axis=1)
+    count = np.ones((len(core), 1))
+    sums = [count.copy(), first.copy(), second.copy()]
+    same = (run[1:] == run[:-1])[:, None]
+    for total, part in zip(sums, (count, first, second), strict=True):
+        total[1:] += part[:-1] * same
+        total[:-1] += part[1:] * same
+    variance = sums[2] / sums[0] - (sums[1] / sums[0]) ** 2
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0).mean(axis=1)))
 
 
 def _by_sign(
-    image: FloatImage,
-    step: float,
+    sign: _Sign,
     still: BoolArray,
     work: Working,
     places: Places,
     gap_mm: float,
     rate: float,
-    rng: np.random.Generator,
 ) -> Told | None:
     ways, use = places.ways, places.use
-    value = _at(image[:, :, None], places, np.ones(len(ways), dtype=np.bool_))[:, 0]
     why = reasons(work, places.seen, ways, still | work.bad)
-    why = np.where((why == Unseen.SEEN) & ~places.settled, int(Unseen.OLD_INK), why)
-    level = _ink_level(value, ways, use & (why == Unseen.SEEN))
+    told = places.settled & sign.told
+    why = np.where((why == Unseen.SEEN) & ~told, int(Unseen.OLD_INK), why)
+    level = _ink_level(sign.value, ways, use & (why == Unseen.SEEN))
     if level is None:
         return None
-    present = np.where(np.isfinite(level), value / level, 0.0)
-    odd = (present < _LOW) | (present > _HIGH)
-    why = np.where((why == Unseen.SEEN) & odd, int(Unseen.GLARE), why)
+    usual = float(np.nanmedian(level[use]))
+    image = np.asarray(sign.image / np.float32(usual))
+    if sign.step:
+        width_px = float(np.median(ways.width)) * work.px_per_mm
+        passed = _passed(image, places, width_px)
+        why = np.maximum(why, reasons(work, places.seen, ways, passed))
     why = np.where((why == Unseen.SEEN) & ~np.isfinite(level), int(Unseen.OLD_INK), why)
+    # Whatever is above ink's is ink; how much mustn't count as noise.
+    present = np.where(np.isfinite(level), np.minimum(sign.value / level, _FULL), 0.0)
     good = use & (why == Unseen.SEEN)
-    usual = float(np.nanmedian(level))
-    width_px = float(np.median(ways.width)) * work.px_per_mm
-    fakes = fake_places(places.ground, width_px, float(np.median(ways.step)) * work.px_per_mm, rng)
-    if fakes is None:
-        return None
-    nothing = fakes.profiles(image, width_px * _CORE[None, :]).mean(axis=1) / usual
-    noise = window_noise(present, good, ways, nothing.astype(np.float64), gap_mm, known=False)
+    noise = window_noise(present, good, ways, sign.nothing / usual, gap_mm, known=False)
     if noise is None:
         return None
     number = max(1.0, float(ways.step[good].sum()) / gap_mm)
@@ -180,7 +289,7 @@ def _by_sign(
     flat[0] = 1.0
     count = work.channels.shape[2]
     return Told(
-        image=np.asarray(image / np.float32(usual), dtype=np.float32),
+        image=image,
         profiles=np.zeros((len(ways), len(ACROSS)), dtype=np.float32),
         present=present,
         plain=present,
@@ -191,38 +300,23 @@ def _by_sign(
         strange=still,
         appearance=Appearance(np.zeros(count), flat, True),
         bath_spread=noise.bath,
-        log_step=step,
+        log_step=sign.step,
         ink=np.zeros(count),
         faint=not noise.can_tell(gap_mm, rate / number),
     )
 
 
-def _at(image: FloatImage, places: Places, rows: BoolArray) -> FloatArray:
-    """Mean of each channel in the middle of lines at some places, (n, c)."""
-    seen, ways = places.seen, places.ways
-    picked = Seen(seen.at[rows], seen.across[rows], seen.along[rows])
-    across = ways.width[rows, None] * _CORE
-    return np.stack(
-        [
-            picked.profiles(np.ascontiguousarray(image[:, :, c]), across).mean(axis=1)
-            for c in range(image.shape[2])
-        ],
-        axis=1,
-    ).astype(np.float64)
-
-
-def _usual_step(at: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Level (c,) that ink changes by, and which places (n,) show it; half may be missing."""
+def _usual_step(at: FloatArray) -> FloatArray:
+    """Level (c,) that ink changes by; half of the places (n, c) may show none."""
     low, high = np.percentile(at, [100 - _HIGHEST, _HIGHEST], axis=0)
     step = np.where(np.abs(low) > np.abs(high), low, high)
-    keep = np.ones(len(at), dtype=np.bool_)
     for _ in range(4):
         share = at @ step / max(float(step @ step), 1e-18)
         keep = np.abs(share - 1.0) < 0.5
         if keep.sum() < _FEWEST:
-            return np.median(at, axis=0), np.ones(len(at), dtype=np.bool_)
+            return np.asarray(np.median(at, axis=0))
         step = np.median(at[keep], axis=0)
-    return step, keep
+    return np.asarray(step)
 
 
 def _ink_level(value: FloatArray, ways: Ways, use: BoolArray) -> FloatArray | None:
@@ -312,16 +406,30 @@ def _noise(raw: FloatImage, now: FloatImage, blur: float) -> FloatImage:
 
 def _still(places: Places, width_px: float) -> BoolArray:
     """What stood out from older ink before: a bubble, a speck; it may lie there still, (h, w)."""
-    ink = places.ink > 0
-    if ink.sum() < _FEWEST:
-        return np.zeros(ink.shape, dtype=np.bool_)
+    inside = _inside(places, width_px)
+    if inside.sum() < _FEWEST:
+        return np.zeros(inside.shape, dtype=np.bool_)
     soft = cv2.GaussianBlur(places.earlier, (0, 0), max(0.6, 2 * _SOFT * width_px))
     soft = soft.reshape(places.earlier.shape)
-    some = soft[ink]
+    some = soft[inside]
     middle = np.median(some, axis=0)
-    spread = 1.4826 * np.median(np.abs(some - middle), axis=0) + 0.01
-    odd = (np.abs(soft - middle) > _STILL * spread).any(axis=2) & ink
+    low, high = np.percentile(some, [10, 90], axis=0)
+    spread = np.maximum(middle - low, high - middle) / 1.2816 + 1e-3
+    odd = (np.abs(soft - middle) > _STILL * spread).any(axis=2) & inside
     return grown(odd, width_px)
+
+
+def _passed(share: FloatImage, places: Places, width_px: float) -> BoolArray:
+    """What changed otherwise than ink does: a bubble that came or went, (h, w)."""
+    noise = float(share[places.ground > 0].std())
+    odd = (share < _LOW - 5.0 * noise) | (share > _HIGH + 5.0 * noise)
+    return grown(odd & _inside(places, width_px), width_px)
+
+
+def _inside(places: Places, width_px: float) -> BoolArray:
+    """Older ink away from the bath, (h, w)."""
+    side = 2 * round(0.35 * width_px) + 3
+    return np.asarray(cv2.erode(places.ink, np.ones((side, side), np.uint8)) > 0)
 
 
 def unchanged(

@@ -337,7 +337,12 @@ def _findings(
         beside &= ~(look.over_old & look.by_change)
         why[beside & (why == Unseen.SEEN)] = int(Unseen.UNCLEAR)
     good = why == Unseen.SEEN
-    places = max(1, round(float(ways.step[good].sum()) / options.gap_mm))
+    tested = good.copy()
+    for told in (look.bath, look.old):
+        if told is not None and told.noise is not None and told.faint:
+            rows = look.over_old if told is look.old else ~look.over_old
+            tested |= rows & (told.why == Unseen.SEEN)
+    places = max(1, round(float(ways.step[tested].sum()) / options.gap_mm))
     blobs, big = _blobs(look, options)
     if big.any():
         under = look.seen.profiles(big.astype(np.uint8), ways.width[:, None] * ACROSS, True)
