@@ -88,7 +88,8 @@ def observe(folder: Path) -> None:
 
 
 def _assembled(folder: Path, order: ObserverOrder, words: PrintClient) -> Observer:
-    job = ObservedJob(folder, order)
+    begun = read_journal_facts(folder / JOURNAL).started
+    job = ObservedJob(folder, order, begun)
     return Observer(
         folder=folder,
         link=LinkWords(words),
@@ -97,7 +98,7 @@ def _assembled(folder: Path, order: ObserverOrder, words: PrintClient) -> Observ
         mend_lines=job.mend_lines,
         decider=Decider(order.limits, FlowControl(order.limits.flow)),
         ended=partial(_gone_on, words),
-        begun=read_journal_facts(folder / JOURNAL).started,
+        begun=begun,
     )
 
 

@@ -21,7 +21,7 @@ from registration.layer_images.working import (
     drawn_lines,
 )
 
-_MOST_PX: Final = 2.5
+MOST_PX: Final = 2.5
 """A camera that moved by more was touched: its picture before isn't used."""
 _NEAR: Final = 1.4
 """Widths around fresh lines, and some pixels, that aren't ground."""
@@ -65,7 +65,7 @@ def with_before(
     usable = ground * (1 - (bad | work.bad).astype(np.uint8))
     move = camera_move(work.channels, earlier, usable)
     moved_px = move.most_px * work.scale
-    if moved_px > _MOST_PX:
+    if moved_px > MOST_PX:
         return replace(work, moved_px=moved_px)
     whole = CameraMove(_of_picture(move.matrix, work.scale), 0.0)
     earlier, bad = channels_of(_moved(old_part, whole), work.scale, floor)

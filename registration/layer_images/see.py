@@ -383,6 +383,7 @@ def _findings(
         places=places,
         contrast=told.contrast if told is not None else 0.0,
         appearance=told.appearance if told is not None and told.noise is not None else None,
+        moved_px=look.work.moved_px,
     )
 
 
