@@ -47,6 +47,8 @@ _UNCHANGED: Final = 0.3
 """Most change, over ink's, in a gap: more is thin ink, or a veil over both pictures."""
 _STILL: Final = 5.0
 """Standard deviations by which a thing that lay there before stands out."""
+_AROUND: Final = 1.5
+"""Widths; from what lies so far around."""
 _ALONG: Final = 7
 _STILL_ALONG: Final = 4.0
 """The same of so many places along a line together."""
@@ -108,7 +110,8 @@ def tell_by_change(
     if fakes is None or found is None:
         return None
     image, log_step = found
-    why = reasons(work, places.seen, ways, _still(places, width_px) | work.bad)
+    strange = _still(places, width_px) | work.bad
+    why = reasons(work, places.seen, ways, strange)
     why = np.where((why == Unseen.SEEN) & _stands_out(places), int(Unseen.GLARE), why)
     why = np.where((why == Unseen.SEEN) & ~places.settled, int(Unseen.OLD_INK), why)
     value = _core(image[:, :, None], places.seen, ways.width[:, None] * _CORE)[:, 0]
@@ -117,7 +120,8 @@ def tell_by_change(
         return None
     usual = float(np.nanmedian(level[use]))
     image = np.asarray(image / np.float32(usual))
-    why = np.maximum(why, reasons(work, places.seen, ways, _passed(image, places, width_px)))
+    passed = _passed(image, places, width_px)
+    why = np.maximum(why, reasons(work, places.seen, ways, passed))
     why = np.where((why == Unseen.SEEN) & ~np.isfinite(level), int(Unseen.OLD_INK), why)
     # Whatever is above ink's is ink; how much mustn't count as noise.
     present = np.where(np.isfinite(level), np.minimum(value / level, _FULL), 0.0)
@@ -139,7 +143,7 @@ def tell_by_change(
         template=Template(flat, 1.0, True),
         noise=noise,
         contrast=noise.contrast(gap_mm),
-        strange=_still(places, width_px),
+        strange=strange | passed,
         appearance=Appearance(np.zeros(count), flat, True),
         bath_spread=noise.bath,
         log_step=log_step,
@@ -251,10 +255,14 @@ def _still(places: Places, width_px: float) -> BoolArray:
     inside = _inside(places, width_px)
     if inside.sum() < _FEWEST:
         return np.zeros(inside.shape, dtype=np.bool_)
-    soft = cv2.GaussianBlur(places.earlier, (0, 0), max(0.6, 2 * _SOFT * width_px))
-    soft = soft.reshape(places.earlier.shape)
-    middle, spread = _usual(soft[inside])
-    return grown((np.abs(soft - middle) > _STILL * spread).any(axis=2) & inside, width_px)
+    shape = places.earlier.shape
+    soft = cv2.GaussianBlur(places.earlier, (0, 0), max(0.6, _SOFT * width_px)).reshape(shape)
+    ink = places.ink.astype(np.float32)[:, :, None]
+    around = cv2.GaussianBlur(soft * ink, (0, 0), _AROUND * width_px).reshape(shape)
+    share = cv2.GaussianBlur(ink, (0, 0), _AROUND * width_px).reshape(*shape[:2], 1)
+    rest = soft - around / np.maximum(share, 1e-3)
+    middle, spread = _usual(rest[inside])
+    return grown((np.abs(rest - middle) > _STILL * spread).any(axis=2) & inside, width_px)
 
 
 def _stands_out(places: Places) -> BoolArray:
