@@ -55,7 +55,7 @@ class Stack:
 
     def to_pixels(self, points: np.ndarray) -> np.ndarray:
         """Pixels (n, 2) of places (n, 3), mm."""
-        return np.asarray(points)[:, :2] @ self.to_px[:, :2].T + self.to_px[:, 2]
+        return np.asarray(np.asarray(points)[:, :2] @ self.to_px[:, :2].T + self.to_px[:, 2])
 
 
 def stack(
@@ -187,13 +187,14 @@ class _World:
         fall = 1 + self.uneven * (0.3 * self.u - 0.2 * self.v - 0.15 * (self.u**2 + self.v**2))
         if after:
             fall = fall * self.gain * (1 + self.slope[0] * self.u + self.slope[1] * self.v)
-        return plane * fall[..., None]
+        return np.asarray(plane * fall[..., None])
 
     def _with_bubble(self, plane: np.ndarray) -> np.ndarray:
         far = np.hypot(self.x - self.spot[0], self.y - self.spot[1]) / self.radius
         soft = cv2.GaussianBlur(plane, (0, 0), 0.3 * self.radius / self.cell)
         inner = np.where((far < 0.9)[..., None], 0.6 * soft + 0.4 * self.bath, plane)
-        return inner * (1 - 0.55 * np.exp(-(((far - 0.92) / 0.09) ** 2)))[..., None]
+        ring = 1 - 0.55 * np.exp(-(((far - 0.92) / 0.09) ** 2))
+        return np.asarray(inner * ring[..., None])
 
     def photograph(
         self, plane: np.ndarray, to_px: np.ndarray, side: int, rng: np.random.Generator

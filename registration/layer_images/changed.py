@@ -52,7 +52,7 @@ _AROUND: Final = 1.5
 _ALONG: Final = 7
 _STILL_ALONG: Final = 4.0
 """The same of so many places along a line together."""
-_LOW, _HIGH = -0.4, 3.0
+_LOW, _HIGH = -0.4, 1.8
 """Change, over ink's, of a bubble that came or went."""
 _FULL: Final = 1.5
 """Change, over ink's, that counts at most."""

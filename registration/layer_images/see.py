@@ -35,7 +35,15 @@ from registration.layer_images.presence import INK, Sides
 from registration.layer_images.stations import Grouping, station_widths
 from registration.layer_images.step_height import stepped, tell_by_height
 from registration.layer_images.stretches import find_stretches, width_ratio
-from registration.layer_images.told import ASIDE, Ground, Told, differs_enough, reasons, tell_ink
+from registration.layer_images.told import (
+    ASIDE,
+    Ground,
+    Told,
+    better,
+    differs_enough,
+    reasons,
+    tell_ink,
+)
 from registration.layer_images.values import (
     Appearance,
     Blob,
@@ -129,7 +137,6 @@ def see_layer(
     late = np.zeros(len(lines), dtype=np.bool_) if since is None else since & ~lines.fresh
     if before is not None:
         work = with_before(work, own, picture, before, lines, lines.fresh | late)
-    known = known if known is None or len(known.mix) == work.channels.shape[2] else None
     if thickness_mm is not None and (work.is_log or picture.ndim != 3 or not thickness_mm > 0):
         raise PictureError(
             f"thickness_mm is {thickness_mm:g} and the picture no height map; thickness_mm > 0 mm "
@@ -200,6 +207,12 @@ def _look(
     older = seen.profiles(masks.old, ways.width[:, None] * np.linspace(-0.5, 0.5, 9), nearest=True)
     over_old = np.asarray(older.mean(axis=1) > _MOST_OLD)
     bath = tell_ink(ground, ways, seen, sides, ~over_old, rng)
+    if work.earlier is not None:
+        # A difference helps in a grainy bath, and tells less of ink that a bubble's light falls on.
+        count = work.earlier.shape[2]
+        parts = [np.ascontiguousarray(each[:, :, :count]) for each in (ground.smooth, flat)]
+        alone = replace(ground, smooth=parts[0], flat=parts[1])
+        bath = better(bath, tell_ink(alone, ways, seen, sides, ~over_old, rng))
     place = reasons(work, seen, ways, np.zeros(work.shape, dtype=np.bool_))
     old = None
     if over_old.any() and thickness_mm is not None:

@@ -244,6 +244,18 @@ def differs_enough(told: Told, bath: Told | None) -> bool:
     return abs(told.template.scale) > _OWN_LOOK * usual
 
 
+def better(one: Told | None, other: Told | None) -> Told | None:
+    """Return which of two tells ink, and a tolerated gap, at more places."""
+    if one is None or other is None:
+        return one or other
+    return max((one, other), key=_worth)
+
+
+def _worth(told: Told) -> tuple[bool, bool, int, float]:
+    seen = int((told.why == Unseen.SEEN).sum())
+    return told.noise is not None, not told.faint, seen // _FEWEST, told.contrast
+
+
 def _fits(known: Appearance | None, channels: int) -> bool:
     return known is not None and len(known.mix) == channels
 
