@@ -71,7 +71,7 @@ def camera_move(now: FloatImage, earlier: FloatImage, ground: Mask) -> CameraMov
     if cv2.countNonZero(ground) < _FEWEST:
         return CameraMove(np.eye(2, 3), 0.0)
     for blur in _BLURS_PX:
-        p = _fitted(p, *(_soft(v, blur) for v in (now, earlier)), ground, middle, half)
+        p = _fitted(p, _soft(now, blur), _soft(earlier, blur), ground, middle, half)
     matrix = _matrix(p, middle, half)
     y, x = np.nonzero(ground)
     corners = np.array([[x.min(), y.min()], [x.max(), y.min()], [x.min(), y.max()],
