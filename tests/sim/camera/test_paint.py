@@ -216,3 +216,17 @@ def test_a_layer_over_another_adds_its_density_until_the_ink_is_opaque():
     one, two, thick, thicker = levels
     assert two > one + 5 > 105
     assert thick == pytest.approx(thicker, abs=2)
+
+
+def test_granules_lie_still_while_the_ink_rises():
+    grainy = Scene(bath=Bath(texture=0.2), light=Light(uneven=0), sensor=SHARP)
+    camera = Camera(size_px=(200, 160), um_per_px=20, target_mm=(50, 40, 1), tilt_deg=20)
+    pictures = []
+    for heights in ((1.0,), (1.0, 1.1, 1.2)):
+        start = np.array([[49.0, 40.0, z] for z in heights])
+        area = np.full(len(heights), 0.03)
+        none = np.zeros(len(heights), np.int64)
+        strands = Strands(start, start + (2.0, 0.0, 0.0), 2 * area, area, none, none)
+        ink = laid_as_is(strands, "layered", layer_mm=0.1)
+        pictures.append(paint(ink, camera, grainy, 1)[:50].astype(np.float32))
+    assert np.corrcoef(pictures[0].ravel(), pictures[1].ravel())[0, 1] > 0.98
