@@ -54,6 +54,8 @@ _STILL_ALONG: Final = 4.0
 """The same of so many places along a line together."""
 _LOW, _HIGH = -0.4, 1.8
 """Change, over ink's, of a bubble that came or went."""
+_SHORTEST: Final = 0.75
+"""Of a width: what is shorter may be a small bubble as bright as older ink."""
 _FULL: Final = 1.5
 """Change, over ink's, that counts at most."""
 _MOST: Final = 100_000
@@ -300,7 +302,8 @@ def unchanged(
     for gap in gaps:
         own = (ways.stroke == gap.stroke) & (ways.along >= gap.from_mm) & (ways.along <= gap.to_mm)
         inner = present[own & good]
-        if len(inner) and float(np.median(inner)) < _UNCHANGED:
+        long = gap.length_mm > _SHORTEST * float(ways.width[own].max(initial=0.0))
+        if long and len(inner) and float(np.median(inner)) < _UNCHANGED:
             kept.append(gap)
         else:
             doubtful |= own
