@@ -54,6 +54,7 @@ _SECTORS = 12
 _LEAST_INK = 0.7
 _WEAK = 0.4
 """Of the usual strength: lines along the light that ridges are told by aren't seen."""
+_MORE_SEEN = 1.2
 _HIT = 0.2
 """Of a place's width that must be strange for it not to be seen."""
 
@@ -245,15 +246,14 @@ def differs_enough(told: Told, bath: Told | None) -> bool:
 
 
 def better(one: Told | None, other: Told | None) -> Told | None:
-    """Return which of two tells ink, and a tolerated gap, at more places."""
+    """Return the first of two, or the second where that tells ink at clearly more places."""
     if one is None or other is None:
         return one or other
-    return max((one, other), key=_worth)
-
-
-def _worth(told: Told) -> tuple[bool, bool, int, float]:
-    seen = int((told.why == Unseen.SEEN).sum())
-    return told.noise is not None, not told.faint, seen // _FEWEST, told.contrast
+    tells, other_tells = ((each.noise is not None, not each.faint) for each in (one, other))
+    if tells != other_tells:
+        return max((one, other), key=lambda each: (each.noise is not None, not each.faint))
+    seen, other_seen = (int((each.why == Unseen.SEEN).sum()) for each in (one, other))
+    return other if other_seen > _MORE_SEEN * seen else one
 
 
 def _fits(known: Appearance | None, channels: int) -> bool:
