@@ -54,7 +54,7 @@ _SECTORS = 12
 _LEAST_INK = 0.7
 _WEAK = 0.4
 """Of the usual strength: lines along the light that ridges are told by aren't seen."""
-_MORE_SEEN = 1.2
+_MORE_SEEN = 1.5
 _HIT = 0.2
 """Of a place's width that must be strange for it not to be seen."""
 
@@ -249,9 +249,8 @@ def better(one: Told | None, other: Told | None) -> Told | None:
     """Return the first of two, or the second where that tells ink at clearly more places."""
     if one is None or other is None:
         return one or other
-    tells, other_tells = ((each.noise is not None, not each.faint) for each in (one, other))
-    if tells != other_tells:
-        return max((one, other), key=lambda each: (each.noise is not None, not each.faint))
+    if one.noise is None or other.noise is None:
+        return one if one.noise is not None else other
     seen, other_seen = (int((each.why == Unseen.SEEN).sum()) for each in (one, other))
     return other if other_seen > _MORE_SEEN * seen else one
 
