@@ -144,6 +144,7 @@ def figures(found: LayerFindings, evidence: Evidence) -> dict[str, Any]:
         "stretches": len(found.stretches),
         "blobs": len(found.blobs),
         "ink": evidence.supply.state.value,
+        "camera_moved_px": _number(found.moved_px),
     }
 
 

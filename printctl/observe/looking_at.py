@@ -19,6 +19,7 @@ from kernels.arrays import FloatArray
 from printctl.link.job import Job, load_job
 from printctl.link.journalled_print import read_journal
 from printctl.link.record import JOURNAL
+from printctl.observe.devices import DeviceError
 from printctl.observe.devices.acquire import Place, Region
 from printctl.observe.expected import ExpectedInk, expected_ink
 from printctl.observe.judging import (
@@ -34,7 +35,8 @@ from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.observer import Judged, Look
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import DRAWN
-from printctl.observe.views import open_view
+from printctl.observe.view_before import picture_before
+from printctl.observe.views import open_view, read_picture
 from registration.errors import PictureError
 from registration.layer_images import (
     Appearance,
@@ -69,16 +71,19 @@ class _Held:
     layer : LayerInk
         Ink that the look is about.
     lumens : tuple of Lumen
+    since : (n,) bool
+        Lines of the layer written since that look, older ones mended in between included.
     found : dict
         Findings of the pictures judged so far.
     """
 
-    look: int
+    look: Look
     held: HeldPrint
     flow: float
     ink: ExpectedInk
     layer: LayerInk
     lumens: tuple[Lumen, ...]
+    since: NDArray[np.bool_]
     found: dict[Path, LayerFindings] = field(default_factory=dict)
 
 
@@ -91,10 +96,13 @@ class ObservedJob:
     folder : Path
         The print's.
     order : ObserverOrder
+    begun : float, s since 1970
+        Of the print: earlier pictures in the folder are another print's.
     """
 
     folder: Path
     order: ObserverOrder
+    begun: float = 0.0
     _appearance: Appearance | None = None
     _last: _Held | None = None
 
@@ -129,7 +137,7 @@ class ObservedJob:
 
     def _held(self, look: Look) -> _Held:
         """The print as it is held, with all that was put into its job so far."""
-        if self._last is None or self._last.look != look.number:
+        if self._last is None or self._last.look.number != look.number:
             inserts = read_journal(self.folder / JOURNAL).inserts
             job = self._job.grown_by([one for one in inserts if one.after < look.done])
             held = HeldPrint(
@@ -141,7 +149,9 @@ class ObservedJob:
             )
             ink = expected_ink(held, job)
             layer = ink_to_judge(ink, look.before, look.done)
-            self._last = _Held(look.number, held, job.flow, ink, layer, self._lumens(ink, look))
+            since = ink.command[layer.row] >= look.before
+            lumens = self._lumens(ink, look)
+            self._last = _Held(look, held, job.flow, ink, layer, lumens, since)
         return self._last
 
     def region(self, look: Look) -> Region:
@@ -199,6 +209,8 @@ class ObservedJob:
                 frame,
                 at.layer.lines,
                 lumens=at.lumens,
+                before=self._before(at, path, image),
+                since=at.since,
                 known=self._appearance,
                 thickness_mm=slab[1] if is_height else None,
                 options=self._options(),
@@ -209,6 +221,19 @@ class ObservedJob:
                 cv2.imwrite(str(path.with_name(DRAWN)), drawn)
             at.found[path] = found
         return at.found[path]
+
+    def _before(self, at: _Held, path: Path, image: Image) -> Image | None:
+        """Picture of the look before, where it is one of the same view; a camera's in layers."""
+        if self.order.oct or at.ink.style != "layered":
+            return None
+        earlier = picture_before(self.folder, self.begun, at.look, path)
+        if earlier is None:
+            return None
+        try:
+            found = read_picture(earlier)
+        except DeviceError:
+            return None
+        return found if found.shape == image.shape and found.dtype == image.dtype else None
 
     def _options(self) -> SeeingOptions:
         limits = self.order.limits

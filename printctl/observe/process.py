@@ -119,6 +119,7 @@ def _follow(events: PrintClient, observer: Observer) -> None:
 
 def _assembled(job: ObservedJob, words: PrintClient) -> Observer:
     folder, order = job.folder, job.order
+    begun = job.begun = read_journal_facts(folder / JOURNAL).started
     return Observer(
         folder=folder,
         link=LinkWords(words),
@@ -129,7 +130,7 @@ def _assembled(job: ObservedJob, words: PrintClient) -> Observer:
         mend_lines=job.mend_lines,
         decider=Decider(order.limits, FlowControl(order.limits.flow)),
         ended=partial(_gone_on, words),
-        begun=read_journal_facts(folder / JOURNAL).started,
+        begun=begun,
     )
 
 

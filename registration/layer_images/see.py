@@ -21,7 +21,9 @@ import cv2
 import numpy as np
 
 from registration.errors import PictureError
+from registration.layer_images.before import with_before
 from registration.layer_images.blobs import find_blobs
+from registration.layer_images.changed import Places, tell_by_change, unchanged
 from registration.layer_images.debris import is_bare
 from registration.layer_images.first_shift import first_shift
 from registration.layer_images.gaps import find_gaps, lit_along, merged
@@ -34,7 +36,15 @@ from registration.layer_images.presence import INK, Sides
 from registration.layer_images.stations import Grouping, station_widths
 from registration.layer_images.step_height import stepped, tell_by_height
 from registration.layer_images.stretches import find_stretches, width_ratio
-from registration.layer_images.told import ASIDE, Ground, Told, differs_enough, reasons, tell_ink
+from registration.layer_images.told import (
+    ASIDE,
+    Ground,
+    Told,
+    better,
+    differs_enough,
+    reasons,
+    tell_ink,
+)
 from registration.layer_images.values import (
     Appearance,
     Blob,
@@ -55,7 +65,7 @@ from registration.layer_images.values import (
 )
 from registration.layer_images.ways import Seen, Ways, check_lines, lay_ways
 from registration.layer_images.widths import Widths
-from registration.layer_images.working import Masks, Working, WorkingFrame, prepare
+from registration.layer_images.working import Masks, Working, WorkingFrame, drawn_lines, prepare
 
 _STEPS_IN_GAP: Final = 4
 _SAME_PX: Final = 0.4
@@ -71,6 +81,8 @@ _TOUCHING: Final = 0.8
 """In widths from a line's middle: ink that begins nearer touches it."""
 _MOST_OLD: Final = 0.3
 """Of a line's width over older ink: more, and it is judged against that."""
+_UNSETTLED: Final = 0.1
+"""Of a width over ink that was written since the picture before: what changed tells nothing."""
 
 
 def see_layer(
@@ -80,6 +92,7 @@ def see_layer(
     *,
     lumens: Sequence[Lumen] = (),
     before: Image | None = None,
+    since: BoolArray | None = None,
     hidden: Outlines = (),
     known: Appearance | None = None,
     thickness_mm: float | None = None,
@@ -97,7 +110,10 @@ def see_layer(
         Of the layer, and what older lines can be seen.
     lumens : sequence of Lumen
     before : picture or None
-        The same view before the layer was written: what lay there then cancels.
+        The same view before the layer was written: what lay there then cancels, and fresh ink over
+        older ink is told by what changed.
+    since : (n,) bool or None
+        Older lines that were written after ``before`` was taken (mends); None for none.
     hidden : sequence of (k, 2) float64, px
         Polygons of the picture behind which nothing can be seen (the needle).
     known : Appearance or None
@@ -118,8 +134,10 @@ def see_layer(
     rng = np.random.default_rng(26)
     step = options.gap_mm / _STEPS_IN_GAP
     ways = lay_ways(lines, step)
-    work, own = prepare(picture, frame, ways, options.gap_mm, before, hidden)
-    known = known if known is None or len(known.mix) == work.channels.shape[2] else None
+    work, own = prepare(picture, frame, ways, options.gap_mm, hidden)
+    late = np.zeros(len(lines), dtype=np.bool_) if since is None else since & ~lines.fresh
+    if before is not None:
+        work = with_before(work, own, picture, before, lines, lines.fresh | late)
     if thickness_mm is not None and (work.is_log or picture.ndim != 3 or not thickness_mm > 0):
         raise PictureError(
             f"thickness_mm is {thickness_mm:g} and the picture no height map; thickness_mm > 0 mm "
@@ -127,7 +145,7 @@ def see_layer(
         )
     shift = first_shift(work, own, lines, ways, options)
     for _ in range(_ROUNDS):
-        look = _look(work, own, lines, ways, shift, options, known, thickness_mm, rng)
+        look = _look(work, own, lines, late, ways, shift, options, known, thickness_mm, rng)
         finer = _finer(look, shift, options, work)
         if finer is None:
             break
@@ -136,7 +154,7 @@ def see_layer(
         if moved < _SAME_PX:
             break
     else:
-        look = _look(work, own, lines, ways, shift, options, known, thickness_mm, rng)
+        look = _look(work, own, lines, late, ways, shift, options, known, thickness_mm, rng)
     return _findings(look, lumens, _honest(shift, look), options)
 
 
@@ -161,12 +179,14 @@ class _Look:
     group: Grouping
     widths: Widths
     by_height: bool
+    by_change: bool
 
 
 def _look(
     work: Working,
     frame: WorkingFrame,
     lines: ExpectedLines,
+    late: BoolArray,
     ways: Ways,
     shift: Shift,
     options: SeeingOptions,
@@ -188,6 +208,12 @@ def _look(
     older = seen.profiles(masks.old, ways.width[:, None] * np.linspace(-0.5, 0.5, 9), nearest=True)
     over_old = np.asarray(older.mean(axis=1) > _MOST_OLD)
     bath = tell_ink(ground, ways, seen, sides, ~over_old, rng)
+    if work.earlier is not None:
+        # A difference helps in a grainy bath, and tells less of ink that a bubble's light falls on.
+        count = work.earlier.shape[2]
+        parts = [np.ascontiguousarray(each[:, :, :count]) for each in (ground.smooth, flat)]
+        alone = replace(ground, smooth=parts[0], flat=parts[1])
+        bath = better(bath, tell_ink(alone, ways, seen, sides, ~over_old, rng))
     place = reasons(work, seen, ways, np.zeros(work.shape, dtype=np.bool_))
     old = None
     if over_old.any() and thickness_mm is not None:
@@ -195,6 +221,8 @@ def _look(
             work, ways, seen, place, over_old, drawn, masks.fresh, thickness_mm,
             options.gap_mm, options.false_rate,
         )  # fmt: skip
+    elif over_old.any() and work.earlier is not None:
+        old = _by_change(work, frame, lines, late, by, masks, ways, seen, over_old, options, rng)
     elif over_old.any():
         disc = np.ones((3, 3), np.uint8)
         alone = cv2.erode(masks.old, disc) & (cv2.dilate(masks.fresh, disc, iterations=2) == 0)
@@ -204,6 +232,7 @@ def _look(
         old = tell_ink(on_old, ways, seen, touching, over_old, rng)
         old = old if old is not None and differs_enough(old, bath) else None
     by_height = old is not None and thickness_mm is not None
+    by_change = old is not None and thickness_mm is None and work.earlier is not None
     joined = _joined(place, over_old, bath, old)
     group = Grouping.of_ways(ways, joined[3] == Unseen.SEEN)
     widths = station_widths(
@@ -211,8 +240,39 @@ def _look(
     )
     return _Look(
         work, frame, ways, moved, seen, masks, sides, over_old, bath, old, *joined, group, widths,
-        by_height,
+        by_height, by_change,
     )  # fmt: skip
+
+
+def _by_change(
+    work: Working,
+    frame: WorkingFrame,
+    lines: ExpectedLines,
+    late: BoolArray,
+    by_mm: FloatArray,
+    masks: Masks,
+    ways: Ways,
+    seen: Seen,
+    over_old: BoolArray,
+    options: SeeingOptions,
+    rng: np.random.Generator,
+) -> Told | None:
+    """Tell fresh ink over older ink by the picture before."""
+    written = masks.fresh.copy()
+    settled = np.ones(len(ways), dtype=np.bool_)
+    if late.any():
+        ends = np.stack([frame.to_pixels(lines.start[late]), frame.to_pixels(lines.end[late])], 1)
+        mended = drawn_lines(work.shape, ends, lines.width_mm[late] * work.px_per_mm)
+        across = ways.width[:, None] * np.linspace(-0.5, 0.5, 9)
+        settled = seen.profiles(mended, across, nearest=True).mean(axis=1) < _UNSETTLED
+        written |= mended
+    side = 2 * round(0.4 * float(np.median(ways.width)) * work.px_per_mm) + 5
+    lost = (work.bad | work.hidden).astype(np.uint8)
+    ground = 1 - (cv2.dilate(written, np.ones((side, side), np.uint8)) | lost)
+    assert work.earlier is not None
+    earlier = flattened(work.earlier, masks.free, masks.core, work.px_per_mm)
+    places = Places(ways, seen, over_old, settled, ground, masks.old & masks.fresh, earlier)
+    return tell_by_change(work, places, options.gap_mm, options.false_rate, rng)
 
 
 def _joined(
@@ -288,9 +348,15 @@ def _findings(
     ways, why = look.ways, look.why.copy()
     if not look.by_height and _nowhere_sure(shift, ways):
         beside = np.minimum(look.sides.left, look.sides.right) < _TOUCHING
+        beside &= ~(look.over_old & look.by_change)
         why[beside & (why == Unseen.SEEN)] = int(Unseen.UNCLEAR)
     good = why == Unseen.SEEN
-    places = max(1, round(float(ways.step[good].sum()) / options.gap_mm))
+    tested = good.copy()
+    for told in (look.bath, look.old):
+        if told is not None and told.noise is not None and told.faint:
+            rows = look.over_old if told is look.old else ~look.over_old
+            tested |= rows & (told.why == Unseen.SEEN)
+    places = max(1, round(float(ways.step[tested].sum()) / options.gap_mm))
     blobs, big = _blobs(look, options)
     if big.any():
         under = look.seen.profiles(big.astype(np.uint8), ways.width[:, None] * ACROSS, True)
@@ -331,6 +397,7 @@ def _findings(
         places=places,
         contrast=told.contrast if told is not None else 0.0,
         appearance=told.appearance if told is not None and told.noise is not None else None,
+        moved_px=look.work.moved_px,
     )
 
 
@@ -360,6 +427,10 @@ def _gaps(
             if look.by_height and told is look.old:
                 gaps, doubtful = stepped(gaps, look.present, clear, look.ways)
                 unclear |= doubtful
+            elif look.by_change and told is look.old:
+                for judge in (unchanged, stepped):
+                    gaps, doubtful = judge(gaps, look.present, clear, look.ways)
+                    unclear |= doubtful
             else:
                 gaps = [gap for gap in gaps if is_bare(gap, look.ways, look.seen, told, why)]
             found += gaps

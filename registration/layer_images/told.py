@@ -56,6 +56,7 @@ _SECTORS = 12
 _LEAST_INK = 0.7
 _WEAK = 0.4
 """Of the usual strength: lines along the light that ridges are told by aren't seen."""
+_MORE_SEEN = 1.5
 _HIT = 0.2
 """Of a place's width that must be strange for it not to be seen."""
 
@@ -259,6 +260,16 @@ def differs_enough(told: Told, bath: Told | None) -> bool:
         return True
     usual = abs(float(told.appearance.mix @ bath.ink))
     return abs(told.template.scale) > _OWN_LOOK * usual
+
+
+def better(one: Told | None, other: Told | None) -> Told | None:
+    """Return the first of two, or the second where that tells ink at clearly more places."""
+    if one is None or other is None:
+        return one or other
+    if one.noise is None or other.noise is None:
+        return one if one.noise is not None else other
+    seen, other_seen = (int((each.why == Unseen.SEEN).sum()) for each in (one, other))
+    return other if other_seen > _MORE_SEEN * seen else one
 
 
 def _fits(known: Appearance | None, channels: int) -> bool:

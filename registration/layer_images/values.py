@@ -327,6 +327,9 @@ class LayerFindings:
         Ink over bath, in standard deviations of a place as long as a tolerated gap.
     appearance : Appearance or None
         None where ink couldn't be told from bath.
+    moved_px : float
+        By how many pixels the camera moved since the picture before; NaN without one. From
+        `before.MOST_PX` on that picture isn't used.
     """
 
     stations: Stations
@@ -342,6 +345,7 @@ class LayerFindings:
     places: int
     contrast: float
     appearance: Appearance | None
+    moved_px: float = math.nan
 
 
 @dataclass(frozen=True)

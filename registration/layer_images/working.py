@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -28,7 +29,7 @@ _GAP_PX = 5.0
 """And in a gap that is just tolerated, at least."""
 _FEWEST_PX = 3.0
 _FLOOR = 0.02
-"""Of the full range, added before the logarithm: dark noise mustn't count for contrast."""
+"""Of the highest value."""
 _PILED = 3e-5
 """Of the pixels with the highest value: the sensor was saturated."""
 _HIT = 25
@@ -57,6 +58,11 @@ class Working:
         Working pixels.
     is_log : bool
         Whether channels are logarithms of brightness.
+    earlier : (h, w, c) float32 or None
+        The same of a picture taken before the layer, laid over this one; the second half of
+        ``channels`` is then the difference.
+    moved_px : float
+        By how many pixels of the picture the camera moved in between; NaN without such a picture.
     """
 
     channels: FloatImage
@@ -66,6 +72,8 @@ class Working:
     scale: int
     px_per_mm: float
     is_log: bool
+    earlier: FloatImage | None = None
+    moved_px: float = math.nan
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -92,7 +100,6 @@ def prepare(
     frame: Frame,
     ways: Ways,
     gap_mm: float,
-    before: Image | None,
     hidden: Outlines,
 ) -> tuple[Working, WorkingFrame]:
     """Crop and bin a picture so that a line is some nine pixels wide.
@@ -113,16 +120,7 @@ def prepare(
     scale = max(1, int(min(wide_px / _FINE_PX, gap_mm * seen.px_per_mm / _GAP_PX)))
     x0, y0, x1, y1 = _box(picture, seen)
     part = picture[y0:y1, x0:x1]
-    channels, bad = _channels(part, scale)
-    if before is not None:
-        check_picture(before, "the picture before")
-        if before.shape != picture.shape:
-            raise PictureError(
-                f"the picture before has the shape {before.shape}, this one {picture.shape}; "
-                "take both with the same camera and settings"
-            )
-        old, old_bad = _channels(before[y0:y1, x0:x1], scale)
-        channels, bad = np.concatenate([channels, channels - old], axis=2), bad | old_bad
+    channels, bad = channels_of(part, scale)
     cover = np.zeros(part.shape[:2], dtype=np.uint8)
     for outline in hidden:
         cv2.fillPoly(cover, [np.rint(np.asarray(outline) - (x0, y0)).astype(np.int32)], 255)
@@ -159,7 +157,13 @@ def _box(picture: Image, seen: Seen) -> tuple[int, int, int, int]:
     )
 
 
-def _channels(part: Image, scale: int) -> tuple[FloatImage, BoolArray]:
+def channels_of(
+    part: Image, scale: int, floor: float | None = None
+) -> tuple[FloatImage, BoolArray]:
+    """Bin a part of a picture: its channels (h, w, c), and where it is saturated or not finite.
+
+    ``floor`` is added before the logarithm; a share of the highest value where it isn't given.
+    """
     values = part if part.ndim == 3 else part[:, :, None]
     size = (max(1, part.shape[1] // scale), max(1, part.shape[0] // scale))
     fit = values[: size[1] * scale, : size[0] * scale]
@@ -169,11 +173,15 @@ def _channels(part: Image, scale: int) -> tuple[FloatImage, BoolArray]:
         bad = np.asarray(~np.isfinite(fit).all(axis=2))
         filled = np.asarray(np.where(bad[:, :, None], np.nanmedian(fit), fit), dtype=np.float32)
         return _binned(filled, size), _binned(bad.astype(np.float32), size)[:, :, 0] > 0.25
-    top = max(1, int(fit.max()))
-    saturated = _saturated(np.ascontiguousarray(fit), top)
+    saturated = _saturated(np.ascontiguousarray(fit), max(1, int(fit.max())))
     small = _binned(fit.astype(np.float32), size)
     bad = _binned(saturated, size)[:, :, 0] > _HIT
-    return np.log(small + _FLOOR * top), bad
+    return np.log(small + np.float32(dark_floor(part) if floor is None else floor)), bad
+
+
+def dark_floor(part: Image) -> float:
+    """Brightness that is added before the logarithm: dark noise mustn't count for contrast."""
+    return _FLOOR * max(1, int(part.max()))
 
 
 def shrunk(values: FloatImage, size: tuple[int, int]) -> FloatImage:
@@ -229,15 +237,15 @@ class Masks:
         )
         wide = lines.width_mm * work.px_per_mm
         new, old = lines.fresh, ~lines.fresh
-        fresh = _drawn(work.shape, ends[new], wide[new])
-        earlier = _drawn(work.shape, ends[old], wide[old])
-        core = _drawn(work.shape, ends[new], 0.5 * wide[new])
-        near = _drawn(work.shape, ends, 1.7 * wide + 4.0)
+        fresh = drawn_lines(work.shape, ends[new], wide[new])
+        earlier = drawn_lines(work.shape, ends[old], wide[old])
+        core = drawn_lines(work.shape, ends[new], 0.5 * wide[new])
+        near = drawn_lines(work.shape, ends, 1.7 * wide + 4.0)
         blocked = (near > 0) | work.bad | work.hidden
         return Masks(fresh, earlier, core, (~blocked).astype(np.uint8))
 
 
-def _drawn(shape: tuple[int, int], ends: FloatArray, wide: FloatArray) -> Mask:
+def drawn_lines(shape: tuple[int, int], ends: FloatArray, wide: FloatArray) -> Mask:
     """Pieces (n, 2, 2) px drawn with round ends, their widths rounded to whole pixels."""
     out = np.zeros(shape, dtype=np.uint8)
     good = np.isfinite(ends).all(axis=(1, 2)) & (np.abs(ends).max(axis=(1, 2)) < 1e6)

@@ -24,10 +24,13 @@ _SMOOTH_PX: Final = 1.2
 """Of the crest before its slope is taken: what light makes of a ridge has no corners."""
 
 
-def lit(ink: InkMap, plan: Plan, scene: Scene) -> SingleArray:
-    """Light that comes from the plane, without glints, grey levels, (rows, columns, 3 or 1)."""
+def lit(ink: InkMap, plan: Plan, scene: Scene, ground: Plan) -> SingleArray:
+    """Light that comes from the plane, without glints, grey levels, (rows, columns, 3 or 1).
+
+    ``ground`` is where the bath's granules lie.
+    """
     bath = scene.bath
-    grain = _grain(plan, bath, scene.seed)
+    grain = _grain(ground, bath, scene.seed)
     through = np.exp(-np.float32(scene.ink.density_per_mm) * ink.thick_mm)
     # The bath over the ink throws light of its own between the ink and the camera.
     clear = _clearness(ink, bath)

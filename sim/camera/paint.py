@@ -74,7 +74,7 @@ def paint(
     """
     plan = Plan.under(camera, _plane_z(ink, camera, scene), scene.bath.refractive_index)
     drawn_ink = ink_map(ink, plan, scene.ink, scene.bath)
-    drawn = lit(drawn_ink, plan, scene)
+    drawn = lit(drawn_ink, plan, scene, _ground(ink, plan, scene))
     add_clutter(drawn, plan, scene.clutter, scene.light, scene.seed)
     add_marks(drawn, plan, scene, folder)
     glare = glints(drawn_ink, plan, scene.light, scene.seed)
@@ -86,6 +86,14 @@ def paint(
         if tip is not None:
             add_needle(taken, camera, scene.needle, tip, scene.light)
     return exposed(taken, scene.sensor, np.random.default_rng((seed, 11)))
+
+
+def _ground(ink: Laid, plan: Plan, scene: Scene) -> Plan:
+    """Where granules lie: without a surface below the ink, so that they don't rise with it."""
+    if scene.bath.surface_z_mm is not None or not len(ink.strands):
+        return plan
+    tip = np.minimum(ink.strands.start[:, 2], ink.strands.end[:, 2])
+    return plan.below(float((tip - ink.height_mm).min()))
 
 
 def _plane_z(ink: Laid, camera: Camera, scene: Scene) -> float:

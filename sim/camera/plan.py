@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -82,6 +82,13 @@ class Plan:
         deep = self.z_mm - np.asarray(z_mm)
         apparent = np.where(deep > 0, deep / self.index, deep)
         return np.asarray(high / (high + apparent) / self.pitch_mm)
+
+    def below(self, z_mm: float) -> Plan:
+        """The same pixels on a lower plane, where the camera sees it through this one's in air."""
+        eye = self.camera.eye_mm
+        scale = float((eye[2] - z_mm) / (eye[2] - self.z_mm))
+        origin = eye[:2] + scale * (self.origin_mm - eye[:2])
+        return replace(self, z_mm=z_mm, origin_mm=origin, pitch_mm=self.pitch_mm * scale)
 
     def photograph(self, drawn: SingleArray) -> SingleArray:
         """The drawn plane (rows, columns, colours) as the camera's lens throws it."""

@@ -194,3 +194,39 @@ def test_noise_is_shot_and_read_noise():
     sensor = Sensor(blur_px=0, vignetting=0, full_well=5000, read_noise=2, mono=True)
     picture = paint(nothing_laid(), CAMERA, PLAIN.model_copy(update={"sensor": sensor}), 1)
     assert picture.std() == pytest.approx(np.sqrt(100 * 255 / 5000 + 4 + 1 / 12), rel=0.03)
+
+
+def test_a_layer_over_another_adds_its_density_until_the_ink_is_opaque():
+    levels = []
+    for density in (1.0, 60.0):
+        scene = PLAIN.model_copy(
+            update={"ink": PLAIN.ink.model_copy(update={"density_per_mm": density})}
+        )
+        for heights in ((1.0,), (1.0, 1.1)):
+            start = np.array([[49.0, 40.0, z] for z in heights])
+            stop = start + (2.0, 0.0, 0.0)
+            area = np.full(len(heights), 0.03)
+            none = np.zeros(len(heights), np.int64)
+            ink = laid_as_is(
+                Strands(start, stop, 2 * area, area, none, none), "layered", layer_mm=0.1
+            )
+            picture = paint(ink, CAMERA, scene, 1)
+            column, row = CAMERA.pixels(np.array([[50.0, 40.0, heights[-1]]]))[0]
+            levels.append(int(picture[round(row), round(column)]))
+    one, two, thick, thicker = levels
+    assert two > one + 5 > 105
+    assert thick == pytest.approx(thicker, abs=2)
+
+
+def test_granules_lie_still_while_the_ink_rises():
+    grainy = Scene(bath=Bath(texture=0.2), light=Light(uneven=0), sensor=SHARP)
+    camera = Camera(size_px=(200, 160), um_per_px=20, target_mm=(50, 40, 1), tilt_deg=20)
+    pictures = []
+    for heights in ((1.0,), (1.0, 1.1, 1.2)):
+        start = np.array([[49.0, 40.0, z] for z in heights])
+        area = np.full(len(heights), 0.03)
+        none = np.zeros(len(heights), np.int64)
+        strands = Strands(start, start + (2.0, 0.0, 0.0), 2 * area, area, none, none)
+        ink = laid_as_is(strands, "layered", layer_mm=0.1)
+        pictures.append(paint(ink, camera, grainy, 1)[:50].astype(np.float32))
+    assert np.corrcoef(pictures[0].ravel(), pictures[1].ravel())[0, 1] > 0.98

@@ -1,0 +1,60 @@
+"""Which picture counts as the one before a look's layer."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from printctl.observe.observer import Look
+from printctl.observe.records import LookRecord, look_folder, save_look
+from printctl.observe.view_before import picture_before
+
+LOOK = Look(3, 300, 300, 200, "end of layer 2")
+
+
+def record(number: int, done: int, at: float = 100.0) -> LookRecord:
+    return LookRecord(number, done, done, "", at, "go_on", "")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for number in (1, 2, 3):
+        (look_folder(tmp_path, number) / "picture.png").touch()
+    save_look(tmp_path, record(1, 100))
+    save_look(tmp_path, record(2, 200))
+    return tmp_path
+
+
+def now(folder: Path) -> Path:
+    return folder / "looks" / "0003" / "picture.png"
+
+
+def test_the_look_that_directly_precedes_gives_it(folder: Path) -> None:
+    assert picture_before(folder, 0.0, LOOK, now(folder)) == folder / "looks/0002/picture.png"
+
+
+def test_a_second_picture_has_the_same_one_before(folder: Path) -> None:
+    again = now(folder).with_name("again.png")
+    again.touch()
+    assert picture_before(folder, 0.0, LOOK, again) == folder / "looks/0002/picture.png"
+
+
+def test_a_look_that_was_not_judged_gives_none(folder: Path) -> None:
+    (folder / "looks" / "0002" / "look.json").unlink()
+    assert picture_before(folder, 0.0, LOOK, now(folder)) is None
+
+
+def test_another_prints_looks_give_none(folder: Path) -> None:
+    assert picture_before(folder, 500.0, LOOK, now(folder)) is None
+
+
+def test_a_picture_of_another_kind_or_of_long_ago_is_none(folder: Path) -> None:
+    other = now(folder).with_suffix(".tif")
+    other.touch()
+    assert picture_before(folder, 0.0, LOOK, other) is None
+    old = folder / "looks" / "0002" / "picture.png"
+    long_ago = now(folder).stat().st_mtime - 7200
+    os.utime(old, (long_ago, long_ago))
+    assert picture_before(folder, 0.0, LOOK, now(folder)) is None
