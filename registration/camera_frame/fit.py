@@ -100,6 +100,7 @@ def merged(pictures: Sequence[SeenMarks]) -> SeenMarks:
         float(np.median([one.blur_px for one in pictures])),
         float(np.median([one.black for one in pictures])),
         float(np.median([one.white for one in pictures])),
+        float(np.median([one.gamma for one in pictures])),
     )
 
 
@@ -143,8 +144,8 @@ def _refuse_misfits(best: Fitted, insert: Insert, ties: Ties) -> None:
         raise PictureError(
             "the marks don't lie as on this insert: the plate is bent, stretched, or made "
             f"{most:.1f} times worse than {insert.process} ones may be, or the lens was "
-            "calibrated at another focus or zoom. Is it this insert (--insert), made as it says (--made) and laid flat? "
-            "Is it this focus (--lens)?"
+            "calibrated at another focus or zoom. Is it this insert (--insert), made as it "
+            "says (--made) and laid flat? Is it this focus (--lens)?"
         )
     if best.worst_touch > _WORST_TOUCH:
         raise PictureError(
@@ -287,6 +288,7 @@ def _frame(
         blur_px=marks.blur_px,
         black=marks.black,
         white=marks.white,
+        gamma=marks.gamma,
     )
     return CameraFrame(
         made=made,

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.checkers.dish_camera import Optics
+from benchmarks.checkers.dish_camera import Optics, photograph
 from firmware_profiles import load
 from firmware_profiles.dishes import Dish
 from registration.camera_frame import (
@@ -174,3 +174,9 @@ def test_touches_that_scatter_more_than_stated_are_refused_or_believed_less() ->
     assert u_mm(0.018) > 1.2 * u_mm(0.002)
     with pytest.raises(PictureError, match=r"they scatter .* times as much as touches good to 10"):
         u_mm(0.035)
+
+
+@pytest.mark.parametrize(("power", "told"), [(1.0, 1.0), (1 / 2.2, 2.0)])
+def test_marks_tell_whether_a_picture_holds_light_or_its_root(power: float, told: float) -> None:
+    picture = photograph(scene.optics(), scene.made(), replace(scene.SCENE, gamma=power), 1)
+    assert find_marks(picture, scene.insert(), scene.lens(), "seen.png").gamma == told
