@@ -215,9 +215,8 @@ def _gamma(profiles: FloatArray, reach: FloatArray, offset: FloatArray, blur: fl
     if kept.sum() < _PLACES:
         return 1.0
     mean = np.median(seen[kept] / white[kept][:, None], axis=0)
-    low, high = _GAMMAS
     try:
-        even = float(brentq(lambda power: _skew(mean, away, power), low, high, xtol=1e-3))
+        even = float(brentq(lambda power: _skew(mean, away, power), *_GAMMAS, xtol=1e-3))
     except ValueError:  # no change of sign between them
         return 1.0
     return _SRGB if even > _CODED else 1.0
