@@ -1,10 +1,11 @@
 """Fit camera, insert and its printing errors together, each with what is known of it beforehand.
 
-Least squares of the marks' pixels, of touched crosses and of printed points. Unknowns: the camera's
-pose and lens; the insert's place, turn, tilt and scale; how far each mark was made off its place;
-how much larger marks look (ink spreads, bright paper outshines). What is known beforehand (the
-lens by its board, the scale by the way of making) enters as observations, so the covariance of the
-result holds all of it (a bundle adjustment with priors; Triggs et al. 2000, LNCS 1883, 298,
+Least squares of the marks' pixels, of touched crosses and of printed points. Unknowns: the
+camera's pose and lens; the insert's place, turn, tilt and scale; how far it is from square and
+flat, and each mark from its place; how much larger marks look (ink spreads, bright paper
+outshines). What is known beforehand (the lens by its board, the scale by the way of making) enters
+as observations, so the covariance of the result holds all of it (a bundle adjustment with priors;
+Triggs et al. 2000, LNCS 1883, 298,
 doi 10.1007/3-540-44480-7_21).
 """
 
@@ -16,12 +17,13 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from registration.camera_frame.evidence import Placement, PrintedPoints, Touch
 from registration.camera_frame.insert import Insert
 from registration.camera_frame.marks import SeenMarks
 from registration.camera_frame.projection import View, project
-from registration.camera_frame.settle import settle
+from registration.camera_frame.settle import settle, slopes
 from registration.camera_frame.turning import turned
 from registration.errors import PictureError
 
@@ -32,7 +34,9 @@ _LENS: Final = slice(6, 14)
 _PLACED: Final = slice(14, 20)
 _SCALE: Final = 20
 _GROWN: Final = 21
-_OFF: Final = 22
+_SQUARE: Final = slice(22, 24)
+_BENT: Final = slice(24, 27)
+_OFF: Final = 27
 _FIXED: Final = 1e-7
 """Standard uncertainty of what defines the frame."""
 _U_GROWN: Final = 0.05
@@ -94,8 +98,17 @@ class Fitted:
     misfit : float
         Root of the sum of squares over the degrees of freedom: 1 where the stated uncertainties
         hold.
+    marks_off : float
+        RMS by which marks lie off their places on the insert, of its way of making, as the corners'
+        own uncertainties have it: below 1 where plate and lens are what they are said to be.
+    shape_off : float
+        As `marks_off`, of the plate's bend and of what it is off square.
     worst_touch : float
         Largest deviation of a touched cross, of its standard uncertainty.
+    touch_misfit : float
+        As `misfit`, of the touched crosses alone.
+    touch_chance : float
+        Of touches that fit no better, were they as good as stated.
     """
 
     view: View
@@ -104,7 +117,11 @@ class Fitted:
     scale: float
     off_px: float
     misfit: float
+    marks_off: float
+    shape_off: float
     worst_touch: float
+    touch_misfit: float
+    touch_chance: float
 
 
 def fit_bundle(bundle: Bundle, start: Start) -> Fitted:
@@ -118,10 +135,16 @@ def fit_bundle(bundle: Bundle, start: Start) -> Fitted:
     count = _OFF + 2 * len(bundle.insert.marks)
     unknown, normal = _solved(bundle, start, np.zeros(count))
     misfit = _misfit(bundle, start, unknown)
-    if misfit > 1:
-        # Corners scatter more than their edges say: weigh them by what is seen.
-        marks = replace(bundle.marks, u_px=bundle.marks.u_px * misfit)
-        bundle = replace(bundle, marks=marks)
+    off = unknown[_OFF:].reshape(-1, 2)[bundle.marks.index] / bundle.insert.u_mark_mm
+    shape = (unknown / _sizes(bundle))[_SQUARE.start : _BENT.stop]
+    shape_off = float(np.sqrt((shape**2).mean()))
+    touched = _touch_errors(bundle, unknown)
+    touch_misfit, chance = _touch_misfit(bundle, unknown, normal)
+    if max(misfit, touch_misfit) > 1:
+        # What scatters more than was stated is weighed by what is seen.
+        marks = replace(bundle.marks, u_px=bundle.marks.u_px * max(misfit, 1.0))
+        touches = [replace(t, u_mm=t.u_mm * max(touch_misfit, 1.0)) for t in bundle.touches]
+        bundle = replace(bundle, marks=marks, touches=touches)
         unknown, normal = _solved(bundle, start, unknown)
     covariance = np.linalg.inv(normal)[: _LENS.stop, : _LENS.stop]
     spread = np.eye(_LENS.stop)
@@ -131,7 +154,6 @@ def fit_bundle(bundle: Bundle, start: Start) -> Fitted:
         covariance[3, 3] += bundle.printed.common_u_mm**2
         covariance[4, 4] += bundle.printed.common_u_mm**2
     view = _view(bundle, start, unknown)
-    touched = _touch_errors(bundle, unknown)
     return Fitted(
         view,
         np.asarray(covariance, dtype=np.float64),
@@ -139,7 +161,11 @@ def fit_bundle(bundle: Bundle, start: Start) -> Fitted:
         float(unknown[_SCALE]) + bundle.insert.scale,
         float(np.sqrt((_corner_errors(bundle, view, unknown) ** 2).sum(axis=2).mean())),
         misfit,
+        float(np.sqrt((off**2).mean())),
+        shape_off,
         float(np.abs(touched).max(initial=0.0)),
+        touch_misfit,
+        chance,
     )
 
 
@@ -166,6 +192,8 @@ def _sizes(bundle: Bundle) -> FloatArray:
     found[_PLACED] = [0.1, 0.1, 0.1, 1e-3, 1e-3, 1e-3]
     found[_SCALE] = bundle.insert.u_scale
     found[_GROWN] = 0.01
+    found[_SQUARE] = bundle.insert.tolerance.square
+    found[_BENT] = bundle.insert.tolerance.bent_mm
     return found
 
 
@@ -175,6 +203,20 @@ def _misfit(bundle: Bundle, start: Start, unknown: FloatArray) -> float:
     # A mark's own errors take up two of its eight numbers.
     free = corners.size - 6 - 2 * len(corners)
     return float(np.sqrt((corners**2).sum() / max(free, 1)))
+
+
+def _touch_misfit(bundle: Bundle, unknown: FloatArray, normal: FloatArray) -> tuple[float, float]:
+    """Root of the touches' sum of squares over its degrees of freedom, and its chance.
+
+    What the fit has taken up of them is the trace of their share in it.
+    """
+    left = _touch_errors(bundle, unknown)
+    by = slopes(lambda tried: _touch_errors(bundle, tried), unknown, left, _sizes(bundle))
+    free = len(left) - float((by * np.linalg.solve(normal, by.T).T).sum())
+    if free < 0.5:  # two crosses without heights leave next to nothing
+        return 0.0, 1.0
+    total = float(left @ left)
+    return float(np.sqrt(total / free)), float(chi2.sf(total, free))
 
 
 def _view(bundle: Bundle, start: Start, unknown: FloatArray) -> View:
@@ -198,6 +240,8 @@ def _residuals(bundle: Bundle, start: Start, unknown: FloatArray) -> list[FloatA
         _placement_errors(bundle, unknown),
         unknown[_SCALE : _SCALE + 1] / bundle.insert.u_scale,
         unknown[_GROWN : _GROWN + 1] / _U_GROWN,
+        unknown[_SQUARE] / bundle.insert.tolerance.square,
+        unknown[_BENT] / bundle.insert.tolerance.bent_mm,
         unknown[_OFF:] / bundle.insert.u_mark_mm,
     ]
 
@@ -224,10 +268,20 @@ def _laid(bundle: Bundle, unknown: FloatArray, plane: FloatArray) -> FloatArray:
     x, y, z, tilt_x, tilt_y, turned = unknown[_PLACED]
     angle = bundle.placement.turned_rad + turned
     c, s = np.cos(angle), np.sin(angle)
-    flat = (bundle.insert.scale + unknown[_SCALE]) * plane @ np.array([[c, s], [-s, c]])
-    up = z + tilt_y * flat[:, 0] - tilt_x * flat[:, 1]
+    taller, skew = unknown[_SQUARE]
+    made = plane @ np.array([[1.0, 0.0], [skew, 1.0 + taller]])
+    flat = (bundle.insert.scale + unknown[_SCALE]) * made @ np.array([[c, s], [-s, c]])
+    up = z + tilt_y * flat[:, 0] - tilt_x * flat[:, 1] + _bends(bundle, plane) @ unknown[_BENT]
     origin = np.array(bundle.placement.origin_mm)
     return origin + np.column_stack([flat + [x, y], up])
+
+
+def _bends(bundle: Bundle, plane: FloatArray) -> FloatArray:
+    """Height of each way to bend by 1 mm at the plate's edge, (n, 3); its mean height stays."""
+    share = 2 * plane / np.array(bundle.insert.plate_mm)
+    x, y = share.T
+    # Marks lie along a square's sides, where x² is 2/3 on the mean.
+    return np.column_stack([x**2 - 2 / 3, y**2 - 2 / 3, x * y])
 
 
 def _touch_errors(bundle: Bundle, unknown: FloatArray) -> FloatArray:

@@ -31,6 +31,10 @@ _MOVED_PX: Final = 0.5
 _ALIKE: Final = 4.0
 """Ratio of errors up to which both poses that a plane allows are tried."""
 _WORST_TOUCH: Final = 4.0
+_TOUCH_CHANCE: Final = 1e-3
+_MARKS_OFF: Final = 2.0
+_SHAPE_OFF: Final = 3.0
+"""RMS of the marks' places, and of the plate's shape, of what their way of making leaves."""
 _LONG: Final = 3.0
 """Focal length in sides of the picture that `fit_lens` takes where pictures can't tell it."""
 
@@ -96,6 +100,7 @@ def merged(pictures: Sequence[SeenMarks]) -> SeenMarks:
         float(np.median([one.blur_px for one in pictures])),
         float(np.median([one.black for one in pictures])),
         float(np.median([one.white for one in pictures])),
+        float(np.median([one.gamma for one in pictures])),
     )
 
 
@@ -129,13 +134,34 @@ def fit_frame(
     )
     fits = [fit_bundle(bundle, _moved(pose, placement)) for pose in poses]
     best = min(fits, key=lambda fitted: fitted.misfit)
+    _refuse_misfits(best, insert, ties)
+    return _frame(best, marks, insert, lens, ties, made)
+
+
+def _refuse_misfits(best: Fitted, insert: Insert, ties: Ties) -> None:
+    if best.marks_off > _MARKS_OFF or best.shape_off > _SHAPE_OFF:
+        most = max(best.marks_off / _MARKS_OFF, best.shape_off / _SHAPE_OFF)
+        raise PictureError(
+            "the marks don't lie as on this insert: the plate is bent, stretched, or made "
+            f"{most:.1f} times worse than {insert.process} ones may be, or the lens was "
+            "calibrated at another focus or zoom. Is it this insert (--insert), made as it "
+            "says (--made) and laid flat? Is it this focus (--lens)?"
+        )
     if best.worst_touch > _WORST_TOUCH:
         raise PictureError(
             f"the touched crosses don't fit the insert: one is off by {best.worst_touch:.1f} of "
             f"its standard uncertainties ({_WORST_TOUCH:g} at most). Touch again; are the names "
-            "those on the insert (left, right, front, back as drawn), and is it this insert?"
+            "those on the insert (left, right, front, back as drawn), is it this insert, and was "
+            "the lens calibrated at this focus?"
         )
-    return _frame(best, marks, insert, lens, ties, made)
+    if best.touch_chance < _TOUCH_CHANCE:
+        usual = 1e3 * float(np.mean([touch.u_mm for touch in ties.touches]))
+        raise PictureError(
+            f"the touched crosses don't fit the insert: they scatter {best.touch_misfit:.1f} times "
+            f"as much as touches good to {usual:.0f} µm. Touch again, or state what they are good "
+            "to (--u-touch-mm); is the insert made as it says, and was the lens calibrated at "
+            "this focus?"
+        )
 
 
 def check_touches(insert: Insert, touches: Sequence[Touch]) -> None:
@@ -262,6 +288,7 @@ def _frame(
         blur_px=marks.blur_px,
         black=marks.black,
         white=marks.white,
+        gamma=marks.gamma,
     )
     return CameraFrame(
         made=made,

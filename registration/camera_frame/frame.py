@@ -36,7 +36,7 @@ class SeenAtFit(BaseModel):
         u, v of the four corners.
     u_px : float
         Standard uncertainty of a corner along each axis.
-    blur_px, black, white : float
+    blur_px, black, white, gamma : float
         As `SeenMarks`.
     """
 
@@ -48,6 +48,7 @@ class SeenAtFit(BaseModel):
     blur_px: NotNegative
     black: Number
     white: Number
+    gamma: Annotated[float, Field(gt=0.0, lt=5.0)] = 1.0
 
     @property
     def corners(self) -> FloatArray:

@@ -32,21 +32,35 @@ _MOST_MM: Final = 400.0
 
 
 class Tolerance(NamedTuple):
-    """Standard uncertainties of a way of making: of the scale, and of a single mark's place."""
+    """Standard uncertainties of a way of making.
+
+    Attributes
+    ----------
+    scale : float
+        As a share.
+    mark_mm : float, mm
+        Of a single mark's place.
+    square : float
+        Of the scale along y against that along x, and of the angle between them, rad.
+    bent_mm : float, mm
+        By which the plate bends up or down towards its edge.
+    """
 
     scale: float
     mark_mm: float
+    square: float
+    bent_mm: float
 
 
 TOLERANCES: Final[dict[Process, Tolerance]] = {
-    "fdm": Tolerance(2e-3, 0.04),
-    "resin": Tolerance(2e-3, 0.02),
-    "paper": Tolerance(1.5e-3, 0.02),
-    "engraved": Tolerance(3e-4, 0.01),
+    "fdm": Tolerance(2e-3, 0.04, 1e-3, 0.2),
+    "resin": Tolerance(2e-3, 0.02, 1e-3, 0.2),
+    "paper": Tolerance(1.5e-3, 0.02, 1.5e-3, 0.2),
+    "engraved": Tolerance(3e-4, 0.01, 3e-4, 0.15),
 }
 """Before measuring: filament shrinks by 0.2 to 0.7 %, office printers feed by 0.1 to 0.3 % more or
-less, engravers are good to some 10 µm. Our estimates; measuring over the crosses replaces the
-first."""
+less and not alike both ways, engravers are good to some 10 µm; plates warp. Our estimates;
+measuring over the crosses replaces the first."""
 
 
 class Mark(BaseModel):
@@ -120,6 +134,11 @@ class Insert(BaseModel):
         middles = np.array([[mark.x_mm, mark.y_mm] for mark in self.marks])
         half = self.mark_mm / 2
         return middles[:, None] + half * np.array([[-1, 1], [1, 1], [1, -1], [-1, -1.0]])
+
+    @property
+    def tolerance(self) -> Tolerance:
+        """Of its way of making."""
+        return TOLERANCES[self.process]
 
     def cells(self) -> FloatArray:
         """Black squares of all marks, (k, 2) mm: lower left corners; each `cell_mm` wide."""

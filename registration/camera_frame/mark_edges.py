@@ -13,6 +13,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from registration.camera_frame.insert import CELLS
 from registration.camera_frame.projection import bend, unbend
@@ -32,6 +33,11 @@ _INNER: Final = 0.1
 _LEAST_GOOD: Final = 0.6
 """Of a side's places that must lie on its line."""
 _ROUNDS: Final = 2
+_GAMMAS: Final = (0.7, 3.0)
+_CODED: Final = 1.2
+_SRGB: Final = 2.0
+"""Power of most cameras' pictures (sRGB, Rec. 709), taken where edges tell more than `_CODED`: in
+sharp pictures they tell too little, since values between pixels are means of coded ones."""
 _FLOOR_PX: Final = 0.02
 """No corner is known better: quantised, compressed, of imperfect edges."""
 
@@ -51,6 +57,8 @@ class EdgedMarks:
         Deviation of the blur across an edge, the marks' median.
     black, white : (n,) float64
         Beside the edges.
+    gamma : float
+        Power of the picture's values that is proportional to light.
     """
 
     good: NDArray[np.bool_]
@@ -59,6 +67,7 @@ class EdgedMarks:
     blur_px: float
     black: FloatArray
     white: FloatArray
+    gamma: float
 
 
 def edge_corners(grey: NDArray[Any], rough: FloatArray, lens: FloatArray) -> EdgedMarks:
@@ -80,7 +89,8 @@ def edge_corners(grey: NDArray[Any], rough: FloatArray, lens: FloatArray) -> Edg
         good &= fits
         corners = np.where(np.isfinite(corners), corners, rough)
     blur = _blur(profiles, reach, offset, good)
-    return EdgedMarks(good, corners, np.maximum(moved, _FLOOR_PX), blur, level[0], level[1])
+    gamma = _gamma(profiles[good], reach[good], offset[good], blur)
+    return EdgedMarks(good, corners, np.maximum(moved, _FLOOR_PX), blur, level[0], level[1], gamma)
 
 
 def _sides(corners: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -182,3 +192,39 @@ def _blur(
     few = max(2, int(_ENDS * _DEEP))
     contrast = mean[..., -few:].mean(axis=-1) - mean[..., :few].mean(axis=-1)
     return float(np.median(contrast / np.maximum(slope, 1e-9)) / np.sqrt(2 * np.pi))
+
+
+def _gamma(profiles: FloatArray, reach: FloatArray, offset: FloatArray, blur: float) -> float:
+    """Power of the picture's values whose mean profile across the edges is symmetric.
+
+    Lenses blur light, which most cameras store as a power of about 1/2: then a blurred edge is
+    steeper in the dark. 1 where it isn't.
+    """
+    if not len(profiles):
+        return 1.0
+    far = min(3.0 * blur + 1.0, 0.7 * float(np.median(reach)))
+    away = np.linspace(-far, far, 4 * _DEEP + 1)
+    at = offset[..., None] + away
+    place = (at / reach[..., None, None] + 1) / 2 * (_DEEP - 1)
+    base = np.clip(np.nan_to_num(place).astype(np.int64), 0, _DEEP - 2)
+    low = np.take_along_axis(profiles, base, axis=-1)
+    seen = low + (place - base) * (np.take_along_axis(profiles, base + 1, axis=-1) - low)
+    inside = np.isfinite(place).all(axis=-1) & (np.abs(place - (_DEEP - 1) / 2) < _DEEP / 2).all(-1)
+    white = profiles[..., -2:].mean(axis=-1)
+    kept = inside & (white > 0)
+    if kept.sum() < _PLACES:
+        return 1.0
+    mean = np.median(seen[kept] / white[kept][:, None], axis=0)
+    try:
+        even = float(brentq(lambda power: _skew(mean, away, power), *_GAMMAS, xtol=1e-3))
+    except ValueError:  # no change of sign between them
+        return 1.0
+    return _SRGB if even > _CODED else 1.0
+
+
+def _skew(profile: FloatArray, away: FloatArray, power: float) -> float:
+    """Third moment of a step's slope about its middle, of values to a power."""
+    light = np.maximum(profile, 0.0) ** power
+    slope = np.diff(light) / (light[-1] - light[0])
+    middle = (away[1:] + away[:-1]) / 2
+    return float((slope * (middle - (slope * middle).sum()) ** 3).sum())

@@ -43,6 +43,8 @@ class SeenMarks:
         Deviation of the blur.
     black, white : float
         Medians, of the picture's own range 0 to 1.
+    gamma : float
+        Power of a picture's values that is proportional to light, by the marks' edges.
     """
 
     index: IntArray
@@ -51,6 +53,7 @@ class SeenMarks:
     blur_px: float
     black: float
     white: float
+    gamma: float = 1.0
 
 
 def grey_picture(image: NDArray[Any]) -> NDArray[np.float32]:
@@ -97,6 +100,7 @@ def find_marks(image: NDArray[Any], insert: Insert, lens: Lens, source: Path | s
         found.blur_px,
         float(np.median(found.black[good])),
         float(np.median(found.white[good])),
+        found.gamma,
     )
 
 

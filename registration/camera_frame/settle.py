@@ -46,8 +46,8 @@ def settle(
     at, left = start.copy(), residuals(start)
     damping = 1e-4
     for _ in range(_ROUNDS):
-        slopes = _slopes(residuals, at, left, sizes)
-        normal, pull = slopes.T @ slopes, slopes.T @ left
+        by = slopes(residuals, at, left, sizes)
+        normal, pull = by.T @ by, by.T @ left
         gain = 0.0
         while damping < 1e12:
             held = normal + damping * np.diag(np.diag(normal))
@@ -67,12 +67,13 @@ def settle(
     return None
 
 
-def _slopes(
+def slopes(
     residuals: Callable[[FloatArray], FloatArray],
     at: FloatArray,
     left: FloatArray,
     sizes: FloatArray,
 ) -> FloatArray:
+    """Slopes (k, n) of the residuals ``left`` (k,) at the unknowns, by differences."""
     found = np.empty((len(left), len(at)))
     for n, size in enumerate(sizes):
         moved = at.copy()

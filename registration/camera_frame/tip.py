@@ -92,7 +92,14 @@ def find_tip(
         check_size(ground, frame.lens, f"the ground of {source}")
     view = frame.under(None).view
     patch = tip_patch(
-        image, view, np.asarray(tip_mm, np.float64), outer_mm, reach_mm, ground, length_mm
+        image,
+        view,
+        np.asarray(tip_mm, np.float64),
+        outer_mm,
+        reach_mm,
+        ground,
+        length_mm,
+        frame.seen.gamma,
     )
     far = reach_mm * patch.px_per_mm
     axis = needle_axis(patch, far)

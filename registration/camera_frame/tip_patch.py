@@ -82,6 +82,7 @@ def tip_patch(
     reach_mm: float,
     ground: NDArray[Any] | None = None,
     length_mm: float = 12.0,
+    gamma: float = 1.0,
 ) -> TipPatch:
     """Cut the piece in which the tip must lie.
 
@@ -98,6 +99,9 @@ def tip_patch(
         How far off it may be.
     length_mm : float, mm
         Of the needle below its hub.
+    gamma : float
+        Power of the pictures' values that is proportional to light: what is measured by areas under
+        blurred steps must be that, or dark things look smaller.
 
     Raises
     ------
@@ -134,13 +138,13 @@ def tip_patch(
     beside = np.arange(-far - _BESIDE * wide, far + _BESIDE * wide + 1)
     origin = middle + above[0] * up + beside[0] * aside
     at = middle + above[:, None, None] * up + beside[:, None] * aside
-    grey = _cut(image, at)
+    grey = _cut(image, at, gamma)
     if np.isnan(grey).mean() > 0.6:
         raise PictureError(
             f"the tip should be at pixel {middle[0]:.0f}, {middle[1]:.0f}, at the picture's border "
             "or out of it; move the needle into the view, or give its place (--tip-at)"
         )
-    cut = None if ground is None else _alike(_cut(ground, at), grey)
+    cut = None if ground is None else _alike(_cut(ground, at, gamma), grey)
     return TipPatch(
         grey,
         cut,
@@ -174,14 +178,14 @@ def _highest(far: float, wide: float, long: float, sine: float) -> float:
     return highest
 
 
-def _cut(image: NDArray[Any], at: FloatArray) -> FloatArray:
-    """Piece of a picture at pixels (k, m, 2); NaN out of it."""
+def _cut(image: NDArray[Any], at: FloatArray, gamma: float) -> FloatArray:
+    """Light of a picture at pixels (k, m, 2), 0 to 1; NaN out of it."""
     low = np.maximum(np.floor(at.reshape(-1, 2).min(axis=0)).astype(int) - 3, 0)
     high = np.ceil(at.reshape(-1, 2).max(axis=0)).astype(int) + 4
     part = image[low[1] : max(high[1], low[1] + 1), low[0] : max(high[0], low[0] + 1)]
     if min(part.shape[:2]) < 2:
         return np.full(at.shape[:2], np.nan)
-    grey = grey_picture(np.ascontiguousarray(part))
+    grey = grey_picture(np.ascontiguousarray(part)) ** np.float32(gamma)
     own = (at - low).astype(np.float32)
     seen = cv2.remap(grey, own[..., 0], own[..., 1], cv2.INTER_CUBIC,
                      borderMode=cv2.BORDER_REPLICATE).astype(np.float64)  # fmt: skip

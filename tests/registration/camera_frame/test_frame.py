@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.checkers.dish_camera import Optics, photograph
+from firmware_profiles import load
+from firmware_profiles.dishes import Dish
 from registration.camera_frame import (
     Bath,
+    CameraFrame,
     PrintedPoints,
+    SeenMarks,
     Ties,
     Touch,
+    design_insert,
     find_marks,
     fit_frame,
     read_frame,
     write_frame,
 )
+from registration.camera_frame.insert import Process
 from registration.errors import PictureError
 from tests.registration.camera_frame import scene
 
@@ -98,3 +106,77 @@ def test_a_picture_without_insert_or_of_another_size_is_refused() -> None:
         find_marks(blank, scene.insert(), scene.lens(), "blank.png")
     with pytest.raises(PictureError, match="500 x 400 px, and the camera was calibrated at 1000"):
         find_marks(blank[::2, ::2], scene.insert(), scene.lens(), "half.png")
+
+
+def bent_plate(plane: np.ndarray, bent_mm: float, taller: float) -> np.ndarray:
+    """Places (n, 3) of drawn ones on a plate bent along x and stretched along y."""
+    flat = plane * [1.0, 1 + taller]
+    up = bent_mm * ((2 * plane[:, 0] / scene.insert().plate_mm[0]) ** 2 - 0.5)
+    return scene.TARGET + np.column_stack([flat, up])
+
+
+def fitted_to_plate(
+    bent_mm: float, taller: float, process: Process, focus: float = 1.0, touched: bool = True
+) -> tuple[CameraFrame, Optics]:
+    """Frame of marks and exact touches on such a plate, and the camera that saw it."""
+    insert = design_insert(load(Dish, "petri_35mm"), process=process, mark_mm=7.0)
+    camera = replace(scene.optics(), focal=scene.optics().focal * focus)
+    rng = np.random.default_rng(1)
+    corners = bent_plate(insert.corners().reshape(-1, 2), bent_mm, taller)
+    pixels = (camera.pixels(corners) + rng.normal(0, 0.03, (len(corners), 2))).reshape(-1, 4, 2)
+    marks = SeenMarks(np.arange(len(pixels)), pixels, np.full(len(pixels), 0.03), 0.8, 0.1, 0.8)
+    middles = np.array([[c.x_mm, c.y_mm] for c in insert.crosses])
+    touches = [
+        Touch(cross.name, *map(float, place), u_mm=0.01)
+        for cross, place in zip(insert.crosses, bent_plate(middles, bent_mm, taller), strict=True)
+    ]
+    ties = Ties(touches=touches if touched else ())
+    return fit_frame(marks, insert, scene.lens(), ties, scene.MADE_AT), camera
+
+
+@pytest.mark.parametrize(("bent_mm", "taller"), [(0.2, 0.0), (0.0, 2e-3), (-0.15, -2e-3)])
+def test_a_bent_or_stretched_plate_is_fitted(bent_mm: float, taller: float) -> None:
+    frame, camera = fitted_to_plate(bent_mm, taller, "paper")
+    true = places(4.0)
+    pixels = camera.pixels(true)
+    off = frame.to_printer(pixels, 4.0) - true[:, :2]
+    assert np.linalg.norm(off, axis=1).max() < 0.02
+    spread = frame.covariance_mm2(pixels, 4.0)
+    assert np.einsum("ni,nij,nj->n", off, np.linalg.inv(spread), off).max() < 14
+
+
+def test_a_lens_at_another_focus_is_refused() -> None:
+    with pytest.raises(PictureError, match=r"calibrated at another focus|was the lens calibrated"):
+        fitted_to_plate(0.0, 0.0, "engraved", focus=1.05)
+    with pytest.raises(PictureError, match="calibrated at another focus"):
+        fitted_to_plate(0.0, 0.0, "engraved", focus=1.08, touched=False)
+
+
+def test_a_plate_far_from_its_drawing_is_refused() -> None:
+    with pytest.raises(PictureError, match=r"the plate is bent, stretched, or made .* engraved"):
+        fitted_to_plate(1.0, 5e-3, "engraved", touched=False)
+
+
+def test_touches_that_scatter_more_than_stated_are_refused_or_believed_less() -> None:
+    marks = find_marks(scene.picture(), scene.insert(), scene.lens(), "seen.png")
+    crosses = scene.insert().crosses
+    there = scene.made().world(np.array([[c.x_mm, c.y_mm] for c in crosses]))
+    signs = np.array([[1, 1, 1], [-1, 1, 1], [1, -1, -1], [1, 1, -1.0]])
+
+    def u_mm(off_mm: float) -> float:
+        touches = [
+            Touch(c.name, *map(float, place), u_mm=0.01)
+            for c, place in zip(crosses, there + off_mm * signs, strict=True)
+        ]
+        ties = Ties(touches=touches)
+        return fit_frame(marks, scene.insert(), scene.lens(), ties, scene.MADE_AT).u_mm
+
+    assert u_mm(0.018) > 1.2 * u_mm(0.002)
+    with pytest.raises(PictureError, match=r"they scatter .* times as much as touches good to 10"):
+        u_mm(0.035)
+
+
+@pytest.mark.parametrize(("power", "told"), [(1.0, 1.0), (1 / 2.2, 2.0)])
+def test_marks_tell_whether_a_picture_holds_light_or_its_root(power: float, told: float) -> None:
+    picture = photograph(scene.optics(), scene.made(), replace(scene.SCENE, gamma=power), 1)
+    assert find_marks(picture, scene.insert(), scene.lens(), "seen.png").gamma == told
