@@ -33,24 +33,35 @@ def recipe(observe, **printer):
     [
         ("layer", {"look_after": MarkKind.LAYER}),
         ("vessel", {"look_after": MarkKind.VESSEL}),
-        ("800 mm", {"look_every_mm": 800.0}),
+        ("0.5 mm", {"look_every_height_mm": 0.5}),
         ("10 min", {"look_every_s": 600.0}),
         ("30 s", {"look_every_s": 30.0}),
+        ("800 mm written", {"look_every_mm": 800.0, "look_after": MarkKind.LAYER}),
+        ("10 s written", {"look_every_written_s": 10.0, "look_after": MarkKind.LAYER}),
+        ("0.5 min written", {"look_every_written_s": 30.0, "look_after": MarkKind.LAYER}),
     ],
 )
 def test_every_says_when_the_print_is_held(every, care):
     part = recipe({"device": "camera", "every": every}).observe
-    assert look_care(part) == {"look_limit_s": 120.0, "look_park_mm": None, **care}
+    assert look_care(part, embedded=False) == {"look_limit_s": 120.0, "look_park_mm": None, **care}
 
 
 def test_without_the_section_nobody_looks():
-    assert look_care(None) == {}
+    assert look_care(None, embedded=False) == {}
+
+
+def test_what_is_written_in_a_bath_is_looked_at_where_vessels_end():
+    part = recipe({"device": "camera", "every": "10 s written"}).observe
+    assert look_care(part, embedded=True)["look_after"] is MarkKind.VESSEL
 
 
 @pytest.mark.parametrize(
     ("observe", "said"),
     [
         ({"device": "camera", "every": "sometimes"}, "isn't a place to look at"),
+        ({"device": "camera", "every": "800 mm"}, "say `800 mm written`"),
+        ({"device": "camera", "every": "0 mm"}, "isn't a place to look at"),
+        ({"device": "camera", "every": "10"}, "isn't a place to look at"),
         ({"device": "camera", "source": "0"}, "needs frame"),
         ({"device": "ct"}, "device"),
         ({"device": "camera", "mend": "maybe"}, "mend"),
