@@ -27,6 +27,10 @@ BoolArray = NDArray[np.bool_]
 
 _BLOCK_S: Final = 1.0
 """Writing time whose widths are one reading of the flow."""
+_LEAST_BLOCKS: Final = 4
+"""Readings of a short look: one alone would count as an outlier."""
+_BLOCK_STATIONS: Final = 6
+"""Fewest in a reading; neighbours share noise."""
 _BELOW: Final = 3
 """Levels below the judged one that may show through."""
 _LEVEL_MM: Final = 1e-3
@@ -119,6 +123,8 @@ def evidence_of(
         ),
         stretches=len(found.stretches),
         over_old_share=_over_old(stations),
+        way_mm=float(stations.length_mm.sum()),
+        level_mm=_level(layer, ink),
     )
 
 
@@ -149,6 +155,14 @@ def figures(found: LayerFindings, evidence: Evidence) -> dict[str, Any]:
 
 def _number(value: float) -> float | None:
     return round(float(value), 5) if math.isfinite(value) else None
+
+
+def _level(layer: LayerInk, ink: ExpectedInk) -> float | None:
+    """Height of the layer that is looked at, mm; None in a bath."""
+    fresh = layer.row[layer.lines.fresh]
+    if ink.style == "embedded" or not len(fresh):
+        return None
+    return round(float(ink.end[fresh, 2].max()), 3)
 
 
 def _over_old(stations: Stations) -> float:
@@ -200,16 +214,30 @@ def _flow(
     ratio = _area_ratio(width, ink, row, section)
     slope = _area_ratio(width + u, ink, row, section) - ratio  # of a width's uncertainty
     time = ink.time_s[row]
-    block = np.unique(np.floor(time / _BLOCK_S), return_inverse=True)[1]
+    block = _blocks(time, stations.length_mm[told])
     count = np.bincount(block)
 
     def mean(values: FloatArray) -> FloatArray:
         return np.asarray(np.bincount(block, values) / count)
 
     scatter = np.sqrt(np.bincount(block, slope**2)) / count
-    common = u_common * mean(slope / np.maximum(u, 1e-12) * stations.expected_mm[told])
-    known = np.nan_to_num(np.abs(common), nan=0.0, posinf=0.0)
-    return FlowBlocks(mean(time), mean(ratio), np.hypot(scatter, known), mean(ink.factor[row]))
+    common = u_common * np.abs(slope / np.maximum(u, 1e-12) * stations.expected_mm[told]) / ratio
+    known = float(np.nan_to_num(common.mean(), nan=0.0, posinf=0.0))
+    means = mean(ratio)
+    return FlowBlocks(
+        mean(time), means, np.hypot(scatter, known * means), mean(ink.factor[row]), known
+    )
+
+
+def _blocks(time_s: FloatArray, length_mm: FloatArray) -> IntArray:
+    """Block of each station, (n,), by the clock; of a short look by equal ways."""
+    by_time = np.unique(np.floor(time_s / _BLOCK_S), return_inverse=True)[1]
+    wanted = min(_LEAST_BLOCKS, len(time_s) // _BLOCK_STATIONS)
+    if by_time.max() + 1 >= wanted:
+        return np.asarray(by_time, dtype=np.int64)
+    way = np.cumsum(length_mm) - length_mm / 2
+    by_way = (way / (length_mm.sum() / wanted)).astype(np.int64)
+    return np.asarray(np.unique(by_way, return_inverse=True)[1], dtype=np.int64)
 
 
 def _near_absence(stations: Stations) -> BoolArray:

@@ -11,12 +11,12 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Protocol
 
 from printctl.link.errors import Refused
-from printctl.observe.deciding import Decider, Decision, DecisionKind, Evidence
+from printctl.observe.deciding import Decider, Decision, DecisionKind, Evidence, LayersSeen
 from printctl.observe.devices import DeviceError
 from printctl.observe.records import (
     Answer,
@@ -266,7 +266,7 @@ def _state(decider: Decider) -> dict[str, Any]:
         "log_flow": control.log_flow,
         "variance": control.variance,
         "time_s": control.time_s,
-        "unseen": decider.unseen,
+        "layers": asdict(decider.layers),
         "last_shift_mm": decider.last_shift_mm,
     }
 
@@ -275,4 +275,4 @@ def _restore(decider: Decider, state: dict[str, Any]) -> None:
     control = decider.control
     control.log_flow = state["log_flow"]
     control.variance, control.time_s = state["variance"], state["time_s"]
-    decider.unseen, decider.last_shift_mm = state["unseen"], state["last_shift_mm"]
+    decider.layers, decider.last_shift_mm = LayersSeen(**state["layers"]), state["last_shift_mm"]

@@ -8,7 +8,7 @@ Rules, in their order; the first that holds decides:
 3. a lumen is closed, or narrowed beyond tolerance: pause; no ink can be taken away;
 4. gaps that two pictures show (one, where there is no second): mend, and correct the flow;
 5. a flow beyond the bounds of the correction: pause; within them: correct it;
-6. too little of the layer was seen, several looks in a row: pause.
+6. too little was seen of several layers in a row: pause.
 
 What is unsure is told, and the print goes on. By `Limits.mend` the operator is only told
 (``tell``), asked before anything is written (``ask``), or not (``mend``).
@@ -85,6 +85,10 @@ class Evidence:
         Lines thinner or wider than tolerated, which nobody mends.
     over_old_share : float
         Of the way, not seen because it lies over older ink from which nothing tells it.
+    way_mm : float, mm
+        Written since the last look.
+    level_mm : float or None, mm
+        Height of the layer; None where there is none, and each look stands for itself.
     """
 
     places: int
@@ -98,6 +102,8 @@ class Evidence:
     narrowed: tuple[Narrowed, ...] = ()
     stretches: int = 0
     over_old_share: float = 0.0
+    way_mm: float = 1.0
+    level_mm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -117,7 +123,7 @@ class Limits:
     least_seen : float
         Share of the way that must be seen for a look to count.
     unseen_looks : int
-        Looks in a row that didn't count, after which the print is paused.
+        Layers in a row (in a bath looks) that didn't count, after which the print is paused.
     mend : "tell", "ask" or "mend"
     """
 
@@ -157,6 +163,41 @@ class Decision:
 
 
 @dataclass
+class LayersSeen:
+    """How much was seen of the layer in hand, and how many in a row too little was seen of.
+
+    Attributes
+    ----------
+    unseen : int
+        In a row, the one in hand included.
+    before : int
+        Without the one in hand.
+    level_mm : float or None, mm
+    way_mm, visible_mm, seen_mm : float, mm
+        Of the layer in hand: written; what a clean view can show of it; seen.
+    """
+
+    unseen: int = 0
+    before: int = 0
+    level_mm: float | None = None
+    way_mm: float = 0.0
+    visible_mm: float = 0.0
+    seen_mm: float = 0.0
+
+    def add(self, evidence: Evidence, least_share: float) -> None:
+        """Take in a look; several in one layer count as one."""
+        if evidence.level_mm is None or evidence.level_mm != self.level_mm:
+            self.before, self.level_mm = self.unseen, evidence.level_mm
+            self.way_mm = self.visible_mm = self.seen_mm = 0.0
+        self.way_mm += evidence.way_mm
+        self.visible_mm += evidence.way_mm * (1.0 - evidence.over_old_share)
+        self.seen_mm += evidence.way_mm * evidence.seen_share
+        hidden = self.visible_mm < _HIDDEN * self.way_mm  # no cleaner view would show it
+        counts = hidden or self.seen_mm >= least_share * self.visible_mm
+        self.unseen = 0 if counts else self.before + 1
+
+
+@dataclass
 class Decider:
     """Decides look by look, and remembers what decisions hang on.
 
@@ -164,21 +205,18 @@ class Decider:
     ----------
     limits : Limits
     control : FlowControl
-    unseen : int
-        Looks in a row of which too little was seen.
+    layers : LayersSeen
     last_shift_mm : float, mm
     """
 
     limits: Limits = field(default_factory=Limits)
     control: FlowControl = field(default_factory=FlowControl)
-    unseen: int = 0
+    layers: LayersSeen = field(default_factory=LayersSeen)
     last_shift_mm: float = 0.0
 
     def decide(self, evidence: Evidence) -> Decision:
         """Return what the look calls for, as the mode allows."""
-        visible = 1.0 - evidence.over_old_share  # what no cleaner view would show doesn't count
-        counts = visible < _HIDDEN or evidence.seen_share >= self.limits.least_seen * visible
-        self.unseen = 0 if counts else self.unseen + 1
+        self.layers.add(evidence, self.limits.least_seen)
         if evidence.supply.state not in _STOPPING:  # thin because it is about to stop is no drift
             self.control.learn(evidence.flow)
         return self._as_allowed(self._wanted(evidence))
@@ -278,10 +316,12 @@ class Decider:
         return Decision(DecisionKind.FLOW, f"{told}: factor {factor:.2f}", factor=factor)
 
     def _blind(self, evidence: Evidence) -> Decision | None:
-        if self.unseen < self.limits.unseen_looks:
+        unseen = self.layers.unseen
+        if unseen < self.limits.unseen_looks:
             return None
+        one = "looks" if evidence.level_mm is None else "layers"
         return Decision(
             DecisionKind.PAUSE,
-            f"{self.unseen} looks in a row saw less than {self.limits.least_seen:.0%} of what was "
+            f"{unseen} {one} in a row showed less than {self.limits.least_seen:.0%} of what was "
             f"written (the last {evidence.seen_share:.0%}): clean the view, or set observe off",
         )

@@ -85,6 +85,28 @@ def test_three_blind_looks_pause():
     assert kinds == [DecisionKind.GO_ON, DecisionKind.GO_ON, DecisionKind.PAUSE]
 
 
+def test_looks_within_a_layer_count_as_one_layer():
+    decider = Decider(Limits(mend="mend"))
+
+    def looks(level, *shares):
+        for share in shares:
+            kind = decider.decide(evidence(seen_share=share, way_mm=20.0, level_mm=level)).kind
+        return kind
+
+    assert looks(1.0, 0.2, 0.3, 0.2, 0.1) is DecisionKind.GO_ON
+    assert looks(1.1, 0.1, 0.9, 0.9) is DecisionKind.GO_ON
+    assert decider.layers.unseen == 0
+    assert looks(1.2, 0.1, 0.1) is DecisionKind.GO_ON
+    assert looks(1.3, 0.1) is DecisionKind.GO_ON
+    assert looks(1.4, 0.1) is DecisionKind.PAUSE
+
+
+def test_what_readings_share_is_never_known_better():
+    decider = Decider(Limits(mend="mend"))
+    blocks = FlowBlocks(np.zeros(50), np.full(50, 0.96), np.full(50, 0.03), np.ones(50), 0.03)
+    assert decider.decide(evidence(flow=blocks)).kind is DecisionKind.GO_ON
+
+
 def test_a_flow_beyond_all_bounds_pauses():
     assert decided(flow=flow(0.2, 300)).kind is DecisionKind.PAUSE
 
