@@ -18,7 +18,9 @@ from printctl.observe.deciding import (
     judge_supply,
 )
 from printctl.observe.deciding.decide import Narrowed
+from printctl.observe.deciding.thin import Thin, seen_twice
 from printctl.observe.expected import ExpectedInk
+from printctl.observe.thin_lines import thin_lines
 from registration.layer_images import ExpectedLines, LayerFindings, Stations, Unseen
 
 FloatArray = NDArray[np.float64]
@@ -61,7 +63,7 @@ def ink_to_judge(ink: ExpectedInk, first: int, last: int) -> LayerInk:
     that was written since; older filaments lie around it.
     """
     written = ink.between(0, last)
-    fresh = ink.between(first, last)
+    fresh = ink.between(first, last) & ~ink.inserted  # a mend has no width of its own to judge
     if ink.style == "layered" and fresh.any():
         top = ink.end[fresh, 2].max()
         fresh &= ink.end[:, 2] > top - _LEVEL_MM
@@ -106,6 +108,9 @@ def evidence_of(
     stations = found.stations
     row = layer.row[stations.piece]
     supply = _supply(stations, ink, row, least_gap_mm, left_ul)
+    thin = _thin(found, ink, row, section)
+    if again is not None:
+        thin = seen_twice(thin, _thin(again, ink, layer.row[again.stations.piece], section))
     shift, u = _shift(found)
     return Evidence(
         places=found.places,
@@ -122,6 +127,7 @@ def evidence_of(
             if one.seen
         ),
         stretches=len(found.stretches),
+        thin=thin,
         over_old_share=_over_old(stations),
         way_mm=float(stations.length_mm.sum()),
         level_mm=_level(layer, ink),
@@ -155,6 +161,19 @@ def figures(found: LayerFindings, evidence: Evidence) -> dict[str, Any]:
 
 def _number(value: float) -> float | None:
     return round(float(value), 5) if math.isfinite(value) else None
+
+
+def _thin(
+    found: LayerFindings, ink: ExpectedInk, row: IntArray, section: BeadSection
+) -> tuple[Thin, ...]:
+    """Thin lines of a layer; in a bath nothing can be written over a filament."""
+    if ink.style == "embedded" or not found.stretches:
+        return ()
+    stations = found.stations
+    told = _tells_width(stations)
+    ratio = np.full(len(row), np.nan)
+    ratio[told] = _area_ratio(stations.width_mm[told], ink, row[told], section)
+    return thin_lines(found.stretches, stations, told, ratio)
 
 
 def _level(layer: LayerInk, ink: ExpectedInk) -> float | None:
@@ -205,8 +224,7 @@ def _flow(
     section: BeadSection,
 ) -> FlowBlocks:
     """Cross-section seen over expected, a second of writing at a time."""
-    told = stations.seen & np.isfinite(stations.width_mm) & (stations.expected_mm > 0)
-    told &= ~_near_absence(stations)
+    told = _tells_width(stations)
     if not told.any():
         none = np.zeros(0)
         return FlowBlocks(none, none, none, none)
@@ -238,6 +256,12 @@ def _blocks(time_s: FloatArray, length_mm: FloatArray) -> IntArray:
     way = np.cumsum(length_mm) - length_mm / 2
     by_way = (way / (length_mm.sum() / wanted)).astype(np.int64)
     return np.asarray(np.unique(by_way, return_inverse=True)[1], dtype=np.int64)
+
+
+def _tells_width(stations: Stations) -> BoolArray:
+    """Places whose width is known and is the flow's: ink comes and goes nowhere near."""
+    told = stations.seen & np.isfinite(stations.width_mm) & (stations.expected_mm > 0)
+    return np.asarray(told & ~_near_absence(stations))
 
 
 def _near_absence(stations: Stations) -> BoolArray:

@@ -18,6 +18,7 @@ from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.link.job import Job, load_job
 from printctl.link.journalled_print import read_journal
 from printctl.link.record import JOURNAL
+from printctl.observe.deciding.thin import Thin
 from printctl.observe.expected import ExpectedInk, expected_ink
 from printctl.observe.judging import (
     LayerInk,
@@ -202,13 +203,16 @@ class ObservedJob:
 
     # --- mending ---------------------------------------------------------------------------------
 
-    def mend_lines(self, look: Look, gaps: tuple[Gap, ...], flow: float) -> list[str]:
-        """Lines that mend gaps; none where nothing can be mended from here.
+    def mend_lines(
+        self, look: Look, gaps: tuple[Gap, ...], thin: tuple[Thin, ...], flow: float
+    ) -> list[str]:
+        """Lines that mend gaps and fill thin lines up; none where nothing can be from here.
 
         Parameters
         ----------
         look : Look
         gaps : tuple of Gap
+        thin : tuple of Thin
         flow : float
             Ink that is to be pushed, over what the job's file says.
         """
@@ -216,7 +220,7 @@ class ObservedJob:
         voids = None
         if self.network is not None:
             voids = Voids.of_network(self.network, np.zeros(3))
-        mend, _ = checked_mend(at.held, [_to_mend(gap, at, flow) for gap in gaps], voids)
+        mend, _ = checked_mend(at.held, _to_mend(gaps, thin, at, flow), voids)
         for said in mend.sentences():
             log.info("look %d: %s", look.number, said)
         return [line.decode("ascii") for line in mend.lines]
@@ -236,9 +240,14 @@ def _slab(at: _Held) -> tuple[float, float]:
     return (low + high) / 2, high - low
 
 
-def _to_mend(gap: Gap, at: _Held, flow: float) -> MendGap:
-    """Gap on its path, with what the flow was corrected by since it was to be written."""
-    own = at.ink.stroke == gap.stroke
-    before = float(at.ink.factor[own][0])
-    end = min(gap.to_mm, at.ink.paths[gap.stroke].length_mm)
-    return MendGap(gap.stroke, max(gap.from_mm, 0.0), end, flow=flow / before)
+def _to_mend(
+    gaps: tuple[Gap, ...], thin: tuple[Thin, ...], at: _Held, flow: float
+) -> list[MendGap]:
+    """Gaps on their paths, with what the flow was corrected by since they were to be written."""
+    found = list[MendGap]()
+    for one in (*gaps, *thin):
+        before = float(at.ink.factor[at.ink.stroke == one.stroke][0])
+        end = min(one.to_mm, at.ink.paths[one.stroke].length_mm)
+        missing = one.missing if isinstance(one, Thin) else 1.0
+        found.append(MendGap(one.stroke, max(one.from_mm, 0.0), end, missing, flow=flow / before))
+    return found

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from sim.deposit.levels import LEVEL_TOLERANCE_MM
 from sim.deposit.strands import Strands
 
 FloatArray = NDArray[np.float64]
@@ -70,6 +71,7 @@ def _written_twice(strands: Strands) -> IntArray:
     aside = step - (step * along[old]).sum(axis=1)[:, None] * along[old]
     one_line = np.abs((along[old] * along[new]).sum(axis=1)) > _PARALLEL
     one_line &= np.linalg.norm(aside, axis=1) < _SAME_MM
+    one_line &= np.abs(step[:, 2]) < LEVEL_TOLERANCE_MM
     return np.unique(np.column_stack([old, new])[one_line], axis=0)
 
 

@@ -6,7 +6,8 @@ Rules, in their order; the first that holds decides:
    since the last look, else pause; no ink laid later could lie right;
 2. no ink comes out any more (clog, empty syringe): pause;
 3. a lumen is closed, or narrowed beyond tolerance: pause; no ink can be taken away;
-4. gaps that two pictures show (one, where there is no second): mend, and correct the flow;
+4. gaps and thin lines that two pictures show (one, where there is no second): mend, fill up, and
+   correct the flow;
 5. a flow beyond the bounds of the correction: pause; within them: correct it;
 6. too little was seen of several layers in a row: pause.
 
@@ -24,6 +25,7 @@ from typing import Final, Literal
 from printctl.observe.deciding.flow_control import FlowBlocks, FlowControl, FlowLimits
 from printctl.observe.deciding.gap_test import GapTest, confirmed_gaps
 from printctl.observe.deciding.ink_supply import InkSupply, SupplyState
+from printctl.observe.deciding.thin import Thin
 from registration.layer_images.values import Gap
 
 Mode = Literal["tell", "ask", "mend"]
@@ -82,7 +84,9 @@ class Evidence:
         How far the layer lies beside its place, and the standard uncertainty.
     narrowed : tuple of Narrowed
     stretches : int
-        Lines thinner or wider than tolerated, which nobody mends.
+        Lines surely thinner or wider than tolerated.
+    thin : tuple of Thin
+        Those too thin, which a second pass may fill up.
     over_old_share : float
         Of the way, not seen because it lies over older ink from which nothing tells it.
     way_mm : float, mm
@@ -101,6 +105,7 @@ class Evidence:
     u_shift_mm: float = 0.0
     narrowed: tuple[Narrowed, ...] = ()
     stretches: int = 0
+    thin: tuple[Thin, ...] = ()
     over_old_share: float = 0.0
     way_mm: float = 1.0
     level_mm: float | None = None
@@ -149,6 +154,8 @@ class Decision:
         For operator and journal.
     gaps : tuple of Gap
         To be mended.
+    thin : tuple of Thin
+        To be filled up.
     factor : float or None
         Flow factor from here on.
     ask : DecisionKind or None
@@ -160,6 +167,7 @@ class Decision:
     gaps: tuple[Gap, ...] = ()
     factor: float | None = None
     ask: DecisionKind | None = None
+    thin: tuple[Thin, ...] = ()
 
 
 @dataclass
@@ -285,17 +293,20 @@ class Decider:
         )
 
     def _gaps(self, evidence: Evidence) -> Decision | None:
-        gaps = self._believed(evidence)
-        if not gaps:
+        gaps, thin = self._believed(evidence), evidence.thin
+        if not gaps and not thin:
             return None
         way = math.fsum(gap.length_mm for gap in gaps)
         state, control = evidence.supply.state, self.control
         cause = "" if state in (SupplyState.FLOWING, SupplyState.UNKNOWN) else f" ({state})"
         many = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
+        found = [f"{many}, {way:.2f} mm in all{cause}"] if gaps else []
+        if thin:
+            found.append(f"{math.fsum(one.length_mm for one in thin):.2f} mm of thin lines")
         factor = None if control.out_of_bounds else control.proposal()
         corrected = "" if factor is None else f"; flow {control.flow:.0%}: factor {factor:.2f}"
-        why = f"{many}, {way:.2f} mm in all{cause}{corrected}"
-        return Decision(DecisionKind.MEND, why, gaps, factor)
+        why = f"{', '.join(found)}{corrected}"
+        return Decision(DecisionKind.MEND, why, gaps, factor, thin=thin)
 
     def _believed(self, evidence: Evidence) -> tuple[Gap, ...]:
         return confirmed_gaps(evidence.gaps, evidence.places, evidence.second, self.limits.gap)

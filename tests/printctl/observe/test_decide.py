@@ -13,6 +13,7 @@ from printctl.observe.deciding import (
     SupplyState,
 )
 from printctl.observe.deciding.decide import Narrowed
+from printctl.observe.deciding.thin import Thin
 from registration.layer_images.values import Gap
 
 FLOWING = InkSupply(SupplyState.FLOWING, 0.0, None, 0)
@@ -48,6 +49,15 @@ def test_thin_lines_are_corrected():
     found = decided(flow=flow(0.8))
     assert found.kind is DecisionKind.FLOW
     assert found.factor == pytest.approx(1.25, abs=0.02)
+
+
+def test_thin_lines_are_filled_up_and_the_flow_corrected():
+    thin = (Thin(3, 0.0, 7.0, 0.3),)
+    found = decided(thin=thin, flow=flow(0.7))
+    assert (found.kind, found.thin, found.gaps) == (DecisionKind.MEND, thin, ())
+    assert found.factor == pytest.approx(1.43, abs=0.03)
+    assert "7.00 mm of thin lines" in found.why
+    assert decided("ask", thin=thin).ask is DecisionKind.MEND
 
 
 def test_a_clog_pauses_and_keeps_what_is_missing():

@@ -30,7 +30,7 @@ def seen(lines, ratio, stations=40, noise=0.04):
     each = np.ones(lines)
     ink = ExpectedInk(
         (), none, none, each * WIDTH, each * HEIGHT, each * wanted, np.arange(lines),
-        np.arange(lines), 0.35 * (np.arange(lines) + 0.5), each, "layered",
+        np.arange(lines), 0.35 * (np.arange(lines) + 0.5), each, "layered", each < 0,
     )  # fmt: skip
     return _flow(found, ink, row, 0.01, section)
 

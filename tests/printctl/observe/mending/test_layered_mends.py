@@ -173,6 +173,7 @@ def test_a_thin_stretch_is_filled_up_where_the_line_stands_as_high_as_its_layer(
     assert check_mend(held, mend.lines, [gap]).passed
     lumen = tube([102.0, 100.0 - 0.35, 0], [102.0, 100.0 - 0.35, 20], 0.3)
     beside = plan_mend(held, [replace(gap, from_mm=0.1)], lumen)
+    assert beside.left
     assert all("lumen" in one.reason for one in beside.left)
 
 
