@@ -26,7 +26,8 @@ import cv2
 import numpy as np
 import yaml
 
-from benchmarks.checkers.line_dice import dice, painted
+from benchmarks.checkers.channel_conductance import channels
+from benchmarks.checkers.line_dice import PIXEL_MM, BoolArray, FloatArray, dice, painted
 from benchmarks.machine import machine, row
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.link.care import Care
@@ -56,6 +57,12 @@ CORNER = np.array([100.0, 100.0])
 Z0 = 1.0
 
 
+def places(layer: int) -> list[float]:
+    """Where a layer's lines lie, across them, mm; none lies along the one below it."""
+    aside = PITCH_MM / 2 * (layer // 2 % 2)
+    return list(np.arange(aside, SIZE_MM + 1e-9, PITCH_MM))
+
+
 def job_text() -> bytes:
     """G-code of layers of spaced lines, each a stroke; every other layer across."""
     syringe, ink = load(Syringe, SYRINGE), load(Ink, INK)
@@ -66,8 +73,7 @@ def job_text() -> bytes:
     e = 0.0
     for layer in range(LAYERS):
         z = Z0 + layer * LAYER_MM
-        aside = PITCH_MM / 2 * (layer // 2 % 2)  # no line lies along the one below it
-        for k, off in enumerate(np.arange(aside, SIZE_MM + 1e-9, PITCH_MM)):
+        for k, off in enumerate(places(layer)):
             a, b = np.array([0.0, off]), np.array([SIZE_MM, off])
             if layer % 2:
                 a, b = a[::-1], b[::-1]
@@ -258,22 +264,47 @@ def observed(folder: Path, faults: InkFaults, camera: Path, path: Path, every: s
     return world
 
 
+def _pictures(ink: Laid) -> list[BoolArray]:
+    """Each layer's lines from above."""
+    low, high = CORNER - 1.0, CORNER + SIZE_MM + 1.0
+    box, lines, found = (low[0], low[1], high[0], high[1]), ink.strands, []
+    for layer in range(LAYERS):
+        own = np.abs(lines.end[:, 2] - Z0 - layer * LAYER_MM) < LAYER_MM / 2
+        width = lines.area_mm2[own] / LAYER_MM + (1 - np.pi / 4) * LAYER_MM
+        width = np.where(lines.area_mm2[own] > 1e-5, width, 0.0)
+        found.append(painted(lines.start[own, :2], lines.end[own, :2], width, box))
+    return found
+
+
 def fidelity(real: Laid, design: Laid) -> float:
     """Dice of lines over all layers."""
-    low, high = CORNER - 1.0, CORNER + SIZE_MM + 1.0
-    box = (low[0], low[1], high[0], high[1])
-    shares, weights = [], []
-    for layer in range(LAYERS):
-        pictures = []
-        for one in (real, design):
-            own = np.abs(one.strands.end[:, 2] - Z0 - layer * LAYER_MM) < LAYER_MM / 2
-            lines = one.strands
-            width = lines.area_mm2[own] / LAYER_MM + (1 - np.pi / 4) * LAYER_MM
-            width = np.where(lines.area_mm2[own] > 1e-5, width, 0.0)
-            pictures.append(painted(lines.start[own, :2], lines.end[own, :2], width, box))
-        weights.append(np.count_nonzero(pictures[1]))
-        shares.append(dice(*pictures))
-    return float(np.average(shares, weights=weights))
+    pairs = list(zip(_pictures(real), _pictures(design), strict=True))
+    return float(
+        np.average([dice(*pair) for pair in pairs], weights=[pair[1].sum() for pair in pairs])
+    )
+
+
+def lumens(ink: Laid) -> FloatArray:
+    """Conductance of the channel between each two neighbouring lines, in all layers."""
+    found = []
+    begin = round((1.0 + WIDTH_MM) / PIXEL_MM)
+    columns = slice(begin, begin + round((SIZE_MM - 2 * WIDTH_MM) / PIXEL_MM))
+    for layer, picture in enumerate(_pictures(ink)):
+        lines = 1.0 + np.array(places(layer))
+        rows = np.round((lines[:-1] + lines[1:]) / 2 / PIXEL_MM).astype(int)
+        seen = picture.T if layer % 2 else picture
+        found.append(channels(seen, rows.tolist(), columns, LAYER_MM, PIXEL_MM))
+    return np.concatenate(found)
+
+
+def _near(ratios: list[FloatArray]) -> float:
+    """Lumens whose conductance is within 10 % of the design's, %."""
+    return round(100 * float(np.mean(np.abs(np.concatenate(ratios) - 1) <= 0.1)), 1)
+
+
+def _whole(ratios: list[FloatArray]) -> float:
+    """Prints of which the mean conductance is within 10 % of the design's, %."""
+    return round(100 * float(np.mean([abs(one.mean() - 1) <= 0.1 for one in ratios])), 1)
 
 
 def main() -> None:
@@ -285,6 +316,7 @@ def main() -> None:
     parser.add_argument("--verbose", action="store_true")
     said = parser.parse_args()
     rng = np.random.default_rng(said.seed)
+    free_without, free_with = list[FloatArray](), list[FloatArray]()
     without, with_it, seconds, sound_wrong, sound_looks = [], [], [], 0, 0
     for k in range(said.prints):
         with tempfile.TemporaryDirectory() as place:
@@ -302,6 +334,9 @@ def main() -> None:
             if faults.each:
                 without.append(pair[0])
                 with_it.append(pair[1])
+                open_mm = lumens(design)
+                free_without.append(lumens(plain.lies()) / open_mm)
+                free_with.append(lumens(world.lies()) / open_mm)
             else:
                 sound_looks += world.looks
                 sound_wrong += len(world.job.inserts) + sum(
@@ -318,6 +353,10 @@ def main() -> None:
         row("Dice of lines with it, mean", round(float(np.mean(with_it)), 4), "", ">= 0.98",
             float(np.mean(with_it)) >= 0.98),
         row("least with it", round(float(np.min(with_it)), 4), ""),
+        row("lumens within 10 % of design's conductance, without", _near(free_without), "%"),
+        row("with it", _near(free_with), "%", "100", _near(free_with) == 100),
+        row("prints whose lumens together are, without", _whole(free_without), "%"),
+        row("with it", _whole(free_with), "%", "100", _whole(free_with) == 100),
         row("prints below 0.97 without it", int(faulty.sum()), f"of {len(without)}"),
         row("decisions but go_on in sound prints", sound_wrong,
             f"of {sound_looks} looks", "0", sound_wrong == 0),
