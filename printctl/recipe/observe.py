@@ -104,7 +104,7 @@ class ObservePart(Part):
         json_schema_extra=FILE,
     )
     every: Annotated[str, AfterValidator(_known_interval)] = Field(
-        default="layer",
+        default="60 s written",
         description="Where a layer or vessel ends; or at the first such end behind a height "
         "gained (0.5 mm) or a time by the clock (10 min); or also within layers, where a line "
         "ends, behind so much writing: 40 mm written, 10 s written.",

@@ -81,3 +81,10 @@ def test_a_real_printer_needs_a_real_device():
 
 def test_a_simulated_one_is_observed_by_its_twin():
     refuse_unobservable(recipe({"device": "oct"}), load(Printer, "generic_marlin"))
+
+
+def test_by_default_each_layer_or_vessel_is_looked_at_and_long_ones_within():
+    part = recipe({"device": "camera"}).observe
+    layered, bath = look_care(part, embedded=False), look_care(part, embedded=True)
+    assert (layered["look_after"], bath["look_after"]) == (MarkKind.LAYER, MarkKind.VESSEL)
+    assert layered["look_every_written_s"] == 60.0
