@@ -2,9 +2,10 @@
 
 ``python -m benchmarks.observe_prints --prints 10``. Small layered prints of spaced lines, by a
 writer of its own, are run through dry run, ink faults and simulated camera; the product's observer
-looks by ``--every`` and mends in its own right (``mend``). Everything but link and pipes is the
-product's: its marks, journal, pictures, judgement, decisions and inserts. What lies there in the
-end is painted and compared by `checkers.line_dice`, which shares no code with it.
+looks by ``--every`` (by default behind each three lines of 7 mm, and each layer) and mends in its
+own right (``mend``). Everything but link and pipes is the product's: its marks, journal, pictures,
+judgement, decisions and inserts. What lies there in the end is painted and compared by
+`checkers.line_dice`, which shares no code with it.
 
 Where a look pauses the print for a clogged needle, the simulated operator clears it and approves.
 
@@ -52,7 +53,7 @@ from sim.faults.ink_faults import Bubble, Clog, Drift, InkFault, InkFaults, Lost
 
 PRINTER, SYRINGE, INK, NEEDLE = "generic_marlin", "hamilton_1ml", "collagen_fresh", "fresh_150um"
 SIZE_MM, PITCH_MM, WIDTH_MM, LAYER_MM, LAYERS = 7.0, 0.7, 0.25, 0.1, 4
-EVERY = "layer"
+EVERY = "20 mm written"
 CORNER = np.array([100.0, 100.0])
 Z0 = 1.0
 
@@ -63,7 +64,7 @@ def places(layer: int) -> list[float]:
     return list(np.arange(aside, SIZE_MM + 1e-9, PITCH_MM))
 
 
-def job_text() -> bytes:
+def job_text(speed_mm_s: float = 20.0) -> bytes:
     """G-code of layers of spaced lines, each a stroke; every other layer across."""
     syringe, ink = load(Syringe, SYRINGE), load(Ink, INK)
     area = (WIDTH_MM - LAYER_MM) * LAYER_MM + np.pi / 4 * LAYER_MM**2
@@ -83,7 +84,7 @@ def job_text() -> bytes:
             lines += [f"G0 X{ax:.3f} Y{ay:.3f} F2400", f"G0 Z{z:.3f} F300"]
             lines.append(f"G1 E{e:.5f} F2")
             e += SIZE_MM * per_mm
-            lines.append(f"G1 X{bx:.3f} Y{by:.3f} E{e:.5f} F1200")
+            lines.append(f"G1 X{bx:.3f} Y{by:.3f} E{e:.5f} F{60 * speed_mm_s:g}")
             lines += [f"G1 E{e - relief:.5f} F2", f"G0 Z{z + 0.5:.3f} F300"]
         lines.append(f";LAYER_END:{layer}")
     lines += [f"G0 Z{Z0 + 5:.2f} F300", "G0 X110 Y110 F2400"]
