@@ -1,9 +1,9 @@
 """Hydraulic conductance of open channels between painted lines, by their free width.
 
 A channel is flat between two layers' heights and bounded by ink to both sides. Per cross-section
-its conductance over the viscosity is that of a duct, g = (1 - 0.63 b/a) a b^3 / 12 with a the longer,
-b the shorter side (Bruus, Theoretical Microfluidics, 2008, section 3.4.6); sections are in series.
-Shares no code with the product.
+its conductance over the viscosity is that of a duct with sides a > b, g = (1 - 0.63 b/a) a b^3 / 12
+(Bruus, Theoretical Microfluidics, 2008, section 3.4.6); sections are in series. Shares no code with
+the product.
 """
 
 from __future__ import annotations

@@ -33,6 +33,8 @@ _LEAST_BLOCKS: Final = 4
 """Readings of a short look: one alone would count as an outlier."""
 _BLOCK_STATIONS: Final = 6
 """Fewest in a reading; neighbours share noise."""
+_SHARED: Final = 0.1
+"""Share of the places that are so sure: what all share is in the doubt of each of them."""
 _BELOW: Final = 3
 """Levels below the judged one that may show through."""
 _LEVEL_MM: Final = 1e-3
@@ -239,6 +241,8 @@ def _flow(
         return np.asarray(np.bincount(block, values) / count)
 
     scatter = np.sqrt(np.bincount(block, slope**2)) / count
+    # Lines of one look differ where the flow changes: that is no doubt that all of them share.
+    u_common = min(u_common, float(np.quantile(u / stations.expected_mm[told], _SHARED)))
     common = u_common * np.abs(slope / np.maximum(u, 1e-12) * stations.expected_mm[told]) / ratio
     known = float(np.nan_to_num(common.mean(), nan=0.0, posinf=0.0))
     means = mean(ratio)
