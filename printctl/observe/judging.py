@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -20,6 +19,7 @@ from printctl.observe.deciding import (
 from printctl.observe.deciding.decide import Narrowed
 from printctl.observe.deciding.thin import Thin, seen_twice
 from printctl.observe.expected import ExpectedInk
+from printctl.observe.mends_again import LayerInk, gaps_of_job, without_mends
 from printctl.observe.thin_lines import thin_lines
 from registration.layer_images import ExpectedLines, LayerFindings, Stations, Unseen
 
@@ -40,22 +40,6 @@ _BELOW: Final = 3
 _LEVEL_MM: Final = 1e-3
 _ABSENT: Final = 0.5
 _TAPER: Final = 2
-
-
-@dataclass(frozen=True)
-class LayerInk:
-    """Ink that a look is about.
-
-    Attributes
-    ----------
-    lines : ExpectedLines
-        The judged ones and those below.
-    row : (n,) int64
-        Of the expected ink, of each.
-    """
-
-    lines: ExpectedLines
-    row: IntArray
 
 
 def ink_to_judge(ink: ExpectedInk, first: int, last: int) -> LayerInk:
@@ -107,17 +91,17 @@ def evidence_of(
     left_ul : float or None, µL
         What the plunger still had.
     """
-    stations = found.stations
+    stations = without_mends(found.stations)
     row = layer.row[stations.piece]
     supply = _supply(stations, ink, row, least_gap_mm, left_ul)
-    thin = _thin(found, ink, row, section)
+    thin = _thin(found, ink, layer, section)
     if again is not None:
-        thin = seen_twice(thin, _thin(again, ink, layer.row[again.stations.piece], section))
+        thin = seen_twice(thin, _thin(again, ink, layer, section))
     shift, u = _shift(found)
     return Evidence(
         places=found.places,
-        gaps=found.gaps,
-        second=None if again is None else again.gaps,
+        gaps=gaps_of_job(found.gaps, layer.mended),
+        second=None if again is None else gaps_of_job(again.gaps, layer.mended),
         supply=supply,
         flow=_flow(stations, ink, row, found.u_width_ratio, section),
         seen_share=found.seen_share,
@@ -166,16 +150,16 @@ def _number(value: float) -> float | None:
 
 
 def _thin(
-    found: LayerFindings, ink: ExpectedInk, row: IntArray, section: BeadSection
+    found: LayerFindings, ink: ExpectedInk, layer: LayerInk, section: BeadSection
 ) -> tuple[Thin, ...]:
     """Thin lines of a layer; in a bath nothing can be written over a filament."""
     if ink.style == "embedded" or not found.stretches:
         return ()
-    stations = found.stations
-    told = _tells_width(stations)
+    stations = without_mends(found.stations)
+    row, told = layer.row[stations.piece], _tells_width(stations)
     ratio = np.full(len(row), np.nan)
     ratio[told] = _area_ratio(stations.width_mm[told], ink, row[told], section)
-    return thin_lines(found.stretches, stations, told, ratio)
+    return thin_lines(found.stretches, stations, told, ratio)  # of mends there are no stations
 
 
 def _level(layer: LayerInk, ink: ExpectedInk) -> float | None:

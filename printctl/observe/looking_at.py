@@ -21,7 +21,6 @@ from printctl.link.record import JOURNAL
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.expected import ExpectedInk, expected_ink
 from printctl.observe.judging import (
-    LayerInk,
     evidence_of,
     figures,
     ink_to_judge,
@@ -30,6 +29,7 @@ from printctl.observe.judging import (
 from printctl.observe.lumen_areas import lumens_at
 from printctl.observe.mending import HeldPrint, Voids, checked_mend
 from printctl.observe.mending.gap import Gap as MendGap
+from printctl.observe.mends_again import MOST_TRIES, LayerInk, Mended, tries_of, with_mends
 from printctl.observe.observer import Judged, Look
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import DRAWN
@@ -65,6 +65,8 @@ class _Held:
     lumens : tuple of Lumen
     found : dict
         Findings of the pictures judged so far.
+    mended : tuple of Mended
+        Gaps that are written again from here.
     """
 
     look: int
@@ -74,6 +76,7 @@ class _Held:
     layer: LayerInk
     lumens: tuple[Lumen, ...]
     found: dict[Path, LayerFindings] = field(default_factory=dict)
+    mended: tuple[Mended, ...] = ()
 
 
 @dataclass
@@ -123,6 +126,8 @@ class ObservedJob:
             )
             ink = expected_ink(held, job)
             layer = ink_to_judge(ink, look.before, look.done)
+            if ink.style == "layered" and self._last is not None:
+                layer = with_mends(layer, ink, self._last.mended)
             self._last = _Held(look.number, held, job.flow, ink, layer, self._lumens(ink, look))
         return self._last
 
@@ -220,7 +225,19 @@ class ObservedJob:
         voids = None
         if self.network is not None:
             voids = Voids.of_network(self.network, np.zeros(3))
-        mend, _ = checked_mend(at.held, _to_mend(gaps, thin, at, flow), voids)
+        wanted = _to_mend(gaps, thin, at, flow)
+        wanted = [one for one in wanted if tries_of(one, at.layer.mended) < MOST_TRIES]
+        mend, _ = checked_mend(at.held, wanted, voids)
+        at.mended = tuple(
+            Mended(
+                one.gap.path,
+                one.gap.from_mm,
+                one.gap.to_mm,
+                tries_of(one.gap, at.layer.mended) + 1,
+            )
+            for one in mend.patches
+            if one.gap.whole
+        )
         for said in mend.sentences():
             log.info("look %d: %s", look.number, said)
         return [line.decode("ascii") for line in mend.lines]
