@@ -2,9 +2,12 @@
 
 ``python -m benchmarks.observe_prints --prints 10``. Small layered prints of spaced lines, by a
 writer of its own, are run through dry run, ink faults and simulated camera; the product's observer
-looks after each layer and mends in its own right (``mend``). Everything but link and pipes is the
-product's: its journal, pictures, judgement, decisions and inserts. What lies there in the end is
-painted and compared by `checkers.line_dice`, which shares no code with it.
+looks by ``--every`` (by default behind each three lines of 7 mm, and each layer) and mends in its
+own right (``mend``). Everything but link and pipes is the product's: its marks, journal, pictures,
+judgement, decisions and inserts. What lies there in the end is painted and compared by
+`checkers.line_dice`, which shares no code with it.
+
+Where a look pauses the print for a clogged needle, the simulated operator clears it and approves.
 
 Clock: none; CPU seconds of a look are told.
 """
@@ -16,7 +19,7 @@ import json
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,33 +27,44 @@ import cv2
 import numpy as np
 import yaml
 
-from benchmarks.checkers.line_dice import dice, painted
+from benchmarks.checkers.channel_conductance import channels
+from benchmarks.checkers.line_dice import PIXEL_MM, BoolArray, FloatArray, dice, painted
 from benchmarks.machine import machine, row
 from firmware_profiles import Ink, Printer, Syringe, load
+from printctl.link.care import Care
 from printctl.link.inserts import Insert
 from printctl.link.job import Job, load_job
 from printctl.link.journal import Journal
-from printctl.link.marks import MarkKind
 from printctl.link.record import JOURNAL
+from printctl.link.watch import DueTask, Watch
 from printctl.observe.deciding import Decider, FlowControl, Limits
 from printctl.observe.devices import DeviceSettings
 from printctl.observe.looking_at import ObservedJob
 from printctl.observe.observer import Look, Observer
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import answer_look, read_looks
+from printctl.pipeline.observing import look_care
+from printctl.recipe.observe import ObservePart
 from sim.camera.camera_file import load_camera
 from sim.camera.paint import paint
 from sim.deposit.laid import Laid, laid
 from sim.dry_run.run import dry_run
-from sim.faults.ink_faults import Bubble, Clog, Drift, InkFaults, Lost
+from sim.faults.ink_faults import Bubble, Clog, Drift, InkFault, InkFaults, Lost
 
 PRINTER, SYRINGE, INK, NEEDLE = "generic_marlin", "hamilton_1ml", "collagen_fresh", "fresh_150um"
 SIZE_MM, PITCH_MM, WIDTH_MM, LAYER_MM, LAYERS = 7.0, 0.7, 0.25, 0.1, 4
+EVERY = "20 mm written"
 CORNER = np.array([100.0, 100.0])
 Z0 = 1.0
 
 
-def job_text() -> bytes:
+def places(layer: int) -> list[float]:
+    """Where a layer's lines lie, across them, mm; none lies along the one below it."""
+    aside = PITCH_MM / 2 * (layer // 2 % 2)
+    return list(np.arange(aside, SIZE_MM + 1e-9, PITCH_MM))
+
+
+def job_text(speed_mm_s: float = 20.0) -> bytes:
     """G-code of layers of spaced lines, each a stroke; every other layer across."""
     syringe, ink = load(Syringe, SYRINGE), load(Ink, INK)
     area = (WIDTH_MM - LAYER_MM) * LAYER_MM + np.pi / 4 * LAYER_MM**2
@@ -60,8 +74,7 @@ def job_text() -> bytes:
     e = 0.0
     for layer in range(LAYERS):
         z = Z0 + layer * LAYER_MM
-        aside = PITCH_MM / 2 * (layer // 2 % 2)  # no line lies along the one below it
-        for k, off in enumerate(np.arange(aside, SIZE_MM + 1e-9, PITCH_MM)):
+        for k, off in enumerate(places(layer)):
             a, b = np.array([0.0, off]), np.array([SIZE_MM, off])
             if layer % 2:
                 a, b = a[::-1], b[::-1]
@@ -71,7 +84,7 @@ def job_text() -> bytes:
             lines += [f"G0 X{ax:.3f} Y{ay:.3f} F2400", f"G0 Z{z:.3f} F300"]
             lines.append(f"G1 E{e:.5f} F2")
             e += SIZE_MM * per_mm
-            lines.append(f"G1 X{bx:.3f} Y{by:.3f} E{e:.5f} F1200")
+            lines.append(f"G1 X{bx:.3f} Y{by:.3f} E{e:.5f} F{60 * speed_mm_s:g}")
             lines += [f"G1 E{e - relief:.5f} F2", f"G0 Z{z + 0.5:.3f} F300"]
         lines.append(f";LAYER_END:{layer}")
     lines += [f"G0 Z{Z0 + 5:.2f} F300", "G0 X110 Y110 F2400"]
@@ -79,14 +92,21 @@ def job_text() -> bytes:
 
 
 def random_faults(rng: np.random.Generator) -> InkFaults:
-    """Return one to three faults: clogs that pass, drift of ± 30 %, lost lines, bubbles."""
+    """Return one to three faults: clogs, drift of ± 30 %, lost lines, bubbles.
+
+    Half of the clogs pass by themselves, the others stay until somebody clears the needle.
+    """
     way = SIZE_MM * (SIZE_MM / PITCH_MM + 1) * LAYERS
 
     def where() -> float:
         return float(rng.uniform(0, 0.95 * way))
 
     kinds = {
-        "clog": lambda: Clog(fault="clog", written_mm=where(), lasts_mm=rng.uniform(2, 25)),
+        "clog": lambda: Clog(
+            fault="clog",
+            written_mm=where(),
+            lasts_mm=float(rng.uniform(2, 25)) if rng.random() < 0.5 else None,
+        ),
         "drift": lambda: Drift(
             fault="drift", written_mm=where() / 3, factor=float(rng.choice([0.7, 1.3]))
         ),
@@ -146,6 +166,8 @@ class World:
     job: Job
     faults: InkFaults
     done: int = 0
+    watch: Watch | None = None
+    looks: int = 0
     decisions: list[str] = field(default_factory=list)
 
     def lies(self, done: int | None = None, faults: InkFaults | None = None) -> Laid:
@@ -173,12 +195,23 @@ class World:
         journal.add("insert", **insert.to_record(), reload_at=[], reload_heads=[])
         journal.close()
         self.job = self.job.grown(insert)
+        if self.watch is not None:
+            self.watch.grow(self.job.marks, self.done, len(lines))
 
     def look_done(self, look: int, decision: str, why: str) -> None:
         """Note the decision; where it asks, the operator clears the needle and approves."""
         self.decisions.append(f"{decision}: {why}")
         if read_looks(self.folder)[-1].asked:
+            self.clear_needle()
             answer_look(self.folder, look, "approve")
+
+    def clear_needle(self) -> None:
+        """End clogs that have begun: the operator's part of an approved pause."""
+        lines = self.lies(self.done, InkFaults()).strands
+        so_far = float(np.linalg.norm(lines.end - lines.start, axis=1).sum())
+        self.faults = replace(
+            self.faults, each=tuple(_cleared(one, so_far) for one in self.faults.each)
+        )
 
     def resume(self) -> None:
         """Go on: nobody pauses here."""
@@ -187,8 +220,16 @@ class World:
         """End: nobody stops here."""
 
 
-def observed(folder: Path, faults: InkFaults, camera: Path, path: Path) -> World:
-    """Print with an observer that looks after each layer."""
+def _cleared(fault: InkFault, written_mm: float) -> InkFault:
+    """Return a fault as it is once the needle was cleared behind so much written way."""
+    if not isinstance(fault, Clog) or not (fault.written_mm or 0.0) < written_mm:
+        return fault
+    lasted = written_mm - (fault.written_mm or 0.0)
+    return fault.model_copy(update={"lasts_mm": min(fault.lasts_mm or lasted, lasted)})
+
+
+def observed(folder: Path, faults: InkFaults, camera: Path, path: Path, every: str) -> World:
+    """Print with an observer that looks where the link would hold the print."""
     world = World(folder, load_job(path, load(Printer, PRINTER)), faults)
     Journal(folder / JOURNAL).close()
     seen = load_camera(camera)
@@ -210,30 +251,61 @@ def observed(folder: Path, faults: InkFaults, camera: Path, path: Path) -> World
     before = 0
     decider = Decider(order.limits, FlowControl(order.limits.flow))
     observer = Observer(folder, world, acquire, job.judge, job.mend_lines, decider, lambda _: True)
-    for number in range(1, LAYERS + 1):
-        mark = world.job.marks.of(MarkKind.LAYER)[number - 1]
-        world.done = mark.index
-        observer.look(Look(number, mark.index, mark.index, before, str(mark)))
-        before = mark.index
+    part = ObservePart(device="camera", every=every)
+    watch = Watch(world.job.marks, Care(None, **look_care(part, embedded=False)), world.job.lines)
+    world.watch, number = watch, 0
+    while (stop := watch.next_stop(0.0, world.done, True, len(world.job))) < len(world.job):
+        world.done = stop
+        if watch.due(0.0, stop) is DueTask.LOOK:
+            number += 1
+            observer.look(Look(number, stop, stop, before, f"line {stop}"))
+            watch.looked(0.0, stop)
+            before = stop
+    world.looks = number
     return world
+
+
+def _pictures(ink: Laid) -> list[BoolArray]:
+    """Each layer's lines from above."""
+    low, high = CORNER - 1.0, CORNER + SIZE_MM + 1.0
+    box, lines, found = (low[0], low[1], high[0], high[1]), ink.strands, []
+    for layer in range(LAYERS):
+        own = np.abs(lines.end[:, 2] - Z0 - layer * LAYER_MM) < LAYER_MM / 2
+        width = lines.area_mm2[own] / LAYER_MM + (1 - np.pi / 4) * LAYER_MM
+        width = np.where(lines.area_mm2[own] > 1e-5, width, 0.0)
+        found.append(painted(lines.start[own, :2], lines.end[own, :2], width, box))
+    return found
 
 
 def fidelity(real: Laid, design: Laid) -> float:
     """Dice of lines over all layers."""
-    low, high = CORNER - 1.0, CORNER + SIZE_MM + 1.0
-    box = (low[0], low[1], high[0], high[1])
-    shares, weights = [], []
-    for layer in range(LAYERS):
-        pictures = []
-        for one in (real, design):
-            own = np.abs(one.strands.end[:, 2] - Z0 - layer * LAYER_MM) < LAYER_MM / 2
-            lines = one.strands
-            width = lines.area_mm2[own] / LAYER_MM + (1 - np.pi / 4) * LAYER_MM
-            width = np.where(lines.area_mm2[own] > 1e-5, width, 0.0)
-            pictures.append(painted(lines.start[own, :2], lines.end[own, :2], width, box))
-        weights.append(np.count_nonzero(pictures[1]))
-        shares.append(dice(*pictures))
-    return float(np.average(shares, weights=weights))
+    pairs = list(zip(_pictures(real), _pictures(design), strict=True))
+    return float(
+        np.average([dice(*pair) for pair in pairs], weights=[pair[1].sum() for pair in pairs])
+    )
+
+
+def lumens(ink: Laid) -> FloatArray:
+    """Conductance of the channel between each two neighbouring lines, in all layers."""
+    found = []
+    begin = round((1.0 + WIDTH_MM) / PIXEL_MM)
+    columns = slice(begin, begin + round((SIZE_MM - 2 * WIDTH_MM) / PIXEL_MM))
+    for layer, picture in enumerate(_pictures(ink)):
+        lines = 1.0 + np.array(places(layer))
+        rows = np.round((lines[:-1] + lines[1:]) / 2 / PIXEL_MM).astype(int)
+        seen = picture.T if layer % 2 else picture
+        found.append(channels(seen, rows.tolist(), columns, LAYER_MM, PIXEL_MM))
+    return np.concatenate(found)
+
+
+def _near(ratios: list[FloatArray]) -> float:
+    """Lumens whose conductance is within 10 % of the design's, %."""
+    return round(100 * float(np.mean(np.abs(np.concatenate(ratios) - 1) <= 0.1)), 1)
+
+
+def _whole(ratios: list[FloatArray]) -> float:
+    """Prints of which the mean conductance is within 10 % of the design's, %."""
+    return round(100 * float(np.mean([abs(one.mean() - 1) <= 0.1 for one in ratios])), 1)
 
 
 def main() -> None:
@@ -241,10 +313,12 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--prints", type=int, default=10)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--every", default=EVERY)
     parser.add_argument("--verbose", action="store_true")
     said = parser.parse_args()
     rng = np.random.default_rng(said.seed)
-    without, with_it, seconds, sound_wrong = [], [], [], 0
+    free_without, free_with = list[FloatArray](), list[FloatArray]()
+    without, with_it, seconds, sound_wrong, sound_looks = [], [], [], 0, 0
     for k in range(said.prints):
         with tempfile.TemporaryDirectory() as place:
             folder = Path(place)
@@ -255,13 +329,17 @@ def main() -> None:
             plain = World(folder, load_job(path, load(Printer, PRINTER)), faults)
             design = plain.lies(faults=InkFaults())
             begun = time.process_time()
-            world = observed(folder, faults, camera, path)
-            seconds.append((time.process_time() - begun) / LAYERS)
+            world = observed(folder, faults, camera, path, said.every)
+            seconds.append((time.process_time() - begun) / world.looks)
             pair = fidelity(plain.lies(), design), fidelity(world.lies(), design)
             if faults.each:
                 without.append(pair[0])
                 with_it.append(pair[1])
+                open_mm = lumens(design)
+                free_without.append(lumens(plain.lies()) / open_mm)
+                free_with.append(lumens(world.lies()) / open_mm)
             else:
+                sound_looks += world.looks
                 sound_wrong += len(world.job.inserts) + sum(
                     not one.startswith("go_on") for one in world.decisions
                 )
@@ -276,9 +354,13 @@ def main() -> None:
         row("Dice of lines with it, mean", round(float(np.mean(with_it)), 4), "", ">= 0.98",
             float(np.mean(with_it)) >= 0.98),
         row("least with it", round(float(np.min(with_it)), 4), ""),
+        row("lumens within 10 % of design's conductance, without", _near(free_without), "%"),
+        row("with it", _near(free_with), "%", "100", _near(free_with) == 100),
+        row("prints whose lumens together are, without", _whole(free_without), "%"),
+        row("with it", _whole(free_with), "%", "100", _whole(free_with) == 100),
         row("prints below 0.97 without it", int(faulty.sum()), f"of {len(without)}"),
-        row("decisions but go_on in sound layers", sound_wrong,
-            f"of {LAYERS * (said.prints - len(without))}", "0", sound_wrong == 0),
+        row("decisions but go_on in sound prints", sound_wrong,
+            f"of {sound_looks} looks", "0", sound_wrong == 0),
         row("CPU s per look, painting included", round(float(np.median(seconds)), 2), "s"),
     ]  # fmt: skip
     print(json.dumps({"machine": machine(), "rows": rows}, indent=1))

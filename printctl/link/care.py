@@ -52,7 +52,12 @@ class Care:
     look_after : MarkKind or None
         The print is held for a look (`printctl.link.looks`) where each layer or vessel ends.
     look_every_mm : float, mm
-        Also at the first mark of any kind behind so much written way since the last look; 0 for no.
+        Also behind so much written way since the last look, at the first mark of any kind or, in
+        layers, end of a line; 0 for no.
+    look_every_written_s : float, s
+        The same behind so much time of writing.
+    look_every_height_mm : float, mm
+        Also at the first mark where the part has become so much higher since the last look.
     look_every_s : float, s
         Also at the first mark of any kind so long after the last look; 0 for no.
     look_limit_s : float, s
@@ -84,6 +89,8 @@ class Care:
     start_mm: tuple[float, float, float] | None = None
     look_after: MarkKind | None = None
     look_every_mm: float = 0.0
+    look_every_written_s: float = 0.0
+    look_every_height_mm: float = 0.0
     look_every_s: float = 0.0
     look_limit_s: float = 120.0
     look_park_mm: tuple[float, float, float] | None = None
@@ -91,7 +98,13 @@ class Care:
     def __post_init__(self) -> None:
         if self.look_after not in _LOOK_KINDS:
             raise Refused(f"looks can't be made after each {self.look_after}: layer or vessel")
-        for what, value in (("mm", self.look_every_mm), ("s", self.look_every_s)):
+        intervals = {
+            "mm": self.look_every_mm,
+            "s of writing": self.look_every_written_s,
+            "mm of height": self.look_every_height_mm,
+            "s": self.look_every_s,
+        }
+        for what, value in intervals.items():
             if not 0 <= value < math.inf:
                 raise Refused(f"a look every {value!r} {what} is no length of 0 or more")
         if not 0 < self.look_limit_s < math.inf:
@@ -106,7 +119,13 @@ class Care:
     @property
     def looks(self) -> bool:
         """Whether the print is held for looks at all."""
-        return bool(self.look_after or self.look_every_mm or self.look_every_s)
+        return bool(self.look_after or self.looks_by_writing or self.look_every_s)
+
+    @property
+    def looks_by_writing(self) -> bool:
+        """Whether looks are due by what was written since the last one."""
+        every = (self.look_every_mm, self.look_every_written_s, self.look_every_height_mm)
+        return any(one > 0 for one in every)
 
     def of_head(self, number: int | None) -> tuple[str, float]:
         """Syringe and capacity of a head; of the only one for None."""

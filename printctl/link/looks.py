@@ -120,7 +120,7 @@ class Looks:
     def _place(self, done: int) -> tuple[str, int]:
         """What ended there, in words, and the layer that ended last."""
         marks = self.channel.logbook.progress.job.marks
-        here = ", ".join(str(mark) for mark in marks.here(done)) or f"line {done}"
+        here = ", ".join(str(mark) for mark in marks.here(done)) or "end of a line within a layer"
         layer = marks.last(MarkKind.LAYER, done)
         return here, -1 if layer is None else layer.number
 

@@ -97,7 +97,8 @@ class PrintParts:
 def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
     """Return the parts of a print, each given those that it uses."""
     progress, queue = JobProgress(wiring, job), RequestQueue()
-    watch, change = Watch(job.marks, care, job.lines), SyringeChange(wiring, progress)
+    watch = Watch(job.marks, care, job.lines, job.positions)
+    change = SyringeChange(wiring, progress)
     book = LookBook()
     watched = [Gauge(one) for one in wiring.printer.watch]
     details = PrintDetails(wiring.clock, watched, watch, change, book)

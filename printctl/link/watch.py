@@ -9,9 +9,9 @@ from enum import Enum, auto
 from typing import Final
 
 from printctl.link.care import Care
-from printctl.link.inserts import behind
+from printctl.link.inserts import Position, behind
+from printctl.link.look_places import LookPlaces, Written, look_places
 from printctl.link.marks import Mark, MarkKind, Marks
-from printctl.link.written_way import written_mm
 
 _AHEAD: Final = 2
 """Most lines in flight: a mark nearer than that may be passed before it is looked at."""
@@ -36,7 +36,9 @@ class Watch:
     marks : Marks
     care : Care
     lines : sequence of bytes
-        The job's, needed where a look is due by the written way.
+        The (grown) job's, needed where a look is due by what was written.
+    inserts : sequence of (after, count)
+        Which of them were put in.
 
     Attributes
     ----------
@@ -48,17 +50,24 @@ class Watch:
         As in `Care`.
     """
 
-    def __init__(self, marks: Marks, care: Care, lines: Sequence[bytes] = ()) -> None:
+    def __init__(
+        self,
+        marks: Marks,
+        care: Care,
+        lines: Sequence[bytes] = (),
+        inserts: Sequence[Position] = (),
+    ) -> None:
         self.marks, self.care = marks, care
         self.after: MarkKind | None = None
         self.confirmed = self._checkpoint_due = 0.0
         self.reload_at, self.reload_heads = care.reload_at, care.reload_heads
         self._seen = self._looked = -1
-        self._look_due, self._looked_mm = math.inf, 0.0
+        self._look_due, self._looked_at = math.inf, Written()
         self._look_again = False
-        self._way_mm: list[float] = []
-        if care.look_every_mm:
-            self._way_mm = written_mm(lines, [mark.index for mark in marks.all])
+        self._places = LookPlaces([], [], [])
+        if care.looks_by_writing:
+            within = bool(care.look_every_mm or care.look_every_written_s)
+            self._places = look_places(lines, marks, inserts, within=within)
 
     def begin(self, now: float) -> None:
         """Start counting time."""
@@ -99,6 +108,7 @@ class Watch:
         """
         first = done + (1 if idle else _AHEAD)
         wanted = [mark.index for mark in self._wanted(now, first) if mark is not None]
+        wanted += self._next_look(now, first)
         place = bisect_left(self.reload_at, first)
         wanted += self.reload_at[place : place + 1]
         if self._overdue(now) and not self._any_from(first):
@@ -130,7 +140,7 @@ class Watch:
     def looked(self, now: float, done: int) -> None:
         """Take notice that a look after ``done`` lines was decided."""
         self._looked, self._look_again = done, False
-        self._looked_mm = self._written_mm(done)
+        self._looked_at = self._places.at(done)
         self._count_to_look(now)
 
     def look_again(self) -> None:
@@ -139,7 +149,7 @@ class Watch:
 
     def grow(self, marks: Marks, after: int, count: int) -> None:
         """Take notice that ``count`` lines were put into the job behind the first ``after``."""
-        self.marks = marks
+        self.marks, self._places = marks, self._places.shifted(after, count)
         self.reload_at = tuple(behind(index, after, count) for index in self.reload_at)
 
     def reload_head(self, done: int) -> int | None:
@@ -160,37 +170,23 @@ class Watch:
         """Whether a look is due after ``done`` lines, where marks of these kinds stand."""
         if self._look_again:
             return True
-        if done == self._looked or not kinds:
+        if done == self._looked:
             return False
-        return self.care.look_after in kinds or now >= self._look_due or self._far_enough(done)
+        by_mark = self.care.look_after in kinds or (bool(kinds) and now >= self._look_due)
+        return by_mark or self._places.next_due(done, self._looked_at, self.care) == done
 
-    def _far_enough(self, done: int) -> bool:
-        every = self.care.look_every_mm
-        return bool(every) and self._written_mm(done) - self._looked_mm >= every
-
-    def _written_mm(self, done: int) -> float:
-        """Way written up to the last mark at or before ``done``; 0 where nobody wants to know."""
-        if not self._way_mm:
-            return 0.0
-        before = bisect_left(self.marks.all, done + 1, key=lambda mark: mark.index)
-        return self._way_mm[before - 1] if before else 0.0
-
-    def _next_look(self, now: float, first: int) -> list[Mark | None]:
-        """Marks ahead at which a look may be due."""
-        after, found = self.care.look_after, list[Mark | None]()
+    def _next_look(self, now: float, first: int) -> list[int]:
+        """Lines ahead after which a look may be due."""
+        after, marks = self.care.look_after, list[Mark | None]()
         if after is not None:
-            found.append(self.marks.next(after, first))
+            marks.append(self.marks.next(after, first))
         if now >= self._look_due:
-            found += [self.marks.next(kind, first) for kind in MarkKind]
-        if self._way_mm:
-            place = bisect_left(self.marks.all, first, key=lambda mark: mark.index)
-            far = bisect_left(self._way_mm, self._looked_mm + self.care.look_every_mm, lo=place)
-            found += self.marks.all[far : far + 1]
-        return found
+            marks += [self.marks.next(kind, first) for kind in MarkKind]
+        far = self._places.next_due(first, self._looked_at, self.care)
+        return [mark.index for mark in marks if mark is not None] + ([] if far is None else [far])
 
     def _wanted(self, now: float, first: int) -> list[Mark | None]:
         marks = [self.marks.next(self.after, first)] if self.after else []
-        marks += self._next_look(now, first)
         if self._overdue(now):
             marks += [self.marks.next(kind, first) for kind in MarkKind]
         if self._wants_checkpoint(now):

@@ -45,6 +45,8 @@ class ExpectedInk:
     factor : (n,) float64
         Ink that the grown job pushes there over what its file says.
     style : "layered" or "embedded"
+    inserted : (n,) bool
+        Of lines that were put into the job.
     """
 
     paths: tuple[WrittenPath, ...]
@@ -58,6 +60,7 @@ class ExpectedInk:
     time_s: FloatArray
     factor: FloatArray
     style: Style
+    inserted: BoolArray
 
     def __len__(self) -> int:
         return len(self.command)
@@ -79,12 +82,21 @@ def expected_ink(held: HeldPrint, job: Job) -> ExpectedInk:
     paths = written_paths(held)
     if not paths:
         none = np.zeros(0)
-        return _of_pieces((), none, none, none, none, held)
-    factor = flow_factors(job)[np.concatenate([one.command for one in paths])]
+        return _of_pieces((), none, none, none, none, held, none.astype(np.bool_))
+    command = np.concatenate([one.command for one in paths])
+    factor, inserted = flow_factors(job)[command], _inserted(job)[command]
     area = np.concatenate([one.e_per_mm for one in paths]) * held.ul_per_e / factor
     feed = np.concatenate([one.feed_mm_s for one in paths])
     height = np.concatenate([one.height_mm for one in paths])
-    return _of_pieces(paths, area, feed, height, factor, held)
+    return _of_pieces(paths, area, feed, height, factor, held, inserted)
+
+
+def _inserted(job: Job) -> BoolArray:
+    """Which lines of a grown job were put in, (n,)."""
+    found = np.zeros(len(job), dtype=np.bool_)
+    for after, count in job.positions:
+        found[after : after + count] = True
+    return found
 
 
 def _of_pieces(
@@ -94,6 +106,7 @@ def _of_pieces(
     height: FloatArray,
     factor: FloatArray,
     held: HeldPrint,
+    inserted: BoolArray,
 ) -> ExpectedInk:
     none = np.zeros((0, 3))
     start = np.vstack([none, *(one.points[:-1] for one in paths)])
@@ -117,6 +130,7 @@ def _of_pieces(
         np.cumsum(seconds) - seconds / 2,
         factor,
         held.style,
+        inserted,
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -18,7 +17,10 @@ from printctl.observe.deciding import (
     judge_supply,
 )
 from printctl.observe.deciding.decide import Narrowed
+from printctl.observe.deciding.thin import Thin, seen_twice
 from printctl.observe.expected import ExpectedInk
+from printctl.observe.mends_again import LayerInk, gaps_of_job, without_mends
+from printctl.observe.thin_lines import thin_lines
 from registration.layer_images import ExpectedLines, LayerFindings, Stations, Unseen
 
 FloatArray = NDArray[np.float64]
@@ -27,27 +29,17 @@ BoolArray = NDArray[np.bool_]
 
 _BLOCK_S: Final = 1.0
 """Writing time whose widths are one reading of the flow."""
+_LEAST_BLOCKS: Final = 4
+"""Readings of a short look: one alone would count as an outlier."""
+_BLOCK_STATIONS: Final = 6
+"""Fewest in a reading; neighbours share noise."""
+_SHARED: Final = 0.1
+"""Share of the places that are so sure: what all share is in the doubt of each of them."""
 _BELOW: Final = 3
 """Levels below the judged one that may show through."""
 _LEVEL_MM: Final = 1e-3
 _ABSENT: Final = 0.5
 _TAPER: Final = 2
-
-
-@dataclass(frozen=True)
-class LayerInk:
-    """Ink that a look is about.
-
-    Attributes
-    ----------
-    lines : ExpectedLines
-        The judged ones and those below.
-    row : (n,) int64
-        Of the expected ink, of each.
-    """
-
-    lines: ExpectedLines
-    row: IntArray
 
 
 def ink_to_judge(ink: ExpectedInk, first: int, last: int) -> LayerInk:
@@ -57,7 +49,7 @@ def ink_to_judge(ink: ExpectedInk, first: int, last: int) -> LayerInk:
     that was written since; older filaments lie around it.
     """
     written = ink.between(0, last)
-    fresh = ink.between(first, last)
+    fresh = ink.between(first, last) & ~ink.inserted  # a mend has no width of its own to judge
     if ink.style == "layered" and fresh.any():
         top = ink.end[fresh, 2].max()
         fresh &= ink.end[:, 2] > top - _LEVEL_MM
@@ -99,14 +91,17 @@ def evidence_of(
     left_ul : float or None, µL
         What the plunger still had.
     """
-    stations = found.stations
+    stations = without_mends(found.stations)
     row = layer.row[stations.piece]
     supply = _supply(stations, ink, row, least_gap_mm, left_ul)
+    thin = _thin(found, ink, layer, section)
+    if again is not None:
+        thin = seen_twice(thin, _thin(again, ink, layer, section))
     shift, u = _shift(found)
     return Evidence(
         places=found.places,
-        gaps=found.gaps,
-        second=None if again is None else again.gaps,
+        gaps=gaps_of_job(found.gaps, layer.mended),
+        second=None if again is None else gaps_of_job(again.gaps, layer.mended),
         supply=supply,
         flow=_flow(stations, ink, row, found.u_width_ratio, section),
         seen_share=found.seen_share,
@@ -118,7 +113,10 @@ def evidence_of(
             if one.seen
         ),
         stretches=len(found.stretches),
+        thin=thin,
         over_old_share=_over_old(stations),
+        way_mm=float(stations.length_mm.sum()),
+        level_mm=_level(layer, ink),
     )
 
 
@@ -150,6 +148,27 @@ def figures(found: LayerFindings, evidence: Evidence) -> dict[str, Any]:
 
 def _number(value: float) -> float | None:
     return round(float(value), 5) if math.isfinite(value) else None
+
+
+def _thin(
+    found: LayerFindings, ink: ExpectedInk, layer: LayerInk, section: BeadSection
+) -> tuple[Thin, ...]:
+    """Thin lines of a layer; in a bath nothing can be written over a filament."""
+    if ink.style == "embedded" or not found.stretches:
+        return ()
+    stations = without_mends(found.stations)
+    row, told = layer.row[stations.piece], _tells_width(stations)
+    ratio = np.full(len(row), np.nan)
+    ratio[told] = _area_ratio(stations.width_mm[told], ink, row[told], section)
+    return thin_lines(found.stretches, stations, told, ratio)  # of mends there are no stations
+
+
+def _level(layer: LayerInk, ink: ExpectedInk) -> float | None:
+    """Height of the layer that is looked at, mm; None in a bath."""
+    fresh = layer.row[layer.lines.fresh]
+    if ink.style == "embedded" or not len(fresh):
+        return None
+    return round(float(ink.end[fresh, 2].max()), 3)
 
 
 def _over_old(stations: Stations) -> float:
@@ -192,8 +211,7 @@ def _flow(
     section: BeadSection,
 ) -> FlowBlocks:
     """Cross-section seen over expected, a second of writing at a time."""
-    told = stations.seen & np.isfinite(stations.width_mm) & (stations.expected_mm > 0)
-    told &= ~_near_absence(stations)
+    told = _tells_width(stations)
     if not told.any():
         none = np.zeros(0)
         return FlowBlocks(none, none, none, none)
@@ -201,16 +219,38 @@ def _flow(
     ratio = _area_ratio(width, ink, row, section)
     slope = _area_ratio(width + u, ink, row, section) - ratio  # of a width's uncertainty
     time = ink.time_s[row]
-    block = np.unique(np.floor(time / _BLOCK_S), return_inverse=True)[1]
+    block = _blocks(time, stations.length_mm[told])
     count = np.bincount(block)
 
     def mean(values: FloatArray) -> FloatArray:
         return np.asarray(np.bincount(block, values) / count)
 
     scatter = np.sqrt(np.bincount(block, slope**2)) / count
-    common = u_common * mean(slope / np.maximum(u, 1e-12) * stations.expected_mm[told])
-    known = np.nan_to_num(np.abs(common), nan=0.0, posinf=0.0)
-    return FlowBlocks(mean(time), mean(ratio), np.hypot(scatter, known), mean(ink.factor[row]))
+    # Lines of one look differ where the flow changes: that is no doubt that all of them share.
+    u_common = min(u_common, float(np.quantile(u / stations.expected_mm[told], _SHARED)))
+    common = u_common * np.abs(slope / np.maximum(u, 1e-12) * stations.expected_mm[told]) / ratio
+    known = float(np.nan_to_num(common.mean(), nan=0.0, posinf=0.0))
+    means = mean(ratio)
+    return FlowBlocks(
+        mean(time), means, np.hypot(scatter, known * means), mean(ink.factor[row]), known
+    )
+
+
+def _blocks(time_s: FloatArray, length_mm: FloatArray) -> IntArray:
+    """Block of each station, (n,), by the clock; of a short look by equal ways."""
+    by_time = np.unique(np.floor(time_s / _BLOCK_S), return_inverse=True)[1]
+    wanted = min(_LEAST_BLOCKS, len(time_s) // _BLOCK_STATIONS)
+    if by_time.max() + 1 >= wanted:
+        return np.asarray(by_time, dtype=np.int64)
+    way = np.cumsum(length_mm) - length_mm / 2
+    by_way = (way / (length_mm.sum() / wanted)).astype(np.int64)
+    return np.asarray(np.unique(by_way, return_inverse=True)[1], dtype=np.int64)
+
+
+def _tells_width(stations: Stations) -> BoolArray:
+    """Places whose width is known and is the flow's: ink comes and goes nowhere near."""
+    told = stations.seen & np.isfinite(stations.width_mm) & (stations.expected_mm > 0)
+    return np.asarray(told & ~_near_absence(stations))
 
 
 def _near_absence(stations: Stations) -> BoolArray:

@@ -19,11 +19,11 @@ from kernels.arrays import FloatArray
 from printctl.link.job import Job, load_job
 from printctl.link.journalled_print import read_journal
 from printctl.link.record import JOURNAL
+from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError
 from printctl.observe.devices.acquire import Place, Region
 from printctl.observe.expected import ExpectedInk, expected_ink
 from printctl.observe.judging import (
-    LayerInk,
     evidence_of,
     figures,
     ink_to_judge,
@@ -32,6 +32,7 @@ from printctl.observe.judging import (
 from printctl.observe.lumen_areas import lumens_at
 from printctl.observe.mending import HeldPrint, Voids, checked_mend
 from printctl.observe.mending.gap import Gap as MendGap
+from printctl.observe.mends_again import MOST_TRIES, LayerInk, Mended, tries_of, with_mends
 from printctl.observe.observer import Judged, Look
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import DRAWN
@@ -75,6 +76,8 @@ class _Held:
         Lines of the layer written since that look, older ones mended in between included.
     found : dict
         Findings of the pictures judged so far.
+    mended : tuple of Mended
+        Gaps that are written again from here.
     """
 
     look: Look
@@ -85,6 +88,7 @@ class _Held:
     lumens: tuple[Lumen, ...]
     since: NDArray[np.bool_]
     found: dict[Path, LayerFindings] = field(default_factory=dict)
+    mended: tuple[Mended, ...] = ()
 
 
 @dataclass
@@ -149,6 +153,8 @@ class ObservedJob:
             )
             ink = expected_ink(held, job)
             layer = ink_to_judge(ink, look.before, look.done)
+            if ink.style == "layered" and self._last is not None:
+                layer = with_mends(layer, ink, self._last.mended)
             since = ink.command[layer.row] >= look.before
             lumens = self._lumens(ink, look)
             self._last = _Held(look, held, job.flow, ink, layer, lumens, since)
@@ -262,13 +268,16 @@ class ObservedJob:
 
     # --- mending ---------------------------------------------------------------------------------
 
-    def mend_lines(self, look: Look, gaps: tuple[Gap, ...], flow: float) -> list[str]:
-        """Lines that mend gaps; none where nothing can be mended from here.
+    def mend_lines(
+        self, look: Look, gaps: tuple[Gap, ...], thin: tuple[Thin, ...], flow: float
+    ) -> list[str]:
+        """Lines that mend gaps and fill thin lines up; none where nothing can be from here.
 
         Parameters
         ----------
         look : Look
         gaps : tuple of Gap
+        thin : tuple of Thin
         flow : float
             Ink that is to be pushed, over what the job's file says.
         """
@@ -276,7 +285,19 @@ class ObservedJob:
         voids = None
         if self.network is not None:
             voids = Voids.of_network(self.network, np.zeros(3))
-        mend, _ = checked_mend(at.held, [_to_mend(gap, at, flow) for gap in gaps], voids)
+        wanted = _to_mend(gaps, thin, at, flow)
+        wanted = [one for one in wanted if tries_of(one, at.layer.mended) < MOST_TRIES]
+        mend, _ = checked_mend(at.held, wanted, voids)
+        at.mended = tuple(
+            Mended(
+                one.gap.path,
+                one.gap.from_mm,
+                one.gap.to_mm,
+                tries_of(one.gap, at.layer.mended) + 1,
+            )
+            for one in mend.patches
+            if one.gap.whole
+        )
         for said in mend.sentences():
             log.info("look %d: %s", look.number, said)
         return [line.decode("ascii") for line in mend.lines]
@@ -301,9 +322,14 @@ def _slab(at: _Held) -> tuple[float, float]:
     return (low + high) / 2, high - low
 
 
-def _to_mend(gap: Gap, at: _Held, flow: float) -> MendGap:
-    """Gap on its path, with what the flow was corrected by since it was to be written."""
-    own = at.ink.stroke == gap.stroke
-    before = float(at.ink.factor[own][0])
-    end = min(gap.to_mm, at.ink.paths[gap.stroke].length_mm)
-    return MendGap(gap.stroke, max(gap.from_mm, 0.0), end, flow=flow / before)
+def _to_mend(
+    gaps: tuple[Gap, ...], thin: tuple[Thin, ...], at: _Held, flow: float
+) -> list[MendGap]:
+    """Gaps on their paths, with what the flow was corrected by since they were to be written."""
+    found = list[MendGap]()
+    for one in (*gaps, *thin):
+        before = float(at.ink.factor[at.ink.stroke == one.stroke][0])
+        end = min(one.to_mm, at.ink.paths[one.stroke].length_mm)
+        missing = one.missing if isinstance(one, Thin) else 1.0
+        found.append(MendGap(one.stroke, max(one.from_mm, 0.0), end, missing, flow=flow / before))
+    return found

@@ -11,12 +11,13 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Protocol
 
 from printctl.link.errors import Refused
-from printctl.observe.deciding import Decider, Decision, DecisionKind, Evidence
+from printctl.observe.deciding import Decider, Decision, DecisionKind, Evidence, LayersSeen
+from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError
 from printctl.observe.records import (
     Answer,
@@ -106,7 +107,8 @@ class Observer:
     judge : callable
         Judges one or two pictures of a look; the second may be None.
     mend_lines : callable
-        Lines that mend gaps, at a flow over the file's; none where nothing can be mended.
+        Lines that mend gaps and fill thin lines up, at a flow over the file's; none where nothing
+        can be mended.
     decider : Decider
     ended : callable
         Whether the print is over, or goes on from the look that was asked about.
@@ -120,7 +122,7 @@ class Observer:
     link: PrintLink
     acquire: Callable[[Look, Path], Path]
     judge: Callable[[Look, Path, Path | None], Judged]
-    mend_lines: Callable[[Look, tuple[Gap, ...], float], list[str]]
+    mend_lines: Callable[[Look, tuple[Gap, ...], tuple[Thin, ...], float], list[str]]
     decider: Decider
     ended: Callable[[int], bool]
     begun: float = 0.0
@@ -166,11 +168,12 @@ class Observer:
         return self.decider.decide(judged.evidence)
 
     def _judged(self, look: Look, place: Path) -> Judged:
-        """Judge one picture; where it shows gaps, another of the same has the last word."""
+        """Judge one picture; where it shows gaps or thin lines, another has the last word."""
         picture = self.acquire(look, place / "picture")
         judged = self.judge(look, picture, None)
         limits, evidence = self.decider.limits, judged.evidence
-        if any(limits.gap.significant(gap, evidence.places) for gap in evidence.gaps):
+        gaps = any(limits.gap.significant(gap, evidence.places) for gap in evidence.gaps)
+        if gaps or evidence.thin:
             judged = self.judge(look, picture, self.acquire(look, place / "again"))
         return judged
 
@@ -249,9 +252,10 @@ class Observer:
     def _inserted(self, look: Look, decision: Decision) -> bool:
         """Put mend and flow into the job; False where there is none, or the link refuses it."""
         flow = decision.factor or self.decider.control.factor
-        lines = self.mend_lines(look, decision.gaps, flow) if decision.gaps else []
+        gaps, thin = decision.gaps, decision.thin
+        lines = self.mend_lines(look, gaps, thin, flow) if gaps or thin else []
         if not lines and decision.factor is None:
-            return False
+            return not gaps  # thin lines are no reason to stop
         try:
             self.link.insert(look.number, lines, decision.why, decision.factor)
         except Refused as exc:
@@ -266,7 +270,7 @@ def _state(decider: Decider) -> dict[str, Any]:
         "log_flow": control.log_flow,
         "variance": control.variance,
         "time_s": control.time_s,
-        "unseen": decider.unseen,
+        "layers": asdict(decider.layers),
         "last_shift_mm": decider.last_shift_mm,
     }
 
@@ -275,4 +279,4 @@ def _restore(decider: Decider, state: dict[str, Any]) -> None:
     control = decider.control
     control.log_flow = state["log_flow"]
     control.variance, control.time_s = state["variance"], state["time_s"]
-    decider.unseen, decider.last_shift_mm = state["unseen"], state["last_shift_mm"]
+    decider.layers, decider.last_shift_mm = LayersSeen(**state["layers"]), state["last_shift_mm"]

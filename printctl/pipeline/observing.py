@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any, Final
 
 import yaml
@@ -19,7 +18,7 @@ from printctl.pipeline.context import RunContext
 from printctl.printing import usable_mm
 from printctl.printing.executed_note import EXECUTED
 from printctl.recipe.making import Embedded
-from printctl.recipe.observe import ObservePart
+from printctl.recipe.observe import ObservePart, look_interval
 from printctl.run_folder.artefacts import GCODE
 from registration.camera_frame.frame import read_frame
 
@@ -30,22 +29,25 @@ _PICTURE_PX: Final = 2000
 _ABOVE_MM: Final = 0.3
 _OCT_ACROSS: Final = 500
 _OCT_SIDE_UM, _OCT_DEEP_UM = 20.0, 12.0
-_INTERVAL: Final = re.compile(r"(\d+(?:\.\d+)?) *(mm|min|s)")
-_SECONDS: Final = {"min": 60.0, "s": 1.0}
+_CARE: Final = {
+    "height": "look_every_height_mm",
+    "time": "look_every_s",
+    "written_way": "look_every_mm",
+    "written_time": "look_every_written_s",
+}
 
 
-def look_care(part: ObservePart | None) -> dict[str, Any]:
+def look_care(part: ObservePart | None, *, embedded: bool) -> dict[str, Any]:
     """When the print is held for a look, for `printctl.link.Care`."""
     if part is None:
         return {}
     care: dict[str, Any] = {"look_limit_s": part.limit_s, "look_park_mm": part.park_mm}
-    found = _INTERVAL.fullmatch(part.every)
-    if found is None:
-        return {**care, "look_after": MarkKind(part.every)}
-    number, unit = float(found[1]), found[2]
-    if unit == "mm":
-        return {**care, "look_every_mm": number}
-    return {**care, "look_every_s": number * _SECONDS[unit]}
+    interval = look_interval(part.every)
+    if interval.measure in ("layer", "vessel"):
+        return {**care, "look_after": MarkKind(interval.measure)}
+    if interval.measure in ("written_way", "written_time"):  # what ends is looked at all the same
+        care["look_after"] = MarkKind.VESSEL if embedded else MarkKind.LAYER
+    return {**care, _CARE[interval.measure]: interval.amount}
 
 
 def order_observer(context: RunContext) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
@@ -10,17 +11,62 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from printctl.recipe.marks import FILE
 from printctl.recipe.parts import Part, Point
 
-_EVERY: Final = re.compile(r"(layer|vessel)|(\d+(?:\.\d+)?) *(mm|min|s)")
+_EVERY: Final = re.compile(r"(layer|vessel)|(\d+(?:\.\d+)?) *(mm|min|s)( +written)?")
+_HIGHEST_MM: Final = 5.0
+_SECONDS: Final = {"min": 60.0, "s": 1.0}
 
 DeviceName = Literal["camera", "oct"]
 
 
-def _known_interval(text: str) -> str:
-    if not _EVERY.fullmatch(text):
+@dataclass(frozen=True)
+class LookInterval:
+    """What lies between two looks.
+
+    Attributes
+    ----------
+    measure : str
+        ``layer`` or ``vessel``, where each ends; ``height`` gained, mm; ``time``, s by the clock;
+        ``written_way``, mm, or ``written_time``, s, which end within layers as well.
+    amount : float, mm or s
+        0 for layer and vessel.
+    """
+
+    measure: Literal["layer", "vessel", "height", "time", "written_way", "written_time"]
+    amount: float = 0.0
+
+
+def look_interval(text: str) -> LookInterval:
+    """Read ``every``.
+
+    Raises
+    ------
+    ValueError
+        For what isn't an interval, and for a height that is meant as a way.
+    """
+    found = _EVERY.fullmatch(text.strip())
+    if found is None or (found[2] is not None and not float(found[2])):
         raise ValueError(
-            f"{text!r} isn't a place to look at: say layer, vessel, or a way or time between looks "
-            "such as 800 mm (of written lines), 10 min or 30 s"
+            f"{text!r} isn't a place to look at: say layer, vessel, a height gained (0.5 mm), a "
+            "time by the clock (10 min), or what is written between looks (40 mm written, 10 s "
+            "written)"
         )
+    if found[1]:
+        return LookInterval("layer" if found[1] == "layer" else "vessel")
+    amount, unit, written = float(found[2]), found[3], bool(found[4])
+    if unit != "mm":
+        return LookInterval("written_time" if written else "time", amount * _SECONDS[unit])
+    if written:
+        return LookInterval("written_way", amount)
+    if amount > _HIGHEST_MM:
+        raise ValueError(
+            f"{text!r} would be a height gained between looks, and that is {_HIGHEST_MM:g} mm at "
+            f"most; for a way of written lines say `{amount:g} mm written`"
+        )
+    return LookInterval("height", amount)
+
+
+def _known_interval(text: str) -> str:
+    look_interval(text)
     return text
 
 
@@ -63,9 +109,10 @@ class ObservePart(Part):
         json_schema_extra=FILE,
     )
     every: Annotated[str, AfterValidator(_known_interval)] = Field(
-        default="layer",
-        description="Where a layer or vessel ends; or at the first such mark after so much: "
-        "800 mm (of written lines), 10 min, 30 s.",
+        default="60 s written",
+        description="Where a layer or vessel ends; or at the first such end behind a height "
+        "gained (0.5 mm) or a time by the clock (10 min); or also within layers, where a line "
+        "ends, behind so much writing: 40 mm written, 10 s written.",
     )
     tolerance: ObserveTolerances = ObserveTolerances()
     mend: Literal["tell", "ask", "mend"] = Field(

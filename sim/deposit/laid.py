@@ -7,7 +7,7 @@ next layer is written.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from sim.deposit.faulty_lines import Placed, faulty_lines
 from sim.deposit.levels import Layering, written_levels
+from sim.deposit.rewritten import united
 from sim.deposit.strands import Strands
 from sim.deposit.written import Written, written
 from sim.faults.ink_faults import InkFaults
@@ -108,7 +109,7 @@ def laid_of_written(
     """Return the ink of lines that `written` found in a motion; parameters as of `laid`."""
     ink = laid_as_is(source.lines, style, source.standing_ul, layer_mm)
     if not faults.each:
-        return ink
+        return _as_it_lies(ink)
     writes = np.zeros(len(executed), dtype=np.bool_)
     writes[source.block] = True
     line = Timeline.of(
@@ -118,7 +119,12 @@ def laid_of_written(
         (executed.plunger_end - executed.plunger_start) * plunger_area_mm2,
         writes,
     )
-    return with_faults(ink, source.block, line, faults)
+    return _as_it_lies(with_faults(ink, source.block, line, faults))
+
+
+def _as_it_lies(ink: Laid) -> Laid:
+    """Ink of layers that was written along older ink, with both volumes."""
+    return ink if ink.layering is None else replace(ink, strands=united(ink.strands))
 
 
 def with_faults(ink: Laid, block: NDArray[np.int64], line: Timeline, faults: InkFaults) -> Laid:

@@ -4,7 +4,14 @@ Goes in: gaps with p-values, widths in the order of writing. Comes out: a decisi
 Begin with `decide.py`.
 """
 
-from printctl.observe.deciding.decide import Decider, Decision, DecisionKind, Evidence, Limits
+from printctl.observe.deciding.decide import (
+    Decider,
+    Decision,
+    DecisionKind,
+    Evidence,
+    LayersSeen,
+    Limits,
+)
 from printctl.observe.deciding.flow_control import FlowBlocks, FlowControl, FlowLimits
 from printctl.observe.deciding.gap_test import GapTest, confirmed_gaps
 from printctl.observe.deciding.ink_supply import InkSupply, SupplyState, judge_supply
@@ -19,6 +26,7 @@ __all__ = [
     "FlowLimits",
     "GapTest",
     "InkSupply",
+    "LayersSeen",
     "Limits",
     "SupplyState",
     "confirmed_gaps",

@@ -6,9 +6,10 @@ Rules, in their order; the first that holds decides:
    since the last look, else pause; no ink laid later could lie right;
 2. no ink comes out any more (clog, empty syringe): pause;
 3. a lumen is closed, or narrowed beyond tolerance: pause; no ink can be taken away;
-4. gaps that two pictures show (one, where there is no second): mend, and correct the flow;
+4. gaps and thin lines that two pictures show (one, where there is no second): mend, fill up, and
+   correct the flow;
 5. a flow beyond the bounds of the correction: pause; within them: correct it;
-6. too little of the layer was seen, several looks in a row: pause.
+6. too little was seen of several layers in a row: pause.
 
 What is unsure is told, and the print goes on. By `Limits.mend` the operator is only told
 (``tell``), asked before anything is written (``ask``), or not (``mend``).
@@ -24,6 +25,7 @@ from typing import Final, Literal
 from printctl.observe.deciding.flow_control import FlowBlocks, FlowControl, FlowLimits
 from printctl.observe.deciding.gap_test import GapTest, confirmed_gaps
 from printctl.observe.deciding.ink_supply import InkSupply, SupplyState
+from printctl.observe.deciding.thin import Thin
 from registration.layer_images.values import Gap
 
 Mode = Literal["tell", "ask", "mend"]
@@ -82,9 +84,15 @@ class Evidence:
         How far the layer lies beside its place, and the standard uncertainty.
     narrowed : tuple of Narrowed
     stretches : int
-        Lines thinner or wider than tolerated, which nobody mends.
+        Lines surely thinner or wider than tolerated.
+    thin : tuple of Thin
+        Those too thin, which a second pass may fill up.
     over_old_share : float
         Of the way, not seen because it lies over older ink from which nothing tells it.
+    way_mm : float, mm
+        Written since the last look.
+    level_mm : float or None, mm
+        Height of the layer; None where there is none, and each look stands for itself.
     """
 
     places: int
@@ -97,7 +105,10 @@ class Evidence:
     u_shift_mm: float = 0.0
     narrowed: tuple[Narrowed, ...] = ()
     stretches: int = 0
+    thin: tuple[Thin, ...] = ()
     over_old_share: float = 0.0
+    way_mm: float = 1.0
+    level_mm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -117,7 +128,7 @@ class Limits:
     least_seen : float
         Share of the way that must be seen for a look to count.
     unseen_looks : int
-        Looks in a row that didn't count, after which the print is paused.
+        Layers in a row (in a bath looks) that didn't count, after which the print is paused.
     mend : "tell", "ask" or "mend"
     """
 
@@ -143,6 +154,8 @@ class Decision:
         For operator and journal.
     gaps : tuple of Gap
         To be mended.
+    thin : tuple of Thin
+        To be filled up.
     factor : float or None
         Flow factor from here on.
     ask : DecisionKind or None
@@ -154,6 +167,42 @@ class Decision:
     gaps: tuple[Gap, ...] = ()
     factor: float | None = None
     ask: DecisionKind | None = None
+    thin: tuple[Thin, ...] = ()
+
+
+@dataclass
+class LayersSeen:
+    """How much was seen of the layer in hand, and how many in a row too little was seen of.
+
+    Attributes
+    ----------
+    unseen : int
+        In a row, the one in hand included.
+    before : int
+        Without the one in hand.
+    level_mm : float or None, mm
+    way_mm, visible_mm, seen_mm : float, mm
+        Of the layer in hand: written; what a clean view can show of it; seen.
+    """
+
+    unseen: int = 0
+    before: int = 0
+    level_mm: float | None = None
+    way_mm: float = 0.0
+    visible_mm: float = 0.0
+    seen_mm: float = 0.0
+
+    def add(self, evidence: Evidence, least_share: float) -> None:
+        """Take in a look; several in one layer count as one."""
+        if evidence.level_mm is None or evidence.level_mm != self.level_mm:
+            self.before, self.level_mm = self.unseen, evidence.level_mm
+            self.way_mm = self.visible_mm = self.seen_mm = 0.0
+        self.way_mm += evidence.way_mm
+        self.visible_mm += evidence.way_mm * (1.0 - evidence.over_old_share)
+        self.seen_mm += evidence.way_mm * evidence.seen_share
+        hidden = self.visible_mm < _HIDDEN * self.way_mm  # no cleaner view would show it
+        counts = hidden or self.seen_mm >= least_share * self.visible_mm
+        self.unseen = 0 if counts else self.before + 1
 
 
 @dataclass
@@ -164,21 +213,18 @@ class Decider:
     ----------
     limits : Limits
     control : FlowControl
-    unseen : int
-        Looks in a row of which too little was seen.
+    layers : LayersSeen
     last_shift_mm : float, mm
     """
 
     limits: Limits = field(default_factory=Limits)
     control: FlowControl = field(default_factory=FlowControl)
-    unseen: int = 0
+    layers: LayersSeen = field(default_factory=LayersSeen)
     last_shift_mm: float = 0.0
 
     def decide(self, evidence: Evidence) -> Decision:
         """Return what the look calls for, as the mode allows."""
-        visible = 1.0 - evidence.over_old_share  # what no cleaner view would show doesn't count
-        counts = visible < _HIDDEN or evidence.seen_share >= self.limits.least_seen * visible
-        self.unseen = 0 if counts else self.unseen + 1
+        self.layers.add(evidence, self.limits.least_seen)
         if evidence.supply.state not in _STOPPING:  # thin because it is about to stop is no drift
             self.control.learn(evidence.flow)
         return self._as_allowed(self._wanted(evidence))
@@ -249,17 +295,20 @@ class Decider:
         )
 
     def _gaps(self, evidence: Evidence) -> Decision | None:
-        gaps = self._believed(evidence)
-        if not gaps:
+        gaps, thin = self._believed(evidence), evidence.thin
+        if not gaps and not thin:
             return None
         way = math.fsum(gap.length_mm for gap in gaps)
         state, control = evidence.supply.state, self.control
         cause = "" if state in (SupplyState.FLOWING, SupplyState.UNKNOWN) else f" ({state})"
         many = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
+        found = [f"{many}, {way:.2f} mm in all{cause}"] if gaps else []
+        if thin:
+            found.append(f"{math.fsum(one.length_mm for one in thin):.2f} mm of thin lines")
         factor = None if control.out_of_bounds else control.proposal()
         corrected = "" if factor is None else f"; flow {control.flow:.0%}: factor {factor:.2f}"
-        why = f"{many}, {way:.2f} mm in all{cause}{corrected}"
-        return Decision(DecisionKind.MEND, why, gaps, factor)
+        why = f"{', '.join(found)}{corrected}"
+        return Decision(DecisionKind.MEND, why, gaps, factor, thin=thin)
 
     def _believed(self, evidence: Evidence) -> tuple[Gap, ...]:
         return confirmed_gaps(evidence.gaps, evidence.places, evidence.second, self.limits.gap)
@@ -280,10 +329,12 @@ class Decider:
         return Decision(DecisionKind.FLOW, f"{told}: factor {factor:.2f}", factor=factor)
 
     def _blind(self, evidence: Evidence) -> Decision | None:
-        if self.unseen < self.limits.unseen_looks:
+        unseen = self.layers.unseen
+        if unseen < self.limits.unseen_looks:
             return None
+        one = "looks" if evidence.level_mm is None else "layers"
         return Decision(
             DecisionKind.PAUSE,
-            f"{self.unseen} looks in a row saw less than {self.limits.least_seen:.0%} of what was "
+            f"{unseen} {one} in a row showed less than {self.limits.least_seen:.0%} of what was "
             f"written (the last {evidence.seen_share:.0%}): clean the view, or set observe off",
         )

@@ -41,12 +41,15 @@ class FlowBlocks:
         Standard uncertainty of that ratio.
     factor : (n,) float64
         Flow factor in force when the block was written.
+    u_common : float
+        Relative standard uncertainty that all of them share (where an edge lies in a picture).
     """
 
     time_s: FloatArray
     area_ratio: FloatArray
     u: FloatArray
     factor: FloatArray
+    u_common: float = 0.0
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -105,6 +108,8 @@ class FlowControl:
             u = max(float(blocks.u[k]) / ratio, _LEAST_U)
             reading = math.log(ratio) - math.log(float(blocks.factor[k]))
             self._update(float(blocks.time_s[k]), reading, u)
+        if sound.any():  # more readings of one picture don't tell what they share
+            self.variance = max(self.variance, blocks.u_common**2)
 
     def _update(self, time_s: float, reading: float, u: float) -> None:
         passed = max(time_s - self.time_s, 0.0) if self.time_s is not None else 0.0

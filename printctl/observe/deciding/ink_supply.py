@@ -2,8 +2,10 @@
 
 What is seen along the lines is put in the order of writing. Ink that is missing up to the last
 place written hasn't come back: the syringe is empty if the plunger says so, else something is
-stuck. Ink that came back after a while was a bubble, or, where exactly one path is missing, a line
-that didn't stick. A smooth deviation is none of these: the flow control's affair.
+stuck. Only where exactly one path is missing behind sound ones it may as well be a line that didn't
+stick, and the next look tells. Ink that came back after a while was a bubble, or, where exactly one
+path is missing, a line that didn't stick. A smooth deviation is none of these: the flow control's
+affair.
 """
 
 from __future__ import annotations
@@ -98,8 +100,9 @@ def judge_supply(
     if not runs:
         return InkSupply(SupplyState.FLOWING, 0.0, None, 0)
     last = runs[-1]
-    if last.stop == len(lacks) and volume[last].sum() >= _STOPPED * least_ul:
-        empty = left_ul is not None and left_ul <= least_ul
+    empty = left_ul is not None and left_ul <= least_ul
+    lost = last.start > 0 and _whole_path(last, path) and not empty
+    if last.stop == len(lacks) and volume[last].sum() >= _STOPPED * least_ul and not lost:
         state = SupplyState.EMPTY if empty else SupplyState.CLOGGED
         return InkSupply(state, missing, float(volume[last].sum()), len(runs))
     if len(runs) > 2:

@@ -187,13 +187,19 @@ def merged(gaps: Sequence[Gap], paths: Sequence[WrittenPath], widths: float) -> 
     return found
 
 
+def _missing(one: Gap, other: Gap) -> float:
+    """Share that both miss in the mean; whole gaps miss all."""
+    way = one.length_mm + other.length_mm
+    return (one.missing * one.length_mm + other.missing * other.length_mm) / way
+
+
 def _joined(one: Gap, other: Gap) -> Gap:
     heights = [g.seen_height_mm for g in (one, other) if g.seen_height_mm is not None]
     return Gap(
         one.path,
         one.from_mm,
         max(one.to_mm, other.to_mm),
-        max(one.missing, other.missing),
+        _missing(one, other),
         max(heights) if heights else None,
         max(one.shift_mm, other.shift_mm),
         max(one.flow, other.flow),

@@ -114,3 +114,12 @@ def _longer(
     longer = replace(patch, from_mm=patch.from_mm - before, to_mm=patch.to_mm + beyond)
     _, e, _ = longer.moves()
     return replace(longer, flow=longer.flow * whole / (float(e.sum()) * steps_per_mm))
+
+
+def nearest_steps(patch: Patch, steps_per_mm: float) -> Patch:
+    """Return a second pass that takes the nearest whole number of motor steps, one at least."""
+    _, e, _ = patch.moves()
+    steps = float(e.sum()) * steps_per_mm
+    if not 0 < steps < _FEW_STEPS:
+        return patch
+    return replace(patch, flow=patch.flow * max(1.0, round(steps)) / steps)

@@ -9,12 +9,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_profiles.bead import BeadSection
 from printctl.observe.mending.gap import Gap, NotMended
 from printctl.observe.mending.held_print import HeldPrint
 from printctl.observe.mending.laid_ink import LaidInk, width_with_more
 from printctl.observe.mending.needle_way import NeedleRows, shaft_contacts, under_higher_ink
 from printctl.observe.mending.options import MendOptions
-from printctl.observe.mending.patch import Patch, in_whole_steps
+from printctl.observe.mending.patch import Patch, in_whole_steps, nearest_steps
 from printctl.observe.mending.voids import Voids, ink_in_voids_mm
 from printctl.observe.mending.written_paths import WrittenPath
 
@@ -60,7 +61,7 @@ def patches_of(gap: Gap, site: Site) -> tuple[list[Patch], list[NotMended]]:
     flow, why = _second_pass(gap, path, site)
     if why:
         return [], [NotMended(gap.path, gap.from_mm, gap.to_mm, why)]
-    overlap = options.overlap_widths * path.usual_width(gap.from_mm, gap.to_mm)
+    overlap = options.overlap_widths * path.usual_width(gap.from_mm, gap.to_mm) * gap.whole
     low, high = path.clear_of_corners(
         max(0.0, gap.from_mm - overlap), min(path.length_mm, gap.to_mm + overlap)
     )
@@ -68,6 +69,7 @@ def patches_of(gap: Gap, site: Site) -> tuple[list[Patch], list[NotMended]]:
     in_void = _in_voids(along, gap, path, site)
     blocked, backwards, reach = _out_of_reach(along, path, site)
     free = ~in_void & ~blocked
+    steps_per_mm = site.held.printer.steps_per_mm.e
     left = [*_left(gap, along, in_void, _VOID), *_left(gap, along, blocked & ~in_void, reach)]
     patches = []
     for begin, end in _runs(free):
@@ -80,7 +82,8 @@ def patches_of(gap: Gap, site: Site) -> tuple[list[Patch], list[NotMended]]:
         if one is None:
             left.append(NotMended(gap.path, inner.from_mm, inner.to_mm, _VOID))
         else:
-            patches.append(replace(one, flow=one.flow * flow, backwards=backwards))
+            one = replace(one, flow=one.flow * flow, backwards=backwards)
+            patches.append(one if gap.whole else nearest_steps(one, steps_per_mm))
     if not patches and not left:
         left = [NotMended(gap.path, gap.from_mm, gap.to_mm, _SHORT)]
     return patches, left
@@ -115,9 +118,10 @@ def _second_pass(gap: Gap, path: WrittenPath, site: Site) -> tuple[float, str]:
     do = "correct the flow of what is still to be written"
     if not site.layered:
         return 0.0, f"{thin}: a second filament would lie beside the first; {do}"
+    piece = path.piece(np.array([gap.from_mm, gap.to_mm]))
+    height = path.height_mm[piece].min()
     if gap.seen_height_mm is None:
-        return 0.0, f"{thin}: its height isn't known (a camera doesn't see it); {do}"
-    height = path.height_mm[path.piece(np.array([gap.from_mm, gap.to_mm]))].min()
+        return _filling_up(gap, path.width_mm[piece].min(), height, site.held.ink.bead_section)
     room = float(height) - gap.seen_height_mm
     least = site.options.room_for_second_pass * float(height)
     if room < least:
@@ -126,6 +130,23 @@ def _second_pass(gap: Gap, path: WrittenPath, site: Site) -> tuple[float, str]:
             f"(room_for_second_pass); {do}"
         )
     return gap.missing, ""
+
+
+def _filling_up(
+    gap: Gap, width_mm: float, height_mm: float, section: BeadSection
+) -> tuple[float, str]:
+    """Flow of a pass along a line whose height isn't seen, and why there can be none.
+
+    A line that is wider than high stands as high as the tip: what a second pass brings goes to its
+    sides, which is what the bead model says of more ink. A narrower one may stand lower.
+    """
+    left = (1.0 - gap.missing) * section.area(width_mm, height_mm)
+    if section.width(left, height_mm) >= height_mm:
+        return gap.missing, ""
+    return 0.0, (
+        f"{gap.missing:.0%} of the ink is missing, and a line so narrow may stand lower than its "
+        "layer (a camera doesn't see its height); correct the flow of what is still to be written"
+    )
 
 
 def _stations(path: WrittenPath, low: float, high: float, site: Site) -> FloatArray:
@@ -187,7 +208,9 @@ def _crossed(along: FloatArray, path: WrittenPath, site: Site) -> tuple[BoolArra
 def _patch(gap: Gap, path: WrittenPath, low: float, high: float, site: Site) -> Patch | None:
     """A patch of a free stretch; None where its whole motor steps would reach into a void."""
     found = Patch(gap, path, float(low), float(high))
-    for one in in_whole_steps(found, site.held.printer.steps_per_mm.e, _room(found, site)):
+    steps_per_mm = site.held.printer.steps_per_mm.e
+    whole = in_whole_steps(found, steps_per_mm, _room(found, site)) if gap.whole else (found,)
+    for one in whole:
         along = _stations(path, float(one.cuts[0]), float(one.cuts[-1]), site)
         if not _in_voids(along, gap, path, site, one.flow).any():
             return one

@@ -39,7 +39,7 @@ from printctl.printing import (
 )
 from printctl.printing.executed_note import is_complete_record
 from printctl.progress import Report
-from printctl.recipe.making import SimulatedScan
+from printctl.recipe.making import Embedded, SimulatedScan
 from printctl.run_folder.artefacts import GCODE, JOURNAL_FOLDER
 from printctl.run_folder.manifest import digest_file
 from sim.motion.executed import ExecutedMotion
@@ -91,7 +91,7 @@ def care_of(context: RunContext) -> Care:
         capacity_mm=usable_mm(context.syringe, context.printer.of_head(0)),
         reload_at=tuple(planned_reloads(context)),
         accepted=accepted_checks(context),
-        **look_care(context.recipe.observe),
+        **look_care(context.recipe.observe, embedded=isinstance(context.recipe.toolpath, Embedded)),
         **heads_care(context),
     )
 

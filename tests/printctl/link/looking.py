@@ -34,7 +34,12 @@ def patch(data: bytes, layer: int) -> list[str]:
     """Lines that write a short stroke beside the end of a layer of `layered`, and come back."""
     job = parse_job(data, "a")
     mark = next(one for one in job.marks.of(MarkKind.LAYER) if one.number == layer)
-    at = at_end(job.lines, mark.index)
+    return patch_at(data, mark.index, layer)
+
+
+def patch_at(data: bytes, done: int, layer: int = 0) -> list[str]:
+    """The same behind so many command lines."""
+    at = at_end(parse_job(data, "a").lines, done)
     x, y, z, e, f = at["X"], at["Y"], at["Z"], at["E"], at["F"]
     return [
         f"G1 Z{z + 0.5:.3f} F300",

@@ -17,7 +17,7 @@ from printctl.link.marks import MarkKind
 from printctl.link.states import LinkState
 from sim.dry_run.run import dry_run
 from tests.printctl.link.jobs import parse_job
-from tests.printctl.link.layered import PRINTER, START
+from tests.printctl.link.layered import HEADER, PRINTER, START
 from tests.printctl.link.looking import (
     EVERY_LAYER,
     Dying,
@@ -28,6 +28,7 @@ from tests.printctl.link.looking import (
     observed,
     own_strokes,
     patch,
+    patch_at,
 )
 from tests.printctl.link.scripted_transport import ScriptedTransport
 from tests.printctl.link.sim_transport import SimTransport
@@ -128,6 +129,44 @@ def goes_on_exactly(data, folder, transport, care=EVERY_LAYER, resume=True):
     assert written(made, park) == written(foreseen, park)
     assert np.array_equal(made.end[-1], foreseen.end[-1])
     assert made.plunger_end[-1] == pytest.approx(foreseen.plunger_end[-1])
+
+
+def spaced(layers, lines, relieves):
+    """Layers of lines of 3.5 mm, 30 mm/s, each left by a travel."""
+    text, e = [HEADER.decode().rstrip()], 0.0
+    for layer in range(layers):
+        for k in range(lines):
+            text += [f"G0 X50 Y{50 + k:g} F6000", f"G0 Z{10 + 0.25 * layer:g} F300"]
+            text += [f"G1 E{e:.5f} F60"] * relieves
+            e += 0.0035
+            text.append(f"G1 X53.5 E{e:.5f} F1800")
+            text += [f"G1 E{e - 0.25:.5f} F60", f"G0 Z{11 + 0.25 * layer:g} F300"] * relieves
+        text.append(f";LAYER_END:{layer}")
+    return ("\n".join(text) + "\nG0 Z20 F300\nM400\n").encode()
+
+
+@pytest.mark.parametrize("relieves", [True, False])
+@pytest.mark.parametrize("last", first_of([0, 12, 31, *range(1, 60, 4)], 3))
+def test_looks_within_a_layer_come_between_lines_and_survive_a_kill(tmp_path, last, relieves):
+    data, transport = spaced(2, 5, relieves), fresh()
+    care = Care(None, look_after=MarkKind.LAYER, look_every_written_s=0.2)
+    places = [k for k, line in enumerate(parse_job(data, "a").lines) if line.startswith(b"G0 X")]
+    lines = [line.replace("Z9.900", "Z10.000") for line in patch_at(data, places[2])]
+    observer = Dying({1: lines}, transport=transport, last=last)
+    if last:
+        with pytest.raises(HostDiedError):
+            observed(data, tmp_path, transport, observer, care)
+    again = Observer(observer.says)
+    wire = SimTransport(transport.printer, transport.clock)
+    status = observed(data, tmp_path, wire, again, care, resume=last > 0)
+    assert status.state is LinkState.DONE, (status, again.refusals)
+    history = read_journal(tmp_path / "journal.log")
+    (insert,) = history.inserts
+    ends = [places[2], places[4], places[5], places[7], places[9], len(parse_job(data, "a")) - 2]
+    more = len(insert.lines)
+    assert [one["done"] for one in history.looked] == [ends[0], *(end + more for end in ends[1:])]
+    foreseen = dry_run(grown_file(data, [insert]), PRINTER, START, cold_extrusion=True).executed
+    assert own_strokes(transport.printer.executed()) == own_strokes(foreseen)
 
 
 def written(motion, park):

@@ -13,6 +13,7 @@ from printctl.observe.deciding import (
     SupplyState,
 )
 from printctl.observe.deciding.decide import Narrowed
+from printctl.observe.deciding.thin import Thin
 from registration.layer_images.values import Gap
 
 FLOWING = InkSupply(SupplyState.FLOWING, 0.0, None, 0)
@@ -57,6 +58,15 @@ def test_thin_lines_are_corrected():
     assert found.factor == pytest.approx(1.25, abs=0.02)
 
 
+def test_thin_lines_are_filled_up_and_the_flow_corrected():
+    thin = (Thin(3, 0.0, 7.0, 0.3),)
+    found = decided(thin=thin, flow=flow(0.7))
+    assert (found.kind, found.thin, found.gaps) == (DecisionKind.MEND, thin, ())
+    assert found.factor == pytest.approx(1.43, abs=0.03)
+    assert "7.00 mm of thin lines" in found.why
+    assert decided("ask", thin=thin).ask is DecisionKind.MEND
+
+
 def test_a_clog_pauses_and_keeps_what_is_missing():
     clogged = InkSupply(SupplyState.CLOGGED, 0.3, 0.3, 1)
     found = decided(supply=clogged, gaps=(GAP,), flow=flow(0.3))
@@ -90,6 +100,28 @@ def test_three_blind_looks_pause():
     decider = Decider(Limits(mend="mend"))
     kinds = [decider.decide(evidence(seen_share=0.2)).kind for _ in range(3)]
     assert kinds == [DecisionKind.GO_ON, DecisionKind.GO_ON, DecisionKind.PAUSE]
+
+
+def test_looks_within_a_layer_count_as_one_layer():
+    decider = Decider(Limits(mend="mend"))
+
+    def looks(level, *shares):
+        for share in shares:
+            kind = decider.decide(evidence(seen_share=share, way_mm=20.0, level_mm=level)).kind
+        return kind
+
+    assert looks(1.0, 0.2, 0.3, 0.2, 0.1) is DecisionKind.GO_ON
+    assert looks(1.1, 0.1, 0.9, 0.9) is DecisionKind.GO_ON
+    assert decider.layers.unseen == 0
+    assert looks(1.2, 0.1, 0.1) is DecisionKind.GO_ON
+    assert looks(1.3, 0.1) is DecisionKind.GO_ON
+    assert looks(1.4, 0.1) is DecisionKind.PAUSE
+
+
+def test_what_readings_share_is_never_known_better():
+    decider = Decider(Limits(mend="mend"))
+    blocks = FlowBlocks(np.zeros(50), np.full(50, 0.96), np.full(50, 0.03), np.ones(50), 0.03)
+    assert decider.decide(evidence(flow=blocks)).kind is DecisionKind.GO_ON
 
 
 def test_a_flow_beyond_all_bounds_pauses():

@@ -28,6 +28,9 @@ def judge(missing, left_ul=None, seen=None):
         ([slice(70, 90)], None, SupplyState.BUBBLE),
         ([slice(60, 80)], None, SupplyState.LOST_LINE),
         ([slice(60, 80), slice(120, 140)], None, SupplyState.LOST_LINE),
+        ([slice(180, 200)], None, SupplyState.LOST_LINE),  # the next look tells
+        ([slice(180, 200)], 0.0, SupplyState.EMPTY),
+        ([slice(160, 200)], None, SupplyState.CLOGGED),
         ([slice(3, 9), slice(45, 55), slice(101, 110)], None, SupplyState.INTERMITTENT),
     ],
 )

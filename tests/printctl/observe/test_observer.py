@@ -18,6 +18,7 @@ from printctl.observe.deciding import (
     Limits,
     SupplyState,
 )
+from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError
 from printctl.observe.observer import Judged, Look, Observer
 from printctl.observe.records import answer_look, answer_of, read_looks
@@ -67,6 +68,8 @@ class Bench:
     refuses: bool = False
     hangs: bool = False
     over: bool = False
+    thin: tuple = ()
+    lines: tuple = ("G1 X1 E1",)
     pictures: list[str] = field(default_factory=list)
 
     def __post_init__(self):
@@ -76,7 +79,7 @@ class Bench:
     def another(self) -> Observer:
         """An observer that knows nothing but the files."""
         return Observer(
-            self.folder, self.link, self.acquire, self.judge, lambda *_: ["G1 X1 E1"],
+            self.folder, self.link, self.acquire, self.judge, lambda *_: list(self.lines),
             Decider(Limits(mend=self.mode), FlowControl()), lambda _: self.over,
         )  # fmt: skip
 
@@ -92,7 +95,9 @@ class Bench:
         seen = self.gaps if again is None or self.again else ()
         one = evidence(self.gaps, self.ratio)
         second = None if again is None else seen
-        return Judged(Evidence(**{**vars(one), "second": second}), {"seen_share": 0.9})
+        return Judged(
+            Evidence(**{**vars(one), "second": second, "thin": self.thin}), {"seen_share": 0.9}
+        )
 
 
 def test_a_sound_layer_needs_one_picture(tmp_path):
@@ -109,6 +114,14 @@ def test_a_gap_in_two_pictures_is_mended_and_told(tmp_path):
     assert bench.pictures == ["picture", "again"]
     assert record.decision == "mend"
     assert read_looks(tmp_path) == [record]
+
+
+@pytest.mark.parametrize(("lines", "said"), [(["G1 X1 E1"], ["insert", "go_on"]), ([], ["go_on"])])
+def test_thin_lines_are_looked_at_twice_and_never_stop_a_print(tmp_path, lines, said):
+    bench = Bench(tmp_path, thin=(Thin(2, 0.0, 3.0, 0.3),), lines=lines)
+    bench.observer.look(LOOK)
+    assert [one[0] for one in bench.link.said] == said
+    assert bench.pictures == ["picture", "again"]
 
 
 def test_a_gap_in_one_picture_alone_isnt(tmp_path):

@@ -33,18 +33,26 @@ def recipe(observe, **printer):
     [
         ("layer", {"look_after": MarkKind.LAYER}),
         ("vessel", {"look_after": MarkKind.VESSEL}),
-        ("800 mm", {"look_every_mm": 800.0}),
+        ("0.5 mm", {"look_every_height_mm": 0.5}),
         ("10 min", {"look_every_s": 600.0}),
         ("30 s", {"look_every_s": 30.0}),
+        ("800 mm written", {"look_every_mm": 800.0, "look_after": MarkKind.LAYER}),
+        ("10 s written", {"look_every_written_s": 10.0, "look_after": MarkKind.LAYER}),
+        ("0.5 min written", {"look_every_written_s": 30.0, "look_after": MarkKind.LAYER}),
     ],
 )
 def test_every_says_when_the_print_is_held(every, care):
     part = recipe({"device": "camera", "every": every}).observe
-    assert look_care(part) == {"look_limit_s": 120.0, "look_park_mm": None, **care}
+    assert look_care(part, embedded=False) == {"look_limit_s": 120.0, "look_park_mm": None, **care}
 
 
 def test_without_the_section_nobody_looks():
-    assert look_care(None) == {}
+    assert look_care(None, embedded=False) == {}
+
+
+def test_what_is_written_in_a_bath_is_looked_at_where_vessels_end():
+    part = recipe({"device": "camera", "every": "10 s written"}).observe
+    assert look_care(part, embedded=True)["look_after"] is MarkKind.VESSEL
 
 
 def test_a_cameras_number_may_stand_as_a_number():
@@ -58,6 +66,9 @@ def test_a_cameras_number_may_stand_as_a_number():
     ("observe", "said"),
     [
         ({"device": "camera", "every": "sometimes"}, "isn't a place to look at"),
+        ({"device": "camera", "every": "800 mm"}, "say `800 mm written`"),
+        ({"device": "camera", "every": "0 mm"}, "isn't a place to look at"),
+        ({"device": "camera", "every": "10"}, "isn't a place to look at"),
         ({"device": "camera", "source": "0"}, "needs frame"),
         ({"device": "ct"}, "device"),
         ({"device": "camera", "mend": "maybe"}, "mend"),
@@ -77,3 +88,10 @@ def test_a_real_printer_needs_a_real_device():
 
 def test_a_simulated_one_is_observed_by_its_twin():
     refuse_unobservable(recipe({"device": "oct"}), load(Printer, "generic_marlin"))
+
+
+def test_by_default_each_layer_or_vessel_is_looked_at_and_long_ones_within():
+    part = recipe({"device": "camera"}).observe
+    layered, bath = look_care(part, embedded=False), look_care(part, embedded=True)
+    assert (layered["look_after"], bath["look_after"]) == (MarkKind.LAYER, MarkKind.VESSEL)
+    assert layered["look_every_written_s"] == 60.0

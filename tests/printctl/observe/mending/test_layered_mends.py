@@ -168,12 +168,35 @@ def test_a_mend_that_fails_its_check_has_no_lines(held, monkeypatch):
     assert "2 pieces of ink in lumens" in mend.left[0].reason
 
 
-def test_a_thin_stretch_is_written_over_only_where_height_allows(held):
+def test_a_thin_stretch_is_filled_up_where_the_line_stands_as_high_as_its_layer(held):
+    path = written_paths(held)[-1]
+    gap = Gap(path.number, 1.0, 3.0, 0.25)
+    mend = plan_mend(held, [gap])
+    (patch,) = mend.patches
+    assert (patch.from_mm, patch.to_mm) == (1.0, 3.0), "nothing comes upon sound ink"
+    missing = 0.25 * 2.0 * path.e_per_mm[0] * held.ul_per_e
+    assert mend.volume_ul == pytest.approx(missing, rel=0.15)
+    assert check_mend(held, mend.lines, [gap]).passed
+    lumen = tube([102.0, 100.0 - 0.35, 0], [102.0, 100.0 - 0.35, 20], 0.3)
+    beside = plan_mend(held, [replace(gap, from_mm=0.1)], lumen)
+    assert beside.left
+    assert all("lumen" in one.reason for one in beside.left)
+
+
+def test_thin_stretches_are_joined_with_their_mean(held):
+    number = last(held)
+    thin = [Gap(number, 1.0, 2.0, 0.2), Gap(number, 2.2, 3.2, 0.3)]
+    (patch,) = plan_mend(held, thin).patches
+    assert (patch.from_mm, patch.to_mm) == (1.0, 3.2)
+    assert patch.flow == pytest.approx(0.25, rel=0.15)
+
+
+def test_a_thin_stretch_that_may_be_low_is_written_over_only_where_height_allows(held):
     thin = {"missing": 0.4}
     unknown = plan_mend(held, [Gap(last(held), 1.0, 3.0, **thin)])
     full = plan_mend(held, [Gap(last(held), 1.0, 3.0, seen_height_mm=LAYER_MM, **thin)])
     low = plan_mend(held, [Gap(last(held), 1.0, 3.0, seen_height_mm=0.6 * LAYER_MM, **thin)])
-    assert "its height isn't known" in unknown.left[0].reason
+    assert "may stand lower" in unknown.left[0].reason
     assert "correct the flow" in full.left[0].reason
     assert low.patches[0].flow == pytest.approx(0.4, rel=0.1)
 

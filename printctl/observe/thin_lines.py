@@ -1,0 +1,67 @@
+"""Find how far lines are too thin, and how much ink they lack, from the widths that were seen."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from printctl.observe.deciding.thin import Thin
+from registration.layer_images import Stations, Stretch
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+_WINDOW: Final = 5
+"""Stations whose mean tells whether a place still belongs to a thin stretch."""
+
+
+def thin_lines(
+    stretches: tuple[Stretch, ...], stations: Stations, told: BoolArray, area_ratio: FloatArray
+) -> tuple[Thin, ...]:
+    """Return thin stretches as far as they go.
+
+    A stretch is where a line is *surely* beyond the tolerance; around it, the line is as thin in
+    truth where the mean of some stations lies nearer to the stretch's ratio than to 1.
+
+    Parameters
+    ----------
+    stretches : tuple of Stretch
+    stations : Stations
+    told : (m,) bool
+        Stations whose width counts: not beside places without ink.
+    area_ratio : (m,) float64
+        Cross-section seen over the one asked for, where told.
+    """
+    found = list[Thin]()
+    for stroke in sorted({one.stroke for one in stretches if one.kind == "thin"}):
+        rows = np.flatnonzero(told & (stations.stroke == stroke))
+        own = [one for one in stretches if one.kind == "thin" and one.stroke == stroke]
+        if len(rows) >= _WINDOW:
+            found += _of_stroke(own, stations, rows, area_ratio[rows])
+    return tuple(found)
+
+
+def _of_stroke(
+    stretches: list[Stretch], stations: Stations, rows: IntArray, ratio: FloatArray
+) -> list[Thin]:
+    along, half = stations.along_mm[rows], stations.length_mm[rows] / 2
+    ends = np.pad(ratio, _WINDOW // 2, mode="edge")
+    mean = np.convolve(ends, np.ones(_WINDOW) / _WINDOW, "valid")
+    thin, sure = np.zeros(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
+    for one in stretches:
+        within = (along >= one.from_mm) & (along <= one.to_mm)
+        if within.any():
+            sure |= within
+            thin |= within | (mean < (1.0 + float(ratio[within].mean())) / 2)
+    edges = np.diff(np.concatenate([[0], thin.astype(np.int8), [0]]))
+    found = list[Thin]()
+    for first, past in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
+        part = slice(first, past)
+        missing = 1.0 - float(np.average(ratio[part], weights=half[part]))
+        if sure[part].any() and 0.0 < missing < 1.0:
+            low, high = along[first] - half[first], along[past - 1] + half[past - 1]
+            found.append(Thin(int(stations.stroke[rows[0]]), float(low), float(high), missing))
+    return found

@@ -1,0 +1,56 @@
+"""Evidence of a look: readings of the flow, however short it is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from firmware_profiles import Ink, load
+from printctl.observe.deciding import FlowControl
+from printctl.observe.expected import ExpectedInk
+from printctl.observe.judging import _flow
+from registration.layer_images import Stations
+
+HEIGHT, WIDTH = 0.1, 0.25
+
+
+def seen(lines, ratio, stations=40, noise=0.04, u_ratio=0.01):
+    """Stations of lines of 7 mm at 20 mm/s, and the ink that was asked for."""
+    rng = np.random.default_rng(3)
+    section = load(Ink, "collagen_fresh").bead_section
+    m, none = lines * stations, np.zeros((lines, 3))
+    wanted = float(section.area(WIDTH, HEIGHT))
+    full_width = section.width(wanted * np.broadcast_to(ratio, m), HEIGHT)
+    width = full_width * (1 + noise * rng.standard_normal(m))
+    full, row = np.ones(m), np.repeat(np.arange(lines), stations)
+    along = np.tile(np.arange(stations), lines) * 0.17
+    found = Stations(
+        np.zeros((m, 2)), full, np.zeros((m, 2)), row, row, along,
+        full * 0.17, full * WIDTH, width, full * noise * WIDTH, full * 0, full, full > 0, row * 0,
+    )  # fmt: skip
+    each = np.ones(lines)
+    ink = ExpectedInk(
+        (), none, none, each * WIDTH, each * HEIGHT, each * wanted, np.arange(lines),
+        np.arange(lines), 0.35 * (np.arange(lines) + 0.5), each, "layered", each < 0,
+    )  # fmt: skip
+    return _flow(found, ink, row, u_ratio, section)
+
+
+@pytest.mark.parametrize("lines", [1, 3, 40])
+@pytest.mark.parametrize("ratio", [0.7, 1.3])
+def test_a_step_of_the_flow_is_told_by_one_look_of_any_length(lines, ratio):
+    control = FlowControl()
+    control.learn(seen(12, 1.0))
+    control.learn(seen(lines, ratio))
+    assert control.flow == pytest.approx(ratio, rel=0.05)
+
+
+def test_a_look_in_which_the_flow_steps_tells_it_all_the_same():
+    control, ratio = FlowControl(), np.repeat([1.0, 0.7], [25, 95])
+    control.learn(seen(3, 1.0))
+    control.learn(seen(3, ratio, u_ratio=0.085))  # its lines differ, which is no doubt of all
+    assert control.flow == pytest.approx(0.7, rel=0.05)
+
+
+def test_a_long_look_is_read_by_the_clock():
+    assert len(seen(40, 1.0)) == 14

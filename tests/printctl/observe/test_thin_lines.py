@@ -1,0 +1,54 @@
+"""Thin stretches: how far they go, how much ink they lack, and what two pictures show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from printctl.observe.deciding.thin import Thin, seen_twice
+from printctl.observe.thin_lines import thin_lines
+from registration.layer_images import Stations, Stretch
+
+STEP = 0.15
+
+
+def stations(strokes=2, each=60):
+    m = strokes * each
+    none, full = np.zeros(m), np.ones(m)
+    row = np.repeat(np.arange(strokes), each)
+    along = np.tile((np.arange(each) + 0.5) * STEP, strokes)
+    return Stations(
+        np.zeros((m, 2)), none, np.zeros((m, 2)), row, row, along, full * STEP,
+        full * 0.25, full * 0.25, full * 0.01, none, full, full > 0, row * 0,
+    )  # fmt: skip
+
+
+def thin(kind="thin", low=3.0, high=3.6, stroke=1):
+    return Stretch(kind, stroke, low, high, 0.7, 0.02, 1e-9)
+
+
+def test_a_thin_stretch_goes_as_far_as_the_line_is_thin():
+    given, rng = stations(), np.random.default_rng(0)
+    ratio = 1 + 0.04 * rng.standard_normal(120)
+    ratio[70:100] -= 0.3  # 1.5 to 6 mm of stroke 1
+    (found,) = thin_lines((thin(),), given, np.ones(120, bool), ratio)
+    assert found.stroke == 1
+    assert (found.from_mm, found.to_mm) == pytest.approx((1.5, 6.0), abs=0.3)
+    assert found.missing == pytest.approx(0.3, abs=0.03)
+
+
+def test_stretches_of_one_thin_line_are_one():
+    given, ratio = stations(), np.full(120, 0.7)
+    found = thin_lines((thin(), thin(low=5.0, high=6.0)), given, np.ones(120, bool), ratio)
+    assert [(one.from_mm, round(one.to_mm, 6)) for one in found] == [(0.0, 9.0)]
+
+
+def test_thick_stretches_and_places_that_tell_nothing_fill_nothing():
+    given, ratio = stations(), np.full(120, 0.7)
+    assert thin_lines((thin("thick"),), given, np.ones(120, bool), ratio) == ()
+    assert thin_lines((thin(),), given, np.zeros(120, bool), ratio * np.nan) == ()
+
+
+def test_what_one_picture_alone_shows_isnt_filled_up():
+    one, other = Thin(1, 2.0, 4.0, 0.3), Thin(1, 6.0, 8.0, 0.3)
+    assert seen_twice((one, other), (Thin(1, 3.0, 5.0, 0.3), Thin(2, 6.0, 8.0, 0.3))) == (one,)
