@@ -327,7 +327,8 @@ def _to_mend(
 ) -> list[MendGap]:
     """Gaps on their paths, with what the flow was corrected by since they were to be written."""
     found = list[MendGap]()
-    for one in (*gaps, *thin):
+    each: list[Gap | Thin] = [*gaps, *thin]
+    for one in each:
         before = float(at.ink.factor[at.ink.stroke == one.stroke][0])
         end = min(one.to_mm, at.ink.paths[one.stroke].length_mm)
         missing = one.missing if isinstance(one, Thin) else 1.0

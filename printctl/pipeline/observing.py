@@ -81,7 +81,7 @@ def _order(context: RunContext, part: ObservePart) -> ObserverOrder:
         network=str((folder / NETWORK_FILE).resolve()),
         place_mm=(x, y, z),
         limits=_limits(part),
-        care=look_care(part),
+        care=look_care(part, embedded=isinstance(recipe.toolpath, Embedded)),
     )
 
 

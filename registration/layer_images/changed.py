@@ -129,7 +129,7 @@ def tell_by_change(
     present = np.where(np.isfinite(level), np.minimum(value / level, _FULL), 0.0)
     good = use & (why == Unseen.SEEN)
     nothing = _core(image[:, :, None], fakes, width_px * _CORE[None, :])[:, 0]
-    noise = window_noise(present, good, ways, nothing, gap_mm, known=False)
+    noise = window_noise(present, good, ways, nothing, gap_mm, known=False, even=True)
     number = max(1.0, float(ways.step[good].sum()) / gap_mm)
     if noise is None or not noise.can_tell(LONG * gap_mm, rate / number):
         return None
@@ -146,6 +146,7 @@ def tell_by_change(
         noise=noise,
         contrast=noise.contrast(gap_mm),
         strange=strange | passed,
+        unlike_bath=np.zeros(work.shape, dtype=np.float32),
         appearance=Appearance(np.zeros(count), flat, True),
         bath_spread=noise.bath,
         log_step=log_step,

@@ -1,0 +1,200 @@
+"""Turn what was learned of a layer into gaps, blobs, widths and lumens."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from registration.layer_images.blobs import find_blobs
+from registration.layer_images.changed import unchanged
+from registration.layer_images.debris import is_bare
+from registration.layer_images.gaps import find_gaps, lit_along, merged
+from registration.layer_images.ink_image import ACROSS, angle_of
+from registration.layer_images.lumens_seen import see_lumens
+from registration.layer_images.plane_map import PlaneMap
+from registration.layer_images.presence import INK
+from registration.layer_images.seen_layer import SeenLayer
+from registration.layer_images.step_height import stepped
+from registration.layer_images.stretches import find_stretches, width_ratio
+from registration.layer_images.told import (
+    ASIDE,
+)
+from registration.layer_images.values import (
+    Blob,
+    BoolArray,
+    Gap,
+    IntArray,
+    LayerFindings,
+    Lumen,
+    SeeingOptions,
+    Shift,
+    Unseen,
+)
+from registration.layer_images.ways import Ways
+from registration.layer_images.widths import Widths
+
+_EDGES_RATE: Final = 1e-4
+"""Ink that is told by its edges or slopes must be missing by so much more surely."""
+_SLANT: Final = 0.08
+"""Lack of symmetry from which on light from the side must be reckoned with."""
+_LIT_ASIDE: Final = 0.3
+"""Of a width and of the slant: uncertainty of where a line lies that is lit from the side."""
+_TOUCHING: Final = 0.8
+"""In widths from a line's middle: ink that begins nearer touches it."""
+
+
+def _nowhere_sure(shift: Shift, ways: Ways) -> bool:
+    """Whether the layer's place is known in no direction to 0.4 of a line's width.
+
+    Lines that touch would then be held against their neighbours, or the bath beside the part.
+    """
+    least = float(np.linalg.eigvalsh(shift.covariance_mm2)[0])
+    return least > (0.4 * float(np.median(ways.width))) ** 2
+
+
+def honest_shift(shift: Shift, look: SeenLayer) -> Shift:
+    """Widen the shift of lines lit from the side: their middle isn't where it seems."""
+    told = look.bath
+    if told is None:
+        return shift
+    slant, moved = min(told.template.slant, 1.0), np.hypot(shift.dx_mm, shift.dy_mm)
+    u = _LIT_ASIDE * slant * float(np.median(look.ways.width))
+    u = np.hypot(u, 0.5 * float(moved) * min(slant / _SLANT, 1.0))
+    return replace(shift, covariance_mm2=shift.covariance_mm2 + u**2 * np.eye(2))
+
+
+def _lit_widths(look: SeenLayer, shift: Shift) -> Widths:
+    """Widen the uncertainty of widths where the shaded sides of lines may look like bath.
+
+    Lines then seem thinner, and moved to the light by half of that. A shift and a deviation that
+    could both come from it are doubted by as much as the profiles' lack of symmetry says.
+    """
+    rows = look.group.first
+    ratio = look.widths.width_mm / look.ways.width[rows]
+    if look.bath is None or not np.isfinite(ratio).any():
+        return look.widths
+    moved = float(np.hypot(shift.dx_mm, shift.dy_mm)) / float(np.median(look.ways.width))
+    off = abs(1.0 - float(np.nanmedian(ratio)))
+    doubt = min(2.0 * moved, off) * min(look.bath.template.slant / _SLANT, 1.5)
+    return replace(look.widths, common=float(np.hypot(look.widths.common, doubt)))
+
+
+def findings_of(
+    look: SeenLayer, lumens: Sequence[Lumen], shift: Shift, options: SeeingOptions
+) -> LayerFindings:
+    """Return all that a layer seen at a shift tells, each finding against the picture's noise."""
+    ways, why = look.ways, look.why.copy()
+    if not look.by_height and _nowhere_sure(shift, ways):
+        beside = np.minimum(look.sides.left, look.sides.right) < _TOUCHING
+        beside &= ~(look.over_old & look.by_change)
+        why[beside & (why == Unseen.SEEN)] = int(Unseen.UNCLEAR)
+    good = why == Unseen.SEEN
+    tested = good.copy()
+    for told in (look.bath, look.old):
+        if told is not None and told.noise is not None and told.faint:
+            rows = look.over_old if told is look.old else ~look.over_old
+            tested |= rows & (told.why == Unseen.SEEN)
+    places = max(1, round(float(ways.step[tested].sum()) / options.gap_mm))
+    blobs, big = _blobs(look, options)
+    if big.any():
+        under = look.seen.profiles(big.astype(np.uint8), ways.width[:, None] * ACROSS, True)
+        why[good & under.any(axis=1)] = int(Unseen.HIDDEN)
+        good = why == Unseen.SEEN
+    gaps = _gaps(look, good, why, places, options)
+    widths = _lit_widths(look, shift)
+    stations = look.group.stations(ways, look.present, why, widths)
+    stretches = find_stretches(stations, widths, options.width_percent)
+    told = look.bath
+    usable = told is not None and told.noise is not None and told.template.filled
+    lost = look.work.bad | look.work.hidden if told is None else told.strange | look.work.hidden
+    seen_lumens = see_lumens(
+        lumens,
+        told.image if told is not None and usable else None,
+        lost,
+        look.masks.old,
+        look.frame,
+        np.array([shift.dx_mm, shift.dy_mm]),
+        1.0 / look.work.px_per_mm,
+        told.bath_spread if told is not None else 1.0,
+    )
+    ratio, u_ratio = width_ratio(stations, widths)
+    way = ways.step
+    seen_mm = float(way[good].sum())
+    covered = float((np.clip(look.present[good], 0.0, 1.0) * way[good]).sum())
+    return LayerFindings(
+        stations=stations,
+        gaps=merged(gaps, ways),
+        stretches=stretches,
+        blobs=blobs,
+        lumens=seen_lumens,
+        width_ratio=ratio,
+        u_width_ratio=u_ratio,
+        seen_share=seen_mm / float(way.sum()),
+        coverage=covered / seen_mm if seen_mm > 0 else np.nan,
+        shift=shift,
+        places=places,
+        contrast=told.contrast if told is not None else 0.0,
+        appearance=told.appearance if told is not None and told.noise is not None else None,
+        moved_px=look.work.moved_px,
+    )
+
+
+def _gaps(
+    look: SeenLayer, good: BoolArray, why: IntArray, places: int, options: SeeingOptions
+) -> list[Gap]:
+    """Gaps over either background; marks in ``why`` what turns out unclear."""
+    found: list[Gap] = []
+    needed = options.false_rate / places
+    beside = look.ways.width[:, None] * np.linspace(-1.5, 1.5, 13)
+    for told, rows in ((look.bath, ~look.over_old), (look.old, look.over_old)):
+        if told is not None and told.noise is not None:
+            around = look.seen.profiles(told.strange.astype(np.float32), beside).mean(axis=1)
+            clear = rows & (good if not told.faint else told.why == Unseen.SEEN)
+            # Slopes and edges scatter with the light, not with noise alone.
+            certain = needed * (_EDGES_RATE if told.template.by_edges else 1.0)
+            gaps, unclear = find_gaps(
+                look.present, clear, look.ways, told.noise, options.gap_mm, certain, around
+            )
+            if told.template.slant > ASIDE:
+                angle = angle_of(look.seen)
+                gaps = [
+                    gap
+                    for gap in gaps
+                    if not lit_along(gap, look.ways, angle, look.present, clear, why)
+                ]
+            if look.by_height and told is look.old:
+                gaps, doubtful = stepped(gaps, look.present, clear, look.ways)
+                unclear |= doubtful
+            elif look.by_change and told is look.old:
+                for judge in (unchanged, stepped):
+                    gaps, doubtful = judge(gaps, look.present, clear, look.ways)
+                    unclear |= doubtful
+            else:
+                gaps = [gap for gap in gaps if is_bare(gap, look.ways, look.seen, told, why)]
+            found += gaps
+            why[unclear] = int(Unseen.UNCLEAR)
+            noise = told.noise
+            # Bath that looks like ink beside a line that doesn't: light changes there.
+            doubt = good & rows & (look.plain < INK * noise.middle) & (look.present > INK)
+            why[doubt & (look.plain < 0.25 * noise.middle)] = int(Unseen.UNCLEAR)
+    return found
+
+
+def _blobs(look: SeenLayer, options: SeeingOptions) -> tuple[tuple[Blob, ...], BoolArray]:
+    told = look.bath
+    nothing = np.zeros(look.work.shape, dtype=np.bool_)
+    if told is None or told.noise is None or not told.template.filled:
+        return (), nothing
+    px_mm = 1.0 / look.work.px_per_mm
+    return find_blobs(
+        told.image,
+        look.masks.free,
+        told.strange | look.work.hidden,
+        np.maximum(look.masks.fresh, look.masks.old),
+        float(np.median(look.ways.width)) / px_mm,
+        PlaneMap.of(look.frame, look.moved, px_mm),
+        options.false_rate,
+    )

@@ -1,0 +1,181 @@
+"""Learn a layer's ink, background and widths at one shift of the picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import cv2
+import numpy as np
+
+from registration.layer_images.changed import Places, tell_by_change
+from registration.layer_images.ink_image import ACROSS, smoothed
+from registration.layer_images.light import flattened
+from registration.layer_images.presence import Sides
+from registration.layer_images.stations import Grouping, station_widths
+from registration.layer_images.step_height import tell_by_height
+from registration.layer_images.told import (
+    Ground,
+    Told,
+    better,
+    differs_enough,
+    reasons,
+    tell_ink,
+)
+from registration.layer_images.values import (
+    Appearance,
+    BoolArray,
+    ExpectedLines,
+    FloatArray,
+    FloatImage,
+    IntArray,
+    SeeingOptions,
+    Shift,
+    Unseen,
+)
+from registration.layer_images.ways import Seen, Ways
+from registration.layer_images.widths import Widths
+from registration.layer_images.working import Masks, Working, WorkingFrame, drawn_lines
+
+_MOST_OLD: Final = 0.3
+"""Of a line's width over older ink: more, and it is judged against that."""
+_UNSETTLED: Final = 0.1
+"""Of a width over ink that was written since the picture before: what changed tells nothing."""
+
+
+@dataclass(frozen=True)
+class SeenLayer:
+    """All that was learned of a layer at one shift."""
+
+    work: Working
+    frame: WorkingFrame
+    ways: Ways
+    moved: Ways
+    seen: Seen
+    masks: Masks
+    sides: Sides
+    over_old: BoolArray
+    bath: Told | None
+    old: Told | None
+    present: FloatArray
+    plain: FloatArray
+    profiles: FloatImage
+    why: IntArray
+    group: Grouping
+    widths: Widths
+    by_height: bool
+    by_change: bool
+
+
+def seen_at_shift(
+    work: Working,
+    frame: WorkingFrame,
+    lines: ExpectedLines,
+    late: BoolArray,
+    ways: Ways,
+    shift: Shift,
+    options: SeeingOptions,
+    known: Appearance | None,
+    thickness_mm: float | None,
+    rng: np.random.Generator,
+) -> SeenLayer:
+    """Learn ink over the bath and over older ink, presence and widths at one shift."""
+    by = np.array([shift.dx_mm, shift.dy_mm])
+    masks, moved = Masks.of(lines, frame, work, by), ways.moved(by)
+    seen = Seen.of(moved, frame)
+    drawn = np.maximum(masks.fresh, masks.old)
+    sides = Sides.of(seen, ways, drawn, work.px_per_mm)
+    width_px = float(np.median(ways.width)) * work.px_per_mm
+    flat = flattened(work.channels, masks.free, masks.core, work.px_per_mm)
+    ground = Ground(
+        smoothed(flat, width_px), flat, masks.free, masks.fresh, work, options.gap_mm,
+        options.false_rate, known,
+    )  # fmt: skip
+    older = seen.profiles(masks.old, ways.width[:, None] * np.linspace(-0.5, 0.5, 9), nearest=True)
+    over_old = np.asarray(older.mean(axis=1) > _MOST_OLD)
+    bath = tell_ink(ground, ways, seen, sides, ~over_old, rng)
+    if work.earlier is not None:
+        # A difference helps in a grainy bath, and tells less of ink that a bubble's light falls on.
+        count = work.earlier.shape[2]
+        parts = [np.ascontiguousarray(each[:, :, :count]) for each in (ground.smooth, flat)]
+        alone = replace(ground, smooth=parts[0], flat=parts[1])
+        bath = better(bath, tell_ink(alone, ways, seen, sides, ~over_old, rng))
+    place = reasons(work, seen, ways, np.zeros(work.shape, dtype=np.bool_))
+    old = None
+    if over_old.any() and thickness_mm is not None:
+        old = tell_by_height(
+            work, ways, seen, place, over_old, drawn, masks.fresh, thickness_mm,
+            options.gap_mm, options.false_rate,
+        )  # fmt: skip
+    elif over_old.any() and work.earlier is not None:
+        old = _by_change(work, frame, lines, late, by, masks, ways, seen, over_old, options, rng)
+    elif over_old.any():
+        disc = np.ones((3, 3), np.uint8)
+        alone = cv2.erode(masks.old, disc) & (cv2.dilate(masks.fresh, disc, iterations=2) == 0)
+        alone = (alone & ~(work.bad | work.hidden)).astype(np.uint8)
+        touching = Sides(np.full(len(ways), 0.5), np.full(len(ways), 0.5))
+        on_old = replace(ground, free=alone, known=None)
+        old = tell_ink(on_old, ways, seen, touching, over_old, rng)
+        old = old if old is not None and differs_enough(old, bath) else None
+    by_height = old is not None and thickness_mm is not None
+    by_change = old is not None and thickness_mm is None and work.earlier is not None
+    joined = _joined(place, over_old, bath, old)
+    group = Grouping.of_ways(ways, joined[3] == Unseen.SEEN)
+    widths = station_widths(
+        group, ways, joined[2], sides, bath, over_old, joined[0], joined[3] == Unseen.SEEN, work
+    )
+    return SeenLayer(
+        work, frame, ways, moved, seen, masks, sides, over_old, bath, old, *joined, group, widths,
+        by_height, by_change,
+    )  # fmt: skip
+
+
+def _by_change(
+    work: Working,
+    frame: WorkingFrame,
+    lines: ExpectedLines,
+    late: BoolArray,
+    by_mm: FloatArray,
+    masks: Masks,
+    ways: Ways,
+    seen: Seen,
+    over_old: BoolArray,
+    options: SeeingOptions,
+    rng: np.random.Generator,
+) -> Told | None:
+    """Tell fresh ink over older ink by the picture before."""
+    written = masks.fresh.copy()
+    settled = np.ones(len(ways), dtype=np.bool_)
+    if late.any():
+        ends = np.stack([frame.to_pixels(lines.start[late]), frame.to_pixels(lines.end[late])], 1)
+        mended = drawn_lines(work.shape, ends, lines.width_mm[late] * work.px_per_mm)
+        across = ways.width[:, None] * np.linspace(-0.5, 0.5, 9)
+        settled = seen.profiles(mended, across, nearest=True).mean(axis=1) < _UNSETTLED
+        written |= mended
+    side = 2 * round(0.4 * float(np.median(ways.width)) * work.px_per_mm) + 5
+    lost = (work.bad | work.hidden).astype(np.uint8)
+    ground = 1 - (cv2.dilate(written, np.ones((side, side), np.uint8)) | lost)
+    assert work.earlier is not None
+    earlier = flattened(work.earlier, masks.free, masks.core, work.px_per_mm)
+    places = Places(ways, seen, over_old, settled, ground, masks.old & masks.fresh, earlier)
+    return tell_by_change(work, places, options.gap_mm, options.false_rate, rng)
+
+
+def _joined(
+    place: IntArray, over_old: BoolArray, bath: Told | None, old: Told | None
+) -> tuple[FloatArray, FloatArray, FloatImage, IntArray]:
+    """Presence, the same without sides, profiles and reasons, of both backgrounds."""
+    count = len(place)
+    present, plain = np.full(count, np.nan), np.full(count, np.nan)
+    profiles = np.zeros((count, len(ACROSS)), dtype=np.float32)
+    why = np.full(count, int(Unseen.FAINT))
+    for told, rows, faint in ((bath, ~over_old, Unseen.FAINT), (old, over_old, Unseen.OLD_INK)):
+        why[rows] = np.where(place[rows] == Unseen.SEEN, int(faint), place[rows])
+        if told is None:
+            continue
+        present[rows], plain[rows] = told.present[rows], told.plain[rows]
+        profiles[rows] = told.profiles[rows]
+        why[rows] = np.where(
+            (told.why[rows] == Unseen.SEEN) & told.faint, int(faint), told.why[rows]
+        )
+    return present, plain, profiles, why
