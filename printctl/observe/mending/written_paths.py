@@ -68,8 +68,8 @@ class WrittenPath:
 
     def piece(self, along: FloatArray) -> IntArray:
         """Piece at ways along the path, (m,); at a corner the one behind it."""
-        found = np.searchsorted(self.arc, along, side="right") - 1
-        return np.clip(found, 0, len(self.command) - 1)
+        piece = np.searchsorted(self.arc, along, side="right") - 1
+        return np.clip(piece, 0, len(self.command) - 1)
 
     def usual_width(self, from_mm: float, to_mm: float) -> float:
         """Mean width between two places along it, mm."""
@@ -128,13 +128,13 @@ def written_paths(held: HeldPrint, until: int | None = None) -> tuple[WrittenPat
     number = np.cumsum(breaks)[chosen]
     width, height = _sections(held, chosen)
     e_per_mm = program.pushed[chosen] / held.way[chosen]
-    found: list[WrittenPath] = []
+    paths: list[WrittenPath] = []
     for own in np.split(np.arange(len(chosen)), np.flatnonzero(np.diff(number)) + 1):
         row = chosen[own]
         points = np.vstack([program.before[row[:1], :3], program.target[row, :3]])
-        found.append(
+        paths.append(
             WrittenPath(
-                len(found),
+                len(paths),
                 points,
                 e_per_mm[own],
                 program.feed[row],
@@ -143,7 +143,7 @@ def written_paths(held: HeldPrint, until: int | None = None) -> tuple[WrittenPat
                 height[own],
             )
         )
-    return tuple(found)
+    return tuple(paths)
 
 
 def _sections(held: HeldPrint, rows: IntArray) -> tuple[FloatArray, FloatArray]:
