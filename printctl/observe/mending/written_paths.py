@@ -161,10 +161,11 @@ def _sections(held: HeldPrint, rows: IntArray) -> tuple[FloatArray, FloatArray]:
 
 
 def layer_heights(held: HeldPrint, rows: IntArray, area_mm2: FloatArray) -> FloatArray:
-    """Height of each written row's layer, (n,), mm."""
+    """Height of each written row's layer, (n,), mm; round lines where there is but one layer."""
     from_z = held.program.target[rows, 2]
     levels = written_levels(from_z)
-    height = level_heights(levels, level_areas(levels, from_z, area_mm2))
+    round_mm = float(np.median(np.sqrt(4 / np.pi * area_mm2)))
+    height = level_heights(levels, level_areas(levels, from_z, area_mm2), single_mm=round_mm)
     at = np.searchsorted(levels, from_z + 1e-6, side="right") - 1
     return height[np.clip(at, 0, None)]
 
