@@ -128,6 +128,7 @@ def _scan(page: Any, server: Process) -> None:
     report.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)
 
 
+@pytest.mark.slow
 def test_a_scan_is_added_seen_and_registered(workspace: Path, browser: Any, tmp_path: Path) -> None:
     """The run's own scan under another name, as one of another machine would come."""
     scan = shutil.copy(workspace / "runs" / "one" / "scan.tif", tmp_path / "fresh scan.tif")

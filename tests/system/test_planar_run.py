@@ -16,6 +16,7 @@ from tests.system.cli import ROOT, printctl
 RECIPE = ROOT / "examples" / "planar_fresh.yaml"
 
 
+@pytest.mark.slow
 def test_each_kernel_that_the_run_calls_is_on_the_list(
     planar_run: Path, listed_kernels: Path
 ) -> None:

@@ -58,6 +58,7 @@ def test_all_sections_are_counted_and_without_pictures_there_is_no_viewer() -> N
     assert section_view(two_vessels(), None) is None
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium isn't installed")
 def test_a_click_on_a_vessels_drawing_shows_the_section_under_it(tmp_path: Path) -> None:

@@ -191,6 +191,7 @@ def test_markup_in_a_file_s_name_is_shown_as_text(
     assert page.evaluate("window.bad") is None
 
 
+@pytest.mark.slow
 def test_inlets_are_picked_on_the_tissue(served: Process, browser: Any, workspace: Path) -> None:
     grown = "tissue: {shape: block, size_mm: [16, 8, 3]}\nvasculature: {grow: tree, terminals: 20}"
     (workspace / "recipes" / "grown.yaml").write_text(f"schema: 1\nname: grown\n{grown}\n")

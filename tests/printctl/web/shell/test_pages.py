@@ -215,6 +215,7 @@ def test_a_script_that_slips_into_a_page_does_not_run(served: Any, browser: Any)
     assert page.evaluate("window.slipped") is None
 
 
+@pytest.mark.slow
 def test_nothing_is_fetched_from_elsewhere(served: Any, browser: Any) -> None:
     server, _ = served
     page = browser.new_context().new_page()

@@ -41,6 +41,7 @@ def _printed(core: Core, source: str) -> str:
         service.close()
 
 
+@pytest.mark.slow
 def test_the_camera_is_seen_lost_and_found_and_the_film_plays(
     core: Core, station: Any, browser: Any, tmp_path: Path
 ) -> None:
