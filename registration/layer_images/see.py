@@ -23,7 +23,9 @@ import numpy as np
 from registration.errors import PictureError
 from registration.layer_images.blobs import find_blobs
 from registration.layer_images.first_shift import first_shift
+from registration.layer_images.gap_ends import Bead, LightAlong
 from registration.layer_images.gaps import find_gaps, lit_along, merged
+from registration.layer_images.in_light import LightMix
 from registration.layer_images.ink_image import ACROSS, angle_of, smoothed
 from registration.layer_images.layer_shift import fit_shift
 from registration.layer_images.light import flattened
@@ -148,6 +150,7 @@ class _Look:
     ways: Ways
     moved: Ways
     seen: Seen
+    flat: FloatImage
     masks: Masks
     sides: Sides
     over_old: BoolArray
@@ -206,10 +209,10 @@ def _look(
     joined = _joined(place, over_old, bath, old)
     group = Grouping.of_ways(ways, joined[3] == Unseen.SEEN)
     widths = station_widths(
-        group, ways, joined[2], sides, bath, over_old, joined[0], joined[3] == Unseen.SEEN, work
+        group, ways, seen, flat, sides, bath, over_old, joined[0], joined[3] == Unseen.SEEN, work
     )
     return _Look(
-        work, frame, ways, moved, seen, masks, sides, over_old, bath, old, *joined, group, widths,
+        work, frame, ways, moved, seen, flat, masks, sides, over_old, bath, old, *joined, group, widths,
         by_height,
     )  # fmt: skip
 
@@ -359,6 +362,8 @@ def _gaps(
             if look.by_height and told is look.old:
                 gaps, doubtful = stepped(gaps, look.present, clear, look.ways)
                 unclear |= doubtful
+            if told is look.bath and look.work.is_log and told.template.filled:
+                gaps = _ends_of(look, told).measured(gaps, clear & (look.present > INK))
             found += gaps
             why[unclear] = int(Unseen.UNCLEAR)
             noise = told.noise
@@ -366,6 +371,19 @@ def _gaps(
             doubt = good & rows & (look.plain < INK * noise.middle) & (look.present > INK)
             why[doubt & (look.plain < 0.25 * noise.middle)] = int(Unseen.UNCLEAR)
     return found
+
+
+def _ends_of(look: _Look, told: Told) -> LightAlong:
+    """What measures the ends of gaps over the bath."""
+    px_mm = 1.0 / look.work.px_per_mm
+    return LightAlong(
+        look.flat,
+        LightMix.of(told.appearance.mix, told.ink, look.work.is_log),
+        look.ways,
+        look.seen,
+        Bead.of(look.widths.optics, float(np.median(look.ways.width)), px_mm),
+        px_mm,
+    )
 
 
 def _blobs(look: _Look, options: SeeingOptions) -> tuple[tuple[Blob, ...], BoolArray]:

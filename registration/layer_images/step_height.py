@@ -117,7 +117,6 @@ def tell_by_height(
         strange=np.asarray(image - np.float32(np.nanmedian(level)) > _HIGH - 1.0),
         appearance=Appearance(np.zeros(work.channels.shape[2]), flat, True),
         bath_spread=float(noise.spread[0]),
-        log_step=0.0,
         ink=np.zeros(work.channels.shape[2]),
         faint=not noise.can_tell(gap_mm, rate / places),
     )

@@ -1,0 +1,217 @@
+"""Tell how wide beads are whose ink, blur and camera aren't known, and how sure that is.
+
+A profile at half of its height is as wide as the bead only where ink is opaque and the camera
+linear. What else it means follows from the ink's absorption (μ, `registration.microscope.shade`),
+the blur (σ) and the camera's γ. Each of a few kinds of ink and γ is fitted to the mean profile; the
+width is the mean of all, weighted by how well they fit (Bayesian model averaging: Hoeting et al.
+1999, Stat. Sci. 14, 382), and their disagreement is its uncertainty.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from registration.layer_images.in_light import LightMix
+from registration.layer_images.values import FloatArray
+from registration.microscope.shade import Shade, shade_profile
+
+GAMMAS: Final = (1.0, 1.6, 2.2)
+_LINEAR: Final = 0.1
+"""Logarithm of ink over bath, below which γ changes nothing."""
+_KINDS: Final = ((1.0, 0.1), (3.0, 0.1), (300.0, 0.3))
+"""μ d of a translucent, a cloudy and an opaque ink, and how likely each is beforehand."""
+_DYE: Final = 0.5
+"""The same of a clear dye, whose density is what the middle's light tells."""
+_THIN: Final = 0.3
+"""μ d of ink lighter than the bath whose edges are as soft as a dye's."""
+_MODEL: Final = 0.0012
+"""Of a profile's height: what none of the models is right to."""
+_TOGETHER: Final = 1.5
+"""Pixels over which a profile's errors are one."""
+
+
+@dataclass(frozen=True)
+class Optics:
+    """What a picture's beads and camera are like.
+
+    Attributes
+    ----------
+    shade : Shade
+        Of the likeliest kind; its ``spread`` is the relative standard uncertainty of all widths.
+    gamma : float
+        Of the likeliest kind.
+    diameter_mm : float, mm
+        Of the bead of the mean profile, by all kinds.
+    thickness : float
+        μ d of the likeliest kind.
+    """
+
+    shade: Shade
+    gamma: float
+    diameter_mm: float
+    thickness: float
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """A kind of ink and camera.
+
+    Attributes
+    ----------
+    gamma : float
+    thickness : (c,) float64
+        μ d in each channel.
+    prior : float
+    """
+
+    gamma: float
+    thickness: FloatArray
+    prior: float
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """A kind, fitted.
+
+    Attributes
+    ----------
+    kind : _Kind
+    diameter, blur : float, mm
+    height : (c,) float64
+    rms : float
+        Of what stays, over the profile's height.
+    spread : float
+        Of the diameter's logarithm, by errors of the profile of its height.
+    """
+
+    kind: _Kind
+    diameter: float
+    blur: float
+    height: FloatArray
+    rms: float
+    spread: float
+
+
+def fit_optics(
+    across_mm: FloatArray,
+    logs: FloatArray,
+    mix: LightMix,
+    width_mm: float,
+    px_mm: float,
+    noise: float,
+) -> Optics:
+    """Fit kinds of ink and camera to a mean profile.
+
+    Parameters
+    ----------
+    across_mm : (m,) float64, mm
+        From 0 on: both halves are one.
+    logs : (m, c) float64
+        Channels of the mean profile, bath 0.
+    mix : LightMix
+    width_mm : float, mm
+        About.
+    px_mm : float, mm
+        A pixel.
+    noise : float
+        Standard uncertainty of the mean profile's values.
+    """
+    beads = _Beads(across_mm, logs[:, mix.used], mix.ink[mix.used], px_mm)
+    fits = list(_fits(beads, width_mm, mix.is_log))
+    together = _TOGETHER * px_mm / float(across_mm[1] - across_mm[0])
+    independent = max(4.0, len(across_mm) * len(mix.used) / max(together, 1.0))
+    rest = np.array([f.rms for f in fits]) ** 2 + _MODEL**2
+    prior = np.array([f.kind.prior for f in fits])
+    score = np.log(prior) - 0.5 * independent * rest / rest.min()
+    share = np.exp(score - score.max())
+    share /= share.sum()
+    diameter = np.array([f.diameter for f in fits])
+    mean = float(share @ diameter)
+    # Each fit's own uncertainty: what errors of the mean profile do to it.
+    own = np.array([f.spread for f in fits]) * math.hypot(noise, _MODEL) * max(together, 1.0) ** 0.5
+    spread = math.sqrt(float(share @ ((diameter / mean - 1.0) ** 2 + own**2)))
+    best = fits[int(share.argmax())]
+    weight = np.abs(mix.mix * mix.ink)[mix.used]
+    thickness = float(weight @ best.kind.thickness / weight.sum())
+    return Optics(
+        Shade(thickness / best.diameter, best.blur, best.rms, spread),
+        best.kind.gamma,
+        mean,
+        thickness,
+    )
+
+
+@dataclass(frozen=True)
+class _Beads:
+    """Mean profile of beads: logarithms (m, c), ink's level in each channel, and a pixel."""
+
+    across_mm: FloatArray
+    logs: FloatArray
+    ink: FloatArray
+    px_mm: float
+
+    def light(self, gamma: float, is_log: bool) -> FloatArray:
+        """Light over that of the bath, (m, c)."""
+        return np.asarray(np.expm1(gamma * self.logs) if is_log else self.logs)
+
+
+def _fits(beads: _Beads, width_mm: float, is_log: bool) -> Iterator[_Fit]:
+    flat = not is_log or float(np.abs(beads.ink).max()) < _LINEAR
+    darker = is_log and float(beads.ink @ np.abs(beads.ink)) < 0
+    for gamma in (1.0,) if flat else GAMMAS:
+        light = beads.light(gamma, is_log)
+        dye = np.where(darker, np.maximum(-gamma * beads.ink, 0.05), _THIN)
+        first = _fit(beads, light, _Kind(gamma, dye, _DYE), width_mm)
+        if darker:
+            # Blur lessens the middle: a dye is as dense as the unblurred bead must be.
+            dye = -np.log(np.clip(1.0 + first.height, 0.02, 0.95))
+            first = _fit(beads, light, _Kind(gamma, dye, _DYE), first.diameter)
+        yield first
+        for thickness, prior in _KINDS:
+            if thickness > dye.max():  # pigments take less light than a dye as dense
+                kind = _Kind(gamma, np.full(len(dye), thickness), prior)
+                yield _fit(beads, light, kind, first.diameter)
+
+
+def _fit(beads: _Beads, light: FloatArray, kind: _Kind, width_mm: float) -> _Fit:
+    """Diameter and blur; each channel's height and ground are linear (variable projection)."""
+    across = beads.across_mm
+    ones = np.ones(len(across))
+    size = float(np.abs(light).max(axis=0) @ np.abs(light).max(axis=0)) ** 0.5
+    alike = bool((kind.thickness == kind.thickness[0]).all())
+
+    def solved(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        diameter, blur = math.exp(p[0]), math.exp(p[1])
+        rest, height = np.empty_like(light), np.empty(light.shape[1])
+        shade = shade_profile(across, diameter, float(kind.thickness[0]) / diameter, blur)
+        for c in range(light.shape[1]):
+            if not alike and c:
+                shade = shade_profile(across, diameter, float(kind.thickness[c]) / diameter, blur)
+            columns = np.column_stack([shade, ones])
+            best = np.linalg.solve(columns.T @ columns + 1e-9 * np.eye(2), columns.T @ light[:, c])
+            rest[:, c], height[c] = columns @ best - light[:, c], best[0]
+        return rest / size, height
+
+    begin = [math.log(width_mm), math.log(max(0.1 * width_mm, 0.5 * beads.px_mm))]
+    low = [math.log(width_mm / 2), math.log(0.15 * beads.px_mm)]
+    high = [math.log(width_mm * 2), math.log(0.6 * width_mm)]
+    found = least_squares(
+        lambda p: solved(p)[0].ravel(),
+        begin,
+        bounds=(low, high),
+        x_scale="jac",
+        ftol=1e-5,
+        max_nfev=20,
+    )
+    rest, height = solved(found.x)
+    inverse = np.linalg.pinv(found.jac.T @ found.jac)
+    rms = math.sqrt(float((rest**2).sum()) / len(across))
+    return _Fit(
+        kind, math.exp(found.x[0]), math.exp(found.x[1]), height, rms, math.sqrt(inverse[0, 0])
+    )
