@@ -81,7 +81,8 @@ class Bead:
         t = (np.arange(-side, side) + 0.5) * step
         beyond = np.maximum(x + r, 0.0) if is_round else np.where(x > 0, np.inf, 0.0)
         way = np.sqrt(np.maximum(r**2 - t[:, None] ** 2 - beyond**2, 0.0)) / r
-        light = gaussian_filter(-np.expm1(-self.thickness * way), self.blur_mm / step)
+        taken = np.expm1(-self.thickness * way) / math.expm1(-self.thickness)
+        light = gaussian_filter(taken, self.blur_mm / step)
         light = gaussian_filter1d(light, smooth_mm / step, axis=1)
         return tuple(
             _half_place(x, light[where].mean(axis=0))

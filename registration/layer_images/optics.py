@@ -26,10 +26,15 @@ _LINEAR: Final = 0.1
 """Logarithm of ink over bath, below which γ changes nothing."""
 _KINDS: Final = ((1.0, 0.1), (3.0, 0.1), (300.0, 0.3))
 """μ d of a translucent, a cloudy and an opaque ink, and how likely each is beforehand."""
+_GLOWING: Final = ((0.3, 0.2),)
+"""The same of ink lighter than the bath that scatters a little."""
 _DYE: Final = 0.5
-"""The same of a clear dye, whose density is what the middle's light tells."""
-_THIN: Final = 0.3
-"""μ d of ink lighter than the bath whose edges are as soft as a dye's."""
+"""The same of a clear dye, or of clear ink in a dark bath: what the middle's light tells is μ d,
+below 0 where ink lets through more than the bath that it stands for.
+"""
+_LEAST: Final = 0.05
+_DOUBT: Final = 4.0
+"""What widths may be off by, over what none of the kinds explains of a profile's height."""
 _MODEL: Final = 0.0012
 """Of a profile's height: what none of the models is right to."""
 _TOGETHER: Final = 1.5
@@ -135,8 +140,9 @@ def fit_optics(
     mean = float(share @ diameter)
     # Each fit's own uncertainty: what errors of the mean profile do to it.
     own = np.array([f.spread for f in fits]) * math.hypot(noise, _MODEL) * max(together, 1.0) ** 0.5
-    spread = math.sqrt(float(share @ ((diameter / mean - 1.0) ** 2 + own**2)))
     best = fits[int(share.argmax())]
+    unlike = _DOUBT * math.sqrt(max(best.rms**2 - noise**2, 0.0))
+    spread = math.sqrt(float(share @ ((diameter / mean - 1.0) ** 2 + own**2)) + unlike**2)
     weight = np.abs(mix.mix * mix.ink)[mix.used]
     thickness = float(weight @ best.kind.thickness / weight.sum())
     return Optics(
@@ -163,20 +169,27 @@ class _Beads:
 
 def _fits(beads: _Beads, width_mm: float, is_log: bool) -> Iterator[_Fit]:
     flat = not is_log or float(np.abs(beads.ink).max()) < _LINEAR
-    darker = is_log and float(beads.ink @ np.abs(beads.ink)) < 0
     for gamma in (1.0,) if flat else GAMMAS:
         light = beads.light(gamma, is_log)
-        dye = np.where(darker, np.maximum(-gamma * beads.ink, 0.05), _THIN)
-        first = _fit(beads, light, _Kind(gamma, dye, _DYE), width_mm)
-        if darker:
-            # Blur lessens the middle: a dye is as dense as the unblurred bead must be.
-            dye = -np.log(np.clip(1.0 + first.height, 0.02, 0.95))
-            first = _fit(beads, light, _Kind(gamma, dye, _DYE), first.diameter)
+        first = _fit(beads, light, _Kind(gamma, _dense(-gamma * beads.ink), _DYE), width_mm)
+        # Blur lessens the middle: a dye is as dense as the unblurred bead must be.
+        dye = (
+            _dense(-np.log(np.clip(1.0 + first.height, 0.02, 50.0)))
+            if is_log
+            else first.kind.thickness
+        )
+        first = _fit(beads, light, _Kind(gamma, dye, _DYE), first.diameter)
         yield first
-        for thickness, prior in _KINDS:
+        lighter = bool(dye.max() < 0)
+        for thickness, prior in (*_KINDS, *(_GLOWING if lighter else ())):
             if thickness > dye.max():  # pigments take less light than a dye as dense
                 kind = _Kind(gamma, np.full(len(dye), thickness), prior)
                 yield _fit(beads, light, kind, first.diameter)
+
+
+def _dense(density: FloatArray) -> FloatArray:
+    """Densities that a profile can be computed of."""
+    return np.where(np.abs(density) < _LEAST, np.copysign(_LEAST, density), density)
 
 
 def _fit(beads: _Beads, light: FloatArray, kind: _Kind, width_mm: float) -> _Fit:

@@ -31,8 +31,8 @@ _MIDDLE = 0.25
 """Half of the part of a profile, in expected widths, by which its height is told."""
 _ASIDE = 0.15
 """Of a width: so near to the next ink a profile isn't a line's alone."""
-_IN_RIM, _U_IN_RIM = 0.6, 0.25
-"""Of the way from a rim's top to half of its height: where the bead ends, and its uncertainty."""
+_IN_RIM, _U_IN_RIM = 0.5, 0.29
+"""Of the way from a rim's top to half of its height: the bead ends anywhere between."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def _of_beads(profiles: StationProfiles, template: Template, mix: LightMix, px_m
     usual = Edges.of(shape[None], StationProfiles.one(mean, typical), shape).wide_mm
     told = shade.diameter(np.append(edges.wide_mm, usual))
     width = told[:-1] * (optics.diameter_mm / told[-1])
-    common = math.hypot(shade.spread, 0.5 * shade.misfit, _SLANTED * template.slant)
+    common = math.hypot(shade.spread, _SLANTED * template.slant)
     told_widths = _widths(edges, width, profiles, level, px_mm, common, _EDGE_PX)
     return replace(told_widths, optics=optics)
 
@@ -191,8 +191,8 @@ def _mean_profile(profiles: StationProfiles, edges: Edges) -> FloatArray:
 def _of_rims(profiles: StationProfiles, template: Template, px_mm: float) -> Widths:
     """Widths of ink that is told by its rims, whose outer side the bead's edge is.
 
-    A rim ends where the bead does. Half of its height lies beyond that by what the picture is
-    blurred, and its top within; how much of either isn't known of light that ink bends.
+    A rim's top lies within the bead, and half of its height beyond, by the picture's blur. How far
+    isn't known of light that ink bends.
     """
     level = profiles.mixed / template.scale
     edges = Edges.of(level, profiles, template.values)
