@@ -20,7 +20,7 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from registration.layer_images.in_light import LightMix
 from registration.layer_images.optics import Optics
-from registration.layer_images.values import BoolArray, FloatArray, FloatImage, Gap
+from registration.layer_images.values import BoolArray, FloatArray, FloatImage, Gap, IntArray
 from registration.layer_images.ways import Seen, Ways
 
 _CORE: Final = 0.15
@@ -36,10 +36,19 @@ _CELLS: Final = 12
 """Of a modelled end, in a bead's radius."""
 _SURE_PX: Final = 0.2
 """What an end's place is off by in the picture itself."""
+_SOUND: Final = 0.75
+"""Widths beyond a gap from which on ink is as it should be."""
+_ALONE: Final = 0.8
+"""Share of the places around a gap whose sides must be free, for its ends' flanks to be seen."""
 _UNLIKE: Final = 0.04
 """Of a width: what ends differ by from either model."""
 _PLAIN: Final = (1.0, 2.0)
 """Blur in pixels and μ d of beads that no width was told of."""
+
+Shapes = tuple[tuple[float, float], tuple[float, float]]
+"""Of a square and a round end: how far within the tip light is half that of ink, mm, in the line's
+middle and on its flanks.
+"""
 
 
 @dataclass(frozen=True)
@@ -76,18 +85,21 @@ class Bead:
         r = 0.5 * self.width_mm
         step = r / _CELLS
         far = 2.0 * r + 4.0 * self.blur_mm
-        x = (np.arange(-math.ceil((far + r) / step), math.ceil(far / step)) + 0.5) * step
+        x = _cells(math.ceil((far + r) / step), math.ceil(far / step)) * step
         side = math.ceil((r + 4.0 * self.blur_mm) / step)
-        t = (np.arange(-side, side) + 0.5) * step
+        t = _cells(side, side) * step
         beyond = np.maximum(x + r, 0.0) if is_round else np.where(x > 0, np.inf, 0.0)
         way = np.sqrt(np.maximum(r**2 - t[:, None] ** 2 - beyond**2, 0.0)) / r
         taken = np.expm1(-self.thickness * way) / math.expm1(-self.thickness)
         light = gaussian_filter(taken, self.blur_mm / step)
         light = gaussian_filter1d(light, smooth_mm / step, axis=1)
-        return tuple(
-            _half_place(x, light[where].mean(axis=0))
-            for where in (np.abs(t) <= 2 * _CORE * r, _flank(t / (2 * r)))
-        )  # type: ignore[return-value]
+        core, flank = light[np.abs(t) <= 2 * _CORE * r], light[_flank(t / self.width_mm)]
+        return _half_place(x, core.mean(axis=0)), _half_place(x, flank.mean(axis=0))
+
+
+def _cells(before: int, behind: int) -> FloatArray:
+    """Middles of so many cells on both sides of 0."""
+    return np.arange(-before, behind, dtype=np.float64) + 0.5
 
 
 def _flank(u: FloatArray) -> BoolArray:
@@ -123,51 +135,60 @@ class LightAlong:
     bead: Bead
     px_mm: float
 
-    def measured(self, gaps: Sequence[Gap], ink: BoolArray) -> list[Gap]:
-        """Return gaps with ends at the ink's tips; ``ink`` (n,) is where it is seen."""
+    def measured(self, gaps: Sequence[Gap], ink: BoolArray, free: BoolArray) -> list[Gap]:
+        """Return gaps with ends at the ink's tips.
+
+        Parameters
+        ----------
+        gaps : sequence of Gap
+        ink : (n,) bool
+            Where it is seen.
+        free : (n,) bool
+            Where both sides are: a neighbour that touches hides how round an end is.
+        """
         if not gaps:
             return []
         smooth = _SMOOTH_PX * self.px_mm
-        ends = [self.bead.half_way(is_round, smooth) for is_round in (False, True)]
-        return [self._measured(gap, ink, ends) for gap in gaps]
+        shapes = (self.bead.half_way(False, smooth), self.bead.half_way(True, smooth))
+        return [self._measured(gap, ink, free, shapes) for gap in gaps]
 
-    def _measured(self, gap: Gap, ink: BoolArray, ends: list[tuple[float, float]]) -> Gap:
-        middle = 0.5 * (gap.from_mm + gap.to_mm)
-        rows = np.flatnonzero(self.ways.stroke == gap.stroke)
-        inside = np.abs(self.ways.along[rows] - middle).argmin()
-        rows = rows[self.ways.run[rows] == self.ways.run[rows[inside]]]
+    def _measured(self, gap: Gap, ink: BoolArray, free: BoolArray, shapes: Shapes) -> Gap:
+        rows = self._run_of(gap)
         along, width = self.ways.along[rows], float(self.ways.width[rows].max())
-        low = max(gap.from_mm - _BEYOND * width, float(along[0]))
-        high = min(gap.to_mm + _BEYOND * width, float(along[-1]))
+        reach = _BEYOND * width
+        low, high = max(gap.from_mm - reach, along[0]), min(gap.to_mm + reach, along[-1])
         s = np.arange(low, high, self.px_mm / _FINE)
         if len(s) < 4 * _FINE:
             return gap
-        core, flank = self._light(rows, s, width)
         has_ink = np.interp(s, along, ink[rows].astype(np.float64)) > 0.99
-        found = {}
-        for way, name, old in ((-1.0, "from_mm", gap.from_mm), (1.0, "to_mm", gap.to_mm)):
-            end = self._end(way, s, core, flank, has_ink, middle, old, ends)
-            if end is not None:
-                found[name] = end
-        if not found:
-            return gap
-        u = max([end[1] for end in found.values()] + ([gap.u_mm] if len(found) < 2 else []))
-        begin, last = (
-            found.get(name, (getattr(gap, name), 0.0))[0] for name in ("from_mm", "to_mm")
+        look = _Along(s, *self._light(rows, s, width), has_ink, self.bead.width_mm, self.px_mm)
+        near = np.abs(along - 0.5 * (gap.from_mm + gap.to_mm)) < 0.5 * gap.length_mm + width
+        alone = bool(free[rows][near].mean() > _ALONE)
+        old = ((gap.from_mm, gap.u_mm), (gap.to_mm, gap.u_mm))
+        begin, end = (
+            look.end(gap, way, shapes, alone) or kept
+            for way, kept in zip((-1, 1), old, strict=True)
         )
-        if last <= begin:
+        if end[0] <= begin[0]:
             return gap
-        place = self.ways.point[rows]
-        where = [
-            (float(np.interp(at, along, place[:, 0])), float(np.interp(at, along, place[:, 1])))
-            for at in (begin, last)
-        ]
+        start_mm, end_mm = (
+            (float(np.interp(at, along, self.ways.point[rows, 0])),
+             float(np.interp(at, along, self.ways.point[rows, 1])))
+            for at in (begin[0], end[0])
+        )  # fmt: skip
+        u = max(begin[1], end[1])
         return replace(
-            gap, from_mm=begin, to_mm=last, start_mm=where[0], end_mm=where[1], u_mm=float(u)
+            gap, from_mm=begin[0], to_mm=end[0], start_mm=start_mm, end_mm=end_mm, u_mm=u
         )
 
-    def _light(self, rows: FloatArray, s: FloatArray, width: float) -> tuple[FloatArray, ...]:
-        """Light along a run in a line's middle and on its flanks, (k,) each: bath 0, ink about 1."""
+    def _run_of(self, gap: Gap) -> IntArray:
+        """Places of the unbroken run that a gap lies on."""
+        rows = np.flatnonzero(self.ways.stroke == gap.stroke)
+        off = np.abs(self.ways.along[rows] - 0.5 * (gap.from_mm + gap.to_mm))
+        return rows[self.ways.run[rows] == self.ways.run[rows[off.argmin()]]]
+
+    def _light(self, rows: IntArray, s: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
+        """Light along a run in a line's middle and on its flanks, (k,): bath 0, ink about 1."""
         along = self.ways.along[rows]
         at, across = (
             np.column_stack([np.interp(s, along, values[rows, k]) for k in (0, 1)])
@@ -184,64 +205,78 @@ class LightAlong:
             )  # fmt: skip
         light = self.mix.values(logs, self.bead.gamma)
         smooth = gaussian_filter1d(light, _SMOOTH_PX * _FINE, axis=0, mode="nearest")
-        return tuple(smooth[:, where].mean(axis=1) for where in (np.abs(u) <= _CORE, _flank(u)))
+        return smooth[:, np.abs(u) <= _CORE].mean(axis=1), smooth[:, _flank(u)].mean(axis=1)
 
-    def _end(
-        self,
-        way: float,
-        s: FloatArray,
-        core: FloatArray,
-        flank: FloatArray,
-        has_ink: BoolArray,
-        middle: float,
-        old: float,
-        ends: list[tuple[float, float]],
-    ) -> tuple[float, float] | None:
-        """Place of the ink's tip on one side, and its uncertainty, mm; None where it isn't seen."""
-        out = way * (s - middle)
-        order = np.argsort(out)
-        order = order[out[order] > 0]
-        out, core, flank = out[order], core[order], flank[order]
-        far = has_ink[order] & (out > way * (old - middle) + 0.75 * self.bead.width_mm)
-        if far.sum() < 2 * _FINE:
+
+@dataclass(frozen=True)
+class _Along:
+    """Light along a line about a gap.
+
+    Attributes
+    ----------
+    s : (k,) float64, mm
+        Along the stroke.
+    core, flank : (k,) float64
+        In the line's middle, and on its flanks.
+    has_ink : (k,) bool
+    width_mm, px_mm : float, mm
+    """
+
+    s: FloatArray
+    core: FloatArray
+    flank: FloatArray
+    has_ink: BoolArray
+    width_mm: float
+    px_mm: float
+
+    def end(self, gap: Gap, way: int, shapes: Shapes, alone: bool) -> tuple[float, float] | None:
+        """Place of the tip before (-1) or behind (1) a gap, and its uncertainty, mm.
+
+        None where there is no end to be seen.
+        """
+        middle = 0.5 * (gap.from_mm + gap.to_mm)
+        order = np.flatnonzero(way * (self.s - middle) > 0)[::way]
+        out = way * (self.s[order] - middle)
+        far = self.has_ink[order] & (out > 0.5 * gap.length_mm + _SOUND * self.width_mm)
+        core, flank = self.core[order], self.flank[order]
+        inner = _crossing(out, core, far)
+        outer = _crossing(out, flank, far) if alone else None
+        if inner is None:
             return None
-        places, slopes = [], []
-        for light in (core, flank):
-            found = _crossing(out, light, 0.5 * float(np.median(light[far])))
-            if found is None:
-                return None
-            places.append(found[0])
-            slopes.append(found[1])
-        scatter = 1.4826 * float(np.median(np.abs(core[far] - np.median(core[far]))))
-        by_noise = scatter / max(slopes[0], 1e-9)
-        is_round = self._chance_of_round(places[1] - places[0], ends, by_noise)
-        within = (1.0 - is_round) * ends[0][0] + is_round * ends[1][0]
-        unsure = abs(ends[1][0] - ends[0][0]) * math.sqrt(is_round * (1.0 - is_round))
-        u = math.hypot(by_noise, unsure, _SURE_PX * self.px_mm, 0.5 * _UNLIKE * self.bead.width_mm)
-        return middle + way * (places[0] - within), u
+        place, slope = inner
+        by_noise = 1.4826 * float(np.median(np.abs(core[far] - np.median(core[far])))) / slope
+        is_round = 0.5 if outer is None else self._round(outer[0] - place, shapes, by_noise)
+        square, rounded = (within for within, _ in shapes)
+        within = (1.0 - is_round) * square + is_round * rounded
+        unsure = abs(rounded - square) * math.sqrt(is_round * (1.0 - is_round))
+        u = math.hypot(by_noise, unsure, _SURE_PX * self.px_mm, 0.5 * _UNLIKE * self.width_mm)
+        return middle + way * (place - within), u
 
-    def _chance_of_round(
-        self, behind: float, ends: list[tuple[float, float]], by_noise: float
-    ) -> float:
+    def _round(self, behind: float, shapes: Shapes, by_noise: float) -> float:
         """How likely an end is a round one, whose flanks end so far behind its middle."""
-        expected = [flank - core for core, flank in ends]
-        u = math.hypot(1.5 * by_noise, _UNLIKE * self.bead.width_mm)
-        score = [-0.5 * ((behind - each) / u) ** 2 for each in expected]
-        return 1.0 / (1.0 + math.exp(min(max(score[0] - score[1], -50.0), 50.0)))
+        u = math.hypot(1.5 * by_noise, _UNLIKE * self.width_mm)
+        square, rounded = (-0.5 * ((behind - (flank - core)) / u) ** 2 for core, flank in shapes)
+        return 1.0 / (1.0 + math.exp(min(max(square - rounded, -50.0), 50.0)))
 
 
-def _crossing(out: FloatArray, light: FloatArray, level: float) -> tuple[float, float] | None:
-    """First place outwards where light comes to a level and stays for some samples; its slope."""
-    above = light >= level
-    stays = above.copy()
+def _crossing(out: FloatArray, light: FloatArray, far: BoolArray) -> tuple[float, float] | None:
+    """First place outwards with half the light of ink farther out, and the slope there.
+
+    None where too little ink is seen, or no end of it.
+    """
+    if far.sum() < 2 * _FINE:
+        return None
+    level = 0.5 * float(np.median(light[far]))
+    stays = light >= level
     for k in range(1, _FINE + 1):
-        stays[:-k] &= above[k:]
+        stays[:-k] &= light[k:] >= level
     if stays[0] or not stays.any():
         return None
     k = int(stays.argmax())
+    low, high = max(k - _FINE, 0), min(k + _FINE, len(light) - 1)
+    slope = float(light[high] - light[low]) / float(out[high] - out[low])
     rise = float(light[k] - light[k - 1])
-    step = float(out[k] - out[k - 1])
-    part = (level - float(light[k - 1])) / rise if rise > 1e-12 else 0.5
-    reach = min(k + _FINE, len(light) - 1), max(k - _FINE, 0)
-    slope = float(light[reach[0]] - light[reach[1]]) / float(out[reach[0]] - out[reach[1]])
-    return float(out[k - 1]) + min(max(part, 0.0), 1.0) * step, slope
+    if slope <= 0 or rise <= 0:
+        return None
+    part = min(max((level - float(light[k - 1])) / rise, 0.0), 1.0)
+    return float(out[k - 1] + part * (out[k] - out[k - 1])), slope

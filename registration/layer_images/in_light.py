@@ -54,14 +54,14 @@ class LightMix:
         total = float(self.mix @ self.ink)
         out = np.zeros(logs.shape[:-1])
         for c in self.used:
-            out += self.mix[c] * self._scaled(logs[..., c], float(self.ink[c]), gamma)
+            out += float(self.mix[c]) * self._scaled(logs[..., c], float(self.ink[c]), gamma)
         return out / total
 
     def _scaled(self, logs: FloatArray | FloatImage, ink: float, gamma: float) -> FloatArray:
         """Light of one channel that is ``ink`` where the channel is."""
+        values = np.asarray(logs, dtype=np.float64)
         if not self.is_log or abs(gamma * ink) < _SAME:
-            return np.asarray(logs, dtype=np.float64)
+            return values
         most = max(_MOST_LOG, 2.0 * abs(ink))
-        return np.asarray(
-            np.expm1(gamma * np.clip(logs, -most, most)) * ink / np.expm1(gamma * ink)
-        )
+        light: FloatArray = np.expm1(gamma * np.clip(values, -most, most))
+        return light * (ink / float(np.expm1(gamma * ink)))

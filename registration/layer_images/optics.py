@@ -120,6 +120,7 @@ def fit_optics(
     logs : (m, c) float64
         Channels of the mean profile, bath 0.
     mix : LightMix
+        Of logarithms.
     width_mm : float, mm
         About.
     px_mm : float, mm
@@ -128,7 +129,7 @@ def fit_optics(
         Standard uncertainty of the mean profile's values.
     """
     beads = _Beads(across_mm, logs[:, mix.used], mix.ink[mix.used], px_mm)
-    fits = list(_fits(beads, width_mm, mix.is_log))
+    fits = list(_fits(beads, width_mm))
     together = _TOGETHER * px_mm / float(across_mm[1] - across_mm[0])
     independent = max(4.0, len(across_mm) * len(mix.used) / max(together, 1.0))
     rest = np.array([f.rms for f in fits]) ** 2 + _MODEL**2
@@ -162,22 +163,14 @@ class _Beads:
     ink: FloatArray
     px_mm: float
 
-    def light(self, gamma: float, is_log: bool) -> FloatArray:
-        """Light over that of the bath, (m, c)."""
-        return np.asarray(np.expm1(gamma * self.logs) if is_log else self.logs)
 
-
-def _fits(beads: _Beads, width_mm: float, is_log: bool) -> Iterator[_Fit]:
-    flat = not is_log or float(np.abs(beads.ink).max()) < _LINEAR
+def _fits(beads: _Beads, width_mm: float) -> Iterator[_Fit]:
+    flat = float(np.abs(beads.ink).max()) < _LINEAR
     for gamma in (1.0,) if flat else GAMMAS:
-        light = beads.light(gamma, is_log)
+        light: FloatArray = np.expm1(gamma * beads.logs)
         first = _fit(beads, light, _Kind(gamma, _dense(-gamma * beads.ink), _DYE), width_mm)
         # Blur lessens the middle: a dye is as dense as the unblurred bead must be.
-        dye = (
-            _dense(-np.log(np.clip(1.0 + first.height, 0.02, 50.0)))
-            if is_log
-            else first.kind.thickness
-        )
+        dye = _dense(-np.log(np.clip(1.0 + first.height, 0.02, 50.0)))
         first = _fit(beads, light, _Kind(gamma, dye, _DYE), first.diameter)
         yield first
         lighter = bool(dye.max() < 0)
@@ -195,21 +188,19 @@ def _dense(density: FloatArray) -> FloatArray:
 def _fit(beads: _Beads, light: FloatArray, kind: _Kind, width_mm: float) -> _Fit:
     """Diameter and blur; each channel's height and ground are linear (variable projection)."""
     across = beads.across_mm
-    ones = np.ones(len(across))
-    size = float(np.abs(light).max(axis=0) @ np.abs(light).max(axis=0)) ** 0.5
-    alike = bool((kind.thickness == kind.thickness[0]).all())
+    size = math.sqrt(float((np.abs(light).max(axis=0) ** 2).sum()))
+    middle = light.mean(axis=0)
+    # Channels of one thickness share a shade.
+    thick, of = np.unique(kind.thickness, return_inverse=True)
 
     def solved(p: FloatArray) -> tuple[FloatArray, FloatArray]:
         diameter, blur = math.exp(p[0]), math.exp(p[1])
-        rest, height = np.empty_like(light), np.empty(light.shape[1])
-        shade = shade_profile(across, diameter, float(kind.thickness[0]) / diameter, blur)
-        for c in range(light.shape[1]):
-            if not alike and c:
-                shade = shade_profile(across, diameter, float(kind.thickness[c]) / diameter, blur)
-            columns = np.column_stack([shade, ones])
-            best = np.linalg.solve(columns.T @ columns + 1e-9 * np.eye(2), columns.T @ light[:, c])
-            rest[:, c], height[c] = columns @ best - light[:, c], best[0]
-        return rest / size, height
+        shades = [shade_profile(across, diameter, float(t) / diameter, blur) for t in thick]
+        shade = np.column_stack(shades)[:, of]
+        shade = shade - shade.mean(axis=0)
+        power = np.maximum((shade**2).sum(axis=0), 1e-12)
+        height = (shade * light).sum(axis=0) / power
+        return (height * shade + middle - light) / size, height
 
     begin = [math.log(width_mm), math.log(max(0.1 * width_mm, 0.5 * beads.px_mm))]
     low = [math.log(width_mm / 2), math.log(0.15 * beads.px_mm)]

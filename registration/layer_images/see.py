@@ -212,8 +212,8 @@ def _look(
         group, ways, seen, flat, sides, bath, over_old, joined[0], joined[3] == Unseen.SEEN, work
     )
     return _Look(
-        work, frame, ways, moved, seen, flat, masks, sides, over_old, bath, old, *joined, group, widths,
-        by_height,
+        work, frame, ways, moved, seen, flat, masks, sides, over_old, bath, old, *joined, group,
+        widths, by_height,
     )  # fmt: skip
 
 
@@ -363,7 +363,9 @@ def _gaps(
                 gaps, doubtful = stepped(gaps, look.present, clear, look.ways)
                 unclear |= doubtful
             if told is look.bath and look.work.is_log and told.template.filled:
-                gaps = _ends_of(look, told).measured(gaps, clear & (look.present > INK))
+                alone = np.minimum(look.sides.left, look.sides.right) > _TOUCHING
+                ends = _ends_of(look, told)
+                gaps = ends.measured(gaps, clear & (look.present > INK), alone)
             found += gaps
             why[unclear] = int(Unseen.UNCLEAR)
             noise = told.noise
