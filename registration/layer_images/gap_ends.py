@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import cv2
@@ -124,7 +125,8 @@ class LightAlong:
     mix : LightMix
     ways : Ways
     seen : Seen
-    bead : Bead
+    optics : Optics or None
+        Of the widths; None where none was told.
     px_mm : float, mm
     """
 
@@ -132,8 +134,13 @@ class LightAlong:
     mix: LightMix
     ways: Ways
     seen: Seen
-    bead: Bead
+    optics: Optics | None
     px_mm: float
+
+    @cached_property
+    def bead(self) -> Bead:
+        """How the picture shows a line's end."""
+        return Bead.of(self.optics, float(np.median(self.ways.width)), self.px_mm)
 
     def measured(self, gaps: Sequence[Gap], ink: BoolArray, free: BoolArray) -> list[Gap]:
         """Return gaps with ends at the ink's tips.

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import least_squares
 
 from registration.layer_images.in_light import LightMix
@@ -28,10 +29,14 @@ _KINDS: Final = ((1.0, 0.1), (3.0, 0.1), (300.0, 0.3))
 """μ d of a translucent, a cloudy and an opaque ink, and how likely each is beforehand."""
 _GLOWING: Final = ((0.3, 0.2),)
 """The same of ink lighter than the bath that scatters a little."""
-_DYE: Final = 0.5
-"""The same of a clear dye, or of clear ink in a dark bath: what the middle's light tells is μ d,
-below 0 where ink lets through more than the bath that it stands for.
+ROUND: Final = (2.0, 0.5)
+_DYES: Final = ((ROUND, 0.3), ((2.0, 0.75), 0.06), ((2.0, 1.0), 0.04), ((3.5, 0.286), 0.1))
+"""The same of a clear dye, or of clear ink in a dark bath, in a bead that is round, a drop, a flat
+drop (a parabola), or flattened with round sides. What the middle's light tells is μ d, below 0
+where ink lets through more than the bath that it stands for.
 """
+_CELLS: Final = 30
+"""Steps of a computed profile in half a bead."""
 _LEAST: Final = 0.05
 _DOUBT: Final = 4.0
 """What widths may be off by, over what none of the kinds explains of a profile's height."""
@@ -73,11 +78,29 @@ class _Kind:
     thickness : (c,) float64
         μ d in each channel.
     prior : float
+    section : (a, b)
+        Way through the bead over that in its middle, (1 − |t|^a)^b at a part t of its half width.
     """
 
     gamma: float
     thickness: FloatArray
     prior: float
+    section: tuple[float, float] = ROUND
+
+    def shade(
+        self, across_mm: FloatArray, diameter_mm: float, thickness: float, blur_mm: float
+    ) -> FloatArray:
+        """Light that is taken away at places across, over that in the unblurred middle, (m,)."""
+        if self.section == ROUND:
+            return shade_profile(across_mm, diameter_mm, thickness / diameter_mm, blur_mm)
+        step = diameter_mm / (2 * _CELLS)
+        beyond = math.ceil(5 * blur_mm / step) + 2
+        fine = (np.arange(-_CELLS - beyond, _CELLS + beyond) + 0.5) * step
+        part = np.minimum(np.abs(2.0 * fine / diameter_mm), 1.0)
+        way = (1.0 - part ** self.section[0]) ** self.section[1]
+        shade = np.expm1(-thickness * way) / math.expm1(-thickness)
+        blurred = gaussian_filter1d(shade, blur_mm / step, mode="nearest", truncate=5.0)
+        return np.interp(across_mm, fine, blurred)
 
 
 @dataclass(frozen=True)
@@ -168,11 +191,11 @@ def _fits(beads: _Beads, width_mm: float) -> Iterator[_Fit]:
     flat = float(np.abs(beads.ink).max()) < _LINEAR
     for gamma in (1.0,) if flat else GAMMAS:
         light: FloatArray = np.expm1(gamma * beads.logs)
-        first = _fit(beads, light, _Kind(gamma, _dense(-gamma * beads.ink), _DYE), width_mm)
+        first = _fit(beads, light, _Kind(gamma, _dense(-gamma * beads.ink), 1.0), width_mm)
         # Blur lessens the middle: a dye is as dense as the unblurred bead must be.
         dye = _dense(-np.log(np.clip(1.0 + first.height, 0.02, 50.0)))
-        first = _fit(beads, light, _Kind(gamma, dye, _DYE), first.diameter)
-        yield first
+        for section, prior in _DYES:
+            yield _fit(beads, light, _Kind(gamma, dye, prior, section), first.diameter)
         lighter = bool(dye.max() < 0)
         for thickness, prior in (*_KINDS, *(_GLOWING if lighter else ())):
             if thickness > dye.max():  # pigments take less light than a dye as dense
@@ -195,7 +218,7 @@ def _fit(beads: _Beads, light: FloatArray, kind: _Kind, width_mm: float) -> _Fit
 
     def solved(p: FloatArray) -> tuple[FloatArray, FloatArray]:
         diameter, blur = math.exp(p[0]), math.exp(p[1])
-        shades = [shade_profile(across, diameter, float(t) / diameter, blur) for t in thick]
+        shades = [kind.shade(across, diameter, float(t), blur) for t in thick]
         shade = np.column_stack(shades)[:, of]
         shade = shade - shade.mean(axis=0)
         power = np.maximum((shade**2).sum(axis=0), 1e-12)
@@ -210,7 +233,7 @@ def _fit(beads: _Beads, light: FloatArray, kind: _Kind, width_mm: float) -> _Fit
         begin,
         bounds=(low, high),
         x_scale="jac",
-        ftol=1e-5,
+        ftol=1e-4,
         max_nfev=20,
     )
     rest, height = solved(found.x)

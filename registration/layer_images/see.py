@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import cv2
@@ -23,16 +24,16 @@ import numpy as np
 from registration.errors import PictureError
 from registration.layer_images.blobs import find_blobs
 from registration.layer_images.first_shift import first_shift
-from registration.layer_images.gap_ends import Bead, LightAlong
+from registration.layer_images.gap_ends import LightAlong
 from registration.layer_images.gaps import find_gaps, lit_along, merged
 from registration.layer_images.in_light import LightMix
 from registration.layer_images.ink_image import ACROSS, angle_of, smoothed
-from registration.layer_images.layer_shift import fit_shift
+from registration.layer_images.layer_shift import fit_shift, nowhere_sure
 from registration.layer_images.light import flattened
 from registration.layer_images.lumens_seen import see_lumens
 from registration.layer_images.plane_map import PlaneMap
 from registration.layer_images.presence import INK, Sides
-from registration.layer_images.stations import Grouping, station_widths
+from registration.layer_images.stations import Grouping, station_profiles
 from registration.layer_images.step_height import stepped, tell_by_height
 from registration.layer_images.stretches import find_stretches, width_ratio
 from registration.layer_images.told import ASIDE, Ground, Told, differs_enough, reasons, tell_ink
@@ -55,7 +56,7 @@ from registration.layer_images.values import (
     Unseen,
 )
 from registration.layer_images.ways import Seen, Ways, check_lines, lay_ways
-from registration.layer_images.widths import Widths
+from registration.layer_images.widths import StationProfiles, Widths, measure_widths
 from registration.layer_images.working import Masks, Working, WorkingFrame, prepare
 
 _STEPS_IN_GAP: Final = 4
@@ -161,8 +162,15 @@ class _Look:
     profiles: FloatImage
     why: IntArray
     group: Grouping
-    widths: Widths
+    stations: StationProfiles | None
     by_height: bool
+
+    @cached_property
+    def widths(self) -> Widths:
+        """Widths at stations; worked out where the shift is settled."""
+        if self.stations is None:
+            return Widths.nothing(len(self.group.count))
+        return measure_widths(self.stations)
 
 
 def _look(
@@ -208,12 +216,12 @@ def _look(
     by_height = old is not None and thickness_mm is not None
     joined = _joined(place, over_old, bath, old)
     group = Grouping.of_ways(ways, joined[3] == Unseen.SEEN)
-    widths = station_widths(
+    stations = station_profiles(
         group, ways, seen, flat, sides, bath, over_old, joined[0], joined[3] == Unseen.SEEN, work
     )
     return _Look(
         work, frame, ways, moved, seen, flat, masks, sides, over_old, bath, old, *joined, group,
-        widths, by_height,
+        stations, by_height,
     )  # fmt: skip
 
 
@@ -238,7 +246,9 @@ def _joined(
 
 
 def _finer(look: _Look, shift: Shift, options: SeeingOptions, work: Working) -> Shift | None:
-    offset = look.widths.offset_mm
+    if look.stations is None:
+        return None
+    offset = look.stations.offset_mm()
     rows = look.group.first
     rest = fit_shift(
         offset, look.ways.normal[rows], look.ways.stroke[rows], options.shift_mm, 1 / work.px_per_mm
@@ -246,15 +256,6 @@ def _finer(look: _Look, shift: Shift, options: SeeingOptions, work: Working) -> 
     if rest is None:
         return None
     return Shift(shift.dx_mm + rest.dx_mm, shift.dy_mm + rest.dy_mm, rest.covariance_mm2)
-
-
-def _nowhere_sure(shift: Shift, ways: Ways) -> bool:
-    """Whether the layer's place is known in no direction to 0.4 of a line's width.
-
-    Lines that touch would then be held against their neighbours, or the bath beside the part.
-    """
-    least = float(np.linalg.eigvalsh(shift.covariance_mm2)[0])
-    return least > (0.4 * float(np.median(ways.width))) ** 2
 
 
 def _honest(shift: Shift, look: _Look) -> Shift:
@@ -288,7 +289,7 @@ def _findings(
     look: _Look, lumens: Sequence[Lumen], shift: Shift, options: SeeingOptions
 ) -> LayerFindings:
     ways, why = look.ways, look.why.copy()
-    if not look.by_height and _nowhere_sure(shift, ways):
+    if not look.by_height and nowhere_sure(shift, float(np.median(ways.width))):
         beside = np.minimum(look.sides.left, look.sides.right) < _TOUCHING
         why[beside & (why == Unseen.SEEN)] = int(Unseen.UNCLEAR)
     good = why == Unseen.SEEN
@@ -364,7 +365,10 @@ def _gaps(
                 unclear |= doubtful
             if told is look.bath and look.work.is_log and told.template.filled:
                 alone = np.minimum(look.sides.left, look.sides.right) > _TOUCHING
-                ends = _ends_of(look, told)
+                ends = LightAlong(
+                    look.flat, LightMix.of(told.appearance.mix, told.ink, True), look.ways,
+                    look.seen, look.widths.optics, 1.0 / look.work.px_per_mm,
+                )  # fmt: skip
                 gaps = ends.measured(gaps, clear & (look.present > INK), alone)
             found += gaps
             why[unclear] = int(Unseen.UNCLEAR)
@@ -373,19 +377,6 @@ def _gaps(
             doubt = good & rows & (look.plain < INK * noise.middle) & (look.present > INK)
             why[doubt & (look.plain < 0.25 * noise.middle)] = int(Unseen.UNCLEAR)
     return found
-
-
-def _ends_of(look: _Look, told: Told) -> LightAlong:
-    """What measures the ends of gaps over the bath."""
-    px_mm = 1.0 / look.work.px_per_mm
-    return LightAlong(
-        look.flat,
-        LightMix.of(told.appearance.mix, told.ink, look.work.is_log),
-        look.ways,
-        look.seen,
-        Bead.of(look.widths.optics, float(np.median(look.ways.width)), px_mm),
-        px_mm,
-    )
 
 
 def _blobs(look: _Look, options: SeeingOptions) -> tuple[tuple[Blob, ...], BoolArray]:

@@ -19,7 +19,7 @@ from registration.layer_images.values import (
     Unseen,
 )
 from registration.layer_images.ways import Seen, Ways
-from registration.layer_images.widths import StationProfiles, Widths, measure_widths
+from registration.layer_images.widths import StationProfiles, Widths
 from registration.layer_images.working import Working
 
 _WIDTHS = 0.6
@@ -107,7 +107,7 @@ class Grouping:
         return np.asarray(np.maximum.reduceat(why, start))
 
 
-def station_widths(
+def station_profiles(
     group: Grouping,
     ways: Ways,
     places: Seen,
@@ -118,10 +118,13 @@ def station_widths(
     present: FloatArray,
     seen: BoolArray,
     work: Working,
-) -> Widths:
-    """Widths where a line is seen over bath with free sides; ``flat`` is without light."""
+) -> StationProfiles | None:
+    """Profiles where a line is seen over bath with free sides; ``flat`` is without light.
+
+    None where no widths are told.
+    """
     if bath is None or bath.noise is None or bath.template.slant > _MOST_SLANT:
-        return Widths.nothing(len(group.count))
+        return None
     px_width = ways.width * work.px_per_mm
     room = 0.5 + _ROOM + 1.5 / px_width
     free = (sides.left > room) & (sides.right > room) & ~over_old
@@ -139,11 +142,10 @@ def station_widths(
     tell &= np.isfinite(logs).all(axis=(1, 2))
     logs[~tell] = 0.0
     clear = np.minimum(sides.left, sides.right)[group.first]
-    profiles = StationProfiles(
+    return StationProfiles(
         logs, logs @ bath.appearance.mix, ways.width[group.first], ways.stroke[group.first], tell,
-        clear, bath.template.filled,
+        clear, bath.template, mix, 1.0 / work.px_per_mm,
     )  # fmt: skip
-    return measure_widths(profiles, bath.template, mix, 1.0 / work.px_per_mm)
 
 
 def _beside(

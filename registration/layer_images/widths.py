@@ -88,8 +88,11 @@ class StationProfiles:
         Present, seen, and free on both sides.
     clear : (m,) float64
         From the middle to the next ink, in expected widths.
-    filled : bool
-        Whether ink is told by its level.
+    template : Template
+    mix : LightMix
+        From channels to light.
+    px_mm : float, mm
+        A working pixel.
     """
 
     logs: FloatArray
@@ -98,14 +101,34 @@ class StationProfiles:
     stroke: IntArray
     tell: BoolArray
     clear: FloatArray
-    filled: bool
+    template: Template
+    mix: LightMix
+    px_mm: float
 
-    @staticmethod
-    def one(mean: FloatArray, expected_mm: float) -> StationProfiles:
-        """Return a single profile (61, c) of ink that is told by its level."""
+    @property
+    def filled(self) -> bool:
+        """Whether ink is told by its level."""
+        return self.template.filled
+
+    def first_level(self) -> FloatArray:
+        """Levels (m, 61) about as they are, before the camera's γ is looked for."""
+        if not self.filled:
+            return self.mixed / self.template.scale
+        return self.mix.values(self.logs, _FIRST_GAMMA if self.mix.is_log else 1.0)
+
+    def offset_mm(self) -> FloatArray:
+        """Offset of each line's middle to the left, (m,), mm; NaN where not told."""
+        edges = Edges.of(self.first_level(), self, self.template.values)
+        return np.where(edges.good, edges.offset_mm, np.nan)
+
+    def one(self, mean: FloatArray, expected_mm: float) -> StationProfiles:
+        """Return the same of a single profile (61, c)."""
         yes, number = np.ones(1, dtype=np.bool_), np.zeros(1, dtype=np.int64)
-        wide, clear = np.array([expected_mm]), np.array([1.5])
-        return StationProfiles(mean[None], mean[None, :, 0], wide, number, yes, clear, True)
+        wide, clear, mixed = np.array([expected_mm]), np.array([1.5]), mean[None, :, 0]
+        return replace(
+            self, logs=mean[None], mixed=mixed, expected_mm=wide, stroke=number, tell=yes,
+            clear=clear,
+        )  # fmt: skip
 
     def noise_of(self, level: FloatArray, use: BoolArray) -> float:
         """Scatter of a single value of levels (m, 61): of the bath beside lines, and of ink."""
@@ -121,56 +144,40 @@ def _spread(values: FloatArray) -> float:
     return 1.4826 * float(np.median(np.abs(values)))
 
 
-def measure_widths(
-    profiles: StationProfiles, template: Template, mix: LightMix, px_mm: float
-) -> Widths:
-    """Measure widths where they can be told.
-
-    Parameters
-    ----------
-    profiles : StationProfiles
-    template : Template
-    mix : LightMix
-        From channels to light.
-    px_mm : float, mm
-        A working pixel.
-    """
-    if profiles.tell.sum() < _FEWEST:
-        return Widths.nothing(len(profiles.tell))
-    if not template.filled:
-        return _of_rims(profiles, template, px_mm)
-    if not mix.is_log:
-        level = mix.values(profiles.logs, 1.0)
-        edges = Edges.of(level, profiles, template.values)
-        return _widths(edges, edges.wide_mm, profiles, level, px_mm, 0.03, _EDGE_VOXEL)
-    return _of_beads(profiles, template, mix, px_mm)
-
-
-def _of_beads(profiles: StationProfiles, template: Template, mix: LightMix, px_mm: float) -> Widths:
-    """Widths of ink that is told by its level, in a picture of light."""
-    level = mix.values(profiles.logs, _FIRST_GAMMA)
-    first = Edges.of(level, profiles, template.values)
+def measure_widths(profiles: StationProfiles) -> Widths:
+    """Measure widths where they can be told."""
+    level, count = profiles.first_level(), len(profiles.tell)
+    first = Edges.of(level, profiles, profiles.template.values)
     if first.good.sum() < _FEWEST:
-        return Widths.nothing(len(first.good))
+        return Widths.nothing(count)
+    if not profiles.filled:
+        return _of_rims(profiles, level, first)
+    if not profiles.mix.is_log:
+        return _widths(first, first.wide_mm, profiles, level, 0.03, _EDGE_VOXEL)
+    return _of_beads(profiles, level, first)
+
+
+def _of_beads(profiles: StationProfiles, level: FloatArray, first: Edges) -> Widths:
+    """Widths of ink that is told by its level, in a picture of light."""
+    mix = profiles.mix
     mean = _mean_profile(profiles, first)
     reach = float(np.clip(np.percentile(profiles.clear[first.good], 20) - _ASIDE, 0.8, 1.2))
     half = (ACROSS >= -1e-9) & (reach >= ACROSS)
     typical = float(np.median(profiles.expected_mm[first.good]))
     noise = profiles.noise_of(level, first.good) / math.sqrt(max(1.0, first.good.sum() / 2.0))
     wide = float(np.median(first.wide_mm[first.good]))
-    optics = fit_optics(ACROSS[half] * typical, mean[half], mix, wide, px_mm, noise)
+    optics = fit_optics(ACROSS[half] * typical, mean[half], mix, wide, profiles.px_mm, noise)
     shade = optics.shade
     if shade.misfit > _MISFIT:
         return Widths.nothing(len(first.good))
     shape = mix.values(mean, optics.gamma)
     level = mix.values(profiles.logs, optics.gamma)
     edges = Edges.of(level, profiles, shape)
-    usual = Edges.of(shape[None], StationProfiles.one(mean, typical), shape).wide_mm
+    usual = Edges.of(shape[None], profiles.one(mean, typical), shape).wide_mm
     told = shade.diameter(np.append(edges.wide_mm, usual))
     width = told[:-1] * (optics.diameter_mm / told[-1])
-    common = math.hypot(shade.spread, _SLANTED * template.slant)
-    told_widths = _widths(edges, width, profiles, level, px_mm, common, _EDGE_PX)
-    return replace(told_widths, optics=optics)
+    common = math.hypot(shade.spread, _SLANTED * profiles.template.slant)
+    return replace(_widths(edges, width, profiles, level, common, _EDGE_PX), optics=optics)
 
 
 def _mean_profile(profiles: StationProfiles, edges: Edges) -> FloatArray:
@@ -188,20 +195,16 @@ def _mean_profile(profiles: StationProfiles, edges: Edges) -> FloatArray:
     return np.asarray(0.5 * (mean + mean[::-1]))  # light from the side counts on both alike
 
 
-def _of_rims(profiles: StationProfiles, template: Template, px_mm: float) -> Widths:
+def _of_rims(profiles: StationProfiles, level: FloatArray, edges: Edges) -> Widths:
     """Widths of ink that is told by its rims, whose outer side the bead's edge is.
 
     A rim's top lies within the bead, and half of its height beyond, by the picture's blur. How far
     isn't known of light that ink bends.
     """
-    level = profiles.mixed / template.scale
-    edges = Edges.of(level, profiles, template.values)
-    if edges.good.sum() < _FEWEST:
-        return Widths.nothing(len(edges.good))
     beyond = np.maximum(edges.wide_mm - 2.0 * edges.lobe * profiles.expected_mm, 0.0)
     width = edges.wide_mm - (1.0 - _IN_RIM) * beyond
     doubt = _U_IN_RIM * float(np.median((beyond / width)[edges.good]))
-    return _widths(edges, width, profiles, level, px_mm, math.hypot(0.03, doubt), _EDGE_PX)
+    return _widths(edges, width, profiles, level, math.hypot(0.03, doubt), _EDGE_PX)
 
 
 def _widths(
@@ -209,7 +212,6 @@ def _widths(
     width: FloatArray,
     profiles: StationProfiles,
     level: FloatArray,
-    px_mm: float,
     common: float,
     edge: float,
 ) -> Widths:
@@ -219,11 +221,13 @@ def _widths(
         return Widths.nothing(len(good))
     noise = profiles.noise_of(level, profiles.tell)
     by_noise = np.sqrt(2.0) * noise / np.maximum(edges.slope, 0.3) * profiles.expected_mm
-    random = np.hypot(by_noise, 0.1 * px_mm)
+    random = np.hypot(by_noise, 0.1 * profiles.px_mm)
     seen = _scatter(width, profiles.stroke, good)
     random = random * max(1.0, seen / float(np.median(random[good])))
     keep = np.where(good, 1.0, np.nan)
-    return Widths(width * keep, random * keep, edges.offset_mm * keep, common, edge * px_mm)
+    return Widths(
+        width * keep, random * keep, edges.offset_mm * keep, common, edge * profiles.px_mm
+    )
 
 
 @dataclass(frozen=True)
