@@ -23,6 +23,8 @@ _EDGE_VOXEL = 0.6
 """The same of a voxel, in a map of what an OCT sees first."""
 _SLANTED = 0.06
 """Of the slant: light from the side moves edges."""
+_OTHER = 0.025
+"""Relative doubt of light that no kind of ink models: lit flanks, dark rims, scatter."""
 _MISFIT = 0.1
 """Of a profile's height: one that fits worse isn't a line's, and its widths aren't told."""
 _FIRST_GAMMA = 1.6
@@ -176,7 +178,7 @@ def _of_beads(profiles: StationProfiles, level: FloatArray, first: Edges) -> Wid
     usual = Edges.of(shape[None], profiles.one(mean, typical), shape).wide_mm
     told = shade.diameter(np.append(edges.wide_mm, usual))
     width = told[:-1] * (optics.diameter_mm / told[-1])
-    common = math.hypot(shade.spread, _SLANTED * profiles.template.slant)
+    common = math.hypot(shade.spread, _SLANTED * profiles.template.slant, _OTHER)
     return replace(_widths(edges, width, profiles, level, common, _EDGE_PX), optics=optics)
 
 
