@@ -23,7 +23,7 @@ _EDGE_VOXEL = 0.6
 """The same of a voxel, in a map of what an OCT sees first."""
 _SLANTED = 0.06
 """Of the slant: light from the side moves edges."""
-_OTHER = 0.025
+_OTHER = 0.04
 """Relative doubt of light that no kind of ink models: lit flanks, dark rims, scatter."""
 _MISFIT = 0.1
 """Of a profile's height: one that fits worse isn't a line's, and its widths aren't told."""
