@@ -11,8 +11,11 @@ import numpy as np
 from registration.layer_images.blobs import find_blobs
 from registration.layer_images.changed import unchanged
 from registration.layer_images.debris import is_bare
+from registration.layer_images.gap_ends import LightAlong
 from registration.layer_images.gaps import find_gaps, lit_along, merged
+from registration.layer_images.in_light import LightMix
 from registration.layer_images.ink_image import ACROSS, angle_of
+from registration.layer_images.layer_shift import nowhere_sure
 from registration.layer_images.lumens_seen import see_lumens
 from registration.layer_images.plane_map import PlaneMap
 from registration.layer_images.presence import INK
@@ -33,7 +36,6 @@ from registration.layer_images.values import (
     Shift,
     Unseen,
 )
-from registration.layer_images.ways import Ways
 from registration.layer_images.widths import Widths
 
 _EDGES_RATE: Final = 1e-4
@@ -44,15 +46,6 @@ _LIT_ASIDE: Final = 0.3
 """Of a width and of the slant: uncertainty of where a line lies that is lit from the side."""
 _TOUCHING: Final = 0.8
 """In widths from a line's middle: ink that begins nearer touches it."""
-
-
-def _nowhere_sure(shift: Shift, ways: Ways) -> bool:
-    """Whether the layer's place is known in no direction to 0.4 of a line's width.
-
-    Lines that touch would then be held against their neighbours, or the bath beside the part.
-    """
-    least = float(np.linalg.eigvalsh(shift.covariance_mm2)[0])
-    return least > (0.4 * float(np.median(ways.width))) ** 2
 
 
 def honest_shift(shift: Shift, look: SeenLayer) -> Shift:
@@ -87,7 +80,7 @@ def findings_of(
 ) -> LayerFindings:
     """Return all that a layer seen at a shift tells, each finding against the picture's noise."""
     ways, why = look.ways, look.why.copy()
-    if not look.by_height and _nowhere_sure(shift, ways):
+    if not look.by_height and nowhere_sure(shift, float(np.median(ways.width))):
         beside = np.minimum(look.sides.left, look.sides.right) < _TOUCHING
         beside &= ~(look.over_old & look.by_change)
         why[beside & (why == Unseen.SEEN)] = int(Unseen.UNCLEAR)
@@ -174,6 +167,13 @@ def _gaps(
                     unclear |= doubtful
             else:
                 gaps = [gap for gap in gaps if is_bare(gap, look.ways, look.seen, told, why)]
+            if told is look.bath and look.work.is_log and told.template.filled:
+                alone = np.minimum(look.sides.left, look.sides.right) > _TOUCHING
+                ends = LightAlong(
+                    look.flat, LightMix.of(told.appearance.mix, told.ink, True), look.ways,
+                    look.seen, look.widths.optics, 1.0 / look.work.px_per_mm,
+                )  # fmt: skip
+                gaps = ends.measured(gaps, clear & (look.present > INK), alone)
             found += gaps
             why[unclear] = int(Unseen.UNCLEAR)
             noise = told.noise

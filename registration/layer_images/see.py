@@ -119,7 +119,9 @@ def see_layer(
 
 
 def _finer(look: SeenLayer, shift: Shift, options: SeeingOptions, work: Working) -> Shift | None:
-    offset = look.widths.offset_mm
+    if look.stations is None:
+        return None
+    offset = look.stations.offset_mm()
     rows = look.group.first
     rest = fit_shift(
         offset, look.ways.normal[rows], look.ways.stroke[rows], options.shift_mm, 1 / work.px_per_mm
