@@ -108,9 +108,10 @@ def tell_by_change(
     width_px = float(np.median(ways.width)) * work.px_per_mm
     step_px = float(np.median(ways.step)) * work.px_per_mm
     fakes = fake_places(places.ground, width_px, step_px, rng)
-    image = None if fakes is None else _changed(work, places, width_px, rng)
-    if fakes is None or image is None:
+    found = None if fakes is None else _changed(work, places, width_px, rng)
+    if fakes is None or found is None:
         return None
+    image, log_step = found
     strange = _still(places, width_px) | work.bad
     why = reasons(work, places.seen, ways, strange)
     why = np.where((why == Unseen.SEEN) & _stands_out(places), int(Unseen.GLARE), why)
@@ -148,6 +149,7 @@ def tell_by_change(
         unlike_bath=np.zeros(work.shape, dtype=np.float32),
         appearance=Appearance(np.zeros(count), flat, True),
         bath_spread=noise.bath,
+        log_step=log_step,
         ink=np.zeros(count),
         faint=not noise.can_tell(gap_mm, rate / number),
     )
@@ -155,8 +157,8 @@ def tell_by_change(
 
 def _changed(
     work: Working, places: Places, width_px: float, rng: np.random.Generator
-) -> FloatImage | None:
-    """Image in which fresh ink is high and nothing 0.
+) -> tuple[FloatImage, float] | None:
+    """Image in which fresh ink is high and nothing 0, and the logarithm of ink's level.
 
     None where ink changes the level by no more than light and drying may.
     """
@@ -174,7 +176,8 @@ def _changed(
         return None
     mix = channel_mix(level, ground, places.seen, places.ways.width, rows)
     mix = (mix * np.sign(step @ mix)).astype(np.float32)
-    return np.asarray((level - ground.mean.astype(np.float32)) @ mix)
+    mixed = np.asarray((level - ground.mean.astype(np.float32)) @ mix)
+    return mixed, float(step[np.argmax(np.abs(step))])
 
 
 def _light(raw: FloatImage, ground: Mask) -> FloatImage:

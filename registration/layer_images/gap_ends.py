@@ -3,8 +3,8 @@
 A camera blurs light, so that an end lies about where the light along the line's middle is half way
 from ink to bath. A bead that broke off has a round end: it grows thin before its tip, and blur
 takes more from it than from one cut square. How far the half-way place lies within either end
-follows from the bead's model (`optics`); how much light the bead's flanks show beside its middle
-tells one from the other.
+follows from the absorption and blur that widths were told by (`registration.microscope.shade`);
+how much light the bead's flanks show beside its middle tells one from the other.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from registration.layer_images.in_light import LightMix
-from registration.layer_images.optics import Optics
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage, Gap, IntArray
 from registration.layer_images.ways import Seen, Ways
+from registration.microscope.shade import Shade
 
 _CORE: Final = 0.15
 """Half of the part of a width along which ends are looked for."""
@@ -61,22 +61,18 @@ class Bead:
     width_mm, blur_mm : float, mm
     thickness : float
         μ d.
-    gamma : float
     """
 
     width_mm: float
     blur_mm: float
     thickness: float
-    gamma: float
 
     @staticmethod
-    def of(optics: Optics | None, width_mm: float, px_mm: float) -> Bead:
+    def of(shade: Shade | None, width_mm: float, px_mm: float) -> Bead:
         """Take it from the widths' model, or what is usual where there is none."""
-        if optics is None:
-            return Bead(width_mm, _PLAIN[0] * px_mm, _PLAIN[1], 1.6)
-        return Bead(
-            optics.diameter_mm, optics.shade.blur_mm, min(optics.thickness, 100.0), optics.gamma
-        )
+        if shade is None:
+            return Bead(width_mm, _PLAIN[0] * px_mm, _PLAIN[1])
+        return Bead(width_mm, shade.blur_mm, min(shade.per_mm * width_mm, 100.0))
 
     def half_way(self, is_round: bool, smooth_mm: float) -> tuple[float, float]:
         """How far within the tip light is half that of ink: in the middle, and on the flanks; mm.
@@ -125,7 +121,9 @@ class LightAlong:
     mix : LightMix
     ways : Ways
     seen : Seen
-    optics : Optics or None
+    width_mm : float, mm
+        Of the layer's lines, as seen.
+    shade : Shade or None
         Of the widths; None where none was told.
     px_mm : float, mm
     """
@@ -134,13 +132,14 @@ class LightAlong:
     mix: LightMix
     ways: Ways
     seen: Seen
-    optics: Optics | None
+    width_mm: float
+    shade: Shade | None
     px_mm: float
 
     @cached_property
     def bead(self) -> Bead:
         """How the picture shows a line's end."""
-        return Bead.of(self.optics, float(np.median(self.ways.width)), self.px_mm)
+        return Bead.of(self.shade, self.width_mm, self.px_mm)
 
     def measured(self, gaps: Sequence[Gap], ink: BoolArray, free: BoolArray) -> list[Gap]:
         """Return gaps with ends at the ink's tips.
@@ -210,7 +209,7 @@ class LightAlong:
                 channel, place[:, :, 0], place[:, :, 1], cv2.INTER_LINEAR, None,
                 cv2.BORDER_REPLICATE,
             )  # fmt: skip
-        light = self.mix.values(logs, self.bead.gamma)
+        light = self.mix.values(logs)
         smooth = gaussian_filter1d(light, _SMOOTH_PX * _FINE, axis=0, mode="nearest")
         return smooth[:, np.abs(u) <= _CORE].mean(axis=1), smooth[:, _flank(u)].mean(axis=1)
 

@@ -1,7 +1,6 @@
 """Turn the logarithms of a picture's channels back into light, in which its blur is one.
 
-A camera may have written light to the power of 1 / γ (γ = 1: linear; about 2.2: sRGB). Which it was
-isn't known; `optics` tries several.
+The camera's values are taken as linear in light.
 """
 
 from __future__ import annotations
@@ -28,40 +27,38 @@ class LightMix:
     mix : (c,) float64
         Weights of the channels.
     ink : (c,) float64
-        Level of ink over bath in each.
-    is_log : bool
-        Whether channels are logarithms.
+        Logarithm of ink over bath in each.
     """
 
     mix: FloatArray
     ink: FloatArray
-    is_log: bool
 
     @staticmethod
-    def of(mix: FloatArray, ink: FloatArray, is_log: bool) -> LightMix:
+    def of(mix: FloatArray, ink: FloatArray) -> LightMix:
         """Leave out channels that show hardly any ink."""
         part = np.abs(mix * ink)
         shows = part > _LEAST * part.sum()
-        return LightMix(np.where(shows, mix, 0.0), np.clip(ink, -_MOST_LOG, _MOST_LOG), is_log)
+        return LightMix(np.where(shows, mix, 0.0), np.clip(ink, -_MOST_LOG, _MOST_LOG))
 
     @property
     def used(self) -> list[int]:
         """Channels with a weight."""
         return [int(k) for k in np.flatnonzero(self.mix)]
 
-    def values(self, logs: FloatArray | FloatImage, gamma: float) -> FloatArray:
-        """Light of channels (..., c) that hold values over the bath's; (...)."""
+    def values(self, logs: FloatArray | FloatImage) -> FloatArray:
+        """Light of channels (..., c) that hold logarithms over the bath's; (...)."""
         total = float(self.mix @ self.ink)
         out = np.zeros(logs.shape[:-1])
         for c in self.used:
-            out += float(self.mix[c]) * self._scaled(logs[..., c], float(self.ink[c]), gamma)
+            out += float(self.mix[c]) * _scaled(logs[..., c], float(self.ink[c]))
         return out / total
 
-    def _scaled(self, logs: FloatArray | FloatImage, ink: float, gamma: float) -> FloatArray:
-        """Light of one channel that is ``ink`` where the channel is."""
-        values = np.asarray(logs, dtype=np.float64)
-        if not self.is_log or abs(gamma * ink) < _SAME:
-            return values
-        most = max(_MOST_LOG, 2.0 * abs(ink))
-        light: FloatArray = np.expm1(gamma * np.clip(values, -most, most))
-        return light * (ink / float(np.expm1(gamma * ink)))
+
+def _scaled(logs: FloatArray | FloatImage, ink: float) -> FloatArray:
+    """Light of one channel that is ``ink`` where the channel is."""
+    values = np.asarray(logs, dtype=np.float64)
+    if abs(ink) < _SAME:
+        return values
+    most = max(_MOST_LOG, 2.0 * abs(ink))
+    light: FloatArray = np.expm1(np.clip(values, -most, most))
+    return light * (ink / float(np.expm1(ink)))

@@ -15,16 +15,13 @@ from registration.layer_images.gap_ends import LightAlong
 from registration.layer_images.gaps import find_gaps, lit_along, merged
 from registration.layer_images.in_light import LightMix
 from registration.layer_images.ink_image import ACROSS, angle_of
-from registration.layer_images.layer_shift import nowhere_sure
 from registration.layer_images.lumens_seen import see_lumens
 from registration.layer_images.plane_map import PlaneMap
 from registration.layer_images.presence import INK
 from registration.layer_images.seen_layer import SeenLayer
 from registration.layer_images.step_height import stepped
 from registration.layer_images.stretches import find_stretches, width_ratio
-from registration.layer_images.told import (
-    ASIDE,
-)
+from registration.layer_images.told import ASIDE, Told
 from registration.layer_images.values import (
     Blob,
     BoolArray,
@@ -36,6 +33,7 @@ from registration.layer_images.values import (
     Shift,
     Unseen,
 )
+from registration.layer_images.ways import Ways
 from registration.layer_images.widths import Widths
 
 _EDGES_RATE: Final = 1e-4
@@ -46,6 +44,15 @@ _LIT_ASIDE: Final = 0.3
 """Of a width and of the slant: uncertainty of where a line lies that is lit from the side."""
 _TOUCHING: Final = 0.8
 """In widths from a line's middle: ink that begins nearer touches it."""
+
+
+def _nowhere_sure(shift: Shift, ways: Ways) -> bool:
+    """Whether the layer's place is known in no direction to 0.4 of a line's width.
+
+    Lines that touch would then be held against their neighbours, or the bath beside the part.
+    """
+    least = float(np.linalg.eigvalsh(shift.covariance_mm2)[0])
+    return least > (0.4 * float(np.median(ways.width))) ** 2
 
 
 def honest_shift(shift: Shift, look: SeenLayer) -> Shift:
@@ -80,7 +87,7 @@ def findings_of(
 ) -> LayerFindings:
     """Return all that a layer seen at a shift tells, each finding against the picture's noise."""
     ways, why = look.ways, look.why.copy()
-    if not look.by_height and nowhere_sure(shift, float(np.median(ways.width))):
+    if not look.by_height and _nowhere_sure(shift, ways):
         beside = np.minimum(look.sides.left, look.sides.right) < _TOUCHING
         beside &= ~(look.over_old & look.by_change)
         why[beside & (why == Unseen.SEEN)] = int(Unseen.UNCLEAR)
@@ -168,12 +175,7 @@ def _gaps(
             else:
                 gaps = [gap for gap in gaps if is_bare(gap, look.ways, look.seen, told, why)]
             if told is look.bath and look.work.is_log and told.template.filled:
-                alone = np.minimum(look.sides.left, look.sides.right) > _TOUCHING
-                ends = LightAlong(
-                    look.flat, LightMix.of(told.appearance.mix, told.ink, True), look.ways,
-                    look.seen, look.widths.optics, 1.0 / look.work.px_per_mm,
-                )  # fmt: skip
-                gaps = ends.measured(gaps, clear & (look.present > INK), alone)
+                gaps = _with_ends(gaps, look, told, clear)
             found += gaps
             why[unclear] = int(Unseen.UNCLEAR)
             noise = told.noise
@@ -181,6 +183,17 @@ def _gaps(
             doubt = good & rows & (look.plain < INK * noise.middle) & (look.present > INK)
             why[doubt & (look.plain < 0.25 * noise.middle)] = int(Unseen.UNCLEAR)
     return found
+
+
+def _with_ends(gaps: list[Gap], look: SeenLayer, told: Told, clear: BoolArray) -> list[Gap]:
+    """Return gaps with their ends measured in light."""
+    alone = np.minimum(look.sides.left, look.sides.right) > _TOUCHING
+    mix = LightMix.of(told.appearance.mix, told.ink)
+    known = look.widths.width_mm[np.isfinite(look.widths.width_mm)]
+    width = float(np.median(known if len(known) else look.ways.width))
+    px_mm = 1.0 / look.work.px_per_mm
+    ends = LightAlong(look.flat, mix, look.ways, look.seen, width, look.widths.shade, px_mm)
+    return ends.measured(gaps, clear & (look.present > INK), alone)
 
 
 def _blobs(look: SeenLayer, options: SeeingOptions) -> tuple[tuple[Blob, ...], BoolArray]:

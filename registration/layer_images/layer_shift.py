@@ -66,12 +66,3 @@ def _covariance(
     clustered = inverse @ (score.T @ score) @ inverse
     larger = clustered if np.trace(clustered) > np.trace(plain) else plain
     return np.asarray(larger + (0.05 * px_mm) ** 2 * np.eye(2))
-
-
-def nowhere_sure(shift: Shift, width_mm: float) -> bool:
-    """Whether the layer's place is known in no direction to 0.4 of a line's width.
-
-    Lines that touch would then be held against their neighbours, or the bath beside the part.
-    """
-    least = float(np.linalg.eigvalsh(shift.covariance_mm2)[0])
-    return least > (0.4 * width_mm) ** 2

@@ -119,9 +119,7 @@ def see_layer(
 
 
 def _finer(look: SeenLayer, shift: Shift, options: SeeingOptions, work: Working) -> Shift | None:
-    if look.stations is None:
-        return None
-    offset = look.stations.offset_mm()
+    offset = look.widths.offset_mm
     rows = look.group.first
     rest = fit_shift(
         offset, look.ways.normal[rows], look.ways.stroke[rows], options.shift_mm, 1 / work.px_per_mm

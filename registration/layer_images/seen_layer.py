@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Final
 
 import cv2
@@ -13,7 +12,7 @@ from registration.layer_images.changed import Places, tell_by_change
 from registration.layer_images.ink_image import ACROSS, smoothed
 from registration.layer_images.light import flattened
 from registration.layer_images.presence import Sides
-from registration.layer_images.stations import Grouping, station_profiles
+from registration.layer_images.stations import Grouping, station_widths
 from registration.layer_images.step_height import tell_by_height
 from registration.layer_images.told import (
     Ground,
@@ -35,7 +34,7 @@ from registration.layer_images.values import (
     Unseen,
 )
 from registration.layer_images.ways import Seen, Ways
-from registration.layer_images.widths import StationProfiles, Widths, measure_widths
+from registration.layer_images.widths import Widths
 from registration.layer_images.working import Masks, Working, WorkingFrame, drawn_lines
 
 _MOST_OLD: Final = 0.3
@@ -64,16 +63,9 @@ class SeenLayer:
     profiles: FloatImage
     why: IntArray
     group: Grouping
-    stations: StationProfiles | None
+    widths: Widths
     by_height: bool
     by_change: bool
-
-    @cached_property
-    def widths(self) -> Widths:
-        """Widths at stations; worked out where the shift is settled."""
-        if self.stations is None:
-            return Widths.nothing(len(self.group.count))
-        return measure_widths(self.stations)
 
 
 def seen_at_shift(
@@ -130,12 +122,12 @@ def seen_at_shift(
     by_change = old is not None and thickness_mm is None and work.earlier is not None
     joined = _joined(place, over_old, bath, old)
     group = Grouping.of_ways(ways, joined[3] == Unseen.SEEN)
-    stations = station_profiles(
-        group, ways, seen, flat, sides, bath, over_old, joined[0], joined[3] == Unseen.SEEN, work
+    widths = station_widths(
+        group, ways, joined[2], sides, bath, over_old, joined[0], joined[3] == Unseen.SEEN, work
     )
     return SeenLayer(
         work, frame, ways, moved, seen, flat, masks, sides, over_old, bath, old, *joined, group,
-        stations, by_height, by_change,
+        widths, by_height, by_change,
     )  # fmt: skip
 
 

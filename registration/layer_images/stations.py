@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from registration.layer_images.in_light import LightMix
 from registration.layer_images.ink_image import ACROSS
 from registration.layer_images.presence import INK, Sides
 from registration.layer_images.told import Told
@@ -18,8 +17,8 @@ from registration.layer_images.values import (
     Stations,
     Unseen,
 )
-from registration.layer_images.ways import Seen, Ways
-from registration.layer_images.widths import StationProfiles, Widths
+from registration.layer_images.ways import Ways
+from registration.layer_images.widths import Widths, measure_widths
 from registration.layer_images.working import Working
 
 _WIDTHS = 0.6
@@ -107,66 +106,69 @@ class Grouping:
         return np.asarray(np.maximum.reduceat(why, start))
 
 
-def station_profiles(
+def station_widths(
     group: Grouping,
     ways: Ways,
-    places: Seen,
-    flat: FloatImage,
+    profiles: FloatImage,
     sides: Sides,
     bath: Told | None,
     over_old: BoolArray,
     present: FloatArray,
     seen: BoolArray,
     work: Working,
-) -> StationProfiles | None:
-    """Profiles where a line is seen over bath with free sides; ``flat`` is without light.
-
-    None where no widths are told.
-    """
+) -> Widths:
+    """Widths where a line is seen over bath with free sides."""
+    nothing = np.full(len(group.count), np.nan)
     if bath is None or bath.noise is None or bath.template.slant > _MOST_SLANT:
-        return None
+        return Widths(nothing, nothing, nothing, 0.0, 0.0)
     px_width = ways.width * work.px_per_mm
     room = 0.5 + _ROOM + 1.5 / px_width
     free = (sides.left > room) & (sides.right > room) & ~over_old
     ink = group.mean(np.nan_to_num(present), seen)
     use = seen & free & (ways.to_end > _END * ways.width)
+    mean = group.mean(profiles, use)
     whole = group.mean(use.astype(np.float64), np.ones(len(ways), dtype=np.bool_)) > 0.7
-    tell = whole & (ink > INK * bath.noise.middle)
-    mix = LightMix.of(bath.appearance.mix, bath.ink, work.is_log)
-    # Ink may have been told without the differences to the picture before, the last channels.
-    count = len(mix.mix)
-    channels = mix.used if bath.template.filled else range(count)
-    logs = np.zeros((len(group.count), len(ACROSS), count))
-    for c in channels:
-        logs[:, :, c] = _beside(
-            np.ascontiguousarray(flat[:, :, c]), group, ways, places, sides, use, px_width
-        )
-    tell &= np.isfinite(logs).all(axis=(1, 2))
-    logs[~tell] = 0.0
-    clear = np.minimum(sides.left, sides.right)[group.first]
-    return StationProfiles(
-        logs, logs @ bath.appearance.mix, ways.width[group.first], ways.stroke[group.first], tell,
-        clear, bath.template, mix, 1.0 / work.px_per_mm,
-    )  # fmt: skip
-
-
-def _beside(
-    channel: FloatImage,
-    group: Grouping,
-    ways: Ways,
-    places: Seen,
-    sides: Sides,
-    use: BoolArray,
-    px_width: FloatArray,
-) -> FloatArray:
-    """Mean profile of each station less the bath beside it, (m, 61); NaN where none is used."""
-    rows = np.flatnonzero(use)
-    picked = Seen(places.at[rows], places.across[rows], places.along[rows])
-    profiles = np.zeros((len(use), len(ACROSS)), dtype=np.float32)
-    if len(rows):
-        profiles[rows] = picked.profiles(channel, ways.width[rows, None] * ACROSS)
-    levels = sides.levels(profiles, px_width)
+    tell = whole & (ink > INK * bath.noise.middle) & np.isfinite(mean).all(axis=1)
+    left, right = sides.levels(profiles, px_width)
+    left, right = (
+        group.mean(left, use & np.isfinite(left)),
+        group.mean(right, use & np.isfinite(right)),
+    )
     # Where neighbours leave too little bath for a level of its own, that of all bath counts.
-    left, right = (np.nan_to_num(group.mean(v, use & np.isfinite(v)))[:, None] for v in levels)
-    tilt = 0.5 * (left + right) + 0.5 * (left - right) * np.clip(ACROSS, -1, 1)
-    return np.asarray(group.mean(profiles, use) - tilt)
+    left, right = np.nan_to_num(left), np.nan_to_num(right)
+    tilt = 0.5 * (left + right)[:, None] + 0.5 * (left - right)[:, None] * np.clip(ACROSS, -1, 1)
+    level = _linear(np.where(tell[:, None], mean - tilt, 0.0), bath.log_step).astype(np.float32)
+    return measure_widths(
+        level,
+        ways.width[group.first],
+        ways.stroke[group.first],
+        tell,
+        bath.template,
+        1.0 / work.px_per_mm,
+        _noise(level, tell, sides, group),
+        work.is_log,
+    )
+
+
+def _linear(values: FloatArray, log_step: float) -> FloatArray:
+    """Levels from logarithms to brightness, bath 0 and ink 1: a picture's blur is one of light."""
+    if abs(log_step) < 0.02:
+        return values
+    return np.asarray(np.expm1(log_step * np.clip(values, -1.0, 3.0)) / np.expm1(log_step))
+
+
+def _noise(level: FloatImage, tell: BoolArray, sides: Sides, group: Grouping) -> float:
+    """Scatter of a single value of a station's profile: of the bath beside lines, and of ink."""
+    if tell.sum() < 8:
+        return 0.0
+    middle = level[tell][:, np.abs(ACROSS) < 0.3]
+    ink = _spread(middle - np.median(middle, axis=0))
+    clear = np.minimum(sides.left, sides.right)[group.first][tell]
+    zone = (np.abs(ACROSS) > 0.8) & (np.abs(ACROSS) < 1.1)
+    bath = level[tell][clear > 1.2][:, zone]
+    beside = _spread(bath - np.median(bath, axis=0)) if len(bath) > 8 else ink
+    return float(np.sqrt(0.5 * (ink**2 + beside**2)))
+
+
+def _spread(values: FloatArray | FloatImage) -> float:
+    return 1.4826 * float(np.median(np.abs(values)))

@@ -118,6 +118,7 @@ def tell_by_height(
         unlike_bath=np.zeros(work.shape, dtype=np.float32),
         appearance=Appearance(np.zeros(work.channels.shape[2]), flat, True),
         bath_spread=float(noise.spread[0]),
+        log_step=0.0,
         ink=np.zeros(work.channels.shape[2]),
         faint=not noise.can_tell(gap_mm, rate / places),
     )

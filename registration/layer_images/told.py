@@ -88,6 +88,8 @@ class Told:
     appearance : Appearance
     bath_spread : float
         Of a place's level in the image, at a single place across.
+    log_step : float
+        Logarithm of ink's brightness over the bath's; 0 where the picture isn't in logarithms.
     ink : (c,) float64
         Level of ink over the background in each channel.
     faint : bool
@@ -106,6 +108,7 @@ class Told:
     unlike_bath: FloatImage
     appearance: Appearance
     bath_spread: float
+    log_step: float
     ink: FloatArray
     faint: bool
 
@@ -225,7 +228,8 @@ def _by_mix(
     look = Appearance(mix, template.terms * template.scale, template.filled)
     return Told(
         image, profiles, present, plain, why, template, noise, contrast, strange,
-        unlike_bath(away, ground.free), look, bath_spread, ink, faint,
+        unlike_bath(away, ground.free), look, bath_spread,
+        _log_step(mix, ink, ground.work.is_log), ink, faint,
     )  # fmt: skip
 
 
@@ -286,6 +290,14 @@ def _ink_levels(smooth: FloatImage, bath: BathNoise, seen: Seen, use: BoolArray)
         level = seen.profiles(np.ascontiguousarray(smooth[:, :, c]), middle)[use, 0]
         out[c] = _ink_level(level - bath.mean[c], float(np.sqrt(bath.covariance[c, c])))
     return out
+
+
+def _log_step(mix: FloatArray, ink: FloatArray, is_log: bool) -> float:
+    """Logarithm of ink's brightness over the bath's, by the weights of the channels; 0: none."""
+    weight = np.abs(mix * ink)
+    if not is_log or weight.sum() <= 0:
+        return 0.0
+    return float(np.clip(weight @ ink / weight.sum(), -3.0, 3.0))
 
 
 def _strange(ground: Ground, away: FloatImage, width_px: float) -> BoolArray:

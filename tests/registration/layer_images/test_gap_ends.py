@@ -30,7 +30,7 @@ def test_a_gap_at_a_strokes_end_goes_to_its_end() -> None:
 
 def test_ends_of_a_sharp_opaque_bead_lie_where_light_ends() -> None:
     square, rounded = (
-        Bead(0.3, 0.002, 100.0, 1.0).half_way(is_round, 0.002) for is_round in (False, True)
+        Bead(0.3, 0.002, 100.0).half_way(is_round, 0.002) for is_round in (False, True)
     )
     assert square == pytest.approx((0.0, 0.0), abs=0.003)
     # Of a disc of radius r, x away from its middle: r − √(r² − x²).
@@ -40,5 +40,5 @@ def test_ends_of_a_sharp_opaque_bead_lie_where_light_ends() -> None:
 
 
 def test_blur_and_absorption_hide_a_round_ends_tip() -> None:
-    within = [Bead(0.3, blur, 0.5, 1.0).half_way(True, 0.002)[0] for blur in (0.005, 0.03, 0.06)]
+    within = [Bead(0.3, blur, 0.5).half_way(True, 0.002)[0] for blur in (0.005, 0.03, 0.06)]
     assert 0.01 < within[0] < within[1] < within[2]

@@ -40,20 +40,6 @@ def test_widths_ratio_and_shift_lie_in_their_intervals(kind: str) -> None:
     assert max(u_x, u_y) < 0.02
 
 
-@pytest.mark.parametrize("gamma", [1.0, 2.2])
-def test_dark_ink_that_a_camera_blurs_is_as_wide_as_it_is(gamma: float) -> None:
-    scene, rng = Scene(42, "absorbing"), np.random.default_rng(42)
-    plan = scene.plan()
-    look = painter.random_look("absorbing", rng)
-    look.colour, look.light, look.blur_px = False, 0.1, 2.0
-    look.bath, look.ink = (150.0,) * 3, (150.0 * np.exp(-1.6 / 1.3),) * 3
-    painted = painter.paint(plan, painter.lay(plan, rng, ratio=0.9), [], 4.0, 20.0, look, rng)
-    picture = np.rint(255.0 * (painted.picture / 255.0) ** (1.0 / gamma)).astype(np.uint8)
-    findings = see_layer(picture, painted.frame, expected(plan))
-    assert findings.width_ratio == pytest.approx(0.9, abs=2 * findings.u_width_ratio)
-    assert findings.width_ratio == pytest.approx(0.9, abs=0.02 if gamma == 1.0 else 0.05)
-
-
 def test_a_thin_stretch_is_told() -> None:
     scene = Scene(22)
     plan = scene.plan()
