@@ -118,14 +118,16 @@ class Ending:
         """Write down with which line of the job it can be gone on, and from where."""
         progress = self._logbook.progress
         all_made = self._excursion.going_on or stop.place == Modal()
-        found = StopPlace(progress.done, None, True) if all_made else progress.stood(stop.place)
-        progress.stopped_at(found)
+        stop_place = (
+            StopPlace(progress.done, None, True) if all_made else progress.stood(stop.place)
+        )
+        progress.stopped_at(stop_place)
         self._logbook.record(
             "stood",
             done=progress.done,
-            line=found.line,
-            begin_at=None if found.at is None else asdict(found.at),
-            certain=found.certain,
+            line=stop_place.line,
+            begin_at=None if stop_place.at is None else asdict(stop_place.at),
+            certain=stop_place.certain,
             dropped=stop.dropped,
             place=asdict(stop.place),
         )

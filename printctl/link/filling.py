@@ -68,16 +68,16 @@ def grown_plan(job: Job, grown: Job, plan: Plan, filling: Filling, head: int | N
     if before is None or (before and not own):  # printed so all the same, on a person's word
         return shifted, plan[1]
     try:
-        found = plan_reloads(grown, *asked, head=head, taken=tuple(others))
+        new_plan = plan_reloads(grown, *asked, head=head, taken=tuple(others))
     except LinkError as exc:
         raise Refused(f"the insert needs more ink than is left: {exc}") from exc
-    if found and not own:
+    if new_plan and not own:
         raise Refused(
             f"with the insert the syringe, {filling.capacity_mm - used:.2f} mm of plunger left, "
             "doesn't last to the job's end, and no change of it is planned: pause and change it "
             "(`printctl reload RUN`), or leave the insert out"
         )
-    every: dict[int, int | None] = {**others, **dict.fromkeys((*here, *found), head)}
+    every: dict[int, int | None] = {**others, **dict.fromkeys((*here, *new_plan), head)}
     order = sorted(every)
     heads = tuple(who for index in order if (who := every[index]) is not None)
     return tuple(order), heads

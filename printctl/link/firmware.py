@@ -44,8 +44,8 @@ def parse_firmware(replies: Sequence[bytes]) -> Firmware:
             name = said[1].decode("ascii", "replace")
             counted = _EXTRUDERS.search(text)
             extruders = int(counted[1]) if counted else 0
-        elif found := _CAP.match(text):
-            capabilities[found[1].decode()] = found[2] == b"1"
+        elif match := _CAP.match(text):
+            capabilities[match[1].decode()] = match[2] == b"1"
     return Firmware(name, capabilities, extruders)
 
 
@@ -67,10 +67,10 @@ def differences(firmware: Firmware, steps: Sequence[bytes], printer: Printer) ->
         Reply to M92.
     printer : Printer
     """
-    found = []
+    all_differences = []
     parser = firmware.capabilities.get("EMERGENCY_PARSER")
     if parser is not None and parser != printer.emergency_parser:
-        found.append(
+        all_differences.append(
             f"EMERGENCY_PARSER is {'on' if parser else 'off'} in the firmware, "
             f"{'on' if printer.emergency_parser else 'off'} in the profile"
         )
@@ -79,8 +79,8 @@ def differences(firmware: Firmware, steps: Sequence[bytes], printer: Printer) ->
             for axis, value in _STEPS.findall(text):
                 expected = getattr(printer.steps_per_mm, axis.decode().lower())
                 if abs(float(value) - expected) > 0.006:
-                    found.append(
+                    all_differences.append(
                         f"{axis.decode()} makes {float(value):g} steps/mm in the firmware, "
                         f"{expected:g} in the profile (steps_per_mm)"
                     )
-    return found
+    return all_differences

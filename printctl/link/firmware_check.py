@@ -108,14 +108,14 @@ class FirmwareCheck:
         ------
         HandshakeError
         """
-        found: list[str] = []
+        off: list[str] = []
         for _ in range(RETRIES):
-            found = differences(
+            off = differences(
                 self.firmware, self._channel.command(b"M92", journalled), self._printer
             )
-            if not any("steps/mm" in text for text in found):
+            if not any("steps/mm" in text for text in off):
                 break
-        for text in found:
+        for text in off:
             if "steps/mm" in text:
                 raise HandshakeError(
                     f"{text}: distances or doses would be wrong; set the firmware (M92, M500) or "

@@ -58,12 +58,12 @@ class FrameCheck:
         """Note both before the job's first line, with the motors standing."""
         logbook = self._channel.logbook
         fault = logbook.fault
-        found = self._asked_twice()
+        answers = self._asked_twice()
         logbook.excuse(fault)  # a question that this build doesn't know
-        if found is not None:
-            self._told, self._offset = found
+        if answers is not None:
+            self._told, self._offset = answers
             self._declared = 0, self._motors
-            logbook.record("frame", told=found[0], offset=found[1])
+            logbook.record("frame", told=answers[0], offset=answers[1])
 
     def _asked_twice(self) -> tuple[Place, Place] | None:
         before: tuple[Place, Place] | None = None

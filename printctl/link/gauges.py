@@ -46,8 +46,8 @@ class Gauge:
     def read(self, replies: Sequence[bytes]) -> float:
         """Find the number in an answer; nan where it isn't there."""
         for text in replies:
-            found = self._number.search(text.decode("latin-1"))
-            value = _number(found[1]) if found and found[1] else math.nan
+            match = self._number.search(text.decode("latin-1"))
+            value = _number(match[1]) if match and match[1] else math.nan
             if not math.isnan(value):
                 self.value, self.unread = value, 0
                 return value

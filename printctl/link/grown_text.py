@@ -71,11 +71,11 @@ def grown_text(job: Job, data: bytes) -> GrownText:
 def _by_row(job: Job, rows: int) -> Mapping[int, list[int]]:
     """Command lines that were put in, by the file's row before which they stand."""
     inside = [k for after, count in job.positions for k in range(after, after + count)]
-    found, known = dict[int, list[int]](), set(inside)
+    put_in, known = dict[int, list[int]](), set(inside)
     for index in inside:
         behind = index
         while behind in known:
             behind += 1
         row = job.file_lines[behind] - 1 if behind < len(job) else rows
-        found.setdefault(row, []).append(index)
-    return found
+        put_in.setdefault(row, []).append(index)
+    return put_in

@@ -51,22 +51,22 @@ def confirms(replies: Sequence[bytes], printer: Printer, number: int) -> bool:
 
 def keep_raised(lines: Sequence[bytes], done: int, printer: Printer) -> list[bytes]:
     """Commands that raise once more the heads that the job has raised, and left so."""
-    found = []
+    commands = []
     for head in printer.heads:
         if head.raises is None or head.lowers is None:
             continue
         raises, lowers = head.raises.encode("ascii"), head.lowers.encode("ascii")
         last = next((line for line in reversed(lines[:done]) if line in (raises, lowers)), b"")
         if last == raises:
-            found.append(raises)
-    return found
+            commands.append(raises)
+    return commands
 
 
 def all_raised(printer: Printer) -> list[bytes]:
     """Commands that raise every head that can be, and wait until they are up."""
     moving = [head for head in printer.heads if head.raises is not None]
-    found = [head.raises.encode("ascii") for head in moving if head.raises is not None]
-    return _waited(found, max((head.moving_s for head in moving), default=0.0))
+    commands = [head.raises.encode("ascii") for head in moving if head.raises is not None]
+    return _waited(commands, max((head.moving_s for head in moving), default=0.0))
 
 
 def lowered(printer: Printer, number: int | None) -> list[bytes]:

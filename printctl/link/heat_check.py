@@ -96,9 +96,9 @@ class HeatCheck:
     def _told(self, journalled: bool) -> dict[str, float]:
         """Targets by heater, °C; empty where the firmware tells none."""
         readings = parse_temperatures(self._channel.command(b"M105", journalled))
-        found = {one.name: one.target_c for one in readings if one.target_c is not None}
+        targets = {one.name: one.target_c for one in readings if one.target_c is not None}
         several = len(self._channel.wiring.printer.heads) > 1
-        return {k: v for k, v in found.items() if not (several and k.startswith("nozzle"))}
+        return {k: v for k, v in targets.items() if not (several and k.startswith("nozzle"))}
 
     def _record(self) -> None:
         self._logbook.record("heat", targets=self._targets, line=self._read)

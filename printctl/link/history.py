@@ -156,14 +156,14 @@ class PrintHistory:
                     f"SELECT {_SELECTED} FROM prints p WHERE p.id >= ? AND p.id < ? LIMIT 2",
                     [print_id, f"{print_id}\x7f"],
                 ).fetchall()
-                found = _entries(index, rows) if print_id else []
-        if len(found) != 1:
-            many = "more than one print begins with" if found else "no print has"
+                entries = _entries(index, rows) if print_id else []
+        if len(entries) != 1:
+            many = "more than one print begins with" if entries else "no print has"
             raise NoSuchPrint(
                 f"{many} the id {print_id[:40]!r}; `printctl history` lists the ids, "
                 "`printctl history rebuild FOLDER` finds prints that it doesn't know"
             )
-        return found[0]
+        return entries[0]
 
     def known(self, column: Literal["profile", "who", "state"]) -> list[str]:
         """What there is in a column, sorted."""
@@ -190,13 +190,13 @@ class PrintHistory:
             self._take_in(j for folder in folders for j in _journals(folder))
 
     def _take_in(self, journals: Iterable[Path]) -> None:
-        found = []
+        entries = []
         for journal in journals:
             with contextlib.suppress(OSError):  # moved away since: the last known stays
                 stamp = _stamp(journal)  # before it is read: what comes meanwhile is seen later
-                found.append((entry_of(journal), stamp))
+                entries.append((entry_of(journal), stamp))
         with self._open() as index:
-            for entry, stamp in found:
+            for entry, stamp in entries:
                 if entry is not None:
                     write_entry(index, entry, stamp)
 
@@ -291,12 +291,12 @@ def _entries(index: sqlite3.Connection, rows: Sequence[tuple[object, ...]]) -> l
         (ids,),
     ):
         alarms.setdefault(print_id, []).append(Alarm(at, text))
-    found = []
+    entries = []
     for row in rows:
         values: dict[str, Any] = dict(zip([*_COLUMNS, "operator"], row, strict=True))
         values["journal"] = Path(str(values["journal"]))
-        found.append(PrintEntry(**values, alarms=tuple(alarms.get(values["id"], ()))))
-    return found
+        entries.append(PrintEntry(**values, alarms=tuple(alarms.get(values["id"], ()))))
+    return entries
 
 
 def write_entry(

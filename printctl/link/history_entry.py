@@ -138,17 +138,17 @@ def entry_of(journal: Path) -> PrintEntry | None:
 
 def _alarms(records: Sequence[Record]) -> tuple[Alarm, ...]:
     """Return each alarm once, when it came first; of one that came again how often."""
-    found: list[Alarm] = []
+    alarms: list[Alarm] = []
     first: dict[object, int] = {}
     for record in records:
         if record.get("t") == "alarm":
-            first[record.get("text")] = len(found)
+            first[record.get("text")] = len(alarms)
             at = float(record.get("at", 0.0))
-            found.append(Alarm(at, plain_text(record.get("text", ""))))
+            alarms.append(Alarm(at, plain_text(record.get("text", ""))))
         elif record.get("t") == "repeated" and record.get("first") in first:
             index = first[record.get("first")]
-            found[index] = Alarm(found[index].at, plain_text(times_words(record)))
-    return tuple(found)
+            alarms[index] = Alarm(alarms[index].at, plain_text(times_words(record)))
+    return tuple(alarms)
 
 
 def plain_text(value: object) -> str:

@@ -73,7 +73,7 @@ class JobFrame:
 
 def renamings(lines: Sequence[bytes]) -> list[Renaming]:
     """Return the lines that say where the tip stands, in order."""
-    trail, found = ModalTrail(lines), list[Renaming]()
+    trail, all_renamings = ModalTrail(lines), list[Renaming]()
     for index, line in enumerate(lines):
         told = declared_axes(line)
         if not told:
@@ -83,8 +83,8 @@ def renamings(lines: Sequence[bytes]) -> list[Renaming]:
         moved = {axis: told[axis] - mm for axis, mm in before.items()}
         declared = {axis: mm for axis, mm in told.items() if axis not in before}
         changed = {axis: mm for axis, mm in moved.items() if abs(mm) > _SAME_MM}
-        found.append(Renaming(index, line, declared, changed))
-    return found
+        all_renamings.append(Renaming(index, line, declared, changed))
+    return all_renamings
 
 
 def frame_at(job: Job, begin: int, printer: Printer, start_mm: Place | None = None) -> JobFrame:
@@ -145,23 +145,23 @@ def _declared(job: Job, named: Sequence[Renaming]) -> tuple[Place | None, tuple[
     declaring = [one for one in named if one.declared]
     if not declaring:
         return None, ()
-    first, found = _first_move(job), dict[str, float]()
+    first, places = _first_move(job), dict[str, float]()
     for one in declaring:
-        found |= one.declared
+        places |= one.declared
         if one.index > first:
             _refuse(job, one, "tells where the tip stands, behind a move")
-    if set(found) != set(_AXES):
+    if set(places) != set(_AXES):
         _refuse(job, declaring[-1], "tells where the tip stands, and not in all of X, Y and Z")
     words = (one.line.split(b" ") for one in declaring)
     lines = tuple(b" ".join(word for word in line if word[:1] != b"E") for line in words)
-    return (found["X"], found["Y"], found["Z"]), lines
+    return (places["X"], places["Y"], places["Z"]), lines
 
 
 def _shifts(
     job: Job, named: Sequence[Renaming], start: Place | None
 ) -> tuple[tuple[int, Place], ...]:
     """Add up what lines call a place beyond the count of ``start``, mm."""
-    total, found = dict.fromkeys(_AXES, 0.0), list[tuple[int, Place]]()
+    total, shifts = dict.fromkeys(_AXES, 0.0), list[tuple[int, Place]]()
     for one in named:
         if not one.moved:
             continue
@@ -171,8 +171,8 @@ def _shifts(
         for axis, mm in one.moved.items():
             total[axis] += mm
         x, y, z = (mm if abs(mm) > _SAME_MM else 0.0 for mm in total.values())
-        found.append((one.index, (x, y, z)))
-    return tuple(found)
+        shifts.append((one.index, (x, y, z)))
+    return tuple(shifts)
 
 
 def _top(job: Job, named: Sequence[Renaming]) -> float:

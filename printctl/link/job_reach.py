@@ -110,12 +110,12 @@ def _hull(points: set[Point]) -> tuple[Point, ...]:
 
 
 def _half(order: Sequence[Point]) -> list[Point]:
-    found: list[Point] = []
+    points: list[Point] = []
     for point in order:
-        while len(found) > 1 and _turn(found[-2], found[-1], point) <= 0:
-            found.pop()
-        found.append(point)
-    return found[:-1]
+        while len(points) > 1 and _turn(points[-2], points[-1], point) <= 0:
+            points.pop()
+        points.append(point)
+    return points[:-1]
 
 
 def _turn(a: Point, b: Point, c: Point) -> float:

@@ -21,15 +21,15 @@ def declared_start(job: Job) -> tuple[float, float, float] | None:
         Where some of X, Y and Z are told there, or any is told behind a move, and not all three
         before it: nobody knows then where the checks ought to begin.
     """
-    found: dict[str, float] = {}
+    words: dict[str, float] = {}
     for line in job.lines:
         if code_of(line) == b"G28":
             return None  # homing finds the place; what is told behind it renames that
         if is_motion(line):
             break
-        found = declared_axes(line) | found
-    if set(found) == set("XYZ"):
-        return found["X"], found["Y"], found["Z"]
+        words = declared_axes(line) | words
+    if set(words) == set("XYZ"):
+        return words["X"], words["Y"], words["Z"]
     named = (one for one in renamings(job.lines) if one.declared or one.moved)
     late = next((one.index for one in named), None)
     if late is None:

@@ -61,10 +61,10 @@ def hold_address(host: str, port: int, name: str) -> ExitStack:
         When a process of this machine holds it, whoever's it is.
     """
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        addresses = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except OSError as exc:
         raise PortMissing(f"nobody is called {host} ({exc}); check the host of {name}") from exc
-    return _hold(sorted({str(entry[4][0]) for entry in found}), port, name)
+    return _hold(sorted({str(entry[4][0]) for entry in addresses}), port, name)
 
 
 def _hold(addresses: Sequence[str], port: int, name: str) -> ExitStack:

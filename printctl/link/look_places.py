@@ -72,19 +72,19 @@ class LookPlaces:
 
     def next_due(self, first: int, looked: Written, care: Care) -> int | None:
         """First place from ``first`` on at which enough was written since the last look."""
-        low, found = bisect_left(self.index, first), list[int]()
+        low, places = bisect_left(self.index, first), list[int]()
         if care.look_every_mm:
             least = looked.way_mm + care.look_every_mm
-            found.append(bisect_left(self.written, least, low, key=lambda one: one.way_mm))
+            places.append(bisect_left(self.written, least, low, key=lambda one: one.way_mm))
         if care.look_every_written_s:
             least = looked.time_s + care.look_every_written_s
-            found.append(bisect_left(self.written, least, low, key=lambda one: one.time_s))
+            places.append(bisect_left(self.written, least, low, key=lambda one: one.time_s))
         if care.look_every_height_mm and self.index:
             base = max(looked.top_mm, self.written[0].top_mm)  # at first the first layer's
             least = base + care.look_every_height_mm - _SAME_MM
             high = bisect_left(self.written, least, low, key=lambda one: one.top_mm)
-            found += [k for k in range(high, len(self.index)) if self.marked[k]][:1]
-        due = min(found, default=len(self.index))
+            places += [k for k in range(high, len(self.index)) if self.marked[k]][:1]
+        due = min(places, default=len(self.index))
         return self.index[due] if due < len(self.index) else None
 
 
@@ -106,23 +106,23 @@ def look_places(
     marked = sorted({mark.index for mark in marks.all})
     layers = bool(marks.of(MarkKind.LAYER)) and not marks.of(MarkKind.VESSEL)
     inserted = {k for after, count in inserts for k in range(after, after + count)}
-    found = _read(lines, marked, inserted, ends_too=within and layers)
+    written = _read(lines, marked, inserted, ends_too=within and layers)
     known = set(marked)
-    index = sorted(found)
-    return LookPlaces(index, [found[k] for k in index], [k in known for k in index])
+    index = sorted(written)
+    return LookPlaces(index, [written[k] for k in index], [k in known for k in index])
 
 
 def _read(
     lines: Sequence[bytes], marked: Sequence[int], inserted: Collection[int], *, ends_too: bool
 ) -> dict[int, Written]:
     """Return what is written before each mark and, where wanted, before each end of a line."""
-    found, waiting = dict[int, Written](), list(reversed(marked))
+    written, waiting = dict[int, Written](), list(reversed(marked))
     moves = _Moves(any(b" E" in line and is_motion(line) for line in lines))
     end: int | None = None  # of the line that was written last, where it may still come later
     wrote = False
     for index, line in enumerate(lines):
         if waiting and waiting[-1] == index:
-            found[waiting.pop()] = moves.written
+            written[waiting.pop()] = moves.written
             end, wrote = None, False  # nothing is written from here to the next line's begin
         before = moves.written
         step = moves.follow(line, counts=index not in inserted)
@@ -132,13 +132,13 @@ def _read(
             end = index if wrote and end is None else end
         elif step.writes:
             if end is not None:
-                found[end] = before
+                written[end] = before
             end, wrote = None, True
         elif step.relieves:
             end = None  # it is better to rise behind it, off a wall and without pressure
         elif step.aside and wrote and end is None:
             end = index
-    return found | dict.fromkeys(waiting, moves.written)
+    return written | dict.fromkeys(waiting, moves.written)
 
 
 @dataclass(frozen=True)

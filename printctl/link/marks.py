@@ -116,5 +116,5 @@ class Marks:
 
     def here(self, index: int) -> list[Mark]:
         """All marks at ``index``."""
-        found = (self.next(kind, index) for kind in MarkKind)
-        return [mark for mark in found if mark is not None and mark.index == index]
+        each = (self.next(kind, index) for kind in MarkKind)
+        return [mark for mark in each if mark is not None and mark.index == index]

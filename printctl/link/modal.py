@@ -39,8 +39,8 @@ class Modal:
 
     def place(self) -> dict[str, float]:
         """Return what is known of x, y, z and e, mm, by name."""
-        found = ((axis, getattr(self, axis)) for axis in AXES.lower())
-        return {axis: value for axis, value in found if value is not None}
+        known = ((axis, getattr(self, axis)) for axis in AXES.lower())
+        return {axis: value for axis, value in known if value is not None}
 
     def filled(self, place: Mapping[str, float]) -> Modal:
         """Return it with what isn't known taken from a ``place``."""
@@ -63,8 +63,8 @@ def modal_state(lines: Sequence[bytes], done: int) -> Modal:
 def places(lines: Sequence[bytes], done: int) -> dict[str, float]:
     """Return what `modal_state` finds of X, Y, Z and E, mm, by the axis' letter."""
     at = modal_state(lines, done)
-    found = ((axis, getattr(at, axis.lower())) for axis in AXES)
-    return {axis: value for axis, value in found if value is not None}
+    known = ((axis, getattr(at, axis.lower())) for axis in AXES)
+    return {axis: value for axis, value in known if value is not None}
 
 
 class ModalTrail:
@@ -87,37 +87,37 @@ class ModalTrail:
         """Where needle and plunger are after ``done`` lines."""
         if done < self._done:  # lines were taken back
             self._done, self._words = 0, {}
-        found, homed = _read_back(self._lines, self._done, done)
-        self._words = found if homed else {**self._words, **found}
+        words, homed = _read_back(self._lines, self._done, done)
+        self._words = words if homed else {**self._words, **words}
         self._done = done
         return Modal(**self._words)
 
 
 def _read_back(lines: Sequence[bytes], first: int, done: int) -> tuple[dict[str, float], bool]:
     """Last words in lines ``first`` to ``done`` - 1, and whether homing ended the search."""
-    found: dict[str, float] = {}
+    words: dict[str, float] = {}
     for line in reversed(lines[first:done]):
         code = code_of(line)
         if code in HOMING:
-            return found, True
+            return words, True
         if code in _PLACING:
             for letter, value in read_sent(line).words.items():
                 if letter in _KEPT and value is not None:
-                    found.setdefault(letter.lower(), value)
-            if len(found) == 5:
+                    words.setdefault(letter.lower(), value)
+            if len(words) == 5:
                 break
         else:
-            found = {axis.lower(): mm for axis, mm in declared_axes(line).items()} | found
-    return found, False
+            words = {axis.lower(): mm for axis, mm in declared_axes(line).items()} | words
+    return words, False
 
 
 def disagreement(modal: Modal, position: dict[str, float], within_mm: float = 0.011) -> str:
     """Say where job text and printer differ by more than the printer's two decimals; or nothing."""
-    found = (
+    apart = (
         (axis, getattr(modal, axis.lower())) for axis in mismatched_axes(modal, position, within_mm)
     )
     return ", ".join(
-        f"{axis} is {position[axis]:.2f} mm where the job says {mm:.2f} mm" for axis, mm in found
+        f"{axis} is {position[axis]:.2f} mm where the job says {mm:.2f} mm" for axis, mm in apart
     )
 
 

@@ -101,18 +101,19 @@ def choose_port(printer: Printer, ports: Iterable[PortInfo] | None = None) -> st
             f"the profile of {printer.name} names no USB id (usb_ids), so no port can be chosen; "
             f"ports found: {listed}; give --port, or write the id into the profile"
         )
-    found = [port for port in every if matches(printer, port)]
-    if not found:
+    matching = [port for port in every if matches(printer, port)]
+    if not matching:
         raise PortMissing(
             f"no port has a USB id of {printer.name} ({', '.join(printer.usb_ids)}); ports found: "
             f"{listed}; check cable and power, or give --port"
         )
-    if len(found) > 1:
+    if len(matching) > 1:
         raise PortError(
-            f"several ports have a USB id of {printer.name}: {'; '.join(map(_described, found))}; "
+            f"several ports have a USB id of {printer.name}: "
+            f"{'; '.join(map(_described, matching))}; "
             "give --port, or usb_ids with the serial number (VVVV:PPPP:SERIAL) in the profile"
         )
-    return found[0].device
+    return matching[0].device
 
 
 def read_baud(text: str | None) -> int | str | None:

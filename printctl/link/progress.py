@@ -85,8 +85,8 @@ class JobProgress:
 
     def heights(self) -> list[float]:
         """Return the needle's heights after each line that may not have been made yet, mm."""
-        found = self._each_after(self.executed(self.done), self._protocol.lines_done)
-        return [at.z for at in found if at.z is not None]
+        heights = self._each_after(self.executed(self.done), self._protocol.lines_done)
+        return [at.z for at in heights if at.z is not None]
 
     def places_under_way(self) -> list[dict[str, float]]:
         """Return the places between which the motors may be, mm, by `Modal`'s names."""
@@ -104,10 +104,10 @@ class JobProgress:
         done = self.done
         return find_stop_line(self.job.lines, self.executed(done), done, place)
 
-    def stopped_at(self, found: StopPlace) -> None:
+    def stopped_at(self, stop_place: StopPlace) -> None:
         """Take notice of where the printer stood: the lines before a certain place were made."""
-        if found.certain:
-            self._made.stood(found.line)
+        if stop_place.certain:
+            self._made.stood(stop_place.line)
 
     def run_on(self, now: float) -> MotorRunOn | None:
         """Return how far motors may run on, halted at ``now``; None where the job doesn't tell.

@@ -101,22 +101,22 @@ def plan_recovery(
     LinkError
         When the job doesn't say where the needle is there.
     """
-    found = beginning(job, history, printer, from_line)
-    found = replace(found, at=_untouched(found.at, job.lines[: found.index], start_mm))
-    begin, at = found.index, found.at
+    start = beginning(job, history, printer, from_line)
+    start = replace(start, at=_untouched(start.at, job.lines[: start.index], start_mm))
+    begin, at = start.index, start.at
     if None in (at.x, at.y, at.z) or (at.e is None and not printer.pneumatic):
         raise LinkError(
             f"before line {job.file_lines[begin]} the job doesn't say where the needle and the "
             "plunger are; give a later line (--from-line)"
         )
     frame = frame_at(job, begin, printer, start_mm)
-    there = replace(found, at=_counted(at, frame, begin))
+    there = replace(start, at=_counted(at, frame, begin))
     text = grown_text(job, data)
     rest = rest_lines(job, text, begin, frame)
     gcode = _way_in(job, there, printer, retreat, frame) + rest
     steps = (
         *manual_steps(printer, frame),
-        *describe_rest(job, history, found, printer, ul_per_mm),
+        *describe_rest(job, history, start, printer, ul_per_mm),
     )
     rows = tuple(text.file_row[text.row_of[begin] :])
     return Recovery(begin, job.file_lines[begin], gcode, steps, frame.start, rows)
@@ -140,7 +140,7 @@ def _counted(at: Modal, frame: JobFrame, begin: int) -> Modal:
 
 def _way_in(
     job: Job,
-    found: RestStart,
+    rest_start: RestStart,
     printer: Printer,
     retreat: Retreat,
     frame: JobFrame,
@@ -150,7 +150,7 @@ def _way_in(
     A pneumatic head's valve is shut first of all, and opened once the tip is in place. Of several
     heads all are raised, the job's is chosen, and lowered above its place.
     """
-    begin, at = found.index, found.at
+    begin, at = rest_start.index, rest_start.at
     head = head_at(job.lines, begin) if printer.heads else None
     retreat = retreat.of_head(head)
     x, y, z, e = (float(value or 0.0) for value in (at.x, at.y, at.z, at.e))
@@ -163,7 +163,7 @@ def _way_in(
     if head is not None:
         commands += [*all_raised(printer), choose(printer, head)]
     if not printer.pneumatic:
-        commands.append(count_from(retreat.relieved_e(e, found.relieved_mm)))
+        commands.append(count_from(retreat.relieved_e(e, rest_start.relieved_mm)))
     opens = reopen(job.lines, begin, printer)
     commands += [
         b"G0 Z%.4f F%.0f" % (high, rise * 60),

@@ -54,22 +54,26 @@ def manual_steps(printer: Printer, frame: JobFrame) -> tuple[str, ...]:
 
 
 def describe_rest(
-    job: Job, history: JournalledPrint, found: RestStart, printer: Printer, ul_per_mm: float | None
+    job: Job,
+    history: JournalledPrint,
+    rest_start: RestStart,
+    printer: Printer,
+    ul_per_mm: float | None,
 ) -> tuple[str, ...]:
     """From where the file goes on, and what may be written twice."""
-    begin = found.index
+    begin = rest_start.index
     first = job.file_lines[begin]
-    steps = [f"The file begins with line {first} of {job.name} ({found.why})."]
+    steps = [f"The file begins with line {first} of {job.name} ({rest_start.why})."]
     head = head_at(job.lines, begin) if printer.heads else None
     amount = (
         describe_rewritten_ink(job, begin, history.done, head, ul_per_mm)
         if history.done > begin
         else ""
     )
-    if found.stood:
+    if rest_start.stood:
         unsure = history.stood is not None and not history.stood["certain"]
         twice = f" Written twice may be {amount}." if unsure and amount else ""
-        return (*steps, found.stood + twice)
+        return (*steps, rest_start.stood + twice)
     refused = (history.end or {}).get("refused")
     if refused is not None and refused >= begin:
         words = job.lines[refused].decode("ascii", "replace")
@@ -106,9 +110,9 @@ def _through_vessels(job: Job, history: JournalledPrint, begin: int, printer: Pr
 
 def _later(job: Job, done: int) -> str:
     marks = [job.marks.next(kind, done) for kind in (MarkKind.LAYER, MarkKind.VESSEL)]
-    found = [
+    later = [
         f" {job.file_lines[mark.index]} (after the {mark})"
         for mark in marks
         if mark is not None and mark.index < len(job)
     ]
-    return ", such as" + " or".join(found) if found else ""
+    return ", such as" + " or".join(later) if later else ""

@@ -58,14 +58,14 @@ def plan_head_reloads(
 
     No two at the same point: a person changes one syringe at a time.
     """
-    found: dict[int, int] = {}
+    head_of: dict[int, int] = {}
     used = used_mm or [0.0] * len(capacity_mm)
     for head, (capacity, so_far) in enumerate(zip(capacity_mm, used, strict=True)):
         if capacity > 0:
-            at = plan_reloads(job, capacity, so_far, begin, head=head, taken=tuple(found))
-            found |= dict.fromkeys(at, head)
-    order = sorted(found)
-    return tuple(order), tuple(found[index] for index in order)
+            at = plan_reloads(job, capacity, so_far, begin, head=head, taken=tuple(head_of))
+            head_of |= dict.fromkeys(at, head)
+    order = sorted(head_of)
+    return tuple(order), tuple(head_of[index] for index in order)
 
 
 def plan_reloads(

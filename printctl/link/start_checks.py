@@ -49,16 +49,16 @@ def agree_settings(
     answers = _asked(ask, printer)
     for _ in range(_TRIES):  # a garbled answer differs, too
         every = differences(answers, printer)
-        found = [one for one in every if not one.tolerated]
-        if not found:
+        refused = [one for one in every if not one.tolerated]
+        if not refused:
             break
-        for one in found:
+        for one in refused:
             if one.reset:
                 note(f"{one.what}; reset by {one.reset}")
                 ask(one.reset.encode("ascii"))
         answers = _asked(ask, printer)
     else:
-        raise HandshakeError(_refusal(found, begun))
+        raise HandshakeError(_refusal(refused, begun))
     for one in every:
         note(f"{one.what}: {one.remedy}")
     return reported_settings(answers, printer)
@@ -71,9 +71,10 @@ def _asked(ask: Ask, printer: Printer) -> dict[str, list[str]]:
     }
 
 
-def _refusal(found: list[Difference], begun: bool) -> str:
+def _refusal(refused: list[Difference], begun: bool) -> str:
     told = "; ".join(
-        f"{one.what}: {one.remedy or f'{one.reset} was sent and changed nothing'}" for one in found
+        f"{one.what}: {one.remedy or f'{one.reset} was sent and changed nothing'}"
+        for one in refused
     )
     moved = "" if begun else ", and nothing was moved"
     return f"the firmware isn't as the checks count on{moved}: {told}"

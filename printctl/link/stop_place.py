@@ -105,13 +105,13 @@ def _found(lines: Sequence[bytes], done: int, window: Sequence[int], place: Moda
     A ``G92 E`` sets the count when it is read (old firmwares), or when its turn has come among the
     moves, and never where those are dropped (Marlin 2).
     """
-    travel, found = plunger_travel(lines), list[_On]()
+    travel, passing = plunger_travel(lines), list[_On]()
     for index in window:
         own = _own_count(lines, index, done, travel, place.e)
         places = (place, place if own is None else replace(place, e=own))
         passed = (_passes(lines, index, there) for there in places)
-        found += [on for on in passed if on is not None][:1]
-    return found
+        passing += [on for on in passed if on is not None][:1]
+    return passing
 
 
 def _passes(lines: Sequence[bytes], index: int, place: Modal) -> _On | None:
@@ -156,14 +156,14 @@ def _pushes(
     return _On(index, abs(e - begin.e) / (high - low) if high > low else 1.0, e)
 
 
-def _spots(found: Sequence[_On], lines: Sequence[bytes]) -> list[_On]:
+def _spots(passing: Sequence[_On], lines: Sequence[bytes]) -> list[_On]:
     """Return one of each place on the way: an end and the next move's beginning are the same."""
-    return list(_merged(found, lines))
+    return list(_merged(passing, lines))
 
 
-def _merged(found: Sequence[_On], lines: Sequence[bytes]) -> Iterator[_On]:
+def _merged(passing: Sequence[_On], lines: Sequence[bytes]) -> Iterator[_On]:
     last: _On | None = None
-    for on in found:
+    for on in passing:
         if last is not None:
             between = any(is_motion(lines[k]) for k in range(last.line + 1, on.line))
             if between or last.share < 1 - _ENDS or on.share > _ENDS:

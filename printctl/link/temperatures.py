@@ -37,13 +37,15 @@ def parse_temperatures(replies: Sequence[bytes]) -> tuple[Temperature, ...]:
     Marlin tells the nozzle in use as T, and of several each as T0, T1 too, which then count;
     Klipper tells T0 alone.
     """
-    found: dict[str, Temperature] = {}
+    temperatures: dict[str, Temperature] = {}
     for text in replies:
         for letter, number, now, target in _READING.findall(text):
             name = _name(letter, number)
-            if number or name not in found:
-                found[name] = Temperature(name, float(now), float(target) if target else None)
-    return tuple(found.values())
+            if number or name not in temperatures:
+                temperatures[name] = Temperature(
+                    name, float(now), float(target) if target else None
+                )
+    return tuple(temperatures.values())
 
 
 def _name(letter: bytes, number: bytes) -> str:

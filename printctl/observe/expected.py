@@ -93,10 +93,10 @@ def expected_ink(held: HeldPrint, job: Job) -> ExpectedInk:
 
 def _inserted(job: Job) -> BoolArray:
     """Which lines of a grown job were put in, (n,)."""
-    found = np.zeros(len(job), dtype=np.bool_)
+    inserted = np.zeros(len(job), dtype=np.bool_)
     for after, count in job.positions:
-        found[after : after + count] = True
-    return found
+        inserted[after : after + count] = True
+    return inserted
 
 
 def _of_pieces(

@@ -70,7 +70,7 @@ def ink_to_judge(ink: ExpectedInk, first: int, last: int) -> LayerInk:
 def evidence_of(
     layer: LayerInk,
     ink: ExpectedInk,
-    found: LayerFindings,
+    findings: LayerFindings,
     again: LayerFindings | None,
     *,
     section: BeadSection,
@@ -91,28 +91,28 @@ def evidence_of(
     left_ul : float or None, µL
         What the plunger still had.
     """
-    stations = without_mends(found.stations)
+    stations = without_mends(findings.stations)
     row = layer.row[stations.piece]
     supply = _supply(stations, ink, row, least_gap_mm, left_ul)
-    thin = _thin(found, ink, layer, section)
+    thin = _thin(findings, ink, layer, section)
     if again is not None:
         thin = seen_twice(thin, _thin(again, ink, layer, section))
-    shift, u = _shift(found)
+    shift, u = _shift(findings)
     return Evidence(
-        places=found.places,
-        gaps=gaps_of_job(found.gaps, layer.mended),
+        places=findings.places,
+        gaps=gaps_of_job(findings.gaps, layer.mended),
         second=None if again is None else gaps_of_job(again.gaps, layer.mended),
         supply=supply,
-        flow=_flow(stations, ink, row, found.u_width_ratio, section),
-        seen_share=found.seen_share,
+        flow=_flow(stations, ink, row, findings.u_width_ratio, section),
+        seen_share=findings.seen_share,
         shift_mm=shift,
         u_shift_mm=u,
         narrowed=tuple(
             Narrowed(one.name, one.width_mm / one.expected_mm, one.u_width_mm / one.expected_mm)
-            for one in found.lumens
+            for one in findings.lumens
             if one.seen
         ),
-        stretches=len(found.stretches),
+        stretches=len(findings.stretches),
         thin=thin,
         over_old_share=_over_old(stations),
         way_mm=float(stations.length_mm.sum()),
@@ -127,22 +127,22 @@ def nothing_seen() -> Evidence:
     return Evidence(1, (), None, supply, FlowBlocks(none, none, none, none), 0.0)
 
 
-def figures(found: LayerFindings, evidence: Evidence) -> dict[str, Any]:
+def figures(findings: LayerFindings, evidence: Evidence) -> dict[str, Any]:
     """Return the figures of a look for its record."""
     return {
-        "seen_share": _number(found.seen_share),
-        "width_ratio": _number(found.width_ratio),
-        "u_width_ratio": _number(found.u_width_ratio),
-        "coverage": _number(found.coverage),
-        "shift_mm": [_number(found.shift.dx_mm), _number(found.shift.dy_mm)],
+        "seen_share": _number(findings.seen_share),
+        "width_ratio": _number(findings.width_ratio),
+        "u_width_ratio": _number(findings.u_width_ratio),
+        "coverage": _number(findings.coverage),
+        "shift_mm": [_number(findings.shift.dx_mm), _number(findings.shift.dy_mm)],
         "gaps": [
             {"stroke": gap.stroke, "from_mm": gap.from_mm, "to_mm": gap.to_mm, "p": gap.p_value}
-            for gap in found.gaps
+            for gap in findings.gaps
         ],
-        "stretches": len(found.stretches),
-        "blobs": len(found.blobs),
+        "stretches": len(findings.stretches),
+        "blobs": len(findings.blobs),
         "ink": evidence.supply.state.value,
-        "camera_moved_px": _number(found.moved_px),
+        "camera_moved_px": _number(findings.moved_px),
     }
 
 
@@ -151,16 +151,16 @@ def _number(value: float) -> float | None:
 
 
 def _thin(
-    found: LayerFindings, ink: ExpectedInk, layer: LayerInk, section: BeadSection
+    findings: LayerFindings, ink: ExpectedInk, layer: LayerInk, section: BeadSection
 ) -> tuple[Thin, ...]:
     """Thin lines of a layer; in a bath nothing can be written over a filament."""
-    if ink.style == "embedded" or not found.stretches:
+    if ink.style == "embedded" or not findings.stretches:
         return ()
-    stations = without_mends(found.stations)
+    stations = without_mends(findings.stations)
     row, told = layer.row[stations.piece], _tells_width(stations)
     ratio = np.full(len(row), np.nan)
     ratio[told] = _area_ratio(stations.width_mm[told], ink, row[told], section)
-    return thin_lines(found.stretches, stations, told, ratio)  # of mends there are no stations
+    return thin_lines(findings.stretches, stations, told, ratio)  # of mends there are no stations
 
 
 def _level(layer: LayerInk, ink: ExpectedInk) -> float | None:
@@ -193,14 +193,14 @@ def _supply(
     )
 
 
-def _shift(found: LayerFindings) -> tuple[float, float]:
+def _shift(findings: LayerFindings) -> tuple[float, float]:
     """Length of the shift and its standard uncertainty along itself, mm; infinite where unknown."""
-    way = np.array([found.shift.dx_mm, found.shift.dy_mm])
+    way = np.array([findings.shift.dx_mm, findings.shift.dy_mm])
     length = float(np.linalg.norm(way))
     if not math.isfinite(length):
         return 0.0, math.inf
     along = way / length if length > 0 else np.array([1.0, 0.0])
-    return length, math.sqrt(max(float(along @ found.shift.covariance_mm2 @ along), 0.0))
+    return length, math.sqrt(max(float(along @ findings.shift.covariance_mm2 @ along), 0.0))
 
 
 def _flow(

@@ -210,7 +210,7 @@ class ObservedJob:
             slab = _slab(at)
             image, frame = open_view(path, self.order, *slab)
             is_height = self.order.oct and at.ink.style == "layered"
-            found = see_layer(
+            findings = see_layer(
                 image,
                 frame,
                 at.layer.lines,
@@ -222,10 +222,10 @@ class ObservedJob:
                 options=self._options(),
             )
             if not at.found:
-                self._appearance = found.appearance or self._appearance
-                drawn = annotated(image, frame, found)
+                self._appearance = findings.appearance or self._appearance
+                drawn = annotated(image, frame, findings)
                 cv2.imwrite(str(path.with_name(DRAWN)), drawn)
-            at.found[path] = found
+            at.found[path] = findings
         return at.found[path]
 
     def _before(self, at: _Held, path: Path, image: Image) -> Image | None:
@@ -236,10 +236,10 @@ class ObservedJob:
         if earlier is None:
             return None
         try:
-            found = read_picture(earlier)
+            picture = read_picture(earlier)
         except DeviceError:
             return None
-        return found if found.shape == image.shape and found.dtype == image.dtype else None
+        return picture if picture.shape == image.shape and picture.dtype == image.dtype else None
 
     def _options(self) -> SeeingOptions:
         limits = self.order.limits
@@ -326,11 +326,13 @@ def _to_mend(
     gaps: tuple[Gap, ...], thin: tuple[Thin, ...], at: _Held, flow: float
 ) -> list[MendGap]:
     """Gaps on their paths, with what the flow was corrected by since they were to be written."""
-    found = list[MendGap]()
+    mend_gaps = list[MendGap]()
     each: list[Gap | Thin] = [*gaps, *thin]
     for one in each:
         before = float(at.ink.factor[at.ink.stroke == one.stroke][0])
         end = min(one.to_mm, at.ink.paths[one.stroke].length_mm)
         missing = one.missing if isinstance(one, Thin) else 1.0
-        found.append(MendGap(one.stroke, max(one.from_mm, 0.0), end, missing, flow=flow / before))
-    return found
+        mend_gaps.append(
+            MendGap(one.stroke, max(one.from_mm, 0.0), end, missing, flow=flow / before)
+        )
+    return mend_gaps

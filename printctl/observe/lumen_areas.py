@@ -31,7 +31,7 @@ def lumens_at(network: VesselNetwork, z_mm: float, least_mm: float) -> tuple[Lum
         Middle of the layer.
     least_mm : float, mm
     """
-    found = []
+    lumens = []
     for vessel, (points, radius) in enumerate(network.polylines()):
         near = np.abs(points[:, 2] - z_mm) - radius
         if near.min() > np.ptp(points[:, 2]):
@@ -41,8 +41,8 @@ def lumens_at(network: VesselNetwork, z_mm: float, least_mm: float) -> tuple[Lum
             if width >= least_mm:
                 outline = np.asarray(area.exterior.coords)[:-1]
                 level = np.full((len(outline), 1), z_mm)
-                found.append(Lumen(str(vessel), np.hstack([outline, level]), width))
-    return tuple(found)
+                lumens.append(Lumen(str(vessel), np.hstack([outline, level]), width))
+    return tuple(lumens)
 
 
 def _discs(points: FloatArray, radius: FloatArray, z_mm: float) -> tuple[FloatArray, FloatArray]:
@@ -60,12 +60,12 @@ def _areas(middle: FloatArray, half: FloatArray) -> list[tuple[Polygon, float]]:
     """Connected areas of the discs that there are, each with its typical width."""
     inside = half > 0
     edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
-    found = []
+    areas = []
     for first, last in edges.reshape(-1, 2).tolist():
         area = _swept(middle[first:last], half[first:last])
         width = 2.0 * float(np.median(half[first:last]))
-        found += [(part, width) for part in _polygons(area)]
-    return found
+        areas += [(part, width) for part in _polygons(area)]
+    return areas
 
 
 def _swept(middle: FloatArray, half: FloatArray) -> BaseGeometry:

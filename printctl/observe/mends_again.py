@@ -136,15 +136,15 @@ def _part(
 
 def gaps_of_job(gaps: Sequence[Gap], mended: Sequence[Mended]) -> tuple[Gap, ...]:
     """Return gaps on the job's own paths, those in mends included."""
-    found = []
+    own_gaps = []
     for gap in gaps:
         if gap.stroke < _FIRST:
-            found.append(gap)
+            own_gaps.append(gap)
             continue
         one = mended[gap.stroke - _FIRST]
         low, high = one.from_mm + gap.from_mm, one.from_mm + gap.to_mm
-        found.append(replace(gap, stroke=one.path, from_mm=low, to_mm=min(high, one.to_mm)))
-    return tuple(found)
+        own_gaps.append(replace(gap, stroke=one.path, from_mm=low, to_mm=min(high, one.to_mm)))
+    return tuple(own_gaps)
 
 
 def without_mends(stations: Stations) -> Stations:

@@ -111,15 +111,15 @@ def read_looks(print_folder: Path, since: float = 0.0) -> list[LookRecord]:
     since : float, s since 1970
         Begin of the print: earlier looks are of an earlier print in the folder.
     """
-    found = []
+    looks = []
     for path in sorted((print_folder / LOOKS).glob("*/look.json")):
         try:
             look = LookRecord(**json.loads(path.read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError):
             continue
         if look.at >= since:
-            found.append(look)
-    return found
+            looks.append(look)
+    return looks
 
 
 def look_picture(print_folder: Path, number: int) -> Path | None:

@@ -35,13 +35,13 @@ def thin_lines(
     area_ratio : (m,) float64
         Cross-section seen over the one asked for, where told.
     """
-    found = list[Thin]()
+    thin = list[Thin]()
     for stroke in sorted({one.stroke for one in stretches if one.kind == "thin"}):
         rows = np.flatnonzero(told & (stations.stroke == stroke))
         own = [one for one in stretches if one.kind == "thin" and one.stroke == stroke]
         if len(rows) >= _WINDOW:
-            found += _of_stroke(own, stations, rows, area_ratio[rows])
-    return tuple(found)
+            thin += _of_stroke(own, stations, rows, area_ratio[rows])
+    return tuple(thin)
 
 
 def _of_stroke(
@@ -57,11 +57,11 @@ def _of_stroke(
             sure |= within
             thin |= within | (mean < (1.0 + float(ratio[within].mean())) / 2)
     edges = np.diff(np.concatenate([[0], thin.astype(np.int8), [0]]))
-    found = list[Thin]()
+    long_thin = list[Thin]()
     for first, past in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
         part = slice(first, past)
         missing = 1.0 - float(np.average(ratio[part], weights=half[part]))
         if sure[part].any() and 0.0 < missing < 1.0:
             low, high = along[first] - half[first], along[past - 1] + half[past - 1]
-            found.append(Thin(int(stations.stroke[rows[0]]), float(low), float(high), missing))
-    return found
+            long_thin.append(Thin(int(stations.stroke[rows[0]]), float(low), float(high), missing))
+    return long_thin

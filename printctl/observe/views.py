@@ -78,10 +78,10 @@ def open_view(
 
 def _refuse_moved(image: Image, frame: CameraFrame, path: Path) -> None:
     """Refuse a picture whose marks say that camera or insert were moved: all would seem shifted."""
-    found = check_frame(image, frame, path)
-    if not found.holds:
+    check = check_frame(image, frame, path)
+    if not check.holds:
         raise DeviceError(
-            f"the camera's frame doesn't hold any more: {'; '.join(found.why)}; fit it anew "
+            f"the camera's frame doesn't hold any more: {'; '.join(check.why)}; fit it anew "
             "(printctl observe frame) before the print goes on observed"
         )
 

@@ -8,17 +8,17 @@ from printctl.station.mounted_profiles import MountedProfiles
 
 def heat_limits(profiles: MountedProfiles, part_in_dish: bool) -> dict[str, Limit]:
     """Hottest targets that what is mounted bears, by heater."""
-    found = {}
+    limits = {}
     if profiles.ink is not None:
-        found["nozzle"] = Limit(
+        limits["nozzle"] = Limit(
             profiles.ink.temperature_c.high, f"temperature_c of {profiles.ink.name}"
         )
     bath = profiles.bath
     if bath is None:
-        return found
+        return limits
     if part_in_dish and bath.melt_out_c is not None:
         hottest = Limit(max(bath.melt_out_c, bath.max_printing_c), f"melt_out_c of {bath.name}")
     else:
         why = f"max_printing_c of {bath.name}, as long as nothing is printed"
         hottest = Limit(bath.max_printing_c, why)
-    return {**found, "bed": hottest, "chamber": hottest}
+    return {**limits, "bed": hottest, "chamber": hottest}

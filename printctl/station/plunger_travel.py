@@ -52,11 +52,11 @@ def pushed_mm(job: Job, folder: Path, done: int, before_mm: float | None) -> Plu
 
 def _last_change(folder: Path) -> tuple[int, float] | None:
     """Lines before the last change of syringe of the print, and what was used up of the new one."""
-    found: tuple[int, float] | None = None
+    last: tuple[int, float] | None = None
     try:
         for record in read_records(folder / JOURNAL):
             if record and record.get("t") == "syringe":
-                found = int(record["done"]), float(record["plunger_mm"])
+                last = int(record["done"]), float(record["plunger_mm"])
     except (OSError, JournalError):
         return None
-    return found
+    return last

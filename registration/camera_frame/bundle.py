@@ -186,15 +186,15 @@ def _solved(bundle: Bundle, start: Start, unknown: FloatArray) -> tuple[FloatArr
 
 def _sizes(bundle: Bundle) -> FloatArray:
     """Changes of the unknowns that matter: 1 mrad, 0.1 mm, the lens' own uncertainties."""
-    found = np.full(_OFF + 2 * len(bundle.insert.marks), bundle.insert.u_mark_mm)
-    found[:3], found[3:6] = 1e-3, 0.1
-    found[_LENS] = 1.0
-    found[_PLACED] = [0.1, 0.1, 0.1, 1e-3, 1e-3, 1e-3]
-    found[_SCALE] = bundle.insert.u_scale
-    found[_GROWN] = 0.01
-    found[_SQUARE] = bundle.insert.tolerance.square
-    found[_BENT] = bundle.insert.tolerance.bent_mm
-    return found
+    sizes = np.full(_OFF + 2 * len(bundle.insert.marks), bundle.insert.u_mark_mm)
+    sizes[:3], sizes[3:6] = 1e-3, 0.1
+    sizes[_LENS] = 1.0
+    sizes[_PLACED] = [0.1, 0.1, 0.1, 1e-3, 1e-3, 1e-3]
+    sizes[_SCALE] = bundle.insert.u_scale
+    sizes[_GROWN] = 0.01
+    sizes[_SQUARE] = bundle.insert.tolerance.square
+    sizes[_BENT] = bundle.insert.tolerance.bent_mm
+    return sizes
 
 
 def _misfit(bundle: Bundle, start: Start, unknown: FloatArray) -> float:
@@ -289,13 +289,13 @@ def _touch_errors(bundle: Bundle, unknown: FloatArray) -> FloatArray:
     if not bundle.touches:
         return np.zeros(0)
     laid = _laid(bundle, unknown, np.array([places[t.name] for t in bundle.touches]))
-    found: list[Any] = []
+    errors: list[Any] = []
     for touch, place in zip(bundle.touches, laid, strict=True):
         u_mm = np.hypot(touch.u_mm, bundle.insert.u_mark_mm)
-        found += [(place[0] - touch.x_mm) / u_mm, (place[1] - touch.y_mm) / u_mm]
+        errors += [(place[0] - touch.x_mm) / u_mm, (place[1] - touch.y_mm) / u_mm]
         if touch.z_mm is not None:
-            found.append((place[2] - touch.z_mm) / touch.u_mm)
-    return np.array(found)
+            errors.append((place[2] - touch.z_mm) / touch.u_mm)
+    return np.array(errors)
 
 
 def _printed_errors(bundle: Bundle, view: View) -> FloatArray:

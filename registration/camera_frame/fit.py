@@ -208,16 +208,16 @@ def _first_poses(marks: SeenMarks, insert: Insert, lens: Lens) -> list[Start]:
     _, turns, ways, errors = cv2.solvePnPGeneric(
         np.column_stack([plane, 0 * plane[:, 0]]), flat, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
     )
-    found = []
+    starts = []
     for turn, way, error in zip(turns, ways, np.ravel(errors), strict=True):
         matrix = np.asarray(cv2.Rodrigues(turn)[0])
         eye = -matrix.T @ np.ravel(way)
         if eye[2] > 0:
-            found.append((float(error), Start(matrix, eye)))
-    if not found:
+            starts.append((float(error), Start(matrix, eye)))
+    if not starts:
         raise PictureError("the marks are seen from below; is the picture mirrored?")
-    found.sort(key=lambda pair: pair[0])
-    return [pose for error, pose in found if error < _ALIKE * found[0][0]]
+    starts.sort(key=lambda pair: pair[0])
+    return [pose for error, pose in starts if error < _ALIKE * starts[0][0]]
 
 
 def _moved(pose: Start, placement: Placement) -> Start:

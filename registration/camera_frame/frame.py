@@ -167,8 +167,8 @@ class CameraFrame(BaseModel):
 
     def spread_mm(self, pixels: FloatArray, z_mm: float | None = None) -> FloatArray:
         """Standard uncertainty of `to_printer` along its worst axis, (n,) mm."""
-        found = self.covariance_mm2(pixels, self.middle_mm[2] if z_mm is None else z_mm)
-        return np.asarray(np.sqrt(np.linalg.eigvalsh(found)[:, -1]))
+        covariance = self.covariance_mm2(pixels, self.middle_mm[2] if z_mm is None else z_mm)
+        return np.asarray(np.sqrt(np.linalg.eigvalsh(covariance)[:, -1]))
 
     def covariance_mm2(
         self, pixels: FloatArray, z_mm: float, u_px: float = 0.0, u_z_mm: float = 0.0
@@ -185,39 +185,39 @@ class CameraFrame(BaseModel):
         pixels = np.asarray(pixels, dtype=np.float64)
         slopes = self.slopes(pixels, z_mm)
         known = np.array(self.covariance)
-        found: FloatArray = np.einsum("nik,kl,njl->nij", slopes, known, slopes)
+        covariance: FloatArray = np.einsum("nik,kl,njl->nij", slopes, known, slopes)
         at = self.to_printer(pixels, z_mm)
         for step in np.eye(2):
             slope = (self.to_printer(pixels + 0.01 * step, z_mm) - at) / 0.01
-            found += u_px**2 * slope[:, :, None] * slope[:, None]
+            covariance += u_px**2 * slope[:, :, None] * slope[:, None]
         slope = (self.to_printer(pixels, z_mm + 1e-3) - at) / 1e-3
-        found += u_z_mm**2 * slope[:, :, None] * slope[:, None]
-        return found + self._by_bath(pixels, z_mm, at)
+        covariance += u_z_mm**2 * slope[:, :, None] * slope[:, None]
+        return covariance + self._by_bath(pixels, z_mm, at)
 
     def slopes(self, pixels: FloatArray, z_mm: float) -> FloatArray:
         """How `to_printer` changes with the numbers of `covariance`, (n, 2, 14)."""
         view, at = self.view, self.to_printer(pixels, z_mm)
-        found = np.empty((len(at), 2, 14))
+        slopes = np.empty((len(at), 2, 14))
         sizes = np.sqrt(np.maximum(np.diag(np.array(self.covariance)), 1e-24))
         for n, size in enumerate(sizes):
             step = max(0.01 * float(size), 1e-9)
             moved = varied(view, n, step)
-            found[:, :, n] = (meet(moved, pixels, z_mm) - at) / step
-        return found
+            slopes[:, :, n] = (meet(moved, pixels, z_mm) - at) / step
+        return slopes
 
     def _by_bath(self, pixels: FloatArray, z_mm: float, at: FloatArray) -> FloatArray:
         """What the bath's surface and index add to the covariance, (n, 2, 2) mm²."""
-        found = np.zeros((len(at), 2, 2))
+        covariance = np.zeros((len(at), 2, 2))
         if self.bath is None:
-            return found
+            return covariance
         view, bath = self.view, self.bath
         for up, more, sure in ((1e-3, 0.0, bath.u_surface_mm), (0.0, 1e-4, bath.u_index)):
             moved = View(
                 view.lens, view.turn, view.eye_mm, bath.surface_z_mm + up, bath.index + more
             )
             slope = (meet(moved, pixels, z_mm) - at) / (up + more)
-            found += sure**2 * slope[:, :, None] * slope[:, None]
-        return found
+            covariance += sure**2 * slope[:, :, None] * slope[:, None]
+        return covariance
 
     def under(self, bath: Bath | None) -> CameraFrame:
         """The same camera, looking through a bath's surface, or none."""

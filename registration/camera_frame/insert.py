@@ -142,13 +142,13 @@ class Insert(BaseModel):
 
     def cells(self) -> FloatArray:
         """Black squares of all marks, (k, 2) mm: lower left corners; each `cell_mm` wide."""
-        found = []
+        squares = []
         for mark in self.marks:
             rows, columns = np.nonzero(mark_bits(mark.number))
             left, top = mark.x_mm - self.mark_mm / 2, mark.y_mm + self.mark_mm / 2
             x, y = left + columns * self.cell_mm, top - (rows + 1) * self.cell_mm
-            found.append(np.column_stack([x, y]))
-        return np.concatenate(found)
+            squares.append(np.column_stack([x, y]))
+        return np.concatenate(squares)
 
     @property
     def cell_mm(self) -> float:
@@ -158,12 +158,12 @@ class Insert(BaseModel):
     def bars(self) -> list[tuple[float, float, float, float]]:
         """Arms of the crosses as rectangles: left, bottom, width, height; mm."""
         arm, wide = _CROSS_ARM * self.mark_mm, 0.3 * self.cell_mm
-        found = []
+        rectangles = []
         for cross in self.crosses:
             x, y = cross.x_mm, cross.y_mm
-            found.append((x - arm, y - wide / 2, 2 * arm, wide))
-            found.append((x - wide / 2, y - arm, wide, 2 * arm))
-        return found
+            rectangles.append((x - arm, y - wide / 2, 2 * arm, wide))
+            rectangles.append((x - wide / 2, y - arm, wide, 2 * arm))
+        return rectangles
 
     def measured(self, name: str, length_mm: float, u_mm: float) -> Insert:
         """Insert whose scale is that of a length measured between two opposite crosses.
@@ -270,10 +270,10 @@ def _places(hole: tuple[float, float], band: float) -> list[tuple[float, float]]
     """Middles of the marks: the four corners, and both halves of each side, the cross left free."""
     x, y = (hole[0] + band) / 2, (hole[1] + band) / 2
     across, along = _half_side(x, band), _half_side(y, band)
-    found = [(sx * x, sy * y) for sx in (-1, 1) for sy in (-1, 1)]
-    found += [(s * a, t * y) for a in across for s in (-1, 1) for t in (-1, 1)]
-    found += [(s * x, t * b) for b in along for s in (-1, 1) for t in (-1, 1)]
-    return [(round(a, 4), round(b, 4)) for a, b in found]
+    places = [(sx * x, sy * y) for sx in (-1, 1) for sy in (-1, 1)]
+    places += [(s * a, t * y) for a in across for s in (-1, 1) for t in (-1, 1)]
+    places += [(s * x, t * b) for b in along for s in (-1, 1) for t in (-1, 1)]
+    return [(round(a, 4), round(b, 4)) for a, b in places]
 
 
 def _half_side(corner: float, band: float) -> list[float]:

@@ -85,9 +85,9 @@ def find_marks(image: NDArray[Any], insert: Insert, lens: Lens, source: Path | s
     index, rough = _decoded(grey, insert)
     kept = _of_one_plane(rough, insert, index, lens)
     index, rough = index[kept], rough[kept]
-    found = edge_corners(grey, rough, lens.numbers) if len(rough) else None
-    good = np.zeros(0, bool) if found is None else found.good
-    if found is None or good.sum() < FEWEST:
+    corners = edge_corners(grey, rough, lens.numbers) if len(rough) else None
+    good = np.zeros(0, bool) if corners is None else corners.good
+    if corners is None or good.sum() < FEWEST:
         raise PictureError(
             f"{source}: {int(good.sum())} marks of the insert are found ({FEWEST} wanted, of "
             f"{len(insert.marks)}): is the insert in view, sharp, evenly lit and not mirrored? Is "
@@ -95,12 +95,12 @@ def find_marks(image: NDArray[Any], insert: Insert, lens: Lens, source: Path | s
         )
     return SeenMarks(
         index[good],
-        found.corners[good],
-        found.u_px[good],
-        found.blur_px,
-        float(np.median(found.black[good])),
-        float(np.median(found.white[good])),
-        found.gamma,
+        corners.corners[good],
+        corners.u_px[good],
+        corners.blur_px,
+        float(np.median(corners.black[good])),
+        float(np.median(corners.white[good])),
+        corners.gamma,
     )
 
 
@@ -131,10 +131,10 @@ def _decoded(grey: NDArray[np.float32], insert: Insert) -> tuple[IntArray, Float
         seen = grey if shrunk == 1 else cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
         low, high = np.percentile(seen[::4, ::4], [0.5, 99.5])
         eight = np.clip((seen - low) * (255 / max(float(high - low), 1e-6)), 0, 255)
-        found = _detected(eight.astype(np.uint8), insert)
-        if len(found[0]) > len(most[0]):
+        detected = _detected(eight.astype(np.uint8), insert)
+        if len(detected[0]) > len(most[0]):
             ratio = np.array(grey.shape[::-1]) / np.array(size)
-            most = found[0], (found[1] + 0.5) * ratio - 0.5
+            most = detected[0], (detected[1] + 0.5) * ratio - 0.5
         if len(most[0]) >= 0.8 * len(insert.marks):
             break
     return most

@@ -74,9 +74,9 @@ def slopes(
     sizes: FloatArray,
 ) -> FloatArray:
     """Slopes (k, n) of the residuals ``left`` (k,) at the unknowns, by differences."""
-    found = np.empty((len(left), len(at)))
+    columns = np.empty((len(left), len(at)))
     for n, size in enumerate(sizes):
         moved = at.copy()
         moved[n] += _STEP * size
-        found[:, n] = (residuals(moved) - left) / (_STEP * size)
-    return found
+        columns[:, n] = (residuals(moved) - left) / (_STEP * size)
+    return columns

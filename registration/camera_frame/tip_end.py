@@ -202,11 +202,11 @@ class _Strip:
         with np.errstate(divide="ignore", invalid="ignore"):
             unit = np.clip((part - ground) / contrast, -1.0, 2.0)
         area = (unit[1:-1].sum(axis=0) + (unit[0] + unit[-1]) / 2) * _STEP
-        found = heights[-1] - area
+        heights_of_end = heights[-1] - area
         clear = np.median(np.abs(contrast), axis=0) > _LEAST_CONTRAST * self.noise
         sound = (unit[:3].mean(axis=0) < 0.5) & (unit[-3:].mean(axis=0) > 0.5)
-        near = (found > heights[0]) & (found < heights[-1])
-        return np.where(clear & sound & near, found, np.nan)
+        near = (heights_of_end > heights[0]) & (heights_of_end < heights[-1])
+        return np.where(clear & sound & near, heights_of_end, np.nan)
 
 
 def _row_means(values: FloatArray) -> FloatArray:

@@ -36,7 +36,7 @@ def grounds(
         The printer's positions.
     outer_mm, reach_mm : float, mm
     """
-    found: list[NDArray[Any] | None] = []
+    images: list[NDArray[Any] | None] = []
     for k, place in enumerate(places_mm):
         ray = np.array(frame.eye_mm) - place
         side = np.array([-ray[1], ray[0], 0.0]) / max(float(np.hypot(ray[0], ray[1])), 1e-9)
@@ -46,9 +46,9 @@ def grounds(
         ]
         if len(free) >= _MEDIAN_OF:
             stack = np.stack([pictures[n] for n in free])
-            found.append(np.median(stack, axis=0).astype(stack.dtype))
+            images.append(np.median(stack, axis=0).astype(stack.dtype))
         elif free:
-            found.append(pictures[max(free, key=lambda n: aside[n])])
+            images.append(pictures[max(free, key=lambda n: aside[n])])
         else:
-            found.append(None)
-    return found
+            images.append(None)
+    return images

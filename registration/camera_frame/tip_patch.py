@@ -145,19 +145,10 @@ def tip_patch(
             "or out of it; move the needle into the view, or give its place (--tip-at)"
         )
     cut = None if ground is None else _alike(_cut(ground, at, gamma), grey)
+    rim = wide / 2 * abs(float(ray[2]))
     return TipPatch(
-        grey,
-        cut,
-        origin,
-        up,
-        aside,
-        above,
-        beside,
-        px_per_mm,
-        wide,
-        taper,
-        wide / 2 * abs(float(ray[2])),
-    )
+        grey, cut, origin, up, aside, above, beside, px_per_mm, wide, taper, rim
+    )  # fmt: skip
 
 
 def _highest(far: float, wide: float, long: float, sine: float) -> float:

@@ -178,7 +178,7 @@ def _by_frames(
     views: Sequence[TipView], offset: FloatArray, inner: FloatArray, levers: FloatArray
 ) -> FloatArray:
     """Covariance that the frames bring, each common to its own pictures, (3, 3)."""
-    found = np.zeros((3, 3))
+    covariance = np.zeros((3, 3))
     for frame in {id(view.frame): view.frame for view in views}.values():
         known = np.array(frame.covariance)
         sizes = np.sqrt(np.maximum(np.diag(known), 1e-24))
@@ -191,8 +191,8 @@ def _by_frames(
                     then = _whitened(view, varied(plain, n, step), offset)
                     change = (then - _whitened(view, plain, offset)) / step
                     moved[:, n] -= inner @ lever.T @ change
-        found += moved @ known @ moved.T
-    return found
+        covariance += moved @ known @ moved.T
+    return covariance
 
 
 def _worn(

@@ -92,8 +92,8 @@ def _rest(
         bend[n, 2 + n : 5 + n] = [1.0, -2.0, 1.0]
     terms = np.vstack([shapes, _SMOOTH * bend * np.sqrt(len(part))])
     right = np.concatenate([part / scale, np.zeros(_HATS - 2)])
-    found = np.linalg.lstsq(terms, right, rcond=None)[0]
-    return float(((terms @ found - right) ** 2).sum())
+    solved = np.linalg.lstsq(terms, right, rcond=None)[0]
+    return float(((terms @ solved - right) ** 2).sum())
 
 
 def _shapes(beside: FloatArray, wide_px: float, blur: float) -> FloatArray:

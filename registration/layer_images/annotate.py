@@ -169,8 +169,9 @@ def _legend(out: NDArray[np.uint8], findings: LayerFindings) -> None:
         if np.isnan(ratio)
         else (f"width {100 * ratio:.0f} +- {200 * findings.u_width_ratio:.0f} %")
     )
+    count = len(findings.gaps)
     lines = [
-        f"seen {100 * findings.seen_share:.0f} %, {told}, {len(findings.gaps)} gaps, shift "
+        f"seen {100 * findings.seen_share:.0f} %, {told}, {count} gap{'s' * (count != 1)}, shift "
         f"{1e3 * findings.shift.dx_mm:.0f}, {1e3 * findings.shift.dy_mm:.0f} um",
         *(name for name, _ in _LEGEND),
     ]

@@ -136,5 +136,5 @@ def _corners(grey: NDArray[np.uint8], board: Board, legacy: bool) -> tuple[Float
     return np.asarray(corners, dtype=np.float64).reshape(-1, 2), np.asarray(numbers).ravel()
 
 
-def _count(found: tuple[FloatArray, Any]) -> int:
-    return len(found[1])
+def _count(views: tuple[FloatArray, Any]) -> int:
+    return len(views[1])

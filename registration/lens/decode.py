@@ -27,12 +27,12 @@ def decoded(path: Path) -> NDArray[Any]:
     except OSError as exc:
         raise PictureError(f"{path} can't be read: {exc.strerror}; check the path") from exc
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    found = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH) if len(data) else None
-    if found is None:
+    image = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH) if len(data) else None
+    if image is None:
         raise PictureError(f"{path} isn't a picture that OpenCV reads; give PNG, TIFF or JPEG")
-    if min(found.shape[:2]) < _LEAST_PX:
+    if min(image.shape[:2]) < _LEAST_PX:
         raise PictureError(
-            f"{path}: {found.shape[1]} x {found.shape[0]} px is too small to measure in; take a "
+            f"{path}: {image.shape[1]} x {image.shape[0]} px is too small to measure in; take a "
             "picture with more pixels"
         )
-    return np.asarray(found)
+    return np.asarray(image)

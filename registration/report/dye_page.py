@@ -91,5 +91,5 @@ def _where(vessel: Mapping[str, Any]) -> str | None:
 
 
 def _counts(vessels: list[dict[str, Any]]) -> list[tuple[str, int]]:
-    found = [(state, sum(v["patency"] == state for v in vessels)) for state in _WORST]
-    return [(state, count) for state, count in found if count or state in ("blocked", "open")]
+    counts = [(state, sum(v["patency"] == state for v in vessels)) for state in _WORST]
+    return [(state, count) for state, count in counts if count or state in ("blocked", "open")]

@@ -48,10 +48,10 @@ def finding_figures(
     """
     if views is None:
         return {}
-    found, vessels = list_findings(numbers), records(numbers, "vessels")
+    findings, vessels = list_findings(numbers), records(numbers, "vessels")
     made: dict[str, bytes] = {}
     for view in views.findings:
-        record = found[view.finding]
+        record = findings[view.finding]
         name = f"findings/{caption(view.finding, record)}"
         made[name] = given.get(name) or _figure(
             view, views.sections, vessels[int(record["vessel"])]

@@ -127,8 +127,8 @@ def _profile(axes: Axes, vessel: Record, defects: Sequence[Record]) -> None:
 
 def _along(vessel: Record, name: str, along: FloatArray) -> FloatArray:
     """Numbers along a vessel; unknown where it wasn't judged."""
-    found = vessel.get(name)
-    return _numbers(found) if isinstance(found, list) else np.full(len(along), np.nan)
+    values = vessel.get(name)
+    return _numbers(values) if isinstance(values, list) else np.full(len(along), np.nan)
 
 
 def _limits(axes: Axes, vessel: Record, along: FloatArray, length: float) -> FloatArray:

@@ -115,10 +115,10 @@ def _span(first: Any, last: Any) -> str | None:
 
 def _source(made: Mapping[str, Any]) -> str | None:
     for name in ("layers", "vessels"):
-        found = made.get(name)
-        if isinstance(found, list) and found:
-            word = name[:-1] if len(found) == 1 else name
-            few = found if len(found) < 4 else [f"{found[0]} to {found[-1]}"]
+        source = made.get(name)
+        if isinstance(source, list) and source:
+            word = name[:-1] if len(source) == 1 else name
+            few = source if len(source) < 4 else [f"{source[0]} to {source[-1]}"]
             return f"{word} {', '.join(map(str, few))}"
     return None
 
@@ -179,8 +179,8 @@ def pressure_words(flow: Mapping[str, Any]) -> str:
     return f"{said} (interval not known)"
 
 
-def _betti(found: Mapping[str, Any]) -> str:
-    return f"{number(found.get('components'))}, {number(found.get('loops'))}"
+def _betti(numbers: Mapping[str, Any]) -> str:
+    return f"{number(numbers.get('components'))}, {number(numbers.get('loops'))}"
 
 
 def _text(value: Any) -> str:

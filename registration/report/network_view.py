@@ -146,8 +146,8 @@ def vessel_names(rows: Sequence[Record]) -> dict[int, str]:
 
 def columns(rows: Sequence[Record], keys: Sequence[str], count: int) -> dict[str, FloatArray]:
     """The records' values by key and number of vessel; only keys with any value."""
-    found = {key: per_vessel(rows, key, count) for key in keys}
-    return {key: values for key, values in found.items() if np.isfinite(values).any()}
+    by_key = {key: per_vessel(rows, key, count) for key in keys}
+    return {key: values for key, values in by_key.items() if np.isfinite(values).any()}
 
 
 def per_vessel(rows: Sequence[Record], key: str, count: int) -> NDArray[np.float64]:

@@ -70,8 +70,8 @@ def _headings(plate: Plate) -> list[str]:
     columns = [(f"A{k + 1}", str(k + 1)) for k in range(plate.columns)]
     rows = [(f"{ascii_uppercase[k]}1", ascii_uppercase[k]) for k in range(plate.rows)]
     low = (_EDGE_MM + 1) * _SCALE
-    found = [_text(_at(plate, well)[0], low + size, size, MUTED, text) for well, text in columns]
-    return found + [
+    headings = [_text(_at(plate, well)[0], low + size, size, MUTED, text) for well, text in columns]
+    return headings + [
         _text(low + size / 2, _at(plate, well)[1] + size / 3, size, MUTED, text)
         for well, text in rows
     ]
@@ -97,19 +97,19 @@ def _well(plate: Plate, name: str, row: Mapping[str, Any] | None, count: int) ->
 def _way(plate: Plate, wells: Sequence[str]) -> str:
     """The order, as lines from rim to rim with a dot where the first begins."""
     reach = 0.55 * min(plate.well_x_mm, plate.well_y_mm) * _SCALE
-    found: list[str] = []
+    ways: list[str] = []
     for one, other in pairwise(wells):
         (x0, y0), (x1, y1) = _at(plate, one), _at(plate, other)
         share = reach / math.hypot(x1 - x0, y1 - y0)
-        if not found:
+        if not ways:
             dot = f'cx="{x0 + share * (x1 - x0):.1f}" cy="{y0 + share * (y1 - y0):.1f}" r="4.5"'
-            found.append(f'<circle {dot} fill="{MUTED}"/>')
-        found.append(
+            ways.append(f'<circle {dot} fill="{MUTED}"/>')
+        ways.append(
             f'<line x1="{x0 + share * (x1 - x0):.1f}" y1="{y0 + share * (y1 - y0):.1f}" '
             f'x2="{x1 - share * (x1 - x0):.1f}" y2="{y1 - share * (y1 - y0):.1f}" '
             f'stroke="{MUTED}" stroke-width="2"/>'
         )
-    return "".join(found)
+    return "".join(ways)
 
 
 def _names(plate: Plate, row: Mapping[str, Any]) -> str:

@@ -87,11 +87,11 @@ def _kind(values: Sequence[Any]) -> Any:
 
 def _variants(wells: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Number, label and wells of each variant."""
-    found: dict[int, dict[str, Any]] = {}
+    variants: dict[int, dict[str, Any]] = {}
     for row in sorted(wells, key=lambda row: (row["variant"], row["copy"])):
         text = row["label"] if row["values"] else "as the recipe says"
-        one = found.setdefault(
+        one = variants.setdefault(
             row["variant"], {"label": text, "wells": [], "number": row["variant"]}
         )
         one["wells"].append(row["well"])
-    return list(found.values())
+    return list(variants.values())

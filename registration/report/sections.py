@@ -270,11 +270,11 @@ def flow_table(flow: Mapping[str, Any]) -> Table | None:
 
 def fidelity_table(fidelities: Mapping[str, Any]) -> Table | None:
     """How far each fidelity is from the ideal."""
-    found = mapping(fidelities, "comparison")
-    rows = [{"fidelity": k, **v} for k, v in found.items() if isinstance(v, Mapping)]
+    comparison = mapping(fidelities, "comparison")
+    rows = [{"fidelity": k, **v} for k, v in comparison.items() if isinstance(v, Mapping)]
     if not rows:
         return None
-    spread = {"flow_spread_percent": found.get("ideal_flow_spread_percent")}
+    spread = {"flow_spread_percent": comparison.get("ideal_flow_spread_percent")}
     return make_table("fidelities", [{"fidelity": "ideal", **spread}, *rows], FIDELITY_COLUMNS)
 
 
@@ -330,7 +330,7 @@ def lumen_facts(lumens: Mapping[str, Any]) -> list[Fact]:
         ("merges", "Filaments merging"),
     )
     filaments = lumens.get("method") == "filaments"
-    found = [
+    rows = [
         Fact(label, number(summary[key]))
         for key, label in counts
         if is_number(summary.get(key)) and not (filaments and key == "leaks")
@@ -340,8 +340,8 @@ def lumen_facts(lumens: Mapping[str, Any]) -> list[Fact]:
         ("stepped_conductance_least", "Least conductance, after motor steps"),
     ):
         if is_number(summary.get(key)):
-            found.append(Fact(label, number(100 * float(summary[key]), 4), "% of the design's"))
-    return found
+            rows.append(Fact(label, number(100 * float(summary[key]), 4), "% of the design's"))
+    return rows
 
 
 def _lumen(row: Record) -> dict[str, Any]:

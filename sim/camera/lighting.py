@@ -102,8 +102,8 @@ def _slopes(crest: SingleArray, pitch_mm: float) -> tuple[SingleArray, SingleArr
     """Slope of the crest along x and y; where there is no ink it is as high as its lowest."""
     level = crest
     if np.isnan(crest).any():
-        found = crest[np.isfinite(crest)]
-        level = np.nan_to_num(crest, nan=float(found.min()) if len(found) else 0.0)
+        known = crest[np.isfinite(crest)]
+        level = np.nan_to_num(crest, nan=float(known.min()) if len(known) else 0.0)
     smooth = cv2.GaussianBlur(level, (0, 0), _SMOOTH_PX)
     scale = 1 / (8 * pitch_mm)
     return (

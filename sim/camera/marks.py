@@ -84,10 +84,10 @@ def _marker(marker: Marker) -> tuple[SingleArray, FloatArray]:
 
 
 def _read(path: Path) -> SingleArray:
-    found = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if found is None:
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if image is None:
         raise CameraError(f"picture {path} can't be read; check the path, and that it is a PNG")
-    return found.astype(np.float32)
+    return image.astype(np.float32)
 
 
 def _lay(drawn: SingleArray, plan: Plan, texture: SingleArray, corners_mm: FloatArray) -> None:

@@ -105,10 +105,10 @@ class Plan:
             cv2.warpAffine(np.ascontiguousarray(places[..., k]), fine, (width, height), flags=flags)
             for k in range(2)
         ]
-        found = cv2.remap(
+        image = cv2.remap(
             drawn, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
-        return np.asarray(found).reshape(height, width, -1)
+        return np.asarray(image).reshape(height, width, -1)
 
 
 def _border(camera: Camera) -> FloatArray:

@@ -44,9 +44,9 @@ def waves(plan: Plan, size_mm: float, seed: int, step: int) -> SingleArray:
     coarse = Plan(
         plan.camera, plan.z_mm, plan.index, plan.origin_mm, plan.pitch_mm * step, (rows, columns)
     )
-    found = _laid_out(_noise_tile(seed, len(_OCTAVES)), coarse, size_mm)
+    surface = _laid_out(_noise_tile(seed, len(_OCTAVES)), coarse, size_mm)
     # A bend at every texel would be seen in a glint.
-    return cv2.GaussianBlur(found, (0, 0), max(0.8, 0.6 * size_mm / _PER_GRAIN / coarse.pitch_mm))
+    return cv2.GaussianBlur(surface, (0, 0), max(0.8, 0.6 * size_mm / _PER_GRAIN / coarse.pitch_mm))
 
 
 @lru_cache(maxsize=8)

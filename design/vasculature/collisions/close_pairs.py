@@ -50,15 +50,15 @@ def close_pairs(
     while True:
         pairs = np.empty((size, 2), np.int64)
         values = np.empty((size, 4))
-        found = _pairs_in_cells(
+        count = _pairs_in_cells(
             first, item, start, end, radius, nodes, clearance_mm, clearance_ratio, pairs, values
         )
-        if found <= size:
+        if count <= size:
             break
-        size = found
-    order = np.lexsort((pairs[:found, 1], pairs[:found, 0]))
+        size = count
+    order = np.lexsort((pairs[:count, 1], pairs[:count, 0]))
     pairs, values = pairs[order], values[order]
-    fresh = np.ones(found, dtype=bool)
+    fresh = np.ones(count, dtype=bool)
     fresh[1:] = (pairs[1:] != pairs[:-1]).any(axis=1)
     return pairs[fresh], values[fresh, 0], values[fresh, 1:]
 
@@ -134,7 +134,7 @@ def _pairs_in_cells(
     values: Any,
 ) -> int:
     """Write close pairs (some more than once); return how many there are, room or not."""
-    found = 0
+    count = 0
     for c in range(len(first) - 1):
         for x in range(first[c], first[c + 1]):
             i = item[x]
@@ -155,12 +155,12 @@ def _pairs_in_cells(
                 gap = d - radius[i] - radius[j]
                 if gap >= max(clearance, ratio * min(radius[i], radius[j])):
                     continue
-                if found < len(pairs):
-                    pairs[found, 0], pairs[found, 1] = min(i, j), max(i, j)
-                    values[found, 0] = gap
+                if count < len(pairs):
+                    pairs[count, 0], pairs[count, 1] = min(i, j), max(i, j)
+                    values[count, 0] = gap
                     for k in range(3):
                         one = a[k] + s * (b[k] - a[k])
                         two = p[k] + t * (q[k] - p[k])
-                        values[found, k + 1] = 0.5 * (one + two)
-                found += 1
-    return found
+                        values[count, k + 1] = 0.5 * (one + two)
+                count += 1
+    return count

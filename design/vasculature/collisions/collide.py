@@ -101,17 +101,17 @@ def check_network(network: VesselNetwork, clearance_mm: float = 0.0) -> None:
     short = np.flatnonzero(length <= 0)
     if len(short):
         raise NetworkError(f"vessel {short[0]} has no length; remove it or mend its points")
-    found = collisions(network, clearance_mm)
-    if found.count == 0:
+    pairs = collisions(network, clearance_mm)
+    if pairs.count == 0:
         return
-    worst = int(np.argmin(found.gap_mm))
-    one, two = found.vessels[worst]
-    gap = found.gap_mm[worst]
-    place = "({:.4g}, {:.4g}, {:.4g})".format(*found.place_mm[worst])
+    worst = int(np.argmin(pairs.gap_mm))
+    one, two = pairs.vessels[worst]
+    gap = pairs.gap_mm[worst]
+    place = "({:.4g}, {:.4g}, {:.4g})".format(*pairs.place_mm[worst])
     says = f"overlap by {-gap:.3g} mm" if gap < 0 else f"are only {gap:.3g} mm apart"
     raise NetworkError(
         f"vessels {one} and {two} {says} at {place} mm; {clearance_mm:g} mm of clearance is "
-        f"needed ({found.count} such places). Move them apart, join them at a common node, or "
+        f"needed ({pairs.count} such places). Move them apart, join them at a common node, or "
         "lower the clearance"
     )
 

@@ -275,7 +275,7 @@ def _territories(
 ) -> list[Surroundings]:
     """For each tree its territory; the whole tissue where it is alone of its kind."""
     specs = [root if isinstance(root, RootSpec) else None for root in roots]
-    found = [(spec and spec.territory) or Surroundings() for spec in specs]
+    territories = [(spec and spec.territory) or Surroundings() for spec in specs]
     for kind, group in sorted({(spec.kind, spec.group) for spec in specs if spec is not None}):
         of_kind = [
             n
@@ -289,8 +289,8 @@ def _territories(
         parts = part_tissue(tissue, np.array([stems[n].end[0] for n in of_kind]), wanted)
         for place, n in enumerate(of_kind):
             # The flow follows the terminals exactly, so that all of a kind have the same.
-            found[n] = Surroundings(owns=parts.owns(place), share=float(wanted[place]))
-    return found
+            territories[n] = Surroundings(owns=parts.owns(place), share=float(wanted[place]))
+    return territories
 
 
 def _others(

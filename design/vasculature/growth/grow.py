@@ -93,13 +93,13 @@ def grow_tree(
             return _grow_from_deep_root(tissue, options, attempts, error, pool)
     if stem is not None:
         raise GrowthError("a trunk has a root of its own; set root_candidates to 0")
-    found = search_root(tissue, options, _probed)
-    point, way = found.points[found.best].tolist(), found.directions[found.best].tolist()
+    root = search_root(tissue, options, _probed)
+    point, way = root.points[root.best].tolist(), root.directions[root.best].tolist()
     placed = replace(
         options, root_candidates=0, root_point_mm=tuple(point), root_direction=tuple(way)
     )
     tree = grow_from_root(tissue, placed, attempts, None, pool)
-    return replace(tree, notes=(found.note, *tree.notes))
+    return replace(tree, notes=(root.note, *tree.notes))
 
 
 def _grow_from_deep_root(

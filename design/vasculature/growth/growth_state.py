@@ -185,7 +185,7 @@ class GrowthState:
         """The finished tree, its ratios computed afresh; the growth's own arrays are let go."""
         self.index = empty_index(self.tissue.bounds, 1e9, 1, 1)
         s = self.segments[: self.count]
-        found = final_arrays(s, self.tissue, self.options, self.scale, self.trunk)
+        arrays = final_arrays(s, self.tissue, self.options, self.scale, self.trunk)
         del s
         self.segments = self.segments[:0].copy()
-        return found.tree(self.options)
+        return arrays.tree(self.options)

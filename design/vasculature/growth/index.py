@@ -112,7 +112,7 @@ def nearest_segments(
     y: float,
     z: float,
     least: float,
-    found: Any,
+    nearest: Any,
     away: Any,
 ) -> int:
     """The segments nearest to a point by their axes, nearest first; those of others left out.
@@ -129,7 +129,7 @@ def nearest_segments(
     int
         How many were found (fewer than k only when there are fewer).
     """
-    room = len(found)
+    room = len(nearest)
     size = 0
     index.query[0] += 1
     query = index.query[0]
@@ -162,14 +162,14 @@ def nearest_segments(
                         if s.terminals == 0:
                             continue
                         if d < least:
-                            found[0], away[0] = i, d
+                            nearest[0], away[0] = i, d
                             return 1
                         at = size if size < room else room - 1
                         while at > 0 and away[at - 1] > d:
                             away[at] = away[at - 1]
-                            found[at] = found[at - 1]
+                            nearest[at] = nearest[at - 1]
                             at -= 1
                         away[at] = d
-                        found[at] = i
+                        nearest[at] = i
                         size = min(room, size + 1)
     return size

@@ -141,19 +141,19 @@ def _roots(
     """For each part the options of its trees, by their roots; terminals aren't shared yet."""
     if inlets and (options.root_point_mm is not None or options.root_candidates):
         raise GrowthError("give either inlets or a root, and not both")
-    found: list[list[GrowthOptions]] = [[] for _ in parts]
+    of_parts: list[list[GrowthOptions]] = [[] for _ in parts]
     bare = replace(options, root_point_mm=None, root_direction=None)
     for number, inlet in enumerate(inlets, 1):
         check_inlet(tissue, f"inlet {number}", inlet.point_mm)
         own = replace(bare, root_point_mm=inlet.point_mm, root_direction=inlet.direction)
-        found[_nearest_part(tissue, parts, inlet.point_mm)].append(own)
+        of_parts[_nearest_part(tissue, parts, inlet.point_mm)].append(own)
     if inlets:
-        return found
-    for own_roots in found:
+        return of_parts
+    for own_roots in of_parts:
         own_roots.append(bare)
     if options.root_point_mm is not None:
-        found[_nearest_part(tissue, parts, options.root_point_mm)] = [options]
-    return found
+        of_parts[_nearest_part(tissue, parts, options.root_point_mm)] = [options]
+    return of_parts
 
 
 def _nearest_part(tissue: Tissue, parts: Sequence[Part], place: Place) -> int:

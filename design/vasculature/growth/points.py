@@ -173,9 +173,9 @@ def obstructing_segments(segments: Segments, points: FloatArray, most: int) -> N
     )
     way = end - begin
     size = np.maximum((way * way).sum(axis=1), 1e-300)
-    found = []
+    near = []
     for point in points:
         along = np.clip(((point - begin) * way).sum(axis=1) / size, 0.0, 1.0)
         away = np.linalg.norm(point - begin - along[:, None] * way, axis=1)
-        found.append(free[np.argsort(away, kind="stable")[:most]])
-    return np.unique(np.concatenate(found))
+        near.append(free[np.argsort(away, kind="stable")[:most]])
+    return np.unique(np.concatenate(near))

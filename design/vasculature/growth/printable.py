@@ -91,20 +91,20 @@ def grow_printable(
             f"written, {widest_radius_mm:g} mm; give a smaller one"
         )
     starts = list(_roots(tissue, options))
-    found, stopped = _grown(tissue, starts, options.terminals, widest_radius_mm)
-    if found is not None:
-        return PrintableTree(found[0], options.terminals, options.terminals, found[1], "")
+    grown, stopped = _grown(tissue, starts, options.terminals, widest_radius_mm)
+    if grown is not None:
+        return PrintableTree(grown[0], options.terminals, options.terminals, grown[1], "")
     few, many = 0, options.terminals
     best = None
     while many > max(few + 1, CLOSE * few):
         size = max(1, many // 2) if few == 0 else round((few * many) ** 0.5)
-        found, why = _grown(tissue, starts, size, widest_radius_mm)
-        if found is None:
+        grown, why = _grown(tissue, starts, size, widest_radius_mm)
+        if grown is None:
             many, stopped = size, why
             if size == 1:
                 break
         else:
-            few, best = size, found
+            few, best = size, grown
             del starts[1:]  # the root that has shown itself, first since then
     if best is None:
         raise stopped

@@ -295,7 +295,7 @@ def propose(
     limit: float,
     t: Any,
     sprout: Sprout,
-    found: Any,
+    nearest: Any,
     size: int,
     work: Trials,
 ) -> tuple[bool, Any]:
@@ -305,15 +305,15 @@ def propose(
     for n in range(size):
         costs[n] = np.inf
         # The root's own segment is the stem: it stays as the user placed it.
-        free = found[n] > 0 or segments[0].given != 0
-        if free and segments[found[n]].full == 0:
-            costs[n] = estimate(segments, found[n], t, sprout, penalty, places[n], slopes[n], law)
+        free = nearest[n] > 0 or segments[0].given != 0
+        if free and segments[nearest[n]].full == 0:
+            costs[n] = estimate(segments, nearest[n], t, sprout, penalty, places[n], slopes[n], law)
     sort_by(costs, size, order)
     for rank in range(size):
         n = order[rank]
         if costs[n] == np.inf:
             break
-        fork, _ = trial(segments, found[n], places[n], t, sprout, law)
+        fork, _ = trial(segments, nearest[n], places[n], t, sprout, law)
         if not_too_thin(segments, fork, limit) and fits(index, segments, room, fork):
             return True, fork
     others, values = work.others, work.values
@@ -322,7 +322,7 @@ def propose(
         n = order[rank]
         if costs[n] == np.inf:
             break
-        s = segments[found[n]]
+        s = segments[nearest[n]]
         for kind in range(6):
             if s.given != 0 and kind > 2:
                 continue
@@ -335,7 +335,7 @@ def propose(
     for n in work.rank:
         if values[n] == np.inf:
             break
-        i = found[order[n // 6]]
+        i = nearest[order[n // 6]]
         fork, _ = trial(segments, i, others[n], t, sprout, law)
         if not_too_thin(segments, fork, limit) and fits(index, segments, room, fork):
             return True, fork

@@ -153,8 +153,8 @@ def _leave_one(
     while segments[one].left >= 0:
         one = int(segments[one].left)
     flow, thick = segments[one].flow, segments[one].thick
-    found, t = tip_near(segments, i, index, room, law, flow * thick, smallest)
-    if not found:
+    fits, t = tip_near(segments, i, index, room, law, flow * thick, smallest)
+    if not fits:
         return False
     _mark(segments, i, gone)
     gone[i] = 0

@@ -186,22 +186,22 @@ def commit(
 
 
 @scalar_jit
-def drop_held(found: Any, size: int, held: int, count: int) -> int:
+def drop_held(nearest: Any, size: int, held: int, count: int) -> int:
     """Keep those of ``found[:size]`` that are numbered from ``held`` to below ``count``."""
     kept = 0
     for n in range(size):
-        if held <= found[n] < count:
-            found[kept] = found[n]
+        if held <= nearest[n] < count:
+            nearest[kept] = nearest[n]
             kept += 1
     return kept
 
 
 @scalar_jit
-def drop_full(segments: Any, found: Any, size: int, flow: float, law: Law) -> int:
+def drop_full(segments: Any, nearest: Any, size: int, flow: float, law: Law) -> int:
     """Keep those of ``found[:size]`` on whose way to the root no vessel becomes too wide."""
     kept = 0
     for n in range(size):
-        i = found[n]
+        i = nearest[n]
         above = segments[i].parent
         while above >= 0:
             s = segments[above]
@@ -209,7 +209,7 @@ def drop_full(segments: Any, found: Any, size: int, flow: float, law: Law) -> in
                 break
             above = s.parent
         if above < 0:
-            found[kept] = i
+            nearest[kept] = i
             kept += 1
     return kept
 
@@ -260,7 +260,7 @@ def grow(
         Why it returned (`DONE` ...), and the next point.
     """
     s = progress[0]
-    found = np.empty(s.candidates, np.int32)
+    nearest = np.empty(s.candidates, np.int32)
     away = np.empty(s.candidates)
     work = trials_for(s.candidates)
     points = samples.at
@@ -276,13 +276,13 @@ def grow(
         if s.since % scale.patience == 0:
             s.apart *= _RELAX
         least = s.apart * (spacing * samples.near[n])
-        size = nearest_segments(index, segments, t[0], t[1], t[2], least, found, away)
+        size = nearest_segments(index, segments, t[0], t[1], t[2], least, nearest, away)
         if away[0] < least:
             continue
         if s.held > 0:
-            size = drop_held(found, size, s.held, s.count)
+            size = drop_held(nearest, size, s.held, s.count)
         if s.careful != 0:
-            size = drop_full(segments, found, size, samples.flow[n], law)
+            size = drop_full(segments, nearest, size, samples.flow[n], law)
         limit = thinnest(s.terminals + 1, s.root_radius, law, scale)
         whole = (s.terminals + 1) / scale.share
         tip = max(limit, 0.5 * s.root_radius * whole ** (-1.0 / law.gamma))
@@ -291,7 +291,7 @@ def grow(
             continue
         sprout = Sprout(samples.flow[n], s.thick)
         good, fork = propose(
-            segments, index, room, penalty, law, limit, t, sprout, found, size, work
+            segments, index, room, penalty, law, limit, t, sprout, nearest, size, work
         )
         if not good:
             continue

@@ -67,15 +67,15 @@ def demand_points(
     low, high = tissue.bounds
     step = _GOLDEN ** -np.arange(1.0, 4.0)
     at = np.random.default_rng([seed, 0x7E44]).uniform(size=3)
-    found = [np.empty((0, 3))]
+    parts = [np.empty((0, 3))]
     size = 0
     while size < count:
         tried = low + ((at + np.arange(1, count + 1)[:, None] * step) % 1.0) * (high - low)
         at = (at + count * step) % 1.0
         tried = tried[tissue.contains(tried)]
-        found.append(tried if owns is None else tried[owns(tried)])
-        size += len(found[-1])
-    points = np.concatenate(found)[:count]
+        parts.append(tried if owns is None else tried[owns(tried)])
+        size += len(parts[-1])
+    points = np.concatenate(parts)[:count]
     return points, tissue.demand.weight(points)
 
 

@@ -109,11 +109,11 @@ def unreached(
     pairs = KDTree(probes.points[far]).query_pairs(probes.reach_mm, output_type="ndarray")
     graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(far),) * 2)
     group = connected_components(graph, directed=False)[1]
-    found = []
+    places = []
     large = np.bincount(group, weights=asks[far]) >= LEAST_TERMINALS
     for n in np.flatnonzero(large & (np.bincount(group) >= LEAST_PROBES)):
         own = far[group == n]
         x, y, z = probes.points[own[np.argmax(away[own])]].tolist()
         volume = tissue.volume_mm3 * len(own) / len(away)
-        found.append(Unreached(volume, (x, y, z), own))
-    return tuple(sorted(found, key=lambda one: -one.volume_mm3))
+        places.append(Unreached(volume, (x, y, z), own))
+    return tuple(sorted(places, key=lambda one: -one.volume_mm3))

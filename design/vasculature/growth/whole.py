@@ -111,8 +111,8 @@ def _owned(
     nearest: KDTree, owner: NDArray[np.int64], number: int, points: FloatArray
 ) -> NDArray[np.bool_]:
     """Whether the probe nearest to each point is of territory ``number``."""
-    found: NDArray[np.bool_] = owner[nearest.query(points)[1]] == number
-    return found
+    owned: NDArray[np.bool_] = owner[nearest.query(points)[1]] == number
+    return owned
 
 
 def _root_into(

@@ -145,12 +145,12 @@ class Web:
 
     def _best(self, number: int, until: int, points: FloatArray) -> tuple[float, int]:
         for ends in self._ends(number):
-            found: tuple[float, int] = best_curve(
+            best: tuple[float, int] = best_curve(
                 ends, self.shapes, FIRST, self.rule, self.index, self.capsules, until, points
             )
-            if found[0] > 0:
+            if best[0] > 0:
                 break
-        return found
+        return best
 
     def _route(self, number: int) -> bool:
         """Lay one connection by a way round; False when there is none."""

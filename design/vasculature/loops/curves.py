@@ -157,13 +157,13 @@ def best_curve(
     All of the ``first`` shapes are weighed; where none fits, the others as far as the first
     that does. ``points`` (PIECES + 1, 3) receives its polyline.
     """
-    best, found, pieces = np.inf, 0.0, 0
+    best, best_radius, pieces = np.inf, 0.0, 0
     trial = np.empty((PIECES + 1, 3))
     for n in range(len(shapes)):
-        if n >= first and found > 0.0:
+        if n >= first and best_radius > 0.0:
             break
         cost, radius, count = curve_cost(ends, shapes[n], rule, index, capsules, until, best, trial)
         if cost < best:
-            best, found, pieces = cost, radius, count
+            best, best_radius, pieces = cost, radius, count
             points[:] = trial
-    return found, pieces
+    return best_radius, pieces

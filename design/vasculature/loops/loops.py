@@ -218,12 +218,12 @@ def refuse_too_many(web: Web, allowed: int, options: LoopOptions) -> None:
 
 def refuse_collisions(network: VesselNetwork, options: LoopOptions) -> None:
     """Raise `NetworkError` when vessels of a finished network collide."""
-    found = collisions(network, options.clearance_mm, options.clearance_ratio)
-    if found.count:
+    pairs = collisions(network, options.clearance_mm, options.clearance_ratio)
+    if pairs.count:
         raise NetworkError(
-            f"the audit found {found.count} colliding pairs, first vessels "
-            f"{found.vessels[0, 0]} and {found.vessels[0, 1]} with a gap of "
-            f"{found.gap_mm[0]:.3g} mm; grow the trees as one forest with at least the loops' "
+            f"the audit found {pairs.count} colliding pairs, first vessels "
+            f"{pairs.vessels[0, 0]} and {pairs.vessels[0, 1]} with a gap of "
+            f"{pairs.gap_mm[0]:.3g} mm; grow the trees as one forest with at least the loops' "
             "clearance"
         )
 

@@ -124,13 +124,13 @@ def _numbered(
 ) -> list[VesselNetwork]:
     """The networks with numbers of trees that are told apart."""
     first, count = 0, sum(len(one.trees) for one in networks)
-    found = []
+    renumbered = []
     for one, closed in zip(networks, done, strict=True):
         own = first + np.arange(len(one.trees))
         joins = closed.connections > 0
         number = np.append(own, count)[closed.network.tree]
-        found.append(replace(closed.network, tree=number))
+        renumbered.append(replace(closed.network, tree=number))
         first, count = first + len(own), count + joins
     if beside is not None:
-        found.append(replace(beside, tree=beside.tree - int(beside.tree.min()) + count))
-    return found
+        renumbered.append(replace(beside, tree=beside.tree - int(beside.tree.min()) + count))
+    return renumbered

@@ -127,7 +127,7 @@ def search(
         Points of the way; `NO_WAY`, or `UNDECIDED` after ``most`` steps.
     """
     total = lattice.shape[0] * lattice.shape[1] * lattice.shape[2]
-    found = Search(
+    state = Search(
         np.full(total + 1, np.inf), np.full(total + 1, -2, np.int64), np.zeros(total, np.int8)
     )
     here, there = np.empty(3), np.empty(3)
@@ -139,7 +139,7 @@ def search(
     steps = 0
     while len(heap) > 0:
         _, g, node, before = heappop(heap)
-        if found.came[node] != -2:
+        if state.came[node] != -2:
             continue
         steps += 1
         if steps > most:
@@ -152,7 +152,7 @@ def search(
             there[:] = goal
         else:
             node_place(node, lattice, there)
-        start = found.gone[before] if before >= 0 else 0.0
+        start = state.gone[before] if before >= 0 else 0.0
         left = point_distance(there, goal)
         wide = wide_at(
             width.radius, width.inflate, min(start, g), min(left, point_distance(here, goal))
@@ -161,21 +161,21 @@ def search(
             ends, here, there, start, left, wide, rule, index, capsules, len(capsules)
         ):
             continue
-        if hairpin(ends, found.came, before, lattice, there):
+        if hairpin(ends, state.came, before, lattice, there):
             continue
-        found.came[node], found.gone[node] = before, g
+        state.came[node], state.gone[node] = before, g
         if node == total:
-            return trace(found.came, node, lattice, ends, path)
+            return trace(state.came, node, lattice, ends, path)
         if left <= _NEAR * lattice.cell and heading(ends, 1, goal, there) >= rule.straight:
             heappush(heap, (g + left, g + left, total, node))
-        push_onward(heap, found, node, there, ends, width, lattice, rule, index, capsules)
+        push_onward(heap, state, node, there, ends, width, lattice, rule, index, capsules)
     return NO_WAY
 
 
 @jit
 def push_onward(
     heap: Any,
-    found: Search,
+    state: Search,
     node: int,
     place: Any,
     ends: Ends,
@@ -186,7 +186,7 @@ def push_onward(
     capsules: Any,
 ) -> None:
     """Push the steps from ``node`` at ``place`` to those of its 26 neighbours that have room."""
-    goal, g = ends.point[1], found.gone[node]
+    goal, g = ends.point[1], state.gone[node]
     there = np.empty(3)
     shape = lattice.shape
     c = node % shape[2]
@@ -196,17 +196,17 @@ def push_onward(
         for j in range(max(0, b - 1), min(shape[1], b + 2)):
             for k in range(max(0, c - 1), min(shape[2], c + 2)):
                 other = (i * shape[1] + j) * shape[2] + k
-                if found.came[other] != -2 or found.state[other] == TAKEN:
+                if state.came[other] != -2 or state.state[other] == TAKEN:
                     continue
                 node_place(other, lattice, there)
                 left = point_distance(there, goal)
                 far = g + point_distance(there, place)
-                if found.state[other] == UNSEEN:
+                if state.state[other] == UNSEEN:
                     wide = wide_at(width.radius, width.inflate, far, left)
                     free = piece_clear(
                         ends, there, there, far, left, wide, rule, index, capsules, len(capsules)
                     )
-                    found.state[other] = FREE if free else TAKEN
+                    state.state[other] = FREE if free else TAKEN
                     if not free:
                         continue
                 heappush(heap, (far + left, far, other, node))

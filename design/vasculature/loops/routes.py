@@ -139,11 +139,11 @@ def _smoothed(
             pieces, bend = spline_points(control, ends, crowd.rule, ROUTE_PIECES, points)
             line = points[: pieces + 1]
             until, most = len(crowd.capsules), best.cost if best else np.inf
-            cost, found = weigh(
+            cost, spline = weigh(
                 ends, line, bend, crowd.rule, crowd.index, crowd.capsules, until, most
             )
             if cost < most:
-                best = Route(line.copy(), found, cost)
+                best = Route(line.copy(), spline, cost)
     return best
 
 

@@ -68,10 +68,10 @@ class Tips:
             sideways = np.cross(ahead, np.eye(3)[np.argmin(np.abs(ahead))])
             size = float(np.linalg.norm(sideways))
         turn = np.radians(_TURNS)[:, None]
-        found: FloatArray = (
+        ways: FloatArray = (
             np.cos(turn) * sideways / size + np.sin(turn) * np.cross(ahead, sideways) / size
         )
-        return found
+        return ways
 
 
 def tree_tips(tree: VesselTree, first: int) -> Tips:

@@ -110,8 +110,8 @@ def fork_cost(
 
 
 @jit
-def _candidates(segments: Any, index: CellIndex, c: Any, p: Any, a: Any, found: Any) -> int:
-    """Segments near branch ``c`` that it may join; ``found`` receives them, without repetition."""
+def _candidates(segments: Any, index: CellIndex, c: Any, p: Any, a: Any, nearest: Any) -> int:
+    """Write segments near branch ``c`` that it may join into ``nearest``, each once."""
     near = np.empty(CANDIDATES, np.int32)
     away = np.empty(CANDIDATES)
     s = segments[c]
@@ -130,23 +130,23 @@ def _candidates(segments: Any, index: CellIndex, c: Any, p: Any, a: Any, found: 
                 continue
             known = False
             for m in range(size):
-                known = known or found[m] == i
+                known = known or nearest[m] == i
             if not known:
-                found[size] = i
+                nearest[size] = i
                 size += 1
     return size
 
 
 @jit
 def _rank(
-    segments: Any, c: int, found: Any, places: Any, flow_over_drop: float, law: Law
+    segments: Any, c: int, nearest: Any, places: Any, flow_over_drop: float, law: Law
 ) -> tuple[Any, Any]:
     """Costs of the cut branch ``c`` at its best place on each segment found, and their order."""
-    costs = np.empty(len(found))
-    for n in range(len(found)):
-        b = _best_fork(segments, found[n], c, law)
+    costs = np.empty(len(nearest))
+    for n in range(len(nearest)):
+        b = _best_fork(segments, nearest[n], c, law)
         places[n, 0], places[n, 1], places[n, 2] = b
-        costs[n], _ = fork_cost(segments, found[n], c, b, flow_over_drop, law)
+        costs[n], _ = fork_cost(segments, nearest[n], c, b, flow_over_drop, law)
     return costs, np.argsort(costs, kind="mergesort")
 
 
@@ -205,13 +205,13 @@ def graft_branch(
     if p <= 0:
         return 0
     below = segments[0].spend * (1.0 + (heat - GAIN) / len(segments))
-    found = np.empty(2 * CANDIDATES, np.int32)
-    size = _candidates(segments, index, c, p, a, found)
+    nearest = np.empty(2 * CANDIDATES, np.int32)
+    size = _candidates(segments, index, c, p, a, nearest)
     if size == 0:
         return 0
     cut_branch(segments, c, saved, law)
     places = np.empty((size, 3))
-    costs, order = _rank(segments, c, found[:size], places, flow_over_drop, law)
+    costs, order = _rank(segments, c, nearest[:size], places, flow_over_drop, law)
     s = segments[p]
     _, radius4 = walk_up(segments, p, s.load, s.spend, s.flow, law)
     radius = min(s.radius, np.sqrt(np.sqrt(flow_over_drop * radius4)))
@@ -224,7 +224,7 @@ def graft_branch(
             if not costs[n] < below:
                 break
             b = (places[n, 0], places[n, 1], places[n, 2])
-            _, fork = fork_cost(segments, found[n], c, b, flow_over_drop, law)
+            _, fork = fork_cost(segments, nearest[n], c, b, flow_over_drop, law)
             if _try_fork(segments, index, room, law, flow_over_drop, fork, c, a, below, saved):
                 for i in (p, int(fork.segment), a, int(c)):
                     listed = _list_anew(segments, index, room, i)

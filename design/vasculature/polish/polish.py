@@ -90,13 +90,13 @@ def find_faults(
     """Audit a tree with its exact radii; collisions with other trees count, and theirs."""
     radius = tree_radii(tree)
     network = forest_to_network([tree, *others])
-    found = collisions(network, options.clearance_mm, options.clearance_ratio)
+    pairs = collisions(network, options.clearance_mm, options.clearance_ratio)
     inside: NDArray[np.bool_] = tissue.grid.capsule_inside(
         tree.proximal[1:], tree.distal[1:], radius[1:], options.clearance_mm
     )
     length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
     short = length < options.length_to_radius * radius
-    return Faults(found.count, len(found.joint_pieces), int((~inside).sum()), int(short.sum()))
+    return Faults(pairs.count, len(pairs.joint_pieces), int((~inside).sum()), int(short.sum()))
 
 
 def polish_forest(
@@ -120,12 +120,12 @@ def polish_forest(
         As `polish`.
     """
     standing = list(trees)
-    found = []
+    polished = []
     for number, tree in enumerate(trees):
         others = standing[:number] + standing[number + 1 :]
-        found.append(polish(tissue, tree, options, others))
-        standing[number] = found[-1].tree
-    return tuple(found)
+        polished.append(polish(tissue, tree, options, others))
+        standing[number] = polished[-1].tree
+    return tuple(polished)
 
 
 def polish(

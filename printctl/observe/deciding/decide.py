@@ -232,9 +232,9 @@ class Decider:
     def _wanted(self, evidence: Evidence) -> Decision:
         rules = (self._shifted, self._stopped, self._narrowed, self._gaps, self._flow, self._blind)
         for rule in rules:
-            found = rule(evidence)
-            if found is not None:
-                return found
+            decision = rule(evidence)
+            if decision is not None:
+                return decision
         seen = "as expected, within tolerance" if evidence.seen_share > 0 else "nothing was seen"
         if 0 < evidence.seen_share < self.limits.least_seen * (1.0 - evidence.over_old_share):
             seen = f"only {evidence.seen_share:.0%} was seen; that is {seen}"
@@ -302,12 +302,12 @@ class Decider:
         state, control = evidence.supply.state, self.control
         cause = "" if state in (SupplyState.FLOWING, SupplyState.UNKNOWN) else f" ({state})"
         many = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
-        found = [f"{many}, {way:.2f} mm in all{cause}"] if gaps else []
+        reasons = [f"{many}, {way:.2f} mm in all{cause}"] if gaps else []
         if thin:
-            found.append(f"{math.fsum(one.length_mm for one in thin):.2f} mm of thin lines")
+            reasons.append(f"{math.fsum(one.length_mm for one in thin):.2f} mm of thin lines")
         factor = None if control.out_of_bounds else control.proposal()
         corrected = "" if factor is None else f"; flow {control.flow:.0%}: factor {factor:.2f}"
-        why = f"{', '.join(found)}{corrected}"
+        why = f"{', '.join(reasons)}{corrected}"
         return Decision(DecisionKind.MEND, why, gaps, factor, thin=thin)
 
     def _believed(self, evidence: Evidence) -> tuple[Gap, ...]:

@@ -55,12 +55,12 @@ def confirmed_gaps(
         Of another picture of the same; None where there is none, and the first alone decides.
     test : GapTest
     """
-    found = [gap for gap in first if test.significant(gap, places)]
+    significant = [gap for gap in first if test.significant(gap, places)]
     if second is None:
-        return tuple(found)
-    retested = max(len(found), 1)
+        return tuple(significant)
+    retested = max(len(significant), 1)
     again = [gap for gap in second if gap.p_value * retested <= test.second_rate]
-    return tuple(gap for gap in found if _seen_again(gap, again))
+    return tuple(gap for gap in significant if _seen_again(gap, again))
 
 
 def _seen_again(gap: Gap, again: Sequence[Gap]) -> bool:

@@ -121,8 +121,8 @@ def _runs(lacks: BoolArray) -> list[slice]:
         between = (lacks[:-2] == lacks[2:]) & (lacks[1:-1] != lacks[2:])
         smooth[1:-1] = np.where(between, lacks[2:], lacks[1:-1])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], smooth, [False]]).astype(np.int8)))
-    found = [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
-    return [run for run in found if lacks[run].mean() >= _STEADY or run.stop - run.start <= 2]
+    runs = [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+    return [run for run in runs if lacks[run].mean() >= _STEADY or run.stop - run.start <= 2]
 
 
 def _whole_path(run: slice, path: IntArray) -> bool:

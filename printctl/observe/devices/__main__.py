@@ -15,17 +15,17 @@ def main() -> int:
     settings, out, since = DeviceSettings.from_json(sys.argv[1]), Path(sys.argv[2]), sys.argv[3]
     try:
         if settings.kind == "camera":
-            found = take_picture(settings, out)
+            picture = take_picture(settings, out)
         elif settings.kind == "folder":
-            found = await_file(Path(settings.source), float(since))
+            picture = await_file(Path(settings.source), float(since))
         elif settings.kind == "command":
-            found = run_command(settings.source, out)
+            picture = run_command(settings.source, out)
         else:
-            found = simulated_picture(settings, out)
+            picture = simulated_picture(settings, out)
     except (OSError, ValueError) as exc:
         print(exc, file=sys.stderr)
         return 1
-    print(found)
+    print(picture)
     return 0
 
 

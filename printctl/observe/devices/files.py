@@ -29,12 +29,12 @@ def await_file(folder: Path, since: float) -> Path:
     size, at = -1, time.monotonic()
     newest: Path | None = None
     while True:
-        found = _newest(folder, since)
-        now = found.stat().st_size if found is not None else -1
-        if found is None or found != newest or now != size:
-            newest, size, at = found, now, time.monotonic()
+        latest = _newest(folder, since)
+        now = latest.stat().st_size if latest is not None else -1
+        if latest is None or latest != newest or now != size:
+            newest, size, at = latest, now, time.monotonic()
         elif size > 0 and time.monotonic() - at >= _STILL_S:
-            return found
+            return latest
         time.sleep(_LOOK_S)
 
 

@@ -98,10 +98,10 @@ class MendCheck:
 
     def as_dict(self) -> dict[str, Any]:
         """Return it JSON-ready, ``passed`` included."""
-        found = {**asdict(self), "passed": self.passed}
+        facts = {**asdict(self), "passed": self.passed}
         return {
             key: None if isinstance(value, float) and not np.isfinite(value) else value
-            for key, value in found.items()
+            for key, value in facts.items()
         }
 
 
@@ -177,7 +177,7 @@ def _depths(
     nearest = nearest_pieces((start + end) / 2, planned)[0]
     height[inserted.writes] = planned.height_mm[nearest]
     width, high = (each[inserted.writes] for each in sections(inserted, held, height))
-    layered, found = held.style == "layered", np.full(len(start), -np.inf)
+    layered, depths = held.style == "layered", np.full(len(start), -np.inf)
     area = inserted.area_mm2[inserted.writes]
     for k, (a, b) in enumerate(zip(start, end, strict=True)):
         count = max(2, int(np.ceil(np.linalg.norm(b - a) / _STATION_MM)) + 1)
@@ -189,8 +189,8 @@ def _depths(
         on = away < _ON_MM
         times[on] += section_mm2(own.width_mm, own.height_mm, held)[piece[on]] / area[k]
         both = width_with_more(alone, tall, times, held)
-        found[k] = ink_in_voids_mm(voids, places, both, tall, layered=layered).max()
-    return found
+        depths[k] = ink_in_voids_mm(voids, places, both, tall, layered=layered).max()
+    return depths
 
 
 def _crossed(
@@ -222,12 +222,12 @@ def _covered(inserted: InsertRun, gaps: Sequence[Gap], paths: Sequence[WrittenPa
     start, end = inserted.written()
     none = np.zeros(len(start))
     laid = LaidInk(start, end, none, none, none.astype(np.int64))
-    found = [np.ones(1, dtype=bool)] if not gaps else []
+    covered = [np.ones(1, dtype=bool)] if not gaps else []
     for gap in gaps:
         path = paths[gap.path]
         along = np.linspace(gap.from_mm, gap.to_mm, max(5, int(gap.length_mm / 0.05)))
-        found.append(nearest_pieces(path.at(along), laid)[1] < path.width_mm.min() / 2)
-    return float(np.concatenate(found).mean())
+        covered.append(nearest_pieces(path.at(along), laid)[1] < path.width_mm.min() / 2)
+    return float(np.concatenate(covered).mean())
 
 
 def _refused(lines: Sequence[bytes], held: HeldPrint) -> tuple[str, ...]:

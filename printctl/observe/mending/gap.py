@@ -171,20 +171,20 @@ def merged(gaps: Sequence[Gap], paths: Sequence[WrittenPath], widths: float) -> 
 
     Gaps of different kinds (whole and thin) stay apart, cut where they overlap.
     """
-    found: list[Gap] = []
+    joined: list[Gap] = []
     for gap in sorted(gaps, key=lambda one: (one.path, one.from_mm, one.to_mm)):
-        if not found or found[-1].path != gap.path:
-            found.append(gap)
+        if not joined or joined[-1].path != gap.path:
+            joined.append(gap)
             continue
-        last = found[-1]
+        last = joined[-1]
         near = widths * paths[gap.path].usual_width(last.to_mm, max(gap.from_mm, last.to_mm))
         if last.whole == gap.whole and gap.from_mm - last.to_mm < near:
-            found[-1] = _joined(last, gap)
+            joined[-1] = _joined(last, gap)
         elif gap.from_mm < last.to_mm < gap.to_mm:
-            found.append(replace(gap, from_mm=last.to_mm))
+            joined.append(replace(gap, from_mm=last.to_mm))
         elif gap.to_mm > last.to_mm:
-            found.append(gap)
-    return found
+            joined.append(gap)
+    return joined
 
 
 def _missing(one: Gap, other: Gap) -> float:

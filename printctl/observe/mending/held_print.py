@@ -155,8 +155,8 @@ class HeldPrint:
     @cached_property
     def relieved_e(self) -> float:
         """How far the job itself has drawn the plunger back where it is held, mm of E."""
-        found = relieved_mm(self.lines, self.done)
-        return self.relief_e if math.isinf(found) else found
+        relieved = relieved_mm(self.lines, self.done)
+        return self.relief_e if math.isinf(relieved) else relieved
 
     @property
     def relief_e(self) -> float:

@@ -142,12 +142,12 @@ def joined_ink(parts: Sequence[LaidInk]) -> LaidInk:
 
 def sound_spans(path: WrittenPath, gaps: Sequence[Gap]) -> list[tuple[float, float]]:
     """Stretches of a path outside its whole gaps, mm along it."""
-    found, begin = [], 0.0
+    spans, begin = [], 0.0
     own = sorted((g.from_mm, g.to_mm) for g in gaps if g.path == path.number and g.whole)
     for low, high in own:
         if low > begin:
-            found.append((begin, low))
+            spans.append((begin, low))
         begin = max(begin, high)
     if begin < path.length_mm:
-        found.append((begin, path.length_mm))
-    return found
+        spans.append((begin, path.length_mm))
+    return spans

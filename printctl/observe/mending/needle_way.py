@@ -49,9 +49,9 @@ def under_higher_ink(
     places: FloatArray, ink: LaidInk, needle: Needle, clearance_mm: float
 ) -> BoolArray:
     """Which tip places (m, 3) the needle can't reach because ink of a higher layer lies there."""
-    found = np.zeros(len(places), dtype=bool)
+    blocked = np.zeros(len(places), dtype=bool)
     if not len(places):
-        return found
+        return blocked
     wide = max(needle.outer_mm, needle.tip_outer_mm or 0.0) / 2 + clearance_mm
     top = np.maximum(ink.start[:, 2], ink.end[:, 2])
     low = places[:, :2].min(axis=0) - wide
@@ -66,8 +66,8 @@ def under_higher_ink(
         share = np.clip((places[:, :2] - a) @ step / square, 0, 1) if square > 0 else 0.0
         away = np.linalg.norm(a + np.multiply.outer(share, step) - places[:, :2], axis=1)
         above = top[k] > places[:, 2] + LEVEL_TOLERANCE_MM
-        found |= above & (away < wide + ink.width_mm[k] / 2)
-    return found
+        blocked |= above & (away < wide + ink.width_mm[k] / 2)
+    return blocked
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,9 +131,9 @@ def shaft_contacts(
         vessel,
     )
     body = needle_body(needle, clearance_mm)
-    found = check_clearance(motion, network_of(paths), [body], OVERLAP_RADII)
+    clearance = check_clearance(motion, network_of(paths), [body], OVERLAP_RADII)
     first = count - len(own) + 1
-    contacts = ((one.line - first, one) for one in found.crossings if one.line >= first)
+    contacts = ((one.line - first, one) for one in clearance.crossings if one.line >= first)
     joint = math.sqrt(2) * (body.radius_mm + float(ink.width_mm.max(initial=0.0)) / 2)
     return tuple(
         (row, one)

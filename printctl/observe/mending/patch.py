@@ -73,8 +73,8 @@ class Patch:
 
     def ink(self) -> LaidInk:
         """Ink that it is expected to lay, as sound ink of the job lies."""
-        found = stretch_of(self.path, self.from_mm, self.to_mm)
-        return replace(found, width_mm=found.width_mm * min(self.flow, 1.0))
+        stretch = stretch_of(self.path, self.from_mm, self.to_mm)
+        return replace(stretch, width_mm=stretch.width_mm * min(self.flow, 1.0))
 
     @property
     def lowest_mm(self) -> float:
@@ -98,8 +98,8 @@ def in_whole_steps(
     whole = max(1.0, np.ceil(steps - _SPARE))
     more = _longer(patch, steps_per_mm, room, steps, whole)
     less = replace(patch, flow=patch.flow * max(1.0, whole - 1.0) / steps)
-    found = (more,) if whole == 1.0 else (more, less)
-    return tuple(sorted(found, key=lambda one: abs(np.log(one.flow / patch.flow))))
+    patches = (more,) if whole == 1.0 else (more, less)
+    return tuple(sorted(patches, key=lambda one: abs(np.log(one.flow / patch.flow))))
 
 
 def _longer(

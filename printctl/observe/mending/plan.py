@@ -63,15 +63,15 @@ def plan_mend(
     patches: list[Patch] = []
     left: list[NotMended] = []
     for gap in joined:
-        found, not_mended = patches_of(gap, site)
-        patches += found
+        own, not_mended = patches_of(gap, site)
+        patches += own
         left += not_mended
     return _written(ordered(patches, held), left, site)
 
 
 def ordered(patches: Sequence[Patch], held: HeldPrint) -> list[Patch]:
     """Return patches in their order: nearest next; in a bath the deepest first."""
-    rest, found, at = list(patches), [], held.at_mm
+    rest, in_order, at = list(patches), [], held.at_mm
     while rest:
         near = rest
         if held.style == "embedded":
@@ -79,21 +79,21 @@ def ordered(patches: Sequence[Patch], held: HeldPrint) -> list[Patch]:
             near = [one for one in rest if one.lowest_mm <= deepest + _SAME_DEPTH_MM]
         begins = [one.moves()[0][0] for one in near]
         chosen = near[int(np.argmin([np.linalg.norm(p - at) for p in begins]))]
-        found.append(chosen)
+        in_order.append(chosen)
         at = chosen.moves()[0][-1]
         rest.remove(chosen)
-    return found
+    return in_order
 
 
 def _written(patches: list[Patch], left: list[NotMended], site: Site) -> Mend:
     """The insert of patches whose whole way is free; others are left out."""
     while patches:
         lines, spans = _lines(patches, site)
-        found = None if site.layered else first_crossing(lines, patches, spans, site)
-        if found is None:
+        crossing = None if site.layered else first_crossing(lines, patches, spans, site)
+        if crossing is None:
             return _mend(lines, patches, spans, left, site)
-        wrong = found.patch
-        pieces, not_mended = cut_out(patches[wrong], found, site.options)
+        wrong = crossing.patch
+        pieces, not_mended = cut_out(patches[wrong], crossing, site.options)
         left += [not_mended] if not_mended.length_mm > 0 else []
         patches = patches[:wrong] + pieces + patches[wrong + 1 :]
     return Mend((), (), (), tuple(left), 0.0, 0.0)

@@ -197,19 +197,19 @@ def _crossed(along: FloatArray, path: WrittenPath, site: Site) -> tuple[BoolArra
     volume = np.pi / 4 * path.width_mm[piece] ** 2 * np.abs(np.diff(along))
     own = np.full(len(volume), path.number, dtype=np.int64)
     rows = NeedleRows(path.at(along), volume, own)
-    found, others = np.zeros(len(along), dtype=bool), False
+    crossed, others = np.zeros(len(along), dtype=bool), False
     held, clearance = site.held, site.options.clearance_mm
     for row, contact in shaft_contacts(rows, site.ink, site.paths, held.needle, clearance):
-        found[row : row + 2] = True
+        crossed[row : row + 2] = True
         others |= contact.crossed != path.number
-    return found, _UNDER_OTHER if others else _UNDER_OWN
+    return crossed, _UNDER_OTHER if others else _UNDER_OWN
 
 
 def _patch(gap: Gap, path: WrittenPath, low: float, high: float, site: Site) -> Patch | None:
     """A patch of a free stretch; None where its whole motor steps would reach into a void."""
-    found = Patch(gap, path, float(low), float(high))
+    patch = Patch(gap, path, float(low), float(high))
     steps_per_mm = site.held.printer.steps_per_mm.e
-    whole = in_whole_steps(found, steps_per_mm, _room(found, site)) if gap.whole else (found,)
+    whole = in_whole_steps(patch, steps_per_mm, _room(patch, site)) if gap.whole else (patch,)
     for one in whole:
         along = _stations(path, float(one.cuts[0]), float(one.cuts[-1]), site)
         if not _in_voids(along, gap, path, site, one.flow).any():
@@ -236,14 +236,14 @@ def _room(patch: Patch, site: Site) -> tuple[float, float]:
 
 def _left(gap: Gap, along: FloatArray, bad: BoolArray, reason: str) -> list[NotMended]:
     """Stretches of the gap itself that stay, each to the middle between its stations."""
-    found = []
+    remaining = []
     edges = np.concatenate([along[:1], (along[1:] + along[:-1]) / 2, along[-1:]])
     for begin, end in _runs(bad):
         low = max(gap.from_mm, edges[begin])
         high = min(gap.to_mm, edges[end + 1])
         if high > low:
-            found.append(NotMended(gap.path, float(low), float(high), reason))
-    return found
+            remaining.append(NotMended(gap.path, float(low), float(high), reason))
+    return remaining
 
 
 def _runs(mask: BoolArray) -> list[tuple[int, int]]:

@@ -78,7 +78,7 @@ class Voids:
         Of a tapered tube the radius beside the place's foot on the axis counts: exact for
         straight tubes, to (Δr / length)² / 2 of the radius for others.
         """
-        found = np.full(len(places), -np.inf)
+        depth = np.full(len(places), -np.inf)
         for a, b, (r0, r1) in zip(self.start, self.end, self.radius, strict=True):
             step = b - a
             square = float(step @ step)
@@ -86,8 +86,8 @@ class Voids:
             if square > 0:
                 share = np.clip((places - a) @ step / square, 0.0, 1.0)
             away = np.linalg.norm(a + share[:, None] * step - places, axis=1)
-            np.maximum(found, r0 + share * (r1 - r0) - away, out=found)
-        return found
+            np.maximum(depth, r0 + share * (r1 - r0) - away, out=depth)
+        return depth
 
 
 def ink_in_voids_mm(

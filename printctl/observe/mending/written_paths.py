@@ -68,8 +68,8 @@ class WrittenPath:
 
     def piece(self, along: FloatArray) -> IntArray:
         """Piece at ways along the path, (m,); at a corner the one behind it."""
-        found = np.searchsorted(self.arc, along, side="right") - 1
-        return np.clip(found, 0, len(self.command) - 1)
+        piece = np.searchsorted(self.arc, along, side="right") - 1
+        return np.clip(piece, 0, len(self.command) - 1)
 
     def usual_width(self, from_mm: float, to_mm: float) -> float:
         """Mean width between two places along it, mm."""
@@ -128,13 +128,13 @@ def written_paths(held: HeldPrint, until: int | None = None) -> tuple[WrittenPat
     number = np.cumsum(breaks)[chosen]
     width, height = _sections(held, chosen)
     e_per_mm = program.pushed[chosen] / held.way[chosen]
-    found: list[WrittenPath] = []
+    paths: list[WrittenPath] = []
     for own in np.split(np.arange(len(chosen)), np.flatnonzero(np.diff(number)) + 1):
         row = chosen[own]
         points = np.vstack([program.before[row[:1], :3], program.target[row, :3]])
-        found.append(
+        paths.append(
             WrittenPath(
-                len(found),
+                len(paths),
                 points,
                 e_per_mm[own],
                 program.feed[row],
@@ -143,7 +143,7 @@ def written_paths(held: HeldPrint, until: int | None = None) -> tuple[WrittenPat
                 height[own],
             )
         )
-    return tuple(found)
+    return tuple(paths)
 
 
 def _sections(held: HeldPrint, rows: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -161,10 +161,11 @@ def _sections(held: HeldPrint, rows: IntArray) -> tuple[FloatArray, FloatArray]:
 
 
 def layer_heights(held: HeldPrint, rows: IntArray, area_mm2: FloatArray) -> FloatArray:
-    """Height of each written row's layer, (n,), mm."""
+    """Height of each written row's layer, (n,), mm; round lines where there is but one layer."""
     from_z = held.program.target[rows, 2]
     levels = written_levels(from_z)
-    height = level_heights(levels, level_areas(levels, from_z, area_mm2))
+    round_mm = float(np.median(np.sqrt(4 / np.pi * area_mm2)))
+    height = level_heights(levels, level_areas(levels, from_z, area_mm2), single_mm=round_mm)
     at = np.searchsorted(levels, from_z + 1e-6, side="right") - 1
     return height[np.clip(at, 0, None)]
 

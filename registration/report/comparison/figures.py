@@ -35,23 +35,23 @@ TITLES: Final = {
 }
 
 
-def quantities_figure(found: Comparison) -> bytes:
+def quantities_figure(comparison: Comparison) -> bytes:
     """Each quantity over the prints: scans with their intervals, the mean, a line that drifts."""
-    known = [q for q in found.quantities if np.isfinite(q.values).any()]
-    at = scan_places(found)
+    known = [q for q in comparison.quantities if np.isfinite(q.values).any()]
+    at = scan_places(comparison)
     with styled():
         figure, grid, _ = small_multiples(len(known), 1.9, _LABELLED_IN)
         for axes, quantity in zip(grid, known, strict=True):
             _quantity(axes, quantity, at)
-            _print_axis(axes, len(found.prints))
+            _print_axis(axes, len(comparison.prints))
         return to_svg(figure, "quantities")
 
 
-def scan_places(found: Comparison) -> FloatArray:
+def scan_places(comparison: Comparison) -> FloatArray:
     """Where each scan stands: at its print's number, from 1, scans of one print side by side."""
     places = [
         k + 1 + 0.14 * (n - (len(each.scans) - 1) / 2)
-        for k, each in enumerate(found.prints)
+        for k, each in enumerate(comparison.prints)
         for n in range(len(each.scans))
     ]
     return np.array(places)
@@ -90,9 +90,9 @@ def _print_axis(axes: Axes, count: int) -> None:
     axes.set_xlabel("print")
 
 
-def vessels_figure(found: Comparison) -> bytes | None:
+def vessels_figure(comparison: Comparison) -> bytes | None:
     """Every vessel's mean error with its interval, its prints, and the tolerance."""
-    shown = [v for v in found.vessels if np.isfinite(v.error.mean.value)]
+    shown = [v for v in comparison.vessels if np.isfinite(v.error.mean.value)]
     if not shown:
         return None
     shown = sorted(ranked(shown)[:MOST_ROWS], key=lambda v: v.vessel)
@@ -103,11 +103,11 @@ def vessels_figure(found: Comparison) -> bytes | None:
         axes.spines[["top", "right"]].set_visible(False)
         axes.axvline(0.0, color=INK, linewidth=0.8)
         for row, vessel in zip(at, shown, strict=True):
-            _row(axes, float(row), vessel, found.tolerance_percent)
+            _row(axes, float(row), vessel, comparison.tolerance_percent)
         axes.set_yticks(at, [str(v.vessel) for v in shown])
         axes.tick_params(axis="y", length=0, labelsize=8)
         axes.set(ylim=(len(shown) - 0.4, -0.6), ylabel="vessel", xlabel="diameter error / µm")
-        axes.set_xlim(*_reach(shown, found.tolerance_percent))
+        axes.set_xlim(*_reach(shown, comparison.tolerance_percent))
         return to_svg(figure, "vessels")
 
 
@@ -145,19 +145,19 @@ def ranked(vessels: Sequence[VesselSpread]) -> list[VesselSpread]:
     return sorted(vessels, key=rank)
 
 
-def history_figure(found: Comparison) -> bytes | None:
+def history_figure(comparison: Comparison) -> bytes | None:
     """The vessels that say most, each one's error over the prints."""
-    known = [v for v in found.vessels if v.error.prints > 1]
+    known = [v for v in comparison.vessels if v.error.prints > 1]
     if not known:
         return None
     shown = sorted(ranked(known)[:MOST_PANELS], key=lambda v: v.vessel)
-    at = scan_places(found)
-    error = np.array([scan.error_um for scan in found.scans])
+    at = scan_places(comparison)
+    error = np.array([scan.error_um for scan in comparison.scans])
     with styled():
         figure, grid, columns = small_multiples(len(shown), 1.9, _UNDER_IN)
         for axes, vessel in zip(grid, shown, strict=True):
-            _history(axes, at, error[:, vessel.vessel], vessel, found.tolerance_percent)
-            _print_axis(axes, len(found.prints))
+            _history(axes, at, error[:, vessel.vessel], vessel, comparison.tolerance_percent)
+            _print_axis(axes, len(comparison.prints))
         for axes in grid[::columns]:
             axes.set_ylabel("error / µm")
         return to_svg(figure, "history")
@@ -182,29 +182,31 @@ def _history(
                    loc="left", fontsize=8.6, color=OUTSIDE if words else INK)  # fmt: skip
 
 
-def along_figure(found: Comparison) -> bytes | None:
+def along_figure(comparison: Comparison) -> bytes | None:
     """Diameter along the vessels that say most, every scan laid over the others."""
-    ill = {d.vessel for d in found.defects}
-    known = [v for v in found.vessels if any(len(s.sections[v.vessel][0]) for s in found.scans)]
+    ill = {d.vessel for d in comparison.defects}
+    known = [
+        v for v in comparison.vessels if any(len(s.sections[v.vessel][0]) for s in comparison.scans)
+    ]
     if not known:
         return None
     known = sorted(ranked(known), key=lambda v: v.vessel not in ill)[:MOST_PANELS]
     shown = sorted(known, key=lambda v: v.vessel)
     # From pale to dark by order; the palest of the scale would be lost on paper.
-    colours = SEQUENTIAL(np.linspace(0.75, 0.05, len(found.prints)))
+    colours = SEQUENTIAL(np.linspace(0.75, 0.05, len(comparison.prints)))
     with styled():
         figure, grid, columns = small_multiples(len(shown), 1.9, _UNDER_IN)
         for axes, vessel in zip(grid, shown, strict=True):
             axes.axhline(vessel.designed_um, color=MUTED, linewidth=0.8)
-            for number, each in enumerate(found.prints):
+            for number, each in enumerate(comparison.prints):
                 for k in each.scans:
-                    along, diameter = broken_line(*found.scans[k].sections[vessel.vessel])
+                    along, diameter = broken_line(*comparison.scans[k].sections[vessel.vessel])
                     # A line through one section can't be seen.
                     few = "." if len(along) < 4 else ""
                     axes.plot(along, diameter, few + "-", color=colours[number], linewidth=0.9,
                               markersize=4)  # fmt: skip
             axes.set_title(f"vessel {vessel.vessel}", loc="left", fontsize=8.6, color=INK)
-            axes.set_xlim(0, found.scans[0].length_mm[vessel.vessel])
+            axes.set_xlim(0, comparison.scans[0].length_mm[vessel.vessel])
             axes.set_xlabel("along / mm")
         for axes in grid[::columns]:
             axes.set_ylabel("diameter / µm")

@@ -76,11 +76,11 @@ def _source_table(study: GaugeStudy) -> Table:
     return make_table("gauge", rows, SOURCE_COLUMNS)
 
 
-def _ndc(found: GaugeQuantity) -> str | None:
-    if found.shares.ndc_interval is None:
+def _ndc(quantity: GaugeQuantity) -> str | None:
+    if quantity.shares.ndc_interval is None:
         return None
-    low, high = found.shares.ndc_interval
-    return f"{number(found.shares.ndc)} ({low} to {high})"
+    low, high = quantity.shares.ndc_interval
+    return f"{number(quantity.shares.ndc)} ({low} to {high})"
 
 
 def _vessel_table(study: GaugeStudy) -> Table:

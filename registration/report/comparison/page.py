@@ -43,7 +43,7 @@ _ENTRY: Final = (
 
 def write_comparison_html(
     path: Path,
-    found: Comparison,
+    comparison: Comparison,
     title: str,
     notes: Sequence[str] = (),
     drawn: Drawn | None = None,
@@ -54,7 +54,7 @@ def write_comparison_html(
     ----------
     path : Path
         The file; an old one is replaced only by a whole new one.
-    found : Comparison
+    comparison : Comparison
     title : str
         Of the design, usually.
     notes : sequence of str
@@ -67,37 +67,37 @@ def write_comparison_html(
     OSError
         When the file can't be written.
     """
-    write_text(path, comparison_html(found, title, notes, drawn))
+    write_text(path, comparison_html(comparison, title, notes, drawn))
 
 
 def comparison_html(
-    found: Comparison, title: str, notes: Sequence[str] = (), drawn: Drawn | None = None
+    comparison: Comparison, title: str, notes: Sequence[str] = (), drawn: Drawn | None = None
 ) -> str:
     """The text of the page; same input, same text."""
     modules = module_map(("framed", "tables", "theme"))
-    drawn = comparison_figures(found) if drawn is None else drawn
+    drawn = comparison_figures(comparison) if drawn is None else drawn
     context = {
         "title": title,
-        "facts": facts(found),
-        "data": {"verdict": found_verdict(found)},
-        "key_figures": key_figures(found),
+        "facts": facts(comparison),
+        "data": {"verdict": found_verdict(comparison)},
+        "key_figures": key_figures(comparison),
         "figures": {
             name: inline_figure(picture, caption, f"{name}-")
             for name, (caption, picture) in drawn.items()
         },
         "captions": {name: caption for name, (caption, _) in drawn.items()},
-        "print_table": print_table(found),
-        "vessel_table": vessel_table(found),
-        "trend_table": trend_table(found),
-        "shared_table": shared_table(found),
-        "spread_facts": spread_facts(found),
-        "gauge": found.gauge
+        "print_table": print_table(comparison),
+        "vessel_table": vessel_table(comparison),
+        "trend_table": trend_table(comparison),
+        "shared_table": shared_table(comparison),
+        "spread_facts": spread_facts(comparison),
+        "gauge": comparison.gauge
         and {
-            "sentences": gauge_sentences(found.gauge),
-            "tables": gauge_tables(found.gauge),
-            "notes": gauge_notes(found.gauge),
+            "sentences": gauge_sentences(comparison.gauge),
+            "tables": gauge_tables(comparison.gauge),
+            "notes": gauge_notes(comparison.gauge),
         },
-        "notes": [*notes, *standing_notes(found)],
+        "notes": [*notes, *standing_notes(comparison)],
         "style": style(),
         "policy": content_policy([modules, _ENTRY]),
         "modules": modules,
@@ -106,32 +106,32 @@ def comparison_html(
     return environment().get_template("comparison.html").render(context)
 
 
-def facts(found: Comparison) -> list[str]:
+def facts(comparison: Comparison) -> list[str]:
     """A few words for the top of the page."""
     return [
-        f"{number(len(found.prints))} prints, {number(len(found.scans))} scans",
-        f"{number(len(found.vessels))} vessels",
-        f"design {found.scans[0].design[:12]}",
+        f"{number(len(comparison.prints))} prints, {number(len(comparison.scans))} scans",
+        f"{number(len(comparison.vessels))} vessels",
+        f"design {comparison.scans[0].design[:12]}",
     ]
 
 
-def comparison_figures(found: Comparison) -> Drawn:
+def comparison_figures(comparison: Comparison) -> Drawn:
     """Name to caption and drawing (SVG)."""
     made = {
         "quantities": (
             "By print: each scan with the 95 % interval of its own registration, the prints' "
             "mean and its 95 % interval (band)",
-            quantities_figure(found),
+            quantities_figure(comparison),
         ),
         "vessels": (
             "Diameter error of each vessel: mean over the prints with its 95 % interval, each "
             "print (small), tolerance (ticks)",
-            vessels_figure(found),
+            vessels_figure(comparison),
         ),
-        "history": ("Diameter error from print to print", history_figure(found)),
+        "history": ("Diameter error from print to print", history_figure(comparison)),
         "along": (
             "Diameter along the vessels: every scan, the later the darker; designed (line)",
-            along_figure(found),
+            along_figure(comparison),
         ),
     }
     return {

@@ -66,26 +66,26 @@ SHARED_COLUMNS: Final = (
 )
 
 
-def span(found: Interval, decimals: int = 1) -> str | None:
+def span(interval: Interval, decimals: int = 1) -> str | None:
     """``−5.0 to 1.2``; None where nothing is known."""
-    if not math.isfinite(found.low):
+    if not math.isfinite(interval.low):
         return None
-    return f"{fixed(found.low, decimals)} to {fixed(found.high, decimals)}"
+    return f"{fixed(interval.low, decimals)} to {fixed(interval.high, decimals)}"
 
 
-def interval_text(found: Interval, decimals: int = 1, unit: str = "") -> str | None:
+def interval_text(interval: Interval, decimals: int = 1, unit: str = "") -> str | None:
     """``−1.9 µm (−5.0 to 1.2)``."""
-    if not math.isfinite(found.value):
+    if not math.isfinite(interval.value):
         return None
-    value = f"{fixed(found.value, decimals)}{' ' + unit if unit else ''}"
-    return f"{value} ({span(found, decimals)})" if span(found) else value
+    value = f"{fixed(interval.value, decimals)}{' ' + unit if unit else ''}"
+    return f"{value} ({span(interval, decimals)})" if span(interval) else value
 
 
-def key_figures(found: Comparison) -> list[KeyFigure]:
+def key_figures(comparison: Comparison) -> list[KeyFigure]:
     """The handful of numbers a reader wants first."""
-    known = [p.passed for p in found.prints if p.passed is not None]
-    mean = found.quantity("mean_diameter_error").parts.mean
-    pooled = found.repeatability
+    known = [p.passed for p in comparison.prints if p.passed is not None]
+    mean = comparison.quantity("mean_diameter_error").parts.mean
+    pooled = comparison.repeatability
     made = [
         KeyFigure("Prints that pass", f"{sum(known)} of {len(known)}" if known else MISSING),
         KeyFigure("Mean diameter error", fixed(mean.value, 1), "µm", _note(mean)),
@@ -99,24 +99,24 @@ def key_figures(found: Comparison) -> list[KeyFigure]:
     if pooled.scan_sd.df >= 1:
         note = _note(pooled.scan_sd)
         made.append(KeyFigure("Scan to scan, SD", fixed(pooled.scan_sd.value, 1), "µm", note))
-    common = sum(d.common for d in found.defects)
-    if found.defects:
-        alone = f"{len(found.defects) - common} in one print alone"
+    common = sum(d.common for d in comparison.defects)
+    if comparison.defects:
+        alone = f"{len(comparison.defects) - common} in one print alone"
         made.append(KeyFigure("Common defects", number(common), "", alone))
     return made
 
 
-def _note(found: Interval) -> str:
-    return f"95 %: {span(found)}" if span(found) else ""
+def _note(interval: Interval) -> str:
+    return f"95 %: {span(interval)}" if span(interval) else ""
 
 
-def spread_facts(found: Comparison) -> list[Fact]:
+def spread_facts(comparison: Comparison) -> list[Fact]:
     """Repeatability in the words of a gauge study."""
-    pooled = found.repeatability
+    pooled = comparison.repeatability
     known = pooled.scan_sd.df >= 1
     missing = "no print was scanned twice"
     return [
-        Fact("Vessels measured in every scan", f"{pooled.vessels} of {len(found.vessels)}"),
+        Fact("Vessels measured in every scan", f"{pooled.vessels} of {len(comparison.vessels)}"),
         Fact("Print to print as measured, SD",
              interval_text(pooled.observed_sd, 1, "µm") or MISSING),
         Fact("Scan to scan of one print (repeatability), SD",
@@ -131,13 +131,13 @@ def spread_facts(found: Comparison) -> list[Fact]:
     ]  # fmt: skip
 
 
-def print_table(found: Comparison) -> Table:
+def print_table(comparison: Comparison) -> Table:
     """A scan a row, by print."""
     rows = []
-    for k, each in enumerate(found.prints):
+    for k, each in enumerate(comparison.prints):
         for n in each.scans:
-            scan = found.scans[n]
-            row: dict[str, Any] = {q.name: q.values[n] for q in found.quantities}
+            scan = comparison.scans[n]
+            row: dict[str, Any] = {q.name: q.values[n] for q in comparison.quantities}
             row |= {
                 "print": k + 1,
                 "label": scan.label,
@@ -154,9 +154,9 @@ def _when(started: float | None) -> str | None:
     return datetime.fromtimestamp(started, UTC).strftime("%Y-%m-%d %H:%M")
 
 
-def trend_table(found: Comparison) -> Table:
+def trend_table(comparison: Comparison) -> Table:
     """Mean, spread and drift of each quantity."""
-    return make_table("trends", [_trend_row(q) for q in found.quantities], TREND_COLUMNS)
+    return make_table("trends", [_trend_row(q) for q in comparison.quantities], TREND_COLUMNS)
 
 
 def _trend_row(quantity: Quantity) -> dict[str, Any]:
@@ -172,13 +172,13 @@ def _trend_row(quantity: Quantity) -> dict[str, Any]:
     }
 
 
-def _slope(found: Trend | None, digits: int, unit: str) -> str | None:
-    return None if found is None else interval_text(found.slope, digits, unit)
+def _slope(slope: Trend | None, digits: int, unit: str) -> str | None:
+    return None if slope is None else interval_text(slope.slope, digits, unit)
 
 
-def vessel_table(found: Comparison) -> Table:
+def vessel_table(comparison: Comparison) -> Table:
     """Every vessel; where not all can be shown, those farthest off."""
-    chosen = list(found.vessels)
+    chosen = list(comparison.vessels)
     if len(chosen) > MAX_ROWS:
         chosen.sort(key=lambda v: -abs(v.error.mean.value) if v.error.prints else 0.0)
     rows = [_vessel_row(v) for v in chosen]
@@ -214,9 +214,9 @@ def _marked(p: float) -> str | None:
     return f"{'yes' if p < 0.05 else 'no'} (p {'< 0.001' if p < 0.001 else f'{p:.2g}'})"
 
 
-def shared_table(found: Comparison) -> Table | None:
+def shared_table(comparison: Comparison) -> Table | None:
     """Defects, the common ones first."""
-    total = len(found.prints)
+    total = len(comparison.prints)
     rows = [
         {
             "vessel": d.vessel,
@@ -227,6 +227,6 @@ def shared_table(found: Comparison) -> Table | None:
             "seen": f"{d.seen} of {total}",
             "sizes": ", ".join(fixed(size, 0) for size in d.sizes_um),
         }
-        for d in found.defects
+        for d in comparison.defects
     ]
     return make_table("shared", rows, SHARED_COLUMNS, order="common first") if rows else None

@@ -53,23 +53,23 @@ PLAIN: Final = Colouring("line", "One colour", labels=("written line",), colours
 
 def colourings(job: GcodeJob) -> list[Colouring]:
     """Those that say something of this job."""
-    writes, found = job.writes, []
+    writes, chosen = job.writes, []
     if not np.isnan(job.width_mm[writes]).all():
         limits = usual_span(job.width_mm[writes], job.way_mm[writes])
-        found.append(Colouring("width", "Line width", "mm", limits))
+        chosen.append(Colouring("width", "Line width", "mm", limits))
     named = np.unique(job.kind[writes])
     if (named >= 0).any():
-        found.append(Colouring("kind", "Kind of line", "", (0.0, 1.0), *_kinds(job)))
-    found.append(
+        chosen.append(Colouring("kind", "Kind of line", "", (0.0, 1.0), *_kinds(job)))
+    chosen.append(
         Colouring("speed", "Speed, as fed", "mm/s", usual_span(job.speed_mm_s[writes], None))
     )
-    found.append(Colouring("order", "Order of writing", "", (0.0, 1.0)))
+    chosen.append(Colouring("order", "Order of writing", "", (0.0, 1.0)))
     z = job.end[writes, 2]
     if job.layers.passes:
-        found.insert(0, Colouring("height", "Height z", "mm", (float(z.min()), float(z.max()))))
+        chosen.insert(0, Colouring("height", "Height z", "mm", (float(z.min()), float(z.max()))))
     if job.vessel is not None:
-        found.append(Colouring("vessel", "Vessel", "", (0.0, 1.0), (), TREE_COLOURS))
-    return found
+        chosen.append(Colouring("vessel", "Vessel", "", (0.0, 1.0), (), TREE_COLOURS))
+    return chosen
 
 
 def usual_span(values: FloatArray, weights: FloatArray | None) -> tuple[float, float]:

@@ -57,12 +57,12 @@ def design_outline(job: GcodeJob, layer: int, sections: Sequence[FloatArray]) ->
     beyond = []
     for ring in rings:
         middle = 0.5 * (ring[1:] + ring[:-1])
-        found = np.full(len(middle), -REACH_MM)
+        far_mm = np.full(len(middle), -REACH_MM)
         reach = REACH_MM + float(half.max(initial=0.0))
         at, line = tree.query(shapely.points(middle), predicate="dwithin", distance=reach)
         gap = _distance(middle[at], start[line], end[line])
-        np.maximum.at(found, at, half[line] - gap)
-        beyond.append(found)
+        np.maximum.at(far_mm, at, half[line] - gap)
+        beyond.append(far_mm)
     return DesignOutline(rings, tuple(beyond))
 
 
@@ -82,5 +82,5 @@ def _distance(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatAr
     way = end - start
     square = np.maximum(np.sum(way * way, axis=1), 1e-30)
     share = np.clip(np.sum((points - start) * way, axis=1) / square, 0.0, 1.0)
-    found: FloatArray = np.linalg.norm(points - start - share[:, None] * way, axis=1)
-    return found
+    distance: FloatArray = np.linalg.norm(points - start - share[:, None] * way, axis=1)
+    return distance

@@ -69,8 +69,8 @@ def pack_outlines(outlines: Iterable[DesignOutline]) -> PackedOutlines | None:
 
 def beyond_um(outline: DesignOutline) -> list[float]:
     """How far ink lies beyond the outline, µm: 5th, 50th and 95th percentile along it."""
-    found = np.concatenate([np.zeros(0), *outline.beyond_mm])
-    near = found[found > -REACH_MM]
+    beyond = np.concatenate([np.zeros(0), *outline.beyond_mm])
+    near = beyond[beyond > -REACH_MM]
     return [] if not len(near) else (1e3 * np.quantile(near, _SHARES)).round(1).tolist()
 
 

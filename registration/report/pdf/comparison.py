@@ -34,47 +34,54 @@ _MARKS = (
 
 
 def comparison_pdf(
-    found: Comparison, title: str, notes: Sequence[str], drawn: Drawn | None = None
+    comparison: Comparison, title: str, notes: Sequence[str], drawn: Drawn | None = None
 ) -> bytes:
     """The file's bytes; parameters as `write_comparison_pdf`'s."""
-    verdict = found_verdict(found)
+    verdict = found_verdict(comparison)
     subject = f"{outcome(verdict)}: {'; '.join(verdict['reasons'])}"
     return build_pdf(
-        comparison_story(found, title, notes, drawn),
-        Facts(f"{title}: comparison of prints", subject, f"{title} · {' · '.join(facts(found))}"),
+        comparison_story(comparison, title, notes, drawn),
+        Facts(
+            f"{title}: comparison of prints", subject, f"{title} · {' · '.join(facts(comparison))}"
+        ),
     )
 
 
 def comparison_story(
-    found: Comparison, title: str, notes: Sequence[str], drawn: Drawn | None = None
+    comparison: Comparison, title: str, notes: Sequence[str], drawn: Drawn | None = None
 ) -> list[Flowable]:
     """Everything in its order, the verdict first."""
-    drawn = comparison_figures(found) if drawn is None else drawn
+    drawn = comparison_figures(comparison) if drawn is None else drawn
     shown = {
         name: KeepTogether(figure(picture, caption, WIDTH))
         for name, (caption, picture) in drawn.items()
     }
-    shared = shared_table(found)
+    shared = shared_table(comparison)
     return [
-        *head("comparison of prints", title, "   ·   ".join(facts(found)), found_verdict(found),
-              key_figures(found)),
+        *head(
+            "comparison of prints",
+            title,
+            "   ·   ".join(facts(comparison)),
+            found_verdict(comparison),
+            key_figures(comparison),
+        ),
         text("From print to print", HEADING),
         shown["quantities"],
         text("Each scan", MINOR),
-        *data_table(print_table(found)),
+        *data_table(print_table(comparison)),
         text("Mean, spread and drift", MINOR),
-        *data_table(trend_table(found)),
+        *data_table(trend_table(comparison)),
         text("Repeatability of a vessel's diameter, all vessels pooled", MINOR),
-        fact_lines(spread_facts(found)),
-        *([] if found.gauge is None else _gauge(found.gauge)),
+        fact_lines(spread_facts(comparison)),
+        *([] if comparison.gauge is None else _gauge(comparison.gauge)),
         text("Vessels", HEADING),
         *(shown[name] for name in ("vessels", "history", "along") if name in shown),
         text("Each vessel", MINOR),
-        *data_table(vessel_table(found)),
+        *data_table(vessel_table(comparison)),
         text(_MARKS, SMALL),
         *([text("Defects, common and single", HEADING), *data_table(shared)] if shared else []),
         text("How to read this", HEADING),
-        *(text(note, BULLET, "•") for note in [*notes, *standing_notes(found)]),
+        *(text(note, BULLET, "•") for note in [*notes, *standing_notes(comparison)]),
     ]  # fmt: skip
 
 

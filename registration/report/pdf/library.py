@@ -64,7 +64,7 @@ def write_report_pdf(
 
 def write_comparison_pdf(
     path: Path,
-    found: Comparison,
+    comparison: Comparison,
     title: str,
     notes: Sequence[str] = (),
     drawn: Drawn | None = None,
@@ -81,7 +81,7 @@ def write_comparison_pdf(
     _need()
     from registration.report.pdf.comparison import comparison_pdf  # reportlab is an extra
 
-    write_bytes(path, comparison_pdf(found, title, notes, drawn))
+    write_bytes(path, comparison_pdf(comparison, title, notes, drawn))
 
 
 def _need() -> None:

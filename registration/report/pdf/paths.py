@@ -41,7 +41,7 @@ def styled(attributes: Mapping[str, str], above: Style) -> Style:
 
 def numbers(words: str) -> list[float]:
     """All numbers in a text."""
-    return [float(found) for found in _NUMBER.findall(words)]
+    return [float(text) for text in _NUMBER.findall(words)]
 
 
 def matrices(transform: str) -> list[Matrix]:

@@ -21,33 +21,33 @@ def printed_on(data: Mapping[str, Any]) -> str | None:
 def origin_facts(data: Mapping[str, Any]) -> list[Fact]:
     """Recipe, print and scan."""
     printed, made = mapping(data, "printed"), mapping(data, "print")
-    found = [
+    rows = [
         Fact("Name", plain(data.get("recipe", ""))),
         Fact("Printed", printed_on(data) or "not known"),
     ]
-    found += [Fact("Print", plain(printed["id"]))] if printed.get("id") else []
-    found += [Fact("Printer", plain(made["printer"]))] if made.get("printer") else []
+    rows += [Fact("Print", plain(printed["id"]))] if printed.get("id") else []
+    rows += [Fact("Printer", plain(made["printer"]))] if made.get("printer") else []
     gauged = mapping(mapping(data, "registration"), "measured_by")
     scanned = facts({**gauged, **mapping(data, "scan")}, skip=("defects",))
-    return found + [Fact(f"Scan: {f.label}", f.value, f.unit) for f in scanned]
+    return rows + [Fact(f"Scan: {f.label}", f.value, f.unit) for f in scanned]
 
 
 def digest_facts(data: Mapping[str, Any]) -> list[Fact]:
     """Versions, seed and SHA-256 of what went in."""
     told, printed = mapping(data, "provenance"), mapping(data, "printed")
     design = mapping(mapping(data, "registration"), "design")
-    found = [
+    rows = [
         Fact(label, ", ".join(f"{name} {plain(v)}" for name, v in mapping(told, key).items()))
         for key, label in (("versions", "Versions"), ("machine", "Machine"))
         if mapping(told, key)
     ]
-    found += [Fact("Seed", plain(told["seed"]))] if "seed" in told else []
+    rows += [Fact("Seed", plain(told["seed"]))] if "seed" in told else []
     digests = {
         "network.csv": design.get("network_sha256"),
         "G-code": printed.get("gcode_sha256"),
         **mapping(told, "inputs"),
     }
-    return found + [
+    return rows + [
         Fact(f"SHA-256 of {name}", plain(value)) for name, value in digests.items() if value
     ]
 

@@ -241,8 +241,8 @@ def _notes(registration: Mapping[str, Any]) -> list[Flowable]:
 
 
 def _record(registration: Mapping[str, Any]) -> list[Flowable]:
-    found = record_facts(registration)
-    return [text("Measurement record", HEADING), fact_lines(found)] if found else []
+    facts = record_facts(registration)
+    return [text("Measurement record", HEADING), fact_lines(facts)] if facts else []
 
 
 def _provenance(data: Mapping[str, Any]) -> list[Flowable]:

@@ -54,10 +54,10 @@ def load_played(path: Path) -> Playback:
         When it can't be read.
     """
     try:
-        with np.load(path, allow_pickle=False) as found:
-            said = json.loads(found["said"].tobytes())
-            columns = {one.name: found[one.name] for one in fields(PlayRows)}
-            z = found["layer_z_mm"]
+        with np.load(path, allow_pickle=False) as arrays_file:
+            said = json.loads(arrays_file["said"].tobytes())
+            columns = {one.name: arrays_file[one.name] for one in fields(PlayRows)}
+            z = arrays_file["layer_z_mm"]
     except (ValueError, KeyError, zipfile.BadZipFile) as exc:
         raise ReportError(f"{path} isn't a prediction to play back: {exc}") from exc
     for name in _COARSE:

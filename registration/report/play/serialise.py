@@ -83,19 +83,19 @@ def colourings(played: Playback) -> list[Colouring]:
     """What lines can be coloured by: only what says something of this job."""
     rows = played.rows
     writes = (rows.act == Act.WRITE) & ~np.isnan(rows.width_mm)
-    found = []
+    chosen = []
     if not np.isnan(played.compared[writes]).all():
         limits = (-100 * MOST_OFF, 100 * MOST_OFF)
-        found.append(Colouring("off", f"Width against {played.wanted}", "%", limits))
+        chosen.append(Colouring("off", f"Width against {played.wanted}", "%", limits))
     if writes.any():
         limits = usual_span(rows.width_mm[writes], rows.way_mm[writes])
-        found.append(Colouring("width", "Predicted width", "mm", limits))
+        chosen.append(Colouring("width", "Predicted width", "mm", limits))
     if (rows.vessel >= 0).any():
-        found.append(Colouring("vessel", "Vessel", "", (0.0, 1.0), (), TREE_COLOURS))
+        chosen.append(Colouring("vessel", "Vessel", "", (0.0, 1.0), (), TREE_COLOURS))
     if len(played.inks) > 1:
         hues = (TREE_COLOURS * len(played.inks))[: len(played.inks)]
-        found.append(Colouring("head", "Ink", "", (0.0, 1.0), played.inks, hues))
-    return found
+        chosen.append(Colouring("head", "Ink", "", (0.0, 1.0), played.inks, hues))
+    return chosen
 
 
 def _with_jumps(played: Playback) -> tuple[IntArray, NDArray[np.bool_]]:

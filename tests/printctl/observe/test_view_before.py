@@ -1,4 +1,4 @@
-"""Which picture counts as the one before a look's layer."""
+"""The picture that counts as the one before a look's layer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a device gave, and frames that don't hold."""
+"""Pictures that devices give, and frames that don't hold."""
 
 from __future__ import annotations
 

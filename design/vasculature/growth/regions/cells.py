@@ -45,8 +45,8 @@ class RegionCells:
         """Region of each of ``points`` (n, 3), mm; -1 for none."""
         at = ((points - self.low) / self.edge_mm).astype(np.int64)
         at = np.clip(at, 0, np.array(self.owner.shape) - 1)
-        found: NDArray[np.int32] = self.owner[at[:, 0], at[:, 1], at[:, 2]]
-        return found
+        owners: NDArray[np.int32] = self.owner[at[:, 0], at[:, 1], at[:, 2]]
+        return owners
 
     def corners(self, regions: int) -> list[FloatArray]:
         """Lowest corners of each region's cells, (m, 3) each, mm."""
@@ -61,7 +61,7 @@ class RegionCells:
 
     def neighbours(self, regions: int) -> list[set[int]]:
         """For each region, those that its cells touch."""
-        found: list[set[int]] = [set() for _ in range(regions)]
+        neighbours: list[set[int]] = [set() for _ in range(regions)]
         for step in product((-1, 0, 1), repeat=3):
             if step <= (0, 0, 0):
                 continue
@@ -69,9 +69,9 @@ class RegionCells:
             apart = (one != two) & (one >= 0) & (two >= 0)
             pairs = np.unique(one[apart].astype(np.int64) * regions + two[apart])
             for a, b in zip((pairs // regions).tolist(), (pairs % regions).tolist(), strict=True):
-                found[a].add(b)
-                found[b].add(a)
-        return found
+                neighbours[a].add(b)
+                neighbours[b].add(a)
+        return neighbours
 
 
 def _shifted(step: tuple[int, ...], side: int) -> tuple[slice, ...]:

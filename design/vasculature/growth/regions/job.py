@@ -80,14 +80,14 @@ def region_job(split: Split, store: Store, number: int, clearance_mm: float) -> 
 
 def _ancestors(early: Segments, roots: IntArray) -> IntArray:
     """All segments above the given ones, sorted."""
-    found = np.zeros(len(early), dtype=bool)
+    is_above = np.zeros(len(early), dtype=bool)
     above = np.unique(early["parent"][roots])
     while len(above):
-        found[above] = True
+        is_above[above] = True
         above = np.unique(early["parent"][above])
         above = above[above >= 0]
-        above = above[~found[above]]
-    return np.flatnonzero(found)
+        above = above[~is_above[above]]
+    return np.flatnonzero(is_above)
 
 
 def _leaving(early: Segments, region: IntArray, path: IntArray, number: int) -> IntArray:
@@ -135,14 +135,14 @@ def _around(
     aside[split.region == number] = True
     aside[held] = True
     near = near_box(split.early, *box)
-    found = [split.early[near[~aside[near]]]]
+    near_parts = [split.early[near[~aside[near]]]]
     for other in sorted(split.after[number]):
         slot = store.slot(other)
         kept = np.zeros(len(slot), dtype=bool)
         kept[near_box(slot, *box)] = True
         kept[split.place[held[split.region[held] == other]]] = False
-        found.append(slot[kept])
-    return np.concatenate(found)
+        near_parts.append(slot[kept])
+    return np.concatenate(near_parts)
 
 
 def box_of(
@@ -159,7 +159,7 @@ def box_of(
 @jit
 def near_box(segments: Any, low: Any, high: Any, clearance: float) -> Any:
     """Numbers of the segments that may touch what is within a box (two corners), ascending."""
-    found = np.empty(len(segments), np.int64)
+    numbers = np.empty(len(segments), np.int64)
     size = 0
     for i in range(len(segments)):
         s = segments[i]
@@ -170,6 +170,6 @@ def near_box(segments: Any, low: Any, high: Any, clearance: float) -> Any:
             continue
         if min(s.pz, s.dz) - reach > high[2] or max(s.pz, s.dz) + reach < low[2]:
             continue
-        found[size] = i
+        numbers[size] = i
         size += 1
-    return found[:size]
+    return numbers[:size]

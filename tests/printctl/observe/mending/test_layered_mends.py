@@ -352,3 +352,12 @@ def test_sound_ink_between_near_gaps_beside_a_lumen_is_left_alone(held):
     checked = check_mend(held, mend.lines, gaps, voids)
     assert checked.passed
     assert checked.covered == 1.0
+
+
+def test_a_job_of_one_layer_is_mended_as_round_lines():
+    one = layered_job(layers=1).held()
+    path = written_paths(one)[0]
+    assert path.height_mm == pytest.approx(np.sqrt(4 / np.pi * line_area_mm2()), rel=1e-3)
+    mend = plan_mend(one, [Gap(0, 2.0, 4.0)])
+    assert mend.lines
+    assert check_mend(one, mend.lines, [Gap(0, 2.0, 4.0)]).passed
