@@ -1,6 +1,7 @@
 """Measure layer seeing: gaps found, false findings, width intervals, time.
 
-python -m benchmarks.observe_seeing [--quick] [--only gaps|false|troubles|widths|time|oct]
+python -m benchmarks.observe_seeing [--quick]
+    [--only gaps|lengths|false|troubles|widths|dark|time|oct]
 
 Pictures and volumes come from `benchmarks/checkers/layer_painter.py`, `layer_troubles.py` and
 `layer_volume.py`, which share nothing with the product.
@@ -87,6 +88,34 @@ def gaps(quick: bool) -> Iterator[Row]:
             },
             "length_error_um": [round(float(np.median(off)), 1), round(float(np.std(off)), 1)],
         }  # fmt: skip
+
+
+def lengths(quick: bool) -> Iterator[Row]:
+    """Share of gaps' true lengths within their intervals, ends round and square."""
+    for ends in ("round", "square"):
+        off, u = [], []
+        for k in range(8 if quick else 40):
+            rng = np.random.default_rng(60_000 + k)
+            plan = painter.plan_layer(("rings", "meander", "waves")[k % 3], 5.0, 0.3, rng)
+            look = painter.random_look(CLEAR[k % 2], rng, 0.3)
+            look.blur_px = float(rng.uniform(0.5, 2.0))
+            gaps = painter.plant_gaps(plan, (0.3, 0.5, 1.0), rng)
+            ink = painter.lay(plan, rng, gaps=gaps)
+            painted = painter.paint(
+                plan, ink, gaps, 5.0, (15.0, 20.0, 30.0)[k % 3], look, rng,
+                round_ends=ends == "round",
+            )  # fmt: skip
+            for gap in see_layer(painted.picture, painted.frame, expected(plan)).gaps:
+                for stroke, begin, end in gaps:
+                    if gap.stroke == stroke and gap.from_mm < end and gap.to_mm > begin:
+                        off.append(gap.length_mm - (end - begin))
+                        u.append(gap.u_length_mm)
+        held = float(np.mean(np.abs(off) < 2.0 * np.array(u)))
+        yield row(
+            f"lengths of gaps with {ends} ends within 2 u ({len(off)})", round(held, 3), "",
+            ">= 0.9", held >= 0.9,
+        ) | {"error_um": [round(1e3 * float(np.mean(off)), 1), round(1e3 * float(np.std(off)), 1)],
+             "u_um": round(1e3 * float(np.mean(u)), 1)}  # fmt: skip
 
 
 def false(quick: bool) -> Iterator[Row]:
@@ -220,6 +249,38 @@ def widths(quick: bool) -> Iterator[Row]:
         }
 
 
+def dark(quick: bool) -> Iterator[Row]:
+    """Widths of ink that takes away light, by density and blur."""
+    off, told, inside = [], [], []
+    for k in range(10 if quick else 60):
+        rng = np.random.default_rng(70_000 + k)
+        plan = painter.plan_layer(("rings", "meander", "waves")[k % 3], 4.0, 0.3, rng)
+        look = painter.random_look("absorbing", rng)
+        density = float(np.exp(rng.uniform(np.log(0.1), np.log(2.0))))
+        # The painter's beads are 1.3 times as dense as its ink is dark.
+        look.ink = tuple(np.array(look.bath) * np.exp(-density / 1.3))
+        look.blur_px = float(rng.uniform(0.5, 2.5))
+        ink = painter.lay(plan, rng, ratio=rng.uniform(0.85, 1.15))
+        painted = painter.paint(plan, ink, [], 4.0, (15.0, 20.0, 30.0)[k % 3], look, rng)
+        f = see_layer(painted.picture, painted.frame, expected(plan))
+        known = np.flatnonzero(np.isfinite(f.stations.width_mm))
+        if len(known):
+            error = f.stations.width_mm[known] / _true_widths(painted, f, known) - 1.0
+            u = f.stations.u_width_mm[known] / f.stations.expected_mm[known]
+            off.append(float(np.median(error)))
+            told.append(float(np.median(u)))
+            inside.append(float(np.mean(np.abs(error) < 1.96 * u)))
+    mean, held = 100.0 * float(np.mean(off)), float(np.mean(inside))
+    yield row(
+        f"dark ink of density 0.1 to 2, blur 0.5 to 2.5 px: widths off ({len(off)} layers)",
+        round(mean, 2), "%", "within 2", abs(mean) <= 2.0,
+    ) | {"rms_percent": round(100.0 * float(np.sqrt(np.mean(np.square(off)))), 2),
+         "u_percent": round(100.0 * float(np.mean(told)), 2)}  # fmt: skip
+    yield row(
+        "dark ink: widths within their 95 % interval", round(held, 3), "", ">= 0.93", held >= 0.93
+    )
+
+
 def _true_widths(painted: painter.Painted, f: LayerFindings, known: np.ndarray) -> np.ndarray:
     out = []
     for k in known:
@@ -284,9 +345,11 @@ if __name__ == "__main__":
     run(
         {
             "gaps": gaps,
+            "lengths": lengths,
             "false": false,
             "troubles": troubles,
             "widths": widths,
+            "dark": dark,
             "time": eight_megapixels,
             "oct": oct_volume,
         },

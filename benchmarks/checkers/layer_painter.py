@@ -157,10 +157,11 @@ def thickness(
     origin: np.ndarray,
     cell: float,
     shape: tuple[int, int],
+    round_ends: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Relative place across (0 middle, 1 edge; > 1 outside) and local radius on a raster.
 
-    Missing stretches are cut square to the line.
+    Missing stretches are cut square to the line, or end in half balls that reach to their ends.
     """
     rel = np.full(shape, 9.0, np.float32)
     radius = np.zeros(shape, np.float32)
@@ -187,7 +188,10 @@ def thickness(
             part = dist / own
             here = along[a] + raw * (along[b] - along[a])
             for gs, g0, g1 in gaps:
-                if gs == s:
+                if gs == s and round_ends:
+                    beyond = np.minimum(here - (g0 - own), (g1 + own) - here) / own
+                    part = np.where(beyond > 0, np.hypot(part, np.maximum(beyond, 0.0)), part)
+                elif gs == s:
                     part = np.where((here > g0) & (here < g1), 9.0, part)
             part = part.astype(np.float32)
             box = np.s_[y0:y1, x0:x1]
@@ -283,6 +287,7 @@ def paint(
     needle: bool = False,
     fine: float = 1.6,
     overlay: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] | None = None,
+    round_ends: bool = False,
 ) -> Painted:
     """Paint it; blobs, bubbles and glare as (x, y, radius) in mm of the printer.
 
@@ -294,7 +299,7 @@ def paint(
     count = round((size + 4.0) / cell)
     at, stroke, along, width = ink
     rel, radius = thickness(
-        at + np.array(shift), stroke, along, width, gaps, origin, cell, (count, count)
+        at + np.array(shift), stroke, along, width, gaps, origin, cell, (count, count), round_ends
     )
     x, y = np.meshgrid(np.arange(count) * cell + origin[0], np.arange(count) * cell + origin[1])
     for bx, by, br in blobs or []:

@@ -11,7 +11,9 @@ import numpy as np
 from registration.layer_images.blobs import find_blobs
 from registration.layer_images.changed import unchanged
 from registration.layer_images.debris import is_bare
+from registration.layer_images.gap_ends import LightAlong
 from registration.layer_images.gaps import find_gaps, lit_along, merged
+from registration.layer_images.in_light import LightMix
 from registration.layer_images.ink_image import ACROSS, angle_of
 from registration.layer_images.lumens_seen import see_lumens
 from registration.layer_images.plane_map import PlaneMap
@@ -19,9 +21,7 @@ from registration.layer_images.presence import INK
 from registration.layer_images.seen_layer import SeenLayer
 from registration.layer_images.step_height import stepped
 from registration.layer_images.stretches import find_stretches, width_ratio
-from registration.layer_images.told import (
-    ASIDE,
-)
+from registration.layer_images.told import ASIDE, Told
 from registration.layer_images.values import (
     Blob,
     BoolArray,
@@ -174,6 +174,8 @@ def _gaps(
                     unclear |= doubtful
             else:
                 gaps = [gap for gap in gaps if is_bare(gap, look.ways, look.seen, told, why)]
+            if told is look.bath and look.work.is_log and told.template.filled:
+                gaps = _with_ends(gaps, look, told, clear)
             found += gaps
             why[unclear] = int(Unseen.UNCLEAR)
             noise = told.noise
@@ -181,6 +183,17 @@ def _gaps(
             doubt = good & rows & (look.plain < INK * noise.middle) & (look.present > INK)
             why[doubt & (look.plain < 0.25 * noise.middle)] = int(Unseen.UNCLEAR)
     return found
+
+
+def _with_ends(gaps: list[Gap], look: SeenLayer, told: Told, clear: BoolArray) -> list[Gap]:
+    """Return gaps with their ends measured in light."""
+    alone = np.minimum(look.sides.left, look.sides.right) > _TOUCHING
+    mix = LightMix.of(told.appearance.mix, told.ink)
+    known = look.widths.width_mm[np.isfinite(look.widths.width_mm)]
+    width = float(np.median(known if len(known) else look.ways.width))
+    px_mm = 1.0 / look.work.px_per_mm
+    ends = LightAlong(look.flat, mix, look.ways, look.seen, width, look.widths.shade, px_mm)
+    return ends.measured(gaps, clear & (look.present > INK), alone)
 
 
 def _blobs(look: SeenLayer, options: SeeingOptions) -> tuple[tuple[Blob, ...], BoolArray]:

@@ -52,6 +52,7 @@ class SeenLayer:
     ways: Ways
     moved: Ways
     seen: Seen
+    flat: FloatImage
     masks: Masks
     sides: Sides
     over_old: BoolArray
@@ -125,8 +126,8 @@ def seen_at_shift(
         group, ways, joined[2], sides, bath, over_old, joined[0], joined[3] == Unseen.SEEN, work
     )
     return SeenLayer(
-        work, frame, ways, moved, seen, masks, sides, over_old, bath, old, *joined, group, widths,
-        by_height, by_change,
+        work, frame, ways, moved, seen, flat, masks, sides, over_old, bath, old, *joined, group,
+        widths, by_height, by_change,
     )  # fmt: skip
 
 

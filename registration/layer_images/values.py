@@ -161,11 +161,14 @@ class Gap:
     ----------
     stroke : int
     from_mm, to_mm : float, mm
-        Along the stroke; where presence falls below one half.
+        Along the stroke, on the line's middle: from the tip of the ink before to the tip of that
+        behind, round or square. Where ink isn't told by its level in light (rims, slopes, heights,
+        older ink): where presence falls below one half.
     start_mm, end_mm : (float, float), mm
         The same as places, on the expected line.
     u_mm : float, mm
-        Standard uncertainty of either end.
+        Standard uncertainty of either end, with not knowing how round it is; without the layer's
+        shift along the line (`Shift`), which moves both alike.
     p_value : float
         Chance of so little ink or less, here, by the picture's noise, where the line is as
         expected. Many places are tested: `LayerFindings.places`.
@@ -181,8 +184,13 @@ class Gap:
 
     @property
     def length_mm(self) -> float:
-        """Its length, mm."""
+        """Bare stretch along the line's middle, mm."""
         return self.to_mm - self.from_mm
+
+    @property
+    def u_length_mm(self) -> float:
+        """Standard uncertainty of the length, mm."""
+        return math.sqrt(2.0) * self.u_mm
 
 
 @dataclass(frozen=True)

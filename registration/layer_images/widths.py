@@ -44,6 +44,8 @@ class Widths:
         Relative standard uncertainty of all widths together.
     common_mm : float, mm
         The part of it that doesn't grow with the width.
+    shade : Shade or None
+        The ink's absorption and the picture's blur; None where they weren't fitted.
     """
 
     width_mm: FloatArray
@@ -51,6 +53,7 @@ class Widths:
     offset_mm: FloatArray
     common: float
     common_mm: float
+    shade: Shade | None = None
 
     @property
     def u_mm(self) -> FloatArray:
@@ -95,7 +98,7 @@ def measure_widths(
     good = tell & np.isfinite(wide)
     if good.sum() < _FEWEST:
         return Widths(nothing, nothing, nothing, 0.0, 0.0)
-    width, common, common_mm = _true_widths(
+    width, common, common_mm, shade = _true_widths(
         profiles, expected_mm, wide, good, template, px_mm, is_light
     )
     if not np.isfinite(width[good]).any():
@@ -105,9 +108,8 @@ def measure_widths(
     seen = _scatter(width, stroke, good)
     random = random * max(1.0, seen / float(np.median(random[good])))
     keep = np.where(good, 1.0, np.nan)
-    return Widths(
-        width * keep, random * keep, 0.5 * (left - right) * expected_mm * keep, common, common_mm
-    )
+    offset = 0.5 * (left - right) * expected_mm
+    return Widths(width * keep, random * keep, offset * keep, common, common_mm, shade)
 
 
 def _edges(profiles: FloatImage, template: Template) -> tuple[FloatArray, ...]:
@@ -161,21 +163,21 @@ def _true_widths(
     template: Template,
     px_mm: float,
     is_light: bool,
-) -> tuple[FloatArray, float, float]:
-    """Widths from widths at half level, relative and absolute uncertainty of all together."""
+) -> tuple[FloatArray, float, float, Shade | None]:
+    """Widths from widths at half level, and the uncertainty of all, relative and absolute."""
     typical = float(np.median(expected_mm[good]))
     edge_px = _EDGE_PX if is_light else _EDGE_VOXEL
     if not template.filled:
-        return wide, 0.08, edge_px * px_mm
+        return wide, 0.08, edge_px * px_mm, None
     if not is_light:
-        return wide, 0.03, edge_px * px_mm
+        return wide, 0.03, edge_px * px_mm, None
     alike = good & (np.abs(expected_mm - typical) < 0.15 * typical)
     mean = np.median(profiles[alike], axis=0).astype(np.float64)
     mean = 0.5 * (mean + mean[::-1])  # light from the side counts on both alike
     near = np.abs(ACROSS) <= 1.2
     shade = fit_shade(ACROSS[near] * typical, [mean[near]], [float(np.median(wide[alike]))], px_mm)
     if shade.misfit > _MISFIT:
-        return np.full(len(wide), np.nan), 0.0, 0.0
+        return np.full(len(wide), np.nan), 0.0, 0.0, None
     width = np.where(good, shade.diameter(np.where(good, wide, np.nan)), np.nan)
     bent = float(np.nanmedian(np.abs(width / wide - 1.0)))
     # An opaque line's μ is free: its spread says nothing.
@@ -183,7 +185,7 @@ def _true_widths(
     common = float(np.hypot(spread, 0.2 * bent + 0.3 * _doubt(shade)))
     thin = _THIN if shade.per_mm * typical < _THIN_INK else 0.0
     common = math.hypot(common, _SLANTED * template.slant, thin)
-    return width, common, edge_px * px_mm
+    return width, common, edge_px * px_mm, shade
 
 
 def _doubt(shade: Shade) -> float:

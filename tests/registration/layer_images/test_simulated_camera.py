@@ -1,0 +1,53 @@
+"""Sound layers in the simulated camera's pictures: flow control acts on their width ratio."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from registration.layer_images import ExpectedLines, see_layer
+from registration.layer_images.values import FloatArray
+from sim.camera.optics import Camera
+from sim.camera.paint import paint
+from sim.camera.scene import Bath, InkLook, Scene
+from sim.deposit.laid import laid_as_is
+from sim.deposit.strands import Strands
+
+WIDTH, HEIGHT, SIZE = 0.25, 0.1, 6.0
+CAMERA = Camera(
+    size_px=(640, 640), um_per_px=13, target_mm=(3, 3, 1), tilt_deg=8, tilt_towards_deg=70,
+    turn_deg=12,
+)  # fmt: skip
+# Bath and ink, and how far off the ratio may be; dark rims make pale ink look narrower.
+LOOKS = {
+    "pale": ((95.0, 90.0, 85.0), (235.0, 225.0, 220.0), 0.045),
+    "coloured": ((110.0, 105.0, 80.0), (240.0, 215.0, 230.0), 0.03),
+    "dark": ((172.0, 168.0, 158.0), (60.0, 90.0, 45.0), 0.03),
+}
+
+
+class _View:
+    def to_pixels(self, points_mm: FloatArray) -> FloatArray:
+        return CAMERA.pixels(points_mm)
+
+
+@pytest.mark.parametrize("density", [8.0, 20.0])
+@pytest.mark.parametrize("look", LOOKS)
+def test_a_sound_layers_width_ratio_is_one(look: str, density: float) -> None:
+    off = np.arange(0.0, SIZE + 1e-9, 0.7)
+    flat = np.column_stack([off, np.ones(len(off))])
+    start, end = np.insert(flat, 0, 0.0, axis=1), np.insert(flat, 0, SIZE, axis=1)
+    number = np.arange(len(off))
+    area = np.full(len(off), (WIDTH - HEIGHT) * HEIGHT + np.pi / 4 * HEIGHT**2)
+    ink = laid_as_is(
+        Strands(start, end, area * SIZE, area, number, number), "layered", layer_mm=HEIGHT
+    )
+    bath, colour, most = LOOKS[look]
+    scene = Scene(bath=Bath(colour=bath), ink=InkLook(colour=colour, density_per_mm=density))
+    picture = paint(ink, CAMERA, scene, 1)
+    lines = ExpectedLines(
+        start, end, np.full(len(off), WIDTH), number, number, np.ones(len(off), dtype=np.bool_)
+    )
+    found = see_layer(picture, _View(), lines)
+    assert abs(found.width_ratio - 1.0) < most
+    assert abs(found.width_ratio - 1.0) < 2.0 * found.u_width_ratio
