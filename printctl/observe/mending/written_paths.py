@@ -19,6 +19,8 @@ IntArray = NDArray[np.int64]
 
 LEAST_MM: Final = 0.1
 """Shorter moves at a patch's ends aren't made: firmware adds them to the next one."""
+_ROUNDING_MM: Final = 1e-9
+"""A corner as far away as `LEAST_MM`, but for rounding, isn't nearer."""
 _NO: Final = (0.0, 0.0)
 
 
@@ -85,7 +87,8 @@ class WrittenPath:
         to it by up to ``spare`` (mm at the begin, at the end); else the corner is left out.
         """
         corners = self.arc[(self.arc > from_mm) & (self.arc < to_mm)]
-        inner = corners[(corners > from_mm + least_mm) & (corners < to_mm - least_mm)]
+        near = least_mm - _ROUNDING_MM
+        inner = corners[(corners > from_mm + near) & (corners < to_mm - near)]
         first = corners[corners <= from_mm + min(least_mm, spare[0])].max(initial=from_mm)
         last = corners[corners >= to_mm - min(least_mm, spare[1])].min(initial=to_mm)
         if first >= last:

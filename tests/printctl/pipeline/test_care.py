@@ -38,7 +38,8 @@ def ordered(
     """The order that the print stage gives for a recipe, without printing it."""
     orders: list[Order] = []
     done = SimpleNamespace(state=SimpleNamespace(value="done"), lines_done=1, proved=True)
-    monkeypatch.setattr(printing, "find_or_start", lambda order, port: orders.append(order))
+    client = SimpleNamespace(status=SimpleNamespace(ended=True))
+    monkeypatch.setattr(printing, "find_or_start", lambda order, _: orders.append(order) or client)
     monkeypatch.setattr(printing, "follow", lambda client, report, bars: done)
     context: Any = SimpleNamespace(
         recipe=recipe(care, port="simulated"),

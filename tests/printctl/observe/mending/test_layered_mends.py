@@ -361,3 +361,11 @@ def test_a_job_of_one_layer_is_mended_as_round_lines():
     mend = plan_mend(one, [Gap(0, 2.0, 4.0)])
     assert mend.lines
     assert check_mend(one, mend.lines, [Gap(0, 2.0, 4.0)]).passed
+
+
+@pytest.mark.parametrize("corner", [2.7636130336933916, 1.1, 0.3])
+def test_a_corner_just_far_enough_from_an_end_is_kept(corner):
+    path = written_paths(layered_job(layers=1).held())[0]
+    bent = replace(path, points=np.array([[0, 0, 5], [corner, 0, 5], [corner, 2, 5]], float))
+    _, end = bent.clear_of_corners(0.0, corner + 0.03)
+    assert corner in bent.cuts(0.0, end, 0.1)
