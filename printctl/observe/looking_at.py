@@ -64,7 +64,7 @@ class _Held:
 
     Attributes
     ----------
-    look : int
+    look : Look
     held : HeldPrint
     flow : float
         Factor in force.

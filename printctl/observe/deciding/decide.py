@@ -12,7 +12,9 @@ Rules, in their order; the first that holds decides:
 6. too little was seen of several layers in a row: pause.
 
 What is unsure is told, and the print goes on. By `Limits.mend` the operator is only told
-(``tell``), asked before anything is written (``ask``), or not (``mend``).
+(``tell``), asked before anything is written (``ask``), or not (``mend``). A picture that shows more
+missing than ink is likely to lack, or little at all, is never mended by unasked: it may be turned,
+of another place, or spoilt.
 """
 
 from __future__ import annotations
@@ -33,6 +35,8 @@ Mode = Literal["tell", "ask", "mend"]
 _STOPPING: Final = (SupplyState.CLOGGED, SupplyState.EMPTY)
 _HIDDEN: Final = 0.1
 """Of a layer so little could be seen at best that a look says nothing about the view."""
+_MOST_MISSING: Final = 1 / 3
+"""Of the way, that is mended unasked: where more is missing, the picture is doubted as well."""
 _SURE: Final = 3.29
 """Standard uncertainties beyond the tolerance: one in 2,000 by chance, one-sided."""
 
@@ -227,7 +231,7 @@ class Decider:
         self.layers.add(evidence, self.limits.least_seen)
         if evidence.supply.state not in _STOPPING:  # thin because it is about to stop is no drift
             self.control.learn(evidence.flow)
-        return self._as_allowed(self._wanted(evidence))
+        return self._as_allowed(self._wanted(evidence), evidence)
 
     def _wanted(self, evidence: Evidence) -> Decision:
         rules = (self._shifted, self._stopped, self._narrowed, self._gaps, self._flow, self._blind)
@@ -236,7 +240,7 @@ class Decider:
             if decision is not None:
                 return decision
         seen = "as expected, within tolerance" if evidence.seen_share > 0 else "nothing was seen"
-        if 0 < evidence.seen_share < self.limits.least_seen * (1.0 - evidence.over_old_share):
+        if evidence.seen_share > 0 and self._hardly_seen(evidence):
             seen = f"only {evidence.seen_share:.0%} was seen; that is {seen}"
         if evidence.stretches:
             percent = self.limits.width_percent
@@ -244,8 +248,15 @@ class Decider:
         told = f"; {evidence.over_old_share:.0%} lies over older ink and can't be told from it"
         return Decision(DecisionKind.GO_ON, seen + told * (evidence.over_old_share >= 0.01))
 
-    def _as_allowed(self, wanted: Decision) -> Decision:
+    def _as_allowed(self, wanted: Decision, evidence: Evidence) -> Decision:
         mode = self.limits.mend
+        if mode == "mend" and wanted.kind is DecisionKind.MEND and (doubt := self._doubt(evidence)):
+            return replace(
+                wanted,
+                kind=DecisionKind.PAUSE,
+                ask=DecisionKind.MEND,
+                why=f"{wanted.why}; {doubt}: look at the picture before it is mended by",
+            )
         if wanted.kind is DecisionKind.GO_ON or mode == "mend":
             return wanted
         if mode == "tell":
@@ -253,6 +264,16 @@ class Decider:
         if wanted.kind in (DecisionKind.MEND, DecisionKind.FLOW):
             return replace(wanted, kind=DecisionKind.PAUSE, ask=wanted.kind)
         return wanted
+
+    def _doubt(self, evidence: Evidence) -> str:
+        """Why a picture isn't to be mended by unasked; empty where nothing speaks against it."""
+        missing = math.fsum(gap.length_mm for gap in self._believed(evidence)) / evidence.way_mm
+        if missing > _MOST_MISSING:
+            return f"{missing:.0%} of what was written would be missing"
+        return f"only {evidence.seen_share:.0%} was seen" if self._hardly_seen(evidence) else ""
+
+    def _hardly_seen(self, evidence: Evidence) -> bool:
+        return evidence.seen_share < self.limits.least_seen * (1.0 - evidence.over_old_share)
 
     # --- rules -----------------------------------------------------------------------------------
 

@@ -27,7 +27,7 @@ def flow(ratio, count=30):
 
 def evidence(**changed):
     given = {"places": 400, "gaps": (), "second": None, "supply": FLOWING, "seen_share": 0.95}
-    return Evidence(**{**given, "flow": flow(1.0), **changed})
+    return Evidence(**{**given, "flow": flow(1.0), "way_mm": 100.0, **changed})
 
 
 def decided(mode="mend", **changed):
@@ -50,6 +50,18 @@ def test_gaps_are_mended_and_flow_with_them():
     assert found.kind is DecisionKind.MEND
     assert found.gaps == (GAP,)
     assert found.factor == pytest.approx(1.25, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [({"way_mm": 2.5}, "40% of what was written"), ({"seen_share": 0.2}, "only 20% was seen")],
+)
+def test_a_doubtful_picture_is_never_mended_by_unasked(changed, words):
+    found = decided(gaps=(GAP,), **changed)
+    assert (found.kind, found.ask, found.gaps) == (DecisionKind.PAUSE, DecisionKind.MEND, (GAP,))
+    assert words in found.why
+    over_old = decided(gaps=(GAP,), seen_share=0.2, over_old_share=0.7)
+    assert over_old.kind is DecisionKind.MEND
 
 
 def test_thin_lines_are_corrected():

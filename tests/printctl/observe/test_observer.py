@@ -53,7 +53,8 @@ class FakeLink:
 def evidence(gaps=(), ratio=1.0):
     full = np.full(30, ratio)
     flow = FlowBlocks(np.arange(30.0), full, np.full(30, 0.02), np.ones(30))
-    return Evidence(400, gaps, None, InkSupply(SupplyState.FLOWING, 0, None, 0), flow, 0.9)
+    supply = InkSupply(SupplyState.FLOWING, 0, None, 0)
+    return Evidence(400, gaps, None, supply, flow, 0.9, way_mm=100.0)
 
 
 @dataclass
