@@ -59,8 +59,8 @@ class BodyLimits:
             At once when the request says so itself, else from ``receive``.
         """
         limit, got = self.limit(scope["path"]), 0
-        said = dict(scope["headers"]).get(b"content-length", b"0")
-        if not said.isdigit() or int(said[:20]) > limit:
+        length = dict(scope["headers"]).get(b"content-length", b"0")
+        if not length.isdigit() or int(length[:20]) > limit:
             raise TooLargeError(limit)
 
         async def counted() -> Message:

@@ -52,11 +52,11 @@ def write_network(run: Path, path: Path) -> None:
 
 def write_tissue(recipe: Path, path: Path) -> None:
     """Write the page of a recipe's tissue, on which places are picked."""
-    said = read_text(recipe.read_text(encoding="utf-8")).get("tissue")
-    if not isinstance(said, dict):
+    section = read_text(recipe.read_text(encoding="utf-8")).get("tissue")
+    if not isinstance(section, dict):
         raise UsageError("the recipe has no tissue yet; choose its kind first")
     try:
-        part: TissuePart = TypeAdapter(TissuePart).validate_python(said)
+        part: TissuePart = TypeAdapter(TissuePart).validate_python(section)
     except ValidationError as exc:
         raise UsageError(refusal(exc, "tissue")) from exc
     tissue = make_tissue(part, recipe.parent)
@@ -79,11 +79,11 @@ def write_gcode(run: Path, path: Path) -> None:
 
 def _more(run: Path, network: VesselNetwork) -> list[Quantity]:
     """What a run knows besides flow and scan: lumens by the G-code, and oxygen."""
-    found = [
+    shown = [
         signed("lumen", "Lumen error by the G-code", "µm", _lumen_error(run, network)),
         magnitude("oxygen", "Oxygen at the end", "mmol/L", _oxygen(run, network), log=False),
     ]
-    return [one for one in found if one is not None]
+    return [one for one in shown if one is not None]
 
 
 def _lumen_error(run: Path, network: VesselNetwork) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
