@@ -9,7 +9,7 @@ modules, which are loaded without the package around them. The entry is numba's 
 kernel, which takes Python's arguments and gives back Python's values. Kernels whose code needs
 more than that (threads, hashes of text) are refused, and numba loads them.
 
-ELF: System V ABI, AMD64 supplement, "Relocation" (`kernels.object_file`); numba's symbols: ``numba/core/base.py``,
+ELF: System V ABI, AMD64 supplement, "Relocation"; numba's symbols: ``numba/core/base.py``,
 ``numba/core/runtime/nrt.py`` and ``numba/core/callwrapper.py`` (read, not copied).
 """
 

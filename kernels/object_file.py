@@ -71,5 +71,3 @@ def defined_names(code: bytes) -> set[str]:
             begin = names + name
             found.add(code[begin : code.index(b"\0", begin)].decode())
     return found
-
-
