@@ -48,6 +48,9 @@ def hashes(n):
 @jit
 def fills(values):
     values[:] = 7
+@jit
+def reads(data):
+    return data[0] + len(data)
 """
 RUN = """
 import sys
@@ -62,7 +65,7 @@ for values in (even, fixed):
     print(kinds.outer(values, kinds.Law({values}), False)[0].tolist())
 print([type(one).__name__ for one in (kinds.adds(3), kinds.adds(2.5), kinds.adds(True))])
 print(kinds.adds(np.arange(3)).tolist(), kinds.refuses(1))
-rows = np.zeros((2, 3), order="F"); kinds.fills(rows); print(rows.tolist())
+rows = np.zeros((2, 3), order="F"); kinds.fills(rows); print(rows.tolist(), kinds.reads(b"abc"))
 loaded = "numba.core" in sys.modules
 print(kinds.hashes(3))
 try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -69,10 +70,17 @@ def shaft_gap(places, needle):
     """Distance of places (k, 3), from the tip, to a shaft made of discs, the tip's the lowest."""
     across, up = np.hypot(*places[:, :2].T), places[:, 2]
     found = np.hypot(np.maximum(across - needle.shaft_mm, 0), np.minimum(up - needle.cone_mm, 0))
-    for height in np.linspace(0, needle.cone_mm, 60 if needle.cone_mm else 0):
-        disc = np.maximum(across - radius_at(needle, height), 0)
-        found = np.minimum(found, np.hypot(disc, up - height))
-    return found
+    height, radius = discs_of(needle)
+    discs = np.hypot(np.maximum(across - radius, 0), up - height)
+    return np.minimum(found, discs.min(axis=0, initial=np.inf))
+
+
+@cache
+def discs_of(needle):
+    """Heights and radii (k, 1) of the discs of a cone, mm; none of a needle without."""
+    height = np.linspace(0, needle.cone_mm, 60 if needle.cone_mm else 0)
+    radius = np.array([radius_at(needle, one) for one in height])
+    return height[:, None], radius[:, None]
 
 
 def naive_rules(net, parts: Parts, slack: float):
