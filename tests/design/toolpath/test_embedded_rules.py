@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import replace
 from functools import cache
 
@@ -58,11 +59,11 @@ def meetings_of(net, parts: Parts):
 
 
 def spared(vessel, at, other, places, reach, meetings):
-    """Which places along another vessel belong to a joint of the tip."""
+    """Which places (n,) along another vessel belong to a joint of the tip, at a place or (k, 1)."""
     found = (other == vessel) & (np.abs(places - at) <= reach)
     for v, own, w, there, gap in meetings:
-        if v == vessel and w == other and abs(own - at) + gap <= reach:
-            found |= np.abs(places - there) <= reach
+        if v == vessel and w == other:
+            found |= (np.abs(own - at) + gap <= reach) & (np.abs(places - there) <= reach)
     return found
 
 
@@ -86,7 +87,9 @@ def discs_of(needle):
 def naive_rules(net, parts: Parts, slack: float):
     """Pairs of elements by all places of the tip and all places of the ink."""
     elements, needle = parts.elements, parts.needle
-    meetings = meetings_of(net, parts)
+    meetings = defaultdict(list)
+    for row in meetings_of(net, parts):
+        meetings[row[0], row[2]].append(row)
     share = np.linspace(0, 1, 21)[:, None]
     ink = [
         elements.point[a] + share * (elements.point[b] - elements.point[a]) for a, b in elements.end
@@ -99,13 +102,12 @@ def naive_rules(net, parts: Parts, slack: float):
         far = np.hypot(*(middle - middle[i])[:, :2].T)
         for j in np.flatnonzero(far < needle.shaft_mm + 2 * thick.max() + 0.4).tolist():
             reach = joint_reach(needle, max(thick[i], thick[j])) - slack
-            for tip, at in zip(ink[i][::2], along[i][::2], strict=True):
-                joint = spared(vessel, at, elements.vessel[j], along[j], reach, meetings)
-                left = ink[j][~joint]
-                if i == j or not len(left):
-                    continue
-                if shaft_gap(left - tip, needle).min() < thick[j] + slack:
-                    found.add((i, j))
+            other = int(elements.vessel[j])
+            at, near = along[i][::2, None], meetings[vessel, other]
+            left = ~spared(vessel, at, other, along[j], reach, near)
+            from_tips = (ink[j] - ink[i][::2, None])[left]
+            if i != j and len(from_tips) and shaft_gap(from_tips, needle).min() < thick[j] + slack:
+                found.add((i, j))
     return found
 
 
