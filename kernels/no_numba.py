@@ -25,7 +25,8 @@ import numpy as np
 from kernels.files import read_whole, write_whole
 from kernels.folder import cache_dir
 from kernels.key import Memo, UnkeepableError, class_text, content_parts, digest
-from kernels.machine_code import Run, UnloadableError, load
+from kernels.machine_code import Run, load
+from kernels.object_file import UnloadableError
 
 _MEMO: Memo = {}
 _ASKED: set[str] = set()
