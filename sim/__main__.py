@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import sys
-from importlib import import_module
 
 from kernels import without_numba
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run `sim.command`."""
-    return int(import_module("sim.command").main(arguments))
+    """Serve until told to stop; 0 when that went well, 1 when not, 2 for a wrong use."""
+    words = sys.argv[1:] if arguments is None else arguments
+    # A printer's process does without OpenCV, and starts the sooner.
+    if words[:1] in (["camera"], ["oct"]):
+        from sim.looks import main as look
+
+        return look(words)
+    from sim.serving.command import serve_printer
+
+    return serve_printer(words)
 
 
 if __name__ == "__main__":
-    # Numba is half of what it takes to start a printer, and its kernels are few.
-    without_numba()
+    if sys.argv[1:2] not in (["camera"], ["oct"]):
+        without_numba()  # before modules with kernels are imported
     sys.exit(main())

@@ -64,7 +64,7 @@ def find_blobs(
         return (), nothing
     middle, spread = _bath_level(some)
     places = max(1.0, area.sum() / width_px**2)
-    sure = -float(ndtri(min(0.5, rate / places)))
+    sure = float(-ndtri(min(0.5, rate / places)))
     level = max(_LEVEL, middle + sure * spread)
     if level > 0.85:
         return (), nothing
@@ -131,7 +131,7 @@ def _bath_level(values: FloatImage) -> tuple[float, float]:
     for tail in (0.01, 0.001):
         if tail * len(some) >= 20:
             below = float(np.quantile(some, tail))
-            spread = max(spread, float(middle - below) / -float(ndtri(tail)))
+            spread = max(spread, float(middle - below) / float(-ndtri(tail)))
     return float(middle), max(spread, 1e-6)
 
 

@@ -1,4 +1,4 @@
-"""Command line of the simulated printer and of devices over its dish."""
+"""Command line of the simulated printer (``python -m sim``)."""
 
 from __future__ import annotations
 
@@ -113,14 +113,8 @@ def _read(path: Path) -> bytes:
         raise ServeError(f"job file {path} can't be read: {exc.strerror}; check the path") from exc
 
 
-def main(arguments: list[str] | None = None) -> int:
+def serve_printer(words: list[str]) -> int:
     """Serve until told to stop; 0 when that went well, 1 when not, 2 for a wrong use."""
-    words = sys.argv[1:] if arguments is None else arguments
-    if words[:1] in (["camera"], ["oct"]):
-        # A printer's process does without OpenCV, and starts the sooner.
-        from sim.looks import main as look
-
-        return look(words)
     given = parser().parse_args(words)
     try:
         file, faults = _faults(given)
