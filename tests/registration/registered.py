@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -43,12 +40,11 @@ COARSE_OCT = OctOptions(voxel_mm=(0.050, 0.050, 0.050))
 
 
 def planar_part(factory: pytest.TempPathFactory) -> tuple[ScannerOutput, RegistrationReport]:
-    """OCT of a shrunken planar print; nightly with the options that users have, as in a run."""
+    """OCT of a shrunken planar print, with the options that users have."""
 
     def make() -> tuple[ScannerOutput, RegistrationReport]:
         scanned = simulate_oct(planar_deposit(0.05), COARSE_OCT, seed=4)
-        usual = RegistrationOptions() if "PRINTCTL_NIGHTLY" in os.environ else FAST
-        options = replace(usual, places_mm=PLANAR_PLACES)
+        options = RegistrationOptions(places_mm=PLANAR_PLACES)
         return scanned, register_scan(
             as_scan(scanned), planar_construct(), planar_network(), options
         )
