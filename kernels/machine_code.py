@@ -21,44 +21,27 @@ import mmap
 import pickle
 import struct
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
 from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
+
+from kernels.object_file import COMMON, Section, UnloadableError, sections_of, symbols_of
 
 Run = Callable[[tuple[Any, ...]], Any]
 """A kernel: takes the tuple of its arguments."""
 
-_SECTION, _SYMBOL, _MOVE = struct.Struct("<IIQQQQIIQQ"), struct.Struct("<IBBHQQ"), "<QQq"
-_X86_64: Final = 62
-_SYMBOLS, _ADDENDS, _EMPTY, _UNWINDING = 2, 4, 8, 0x70000001
+_MOVE = "<QQq"
+_ADDENDS, _EMPTY, _UNWINDING = 4, 8, 0x70000001
 _WRITTEN, _HELD = 1, 2
-_COMMON: Final = 0xFFF2
 _OWNERS: Final = {"numba": ("_helperlib", "_dynfunc"), "NRT": ("core.runtime._nrt_python",)}
 """Modules of numba by what their helpers' symbols begin with."""
 _ABSOLUTE_64, _RELATIVE_32, _CALL_32, _RELATIVE_64 = 1, 2, 4, 24
 
 _KEPT: list[Any] = []
 """What must live as long as the process: code, and objects that it points to."""
-
-
-class UnloadableError(Exception):
-    """Machine code that only numba can load."""
-
-
-class _Section(NamedTuple):
-    name: int
-    kind: int
-    flags: int
-    address: int
-    offset: int
-    size: int
-    link: int
-    info: int
-    alignment: int
-    entry_size: int
 
 
 def load(code: bytes, entry: str, constants: dict[str, list[Any]]) -> Run:
@@ -78,8 +61,8 @@ def load(code: bytes, entry: str, constants: dict[str, list[Any]]) -> Run:
     UnloadableError
         Where the file is of another kind, or needs a symbol that isn't known.
     """
-    sections = _sections(code)
-    symbols = list(_symbols(code, sections))
+    sections = sections_of(code)
+    symbols = list(symbols_of(code, sections))
     spaces = [_Space(), _Space()]
     places: dict[int, tuple[_Space, int]] = {}
     for number, one in enumerate(sections):
@@ -87,7 +70,7 @@ def load(code: bytes, entry: str, constants: dict[str, list[Any]]) -> Run:
             space = spaces[one.flags & _WRITTEN]
             places[number] = space, space.reserve(one.size, one.alignment)
     shared = [
-        (name, spaces[1].reserve(size, value)) if place == _COMMON else None
+        (name, spaces[1].reserve(size, value)) if place == COMMON else None
         for name, place, value, size in symbols
     ]
     for space in spaces:
@@ -150,26 +133,8 @@ class _Space:
             raise UnloadableError("this system lets no memory be run")
 
 
-def _sections(code: bytes) -> list[_Section]:
-    if code[:6] != b"\x7fELF\x02\x01" or struct.unpack_from("<H", code, 18)[0] != _X86_64:
-        raise UnloadableError("no object file for x86-64")
-    (start,) = struct.unpack_from("<Q", code, 0x28)
-    (count,) = struct.unpack_from("<H", code, 0x3C)
-    return [_Section(*_SECTION.unpack_from(code, start + k * _SECTION.size)) for k in range(count)]
-
-
-def _symbols(code: bytes, sections: list[_Section]) -> Iterator[tuple[str, int, int, int]]:
-    """Yield name, section, value and size of each symbol."""
-    (table,) = (one for one in sections if one.kind == _SYMBOLS)
-    names = sections[table.link].offset
-    for at in range(table.offset, table.offset + table.size, _SYMBOL.size):
-        name, _, _, place, value, size = _SYMBOL.unpack_from(code, at)
-        begin = names + name
-        yield code[begin : code.index(b"\0", begin)].decode(), place, value, size
-
-
 def _fill_in(
-    code: bytes, section: _Section, space: _Space, start: int, addresses: list[int | str]
+    code: bytes, section: Section, space: _Space, start: int, addresses: list[int | str]
 ) -> None:
     """Write the addresses that a section's code refers to."""
     rows = code[section.offset : section.offset + section.size]

@@ -25,7 +25,8 @@ import numpy as np
 from kernels.files import read_whole, write_whole
 from kernels.folder import cache_dir
 from kernels.key import Memo, UnkeepableError, class_text, content_parts, digest
-from kernels.machine_code import Run, UnloadableError, load
+from kernels.machine_code import Run, load
+from kernels.object_file import UnloadableError
 
 _MEMO: Memo = {}
 _ASKED: set[str] = set()
@@ -129,7 +130,7 @@ def _kind(value: Any) -> Any:
         if not -(1 << 63) <= value < 1 << 63:
             raise TypeError(value)
         return own
-    if own in (float, bool, type(None)) or isinstance(value, np.generic):
+    if own in (float, bool, bytes, type(None)) or isinstance(value, np.generic):
         return own
     if isinstance(value, tuple):
         return own, *[_kind(one) for one in value]

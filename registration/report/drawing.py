@@ -104,14 +104,22 @@ def broken_line(along: FloatArray, values: FloatArray) -> tuple[FloatArray, Floa
     return np.insert(along, gaps, np.nan), np.insert(values, gaps, np.nan)
 
 
+def lay_out(figure: Figure) -> None:
+    """Place a figure's axes, once and for all.
+
+    Left to itself matplotlib does it anew each time it draws, and draws all of a figure a first
+    time before it writes it.
+    """
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine("none")
+
+
 def to_svg(figure: Figure, salt: str) -> bytes:
     """The drawing as SVG; the same drawing gives the same bytes."""
     stream = io.BytesIO()
-    engine = figure.get_layout_engine()
-    if engine is not None:
-        # Laid out once; left to itself matplotlib draws all of it a first time to find this out.
-        engine.execute(figure)
-        figure.set_layout_engine("none")
+    lay_out(figure)
     with rc_context({"svg.hashsalt": salt}), warnings.catch_warnings():
         # The browser has its own fonts: a glyph missing here isn't missing there.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")

@@ -11,6 +11,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from kernels.arrays import FloatArray
+from registration.report.drawing import lay_out
 
 VECTOR_PIECES: Final = 4000
 """Drawings with more lines than this hold them as an embedded picture."""
@@ -25,10 +26,11 @@ def draw_scaled_lines(
     The figure's only axes (and colour bar) must have their limits and labels already: the
     width is worked out from where the layout puts them.
     """
+    lay_out(figure)
     axes = figure.axes[0]
+    axes.apply_aspect()
     collection = LineCollection(lines, capstyle="round", joinstyle="round")
     axes.add_collection(collection, autolim=False)
-    figure.draw_without_rendering()
     pixels = axes.transData.transform([[0.0, 0.0], [1.0, 0.0]])[:, 0]
     points_per_mm = 72.0 / figure.dpi * float(pixels[1] - pixels[0])
     collection.set_linewidth(np.maximum(width_mm * points_per_mm, HAIR_PT).tolist())

@@ -322,7 +322,7 @@ def _all_keys() -> dict[str, str]:
 def test_a_change_reaches_just_the_kernels_that_take_it_in() -> None:
     changes = _changes()
     assert len(changes) > 500
-    _check(random.Random(1).sample(changes, 5))
+    _check(random.Random(1).sample(changes, 3))
 
 
 @pytest.mark.slow

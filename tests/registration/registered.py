@@ -43,7 +43,7 @@ def planar_part(factory: pytest.TempPathFactory) -> tuple[ScannerOutput, Registr
     """OCT of a shrunken planar print, with the options that users have."""
 
     def make() -> tuple[ScannerOutput, RegistrationReport]:
-        scanned = simulate_oct(planar_deposit(0.04), COARSE_OCT, seed=4)
+        scanned = simulate_oct(planar_deposit(0.05), COARSE_OCT, seed=4)
         options = RegistrationOptions(places_mm=PLANAR_PLACES)
         return scanned, register_scan(
             as_scan(scanned), planar_construct(), planar_network(), options

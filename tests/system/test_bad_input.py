@@ -109,7 +109,7 @@ def test_more_ink_than_the_syringe_holds(tmp_path: Path) -> None:
 
 def test_missing_port(tmp_path: Path) -> None:
     (tmp_path / "job.gcode").write_text("G90\nM82\nG92 X0 Y0 Z0 E0\nG1 X5 F600\nM400\n")
-    done = printctl(
+    done = called(
         "print", "job.gcode", "--printer", "generic_marlin", "--port", "/dev/ttyNONE9", "--yes",
         cwd=tmp_path,
     )  # fmt: skip
@@ -120,7 +120,7 @@ def test_missing_port(tmp_path: Path) -> None:
 
 def test_print_on_a_real_port_asks_first(tmp_path: Path) -> None:
     (tmp_path / "job.gcode").write_text("G90\nM82\nG92 X0 Y0 Z0 E0\nG1 X5 F600\nM400\n")
-    done = printctl(
+    done = called(
         "print", "job.gcode", "--printer", "generic_marlin", "--port", "/dev/ttyNONE9", cwd=tmp_path
     )
     assert done.returncode == 3, done.stderr

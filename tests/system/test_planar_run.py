@@ -11,9 +11,7 @@ from pypdf import PdfReader
 
 from kernels.needed import needed_kernels
 from tests.kernels.record import row
-from tests.system.cli import ROOT, printctl
-
-RECIPE = ROOT / "examples" / "planar_fresh.yaml"
+from tests.system.cli import printctl
 
 
 @pytest.mark.slow
@@ -105,9 +103,9 @@ def test_manifest_holds_versions_frames_and_hashes(planar_run: Path) -> None:
 
 
 @pytest.mark.slow
-def test_second_run_does_nothing_again(planar_run: Path) -> None:
+def test_second_run_does_nothing_again(planar_run: Path, planar_recipe: Path) -> None:
     before = (planar_run / "part.gcode").stat().st_mtime_ns
-    done = printctl("run", RECIPE, "--out", planar_run, "--pdf", "--json", cwd=planar_run)
+    done = printctl("run", planar_recipe, "--out", planar_run, "--pdf", "--json", cwd=planar_run)
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
     told = PdfReader(planar_run / "report.pdf").metadata
@@ -117,10 +115,15 @@ def test_second_run_does_nothing_again(planar_run: Path) -> None:
     assert (planar_run / "part.gcode").stat().st_mtime_ns == before
 
 
-def test_same_recipe_gives_the_same_bytes(planar_run: Path, tmp_path: Path) -> None:
-    done = printctl("toolpath", RECIPE, "--out", "again.gcode", cwd=tmp_path)
+def test_same_recipe_gives_the_same_bytes(
+    planar_run: Path, planar_recipe: Path, tmp_path: Path
+) -> None:
+    """In another process, which orders its sets in another way."""
+    until = ("--until", "toolpath")
+    done = printctl("run", planar_recipe, "--out", "again", *until, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "again.gcode").read_bytes() == (planar_run / "part.gcode").read_bytes()
+    for name in ("part.gcode", "network.csv", "lumen.stl"):
+        assert (tmp_path / "again" / name).read_bytes() == (planar_run / name).read_bytes()
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from sim.dry_run.run import dry_run
 from sim.motion.executed import ExecutedMotion
 from tests.printctl.link.layered import HEADER, START, layered
 from tests.sim_process import printer_process
+from tests.system.cli import called as in_this_process
 from tests.system.cli import printctl
 
 PRINTER = load(Printer, "generic_marlin")
@@ -59,12 +60,12 @@ def test_rest_of_a_print_that_was_reset_is_printed_by_its_own_command(
     with printer_process(
         tmp_path, "--exit-on-hangup", "--start", TIP, "--fault", "reset@190"
     ) as port:
-        broken = printctl(
+        broken = in_this_process(
             "print", job, "--port", port, *given, "--checkpoint-every", "0", cwd=tmp_path
         )
     assert broken.returncode == 4, broken.stderr
     assert "position_unknown" in broken.stderr
-    made = printctl("recover", job, "--yes", "--json", cwd=tmp_path)
+    made = in_this_process("recover", job, "--yes", "--json", cwd=tmp_path)
     assert made.returncode == 0, made.stderr
     assert "straight up" in made.stderr
     assert f"new file calls X{START[0]:g} Y{START[1]:g} Z{START[2]:g}" in made.stderr

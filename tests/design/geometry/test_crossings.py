@@ -63,7 +63,10 @@ def _common(one: Any, two: Any) -> list[Any]:
 def _brute(vertices: np.ndarray, faces: np.ndarray) -> set[tuple[int, int]]:
     exact = [[Fraction(float(x)) for x in place] for place in vertices]
     found = set()
+    low, high = vertices[faces].min(axis=1), vertices[faces].max(axis=1)
     for one, two in combinations(range(len(faces)), 2):
+        if (low[one] > high[two]).any() or (low[two] > high[one]).any():
+            continue
         mine, its = faces[one].tolist(), faces[two].tolist()
         both = [exact[v] for v in mine if v in its]
         for point in _common([exact[v] for v in mine], [exact[v] for v in its]):

@@ -16,8 +16,9 @@ from design.lattices import LatticeKind, LatticeOptions, build_lattice
 from design.lattices.cells import narrowest, tile, unit_cell
 from design.lattices.orient import directed, st_order
 from design.measures import MeasureOptions, measure_network
-from design.tissue import Tissue, annulus, block, cylinder, tissue_from_surface
+from design.tissue import Tissue, annulus, block, cylinder
 from design.vasculature import collisions
+from tests.design.tissue.kept import kept_tissue
 from tests.slower import examples, first_of
 
 KINDS = get_args(LatticeKind)
@@ -26,7 +27,7 @@ KINDS = get_args(LatticeKind)
 @pytest.fixture(scope="module")
 def rod() -> Tissue:
     surface = cylinder(24.0, 16.0)
-    return tissue_from_surface(surface.vertices, surface.faces)
+    return kept_tissue(surface)
 
 
 @pytest.mark.parametrize(
@@ -106,7 +107,7 @@ def test_the_same_lattice_comes_twice(rod: Tissue) -> None:
 
 def test_ports_lead_around_a_hole() -> None:
     surface = annulus(30.0, 14.0, 12.0)
-    ring = tissue_from_surface(surface.vertices, surface.faces)
+    ring = kept_tissue(surface)
     network = build_lattice(ring, LatticeOptions("grid", 3.0, 0.3, axis="x"))
     assert len(network.inlets()) == len(network.outlets()) == 1
     assert ring.contains(network.nodes[:-2]).all()
@@ -120,7 +121,7 @@ def test_channels_that_would_meet_are_refused(rod: Tissue) -> None:
 
 def test_a_lattice_too_coarse_for_its_tissue_is_refused() -> None:
     surface = block((5.0, 5.0, 5.0))
-    cube = tissue_from_surface(surface.vertices, surface.faces)
+    cube = kept_tissue(surface)
     with pytest.raises(TissueError, match="fits into the tissue"):
         build_lattice(cube, LatticeOptions("diamond", 9.0, 0.3))
 

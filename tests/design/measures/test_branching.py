@@ -20,9 +20,10 @@ from design.measures.morphometry import (
 )
 from design.measures.path_lengths import measure_paths
 from design.network import VesselKind, VesselNetwork
-from design.tissue import block, tissue_from_surface
+from design.tissue import block
 from design.vasculature import GrowthOptions, grow_tree, planar_four_vessel, tree_to_network
 from tests.design.measures.oracles import depth, random_tree, strahler, tree_network
+from tests.design.tissue.kept import kept_tissue
 from tests.slower import examples
 
 
@@ -160,7 +161,7 @@ def test_a_half_circle_is_half_pi_as_long_as_its_chord() -> None:
 
 def test_a_grown_tree_obeys_murray_and_feeds_its_terminals_equally() -> None:
     surface = block((10.0, 10.0, 10.0))
-    cube = tissue_from_surface(surface.vertices, surface.faces)
+    cube = kept_tissue(surface)
     network = tree_to_network(grow_tree(cube, GrowthOptions(terminals=60, seed=2)))
     murray = measure_murray(network, 3.0)
     assert murray is not None

@@ -16,9 +16,10 @@ from design.measures.lumens import build_lumens, nearest_walls
 from design.measures.oxygen import krogh_erlang
 from design.measures.supply import sample_tissue
 from design.network import VesselNetwork
-from design.tissue import Tissue, block, cylinder, tissue_from_surface
+from design.tissue import Tissue, block, cylinder
 from design.vasculature import GrowthOptions, grow_tree, tree_to_network
 from tests.design.measures.oracles import random_tree, tree_network, wall_distances
+from tests.design.tissue.kept import kept_tissue
 from tests.slower import examples
 
 RADIUS, LENGTH, LUMEN = 4.0, 20.0, 0.5
@@ -27,7 +28,7 @@ RADIUS, LENGTH, LUMEN = 4.0, 20.0, 0.5
 @pytest.fixture(scope="module")
 def rod() -> Tissue:
     surface = cylinder(2.0 * RADIUS, LENGTH, sides=720)
-    return tissue_from_surface(surface.vertices, surface.faces)
+    return kept_tissue(surface)
 
 
 def straight(radius: float = LUMEN, over: float = 1.0) -> VesselNetwork:
@@ -68,7 +69,7 @@ def test_sections_count_the_vessels_that_cross_them(rod: Tissue) -> None:
 
 def test_sections_agree_with_planes_cut_at_random() -> None:
     surface = block((10.0, 10.0, 10.0))
-    cube = tissue_from_surface(surface.vertices, surface.faces)
+    cube = kept_tissue(surface)
     random = np.random.default_rng(3)
     network = tree_network(*random_tree(random, 40), np.full(40, 0.05))
     found = supply(network, cube, samples=100)
@@ -125,7 +126,7 @@ def test_samples_are_uniform_and_repeatable(rod: Tissue) -> None:
 
 def test_samples_arent_the_points_that_a_tree_of_the_same_seed_grew_to() -> None:
     surface = block((10.0, 10.0, 10.0))
-    cube = tissue_from_surface(surface.vertices, surface.faces)
+    cube = kept_tissue(surface)
     tree = grow_tree(cube, GrowthOptions(terminals=200, seed=1))
     found = supply(tree_to_network(tree), cube, samples=20_000, seed=1)
     lumens = measure_network(tree_to_network(tree), cube, MeasureOptions(samples=10)).volume_mm3

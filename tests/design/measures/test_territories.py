@@ -7,7 +7,8 @@ from design.measures import measure_network, measures_dict
 from design.measures.measure import MeasureOptions
 from design.measures.territories import measure_territories
 from design.network import VesselKind, VesselNetwork
-from design.tissue import block, tissue_from_surface
+from design.tissue import block
+from tests.design.tissue.kept import kept_tissue
 
 ARTERY, VEIN, CONNECTION = VesselKind.ARTERY, VesselKind.VEIN, VesselKind.CONNECTION
 
@@ -15,7 +16,7 @@ ARTERY, VEIN, CONNECTION = VesselKind.ARTERY, VesselKind.VEIN, VesselKind.CONNEC
 @pytest.fixture(scope="module")
 def box():
     shape = block((20.0, 10.0, 10.0))
-    return tissue_from_surface(shape.vertices, shape.faces)
+    return kept_tissue(shape)
 
 
 def network(kinds):

@@ -284,8 +284,8 @@ def _crossings(solid: Solid) -> int:
     low, high = corners.min(axis=1), corners.max(axis=1)
     found = 0
     for index, (a, b, c) in enumerate(corners):
-        near = np.all((low <= high[index]) & (high >= low[index]), axis=1)
-        near &= ~np.isin(faces, faces[index]).any(axis=1)
+        near = np.flatnonzero(np.all((low <= high[index]) & (high >= low[index]), axis=1))
+        near = near[~np.isin(faces[near], faces[index]).any(axis=1)]
         normal = np.cross(b - a, c - a)
         for k in range(3):
             p, q = corners[near, k], corners[near, (k + 1) % 3]

@@ -11,21 +11,21 @@ from design.tissue import (
     depth_demand,
     function_demand,
     image_demand,
-    tissue_from_surface,
 )
 from tests.design.tissue import surfaces
+from tests.design.tissue.kept import kept_tissue
 
 
 @pytest.fixture(scope="module")
 def cube():
     shape = block((10.0, 10.0, 10.0))
-    return tissue_from_surface(shape.vertices, shape.faces)
+    return kept_tissue(shape)
 
 
 @pytest.fixture(scope="module")
 def ball():
     shape = surfaces.surface(surfaces.sphere(10.0, 128))
-    return tissue_from_surface(shape.vertices, shape.faces)
+    return kept_tissue(shape)
 
 
 def inside(tissue, count, seed=0):

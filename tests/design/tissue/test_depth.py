@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 from benchmarks.checkers.containment import surface_tree, to_surface, winding_numbers
 from design.geometry import build_triangle_tree
 from design.geometry.segment_surface import segment_distance, segment_triangle
-from design.tissue import load_tissue, tissue_from_surface
+from design.tissue import load_tissue
 from design.tissue.depth import depth_bounds, least_depth_along, winding_number
 from tests.design.tissue import surfaces
+from tests.design.tissue.kept import kept_tissue
 
 SHARED = Path(__file__).parents[4] / "shared" / "data"
 
@@ -19,7 +20,7 @@ SHARED = Path(__file__).parents[4] / "shared" / "data"
 def slit():
     shape = surfaces.slit_block()
     # The slit is open space, not a thin wall: no finer grid is asked for.
-    return tissue_from_surface(shape.vertices, shape.faces, spacing_mm=0.3)
+    return kept_tissue(shape, spacing_mm=0.3)
 
 
 def capsules_near(tissue, count, seed=0):

@@ -90,7 +90,8 @@ def test_samples_are_exact_distances(hollow, bricks):
     for n in rng.integers(0, len(a), bricks):
         i, j, k = rng.integers(0, 9, 3)
         p = grid.origin + grid.spacing * (8 * np.array([a[n], b[n], c[n]]) + (i, j, k))
-        exact = min(oracles.point_triangle(p, *t) for t in corners)
+        near = np.argsort(np.linalg.norm(corners.mean(axis=1) - p, axis=1))[:200]
+        exact = min(oracles.point_triangle(p, *t) for t in corners[near])
         sample = grid.samples[grid.brick[a[n], b[n], c[n]], i, j, k]
         assert abs(sample) == pytest.approx(exact, abs=1e-5)
         assert (sample < 0) == (6 < np.linalg.norm(p) < 10)

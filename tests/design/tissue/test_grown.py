@@ -15,10 +15,10 @@ from design.tissue import (
     folded_cortex,
     label_surface,
     load_tissue,
-    tissue_from_surface,
 )
 from design.vasculature import GrowthOptions, grow_tree, tree_radii
 from tests.design.tissue import surfaces
+from tests.design.tissue.kept import KeptTissues
 from tests.slower import first_of
 
 NEEDLE = CylinderZone((3.0, 5.0, -1.0), (7.0, 5.0, 11.0), 0.6)
@@ -46,8 +46,7 @@ MAKERS = {"needle": needle_block, "ported cortex": ported_cortex, "shell image":
 
 @pytest.fixture(scope="module")
 def tissues():
-    shapes = {name: make() for name, make in MAKERS.items()}
-    return {name: tissue_from_surface(s.vertices, s.faces) for name, s in shapes.items()}
+    return KeptTissues(MAKERS)
 
 
 def outside(tree, tissue):

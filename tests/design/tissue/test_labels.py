@@ -7,7 +7,8 @@ import trimesh
 from scipy.ndimage import gaussian_filter
 
 from design.errors import TissueError
-from design.tissue import VolumeImage, label_surface, load_label_surface, tissue_from_surface
+from design.tissue import VolumeImage, label_surface, load_label_surface
+from tests.design.tissue.kept import kept_tissue
 from tests.slower import first_of
 
 RNG = np.random.default_rng(0)
@@ -60,7 +61,7 @@ def test_every_voxel_keeps_its_side():
     voxels = np.random.default_rng(4).random((12, 12, 12)) < 0.5
     voxels[0] = voxels[-1] = False
     shape, _ = label_surface(VolumeImage(voxels.astype(int), np.eye(4)), 1)
-    tissue = tissue_from_surface(shape.vertices, shape.faces)
+    tissue = kept_tissue(shape)
     centres = np.argwhere(np.ones_like(voxels)).astype(float)
     np.testing.assert_array_equal(tissue.contains(centres), voxels[tuple(centres.astype(int).T)])
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -57,11 +59,11 @@ def meetings_of(net, parts: Parts):
 
 
 def spared(vessel, at, other, places, reach, meetings):
-    """Which places along another vessel belong to a joint of the tip."""
+    """Which places (n,) along another vessel belong to a joint of the tip, at a place or (k, 1)."""
     found = (other == vessel) & (np.abs(places - at) <= reach)
     for v, own, w, there, gap in meetings:
-        if v == vessel and w == other and abs(own - at) + gap <= reach:
-            found |= np.abs(places - there) <= reach
+        if v == vessel and w == other:
+            found |= (np.abs(own - at) + gap <= reach) & (np.abs(places - there) <= reach)
     return found
 
 
@@ -69,16 +71,25 @@ def shaft_gap(places, needle):
     """Distance of places (k, 3), from the tip, to a shaft made of discs, the tip's the lowest."""
     across, up = np.hypot(*places[:, :2].T), places[:, 2]
     found = np.hypot(np.maximum(across - needle.shaft_mm, 0), np.minimum(up - needle.cone_mm, 0))
-    for height in np.linspace(0, needle.cone_mm, 60 if needle.cone_mm else 0):
-        disc = np.maximum(across - radius_at(needle, height), 0)
-        found = np.minimum(found, np.hypot(disc, up - height))
-    return found
+    height, radius = discs_of(needle)
+    discs = np.hypot(np.maximum(across - radius, 0), up - height)
+    return np.minimum(found, discs.min(axis=0, initial=np.inf))
+
+
+@cache
+def discs_of(needle):
+    """Heights and radii (k, 1) of the discs of a cone, mm; none of a needle without."""
+    height = np.linspace(0, needle.cone_mm, 60 if needle.cone_mm else 0)
+    radius = np.array([radius_at(needle, one) for one in height])
+    return height[:, None], radius[:, None]
 
 
 def naive_rules(net, parts: Parts, slack: float):
     """Pairs of elements by all places of the tip and all places of the ink."""
     elements, needle = parts.elements, parts.needle
-    meetings = meetings_of(net, parts)
+    meetings = defaultdict(list)
+    for row in meetings_of(net, parts):
+        meetings[row[0], row[2]].append(row)
     share = np.linspace(0, 1, 21)[:, None]
     ink = [
         elements.point[a] + share * (elements.point[b] - elements.point[a]) for a, b in elements.end
@@ -91,13 +102,12 @@ def naive_rules(net, parts: Parts, slack: float):
         far = np.hypot(*(middle - middle[i])[:, :2].T)
         for j in np.flatnonzero(far < needle.shaft_mm + 2 * thick.max() + 0.4).tolist():
             reach = joint_reach(needle, max(thick[i], thick[j])) - slack
-            for tip, at in zip(ink[i][::2], along[i][::2], strict=True):
-                joint = spared(vessel, at, elements.vessel[j], along[j], reach, meetings)
-                left = ink[j][~joint]
-                if i == j or not len(left):
-                    continue
-                if shaft_gap(left - tip, needle).min() < thick[j] + slack:
-                    found.add((i, j))
+            other = int(elements.vessel[j])
+            at, near = along[i][::2, None], meetings[vessel, other]
+            left = ~spared(vessel, at, other, along[j], reach, near)
+            from_tips = (ink[j] - ink[i][::2, None])[left]
+            if i != j and len(from_tips) and shaft_gap(from_tips, needle).min() < thick[j] + slack:
+                found.add((i, j))
     return found
 
 

@@ -62,8 +62,12 @@ def colliding_pairs(network, clearance_mm=0.0, clearance_ratio=0.0):
     radius = np.maximum(r0, r1)
     keys = [(tuple(a), tuple(b)) for a, b in zip(start.tolist(), end.tolist(), strict=True)]
     colliding, joints = set(), set()
+    # Pieces whose balls about them are farther apart are so themselves.
+    middle, reach = (start + end) / 2, np.linalg.norm(end - start, axis=1) / 2 + radius
+    apart = np.linalg.norm(middle[:, None] - middle, axis=2) - reach[:, None] - reach
+    near = apart < max(clearance_mm, clearance_ratio * radius.max())
     for i in range(len(start)):
-        for j in range(i + 1, len(start)):
+        for j in (i + 1 + np.flatnonzero(near[i, i + 1 :])).tolist():
             if set(keys[i]) & set(keys[j]):
                 continue
             gap = segment_segment(start[i], end[i], start[j], end[j]) - radius[i] - radius[j]

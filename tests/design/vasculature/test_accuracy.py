@@ -7,13 +7,14 @@ that the chosen place gains, both by the exact cost of the whole tree.
 import numpy as np
 import pytest
 
-from design.tissue import block, tissue_from_surface
+from design.tissue import block
 from design.vasculature import GrowthOptions, grow_tree
 from design.vasculature.growth.bifurcation import split_value
 from design.vasculature.growth.cost import Sprout, climb
 from design.vasculature.growth.propose import estimate
 from design.vasculature.penalty import no_penalty
 from design.vasculature.polish.cost import law_of, segments_of
+from tests.design.tissue.kept import kept_tissue
 from tests.slower import first_rows
 
 ONE = Sprout(1.0, 1.0)
@@ -24,9 +25,7 @@ TRIALS = 60
 @pytest.fixture(scope="module")
 def grown():
     shape = block((10.0, 10.0, 10.0))
-    tree = grow_tree(
-        tissue_from_surface(shape.vertices, shape.faces), GrowthOptions(terminals=1500)
-    )
+    tree = grow_tree(kept_tissue(shape), GrowthOptions(terminals=1500))
     law = law_of(tree)
     return tree, segments_of(tree, law), law
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from design.errors import DesignError, GrowthError
-from design.tissue import block, function_demand, tissue_from_surface
+from design.tissue import block, function_demand
 from design.vasculature import (
     GrowthOptions,
     grow_tree,
@@ -14,6 +14,7 @@ from design.vasculature import (
     tree_radii,
 )
 from design.vasculature.growth.territories import demand_points, territory_demand
+from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
 
 SIZE = (20.0, 16.0, 12.0)
@@ -22,7 +23,7 @@ SIZE = (20.0, 16.0, 12.0)
 @pytest.fixture(scope="module")
 def even():
     shape = block(SIZE)
-    return tissue_from_surface(shape.vertices, shape.faces)
+    return kept_tissue(shape)
 
 
 @pytest.fixture(scope="module")

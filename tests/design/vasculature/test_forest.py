@@ -3,7 +3,7 @@ import pytest
 
 from design.errors import GrowthError
 from design.network import VesselKind
-from design.tissue import block, tissue_from_surface
+from design.tissue import block
 from design.vasculature import (
     GrowthOptions,
     RootSpec,
@@ -14,20 +14,17 @@ from design.vasculature import (
 )
 from design.vasculature.growth.territory import part_tissue
 from tests.design.tissue import surfaces
+from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
 from tests.slower import first_of
-
-
-def tissue_of(shape):
-    return tissue_from_surface(shape.vertices, shape.faces)
 
 
 @pytest.fixture(scope="module")
 def tissues():
     return {
-        "block": tissue_of(block((20.0, 16.0, 12.0))),
-        "torus": tissue_of(surfaces.torus()),
-        "hollow sphere": tissue_of(surfaces.hollow_sphere()),
+        "block": kept_tissue(block((20.0, 16.0, 12.0))),
+        "torus": kept_tissue(surfaces.torus()),
+        "hollow sphere": kept_tissue(surfaces.hollow_sphere()),
     }
 
 

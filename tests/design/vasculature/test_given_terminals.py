@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from design.errors import GrowthError
-from design.tissue import block, tissue_from_surface
+from design.tissue import block
 from design.vasculature import (
     GrowthOptions,
     collisions,
@@ -16,6 +16,7 @@ from design.vasculature import (
     tree_to_network,
 )
 from design.vasculature.polish import PolishOptions, polish
+from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
 from tests.slower import first_of
 
@@ -25,7 +26,7 @@ WELLS = np.array([(x, y, 6.0) for x in np.arange(2, 20, 2.5) for y in np.arange(
 @pytest.fixture(scope="module")
 def box():
     shape = block((20.0, 16.0, 12.0))
-    return tissue_from_surface(shape.vertices, shape.faces)
+    return kept_tissue(shape)
 
 
 def tips_of(tree):

@@ -6,7 +6,7 @@ import pytest
 from benchmarks.checkers.containment import surface_tree, to_surface, winding_numbers
 from design.errors import GrowthError, TissueError
 from design.geometry import build_triangle_tree, nearest_distances
-from design.tissue import annulus, block, folded_cortex, load_tissue, tissue_from_surface
+from design.tissue import annulus, block, folded_cortex, load_tissue
 from design.vasculature import (
     GrowthOptions,
     collisions,
@@ -16,33 +16,32 @@ from design.vasculature import (
     tree_to_network,
 )
 from tests.design.tissue import surfaces
+from tests.design.tissue.kept import KeptTissues, kept_tissue
 from tests.design.vasculature import oracles
 from tests.slower import first_of
 
 SHARED = Path(__file__).parents[4] / "shared" / "data"
 
 
-def tissue_of(shape):
-    return tissue_from_surface(shape.vertices, shape.faces)
-
-
 @pytest.fixture(scope="module")
 def tissues():
-    return {
-        "hollow sphere": tissue_of(surfaces.hollow_sphere()),
-        "torus": tissue_of(surfaces.torus()),
-        "nested shells": tissue_of(surfaces.nested_shells()),
-        "thin box": tissue_of(surfaces.thin_box(0.3)),
-        "block": tissue_of(block((20.0, 16.0, 12.0))),
-        "annulus": tissue_of(annulus(30.0, 20.0, 6.0)),
-        "folded cortex": tissue_of(folded_cortex()),
-    }
+    return KeptTissues(
+        {
+            "hollow sphere": surfaces.hollow_sphere,
+            "torus": surfaces.torus,
+            "nested shells": surfaces.nested_shells,
+            "thin box": surfaces.thin_box,
+            "block": lambda: block((20.0, 16.0, 12.0)),
+            "annulus": lambda: annulus(30.0, 20.0, 6.0),
+            "folded cortex": folded_cortex,
+        }
+    )
 
 
 @pytest.fixture(scope="module")
 def slit():
     shape = surfaces.slit_block()
-    return tissue_from_surface(shape.vertices, shape.faces, spacing_mm=0.3)
+    return kept_tissue(shape, spacing_mm=0.3)
 
 
 def slack_outside(tree, tissue, clearance_mm=0.0):
@@ -166,7 +165,7 @@ def test_stem_without_room_for_its_length_is_refused(tissues):
 
 @pytest.mark.slow
 def test_refusal_says_what_was_reserved_and_fewer_terminals_do_fit():
-    cube = tissue_of(block((10.0, 10.0, 10.0)))
+    cube = kept_tissue(block((10.0, 10.0, 10.0)))
     asked = {"smallest_radius_mm": 0.1, "clearance_mm": 0.1}
     with pytest.raises(GrowthError, match=r"reserved because 3000 terminals need it"):
         grow_tree(cube, GrowthOptions(terminals=3000, terminal_spread=1.7, **asked))
@@ -240,7 +239,7 @@ def test_root_outside_the_tissue_is_refused(tissues, root):
 
 
 def test_tissue_too_thin_for_a_vessel_is_refused():
-    tissue = tissue_of(block((20.0, 20.0, 0.4)))
+    tissue = kept_tissue(block((20.0, 20.0, 0.4)))
     with pytest.raises(TissueError, match=r"tissue is too thin .* 0\.2 mm deep at most"):
         grow_tree(tissue, GrowthOptions(terminals=20, smallest_radius_mm=0.15))
 

@@ -9,7 +9,7 @@ import pytest
 from manifold3d import Manifold
 
 from design.errors import GrowthError, TissueError
-from design.tissue import depth_demand, part_demands, parts_of, tissue_from_surface
+from design.tissue import depth_demand, part_demands, parts_of
 from design.tissue.manifolds import surface_of
 from design.vasculature import (
     GrowthOptions,
@@ -21,6 +21,7 @@ from design.vasculature import (
     terminals_of,
 )
 from design.vasculature.growth.sharing import share_terminals
+from tests.design.tissue.kept import kept_tissue
 
 OPTIONS = GrowthOptions(terminals=60)
 LARGE = Manifold.cube((10.0, 10.0, 10.0))
@@ -29,7 +30,7 @@ SMALL = Manifold.cube((6.0, 6.0, 6.0)).translate((20.0, 0.0, 0.0))
 
 def _tissue(whole):
     found = surface_of(whole, "the test's tissue")
-    return tissue_from_surface(found.vertices, found.faces)
+    return kept_tissue(found)
 
 
 @pytest.fixture(scope="module")

@@ -3,9 +3,10 @@
 import pytest
 
 from design.errors import GrowthError
-from design.tissue import annulus, block, tissue_from_surface
+from design.tissue import annulus, block
 from design.vasculature import GrowthOptions, grow_tree
 from design.vasculature.polish import PolishOptions, polish
+from tests.design.tissue.kept import KeptTissues
 from tests.design.vasculature import oracles
 from tests.slower import first_of
 
@@ -20,8 +21,8 @@ LIMITS = (
 
 @pytest.fixture(scope="module")
 def tissues():
-    shapes = {"block": block((20.0, 16.0, 12.0)), "annulus": annulus(30.0, 20.0, 6.0)}
-    return {name: tissue_from_surface(s.vertices, s.faces) for name, s in shapes.items()}
+    shapes = {"block": lambda: block((20, 16, 12)), "annulus": lambda: annulus(30, 20, 6)}
+    return KeptTissues(shapes)
 
 
 def check(tree, limits):

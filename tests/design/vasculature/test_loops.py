@@ -6,7 +6,7 @@ from design.errors import GrowthError, NetworkError
 from design.hemodynamics import FlowConditions, flow_spread, solve_flow
 from design.network import VesselKind
 from design.network_files.csv_format import read_network_csv, write_network_csv
-from design.tissue import annulus, block, tissue_from_surface
+from design.tissue import annulus, block
 from design.vasculature import (
     GrowthOptions,
     LoopOptions,
@@ -19,18 +19,15 @@ from design.vasculature import (
 from design.vasculature.loops.curves import tightest_bend
 from design.vasculature.loops.matching import match_terminals
 from tests.design.tissue import surfaces
+from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
 
 COUNT = 40
 
 
-def tissue_of(shape):
-    return tissue_from_surface(shape.vertices, shape.faces)
-
-
 @pytest.fixture(scope="module")
 def tissue():
-    return tissue_of(block((20.0, 16.0, 12.0)))
+    return kept_tissue(block((20.0, 16.0, 12.0)))
 
 
 def pair(tissue, seed=1, count=COUNT):
@@ -58,7 +55,7 @@ def test_every_terminal_is_joined_once(closed):
 
 @pytest.mark.parametrize("seed", [pytest.param(2, marks=pytest.mark.slow), 3])
 def test_loops_in_a_torus_keep_clear_and_inside(seed):
-    tissue = tissue_of(surfaces.torus())
+    tissue = kept_tissue(surfaces.torus())
     network = close_loops(tissue, *pair(tissue, seed)).network
     check(network, tissue)
 
@@ -144,7 +141,7 @@ def test_no_connection_is_thinner_than_asked(tissue):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [pytest.param(4, marks=pytest.mark.slow), 7])
 def test_short_connections_dont_overlap_within_their_joints(seed):
-    ring = tissue_of(annulus(28.0, 12.0, 10.0))
+    ring = kept_tissue(annulus(28.0, 12.0, 10.0))
     options = GrowthOptions(terminals=9, seed=seed, smallest_radius_mm=0.2, clearance_mm=0.2)
     trees = grow_forest(ring, [RootSpec(options), RootSpec(options, VesselKind.VEIN)])
     asked = LoopOptions(seed=seed, clearance_mm=0.2, smallest_radius_mm=0.2)

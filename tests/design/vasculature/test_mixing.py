@@ -6,8 +6,9 @@ import pytest
 from design.errors import GrowthError
 from design.hemodynamics import FlowConditions, solve_flow
 from design.network import VesselKind
-from design.tissue import block, tissue_from_surface
+from design.tissue import block
 from design.vasculature import GrowthOptions, RootSpec, collisions, grow_forest, mix_trees
+from tests.design.tissue.kept import kept_tissue
 from tests.slower import first_of
 
 A, V, L, C = (
@@ -22,7 +23,7 @@ COUNT = 24
 @pytest.fixture(scope="module")
 def tissue():
     shape = block((20.0, 16.0, 12.0))
-    return tissue_from_surface(shape.vertices, shape.faces)
+    return kept_tissue(shape)
 
 
 def grown(tissue, kinds, counts=None, seed=1):

@@ -4,16 +4,17 @@ import numpy as np
 import pytest
 
 from design.errors import GrowthError
-from design.tissue import block, tissue_from_surface
+from design.tissue import block
 from design.vasculature import DepthPenalty, GrowthOptions, grow_tree
 from design.vasculature.penalty import read_penalty, sample_penalty
+from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
 
 
 @pytest.fixture(scope="module")
 def box():
     shape = block((20.0, 16.0, 12.0))
-    return tissue_from_surface(shape.vertices, shape.faces)
+    return kept_tissue(shape)
 
 
 def joints_of(tree):

@@ -16,7 +16,8 @@ from design.vasculature.polish.polish import find_faults, polish, polish_forest
 from design.vasculature.polish.working_arrays import Bench
 from design.vasculature.treemath import tree_radii
 from tests.design.tissue import surfaces
-from tests.design.vasculature.test_grow import check, tissue_of
+from tests.design.tissue.kept import kept_tissue
+from tests.design.vasculature.test_grow import check
 from tests.slower import first_of
 
 SHAPES = {
@@ -30,7 +31,7 @@ SHAPES = {
 
 @pytest.fixture(scope="module")
 def cube():
-    return tissue_of(block((10.0, 10.0, 10.0)))
+    return kept_tissue(block((10.0, 10.0, 10.0)))
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +47,7 @@ def tips(tree):
 
 @pytest.mark.parametrize("name", first_of(SHAPES))
 def test_polished_trees_are_smaller_and_still_fit(name):
-    tissue = tissue_of(SHAPES[name]())
+    tissue = kept_tissue(SHAPES[name]())
     for seed in range(3):
         growth = GrowthOptions(terminals=60, seed=seed, clearance_mm=0.02)
         tree = grow_tree(tissue, growth)
@@ -177,7 +178,7 @@ def test_absurd_options_are_refused():
 
 
 def test_trees_of_a_forest_are_polished_clear_of_each_other():
-    tissue = tissue_of(block((20.0, 16.0, 12.0)))
+    tissue = kept_tissue(block((20.0, 16.0, 12.0)))
     growth = GrowthOptions(terminals=60, clearance_mm=0.05)
     trees = grow_forest(tissue, [RootSpec(growth), RootSpec(growth, VesselKind.VEIN)])
     alone = polish(tissue, trees[0], PolishOptions(clearance_mm=0.05)).tree

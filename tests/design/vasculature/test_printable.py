@@ -13,19 +13,20 @@ from design.tissue import block, folded_cortex, tissue_from_surface
 from design.vasculature import GrowthOptions, grow_tree, tree_radii, tree_to_network
 from design.vasculature.growth.deep_roots import deep_roots
 from design.vasculature.growth.printable import grow_printable
+from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature.test_grow import SHARED, check
 
 
 @pytest.fixture(scope="module")
 def slab():
     shape = folded_cortex()
-    return tissue_from_surface(shape.vertices, shape.faces)
+    return kept_tissue(shape)
 
 
 @pytest.fixture(scope="module")
 def brick():
     shape = block((6.0, 6.0, 4.0))
-    return tissue_from_surface(shape.vertices, shape.faces)
+    return kept_tissue(shape)
 
 
 def test_grows_what_is_asked_for_where_it_fits(slab):

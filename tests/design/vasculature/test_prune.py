@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from design.tissue import block, tissue_from_surface
+from design.tissue import block
 from design.vasculature import GrowthOptions
 from design.vasculature.growth.prune import prune
 from design.vasculature.growth.retip import move_tip, tip_near
 from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.growth.tree_growth import TreeGrowth
+from tests.design.tissue.kept import kept_tissue
 
 TERMINALS = 3000
 
@@ -16,7 +17,7 @@ TERMINALS = 3000
 @pytest.fixture
 def growth():
     shape = block((20.0, 16.0, 12.0))
-    tissue = tissue_from_surface(shape.vertices, shape.faces)
+    tissue = kept_tissue(shape)
     growth = TreeGrowth.open(tissue, GrowthOptions(terminals=TERMINALS), Surroundings(), 1.7, 0)
     growth.start()
     growth.grow()

@@ -16,14 +16,15 @@ from design.vasculature.growth.regions.large_growth import LargeGrowth
 from design.vasculature.growth.regions.split import SHARED, split_tree
 from design.vasculature.growth.sample import depth_first
 from design.vasculature.growth.surroundings import Surroundings
-from tests.design.vasculature.test_grow import check, tissue_of
+from tests.design.tissue.kept import kept_tissue
+from tests.design.vasculature.test_grow import check
 
 OPTIONS = GrowthOptions(terminals=1500)
 
 
 @pytest.fixture(scope="module")
 def tissue():
-    return tissue_of(block((20.0, 16.0, 12.0)))
+    return kept_tissue(block((20.0, 16.0, 12.0)))
 
 
 @pytest.fixture

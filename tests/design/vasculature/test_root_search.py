@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 
 from design.errors import DesignError, GrowthError
-from design.tissue import block, tissue_from_surface
+from design.tissue import block
 from design.vasculature import GrowthOptions, grow_forest, grow_tree
 from design.vasculature.growth.grow import PROBES
 from design.vasculature.growth.root_search import search_root, spread_over_surface
+from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
 
 
 @pytest.fixture(scope="module")
 def slab():
     shape = block((30.0, 10.0, 6.0))
-    return tissue_from_surface(shape.vertices, shape.faces)
+    return kept_tissue(shape)
 
 
 def test_the_cheapest_candidate_wins_and_the_note_says_so(slab):

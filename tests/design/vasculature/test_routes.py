@@ -6,7 +6,6 @@ import pytest
 from design.errors import GrowthError
 from design.hemodynamics import FlowConditions, balance, flow_spread
 from design.network import VesselKind, VesselNetwork
-from design.tissue import tissue_from_surface
 from design.vasculature import (
     GrowthOptions,
     LoopOptions,
@@ -20,6 +19,7 @@ from design.vasculature.loops.curve_fit import KIN, Ends, radius_for
 from design.vasculature.loops.loops import open_web, pruned, tree_ends
 from design.vasculature.loops.routes import RouteObstacles, find_route, swap_ends
 from tests.design.tissue import surfaces
+from tests.design.tissue.kept import kept_tissue
 
 RADIUS = 0.1
 
@@ -27,7 +27,7 @@ RADIUS = 0.1
 @pytest.fixture(scope="module")
 def torus():
     shape = surfaces.torus()
-    return tissue_from_surface(shape.vertices, shape.faces)
+    return kept_tissue(shape)
 
 
 @pytest.fixture(scope="module")

@@ -19,6 +19,7 @@ from design.vasculature import (
 from design.vasculature.growth.trunk import straighten_line, trunk_of
 from design.vasculature.polish import PolishOptions, polish
 from tests.design.geometry.oracles import segment_segment
+from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
 from tests.slower import first_of
 
@@ -28,7 +29,7 @@ SHARED = Path(__file__).parents[4] / "shared" / "data"
 @pytest.fixture(scope="module")
 def box():
     shape = block((20.0, 16.0, 12.0))
-    return tissue_from_surface(shape.vertices, shape.faces)
+    return kept_tissue(shape)
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from design.tissue import block, tissue_from_surface
+from design.tissue import block
 from design.vasculature import (
     GrowthOptions,
     collisions,
@@ -14,13 +14,14 @@ from design.vasculature import (
 )
 from design.vasculature.polish import PolishOptions, polish
 from design.vasculature.viscosity import relative_viscosity
+from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
 
 
 @pytest.fixture(scope="module")
 def box():
     shape = block((10.0, 8.0, 6.0))
-    return tissue_from_surface(shape.vertices, shape.faces)
+    return kept_tissue(shape)
 
 
 def pries(radius_mm, haematocrit):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import io
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 from pypdf import PdfReader
 
-from registration.report import ReportError
+from registration.report import ReportError, all_figures
 from registration.report.pdf import library, pdf_missing, write_report_pdf
 from registration.report.pdf.drawing import Drawing
 from registration.report.pdf.paths import START, matrices, styled, trace
@@ -24,6 +25,18 @@ from tests.registration.report.sample import planar_network, sample_data
 def pages(data: dict[str, Any], figures: dict[str, bytes] | None = None) -> list[str]:
     reader = PdfReader(io.BytesIO(report_pdf(data, planar_network(), figures or {})))
     return [page.extract_text() for page in reader.pages]
+
+
+@cache
+def drawn() -> dict[str, bytes]:
+    """Figures of the whole sample, for tests that look at something else."""
+    return all_figures(whole_sample(), planar_network(), {})
+
+
+@cache
+def whole_pages() -> tuple[str, ...]:
+    """Text of the whole sample's pages."""
+    return tuple(pages(whole_sample()))
 
 
 def whole_sample() -> dict[str, Any]:
@@ -50,7 +63,7 @@ def whole_sample() -> dict[str, Any]:
 
 
 def test_it_says_what_the_report_says() -> None:
-    text = "\n".join(pages(whole_sample()))
+    text = "\n".join(whole_pages())
     for words in (
         "planar_fresh", "✓ Pass", "Largest diameter error 6.3 % of 10 % allowed (vessel 5).",
         "RMS deviation 38.2 µm of 100 µm allowed, rigid fit.", "37.7", "14 of 14",
@@ -64,7 +77,7 @@ def test_it_says_what_the_report_says() -> None:
 
 
 def test_every_page_is_numbered_and_named() -> None:
-    found = pages(whole_sample())
+    found = whole_pages()
     assert len(found) > 2
     for k, page in enumerate(found):
         assert "planar_fresh · printed 2026-11-20 21:10 UTC" in page
@@ -73,13 +86,13 @@ def test_every_page_is_numbered_and_named() -> None:
 
 
 def test_same_run_same_bytes_whatever_the_clock() -> None:
-    data = whole_sample()
-    first = report_pdf(data, planar_network(), {})
+    data, network = whole_sample(), planar_network()
+    first = report_pdf(data, network, drawn())
     again = copy.deepcopy(data)
     again["timings"] = {"solid": {"seconds": 99.0, "peak_mb": 1, "reused": True}}
-    assert report_pdf(again, planar_network(), {}) == first
+    assert report_pdf(again, network, {}) == first
     again["registration"]["rigid"]["rms_um"] = 38.3
-    assert report_pdf(again, planar_network(), {}) != first
+    assert report_pdf(again, network, drawn()) != first
 
 
 @pytest.mark.slow
@@ -107,14 +120,14 @@ def test_little_is_enough_and_markup_is_text() -> None:
 
 
 def test_the_verdict_stands_in_the_files_own_properties() -> None:
-    reader = PdfReader(io.BytesIO(report_pdf(whole_sample(), None, {})))
+    reader = PdfReader(io.BytesIO(report_pdf(whole_sample(), None, drawn())))
     assert reader.metadata is not None
     assert str(reader.metadata.subject).startswith("Pass: Every vessel is open.")
 
 
 def test_a_figure_that_is_none_is_refused() -> None:
     with pytest.raises(ReportError, match="'Oops' is neither PNG nor SVG"):
-        pages(whole_sample(), {"toolpath/Oops": b"GIF89a"})
+        pages({}, {"toolpath/Oops": b"GIF89a"})
 
 
 def test_a_drawing_taller_than_a_page_is_made_smaller() -> None:
@@ -199,7 +212,7 @@ def test_many_doubts_of_the_pose_go_on_over_pages() -> None:
         "flag": True, "margin": 1.0, "doubts": [f"Doubt {k}: {'it may lie otherwise ' * 20}"
                                                 for k in range(20)],
     }  # fmt: skip
-    text = "\n".join(pages(data))
+    text = "\n".join(pages(data, drawn()))
     assert "Doubt 0" in text
     assert "Doubt 19" in text
 
@@ -212,8 +225,8 @@ def test_a_translucent_area_stays_so_where_it_is_used() -> None:
 def test_looks_and_the_final_scan_have_a_table() -> None:
     row = {"look": 5, "mark": "end of layer 4", "way_mm": 162.8, "agree": False,
            "scan_missing_mm": 16.3, "words": "look: mended; scan: missing"}  # fmt: skip
-    text = " ".join(pages(sample_data() | {"looks": [row]}))
+    text = " ".join(pages(sample_data() | {"looks": [row]}, drawn()))
     assert "Looks at the print" in text
     assert "look: mended" in text
     assert "16.3" in text
-    assert "Looks at the print" not in " ".join(pages(sample_data()))
+    assert "Looks at the print" not in " ".join(pages(sample_data(), drawn()))

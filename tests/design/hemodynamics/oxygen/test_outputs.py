@@ -25,9 +25,10 @@ from design.hemodynamics.oxygen import (
     spacing_for,
     write_oxygen_vti,
 )
-from design.tissue import SizeLimits, block, tissue_from_surface
+from design.tissue import SizeLimits, block
 from registration.report.oxygen_figures import oxygen_histogram, slice_figure
 from tests.design.hemodynamics.networks import network_of
+from tests.design.tissue.kept import kept_tissue
 
 BOX = np.array([[0.0, 0, 0], [3.0, 2.0, 2.0]])
 NETWORK = network_of([[0, 1, 1], [3, 1, 1], [3.5, 1, 1]], [(0, 1), (1, 2)], 0.15)
@@ -97,7 +98,7 @@ def test_a_picture_of_the_worst_place_is_drawn(
 
 def test_a_tissue_is_cut_in_the_print_s_size() -> None:
     surface = block((1.5, 1.0, 1.0))
-    tissue = tissue_from_surface(surface.vertices, surface.faces, limits=SizeLimits(0.5, 100.0))
+    tissue = kept_tissue(surface, limits=SizeLimits(0.5, 100.0))
     grid = grid_of_tissue(tissue, 0.1, 2.0)
     whole = grid_of_box(BOX, 0.1)
     assert (grid.inside == whole.inside).all()

@@ -27,6 +27,7 @@ from tests.design.hemodynamics.three_d.shapes import (
     straight,
     thick_and_thin,
 )
+from tests.slower import first_of
 
 pytest.importorskip("netgen")
 
@@ -194,7 +195,7 @@ def test_rough_centrelines_are_meshed(seed: int) -> None:
     _sound(replace(whole, offset=np.array([0, 30]), points=points, radius=radius))
 
 
-@pytest.mark.parametrize("degrees", [9.0, 12.0])
+@pytest.mark.parametrize("degrees", first_of([9.0, 12.0]))
 def test_acute_forks_are_meshed(degrees: float) -> None:
     angle = np.radians(degrees)
     far = [9.0 * np.cos(angle), 9.0 * np.sin(angle), 0.0]
