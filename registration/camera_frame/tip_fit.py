@@ -23,15 +23,15 @@ _BESIDE: Final = 1.4
 _ROOM_PX: Final = 4.0
 _ROWS: Final = 26
 """Samples of a width at most."""
-_ROUNDS: Final = 25
-_FIRST_ROUNDS: Final = 5
+_ROUNDS: Final = 15
 _STILL_PX: Final = 2e-3
+_FAULTS: Final = (0.12, 0.04, 0.01)
+"""Of the contrast, one fit after the other: no edge is blurred quite as the model has it, and far
+from the end all but it would count as noise."""
 _STARTS: Final = ((0.0, 0.0), (0.0, 0.4), (0.0, -0.4), (0.15, 0.0), (-0.15, 0.0))
 """Of the width, aside and up, from which the fit begins."""
 _ALIKE: Final = 9.0
 """Sum of squares by which another place must be worse to be none."""
-_FAULT: Final = 0.01
-"""Of the contrast: no edge is blurred quite as the model has it."""
 _SMOOTH: Final = 0.3
 """Second differences of the brightness across, of the contrast, that are usual."""
 _U_WIDE: Final = 0.02
@@ -106,10 +106,14 @@ def fit_end(patch: TipPatch, axis: NeedleAxis, end: float) -> FittedTip:
     for aside, up in _STARTS:
         rod = RodEnd(end + up * fit.wide, 0.0, _BLUR_PX, fit.wide)
         state = _State(rod, axis.beside + aside * fit.wide, axis.lean)
-        starts.append(fit.settled(state, _FIRST_ROUNDS))
+        for fault in _FAULTS[:-1]:
+            state = fit.settled(state, fault)
+        starts.append(state)
     starts.sort(key=lambda state: state.cost)
-    best = fit.settled(starts[0], _ROUNDS)
-    return fit.answer(best, starts[1:])
+    found = [fit.settled(state, _FAULTS[-1]) for state in starts if state.cost < 2 * starts[0].cost]
+    best = min(found, key=lambda state: state.cost)
+    best = fit.settled(best, _FAULTS[-1])
+    return fit.answer(best, found)
 
 
 class _Fit:
@@ -129,7 +133,19 @@ class _Fit:
             else spline_filter(np.nan_to_num(patch.ground, nan=level))
         )
         self.count = hat_count(self.wide)
-        self.scale = 0.1
+        self.noise, self.contrast = self._noise()
+
+    def _noise(self) -> tuple[float, float]:
+        """Deviation of the ground beside the needle, and the needle's contrast to it."""
+        patch, axis = self.patch, self.axis
+        beside = patch.beside - axis.beside - axis.lean * patch.above[:, None]
+        off = patch.grey - (np.nanmedian(patch.grey) if patch.ground is None else patch.ground)
+        out = off[self.known & (np.abs(beside) > 0.9 * self.wide) & (np.abs(beside) < 2 * self.wide)]
+        high = patch.above[:, None] > 0
+        rod = off[self.known & (np.abs(beside) < 0.5 * self.wide) & high]
+        middle = float(np.median(out)) if len(out) else 0.0
+        contrast = float(np.percentile(np.abs(rod - middle), 80)) if len(rod) else 0.1
+        return _spread(out) if len(out) > 20 else 0.01, max(contrast, 0.02)
 
     def _lattice(self, rod: RodEnd) -> Lattice:
         step = max(1.0, self.wide / _ROWS)
@@ -161,9 +177,10 @@ class _Fit:
         known = map_coordinates(self.known.astype(np.float64), at, order=1, cval=0.0) > 0.99
         return np.asarray(seen), ground, known
 
-    def settled(self, state: _State, rounds: int) -> _State:
+    def settled(self, state: _State, fault: float) -> _State:
         """The least sum of squares near a state."""
-        for _ in range(rounds):
+        self.size = float(np.hypot(self.noise, fault * self.contrast))
+        for _ in range(_ROUNDS):
             self._solve(state)
             moved = self._moved(state)
             way = max(
@@ -171,7 +188,7 @@ class _Fit:
                 abs(moved.rod.tilt - state.rod.tilt),
             )  # fmt: skip
             state = moved
-            if way < _STILL_PX:
+            if way < max(_STILL_PX, fault):
                 break
         self._solve(state)
         return replace(state, cost=self.cost)
@@ -201,14 +218,16 @@ class _Fit:
         behind = _behind(lattice, ground, self.wide)
         terms = np.concatenate([shapes, (1 - cover) * behind])
         fixed = np.zeros_like(seen) if ground is None else (1 - cover) * ground
-        bends = self._bends(len(behind))
-        weight = known.astype(np.float64)
+        bends = self._bends(len(behind)) / (_SMOOTH * self.contrast)
+        weight = known / self.size**2
         for _ in range(3):
-            levels = _levels(terms, seen - fixed, weight, bends / (_SMOOTH * self.scale))
+            levels = _levels(terms, seen - fixed, weight, bends)
             left = seen - fixed - np.tensordot(levels, terms, 1)
-            weight, self.scale = self._weights(left, cover, known, levels)
+            off = np.abs(left) / self.size
+            weight = known * np.where(off > _HUBER, _HUBER / np.maximum(off, _HUBER), 1.0)
+            weight /= self.size**2
         slopes = self._slopes(state, lattice, levels, behind, ground)
-        self._step(state, terms, slopes, left, weight, bends / (_SMOOTH * self.scale), levels)
+        self._step(state, terms, slopes, left, weight, bends, levels)
         self.left, self.weight, self.cover = left, weight, cover
         self.slopes, self.lattice = slopes, lattice
 
@@ -219,20 +238,6 @@ class _Fit:
         for n in range(count - 2):
             bends[n, n : n + 3] = [1.0, -2.0, 1.0]
         return bends
-
-    def _weights(
-        self, left: FloatArray, cover: FloatArray, known: NDArray[np.bool_], levels: FloatArray
-    ) -> tuple[FloatArray, float]:
-        """Weights of all pixels, and the contrast."""
-        out = known & (cover < 0.05)
-        inner = known & (cover > 0.95)
-        self.contrast = max(float(np.ptp(levels[: self.count])), 0.02)
-        noise = _spread(left[out]) if out.sum() > 20 else 0.01
-        rod = _spread(left[inner]) if inner.sum() > 20 else noise
-        size = np.sqrt((1 - cover) * noise**2 + cover * rod**2 + (_FAULT * self.contrast) ** 2)
-        off = np.abs(left) / size
-        huber = np.where(off > _HUBER, _HUBER / np.maximum(off, _HUBER), 1.0)
-        return known * huber / size**2, self.contrast
 
     def _slopes(
         self, state: _State, lattice: Lattice, levels: FloatArray, behind: FloatArray,
