@@ -30,6 +30,9 @@ _FAULTS: Final = (0.12, 0.04, 0.01)
 from the end all but it would count as noise."""
 _STARTS: Final = ((0.0, 0.0), (0.0, 0.4), (0.0, -0.4), (0.15, 0.0), (-0.15, 0.0))
 """Of the width, aside and up, from which the fit begins."""
+_WORSE: Final = 2.0
+"""Of the least sum of squares, beyond which a place isn't followed up."""
+_SAME_PX: Final = 0.2
 _ALIKE: Final = 9.0
 """Sum of squares by which another place must be worse to be none."""
 _SMOOTH: Final = 0.3
@@ -39,7 +42,7 @@ _U_BLUR: Final = 0.5
 _BLUR_PX: Final = 0.9
 _BLURS_PX: Final = (0.3, 6.0)
 _U_LEAN: Final = 0.03
-_U_TILT: Final = 0.5
+_U_TILT: Final = 0.05
 """Usual deviations of width and end's tilt (of the width), blur (of its logarithm), and lean."""
 _LEAST_CONTRAST: Final = 3.0
 """Between needle and ground, of the deviations left, over the rod's outline."""
@@ -102,18 +105,28 @@ def fit_end(patch: TipPatch, axis: NeedleAxis, end: float) -> FittedTip:
         When nothing there stands out as a needle's end.
     """
     fit = _Fit(patch, axis)
-    starts = []
+    states = []
     for aside, up in _STARTS:
         rod = RodEnd(end + up * fit.wide, 0.0, _BLUR_PX, fit.wide)
-        state = _State(rod, axis.beside + aside * fit.wide, axis.lean)
-        for fault in _FAULTS[:-1]:
-            state = fit.settled(state, fault)
-        starts.append(state)
-    starts.sort(key=lambda state: state.cost)
-    found = [fit.settled(state, _FAULTS[-1]) for state in starts if state.cost < 2 * starts[0].cost]
-    best = min(found, key=lambda state: state.cost)
-    best = fit.settled(best, _FAULTS[-1])
-    return fit.answer(best, found)
+        states.append(_State(rod, axis.beside + aside * fit.wide, axis.lean))
+    for fault in _FAULTS:
+        found = sorted((fit.settled(state, fault) for state in states), key=lambda one: one.cost)
+        states = _apart([one for one in found if one.cost < _WORSE * found[0].cost])
+    best = fit.settled(states[0], _FAULTS[-1])
+    return fit.answer(best, states[1:])
+
+
+def _apart(states: list[_State]) -> list[_State]:
+    """Those that aren't the same as an earlier one."""
+    kept: list[_State] = []
+    for one in states:
+        near = (
+            max(abs(one.rod.end - old.rod.end), abs(one.beside - old.beside)) < _SAME_PX
+            for old in kept
+        )
+        if not any(near):
+            kept.append(one)
+    return kept
 
 
 class _Fit:
@@ -180,6 +193,7 @@ class _Fit:
     def settled(self, state: _State, fault: float) -> _State:
         """The least sum of squares near a state."""
         self.size = float(np.hypot(self.noise, fault * self.contrast))
+        self.held = fault > _FAULTS[1]
         for _ in range(_ROUNDS):
             self._solve(state)
             moved = self._moved(state)
@@ -269,8 +283,10 @@ class _Fit:
         by = np.concatenate([slopes, terms]).reshape(many + len(terms), -1)
         normal = (by * weight.ravel()) @ by.T
         pull = by @ (weight * left).ravel()
+        held = 0.01 if self.held else 1.0
+        tilt = np.hypot(_U_TILT * self.wide, state.rod.tilt)  # a worn end's is larger
         sure = np.array([
-            1e6, _U_TILT * self.wide, 1e6, _U_LEAN, _U_BLUR, _U_WIDE * self.wide,
+            1e6, held * tilt, 1e6, _U_LEAN, _U_BLUR, held * _U_WIDE * self.wide,
         ])  # fmt: skip
         now = np.array([
             0.0, state.rod.tilt, 0.0, state.lean - self.axis.lean,

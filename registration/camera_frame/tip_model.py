@@ -17,7 +17,8 @@ _FAR: Final = 4.5
 """Deviations of the blur beyond which nothing of it is left."""
 _SLOPES: Final = 3
 """Hats of which the brightness's change along the needle is made."""
-_MOST_HATS: Final = 19
+_HAT_PX: Final = 0.8
+_MOST_HATS: Final = 60
 
 
 @dataclass(frozen=True)
@@ -62,8 +63,8 @@ class Lattice:
 
 
 def hat_count(wide: float) -> int:
-    """How many hats the brightness across is made of: about one a pixel."""
-    return int(np.clip(round(wide), 7, _MOST_HATS))
+    """How many hats the brightness across is made of; fewer shift the needle to fit its glare."""
+    return int(np.clip(round(wide / _HAT_PX), 7, _MOST_HATS))
 
 
 class RodModel:
@@ -104,9 +105,14 @@ class RodModel:
 
     def shapes(self) -> FloatArray:
         """Light of each shape at level 1, (hats + 3, k, m)."""
-        plain = [(self.step * hat) @ self.across.T for hat in self.hats]
-        lean = [self.up * ((self.step * hat) @ self.across.T) for hat in self.few]
+        plain = [self._shape(hat) for hat in self.hats]
+        lean = [self.up * self._shape(hat) for hat in self.few]
         return np.array([*plain, *lean])
+
+    def _shape(self, hat: FloatArray) -> FloatArray:
+        within = np.flatnonzero(hat)
+        part = slice(within[0], within[-1] + 1)
+        return np.asarray((self.step[:, part] * hat[part]) @ self.across[:, part].T)
 
 
 def _hats(share: FloatArray, count: int) -> FloatArray:
