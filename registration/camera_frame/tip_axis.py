@@ -194,12 +194,8 @@ def _refined(
     if not pair.seen[1]:
         b, slope_b = a + patch.wide_px, slope_a
     if abs(b - a - patch.wide_px) > _SAME * patch.wide_px:
-        raise PictureError(
-            f"the needle's rims aren't clear (they lie {b - a:.1f} pixels apart, "
-            f"{patch.wide_px:.1f} wanted): they are as bright as the ground. Put a plain ground of "
-            "another brightness behind it, or light it from behind; or is it another needle "
-            "(--needle)?"
-        )
+        # A thread of glare or the ground was taken for a rim; both together said where it is.
+        a, b, slope_a, slope_b = pair.left, pair.right, 0.0, 0.0
     return NeedleAxis((a + b) / 2 + patch.beside[0], lean + (slope_a + slope_b) / 2)
 
 

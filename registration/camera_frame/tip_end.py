@@ -44,6 +44,10 @@ def rough_end(patch: TipPatch, axis: NeedleAxis, lowest: float, highest: float) 
     side = np.linspace(*_OUTER, 9) * patch.wide_px / 2
     outer = np.concatenate([-side[::-1], side])
     seen, beside = (_sampled(patch.grey, patch, axis, heights, x) for x in (inner, outer))
+    known = np.isfinite(seen).all(axis=1) & (np.isfinite(beside).sum(axis=1) > 4)
+    heights, seen, beside = heights[known], seen[known], beside[known]
+    if not known.any():
+        raise PictureError("too little of the needle is in the picture around its tip")
     if patch.ground is None:
         level = np.nanmedian(beside, axis=1, keepdims=True)
         seen, beside = seen - level, beside - level
@@ -51,9 +55,8 @@ def rough_end(patch: TipPatch, axis: NeedleAxis, lowest: float, highest: float) 
         seen = seen - _sampled(patch.ground, patch, axis, heights, inner)
         beside = beside - _sampled(patch.ground, patch, axis, heights, outer)
     noise = max(1.4826 * float(np.nanmedian(np.abs(beside - np.nanmedian(beside)))), 0.004)
-    known = np.isfinite(seen).all(axis=1)
-    heights = heights[known]
-    rows = np.log1p(np.minimum((seen[known] / noise) ** 2, _MOST**2)).mean(axis=1)
+    squares = np.nan_to_num(np.minimum((seen / noise) ** 2, _MOST**2))
+    rows = np.log1p(squares).mean(axis=1)
     return _step(heights, rows, lowest, highest, _SHORT * patch.wide_px)
 
 
