@@ -37,7 +37,7 @@ _ALIKE: Final = 9.0
 """Sum of squares by which another place must be worse to be none."""
 _SMOOTH: Final = 0.3
 """Second differences of the brightness across, of the contrast, that are usual."""
-_U_WIDE: Final = 0.02
+_U_WIDE: Final = 0.007
 _U_BLUR: Final = 0.5
 _BLUR_PX: Final = 0.9
 _BLURS_PX: Final = (0.3, 6.0)
