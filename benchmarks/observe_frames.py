@@ -1,11 +1,10 @@
-"""Camera frames and needle tips by random cameras: `python -m benchmarks.observe_frames
-[COUNT [FIRST SEED]]`.
+"""Camera frames and needle tips by random cameras: `python -m benchmarks.observe_frames`.
 
-Each camera gets a lens by a board (corners by the checker's own projection, 0.06 px noise), an
-insert made with errors, a picture of it, ties to the printer (crosses touched to 20 µm, or printed
-lines, each laid to 20 µm, that are found in the picture), and a bump of 100 µm with marks hidden. Tips are found apart, by a
-lone camera or by two. Truth is the checker's (`checkers/dish_camera.py`,
-`checkers/needle_camera.py`).
+Arguments: COUNT and the first SEED. Each camera gets a lens by a board (corners by the checker's
+own projection, 0.06 px noise), an insert made with errors, a picture of it, ties to the printer
+(crosses touched to 20 µm, or printed lines, each laid to 20 µm, that are found in the picture), and
+a bump of 100 µm with marks hidden. Tips are found apart, by a lone camera or by two. Truth is the
+checker's (`checkers/dish_camera.py`, `checkers/needle_camera.py`).
 """
 
 from __future__ import annotations
@@ -314,8 +313,13 @@ def tips(count: int, cameras: int, first: int = 0) -> list[dict[str, Any]]:
     return [
         row(f"{name}, {count} times: RMS along an axis", rms, "µm", "<= 20", rms <= 20),
         row(f"{name}: RMS in space", space, "µm", "<= 20", space <= 20),
-        row(f"{name}: 95 % in space", float(np.percentile(far, 95)), "µm", "<= 20",
-            bool(np.percentile(far, 95) <= 20)),
+        row(
+            f"{name}: 95 % in space",
+            float(np.percentile(far, 95)),
+            "µm",
+            "<= 20",
+            bool(np.percentile(far, 95) <= 20),
+        ),
         row(f"{name}: worst along an axis", float(axes.max()), "µm"),
         row(f"{name}: axes within 2 u", float(within.mean()), ""),
         row(f"{name}: not found", len(found) - len(good), ""),
