@@ -137,7 +137,7 @@ def _levels(
         left = wanted - np.tensordot(levels, terms, 1)
         off = np.abs(left) / size
         weight = samples.known * np.minimum(1.0, _HUBER / np.maximum(off, 1e-9)) / size**2
-    return levels, left, weight
+    return np.asarray(levels), left, weight
 
 
 def _ridge(normal: FloatArray) -> FloatArray:
