@@ -1,10 +1,10 @@
-"""Camera frames and needle tips by random cameras: `python -m benchmarks.observe_frames [COUNT]`.
+"""Camera frames and needle tips by random cameras: `python -m benchmarks.observe_frames`.
 
-Each camera gets a lens by a board (corners by the checker's own projection, 0.06 px noise), an
-insert made with errors, a picture of it, ties to the printer (touched crosses, or printed lines
-that are found in the picture), and a bump of 100 µm with marks hidden. Tips are found apart, by a
-lone camera or by two. Truth is the checker's (`checkers/dish_camera.py`,
-`checkers/needle_camera.py`).
+Arguments: COUNT and the first SEED. Each camera gets a lens by a board (corners by the checker's
+own projection, 0.06 px noise), an insert made with errors, a picture of it, ties to the printer
+(crosses touched to 20 µm, or printed lines, each laid to 20 µm, that are found in the picture), and
+a bump of 100 µm with marks hidden. Tips are found apart, by a lone camera or by two. Truth is the
+checker's (`checkers/dish_camera.py`, `checkers/needle_camera.py`).
 """
 
 from __future__ import annotations
@@ -118,7 +118,8 @@ def framed(rig: Rig, lens: Lens, by: str, rng: np.random.Generator, seed: int) -
             (np.array(a), np.array(b))
             for a, b in zip(corners, corners[1:] + corners[:1], strict=True)
         ]
-        flat = [tuple(_on_plate(rig.made, np.array(end)) for end in line) for line in lines]
+        laid = [(np.array(line), rng.normal(0, 0.02, 2)) for line in lines]
+        flat = [tuple(_on_plate(rig, end) for end in line + off) for line, off in laid]
         rig.scene = replace(rig.scene, lines=[(a, b, 0.4) for a, b in flat])
     image = photograph(rig.optics, rig.made, rig.scene, seed)
     marks = find_marks(image, rig.insert, lens, f"camera {seed}")
@@ -138,10 +139,16 @@ def framed(rig: Rig, lens: Lens, by: str, rng: np.random.Generator, seed: int) -
     return fit_frame(marks, rig.insert, lens, Ties(printed=points, z_mm=z, u_z_mm=0.1), now)
 
 
-def _on_plate(made: Made, place: np.ndarray) -> np.ndarray:
-    """Drawn coordinates of a printer's place, straight above or below the tilted plate's own."""
-    axes = made.turn[:2, :2] * made.scale
-    return np.linalg.solve(axes, place - made.origin[:2])
+def _on_plate(rig: Rig, place: np.ndarray) -> np.ndarray:
+    """Drawn coordinates behind which the camera sees a place (2,) at the plate's height.
+
+    Ink lies where the needle's tip went, in the printer's own plane, not in the tilted plate's.
+    """
+    way = np.array([*place, rig.target[2]]) - rig.optics.centre
+    normal = rig.made.turn[:, 2]
+    reach = ((rig.made.origin - rig.optics.centre) @ normal) / (way @ normal)
+    met = rig.optics.centre + reach * way - rig.made.origin
+    return np.asarray(met @ rig.made.turn[:, :2] / rig.made.scale)
 
 
 def field_errors(rig: Rig, frame: CameraFrame) -> tuple[np.ndarray, np.ndarray]:
@@ -202,7 +209,7 @@ def tip_error(rng: np.random.Generator, cameras: int) -> tuple[np.ndarray, np.nd
         )
         at_half = (size[0] / 2 + 9.0, size[1] / 2 - 7.0)
         optics = Optics(size, focal, at_half, (-0.1, 0.03), (5e-4, -4e-4), rotation, centre)
-        frame = _exact(optics)
+        frame = _known(optics, rng)
         ground = rough_ground(size, rng, rng.uniform(50, 210), rng.uniform(2, 14))
         pictures = [
             developed(
@@ -226,8 +233,8 @@ def tip_error(rng: np.random.Generator, cameras: int) -> tuple[np.ndarray, np.nd
     return found.offset_mm - offset, found.u_mm
 
 
-def _exact(optics: Optics) -> CameraFrame:
-    """The checker's own camera as a frame, known to 5 µm."""
+def _known(optics: Optics, rng: np.random.Generator) -> CameraFrame:
+    """The checker's own camera as a frame that is told to be, and is, good to 5 µm."""
     from registration.camera_frame.frame import SeenAtFit
     from registration.camera_frame.turning import turn_vector
 
@@ -240,7 +247,7 @@ def _exact(optics: Optics) -> CameraFrame:
     return CameraFrame(
         made=datetime(2026, 11, 25, tzinfo=UTC), tied="touched", lens=lens,
         turn_vector=tuple(map(float, turn_vector(optics.rotation))),
-        eye_mm=tuple(map(float, optics.centre)),
+        eye_mm=tuple(map(float, optics.centre + rng.normal(0, 5e-3, 3))),
         covariance=tuple(tuple(map(float, one)) for one in spread),
         middle_mm=(100.0, 100.0, 10.0), insert=design_insert(load(Dish, "petri_60mm")),
         marks_z_slope=(0.0, 0.0), off_px=0.0, insert_scale=1.0,
@@ -248,12 +255,12 @@ def _exact(optics: Optics) -> CameraFrame:
     )  # fmt: skip
 
 
-def main(count: int) -> list[dict[str, Any]]:
+def main(count: int, first: int = 0) -> list[dict[str, Any]]:
     """All rows; cameras take turns with the ways of tying and making."""
     ways = (("touched", "engraved"), ("printed", "engraved"), ("printed", "fdm"))
     found: dict[Any, list[tuple[np.ndarray, np.ndarray]]] = {way: [] for way in ways}
     noticed, passed, failed = [], [], []
-    for seed in range(count):
+    for seed in range(first, first + count):
         by, process = ways[seed % 3]
         rng = np.random.default_rng([seed, 26])
         rig = random_rig(rng, process)
@@ -276,7 +283,7 @@ def main(count: int) -> list[dict[str, Any]]:
     rows.append(row("bumps of 100 µm noticed, view partly hidden", float(np.mean(noticed)), "",
                     "1", all(noticed)))  # fmt: skip
     rows.append(row("same scene, view partly hidden: holds", float(np.mean(passed)), ""))
-    return rows + tips(count, 1) + tips(count, 2)
+    return rows + tips(count, 1, first) + tips(count, 2, first)
 
 
 def _frame_rows(name: str, found: list[tuple[np.ndarray, np.ndarray]]) -> list[dict[str, Any]]:
@@ -291,13 +298,14 @@ def _frame_rows(name: str, found: list[tuple[np.ndarray, np.ndarray]]) -> list[d
     ]
 
 
-def tips(count: int, cameras: int) -> list[dict[str, Any]]:
+def tips(count: int, cameras: int, first: int = 0) -> list[dict[str, Any]]:
     """Rows of the needle's tip."""
-    found = [tip_error(np.random.default_rng([seed, 77]), cameras) for seed in range(count)]
+    seeds = range(first, first + count)
+    found = [tip_error(np.random.default_rng([seed, 77]), cameras) for seed in seeds]
     good = [one for one in found if one is not None]
     off = np.array([one[0] for one in good])
     far, axes = 1e3 * np.linalg.norm(off, axis=1), 1e3 * np.abs(off)
-    within = np.abs(off) < 1.96 * np.array([one[1] for one in good])
+    within = np.abs(off) < 2 * np.array([one[1] for one in good])
     rms, space = float(np.sqrt((axes**2).mean())), float(np.sqrt((far**2).mean()))
     name = "needle's tip, " + (
         "one camera of 5 MP, four places" if cameras == 1 else "two cameras of 2 MP, two places"
@@ -305,11 +313,18 @@ def tips(count: int, cameras: int) -> list[dict[str, Any]]:
     return [
         row(f"{name}, {count} times: RMS along an axis", rms, "µm", "<= 20", rms <= 20),
         row(f"{name}: RMS in space", space, "µm", "<= 20", space <= 20),
+        row(
+            f"{name}: 95 % in space",
+            float(np.percentile(far, 95)),
+            "µm",
+            "<= 20",
+            bool(np.percentile(far, 95) <= 20),
+        ),
         row(f"{name}: worst along an axis", float(axes.max()), "µm"),
-        row(f"{name}: axes within 95 %", float(within.mean()), ""),
+        row(f"{name}: axes within 2 u", float(within.mean()), ""),
         row(f"{name}: not found", len(found) - len(good), ""),
     ]
 
 
 if __name__ == "__main__":
-    print_rows(main(int(sys.argv[1]) if len(sys.argv) > 1 else 50))
+    print_rows(main(*(map(int, sys.argv[1:3]) if len(sys.argv) > 1 else [50])))

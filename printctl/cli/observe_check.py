@@ -12,13 +12,14 @@ import typer
 from printctl.cli.observe_options import FrameFile, LimitOption
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from registration.camera_frame import check_frame, read_frame
+from registration.camera_frame.check import LIMIT_UM
 from registration.lens.decode import decoded
 
 
 def check(
     picture: Annotated[Path, typer.Argument(help="Picture of the insert.", show_default=False)],
     frame: FrameFile,
-    limit_um: LimitOption = 50.0,
+    limit_um: LimitOption = LIMIT_UM,
     as_json: JsonFlag = False,
 ) -> None:
     """Compare a picture's marks with the frame's: a bumped camera, a moved insert, another focus.

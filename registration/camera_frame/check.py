@@ -15,8 +15,11 @@ from registration.errors import PictureError
 
 FloatArray = NDArray[np.float64]
 
-LIMIT_UM: Final = 50.0
-"""Shift at the dish up to which a frame holds."""
+LIMIT_UM: Final = 30.0
+"""Shift at the dish up to which a frame holds: what it is good for itself."""
+_NOTED_UM: Final = 10.0
+_SURE: Final = 4.0
+"""Shift that is told though the frame holds, and of its standard uncertainties."""
 _BLURRED: Final = (1.6, 0.6)
 """Blur of then times the first and pixels more: another focus."""
 _FAINT: Final = 0.4
@@ -94,6 +97,8 @@ def check_frame(
     elif shifts.moved_um + 2 * shifts.u_um > limit_um:
         why.insert(0, f"{len(both)} marks on one side don't tell a shift of {limit_um:g} µm (± "
                       f"{2 * shifts.u_um:.0f} µm); uncover more")  # fmt: skip
+    elif shifts.moved_um > max(_NOTED_UM, _SURE * shifts.u_um):
+        notes.append(f"{shifts.words()}; up to {limit_um:g} µm are taken")
     if shifts.odd:
         told = ", ".join(map(str, shifts.odd))
         notes.append(f"marks that differ from the others: {told}; wipe them")
@@ -137,7 +142,7 @@ class _Shifts:
         turn = np.degrees(1e-3 * (slope[1, 0] - slope[0, 1]) / 2)
         grown = 0.1 * (slope[0, 0] + slope[1, 1]) / 2
         said = f"camera or insert moved: {self.moved_um:.0f} µm at the dish (x {x:+.0f}, y {y:+.0f}"
-        if abs(turn) > 0.05:
+        if abs(turn) > 0.02:
             said += f", turned {turn:+.2f} degrees"
         if abs(grown) > 0.1:
             said += f", {grown:+.2f} % larger: zoom, focus or height changed"

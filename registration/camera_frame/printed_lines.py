@@ -81,7 +81,7 @@ def find_crossings(
         ends, sure = _found(grey, view, line, reach_mm, number)
         flat.append(unbend((ends - view.lens[1:3]) / view.lens[0], view.lens))
         known.append(sure)
-    places, pixels, spread = [], [], []
+    places, pixels, spread, pairs = [], [], [], []
     for one, other in combinations(range(len(lines)), 2):
         place = _meeting(_plan(lines[one]), _plan(lines[other]))
         pixel = _meeting(flat[one], flat[other])
@@ -91,12 +91,15 @@ def find_crossings(
         pixels.append(bend(pixel[None], view.lens)[0] * view.lens[0] + view.lens[1:3])
         off = [_spread(_plan(lines[n]), place, known[n]) for n in (one, other)]
         spread.append(float(np.sqrt(u_mm**2 + (off[0] ** 2 + off[1] ** 2) / 2)))
+        pairs.append((one, other))
     if len(places) < 2:
         raise PictureError(
             f"the {len(lines)} printed lines cross in {len(places)} places (2 wanted); print two "
             "lines along x and two along y, far apart"
         )
-    return PrintedPoints(np.array(places), np.array(pixels), np.array(spread))
+    # Crossings of one line share its error: taken as independent, each must count for less.
+    crossed = np.bincount(np.ravel(pairs))[np.array(pairs)].mean(axis=1)
+    return PrintedPoints(np.array(places), np.array(pixels), np.array(spread) * np.sqrt(crossed))
 
 
 def _plan(line: PrintedLine) -> FloatArray:

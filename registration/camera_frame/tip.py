@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 from registration.camera_frame.frame import CameraFrame
 from registration.camera_frame.marks import check_size
 from registration.camera_frame.tip_axis import needle_axis
-from registration.camera_frame.tip_end import needle_end
+from registration.camera_frame.tip_end import rough_end
+from registration.camera_frame.tip_fit import fit_end
 from registration.camera_frame.tip_patch import tip_patch
 
 FloatArray = NDArray[np.float64]
 
-_FLOOR_PX: Final = 0.15
-"""No tip is known better across: light on round steel shifts edges."""
+_FLOOR_ASIDE_PX: Final = 0.05
+_FLOOR_UP_PX: Final = 0.1
+"""No tip is known better: light on round steel shifts edges, and an end's rim isn't quite sharp."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,18 +105,17 @@ def find_tip(
     )
     far = reach_mm * patch.px_per_mm
     axis = needle_axis(patch, far)
-    end = needle_end(patch, axis, -far, far)
-    u_across = float(np.hypot(axis.u_px / np.sqrt(2), _FLOOR_PX))
-    spread = u_across**2 * np.outer(patch.aside, patch.aside)
-    spread += end.u_px**2 * np.outer(patch.up, patch.up)
+    end = fit_end(patch, axis, rough_end(patch, axis, -far, far))
+    turn = np.column_stack([patch.up, patch.aside])
+    floor = np.diag([_FLOOR_UP_PX**2, _FLOOR_ASIDE_PX**2])
     return SeenTip(
-        patch.pixel(end.above, axis.beside + axis.lean * end.above),
-        spread,
-        axis.wide_px / patch.px_per_mm,
-        float(np.hypot(axis.u_px, _FLOOR_PX)) * float(np.sqrt(2)) / patch.px_per_mm,
-        end.slope,
-        end.u_slope,
+        patch.pixel(end.above, end.beside),
+        turn @ (end.covariance_px2 + floor) @ turn.T,
+        end.wide_px / patch.px_per_mm,
+        end.u_wide_px / patch.px_per_mm,
+        end.tilt + end.lean,
+        end.u_tilt,
         end.rough,
-        axis.lean,
-        axis.clear,
+        end.lean,
+        end.clear,
     )

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from registration.camera_frame.tip_patch import TipPatch
-from registration.camera_frame.tip_profile import profile_middle
 from registration.errors import PictureError
 
 FloatArray = NDArray[np.float64]
@@ -33,17 +32,13 @@ _OTHER: Final = 13.0
 _GRID: Final = 0.25
 _SAME: Final = 0.25
 """Of the width, up to which it may be the needle of the profile."""
-_MOST_VAGUE: Final = 0.12
-"""Of the width, that the needle may be aside and look nearly the same."""
-_UNSEEN: Final = 0.03
-"""Uncertainty of an edge that only the other one tells, of the width."""
 _LEAST_CLEAR: Final = 5.0
 """Of an edge's gradient over the deviation of the others."""
 
 
 @dataclass(frozen=True)
 class NeedleAxis:
-    """A needle in a patch.
+    """A needle in a patch, to a part of its width.
 
     Attributes
     ----------
@@ -51,18 +46,10 @@ class NeedleAxis:
         Of the axis, at row 0 (the expected tip's height).
     lean : float
         Pixels aside for each pixel up.
-    wide_px : float
-    u_px : float
-        Standard uncertainty of each edge.
-    clear : float
-        Gradient of the weaker edge over the deviation of the others.
     """
 
     beside: float
     lean: float
-    wide_px: float
-    u_px: float
-    clear: float
 
 
 def needle_axis(patch: TipPatch, lowest: float) -> NeedleAxis:
@@ -97,7 +84,7 @@ def needle_axis(patch: TipPatch, lowest: float) -> NeedleAxis:
             "focus, of this diameter (--needle)? A plain ground behind it helps, or several "
             "pictures with the needle at places 5 mm apart"
         )
-    return _refined(part, gradient, heights, patch, best, lean)
+    return _refined(gradient, heights, patch, best, lean)
 
 
 def _sheared(gradient: FloatArray, heights: FloatArray, lean: float) -> FloatArray:
@@ -177,7 +164,6 @@ def _peak(size: FloatArray, at: int) -> float:
 
 
 def _refined(
-    seen: FloatArray,
     gradient: FloatArray,
     heights: FloatArray,
     patch: TipPatch,
@@ -202,46 +188,25 @@ def _refined(
                 places.append(_peak(mean, int(top)))
                 tops.append(heights[rows].mean())
         edges.append(_line(np.array(tops), np.array(places), edge))
-    (a, slope_a, u_a), (b, slope_b, u_b) = edges
-    grown = 1 + patch.taper * float(heights.mean())
+    (a, slope_a), (b, slope_b) = edges
     if not pair.seen[0]:
-        a, slope_a, u_a = b - patch.wide_px, slope_b, _UNSEEN * patch.wide_px
+        a, slope_a = b - patch.wide_px, slope_b
     if not pair.seen[1]:
-        b, slope_b, u_b = a + patch.wide_px, slope_a, _UNSEEN * patch.wide_px
-    lean += (slope_a + slope_b) / 2
-    straight = _sheared(seen, heights, lean).mean(axis=0)
-    middle, wide, vague = profile_middle(straight, (a + b) / 2, grown * patch.wide_px)
-    if vague > _MOST_VAGUE * patch.wide_px or abs(b - a - patch.wide_px) > _SAME * patch.wide_px:
-        raise PictureError(
-            f"the needle's rims aren't clear (they lie between {b - a:.1f} and "
-            f"{patch.wide_px:.1f} pixels apart, and could be {vague:.1f} pixels aside): they are "
-            "as bright as the ground. Put a plain ground of another brightness behind it, or light "
-            "it from behind; or is it another needle (--needle)?"
-        )
-    half = (b - a if wide is None else wide / grown) / 2
-    a, b = middle - half, middle + half
-    u_a = u_b = float(np.sqrt((u_a**2 + u_b**2 + vague**2) / 4))
-    return NeedleAxis(
-        (a + b) / 2 + patch.beside[0],
-        lean,
-        b - a,
-        float(np.hypot(u_a, u_b) / np.sqrt(2)),
-        pair.clear,
-    )
+        b, slope_b = a + patch.wide_px, slope_a
+    if abs(b - a - patch.wide_px) > _SAME * patch.wide_px:
+        # A thread of glare or the ground was taken for a rim; both together said where it is.
+        a, b, slope_a, slope_b = pair.left, pair.right, 0.0, 0.0
+    return NeedleAxis((a + b) / 2 + patch.beside[0], lean + (slope_a + slope_b) / 2)
 
 
-def _line(heights: FloatArray, places: FloatArray, usual: float) -> tuple[float, float, float]:
-    """Place at row 0, slope, and uncertainty at row 0, of a robust line."""
-    if len(heights) < 4:
-        return usual, 0.0, 1.0
+def _line(heights: FloatArray, places: FloatArray, usual: float) -> tuple[float, float]:
+    """Place at row 0, and slope, of a robust line."""
     good = np.ones(len(heights), dtype=bool)
     for _ in range(5):
+        if good.sum() < 4:
+            return usual, 0.0
         slope, at = np.polyfit(heights[good], places[good], 1)
         off = places - slope * heights - at
         spread = max(1.4826 * float(np.median(np.abs(off[good]))), 0.03)
         good = np.abs(off) < 3 * spread
-        if good.sum() < 4:
-            return usual, 0.0, 1.0
-    terms = np.column_stack([heights[good], np.ones(good.sum())])
-    inner = np.linalg.inv(terms.T @ terms)
-    return float(at), float(slope), float(spread * np.sqrt(inner[1, 1]))
+    return float(at), float(slope)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -14,17 +15,20 @@ from firmware_profiles.dishes import Dish
 from registration.camera_frame import (
     Bath,
     CameraFrame,
+    PrintedLine,
     PrintedPoints,
     SeenMarks,
     Ties,
     Touch,
     design_insert,
+    find_crossings,
     find_marks,
     fit_frame,
     read_frame,
     write_frame,
 )
 from registration.camera_frame.insert import Process
+from registration.camera_frame.projection import project
 from registration.errors import PictureError
 from tests.registration.camera_frame import scene
 
@@ -75,6 +79,23 @@ def test_printed_points_tie_the_frame_to_the_printer() -> None:
     off = frame.to_printer(scene.optics().pixels(true), 3.0) - true[:, :2]
     assert np.linalg.norm(off, axis=1).max() < 0.03
     assert frame.tied == "printed"
+
+
+def test_crossings_of_one_line_count_for_less_each_since_they_share_its_error() -> None:
+    view, (x, y, z) = scene.frame().view, scene.TARGET
+    corners = [(x - 9, y - 9, z), (x + 9, y - 9, z), (x + 9, y + 9, z), (x - 9, y + 9, z)]
+    lines = [
+        PrintedLine(a, b, 0.5) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)
+    ]
+    image = np.full(scene.optics().size[::-1], 150, np.uint8)
+    for line in lines:
+        share = np.linspace(0, 1, 40)[:, None]
+        along = (1 - share) * np.array(line.begin) + share * np.array(line.end)
+        fine = np.round(16 * project(view, along)).astype(np.int32)
+        cv2.polylines(image, [fine], False, 60, 6, cv2.LINE_AA, shift=4)
+    points = find_crossings(image, view, lines, u_mm=0.02)
+    assert len(points.u_mm) == 4
+    assert points.u_mm == pytest.approx(np.full(4, 0.02 * np.sqrt(2)), rel=0.1)
 
 
 def test_touches_that_dont_fit_are_refused() -> None:
