@@ -129,7 +129,7 @@ def _kind(value: Any) -> Any:
         if not -(1 << 63) <= value < 1 << 63:
             raise TypeError(value)
         return own
-    if own in (float, bool, type(None)) or isinstance(value, np.generic):
+    if own in (float, bool, bytes, type(None)) or isinstance(value, np.generic):
         return own
     if isinstance(value, tuple):
         return own, *[_kind(one) for one in value]
