@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from registration.camera_frame.evidence import Placement, PrintedPoints, Touch
 from registration.camera_frame.insert import Insert
@@ -216,7 +216,7 @@ def _touch_misfit(bundle: Bundle, unknown: FloatArray, normal: FloatArray) -> tu
     if free < 0.5:  # two crosses without heights leave next to nothing
         return 0.0, 1.0
     total = float(left @ left)
-    return float(np.sqrt(total / free)), float(chi2.sf(total, free))
+    return float(np.sqrt(total / free)), float(chdtrc(free, total))
 
 
 def _view(bundle: Bundle, start: Start, unknown: FloatArray) -> View:

@@ -7,7 +7,7 @@ from typing import Final, Literal
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from registration.layer_images.plane_map import PlaneMap
 from registration.layer_images.values import Blob, BoolArray, FloatArray, FloatImage
@@ -64,7 +64,7 @@ def find_blobs(
         return (), nothing
     middle, spread = _bath_level(some)
     places = max(1.0, area.sum() / width_px**2)
-    sure = float(norm.isf(min(0.5, rate / places)))
+    sure = float(-ndtri(min(0.5, rate / places)))
     level = max(_LEVEL, middle + sure * spread)
     if level > 0.85:
         return (), nothing
@@ -92,7 +92,7 @@ def find_blobs(
                 place.to_printer(outline + (x, y)),
                 float(size[k]) * place.px_mm**2,
                 bool((grown[box][own] > 0).any()),
-                float(norm.sf((height - middle) / spread)),
+                float(ndtr((middle - height) / spread)),
             )
         )
     return tuple(blobs), big
@@ -131,7 +131,7 @@ def _bath_level(values: FloatImage) -> tuple[float, float]:
     for tail in (0.01, 0.001):
         if tail * len(some) >= 20:
             below = float(np.quantile(some, tail))
-            spread = max(spread, float(middle - below) / float(norm.isf(tail)))
+            spread = max(spread, float(middle - below) / float(-ndtri(tail)))
     return float(middle), max(spread, 1e-6)
 
 

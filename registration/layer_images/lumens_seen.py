@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from scipy.ndimage import uniform_filter1d
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from registration.layer_images.values import (
     BoolArray,
@@ -134,7 +134,7 @@ def _measured(lumen: Lumen, patch: _Patch | None, px_mm: float, noise: float) ->
     ratio, scatter = _narrowest(clear & inside, inside, lumen.width_mm / patch.step_mm)
     edge = np.sqrt(2.0) * _EDGE_PX * px_mm / lumen.width_mm
     u = float(np.sqrt(edge**2 + _SHARP**2 + scatter**2 + (0.1 * min(noise, 1.0)) ** 2))
-    p_value = float(norm.sf((1.0 - ratio) / u))
+    p_value = float(ndtr((ratio - 1.0) / u))
     return LumenSeen(
         lumen.name, lumen.width_mm, ratio * lumen.width_mm, u * lumen.width_mm, share, True, p_value
     )

@@ -12,7 +12,7 @@ from typing import Final
 
 import cv2
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from registration.layer_images.ink_image import ACROSS
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage, IntArray
@@ -131,7 +131,7 @@ class WindowNoise:
     def p_value(self, mean: float, length_mm: float) -> float:
         """Chance of so low a mean over a stretch, by noise."""
         spread = float(np.interp(length_mm, self.length_mm, self.spread))
-        return float(norm.sf((self.middle - mean) / max(spread, 1e-9)))
+        return float(ndtr((mean - self.middle) / max(spread, 1e-9)))
 
     def contrast(self, length_mm: float) -> float:
         """Ink over bath, in standard deviations of a stretch."""
@@ -141,7 +141,7 @@ class WindowNoise:
     def can_tell(self, length_mm: float, p_needed: float) -> bool:
         """Whether a gap of that length would be found, nineteen times in twenty."""
         spread = float(np.interp(length_mm, self.length_mm, self.spread))
-        return bool(norm.isf(p_needed) * spread + 1.64 * self.bath < 0.9 * self.middle)
+        return bool(-ndtri(p_needed) * spread + 1.64 * self.bath < 0.9 * self.middle)
 
 
 def window_means(values: FloatArray, good: BoolArray, run: IntArray, count: int) -> FloatArray:
@@ -210,6 +210,6 @@ def _spread(values: FloatArray, most_above: float = np.inf) -> float:
     below, above = middle - low, high - middle
     for tail in _TAILS:
         if tail * len(values) >= 5:
-            lower, upper = (np.quantile(values, [tail, 1 - tail]) - middle) / norm.isf(tail)
+            lower, upper = (np.quantile(values, [tail, 1 - tail]) - middle) / -ndtri(tail)
             below, above = max(below, -lower), max(above, upper)
     return float(max(below, min(above, most_above * below)))

@@ -6,7 +6,7 @@ import math
 from typing import Final, Literal
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from registration.layer_images.values import BoolArray, Stations, Stretch
 from registration.layer_images.widths import Widths
@@ -55,7 +55,7 @@ def _of_stroke(
                     float(stations.along_mm[part[-1]] + half[-1]),
                     at,
                     own,
-                    float(norm.sf(abs(at - 1.0) / own)),
+                    float(ndtr(-abs(at - 1.0) / own)),
                 )
             )
     return found

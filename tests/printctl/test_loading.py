@@ -39,6 +39,7 @@ ON_DEMAND = (
     "design.toolpath.embedded",
     "design.toolpath.fresh",
     "design.toolpath.gcode",
+    "printctl.bead",
     "printctl.calibration",
     "printctl.gcode_view",
     "printctl.preflight",

@@ -143,7 +143,3 @@ def main() -> int:
         print(" ".join(known[0].split()), file=sys.stderr)
         return 1
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
