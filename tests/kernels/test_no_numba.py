@@ -46,6 +46,12 @@ def refuses(n):
 def hashes(n):
     return len({{"a", "b"}}) + n
 @jit
+def counts(text, byte):
+    found = 0
+    for k in range(len(text)):
+        found += text[k] == byte
+    return found
+@jit
 def fills(values):
     values[:] = 7
 """
@@ -62,6 +68,7 @@ for values in (even, fixed):
     print(kinds.outer(values, kinds.Law({values}), False)[0].tolist())
 print([type(one).__name__ for one in (kinds.adds(3), kinds.adds(2.5), kinds.adds(True))])
 print(kinds.adds(np.arange(3)).tolist(), kinds.refuses(1))
+print(kinds.counts(b"G1 X1", 49), kinds.counts(b"", 49))
 rows = np.zeros((2, 3), order="F"); kinds.fills(rows); print(rows.tolist())
 loaded = "numba.core" in sys.modules
 print(kinds.hashes(3))
