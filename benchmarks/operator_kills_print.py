@@ -20,6 +20,7 @@ from benchmarks.checkers.journal_verdict import Written, lives, read_written
 from benchmarks.link_files import START_MM, PrintFile
 from benchmarks.link_printers import PeerFailedError
 from benchmarks.machine import ROOT
+from benchmarks.operator_kills_offers import may, offers
 from benchmarks.operator_page import PageServer
 from benchmarks.operator_server import browsers
 
@@ -217,7 +218,7 @@ class KilledPrint:
         if status != 200:
             return [] if not after.pid else [f"REST answers {status} {told}"]
         if not after.pid and not after.state:  # not begun: it can't be told to go on
-            return [] if not _may(told, "go_on") else ["go on is offered before the first line"]
+            return [] if not may(told, "go_on") else ["go on is offered before the first line"]
         wrong = []
         if told["state"] not in (before.true_state, after.true_state):
             wrong.append(f"REST says {told['state']}, the journal {after.true_state}")
@@ -226,7 +227,7 @@ class KilledPrint:
         if before == after and not low <= told["lines_done"] <= high:
             wrong.append(f"REST says {told['lines_done']} lines, the journal {after.done}")
         if before == after:
-            wrong += _offers(told, after)
+            wrong += offers(told, after)
         station = self.page.ask("/api/v1/printer/status")[1]
         if not self._station_pid() and station["state"] not in ("lost", "closed"):
             wrong.append(f"the station's process is gone, and REST says {station['state']}")
@@ -384,33 +385,6 @@ def _live_pid(record: Path) -> int:
         pid = int(json.loads(record.read_text())["pid"])
         return pid if lives(pid) else 0
     return 0
-
-
-def _may(told: Told, action: str) -> bool:
-    return any(one["possible"] for one in told["actions"] if one["action"] == action)
-
-
-def _offers(told: Told, written: Written) -> list[str]:
-    """What is offered against what the journal allows."""
-    gone = written.true_state == "interrupted"
-    wanted = {"give_up": gone, "go_on": gone and written.resumable}
-    if written.true_state == "paused":
-        wanted["resume"] = True
-    if written.true_state == "printing":
-        wanted["pause"] = True
-    wrong = [
-        f"{action} is {'not ' if so else ''}offered while {written.true_state}"
-        for action, so in wanted.items()
-        if _may(told, action) != so
-    ]
-    if "Go on" in told["message"] and not _may(told, "go_on"):
-        wrong.append(f"go on is promised and not offered: {told['message']}")
-    wrong += [
-        f"{one['action']} isn't offered, without a reason"
-        for one in told["actions"]
-        if not one["possible"] and not one["reason"]
-    ]
-    return wrong
 
 
 def _unclocked(told: Any) -> Any:

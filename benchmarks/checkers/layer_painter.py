@@ -92,10 +92,8 @@ def plan_layer(layout: str, size: float, width: float, rng: np.random.Generator)
     else:
         for k in range(max(1, int(size / (width * 3.5)) - 1)):
             x = np.linspace(0.06, 0.94, 60) * size
-            y = (k + 1) * 3.5 * width + 0.6 * width * np.sin(
-                x * rng.uniform(1, 3) + rng.uniform(0, 6)
-            )
-            paths.append(np.column_stack([x, y]))
+            wave = np.sin(x * rng.uniform(1, 3) + rng.uniform(0, 6))
+            paths.append(np.column_stack([x, (3.5 * (k + 1) + 0.6 * wave) * width]))
     if not paths:  # too small for the layout
         paths = [np.array([[0.1 * size, c], [0.9 * size, c]])]
     start = np.concatenate([p[:-1] for p in paths]) + (10, 20)

@@ -99,34 +99,42 @@ def image(
         )
         geometry.strew(j * pitch_y, nx, pitch, 2 * nz + 2, dz / 2, moved, balls, field)
         for _ in range(asked.looks):
-            light = np.zeros((nx, detector.cells), np.complex64)
-            mean = np.zeros((nx, detector.cells), np.float32)
-            scatter.cast(
-                field,
-                dz / 2,
-                detector.delta,
-                asked.per_cell,
-                *media,
-                beam,
-                relative_index(asked),
-                specular(asked, detector),
-                CARRIER_PER_MM,
-                int(rng.integers(2**31)),
-                light,
-                mean,
-            )
-            scatter.tail(
-                mean,
-                detector.delta,
-                asked.tail,
-                0.25,
-                int(0.15 / pitch),
-                int(rng.integers(2**31)),
-                light,
-            )
+            light = back_scattered(field, dz / 2, pitch, detector, media, beam, asked, rng)
             shot = detector.image(overlap(light, beam, pitch, detector.delta), rng, 1.0)
             out[:, j] += shot[:, :: FINE // detector.pixel][:, :nz].T / asked.looks
     return out
+
+
+def back_scattered(
+    field: np.ndarray,
+    dz_field: float,
+    pitch: float,
+    detector: Spectrometer,
+    media: tuple[np.ndarray, ...],
+    beam: np.ndarray,
+    asked: argparse.Namespace,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Return a B-scan's complex amplitude of singly and multiply scattered light, (nx, cells)."""
+    light = np.zeros((field.shape[2], detector.cells), np.complex64)
+    mean = np.zeros(light.shape, np.float32)
+    scatter.cast(
+        field,
+        dz_field,
+        detector.delta,
+        asked.per_cell,
+        *media,
+        beam,
+        relative_index(asked),
+        specular(asked, detector),
+        CARRIER_PER_MM,
+        int(rng.integers(2**31)),
+        light,
+        mean,
+    )
+    late = int(rng.integers(2**31))
+    scatter.tail(mean, detector.delta, asked.tail, 0.25, int(0.15 / pitch), late, light)
+    return light
 
 
 def optics(

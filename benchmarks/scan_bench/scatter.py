@@ -45,6 +45,18 @@ def facing(cosine, specular):
 
 
 @nb.njit(cache=True)
+def reflection(wall, z, dz_field, delta, specular, carrier):
+    """Return the phased amplitude of a wall crossed between z - delta and z."""
+    here = at_depth(wall[0], z, dz_field)
+    step = abs(here - at_depth(wall[0], z - delta, dz_field))
+    along, aside = at_depth(wall[1], z, dz_field), at_depth(wall[2], z, dz_field)
+    # A rough wall's distance grows faster than the way: its gradient isn't a unit.
+    cosine = step / math.sqrt(step * step + delta * delta * (along**2 + aside**2))
+    phase = carrier * (z - min(abs(here) / max(step, 1e-9), 1.0) * delta)
+    return complex(math.cos(phase), math.sin(phase)) * specular[0] * facing(cosine, specular)
+
+
+@nb.njit(cache=True)
 def cast(
     field,
     dz_field,
@@ -90,10 +102,8 @@ def cast(
             z = c * delta
             if z > (field.shape[3] - 1) * dz_field:
                 break
-            lumen, body = (
-                at_depth(field[0, 0, x], z, dz_field),
-                at_depth(field[1, 0, x], z, dz_field),
-            )
+            lumen = at_depth(field[0, 0, x], z, dz_field)
+            body = at_depth(field[1, 0, x], z, dz_field)
             now = medium(lumen, body)
             # Amplitude; two ways of intensity's loss are one way's square.
             light = math.exp(-path)
@@ -124,15 +134,9 @@ def cast(
                 )
             if now != before and c > 0 and now + before != LUMEN + BATH:
                 which = 0 if now + before == GEL + LUMEN else 1
-                here = lumen if which == 0 else body
-                step = abs(here - at_depth(field[which, 0, x], z - delta, dz_field))
-                along = at_depth(field[which, 1, x], z, dz_field)
-                aside = at_depth(field[which, 2, x], z, dz_field)
-                # A rough wall's distance grows faster than the way: its gradient isn't a unit.
-                cosine = step / math.sqrt(step * step + delta * delta * (along**2 + aside**2))
-                size = specular[0] * facing(cosine, specular) * light * focus
-                phase = carrier * (z - min(abs(here) / max(step, 1e-9), 1.0) * delta)
-                amplitude[x, cell] += complex(math.cos(phase), math.sin(phase)) * size
+                wall = field[which, :, x]
+                phased = reflection(wall, z, dz_field, delta, specular, carrier)
+                amplitude[x, cell] += phased * light * focus
             before = now
             path += loss[now] * delta
             depth += index[now] * delta

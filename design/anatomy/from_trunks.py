@@ -66,9 +66,6 @@ class TrunkPlan:
         Adds trunks that leave the laid ones.
     each : tuple of GrowthOptions
         Of each tree, where all of them serve the whole tissue; else they share it.
-    radius_factor : function of trees to float, optional
-        Factor on all radii that the trees of the first growth should have; the pressure drop is
-        changed for it.
     """
 
     lines: TrunkLines
@@ -78,7 +75,6 @@ class TrunkPlan:
     keep: Callable[[FloatArray], FloatArray] | None = None
     branches: Callable[[TrunkLines, FloatArray], tuple[TrunkLines, FloatArray]] | None = None
     each: tuple[GrowthOptions, ...] = ()
-    radius_factor: Callable[[Sequence[VesselTree]], float] | None = None
 
 
 def grow_from_plan(
@@ -106,13 +102,8 @@ def grow_from_plan(
         roots = _pervading(thin, wide, whole, plan) if plan.each else roots_of(thin, wide, options)
         trees = grow_forest(tissue, roots)
         grown = trunk_radii(smooth, trees)
-        if left == 0:
+        if left == 0 or (grown <= radius).all():
             break
-        factor = plan.radius_factor(trees) if plan.radius_factor else 1.0
-        if factor == 1.0 and (grown <= radius).all():
-            break
-        grown = factor * grown
-        options = replace(options, pressure_drop_pa=options.pressure_drop_pa / factor**4)
         # Which trunk feeds what differs a little from one growth to the next.
         radius = RADIUS_MARGIN * grown
     return trees, smooth

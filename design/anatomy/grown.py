@@ -27,6 +27,8 @@ _MORE_ROOM = 0.15
 _MOST_SPARE = 1.4
 _LEAST_SPARE = 0.01
 """More terminals to spare with each attempt, of those asked for, though few didn't fit."""
+_NEARLY = 0.95
+"""Of the terminals asked for, from which on trunks don't need more room."""
 _CLEARER, _CLEARER_RATIO = 1.15, 1.3
 """Clearance to grow with, over that kept once vessels are curved."""
 
@@ -168,12 +170,14 @@ def _attempts(
 ) -> Trees:
     """What ``fitted`` makes of the first growth that it doesn't refuse.
 
-    Trunks get more room each time; where terminals were too few, more are grown to spare.
+    Where terminals were too few, more are grown to spare; where they were far too few, or trunks
+    didn't fit, trunks get more room each time.
     """
     error = GrowthError("not tried")
     best: CrowdedError | None = None
+    room = 0
     for attempt in range(ATTEMPTS):
-        wider = WIDER * (1.0 + _MORE_ROOM * attempt)
+        wider = WIDER * (1.0 + _MORE_ROOM * room)
         # As many again as didn't fit last time.
         lacking = best.asked / max(1, best.fit) + _LEAST_SPARE * attempt if best else 1.0
         spare = min(_MOST_SPARE, lacking)
@@ -194,8 +198,10 @@ def _attempts(
             return fitted(trees)
         except CrowdedError as failed:
             best, error = max((best or failed, failed), key=lambda one: one.fit), failed
+            room += failed.fit < _NEARLY * failed.asked
         except GrowthError as failed:
             error = failed
+            room += 1
     if best is not None:
         raise CrowdedError(best.fit, best.asked, f" (best of {ATTEMPTS} attempts)") from error
     raise GrowthError(f"{error} (last of {ATTEMPTS} attempts)") from error

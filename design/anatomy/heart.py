@@ -17,7 +17,7 @@ from design.anatomy.network import curved_network
 from design.anatomy.openness import SurfaceSamples, sample_surface
 from design.anatomy.trunk_lines import lines_of
 from design.errors import CrowdedError, GrowthError
-from design.measures.published_radii import published_radius_factor
+from design.measures.published_radii import PublishedMatch, published_match
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.units import PA_PER_MMHG
@@ -99,26 +99,35 @@ def grow_heart(
     begins = {tree: _begin(forest, tree, given) for tree in given}
     ostia = {t: ostium_above(tissue, layer.points[i], places.base) for t, i in begins.items()}
     volume, _ = demand_points(tissue, _VOLUME, options.seed)
-    fit = _published_factor if anatomy.published_radii else None
-    plan = TrunkPlan(lines_of(forest, ostia, volume), anatomy.trunk_depth_mm, radius_factor=fit)
-    trees = _grown(tissue, plan, options)
+    plan = TrunkPlan(lines_of(forest, ostia, volume), anatomy.trunk_depth_mm)
+    trees = grow_fitted(tissue, plan, options)
+    if anatomy.published_radii:
+        trees = _with_published_radii(trees, tissue, plan, options)
     notes = (*_notes(samples, places, ostia), *_drop_note(trees[0], options))
     return AnatomicTrees(trees, (VesselKind.ARTERY,) * 2, NAMES, notes)
 
 
-def _grown(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees:
-    """Grow the trees; with ``options`` as they are where the published radii don't fit."""
+def _with_published_radii(
+    trees: Trees, tissue: Tissue, plan: TrunkPlan, options: GrowthOptions
+) -> Trees:
+    """Trees as they are where their radii are the published ones, else grown with another drop.
+
+    Trees that don't fit then, or are farther from the table, aren't taken.
+    """
+    match = _published_match(trees)
+    if match.factor == 1.0:
+        return trees
+    drop = options.pressure_drop_pa / match.factor**4
     try:
-        return grow_fitted(tissue, plan, options)
+        other = grow_fitted(tissue, plan, replace(options, pressure_drop_pa=drop))
     except CrowdedError:
-        if plan.radius_factor is None:
-            raise
-        return grow_fitted(tissue, replace(plan, radius_factor=None), options)
+        return trees
+    return other if _published_match(other).farthest_sd < match.farthest_sd else trees
 
 
-def _published_factor(trees: Sequence[VesselTree]) -> float:
+def _published_match(trees: Sequence[VesselTree]) -> PublishedMatch:
     kinds = (VesselKind.ARTERY,) * len(trees)
-    return published_radius_factor(curved_network(trees, kinds), "coronary")
+    return published_match(curved_network(trees, kinds), "coronary")
 
 
 def _drop_note(tree: VesselTree, options: GrowthOptions) -> tuple[str, ...]:

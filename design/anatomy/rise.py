@@ -62,11 +62,6 @@ def risen_trees(
     return trees
 
 
-def risen(tissue: Tissue, tree: VesselTree, clearance_mm: float, shallow_mm: float) -> VesselTree:
-    """The tree with its trunk as shallow as its radii allow, whatever is in the way."""
-    return moved_tree(tree, tree.distal + rise(tissue, tree, clearance_mm, shallow_mm))
-
-
 def rise(tissue: Tissue, tree: VesselTree, clearance_mm: float, shallow_mm: float) -> FloatArray:
     """How far the end of each segment of the trunk may rise, (n, 3), mm; 0 for all others."""
     radius = tree_radii(tree)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.anatomy.curves import STRAIGHT, Lines, curve_tree, main_children, turns
 from design.anatomy.prune_terminals import trimmed, with_flow, without_collisions
-from design.anatomy.rise import risen, risen_trees
+from design.anatomy.rise import risen_trees
 from design.anatomy.sink import sink_trunk
 from design.errors import GrowthError
 from design.tissue import Tissue
@@ -38,6 +39,8 @@ ROUNDS = 10
 AGAIN = 12
 SECOND = np.radians(24.0)
 _LESS, _LEAST = 0.5, 0.01
+_CHEAP = 0.002
+"""Of the terminals, which may go for a vessel that lies in a rising trunk's way."""
 _STUCK = 3
 """Rounds that mend nothing, after which curves are left as they are."""
 
@@ -73,7 +76,7 @@ def fitted_trees(
     flow = float(sum(tree.flow_ul_s[0] for tree in trees)) / terminals
     done = tuple(with_flow(tree, flow) for tree in done)
     if shallow_mm is not None:
-        done = tuple(risen(tissue, tree, mm, shallow_mm) for tree in done)
+        done = risen_trees(tissue, done, mm, shallow_mm, partial(_dear, tissue, mm, ratio))
     for _ in range(AGAIN):
         done, bad = curve_trees(tissue, _sunk(tissue, done, mm, ratio), mm, ratio, least)
         least = SECOND
@@ -95,6 +98,16 @@ def fitted_trees(
         f"{kinks(done)} kinks are left after {AGAIN} rounds; ask for fewer terminals or a higher "
         "pressure_drop_mmhg"
     )
+
+
+def _dear(tissue: Tissue, mm: float, ratio: float, trees: Trees) -> IntArray:
+    """Segments that don't fit and would take more than a few terminals with them."""
+    pairs, out = misfits(tissue, trees, mm, ratio)
+    fed = np.concatenate([tree.terminals for tree in trees])
+    both = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    few = _CHEAP * sum(int(tree.terminals[0]) for tree in trees)
+    dear = both[fed[both].min(axis=1) > few]
+    return np.unique(np.concatenate([dear.ravel(), out[fed[out] > few]]))
 
 
 def _risen(tissue: Tissue, trees: Trees, mm: float, ratio: float, shallow_mm: float) -> Trees:
@@ -122,12 +135,14 @@ def _any(bad: Misfits) -> bool:
 
 def _sunk(tissue: Tissue, trees: Trees, clearance_mm: float, clearance_ratio: float) -> Trees:
     """Trees whose trunks lie deep enough, without what then doesn't fit."""
-    for _ in range(AGAIN):
+    for left in range(AGAIN - 1, -1, -1):
         trees = tuple(sink_trunk(tissue, tree, clearance_mm) for tree in trees)
-        bad = misfits(tissue, trees, clearance_mm, clearance_ratio)
-        if not _any(bad):
+        pairs, out = misfits(tissue, trees, clearance_mm, clearance_ratio)
+        if not _any((pairs, out)):
             break
-        trees = without_collisions(trees, *bad)
+        # A trunk that still reaches out is sunk further, rather than taken away with its branches.
+        trunk = np.concatenate([tree.given for tree in trees])
+        trees = without_collisions(trees, pairs, out if left == 0 else out[~trunk[out]])
     return trees
 
 

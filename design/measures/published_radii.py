@@ -1,7 +1,8 @@
-"""Scale a network's radii until its orders are within published tables."""
+"""Match a network's radii to published tables."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -15,21 +16,32 @@ _FACTORS: Final = np.exp(0.02 * np.arange(1, 26))
 
 _FEWEST_ORDERS: Final = 4
 
-_KEPT_SD: Final = 0.95
-"""Published standard deviations within which no figure asks for other radii."""
 
-_WITHIN_SD: Final = 0.9
-"""Those that every figure is brought within otherwise: growth and curves change it a little."""
+@dataclass(frozen=True)
+class PublishedMatch:
+    """How near a network's arteries are to a published table.
+
+    Attributes
+    ----------
+    farthest_sd : float
+        Distance of the figure farthest from its published mean, in standard deviations; infinite
+        where too few orders are judged.
+    factor : float
+        On all radii, nearest to 1, that would bring every figure within one standard deviation.
+    """
+
+    farthest_sd: float
+    factor: float
 
 
-def published_radius_factor(network: VesselNetwork, name: str) -> float:
-    """Return the factor on all radii, nearest to 1, by which arteries match a published table.
+def published_match(network: VesselNetwork, name: str) -> PublishedMatch:
+    """Compare a network's arteries with a published table, and what radii would match it.
 
-    All judged orders' diameters, lengths and slenderness and the ratios between orders
-    (`compare_orders`) are then within 0.9 published standard deviations; it is 1 where they are
-    within 0.95 already. Where no factor does
-    that, the one whose figure farthest off is nearest. A network of fewer than four judged orders
-    keeps its radii: few vessels in a small phantom aren't an organ's.
+    The figures are all judged orders' diameters, lengths and slenderness and the ratios between
+    orders (`compare_orders`). The factor is 1 where they are within one published standard
+    deviation. Where no factor brings them within, it is the one whose farthest figure is nearest.
+    A network of fewer than four judged orders keeps its radii: few vessels in a small phantom
+    aren't an organ's.
 
     Parameters
     ----------
@@ -45,28 +57,26 @@ def published_radius_factor(network: VesselNetwork, name: str) -> float:
     """
     table, forest = published_orders(name), forest_of(network, VesselKind.ARTERY)
     if forest is None:
-        return 1.0
+        return PublishedMatch(np.inf, 1.0)
     length = network.lengths()[forest.vessels]
     wide = 2.0 * network.mean_radius()[forest.vessels]
-    best, farthest = 1.0, _farthest_sd(table, forest, length, wide)
-    if farthest <= _KEPT_SD or not np.isfinite(farthest):
-        return best
+    ours = _farthest_sd(table, forest, length, wide)
+    if ours <= 1.0 or not np.isfinite(ours):
+        return PublishedMatch(ours, 1.0)
+    best, least = 1.0, ours
     for factor in np.column_stack([_FACTORS, 1.0 / _FACTORS]).ravel().tolist():
         off = _farthest_sd(table, forest, length, factor * wide)
-        if off < farthest:
-            best, farthest = factor, off
-        if off <= _WITHIN_SD:
+        if off < least:
+            best, least = factor, off
+        if off <= 1.0:
             break
-    return best
+    return PublishedMatch(ours, best)
 
 
 def _farthest_sd(
     table: PublishedOrders, forest: Forest, length: FloatArray, wide: FloatArray
 ) -> float:
-    """Distance of the figure farthest from its published mean, in standard deviations.
-
-    Infinite where too few orders are judged.
-    """
+    """See `PublishedMatch.farthest_sd`."""
     rows, ratios = order_figures(table, forest, length, wide)
     figures: list[dict[str, Any]] = [*ratios.values()]
     for row in rows:

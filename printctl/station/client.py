@@ -169,13 +169,13 @@ class Station:
 
     # --- what the user tells ---------------------------------------------------------------------
 
-    def mount(self, **said: Any) -> StationStatus:
+    def mount(self, **parts: Any) -> StationStatus:
         """Say what is mounted: the fields of `Mounted`, and ``plunger_mm`` of a syringe put in.
 
         Keys left out stay as they are; ``""`` (or None) takes away. Another needle or dish must be
         touched off anew. A syringe that is named is full, unless ``plunger_mm`` says otherwise.
         """
-        return self._request("mount", MOVE_S, **said)
+        return self._request("mount", MOVE_S, **parts)
 
     def touch_off(self, z: float | None = None, *, foil_mm: float = 0.0) -> StationStatus:
         """Say that the tip touches the floor: here, or at ``z``, less the foil it stands on."""
@@ -310,11 +310,11 @@ def _last_word(folder: Path) -> StationStatus:
     state, message = journalled_down(folder / JOURNAL, record.started) or (last.state, "")
     if state is StationState.CLOSED:  # the disk was full, and its record couldn't be written
         return replace(last, state=state, message=message, position_mm=None, position_trusted=False)
-    told = {
+    known = {
         "state": StationState.LOST,
         "message": f"the station ended without a word while {state.value}; connect again",
     }
-    return StationStatus.from_dict({**last.to_dict(), **told, "error": "LinkError"})
+    return StationStatus.from_dict({**last.to_dict(), **known, "error": "LinkError"})
 
 
 def _await_station(pid: int, folder: Path) -> None:
@@ -330,7 +330,7 @@ def _await_station(pid: int, folder: Path) -> None:
             if record.pid == pid and last.state is not StationState.CONNECTING:
                 return
         if over:
-            said = (folder / LOG).read_text(encoding="utf-8", errors="replace").splitlines()
-            raise LinkError(f"the station ended at once: {said[-1] if said else 'no word'}")
+            log = (folder / LOG).read_text(encoding="utf-8", errors="replace").splitlines()
+            raise LinkError(f"the station ended at once: {log[-1] if log else 'no word'}")
         time.sleep(0.02)
     raise NoLink(f"the station didn't come up within {CHECK_S:g} s; see {folder / LOG}")

@@ -225,8 +225,8 @@ class IdleCommands:
     def _known(self) -> PrinterSituation:
         """What the gate is told."""
         standby = self.standby
-        told = tuple(one.name for one in standby.temperatures)
-        return replace(self.known.limits, position=standby.position, heaters=told)
+        heaters = tuple(one.name for one in standby.temperatures)
+        return replace(self.known.limits, position=standby.position, heaters=heaters)
 
     # --- where it is ---------------------------------------------------------------------------
 

@@ -56,15 +56,15 @@ class Knowledge:
     @property
     def bounds(self) -> Bounds:
         """What moves are judged by."""
-        told = self.mounted
+        mounted = self.mounted
         return Bounds(
             self.printer,
             trusted=self.trusted,
             needle=self.profiles.needle,
             dish=self.profiles.dish,
-            centre_mm=told.dish_centre_mm,
-            floor_mm=told.floor_mm,
-            bath_level_mm=told.bath_level_mm,
+            centre_mm=mounted.dish_centre_mm,
+            floor_mm=mounted.floor_mm,
+            bath_level_mm=mounted.bath_level_mm,
             part_in_dish=self.part_in_dish,
         )
 
@@ -96,10 +96,10 @@ class Knowledge:
 
     def home(self, axes: set[str]) -> None:
         """Take notice that axes were homed, with the needle off."""
-        told = replace(self.mounted, needle="", floor_mm=None)
+        mounted = replace(self.mounted, needle="", floor_mm=None)
         if "z" in axes and not self.homed[2]:
-            told = replace(told, bath_level_mm=None)
-        self.mounted, self.profiles = told, replace(self.profiles, needle=None)
+            mounted = replace(mounted, bath_level_mm=None)
+        self.mounted, self.profiles = mounted, replace(self.profiles, needle=None)
         self.needle_known = True
         known = [name in axes or old for name, old in zip("xyz", self.homed, strict=True)]
         self.homed = (known[0], known[1], known[2])
@@ -110,13 +110,13 @@ class Knowledge:
         What was measured in the old count is moved along; where the dish stands was said in the
         printer's frame, and is moved only if the old count meant that.
         """
-        told = self.mounted
+        mounted = self.mounted
         shift = [b - a for a, b in zip(old, new, strict=True)]
-        floor, level, centre = told.floor_mm, told.bath_level_mm, told.dish_centre_mm
+        floor, level, centre = mounted.floor_mm, mounted.bath_level_mm, mounted.dish_centre_mm
         if centre is not None and self.trusted:
             centre = (centre[0] + shift[0], centre[1] + shift[1])
         self.mounted = replace(
-            told,
+            mounted,
             floor_mm=None if floor is None else floor + shift[2],
             bath_level_mm=None if level is None else level + shift[2],
             dish_centre_mm=centre,
@@ -124,7 +124,7 @@ class Knowledge:
         known = [name in axes or was for name, was in zip("xyz", self.homed, strict=True)]
         self.homed = (known[0], known[1], known[2])
 
-    def mount(self, said: dict[str, Any]) -> None:
+    def mount(self, parts: dict[str, Any]) -> None:
         """Take notice of what the user says is mounted.
 
         Another needle has another length: nobody knows any more how high its tip is, and the floor
@@ -136,20 +136,20 @@ class Knowledge:
         Refused
             For an unknown key or profile, or a number that is none.
         """
-        said = dict(said)
-        unknown = set(said) - {*MountedParts.__dataclass_fields__, "plunger_mm"}
+        parts = dict(parts)
+        unknown = set(parts) - {*MountedParts.__dataclass_fields__, "plunger_mm"}
         if unknown:
             raise Refused(
                 f"{sorted(unknown)[0]!r} can't be mounted; what can: "
                 f"{', '.join(MountedParts.__dataclass_fields__)}, plunger_mm"
             )
-        used = said.pop("plunger_mm", 0.0 if said.get("syringe") else self.plunger_mm)
-        told: dict[str, Any] = {name: _name(name, said[name]) for name in _NAMES if name in said}
+        used = parts.pop("plunger_mm", 0.0 if parts.get("syringe") else self.plunger_mm)
+        told: dict[str, Any] = {name: _name(name, parts[name]) for name in _NAMES if name in parts}
         for name in ("floor_mm", "bath_level_mm"):
-            if name in said:
-                told[name] = _mm(name, said[name])
-        if "dish_centre_mm" in said:
-            told["dish_centre_mm"] = _centre(said["dish_centre_mm"])
+            if name in parts:
+                told[name] = _mm(name, parts[name])
+        if "dish_centre_mm" in parts:
+            told["dish_centre_mm"] = _centre(parts["dish_centre_mm"])
         mounted = replace(self.mounted, **told)
         if {"needle", "dish"} & set(told) and "floor_mm" not in told:
             mounted = replace(mounted, floor_mm=None)

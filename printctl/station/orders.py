@@ -79,11 +79,11 @@ def check_start(job: Job, at: Place | None, trusted: bool) -> Place | None:
         return declared
     away = math.dist(declared, at)
     if away > ASIDE_MM:
-        told = (
+        places = (
             " ".join(f"{axis}{mm:.2f}" for axis, mm in zip("XYZ", place, strict=True))
             for place in (declared, at)
         )
-        begins, stands = told
+        begins, stands = places
         raise Refused(
             f"{job.name} begins with the tip at {begins}, it stands at {stands}, {away:.2f} mm "
             f"away (at most {ASIDE_MM:g}): the part would be written as far beside its place. Move "

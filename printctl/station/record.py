@@ -66,8 +66,8 @@ class StationRecord:
     @property
     def mounted(self) -> MountedParts:
         """What was mounted; heights hung on a count that the printer may have lost."""
-        told = self.last.mounted
-        return MountedParts.from_dict({**asdict(told), "floor_mm": None, "bath_level_mm": None})
+        mounted = self.last.mounted
+        return MountedParts.from_dict({**asdict(mounted), "floor_mm": None, "bath_level_mm": None})
 
 
 def load_station(folder: Path) -> StationRecord:

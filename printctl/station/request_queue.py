@@ -107,8 +107,8 @@ class StationRequests:
             raise Refused(f"a print goes on in {folder}; pause or stop it, or wait for its end")
 
         def done(lines: tuple[bytes, ...]) -> None:
-            said = [line.decode("ascii", "backslashreplace") for line in lines]
-            say(self._report.reply("command", {"lines": said}))
+            reply = [line.decode("ascii", "backslashreplace") for line in lines]
+            say(self._report.reply("command", {"lines": reply}))
 
         streamer.typed(str(values["text"]), done, lambda why: say(refusal(Refused(why))))
 

@@ -37,9 +37,9 @@ class Tip:
     def look(self) -> None:
         """Ask where the printer is."""
         for _ in range(RETRIES):
-            said = parse_position(self._channel.ask(b"M114"))
-            if {"X", "Y", "Z"} <= set(said):
-                self._believe((said["X"], said["Y"], said["Z"]), said.get("E"))
+            position = parse_position(self._channel.ask(b"M114"))
+            if {"X", "Y", "Z"} <= set(position):
+                self._believe((position["X"], position["Y"], position["Z"]), position.get("E"))
                 return
         self.position = self.plunger = None
 

@@ -57,8 +57,8 @@ class Running:
 def find_server(workspace: Workspace) -> Running | None:
     """The server of a workspace; None when it has none, or its end wasn't orderly."""
     try:
-        said: dict[str, Any] = json.loads((workspace.private / SERVE).read_text(encoding="utf-8"))
-        return Running(**said)
+        values: dict[str, Any] = json.loads((workspace.private / SERVE).read_text(encoding="utf-8"))
+        return Running(**values)
     except (FileNotFoundError, ValueError, TypeError):
         return None
 

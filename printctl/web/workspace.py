@@ -104,7 +104,7 @@ class Workspace:
 
     def jobs(self) -> list[str]:
         """Every job, the newest file first."""
-        found = [(p, f"run~{p.parent.name}") for p in self.root.glob("runs/*/part.gcode")]
-        found += [(p, f"file~{p.name}") for p in self.root.glob("jobs/*.gcode")]
-        found.sort(key=lambda pair: pair[0].stat().st_mtime, reverse=True)
-        return [job for _, job in found]
+        paths = [(p, f"run~{p.parent.name}") for p in self.root.glob("runs/*/part.gcode")]
+        paths += [(p, f"file~{p.name}") for p in self.root.glob("jobs/*.gcode")]
+        paths.sort(key=lambda pair: pair[0].stat().st_mtime, reverse=True)
+        return [job for _, job in paths]

@@ -84,8 +84,8 @@ async def _system(request: Request, exc: Exception) -> JSONResponse:
     """Answer what the system refused: a full disk, rights, too many files, memory."""
     log.error("%s %s: %r", request.method, request.url.path, exc)
     assert isinstance(exc, OSError | MemoryError)
-    found = explain(exc)
-    return error_response(found.status, found.kind, found.message)
+    explained = explain(exc)
+    return error_response(explained.status, explained.kind, explained.message)
 
 
 async def _own(request: Request, exc: Exception) -> JSONResponse:

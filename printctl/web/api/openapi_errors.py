@@ -22,8 +22,8 @@ def describe_refusals(app: FastAPI) -> None:
             for operation in item.values():
                 answers = operation["responses"]
                 for status in OF_THE_GUARD:
-                    said = {"description": REFUSALS[status]["description"], "content": _PROBLEM}
-                    answers.setdefault(str(status), said)
+                    refusal = {"description": REFUSALS[status]["description"], "content": _PROBLEM}
+                    answers.setdefault(str(status), refusal)
         return whole
 
     app.openapi = openapi  # type: ignore[method-assign]

@@ -66,8 +66,8 @@ class StopAnswer(BaseModel):
 
 def requesting_user(request: Request) -> Principal:
     """Who asks, as the guard found out."""
-    found: Principal | None = getattr(request.state, "principal", None)
-    return found or Principal("local", "this process")
+    principal: Principal | None = getattr(request.state, "principal", None)
+    return principal or Principal("local", "this process")
 
 
 Asking = Annotated[Principal, Depends(requesting_user)]
@@ -101,7 +101,7 @@ def router(core: Core, wires: Wires) -> APIRouter:
     def stop() -> StopAnswer:
         sent = list(wires.kill(time.monotonic()))
         machines = len({one.process or one.folder for one in sent})
-        said = (
+        message = (
             f"M112 to {machines} printer{'s' if machines > 1 else ''}; "
             + (f"{UNHEARD}; " if wires.unheard(sent, _PATIENCE_S) else "")
             + "each status tells whether it has halted; positions are unknown now"
@@ -109,7 +109,7 @@ def router(core: Core, wires: Wires) -> APIRouter:
             else "nothing is connected to a printer here: nothing to stop; if something moves, "
             "cut its power"
         )
-        return StopAnswer(sent=[StopResult(**asdict(one)) for one in sent], message=said)
+        return StopAnswer(sent=[StopResult(**asdict(one)) for one in sent], message=message)
 
     @routes.websocket("/events")
     async def events(socket: WebSocket) -> None:
@@ -130,9 +130,9 @@ def router(core: Core, wires: Wires) -> APIRouter:
 def publish_holder(core: Core) -> None:
     """Tell all who holds the controls, if they don't know yet."""
     holder = core.controls.holder
-    said = None if holder is None else {"id": holder.id, "name": holder.name}
-    if "controls" not in core.events.latest or core.events.latest["controls"]["holder"] != said:
-        core.events.publish("controls", holder=said)
+    public = None if holder is None else {"id": holder.id, "name": holder.name}
+    if "controls" not in core.events.latest or core.events.latest["controls"]["holder"] != public:
+        core.events.publish("controls", holder=public)
 
 
 async def watch_holder(core: Core, every_s: float = 1.0) -> None:

@@ -101,8 +101,8 @@ def check_data(data: dict[str, Any], folder: Path, store: ProfileStore) -> Check
     try:
         recipe = Recipe.model_validate(data)
     except ValidationError as exc:
-        found = tuple(_problem(dict(one), data) for one in exc.errors())
-        return CheckedRecipe(data, None, found + named)
+        problems = tuple(_problem(dict(one), data) for one in exc.errors())
+        return CheckedRecipe(data, None, problems + named)
     return CheckedRecipe(data, None if named else recipe, named)
 
 
@@ -113,7 +113,7 @@ def _problem(raw: dict[str, Any], data: dict[str, Any]) -> RecipeProblem:
 
 def _named(data: dict[str, Any], folder: Path, store: ProfileStore) -> list[RecipeProblem]:
     """Profiles that aren't there, and files that aren't or lie outside the recipe's folder."""
-    found = []
+    problems = []
     # Unknown keys are refused by the schema itself.
     for path, value in forms.form_values(recipe_form(), data, strict=False):
         field = forms.field_at(recipe_form(), data, path)
@@ -125,8 +125,8 @@ def _named(data: dict[str, Any], folder: Path, store: ProfileStore) -> list[Reci
         elif field.node.sort == "file":
             message = _file(value, folder)
         if message:
-            found.append(RecipeProblem(path, f"{'.'.join(map(str, path))}: {message}"))
-    return found
+            problems.append(RecipeProblem(path, f"{'.'.join(map(str, path))}: {message}"))
+    return problems
 
 
 def _profile(model: type[Facts], name: str, store: ProfileStore) -> str:

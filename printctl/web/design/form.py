@@ -36,10 +36,10 @@ def set_value(form: Node, data: dict[str, Any], path: Path, value: Any) -> dict[
     inside: Any = new
     node: Node | None = form
     for key, following in pairwise(path):
-        found, node = child_of(node, inside, key)
+        child, node = child_of(node, inside, key)
         there = value_at(inside, (key,))
         if there is None:
-            default = found.default if found is not None else None
+            default = child.default if child is not None else None
             there = [] if isinstance(following, int) else {}
             if node is not None and node.sort == "choice" and isinstance(default, dict):
                 there = dict(default)
@@ -84,21 +84,21 @@ def child_of(node: Node | None, value: Any, key: str | int) -> tuple[FormField |
         if node.sort == "list":
             return None, node.items[0]
         return None, node.items[key] if 0 <= key < len(node.items) else None
-    found = node.field(key)
-    return found, None if found is None else found.node
+    child = node.field(key)
+    return child, None if child is None else child.node
 
 
 def field_at(form: Node, data: Any, path: Path) -> FormField | None:
     """The field that a place belongs to; None for one that the form hasn't."""
     node: Node | None = form
-    found: FormField | None = None
+    field: FormField | None = None
     for key in path:
         own, node = child_of(node, data, key)
-        found = own if own is not None else found
+        field = own if own is not None else field
         data = value_at(data, (key,))
         if node is None:
             return None
-    return found
+    return field
 
 
 def form_values(form: Node, data: Any, strict: bool = True) -> Iterator[tuple[Path, Any]]:

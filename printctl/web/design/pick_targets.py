@@ -37,10 +37,10 @@ class PickTarget:
         place = [round(x, _DIGITS) for x in at]
         if self.key is None:
             return place
-        said = forms.value_at(data, self.path)
+        written = forms.value_at(data, self.path)
         if isinstance(self.key, str):
-            return {**(said if isinstance(said, dict) else {}), self.key: {"at_mm": place}}
-        kept = list(said) if isinstance(said, list) else []
+            return {**(written if isinstance(written, dict) else {}), self.key: {"at_mm": place}}
+        kept = list(written) if isinstance(written, list) else []
         return [*kept[: self.key], {"at_mm": place}, *kept[self.key + 1 :]]
 
 
@@ -56,8 +56,8 @@ def _targets(part: Mapping[str, Any]) -> Iterator[PickTarget]:
         for name in INLETS.get(str(anatomy.get("template")), ()):
             yield PickTarget(name.replace("_", " "), (*_AT, "anatomy", "inlets"), name)
     elif grow == "tree":
-        said = part.get("inlets")
-        count = len(said) if isinstance(said, list) else 0
+        inlets = part.get("inlets")
+        count = len(inlets) if isinstance(inlets, list) else 0
         yield PickTarget("a further inlet", (*_AT, "inlets"), count)
         for k in range(count):
             yield PickTarget(f"inlet {k + 1}", (*_AT, "inlets"), k)

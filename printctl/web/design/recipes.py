@@ -90,11 +90,11 @@ class Recipes:
 
     def rows(self) -> list[RecipeFile]:
         """All of them, by name."""
-        found = []
+        files = []
         for path in map(self._workspace.recipe, self.names()):
             checked = self.check(path.read_text(encoding="utf-8", errors="replace"))
-            found.append(RecipeFile(path.stem, path.stat().st_mtime, len(checked.problems)))
-        return found
+            files.append(RecipeFile(path.stem, path.stat().st_mtime, len(checked.problems)))
+        return files
 
     def names(self) -> list[str]:
         """Their names, sorted."""
@@ -106,8 +106,8 @@ class Recipes:
 
     def examples(self) -> list[str]:
         """What a new recipe can begin from."""
-        found = [*EXAMPLES.glob("*.yaml"), *EXAMPLES.glob("paper/*.yaml")]
-        named = (path.relative_to(EXAMPLES).with_suffix("").as_posix() for path in found)
+        paths = [*EXAMPLES.glob("*.yaml"), *EXAMPLES.glob("paper/*.yaml")]
+        named = (path.relative_to(EXAMPLES).with_suffix("").as_posix() for path in paths)
         return ["starter", *sorted(named)]
 
     def check(self, text: str) -> CheckedRecipe:

@@ -21,10 +21,10 @@ def run_routes(service: DesignService) -> APIRouter:
 
     @routes.get("/compare", summary="Two runs beside each other")
     def compare(one: str, other: str) -> a.ComparisonAnswer:
-        found = service.compare(one, other)
+        compared = service.compare(one, other)
         return a.ComparisonAnswer(
-            recipe=[a.DifferenceAnswer(**vars(row)) for row in found.recipe],
-            figures=[a.DifferenceAnswer(**vars(row)) for row in found.figures],
+            recipe=[a.DifferenceAnswer(**vars(row)) for row in compared.recipe],
+            figures=[a.DifferenceAnswer(**vars(row)) for row in compared.figures],
         )
 
     @routes.post("/{name}/start", summary="Make the design of the recipe of that name")

@@ -111,9 +111,9 @@ class DesignService:
         ConflictError
             When the tissue can't be made.
         """
-        said = read_text(self.recipes.read(recipe).text).get("tissue")
+        section = read_text(self.recipes.read(recipe).text).get("tissue")
         path = self.core.workspace.recipe(recipe)
-        return tissue_page(path, said, self.core.workspace.private / "pages")
+        return tissue_page(path, section, self.core.workspace.private / "pages")
 
     def page(self, run: str, name: str) -> Path:
         """A page of a run: of its network, layers, dry run or report.

@@ -118,20 +118,20 @@ class Listing:
             query = self._filter.query(self._page)
         except UsageError:  # a day that is half typed
             return
-        found = await run_or_notify(self._service.find, query)
-        if found is not None and self._page > 0 and not found.entries:  # an address of old
-            self._page = max(0, -(-found.total // PAGE) - 1)
+        prints = await run_or_notify(self._service.find, query)
+        if prints is not None and self._page > 0 and not prints.entries:  # an address of old
+            self._page = max(0, -(-prints.total // PAGE) - 1)
             await self._find()
-        elif found is not None:
-            self._fill(found)
+        elif prints is not None:
+            self._fill(prints)
             ui.navigate.history.replace(self._filter.address(self._page))
 
-    def _fill(self, found: HistoryPage) -> None:
-        many = "print" if found.total == 1 else "prints"
-        self._count.set_text(f"{found.total} {many}" if found.total else "No print fits.")
+    def _fill(self, prints: HistoryPage) -> None:
+        many = "print" if prints.total == 1 else "prints"
+        self._count.set_text(f"{prints.total} {many}" if prints.total else "No print fits.")
         self._csv.props["href"] = self._filter.csv()
         self._csv.update()
-        pages = max(1, -(-found.total // PAGE))
+        pages = max(1, -(-prints.total // PAGE))
         self._place.set_text(f"page {self._page + 1} of {pages}")
         self._back.set_enabled(self._page > 0)
         self._on.set_enabled(self._page + 1 < pages)
@@ -139,7 +139,7 @@ class Listing:
         with self._table:
             head(COLUMNS)
             with ui.element("tbody"):
-                for entry in found.entries:
+                for entry in prints.entries:
                     _row(entry)
 
 

@@ -94,17 +94,17 @@ class WholePrint(BaseModel):
     @classmethod
     def of(cls, shown: PastPrintDetails) -> WholePrint:
         """What the service gave."""
-        found, line = shown.found, shown.line
-        reasons = (found.verdict or {}).get("reasons", ())
+        evidence, line = shown.found, shown.line
+        reasons = (evidence.verdict or {}).get("reasons", ())
         return cls(
             print=PastPrint.of(shown.entry),
-            verdict=outcome(found.verdict),
+            verdict=outcome(evidence.verdict),
             reasons=[str(text) for text in reasons],
-            gcode_there=found.gcode is not None,
-            report=sorted(found.report),
-            photos=[n.partition("/")[2] for n in found.noted if n.startswith("photos/")],
-            note=found.note(),
-            missing=list(found.missing),
+            gcode_there=evidence.gcode is not None,
+            report=sorted(evidence.report),
+            photos=[n.partition("/")[2] for n in evidence.noted if n.startswith("photos/")],
+            note=evidence.note(),
+            missing=list(evidence.missing),
             events=[EventResponse(**asdict(one)) for one in line.events] if line else [],
             more_events=line.more if line else 0,
             states=[StateInterval(**asdict(one)) for one in line.stretches] if line else [],
@@ -123,17 +123,17 @@ class VerificationResponse(BaseModel):
     file: str
 
     @classmethod
-    def of(cls, found: BundleCheck) -> VerificationResponse:
+    def of(cls, check: BundleCheck) -> VerificationResponse:
         """What the service gave."""
-        told = found.manifest.print if found.manifest and found.whole else None
+        past = check.manifest.print if check.manifest and check.whole else None
         return cls(
-            whole=found.whole,
-            signature=found.signature.value,
-            fingerprint=found.fingerprint,
-            changed=list(found.changed),
-            lines=found.lines(),
-            print_id=told.id if told else "",
-            file=told.file if told else "",
+            whole=check.whole,
+            signature=check.signature.value,
+            fingerprint=check.fingerprint,
+            changed=list(check.changed),
+            lines=check.lines(),
+            print_id=past.id if past else "",
+            file=past.file if past else "",
         )
 
 

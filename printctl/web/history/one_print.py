@@ -54,21 +54,21 @@ def _facts_card(shown: PastPrintDetails) -> None:
 
 
 def _scan_card(shown: PastPrintDetails) -> None:
-    found = shown.found
+    evidence = shown.found
     with card("Verdict of the scan"):
-        said = outcome(found.verdict)
-        ui.label(VERDICTS[said]).classes("ph-bad" if said in ("fail", "undecided") else "")
-        reasons = (found.verdict or {}).get("reasons", ())
+        result = outcome(evidence.verdict)
+        ui.label(VERDICTS[result]).classes("ph-bad" if result in ("fail", "undecided") else "")
+        reasons = (evidence.verdict or {}).get("reasons", ())
         if reasons:
             with ui.element("ul"):
                 for text in reasons:
                     with ui.element("li"):
                         ui.label(str(text))
         with ui.element("div").classes("ph-row"):
-            if "report.html" in found.report:
+            if "report.html" in evidence.report:
                 way = f"{API}/history/{shown.entry.id}/report"
                 ui.link("Open the report", way, new_tab=True).classes("pc-way")
-            if "report.pdf" in found.report:
+            if "report.pdf" in evidence.report:
                 download("Report as PDF", f"{API}/history/{shown.entry.id}/report?kind=pdf")
 
 

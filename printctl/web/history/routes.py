@@ -80,9 +80,9 @@ def router(service: HistoryService) -> APIRouter:
 def _lists(made: APIRouter, service: HistoryService) -> None:
     @made.get("", summary="Past prints, a page of them")
     def prints(query: Annotated[HistoryQuery, Depends(history_query)]) -> PrintsPage:
-        found = service.find(query)
-        told = [PastPrint.of(entry) for entry in found.entries]
-        return PrintsPage(prints=told, total=found.total, offset=query.offset)
+        prints = service.find(query)
+        past = [PastPrint.of(entry) for entry in prints.entries]
+        return PrintsPage(prints=past, total=prints.total, offset=query.offset)
 
     @made.get(
         "/csv",

@@ -79,8 +79,8 @@ class HistoryService:
 
     def find(self, query: HistoryQuery) -> HistoryPage:
         """A page of the prints that are asked for."""
-        found = PrintHistory().find(query)
-        return replace(found, entries=tuple(_running(entry) for entry in found.entries))
+        prints = PrintHistory().find(query)
+        return replace(prints, entries=tuple(_running(entry) for entry in prints.entries))
 
     def choices(self) -> Choices:
         """What there is to narrow to."""
@@ -95,12 +95,12 @@ class HistoryService:
         NotFoundError
         """
         try:
-            found = PrintHistory().one(print_id)
+            entry = PrintHistory().one(print_id)
         except NoSuchPrint as exc:
             raise NotFoundError(str(exc)) from exc
-        if found.id != print_id:
+        if entry.id != print_id:
             raise NotFoundError(f"no print has the id {print_id[:40]!r}")
-        return _running(found)
+        return _running(entry)
 
     def one(self, print_id: str) -> PastPrintDetails:
         """One print with all that there is of it.

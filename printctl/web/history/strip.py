@@ -30,9 +30,9 @@ def strip(line: TimeLine) -> None:
     sums: dict[str, float] = {}
     for one in line.stretches:
         sums[one.state] = sums.get(one.state, 0.0) + one.end_s - one.start_s
-    told = ", ".join(f"{state} {duration(s) or '0 s'}" for state, s in sums.items())
+    times = ", ".join(f"{state} {duration(s) or '0 s'}" for state, s in sums.items())
     drawn = ui.element("div").classes("ph-strip").props("role=img")
-    drawn.props["aria-label"] = f"Times in each state: {told}"
+    drawn.props["aria-label"] = f"Times in each state: {times}"
     with drawn:
         for one in line.stretches:
             share = (one.end_s - one.start_s) / whole

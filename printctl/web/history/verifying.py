@@ -30,24 +30,24 @@ def verify_card(service: HistoryService) -> None:
             path = service.incoming(secrets.token_hex(8))
             try:
                 await event.file.save(path)
-                found = await run_or_notify(service.verify_file, path, (key.value or "").encode())
+                check = await run_or_notify(service.verify_file, path, (key.value or "").encode())
             finally:
                 path.unlink(missing_ok=True)
-            said.clear()
+            column.clear()
             chosen.reset()
-            if found is not None:
-                with said:
-                    _tell(found, event.file.name)
+            if check is not None:
+                with column:
+                    _tell(check, event.file.name)
 
         chosen = upload("Choose a bundle (zip)", uploaded, ".zip", max_files=1)
         chosen.classes("ph-upload")
-        said = ui.element("div").props("role=status")
+        column = ui.element("div").props("role=status")
 
 
-def _tell(found: BundleCheck, name: str) -> None:
+def _tell(check: BundleCheck, name: str) -> None:
     ui.label(name).classes("ph-name ph-bad")
-    for line in found.lines()[: _MOST_SHOWN + 2]:
+    for line in check.lines()[: _MOST_SHOWN + 2]:
         ui.label(line).style("white-space:pre-wrap;overflow-wrap:anywhere")
-    if found.whole and found.manifest is not None:
-        told_print = found.manifest.print
+    if check.whole and check.manifest is not None:
+        told_print = check.manifest.print
         ui.label(f"{told_print.file}, {told_print.state}, print {told_print.id}")

@@ -56,8 +56,8 @@ class Aftercare:
 
     def steps(self, job: str) -> list[dict[str, Any]]:
         """Steps after the job's last print, each with who ticked it when."""
-        found = self._record(job)
-        ticks = {} if found is None else {one["step"]: one for one in found.get("steps", [])}
+        record = self._record(job)
+        ticks = {} if record is None else {one["step"]: one for one in record.get("steps", [])}
         return [
             {
                 **step,
@@ -86,8 +86,8 @@ class Aftercare:
 
     def notes(self, job: str) -> list[dict[str, Any]]:
         """Notes of the job's last print."""
-        found = self._record(job)
-        return [] if found is None else list(found.get("notes", []))
+        record = self._record(job)
+        return [] if record is None else list(record.get("notes", []))
 
     def add_photo(self, who: Principal, job: str, data: bytes) -> list[dict[str, Any]]:
         """Keep a photo; gives all."""
@@ -97,8 +97,8 @@ class Aftercare:
 
     def photos(self, job: str) -> list[dict[str, Any]]:
         """Photos of the job's last print."""
-        found = self._record(job)
-        return [] if found is None else list(found.get("photos", []))
+        record = self._record(job)
+        return [] if record is None else list(record.get("photos", []))
 
     def photo(self, job: str, name: str) -> Path:
         """File of a photo."""

@@ -32,9 +32,9 @@ async def add_after(service: JobService, who: Principal, job: str, folds: Folds)
         problem = live().classes("job-problem")
 
         async def do(work: Callable[..., Any], *args: Any) -> Any:
-            found, text = await run_or_explain(work, *args)
+            result, text = await run_or_explain(work, *args)
             problem.set_text(text)
-            return found
+            return result
 
         await _steps(service, who, job, do)
         await _melt_out(service, who, job, do)
@@ -48,15 +48,15 @@ async def _steps(service: JobService, who: Principal, job: str, do: Any) -> None
     for step in steps:
         with ui.column().classes("gap-0"):
             box = ui.checkbox(step["text"], value=step["done"]).classes("job-point")
-            told = small(_ticked(step))
+            ticked = small(_ticked(step))
 
         async def tick(
-            _: Any, box: ui.checkbox = box, told: ui.label = told, step: str = step["id"]
+            _: Any, box: ui.checkbox = box, ticked: ui.label = ticked, step: str = step["id"]
         ) -> None:
-            found = await do(service.after.tick, who, job, step, bool(box.value))
-            for one in found or []:
+            after = await do(service.after.tick, who, job, step, bool(box.value))
+            for one in after or []:
                 if one["id"] == step:
-                    told.set_text(_ticked(one))
+                    ticked.set_text(_ticked(one))
 
         box.on_value_change(tick)
 
@@ -76,7 +76,7 @@ async def _melt_out(service: JobService, who: Principal, job: str, do: Any) -> N
             "Rate", value=checklist()["melt_out"]["rate_c_min"], min=0.1, max=20, suffix="°C/min"
         ).props("outlined")
     heater.props("outlined").classes("min-w-[120px]")
-    told = live()
+    heat_line = live()
 
     async def warm() -> None:
         if target.value is not None and rate.value:
@@ -86,8 +86,8 @@ async def _melt_out(service: JobService, who: Principal, job: str, do: Any) -> N
             await look()
 
     async def look() -> None:
-        found = await do(service.after.melting) if service.after.warming else None
-        told.set_text("" if found is None else _ramp(found))
+        melting = await do(service.after.melting) if service.after.warming else None
+        heat_line.set_text("" if melting is None else _ramp(melting))
 
     with ui.row().classes("gap-2"):
         button("Warm", warm)
@@ -95,13 +95,13 @@ async def _melt_out(service: JobService, who: Principal, job: str, do: Any) -> N
     ui.timer(2.0, look)
 
 
-def _ramp(found: dict[str, Any]) -> str:
+def _ramp(heater: dict[str, Any]) -> str:
     def c(value: float | None) -> str:
         return "–" if value is None else f"{value:.1f} °C"
 
     return (
-        f"{found['heater']}: {c(found['now_c'])} now, set to {c(found['set_c'])}, up to "
-        f"{c(found['target_c'])} at {found['rate_c_min']:g} °C/min; {found['message']}"
+        f"{heater['heater']}: {c(heater['now_c'])} now, set to {c(heater['set_c'])}, up to "
+        f"{c(heater['target_c'])} at {heater['rate_c_min']:g} °C/min; {heater['message']}"
     )
 
 
@@ -114,15 +114,15 @@ async def _flush(service: JobService, job: str, do: Any) -> None:
         max=1000,
         suffix="Pa",
     ).props("outlined")
-    told = live()
+    flush_line = live()
 
     async def reckon() -> None:
-        found = await do(service.after.flush, job, float(allowed.value or 0.0) or None)
-        told.set_text(
+        flushed = await do(service.after.flush, job, float(allowed.value or 0.0) or None)
+        flush_line.set_text(
             "No flow was solved for this job: keep the pressure low and look at the outlet."
-            if found is None
-            else f"At most {found.pressure_pa:.3g} Pa between inlet and outlet: vessel "
-            f"{found.vessel} then has {found.wall_shear_pa:g} Pa at its wall."
+            if flushed is None
+            else f"At most {flushed.pressure_pa:.3g} Pa between inlet and outlet: vessel "
+            f"{flushed.vessel} then has {flushed.wall_shear_pa:g} Pa at its wall."
         )
 
     allowed.on_value_change(reckon)
@@ -131,21 +131,21 @@ async def _flush(service: JobService, job: str, do: Any) -> None:
 
 async def _notes(service: JobService, who: Principal, job: str, do: Any) -> None:
     subheading("Notes")
-    told = ui.column().classes("w-full gap-1")
+    notes_column = ui.column().classes("w-full gap-1")
     text = ui.textarea("Note").props("outlined autogrow maxlength=10000").classes("w-full")
 
     def show(notes: list[dict[str, Any]]) -> None:
-        told.clear()
-        with told:
+        notes_column.clear()
+        with notes_column:
             for one in notes:
                 small(f"{date_text(one['at'])}, {one['who']}")
                 ui.label(one["text"]).classes("whitespace-pre-wrap break-words")
 
     async def add() -> None:
-        found = await do(service.after.note, who, job, text.value or "")
-        if found is not None:
+        kept = await do(service.after.note, who, job, text.value or "")
+        if kept is not None:
             text.set_value("")
-            show(found)
+            show(kept)
 
     quiet_button("Add note", add)
     show(await do(service.after.notes, job) or [])
@@ -166,9 +166,9 @@ async def _photos(service: JobService, who: Principal, job: str, do: Any) -> Non
                 )
 
     async def take(event: events.UploadEventArguments) -> None:
-        found = await do(service.after.add_photo, who, job, await event.file.read())
-        if found is not None:
-            show(found)
+        kept = await do(service.after.add_photo, who, job, await event.file.read())
+        if kept is not None:
+            show(kept)
 
     upload("Add photos", take, "image/*", multiple=True, max_file_size=MOST_BYTES)
     show(await do(service.after.photos, job) or [])

@@ -19,18 +19,18 @@ _LAPSE_AGAIN_S: Final = 3.0
 
 async def add_camera(service: JobService, job: str, folds: Folds) -> None:
     """Shown where there is a camera, or a time-lapse from when there was one."""
-    found, _ = await run_or_explain(_timelapse, service, job)
-    if service.watching.camera is None and (found is None or not found.frames):
+    lapse, _ = await run_or_explain(_timelapse, service, job)
+    if service.watching.camera is None and (lapse is None or not lapse.frames):
         return
     with folds.card("Camera"):
         if service.watching.camera is not None:
             _picture(service)
-        _lapse(service, job, found)
+        _lapse(service, job, lapse)
 
 
 def _picture(service: JobService) -> None:
     picture = ui.element("img").classes("job-camera").props('alt="The print, seen by the camera"')
-    said = live().classes("job-problem")
+    problem = live().classes("job-problem")
     taken = small()
     shown = 0
 
@@ -39,7 +39,7 @@ def _picture(service: JobService) -> None:
         seen = service.watching.seen()
         there = seen.state == "there" and seen.still is not None
         picture.set_visibility(there)
-        said.set_text(seen.message)
+        problem.set_text(seen.message)
         if there and seen.still is not None and seen.still.number != shown:
             shown = seen.still.number
             picture.props["src"] = f"{API}/camera/still?number={shown}"
@@ -53,25 +53,25 @@ def _picture(service: JobService) -> None:
 
 
 def _lapse(service: JobService, job: str, first: TimeLapseState | None) -> None:
-    told = small()
+    lapse_line = small()
     place = f"{API}/prints/{quote(job, safe='~')}/timelapse/film"
     film = ui.element("img").classes("job-camera")
     film.props('alt="Time-lapse of the print" loading=lazy')
     down = ui.link("Download the time-lapse (WebP)", place).classes("job-way")
     down.props["download"] = f"{job.partition('~')[2].removesuffix('.gcode')}_timelapse.webp"
 
-    def show(found: TimeLapseState | None) -> None:
-        told.set_text(_words(found))
-        there = found is not None and found.film
+    def show(lapse: TimeLapseState | None) -> None:
+        lapse_line.set_text(_words(lapse))
+        there = lapse is not None and lapse.film
         for one in (film, down):
             one.set_visibility(there)
-        if there and found is not None and film.props.get("src") != (src := _of(place, found)):
+        if there and lapse is not None and film.props.get("src") != (src := _of(place, lapse)):
             film.props["src"] = src
             film.update()
 
     async def look() -> None:
-        found, _ = await run_or_explain(_timelapse, service, job)
-        show(found)
+        lapse, _ = await run_or_explain(_timelapse, service, job)
+        show(lapse)
 
     show(first)
     ui.timer(_LAPSE_AGAIN_S, look)
@@ -81,13 +81,13 @@ def _timelapse(service: JobService, job: str) -> TimeLapseState:
     return service.watching.timelapse(job, service.heard(job))
 
 
-def _of(place: str, found: TimeLapseState) -> str:
-    return f"{place}?frames={found.frames}&bytes={found.bytes}"
+def _of(place: str, lapse: TimeLapseState) -> str:
+    return f"{place}?frames={lapse.frames}&bytes={lapse.bytes}"
 
 
-def _words(found: TimeLapseState | None) -> str:
-    if found is None or not found.frames:
+def _words(lapse: TimeLapseState | None) -> str:
+    if lapse is None or not lapse.frames:
         return "Time-lapse: a picture is kept at the end of each layer or vessel of a print."
-    kept = f"Time-lapse: {found.frames} pictures, {size(found.bytes)}"
-    making = "; the film is being made" if found.making else ""
-    return f"{kept}{making}{'; ' + found.message if found.message else ''}."
+    kept = f"Time-lapse: {lapse.frames} pictures, {size(lapse.bytes)}"
+    making = "; the film is being made" if lapse.making else ""
+    return f"{kept}{making}{'; ' + lapse.message if lapse.message else ''}."

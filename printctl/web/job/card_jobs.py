@@ -19,11 +19,11 @@ from printctl.web.shell.uploading import upload
 async def add_jobs(service: JobService, chosen: str, folds: Folds) -> None:
     """A list, each a link to its own page, and a place to drop a file."""
     with folds.card("Jobs"):
-        said = live().classes("job-problem")
+        problem_line = live().classes("job-problem")
 
         async def take(event: events.UploadEventArguments) -> None:
             entry, problem = await keep(service, event)
-            said.set_text(problem)
+            problem_line.set_text(problem)
             if entry is not None:
                 ui.navigate.to(way(entry.id))
 

@@ -58,61 +58,63 @@ class LooksCard:
         self._all.set_visibility(False)
         ui.timer(_AGAIN_S, self._refresh)
 
-    def show(self, told: dict[str, Any] | None) -> None:
+    def show(self, state: dict[str, Any] | None) -> None:
         """Take notice of what was heard of the print last; read what it changes soon."""
-        self._told = told
+        self._told = state
 
     async def _refresh(self) -> None:
         """Read the looks again where the print's state says that there is something new."""
-        told = self._told
-        if told is None or (key := _key(told)) == self._shown:
+        state = self._told
+        if state is None or (key := _key(state)) == self._shown:
             return
-        found, said = await run_or_explain(self._service.looks.looks, self._job)
-        self._problem.set_text(said)
+        looks, problem = await run_or_explain(self._service.looks.looks, self._job)
+        self._problem.set_text(problem)
         self._shown = key
-        self._all.set_visibility(bool(found) or bool(said) or told["state"] == LinkState.LOOKING)
-        self._show_held(told, found or [])
-        self._show_strip(found or [])
+        self._all.set_visibility(
+            bool(looks) or bool(problem) or state["state"] == LinkState.LOOKING
+        )
+        self._show_held(state, looks or [])
+        self._show_strip(looks or [])
 
     async def _answer(self, word: Answer) -> None:
-        found, said = await run_or_explain(
+        answered, problem = await run_or_explain(
             self._service.looks.answer, self._who, self._job, self._asking, word
         )
-        if found is not None:
+        if answered is not None:
             self._shown = None
             await self._refresh()
-        self._problem.set_text(said)
+        self._problem.set_text(problem)
 
     # --- the look that holds the print -----------------------------------------------------------
 
-    def _show_held(self, told: dict[str, Any], looks: list[LookTold]) -> None:
-        number = told["look"]["number"] if told["look"] else 0
-        held = told["state"] in (LinkState.LOOKING, LinkState.PAUSED)
-        found = next((one for one in looks if held and one.record.number == number), None)
-        self._head.set_text(_head(told, found))
+    def _show_held(self, state: dict[str, Any], looks: list[LookTold]) -> None:
+        number = state["look"]["number"] if state["look"] else 0
+        held = state["state"] in (LinkState.LOOKING, LinkState.PAUSED)
+        look = next((one for one in looks if held and one.record.number == number), None)
+        self._head.set_text(_head(state, look))
         self._head.set_visibility(bool(self._head.text))
         self._asking = number
-        self._show_picture(found)
-        self._why.set_text("" if found is None else _sentence(found.record.why))
-        self._seen.set_text("" if found is None else found.to_dict()["seen"])
-        self._proposed.set_text(_proposed(found) if told["state"] == LinkState.PAUSED else "")
+        self._show_picture(look)
+        self._why.set_text("" if look is None else _sentence(look.record.why))
+        self._seen.set_text("" if look is None else look.to_dict()["seen"])
+        self._proposed.set_text(_proposed(look) if state["state"] == LinkState.PAUSED else "")
         for one in (self._why, self._seen, self._proposed):
             one.set_visibility(bool(one.text))
-        self._buttons.set_visibility(found is not None and found.waits)
+        self._buttons.set_visibility(look is not None and look.waits)
 
-    def _show_picture(self, found: LookTold | None) -> None:
-        there = found is not None and found.pictured > 0
+    def _show_picture(self, look: LookTold | None) -> None:
+        there = look is not None and look.pictured > 0
         self._picture.set_visibility(there)
-        if found is not None and there:
-            number = found.record.number
-            self._picture.props["src"] = self._place(found, _LARGE_PX)
+        if look is not None and there:
+            number = look.record.number
+            self._picture.props["src"] = self._place(look, _LARGE_PX)
             self._picture.props["alt"] = f"Look {number}: what was expected and what was found"
             self._picture.update()
 
-    def _place(self, found: LookTold, width_px: int) -> str:
+    def _place(self, look: LookTold, width_px: int) -> str:
         job = quote(self._job, safe="~")
-        query = f"width={width_px}&at={found.pictured:.3f}"
-        return f"{API}/prints/{job}/looks/{found.record.number}/picture?{query}"
+        query = f"width={width_px}&at={look.pictured:.3f}"
+        return f"{API}/prints/{job}/looks/{look.record.number}/picture?{query}"
 
     # --- the strip -------------------------------------------------------------------------------
 
@@ -124,43 +126,43 @@ class LooksCard:
                     self._one_of_strip(one)
 
     def _one_of_strip(self, one: LookTold) -> None:
-        told, name = one.to_dict(), f"Look {one.record.number}"
+        look, name = one.to_dict(), f"Look {one.record.number}"
         if one.pictured > 0:
             whole = self._place(one, 4096)
             with ui.link(target=whole, new_tab=True).props(f'aria-label="{name}, whole picture"'):
                 picture = ui.element("img").props('alt="" loading=lazy')
                 picture.props["src"] = self._place(one, _SMALL_PX)
-        ui.label(f"{one.record.number}: {told['outcome']}").classes("text-sm")
-        small(told["seen"] or "nothing seen")
+        ui.label(f"{one.record.number}: {look['outcome']}").classes("text-sm")
+        small(look["seen"] or "nothing seen")
 
 
-def _key(told: dict[str, Any]) -> tuple[object, ...]:
+def _key(state: dict[str, Any]) -> tuple[object, ...]:
     """What of a print's state tells that there is a new look, or another decision on it."""
-    look = told["look"] or {}
-    return told["started"], told["state"], look.get("number"), look.get("decision")
+    look = state["look"] or {}
+    return state["started"], state["state"], look.get("number"), look.get("decision")
 
 
-def _head(told: dict[str, Any], found: LookTold | None) -> str:
-    look = told["look"]
-    if found is not None:
-        return f"Look {found.record.number} at the {found.record.mark}"
-    if look is None or told["state"] != LinkState.LOOKING:
+def _head(state: dict[str, Any], told_look: LookTold | None) -> str:
+    look = state["look"]
+    if told_look is not None:
+        return f"Look {told_look.record.number} at the {told_look.record.mark}"
+    if look is None or state["state"] != LinkState.LOOKING:
         return ""
     return f"Look {look['number']} at the {look['mark']}: a picture is taken and judged"
 
 
-def _proposed(found: LookTold | None) -> str:
+def _proposed(look: LookTold | None) -> str:
     """What is proposed, or what comes of the answer."""
-    if found is None:
+    if look is None:
         return ""
-    if found.waits:
-        return f"Proposed: {found.to_dict()['proposed']}. The print waits for your word."
-    if found.answer == "approve":
+    if look.waits:
+        return f"Proposed: {look.to_dict()['proposed']}. The print waits for your word."
+    if look.answer == "approve":
         return (
             "Approved. If the print is still paused in a minute, it can't be done from here: "
             "resume without it, or cancel, in the card Print."
         )
-    if found.answer is not None:
+    if look.answer is not None:
         return "Answered; the print goes on in a moment."
     return "Nothing is proposed: see to the cause, then resume or cancel in the card Print."
 

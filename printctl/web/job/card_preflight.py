@@ -43,34 +43,34 @@ def add_preflight(
             problem.set_text("")
             verdict.set_text("Checking: the whole job is run through the planner …")
             check.disable()
-            found, text = await run_or_explain(lambda: service.preflight(job, form.said()))
+            preflight, text = await run_or_explain(lambda: service.preflight(job, form.said()))
             check.enable()
             problem.set_text(text)
-            verdict.set_text("" if found is None else _verdict(found))
+            verdict.set_text("" if preflight is None else _verdict(preflight))
             table.clear()
-            if found is not None:
+            if preflight is not None:
                 with table:
-                    _rows(found)
+                    _rows(preflight)
 
         check = button("Check", look)
     return form.said
 
 
-def _verdict(found: dict[str, Any]) -> str:
-    failed = sum(one["result"] == "failed" for one in found["checks"])
-    warned = sum(one["result"] == "warning" for one in found["checks"])
+def _verdict(preflight: dict[str, Any]) -> str:
+    failed = sum(one["result"] == "failed" for one in preflight["checks"])
+    warned = sum(one["result"] == "warning" for one in preflight["checks"])
     first = "All checks passed" if not failed else f"{failed} failed: no start"
     warning = f", {warned} warnings to read" if warned else ""
-    ink = f"{found['ink_ul']:.1f} µL of ink"
-    changes = len(found["reload_at"])
+    ink = f"{preflight['ink_ul']:.1f} µL of ink"
+    changes = len(preflight["reload_at"])
     more = f", {changes} changes of syringe" if changes else ""
-    return f"{first}{warning}. {span(found['duration_s'])}, {ink}{more}."
+    return f"{first}{warning}. {span(preflight['duration_s'])}, {ink}{more}."
 
 
-def _rows(found: dict[str, Any]) -> None:
+def _rows(preflight: dict[str, Any]) -> None:
     """What failed first, then warnings, then what passed, folded up."""
-    of = {word: [c for c in found["checks"] if c["result"] == word] for word in _WORDS}
-    for text in found["accepted"]:
+    of = {word: [c for c in preflight["checks"] if c["result"] == word] for word in _WORDS}
+    for text in preflight["accepted"]:
         ui.label(f"Accepted, and kept in the journal: {text}").classes("job-warn")
     for word in ("failed", "warning"):
         if of[word]:

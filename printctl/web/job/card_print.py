@@ -91,47 +91,47 @@ class PrintCard:
                     lambda: self._do(hands.resume, who, job, unchanged=True),
                 )
 
-    def show(self, told: dict[str, Any] | None, station: dict[str, Any] | None = None) -> None:
+    def show(self, state: dict[str, Any] | None, station: dict[str, Any] | None = None) -> None:
         """Show what was heard of last.
 
         Parameters
         ----------
-        told : dict or None
+        state : dict or None
             The print (`PrintReport.to_dict`); None where nothing was ever printed.
         station : dict or None
             The printer between prints, which tells temperatures.
         """
         for part in (self._bar, self._list, self._message):
-            part.set_visibility(told is not None)
-        self._state.set_text("Not printed yet" if told is None else told["words"]["state"])
-        self._waits.set_text(_waits(told))
-        self._waits.set_visibility(bool(_waits(told)))
-        if told is not None:
-            self._bar.set_value(round(float(told["share"]), 3))
-            self._message.set_text(_sentence(str(told["message"])))
-            for key, text in facts(told, station).items():
+            part.set_visibility(state is not None)
+        self._state.set_text("Not printed yet" if state is None else state["words"]["state"])
+        self._waits.set_text(_waits(state))
+        self._waits.set_visibility(bool(_waits(state)))
+        if state is not None:
+            self._bar.set_value(round(float(state["share"]), 3))
+            self._message.set_text(_sentence(str(state["message"])))
+            for key, text in facts(state, station).items():
                 self._facts[key].set_text(text)
-        self._offer(told)
-        self._unfinished.show(told)
+        self._offer(state)
+        self._unfinished.show(state)
 
-    def _offer(self, told: dict[str, Any] | None) -> None:
+    def _offer(self, state: dict[str, Any] | None) -> None:
         """Show the buttons of what can be done now."""
         for part in (self._row, self._syringe):
             part.set_visibility(False)
-        if told is None or told["ended"]:
+        if state is None or state["ended"]:
             return
-        can = {one["action"]: one for one in told["actions"]}
-        now, resume = str(told["state"]), can["resume"]
+        can = {one["action"]: one for one in state["actions"]}
+        now, resume = str(state["state"]), can["resume"]
         changing = resume["possible"] and resume["needs"] == "syringe"
         self._row.set_visibility(True)
         for one in self._pauses:
             one.set_visibility(can["pause"]["possible"])
-        self._vessel.set_visibility(now == "printing" and bool(told["words"]["vessel"]))
+        self._vessel.set_visibility(now == "printing" and bool(state["words"]["vessel"]))
         self._resume.set_visibility(resume["possible"] and not changing)
         self._resume.set_text(_RESUME.get(now, "Don't pause after all"))
         self._syringe.set_visibility(changing)
         self._reload.set_visibility(now in ("printing", "paused", "looking") and not changing)
-        self._here.set_visibility(told["deadman_left_s"] is not None)
+        self._here.set_visibility(state["deadman_left_s"] is not None)
         self._cancel.set_visibility(can["stop"]["possible"])
 
     def ask_cancel(self) -> None:
@@ -139,35 +139,35 @@ class PrintCard:
         self._ask.open()
 
     async def _do(self, work: Callable[..., Any], *args: Any, **values: Any) -> Any:
-        found, said = await run_or_explain(work, *args, **values)
-        self._problem.set_text(said)
-        return found
+        result, problem = await run_or_explain(work, *args, **values)
+        self._problem.set_text(problem)
+        return result
 
     async def _clock_of_cells(self) -> None:
-        found, _ = await run_or_explain(self._service.viability, self._job)
-        self._cells.set_text("" if found is None else found.words)
-        self._cells.set_visibility(found is not None and found.minutes is not None)
+        cells, _ = await run_or_explain(self._service.viability, self._job)
+        self._cells.set_text("" if cells is None else cells.words)
+        self._cells.set_visibility(cells is not None and cells.minutes is not None)
         self._cells.classes(remove="job-late")
-        if found is not None and found.state in ("late", "close"):
+        if cells is not None and cells.state in ("late", "close"):
             self._cells.classes(add="job-late")
 
 
 async def last_report(service: JobService, job: str) -> dict[str, Any] | None:
     """The job's print as it was heard of last."""
-    found = await run.io_bound(service.heard, job)
-    return None if found is None else found.to_dict()
+    report = await run.io_bound(service.heard, job)
+    return None if report is None else report.to_dict()
 
 
 def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _waits(told: dict[str, Any] | None) -> str:
+def _waits(state: dict[str, Any] | None) -> str:
     """What a print waits for, and within what time somebody must confirm."""
-    if told is None:
+    if state is None:
         return ""
-    wants = f"Waits for: {told['waits_for']}." if told["waits_for"] else ""
-    left = told["deadman_left_s"]
+    wants = f"Waits for: {state['waits_for']}." if state["waits_for"] else ""
+    left = state["deadman_left_s"]
     if left is not None:
         wants = f"{wants} Somebody must confirm within {span(left)}."
     return wants.strip()

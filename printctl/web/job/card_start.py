@@ -45,7 +45,7 @@ def add_start(
     who: Principal,
     job: str,
     record: PrintRecord,
-    said: Said,
+    set_up: Said,
     folds: Folds,
 ) -> Callable[[bool], None]:
     """The form, the points and the button; told whether a print goes on."""
@@ -84,7 +84,9 @@ def add_start(
             async def go() -> None:
                 dialog.close()
                 problem.set_text("Starting: checked once more, then sent …")
-                _, text = await run_or_explain(lambda: service.start(who, job, said(), words.text))
+                _, text = await run_or_explain(
+                    lambda: service.start(who, job, set_up(), words.text)
+                )
                 problem.set_text(text)
 
             with ui.row().classes("gap-2"):

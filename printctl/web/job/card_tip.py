@@ -26,17 +26,17 @@ def add_tip(
     ``on_its_way`` is told when the tip sets out, and when it has arrived or was refused.
     """
     with ui.row().classes("items-center gap-2 w-full"):
-        told = live().classes("text-sm")
-        told.set_text(standing(machine, start()))
+        tip_line = live().classes("text-sm")
+        tip_line.set_text(standing(machine, start()))
 
         async def go() -> None:
-            told.set_text("The tip is on its way: up, over, down …")
+            tip_line.set_text("The tip is on its way: up, over, down …")
             move.disable()
             on_its_way(True)
-            found, problem = await run_or_explain(service.to_start, who, job, start())
+            tip, problem = await run_or_explain(service.to_start, who, job, start())
             move.enable()
             on_its_way(False)
-            told.set_text(problem or standing(found, start()))
+            tip_line.set_text(problem or standing(tip, start()))
 
         move = quiet_button("Move the tip to the start", go)
 

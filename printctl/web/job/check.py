@@ -81,18 +81,18 @@ def check_job(asked: Question) -> dict[str, Any]:
 def _checks(
     asked: Question, run: DryRun, job: Job, mounted: SetUp
 ) -> tuple[list[Check], tuple[int, ...], tuple[int, ...], tuple[str, ...]]:
-    said = asked.set_up
-    shaft = file_shaft(asked.gcode, run, mounted, accepted=said.accept_crossings)
-    found = [*file_checks(run, mounted, asked.gcode.with_suffix(".map.npz")), *shaft.checks]
+    set_up = asked.set_up
+    shaft = file_shaft(asked.gcode, run, mounted, accepted=set_up.accept_crossings)
+    results = [*file_checks(run, mounted, asked.gcode.with_suffix(".map.npz")), *shaft.checks]
     checks, at, heads = with_reloads_of(
-        [one for one in found if _BUDGET not in one.check],
+        [one for one in results if _BUDGET not in one.check],
         job,
-        said.usable_mm(mounted),
-        wanted=said.care.reload,
+        set_up.usable_mm(mounted),
+        wanted=set_up.care.reload,
         by="allow changes of syringe",
     )
-    time = PrintTime(run.duration_s, len(at), said.care.reload_min)
-    checks += viability_checks(time, said.budget(mounted))
+    time = PrintTime(run.duration_s, len(at), set_up.care.reload_min)
+    checks += viability_checks(time, set_up.budget(mounted))
     accepted = shaft.accepted
     if accepted:  # allowed, and still to be read by whoever allows it
         checks = [_told(one, accepted) for one in checks]

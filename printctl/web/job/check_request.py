@@ -27,12 +27,12 @@ class Question:
 
     def to_json(self) -> str:
         """One line of text that `from_json` reads."""
-        said = self.set_up.model_dump(mode="json")
-        return json.dumps({"gcode": str(self.gcode), "set_up": said, "table": str(self.table)})
+        set_up = self.set_up.model_dump(mode="json")
+        return json.dumps({"gcode": str(self.gcode), "set_up": set_up, "table": str(self.table)})
 
     @staticmethod
     def from_json(text: str) -> Question:
         """Read `to_json`."""
-        found = json.loads(text)
-        said = JobSetUp.model_validate(found["set_up"])
-        return Question(Path(found["gcode"]), said, Path(found["table"]))
+        data = json.loads(text)
+        set_up = JobSetUp.model_validate(data["set_up"])
+        return Question(Path(data["gcode"]), set_up, Path(data["table"]))

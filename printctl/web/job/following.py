@@ -172,8 +172,8 @@ class PrintFollower:
 
     def _publish(self, status: Status) -> None:
         self._told = time.monotonic()
-        found = self._table, self._remaining, self._filling
-        heard = PrintReport(self.job, assemble_state(self.folder, status, self._journal, *found))
+        views = self._table, self._remaining, self._filling
+        heard = PrintReport(self.job, assemble_state(self.folder, status, self._journal, *views))
         try:
             self._tell(heard)
         except Exception:  # a full disk: the print is followed all the same

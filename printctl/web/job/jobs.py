@@ -167,11 +167,11 @@ def job_name(name: str) -> str:
 
 def recipe_of(folder: Path) -> Recipe | None:
     """The recipe that a run folder was made from; None where it can't be told."""
-    said = Manifest.load(folder).facts.get("recipe")
-    if not isinstance(said, dict):
+    data = Manifest.load(folder).facts.get("recipe")
+    if not isinstance(data, dict):
         return None
     try:
-        return Recipe.model_validate(said)
+        return Recipe.model_validate(data)
     except (PrintctlError, ValueError):
         return None
 
@@ -181,7 +181,7 @@ def set_up_of_recipe(recipe: Recipe, before: JobSetUp) -> JobSetUp:
     part = recipe.printer
     heads = part.heads
     needle = recipe.toolpath.needle
-    said: dict[str, Any] = {
+    values: dict[str, Any] = {
         "printer": part.profile,
         "syringe": ",".join(one.syringe for one in heads) or part.syringe,
         "ink": ",".join(one.ink for one in heads) or part.ink,
@@ -192,12 +192,12 @@ def set_up_of_recipe(recipe: Recipe, before: JobSetUp) -> JobSetUp:
         "bath_depth_mm": part.bath_depth_mm,
         "care": part.care.model_dump(),
     }
-    return JobSetUp.model_validate(before.model_dump() | said)
+    return JobSetUp.model_validate(before.model_dump() | values)
 
 
 def _facts(path: Path) -> dict[str, Any]:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        facts = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return facts if isinstance(facts, dict) else {}

@@ -85,11 +85,11 @@ def set_up_of(
         before = before.model_copy(update={"start_mm": declared})
     if machine is None:
         return before
-    said = {key: name for key, name in machine.mounted.items() if name}
+    names = {key: name for key, name in machine.mounted.items() if name}
     said_mm = (
         {"start_mm": machine.tip_mm} if machine.tip_mm is not None and declared is None else {}
     )
-    values = before.model_dump() | {"printer": machine.profile} | said | said_mm
+    values = before.model_dump() | {"printer": machine.profile} | names | said_mm
     if machine.dish_centre_mm is not None and values["dish"]:
         values["dish_centre_mm"] = machine.dish_centre_mm
     if machine.bath_depth_mm is not None and machine.bath_depth_mm > 0 and values["dish"]:
@@ -97,29 +97,29 @@ def set_up_of(
     return JobSetUp.model_validate(values)
 
 
-def mounted_checks(machine: Machine | None, said: JobSetUp, ink_ul: float) -> list[Check]:
+def mounted_checks(machine: Machine | None, set_up: JobSetUp, ink_ul: float) -> list[Check]:
     """What was said of the job's set-up against what is known of the printer.
 
     Parameters
     ----------
     machine : Machine or None
-    said : JobSetUp
+    set_up : JobSetUp
     ink_ul : float, µL
         What the job takes out of the syringe.
     """
     if machine is None:
         return [_asked("printer", "none is connected; connect it on the page Printer")]
     checks = [] if machine.ready else [_asked("printer", f"isn't ready: {machine.message}")]
-    if machine.profile != said.printer:
+    if machine.profile != set_up.printer:
         checks.append(
             _asked(
                 "printer's profile",
-                f"{machine.profile} is connected, and {said.printer} was checked; choose "
+                f"{machine.profile} is connected, and {set_up.printer} was checked; choose "
                 "the connected one",
             )
         )
     for key, there in machine.mounted.items():
-        wanted = getattr(said, key)
+        wanted = getattr(set_up, key)
         if there and wanted != there:
             checks.append(
                 _asked(
@@ -136,14 +136,14 @@ def mounted_checks(machine: Machine | None, said: JobSetUp, ink_ul: float) -> li
                 "on; touch it off on the page Printer",
             )
         )
-    return [*checks, *_place(machine, said), *_enough(machine, said, ink_ul)]
+    return [*checks, *_place(machine, set_up), *_enough(machine, set_up, ink_ul)]
 
 
 def _asked(what: str, remedy: str) -> Check:
     return Check(what, 0, 0, "", False, "", remedy)
 
 
-def _place(machine: Machine, said: JobSetUp) -> list[Check]:
+def _place(machine: Machine, set_up: JobSetUp) -> list[Check]:
     if machine.tip_mm is None:
         return [
             _asked(
@@ -152,15 +152,15 @@ def _place(machine: Machine, said: JobSetUp) -> list[Check]:
                 "position on the page Printer",
             )
         ]
-    away = max(abs(a - b) for a, b in zip(machine.tip_mm, said.start_mm, strict=True))
+    away = max(abs(a - b) for a, b in zip(machine.tip_mm, set_up.start_mm, strict=True))
     remedy = "move the tip to the start, or take the place where it stands as the start"
     return [
         Check("tip's distance from the start", away, AGREES_MM, "mm", away <= AGREES_MM, "", remedy)
     ]
 
 
-def _enough(machine: Machine, said: JobSetUp, ink_ul: float) -> list[Check]:
-    if machine.ul_left is None or said.care.reload:
+def _enough(machine: Machine, set_up: JobSetUp, ink_ul: float) -> list[Check]:
+    if machine.ul_left is None or set_up.care.reload:
         return []
     remedy = "fill the syringe (page Printer), or allow changes of syringe"
     return [

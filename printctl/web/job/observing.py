@@ -19,14 +19,14 @@ from printctl.web.job.jobs import recipe_of
 from printctl.web.job.set_up import JobSetUp
 
 
-def observer_order(job: Path, said: JobSetUp, mounted: SetUp) -> ObserverOrder | None:
+def observer_order(job: Path, set_up: JobSetUp, mounted: SetUp) -> ObserverOrder | None:
     """Return how a job's print is observed, with what is mounted; None where nobody asks for it.
 
     Parameters
     ----------
     job : Path
         G-code file; a run's recipe may ask for an observer.
-    said : JobSetUp
+    set_up : JobSetUp
     mounted : SetUp
         Of ``said``.
 
@@ -47,14 +47,14 @@ def observer_order(job: Path, said: JobSetUp, mounted: SetUp) -> ObserverOrder |
             f"says how, can't be read ({exc}): make the run anew (`printctl run RECIPE --until "
             "toolpath`); nothing was moved"
         ) from exc
-    syringe = load(Syringe, said.syringe)
+    syringe = load(Syringe, set_up.syringe)
     return replace(
         order,
         job=str(job.resolve()),
-        profile=said.printer,
-        syringe=said.syringe,
-        ink=said.ink,
-        needle=said.needle or order.needle,
+        profile=set_up.printer,
+        syringe=set_up.syringe,
+        ink=set_up.ink,
+        needle=set_up.needle or order.needle,
         capacity_ul=usable_mm(syringe, mounted.printer) * syringe.area_mm2,
     )
 

@@ -71,18 +71,18 @@ def _teller(
     mends: list[MendStrokes] = []
     shown: list[dict[str, Any]] = []
 
-    async def tell(told: dict[str, Any]) -> None:
+    async def tell(state: dict[str, Any]) -> None:
         nonlocal known, inserted, mends, shown
-        now_in = [(after, count) for after, count in told.get("inserted", ())]
+        now_in = [(after, count) for after, count in state.get("inserted", ())]
         if now_in != inserted:
-            found, _ = await run_or_explain(service.mends, job)
-            inserted, mends = now_in, found or []
-        lines = int(told["lines_executed"]), int(told["lines_done"])
+            answer, _ = await run_or_explain(service.mends, job)
+            inserted, mends = now_in, answer or []
+        lines = int(state["lines_executed"]), int(state["lines_done"])
         now = file_count(lines[0], inserted), file_count(lines[1], inserted)
         drawn = [one.to_dict(lines[0]) for one in mends]
         if now != known or drawn != shown:
-            said = {"lines_executed": now[0], "lines_done": now[1]}
-            view.tell(said if drawn == shown else said | {"mends": drawn})
+            counts = {"lines_executed": now[0], "lines_done": now[1]}
+            view.tell(counts if drawn == shown else counts | {"mends": drawn})
             known, shown = now, drawn
 
     return tell
@@ -104,27 +104,27 @@ async def _cards(service: JobService, job: str, folds: Folds, cards: ui.element)
         tell_view = _teller(_live_view(service, job), service, job)
         await add_camera(service, job, folds)
     with ui.element("div").classes("job-column job-at-setup"):
-        said = add_preflight(service, who, job, first, machine, folds)
+        set_up = add_preflight(service, who, job, first, machine, folds)
     with ui.element("div").classes("job-column job-at-side"):
         if unwritten:
             small(unwritten).classes("job-problem")
-        show_start = add_start(service, who, job, record or PrintRecord(), said, folds)
+        show_start = add_start(service, who, job, record or PrintRecord(), set_up, folds)
         await add_after(service, who, job, folds)
 
-    def show(told: dict[str, Any] | None) -> None:
-        going_on = told is not None and not told["ended"]
-        first = going_on or _broke_off(told)
+    def show(state: dict[str, Any] | None) -> None:
+        going_on = state is not None and not state["ended"]
+        first = going_on or _broke_off(state)
         cards.classes(**{"add" if first else "remove": "job-running"})
         folds.set(first)
-        print_card.show(told, service.core.events.latest.get("station"))
-        looks_card.show(told)
+        print_card.show(state, service.core.events.latest.get("station"))
+        looks_card.show(state)
         show_start(going_on)
 
     async def refresh() -> None:
-        told = service.core.events.latest.get("print")
-        if told is not None and told["job"] == job:
-            show(told)
-            await tell_view(told)
+        state = service.core.events.latest.get("print")
+        if state is not None and state["job"] == job:
+            show(state)
+            await tell_view(state)
 
     first_told = await last_report(service, job)
     show(first_told)
@@ -133,7 +133,7 @@ async def _cards(service: JobService, job: str, folds: Folds, cards: ui.element)
     ui.timer(REFRESH_S, refresh)
 
 
-def _broke_off(told: dict[str, Any] | None) -> bool:
+def _broke_off(state: dict[str, Any] | None) -> bool:
     """Whether somebody must say what next."""
-    actions = () if told is None else told["actions"]
+    actions = () if state is None else state["actions"]
     return any(one["action"] == "give_up" and one["possible"] for one in actions)

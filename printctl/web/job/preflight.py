@@ -58,11 +58,11 @@ def row(check: Check) -> dict[str, Any]:
     """A check with its answer in a word; a question to a person has no numbers."""
     result = "passed" if check.passed else "failed" if check.refuses else "warning"
     asked = check.value == check.limit == 0 and not check.unit
-    said = {
+    shown = {
         key: None if asked or not math.isfinite(number) else number
         for key, number in (("value", check.value), ("limit", check.limit))
     }
-    return {**check.as_dict(), **said, "result": result}
+    return {**check.as_dict(), **shown, "result": result}
 
 
 class Preflights:
@@ -93,8 +93,8 @@ class Preflights:
         with self._one:  # two dry runs at a time would be in each other's way, and in the print's
             if not (answer.is_file() and table.is_file()):
                 self._folder.mkdir(parents=True, exist_ok=True)
-                found = _ask(Question(gcode, set_up, table))
-                write_text(answer, json.dumps(found) + "\n")
+                checked = _ask(Question(gcode, set_up, table))
+                write_text(answer, json.dumps(checked) + "\n")
         return _read(key, answer, table)
 
     def known(self, gcode: Path, set_up: JobSetUp) -> Preflight | None:
@@ -144,7 +144,7 @@ def load_table(path: Path) -> JobTable:
 
 def _ask(question: Question) -> dict[str, Any]:
     name = question.gcode.name
-    told = run_worker(
+    reply = run_worker(
         "printctl.web.job.check",
         said=question.to_json() + "\n",
         longest_s=_LONGEST_S,
@@ -152,10 +152,10 @@ def _ask(question: Question) -> dict[str, Any]:
         "or split the job",
         died=f"{name} couldn't be checked, the process ended",
     )
-    found: dict[str, Any] = json.loads(told)
-    if "error" in found:
-        raise BadRequestError(found["error"])
-    return found
+    checked: dict[str, Any] = json.loads(reply)
+    if "error" in checked:
+        raise BadRequestError(checked["error"])
+    return checked
 
 
 def _read(key: str, answer: Path, table: Path) -> Preflight:

@@ -72,8 +72,8 @@ class PrintCommands:
         Refused
         """
         self._core.controls.require(who)
-        told = plunger_mm is not None or bool(syringe)
-        if unchanged and told:
+        changed = plunger_mm is not None or bool(syringe)
+        if unchanged and changed:
             raise ConflictError("the syringe is either unchanged or a new one; say one of both")
         folder = self._core.workspace.print_folder(job)
         with attach(folder) as client:
@@ -82,7 +82,7 @@ class PrintCommands:
                 return status
             if not status.ended:
                 ensure_observer(folder)
-                change = new_syringe_of(client, syringe or None, plunger_mm) if told else None
+                change = new_syringe_of(client, syringe or None, plunger_mm) if changed else None
                 client.resume(change, unchanged)
                 return client.status
         return continue_print(

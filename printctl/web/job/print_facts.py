@@ -29,39 +29,39 @@ _RAISED: Final = {
 """States in which the needle is no longer where the job's lines have brought it."""
 
 
-def facts(told: dict[str, Any], station: dict[str, Any] | None) -> dict[str, str]:
+def facts(state: dict[str, Any], station: dict[str, Any] | None) -> dict[str, str]:
     """Return each fact in words.
 
     Parameters
     ----------
-    told : dict
+    state : dict
         The print, as `PrintTruth.to_dict` gives it.
     station : dict or None
         The printer, as its station tells it.
     """
-    done = told["progress"]
+    done = state["progress"]
     return {
-        "time": _time(told, done),
-        "layer": _layer(told, done),
+        "time": _time(state, done),
+        "layer": _layer(state, done),
         "ink": _ink(done),
         "heat": _heat(station),
-        "tip": _tip(told, done),
-        "alarms": _alarms(told),
+        "tip": _tip(state, done),
+        "alarms": _alarms(state),
     }
 
 
-def _time(told: dict[str, Any], done: dict[str, Any] | None) -> str:
-    left = told["time_left_s"]
+def _time(state: dict[str, Any], done: dict[str, Any] | None) -> str:
+    left = state["time_left_s"]
     if left is None:
-        return "not printing" if told["ended"] else _UNKNOWN
+        return "not printing" if state["ended"] else _UNKNOWN
     error = done["remaining_error_s"] if done else None
     about = "" if error is None else f" ± {span(error)}"
     return f"{span(left)}{about}" + (f", until {clock(done['ends_at'])}" if done else "")
 
 
-def _layer(told: dict[str, Any], done: dict[str, Any] | None) -> str:
+def _layer(state: dict[str, Any], done: dict[str, Any] | None) -> str:
     if done is None:
-        return f"{told['lines_executed']} of {told['lines_total']} commands made"
+        return f"{state['lines_executed']} of {state['lines_total']} commands made"
     passes = " (passes)" if done["passes"] else ""
     text = f"{done['layer']} of {done['layers']}, {done['layers_done']} whole{passes}"
     if done["vessels"]:
@@ -79,8 +79,8 @@ def _ink(done: dict[str, Any] | None) -> str:
 
 def _heat(station: dict[str, Any] | None) -> str:
     live = station is not None and station["state"] in OPEN
-    found = station["temperatures"] if station is not None and live else ()
-    return ", ".join(map(_one, found)) or _UNKNOWN
+    temperatures = station["temperatures"] if station is not None and live else ()
+    return ", ".join(map(_one, temperatures)) or _UNKNOWN
 
 
 def _one(heater: dict[str, Any]) -> str:
@@ -88,14 +88,14 @@ def _one(heater: dict[str, Any]) -> str:
     return f"{heater['name']} {heater['now_c']:.1f}" + (f" → {target:g} °C" if target else " °C")
 
 
-def _tip(told: dict[str, Any], done: dict[str, Any] | None) -> str:
-    if done is None or not told["position_known"]:
+def _tip(state: dict[str, Any], done: dict[str, Any] | None) -> str:
+    if done is None or not state["position_known"]:
         return _UNKNOWN
     place = " ".join(f"{axis}{mm:.2f}" for axis, mm in zip("XYZ", done["tip_mm"], strict=True))
-    return _RAISED.get(LinkState(told["state"]), "") + place
+    return _RAISED.get(LinkState(state["state"]), "") + place
 
 
-def _alarms(told: dict[str, Any]) -> str:
-    count, again = told["alarms"], told["line_errors"]
-    text = f"{count}: {told['last_alarm']}".removesuffix(": ") if count else "none"
+def _alarms(state: dict[str, Any]) -> str:
+    count, again = state["alarms"], state["line_errors"]
+    text = f"{count}: {state['last_alarm']}".removesuffix(": ") if count else "none"
     return f"{text}; {again} lines sent again" if again else text

@@ -53,11 +53,11 @@ class UnfinishedPane:
                 }
             self._why = small()
 
-    def show(self, told: dict[str, Any] | None) -> None:
+    def show(self, state: dict[str, Any] | None) -> None:
         """Show what is possible, and why the rest isn't."""
-        can = {} if told is None else {one["action"]: one for one in told["actions"]}
+        can = {} if state is None else {one["action"]: one for one in state["actions"]}
         offered = [name for name in self._buttons if name in can and can[name]["possible"]]
-        self._box.set_visibility(bool(offered) and told is not None and told["ended"])
+        self._box.set_visibility(bool(offered) and state is not None and state["ended"])
         for name, made in self._buttons.items():
             made.set_visibility(name in offered)
         if offered:
@@ -105,9 +105,9 @@ class _Rest:
         line = int(self._line.value) if self._line.value else None
         of = self._of
         self._dialog.close()
-        found = await of.do(of.service.hands.recover, of.who, of.job, line)
-        if found is not None:
-            ui.navigate.to(way(found["job"]))
+        rest = await of.do(of.service.hands.recover, of.who, of.job, line)
+        if rest is not None:
+            ui.navigate.to(way(rest["job"]))
 
 
 def _question(title: str, text: str, yes: str, work: Callable[[], Any]) -> ui.dialog:

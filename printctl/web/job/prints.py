@@ -111,9 +111,9 @@ class Prints:
         """
         limit = time.monotonic() + _FIRST_WORD_S
         while time.monotonic() < limit:
-            found = self._followers[job].heard
-            if found is not None:
-                return found
+            heard = self._followers[job].heard
+            if heard is not None:
+                return heard
             time.sleep(0.01)
         raise LinkError(f"the print of {job} doesn't tell where it stands; see its link.log")
 
@@ -132,8 +132,8 @@ class Prints:
             return None
         heard = [one for one in (*known, self._reviewed) if one is not None]
         newest = max(heard, key=lambda one: one.journal.started, default=None)
-        found = None if newest is None else self.heard(newest.job)
-        return found if found is not None and _open(found) else None
+        report = None if newest is None else self.heard(newest.job)
+        return report if report is not None and _open(report) else None
 
     def _review(self, job: str, folder: Path) -> None:
         """Look again at the newest print, which nobody follows, and tell what has changed of it."""
@@ -155,10 +155,10 @@ class Prints:
     def _keep_known_table(self, job: str, folder: Path) -> None:
         """Leave the table that a check made beside the journal, if it is of what was printed."""
         sha256 = read_journal_facts(folder / JOURNAL).sha256
-        file, said = self._workspace.job_file(job), self._set_ups.printed(folder)
-        if said is None or sha256 != file_hash(file) or kept_table(folder, sha256) is not None:
+        file, printed = self._workspace.job_file(job), self._set_ups.printed(folder)
+        if printed is None or sha256 != file_hash(file) or kept_table(folder, sha256) is not None:
             return
-        known = self._preflights.known(file, said)
+        known = self._preflights.known(file, printed)
         if known is not None:
             keep_table(folder, sha256, load_table(known.table))
 
@@ -171,9 +171,9 @@ class Prints:
         state = heard.status.state.value
         with self._noting:  # whoever comes second finds it all written
             for record in self._records.of_job(heard.job)[-1:]:
-                found = self._records.load(record)
-                if found.get("started") and found.get("state") != state:
-                    self._write_end(record, found.get("ended"), state)
+                record_values = self._records.load(record)
+                if record_values.get("started") and record_values.get("state") != state:
+                    self._write_end(record, record_values.get("ended"), state)
 
     def _write_end(self, record: str, ended: float | None, state: str) -> None:
         """Mark a print's end in its record; where that fails, keep its time for the next try."""
@@ -197,9 +197,9 @@ class Prints:
 
     def _set_up_of(self, job: str, folder: Path) -> JobSetUp:
         """What a print was started with, as far as its link's record tells it."""
-        said = self._set_ups.printed(folder)
-        if said is not None:
-            return said
+        printed = self._set_ups.printed(folder)
+        if printed is not None:
+            return printed
         link = load_record(folder)
         syringe = str(link.care.get("syringe", ""))
         values = self._set_ups.of(job).model_dump() | {"printer": link.profile}

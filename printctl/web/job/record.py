@@ -68,9 +68,9 @@ class Records:
     def current(self, job: str) -> str:
         """The record that the job's next or present print has; made if there is none."""
         with self._lock:
-            found = self.of_job(job)
-            if found and "ended" not in self.load(found[-1]):
-                return found[-1]
+            current = self.of_job(job)
+            if current and "ended" not in self.load(current[-1]):
+                return current[-1]
             return self._new(job)
 
     def of_job(self, job: str) -> list[str]:
@@ -87,18 +87,18 @@ class Records:
         """
         path = self._path(record)
         try:
-            found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+            values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         except FileNotFoundError as exc:
             raise NotFoundError(f"there is no record {record!r}") from exc
         except ValueError as exc:
             raise ConflictError(f"{path} can't be read ({exc}); restore it from a copy") from exc
-        return found
+        return values
 
     def values(self, record: str) -> PrintRecord:
         """What it says now."""
         return PrintRecord.model_validate(self.load(record)["values"])
 
-    def change(self, record: str, who: str, said: Mapping[str, Any]) -> PrintRecord:
+    def change(self, record: str, who: str, changes: Mapping[str, Any]) -> PrintRecord:
         """Say something of a print; what was said before stays in the changes.
 
         Raises
@@ -109,7 +109,7 @@ class Records:
         with self._lock:
             found = self.load(record)
             try:
-                new = PrintRecord.model_validate({**found["values"], **said})
+                new = PrintRecord.model_validate({**found["values"], **changes})
             except ValueError as exc:
                 raise BadRequestError(f"the record can't say that: {exc}") from exc
             values = new.model_dump(mode="json")
@@ -122,18 +122,18 @@ class Records:
     def add(self, record: str, who: str, sort: str, entry: dict[str, Any]) -> dict[str, Any]:
         """Add to one of its lists (``steps``, ``notes``, ``photos``), with time and who."""
         with self._lock:
-            found = self.load(record)
+            values = self.load(record)
             whole = {"at": time.time(), "who": who, **entry}
-            found.setdefault(sort, []).append(whole)
-            self._save(found, who, {sort: entry})
+            values.setdefault(sort, []).append(whole)
+            self._save(values, who, {sort: entry})
             return whole
 
-    def mark(self, record: str, who: str, **said: Any) -> None:
+    def mark(self, record: str, who: str, **changes: Any) -> None:
         """Set what the program itself knows: ``started``, ``folder``, ``ended``, ``state``."""
         with self._lock:
-            found = self.load(record)
-            if any(found.get(key) != value for key, value in said.items()):
-                self._save({**found, **said}, who, said)
+            values = self.load(record)
+            if any(values.get(key) != value for key, value in changes.items()):
+                self._save({**values, **changes}, who, changes)
 
     def _new(self, job: str) -> str:
         name = f"{job}~{time.strftime('%Y%m%d-%H%M%S', time.gmtime())}"
@@ -141,15 +141,18 @@ class Records:
         self._save({"id": name, "job": job, "values": values, "changes": []}, "", {})
         return name
 
-    def _save(self, found: dict[str, Any], who: str, said: Mapping[str, Any]) -> None:
-        if said:
-            found["changes"] = [*found["changes"], {"at": time.time(), "who": who, "said": said}]
-        text = json.dumps(found, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-        write_text(self._path(found["id"]), text)
-        if found.get("folder"):
-            journal = journal_started_before(Path(found["folder"]), found["started"])
+    def _save(self, values: dict[str, Any], who: str, changes: Mapping[str, Any]) -> None:
+        if changes:
+            values["changes"] = [
+                *values["changes"],
+                {"at": time.time(), "who": who, "said": changes},
+            ]
+        text = json.dumps(values, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        write_text(self._path(values["id"]), text)
+        if values.get("folder"):
+            journal = journal_started_before(Path(values["folder"]), values["started"])
             write_text(notes_path(journal), text)
-            if "operator" in said or "started" in said:
+            if "operator" in changes or "started" in changes:
                 remember_meanwhile(journal.parent)  # the history can be searched for people
 
     def _path(self, record: str) -> Path:

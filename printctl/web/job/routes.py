@@ -36,8 +36,8 @@ REFUSED: Final[dict[int | str, dict[str, Any]]] = {
 
 def requesting_user(request: Request) -> Principal:
     """Return the requesting user, as set by the access guard."""
-    found: Principal | None = getattr(request.state, "principal", None)
-    return found or Principal("local", "this machine")
+    principal: Principal | None = getattr(request.state, "principal", None)
+    return principal or Principal("local", "this machine")
 
 
 Who = Annotated[Principal, Depends(requesting_user)]
@@ -79,8 +79,8 @@ def _jobs(routes: APIRouter, service: JobService) -> None:
 
     @routes.post("/jobs/{job}/preflight", tags=["jobs"], summary="Check before the print")
     def preflight(job: Job, given: m.PreflightRequest) -> m.PreflightResponse:
-        said = given.set_up or service.set_up(job)
-        return m.PreflightResponse.model_validate(service.preflight(job, said))
+        set_up = given.set_up or service.set_up(job)
+        return m.PreflightResponse.model_validate(service.preflight(job, set_up))
 
     @routes.post("/jobs/{job}/to-start", tags=["jobs"], summary="Move the tip to the job's start")
     def to_start(job: Job, given: m.ToStartRequest, who: Who) -> m.TipResponse:
@@ -102,20 +102,20 @@ def _prints(routes: APIRouter, service: JobService) -> None:
 
     @routes.get("/prints", tags=[*tags], summary="Prints that were started, as they stand")
     def prints() -> list[m.PrintResponse]:
-        found = (service.heard(one.id) for one in service.jobs())
-        return [print_response(one) for one in found if one is not None]
+        reports = (service.heard(one.id) for one in service.jobs())
+        return [print_response(one) for one in reports if one is not None]
 
     @routes.post("/prints/{job}/start", tags=[*tags], summary="Start; harmless when it goes on")
     def start(job: Job, given: m.StartRequest, who: Who) -> m.PrintResponse:
-        said = given.set_up or service.set_up(job)
-        return print_response(service.start(who, job, said, given.confirmed))
+        set_up = given.set_up or service.set_up(job)
+        return print_response(service.start(who, job, set_up, given.confirmed))
 
     @routes.get("/prints/{job}", tags=[*tags], summary="State and progress")
     def status(job: Job) -> m.PrintResponse:
-        found = service.heard(job)
-        if found is None:
+        reports = service.heard(job)
+        if reports is None:
             raise NotFoundError(f"no print of {job} was ever started")
-        return print_response(found)
+        return print_response(reports)
 
     @routes.get("/prints/{job}/viability", tags=[*tags], summary="The clock of the cells")
     def viability(job: Job) -> m.ViabilityResponse:
@@ -193,8 +193,8 @@ def _after(routes: APIRouter, service: JobService) -> None:
 
     @routes.post("/prints/{job}/photos", tags=[*tags], summary="Add a photo; it is written anew")
     def add_photo(job: Job, file: Annotated[UploadFile, File()], who: Who) -> list[m.PhotoResponse]:
-        found = after.add_photo(who, job, file.file.read(MOST_BYTES + 1))
-        return [m.PhotoResponse.model_validate(one) for one in found]
+        photo = after.add_photo(who, job, file.file.read(MOST_BYTES + 1))
+        return [m.PhotoResponse.model_validate(one) for one in photo]
 
     @routes.get(
         "/prints/{job}/photos/{name}",
@@ -208,8 +208,8 @@ def _after(routes: APIRouter, service: JobService) -> None:
 
     @routes.get("/prints/{job}/flush", tags=[*tags], summary="How hard to flush; null if unknown")
     def flush(job: Job, wall_shear_pa: float | None = None) -> m.FlushResponse | None:
-        found = after.flush(job, wall_shear_pa)
-        return None if found is None else m.FlushResponse.model_validate(found.to_dict())
+        photo = after.flush(job, wall_shear_pa)
+        return None if photo is None else m.FlushResponse.model_validate(photo.to_dict())
 
     @routes.post("/melt-out", tags=[*tags], summary="Warm a heater at a rate")
     def melt_out(given: m.RampRequest, who: Who) -> m.RampResponse:
@@ -217,13 +217,13 @@ def _after(routes: APIRouter, service: JobService) -> None:
 
     @routes.get("/melt-out", tags=[*tags], summary="The warming as it stands; null for none")
     def melting() -> m.RampResponse | None:
-        found = after.melting()
-        return None if found is None else m.RampResponse.model_validate(found)
+        photo = after.melting()
+        return None if photo is None else m.RampResponse.model_validate(photo)
 
     @routes.delete("/melt-out", tags=[*tags], summary="Raise the target no further")
     def stop_melting() -> m.RampResponse | None:
-        found = after.stop_melting()
-        return None if found is None else m.RampResponse.model_validate(found)
+        photo = after.stop_melting()
+        return None if photo is None else m.RampResponse.model_validate(photo)
 
 
 def machine_response(machine: Machine | None) -> m.MachineResponse | None:

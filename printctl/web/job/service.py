@@ -121,11 +121,11 @@ class JobService:
             When there is no such job.
         """
         try:
-            file, said = self.core.workspace.job_file(job), self._set_ups.mounted(job)
+            file, mounted = self.core.workspace.job_file(job), self._set_ups.mounted(job)
         except WebError as exc:
             raise KeyError(job) from exc
         cache = self.core.workspace.private / "scenes"
-        return JobSource(file, cache, said.printer, said.syringe.partition(",")[0])
+        return JobSource(file, cache, mounted.printer, mounted.syringe.partition(",")[0])
 
     def mends(self, job: str) -> list[MendStrokes]:
         """What an observer had written again in the job's last print.
@@ -167,7 +167,7 @@ class JobService:
         self.printing.to_start(start_mm)
         return self._connected()
 
-    def preflight(self, job: str, said: JobSetUp) -> dict[str, Any]:
+    def preflight(self, job: str, set_up: JobSetUp) -> dict[str, Any]:
         """Check a job; takes as long as a dry run unless it was checked so before.
 
         Returns
@@ -175,35 +175,35 @@ class JobService:
         dict
             ``checks`` (each with its answer in a word), ``passed``, ``key`` and what was found.
         """
-        found = self._looked_at(job, said)
-        mounted = self._against_mounted(said, found)
+        checked = self._looked_at(job, set_up)
+        mounted = self._against_mounted(set_up, checked)
         return {
             "job": job,
-            "key": found.key,
-            "passed": found.passed and not any(check.refuses for check in mounted),
-            "checks": [*map(row, mounted), *found.rows()],
-            **found.facts,
+            "key": checked.key,
+            "passed": checked.passed and not any(check.refuses for check in mounted),
+            "checks": [*map(row, mounted), *checked.rows()],
+            **checked.facts,
         }
 
     def record(self, job: str) -> PrintRecord:
         """What is written down for the job's next print, or for the one that goes on."""
         return self.records.values(self.records.current(job))
 
-    def write_down(self, who: Principal, job: str, said: Mapping[str, Any]) -> PrintRecord:
+    def write_down(self, who: Principal, job: str, changes: Mapping[str, Any]) -> PrintRecord:
         """Change the record; what was said before stays in it."""
         self.core.workspace.job_file(job)
-        return self.records.change(self.records.current(job), who.name or who.id, said)
+        return self.records.change(self.records.current(job), who.name or who.id, changes)
 
     # --- the print -----------------------------------------------------------------------------
 
-    def start(self, who: Principal, job: str, said: JobSetUp, confirmed: str) -> PrintReport:
+    def start(self, who: Principal, job: str, set_up: JobSetUp, confirmed: str) -> PrintReport:
         """Start a print, or find the one that goes on.
 
         Parameters
         ----------
         who : Principal
         job : str
-        said : JobSetUp
+        set_up : JobSetUp
         confirmed : str
             The machine, as `Machine.words` calls it.
 
@@ -220,16 +220,16 @@ class JobService:
             machine = self._connected()
             record = self.records.current(job)
             refuse_unconfirmed(machine, self.records.values(record), confirmed)
-            found = self._looked_at(job, said)
-            refuse([*self._against_mounted(said, found), *found.checks])
+            checked = self._looked_at(job, set_up)
+            refuse([*self._against_mounted(set_up, checked), *checked.checks])
             file = self.core.workspace.job_file(job)
-            mounted = said.mounted()
-            observer = observer_order(file, said, mounted)
-            order = order_of(file, folder, said, mounted, machine, found, observer)
+            mounted = set_up.mounted()
+            observer = observer_order(file, set_up, mounted)
+            order = order_of(file, folder, set_up, mounted, machine, checked, observer)
             client = running(order)
             if client is None:
                 with observer_ready(order, observer):
-                    self._set_ups.keep_printed(folder, said)
+                    self._set_ups.keep_printed(folder, set_up)
                     client = self.printing.start(order)
             client.detach()
             self.records.mark(
@@ -237,10 +237,10 @@ class JobService:
                 who.name or who.id,
                 started=time.time(),
                 folder=str(folder),
-                sha256=found.facts["sha256"],
-                set_up=said.model_dump(mode="json"),
+                sha256=checked.facts["sha256"],
+                set_up=set_up.model_dump(mode="json"),
                 confirmed=confirmed,
-                accepted=list(found.facts["accepted"]),
+                accepted=list(checked.facts["accepted"]),
             )
             self._prints.follow(job, folder)
         return self._prints.heard_soon(job)
@@ -259,10 +259,10 @@ class JobService:
 
     def viability(self, job: str) -> Viability:
         """The clock of the cells."""
-        said = self._set_ups.of(job)
+        set_up = self._set_ups.of(job)
         heard = self.heard(job)
         left = heard.progress.remaining_s if heard and heard.progress else None
-        budget = said.budget(said.mounted())
+        budget = set_up.budget(set_up.mounted())
         ended = heard is not None and heard.status.ended
         return viability(self.record(job), budget, time.time(), None if ended else left)
 
@@ -274,18 +274,20 @@ class JobService:
             raise ConflictError(NO_PRINTER)
         return machine
 
-    def _looked_at(self, job: str, said: JobSetUp) -> Preflight:
+    def _looked_at(self, job: str, set_up: JobSetUp) -> Preflight:
         machine = self.printing.machine()
         known = {machine.profile, *machine.mounted.values()} if machine else set()
-        refuse_foreign_files(said, self.core.workspace.root, frozenset(known))
-        found = self._preflights.of(self.core.workspace.job_file(job), said)
-        write_text(self._facts / f"{found.facts['sha256']}.json", json.dumps(found.facts) + "\n")
-        self._set_ups.keep(job, said)
-        return found
+        refuse_foreign_files(set_up, self.core.workspace.root, frozenset(known))
+        checked = self._preflights.of(self.core.workspace.job_file(job), set_up)
+        write_text(
+            self._facts / f"{checked.facts['sha256']}.json", json.dumps(checked.facts) + "\n"
+        )
+        self._set_ups.keep(job, set_up)
+        return checked
 
-    def _against_mounted(self, said: JobSetUp, found: Preflight) -> list[Check]:
-        ink_ul = float(found.facts.get("ink_pushed_ul", 0.0))
-        return mounted_checks(self.printing.machine(), said, ink_ul)
+    def _against_mounted(self, set_up: JobSetUp, checked: Preflight) -> list[Check]:
+        ink_ul = float(checked.facts.get("ink_pushed_ul", 0.0))
+        return mounted_checks(self.printing.machine(), set_up, ink_ul)
 
     def _tell(self, heard: PrintReport) -> None:
         self.watching.hear(heard)

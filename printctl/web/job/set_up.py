@@ -91,8 +91,8 @@ class JobSetUp(BaseModel):
         """How long the cells have; of several inks those that have least time."""
         printer, care = mounted.printer, self.care
         inks = {one.ink.name: one.ink for one in map(mounted.load_of, range(printer.head_count))}
-        found = [budget_of(i, care.viability_min, care.viability_source) for i in inks.values()]
-        return min((one for one in found if one), key=lambda one: one.minutes, default=None)
+        budgets = [budget_of(i, care.viability_min, care.viability_source) for i in inks.values()]
+        return min((one for one in budgets if one), key=lambda one: one.minutes, default=None)
 
 
 def refuse_foreign_files(said: JobSetUp, root: Path, known: frozenset[str]) -> None:

@@ -34,11 +34,11 @@ class SetUps:
         WebError
             When there is no such job.
         """
-        said = self.mounted(job)
+        set_up = self.mounted(job)
         if self._kept(job).is_file():
-            return said
-        declared = declared_of(self._workspace.job_file(job), said.printer)
-        return said if declared is None else said.model_copy(update={"start_mm": declared})
+            return set_up
+        declared = declared_of(self._workspace.job_file(job), set_up.printer)
+        return set_up if declared is None else set_up.model_copy(update={"start_mm": declared})
 
     def mounted(self, job: str) -> JobSetUp:
         """As `of`, for whom the start doesn't matter: the file isn't read.
@@ -54,9 +54,9 @@ class SetUps:
         recipe = recipe_of(path.parent) if job.startswith("run~") else None
         return JobSetUp() if recipe is None else set_up_of_recipe(recipe, JobSetUp())
 
-    def keep(self, job: str, said: JobSetUp) -> None:
+    def keep(self, job: str, set_up: JobSetUp) -> None:
         """Remember it for the next visit."""
-        write_text(self._kept(job), said.model_dump_json() + "\n")
+        write_text(self._kept(job), set_up.model_dump_json() + "\n")
 
     def printed(self, folder: Path) -> JobSetUp | None:
         """What the print in a folder was started with; None where the page didn't start it."""
@@ -65,10 +65,10 @@ class SetUps:
             return None
         return JobSetUp.model_validate_json(path.read_text(encoding="utf-8"))
 
-    def keep_printed(self, folder: Path, said: JobSetUp) -> None:
+    def keep_printed(self, folder: Path, set_up: JobSetUp) -> None:
         """Write down what a print is started with."""
         folder.mkdir(parents=True, exist_ok=True)
-        write_text(folder / PRINTED, said.model_dump_json(indent=1) + "\n")
+        write_text(folder / PRINTED, set_up.model_dump_json(indent=1) + "\n")
 
     def _kept(self, job: str) -> Path:
         self._workspace.job_file(job)  # refuses names that would lead elsewhere

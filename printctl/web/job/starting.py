@@ -22,10 +22,10 @@ _LIFT_MM = 20.0
 def order_of(
     job: Path,
     folder: Path,
-    said: JobSetUp,
+    set_up: JobSetUp,
     mounted: SetUp,
     machine: Machine,
-    found: Preflight,
+    preflight: Preflight,
     observer: ObserverOrder | None = None,
 ) -> Order:
     """The order, as `printctl print` makes it, with the looks of a run's observer.
@@ -34,22 +34,22 @@ def order_of(
     ----------
     job, folder : Path
         G-code file, and where the journal goes.
-    said : JobSetUp
+    set_up : JobSetUp
     mounted : SetUp
         Of ``said``.
     machine : Machine
-    found : Preflight
+    preflight : Preflight
         Where syringes must be changed, and what failed and was accepted.
     observer : ObserverOrder, optional
     """
     loads = [mounted.load_of(k) for k in range(mounted.printer.head_count)]
-    prime = said.care.prime_ul
+    prime = set_up.care.prime_ul
     retreat, *others = (retreat_for(one.syringe, one.ink, _LIFT_MM, prime) for one in loads)
     care = replace(
-        said.watched(mounted),
-        reload_at=tuple(found.facts["reload_at"]),
-        reload_heads=tuple(found.facts["reload_heads"]),
-        accepted=tuple(found.facts["accepted"]),
+        set_up.watched(mounted),
+        reload_at=tuple(preflight.facts["reload_at"]),
+        reload_heads=tuple(preflight.facts["reload_heads"]),
+        accepted=tuple(preflight.facts["accepted"]),
     )
     return Order(
         job,

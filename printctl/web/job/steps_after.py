@@ -24,8 +24,8 @@ _FILE: Final = Path(__file__).with_name("checklist.yaml")
 @lru_cache(maxsize=1)
 def checklist() -> dict[str, Any]:
     """The lists before and after a print, and starting values."""
-    found: dict[str, Any] = yaml.safe_load(_FILE.read_text(encoding="utf-8"))
-    return found
+    steps: dict[str, Any] = yaml.safe_load(_FILE.read_text(encoding="utf-8"))
+    return steps
 
 
 def steps_for(bath: Bath | None) -> list[dict[str, str]]:

@@ -56,12 +56,12 @@ def viability(
     limit = record.viability_min or (budget.minutes if budget else None)
     source = "the record" if record.viability_min else budget.source if budget else ""
     if record.mixed_at is None:
-        told = "Nobody said when cells and ink were mixed; note it in the record."
-        return Viability(None, limit, source, told, "unknown")
+        text = "Nobody said when cells and ink were mixed; note it in the record."
+        return Viability(None, limit, source, text, "unknown")
     minutes = (now - record.mixed_at) / 60.0
     if limit is None:
-        told = f"{minutes:.0f} min since mixing; how long the cells have isn't known."
-        return Viability(minutes, None, "", told, "unknown")
+        text = f"{minutes:.0f} min since mixing; how long the cells have isn't known."
+        return Viability(minutes, None, "", text, "unknown")
     of = f"{minutes:.0f} of {limit:.0f} min since mixing ({source})"
     end = minutes + (remaining_s or 0.0) / 60.0
     if minutes > limit:

@@ -83,8 +83,8 @@ def main() -> None:
     run_at_low_priority(warm)
     hold_memory()
     for line in sys.stdin:
-        when, _, said = line.partition(" ")
-        work = partial(answer, JobSource.from_json(said))
+        when, _, source = line.partition(" ")
+        work = partial(answer, JobSource.from_json(source))
         print(json.dumps(run_at_low_priority(work) if when == BEHIND else work()), flush=True)
 
 

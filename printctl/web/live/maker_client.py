@@ -116,5 +116,5 @@ class SceneMaker:
             raise SceneError(f"the process that makes views: {exc.strerror}") from exc
         if not said:
             raise SceneError("the process that makes views ended; look into the server's messages")
-        found: dict[str, str] = json.loads(said)
-        return found
+        reply: dict[str, str] = json.loads(said)
+        return reply

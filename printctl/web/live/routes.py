@@ -34,10 +34,10 @@ def router(jobs: Jobs, maker: SceneMaker) -> APIRouter:
 
     @routes.get("/static/{name}", include_in_schema=False)
     async def static(name: str, request: Request) -> Response:
-        found = static_files().get(name)
-        if found is None:
+        file = static_files().get(name)
+        if file is None:
             raise HTTPException(404, "no such file of the live view")
-        return _answer(request, found.tag, found.data, found.media_type)
+        return _answer(request, file.tag, file.data, file.media_type)
 
     @routes.get(
         "/{job}/scene",

@@ -84,6 +84,6 @@ class JobSource:
         for path in (self.gcode, self.gcode.with_suffix(".map.npz")):
             if path == self.gcode or path.is_file():
                 digest.update(file_hash(path).encode())
-        said = (version, self.printer, self.syringe, self.flow_ul_s, self.outlines)
-        digest.update(repr(said).encode())
+        parts = (version, self.printer, self.syringe, self.flow_ul_s, self.outlines)
+        digest.update(repr(parts).encode())
         return digest.hexdigest()[:32]

@@ -56,9 +56,9 @@ def write_test(
 def fit_readings(name: str, data: Readings, read: Read, store: ProfileStore) -> Result:
     """What the readings of a calibration say."""
     if name == "weigh":
-        found = weighing_of(data, read.density_g_cm3, read.density_error)
+        weighing = weighing_of(data, read.density_g_cm3, read.density_error)
         printer = store.load(Printer, read.printer)
-        return weighing_result(found, printer, store.load(Syringe, read.syringe))
+        return weighing_result(weighing, printer, store.load(Syringe, read.syringe))
     if name == "level":
         return level_result(data, *read.part_mm)
     return offset_result(data) if name == "offset" else backlash_result(data)
@@ -72,11 +72,11 @@ def write_profile_copy(
     store: ProfileStore,
 ) -> str:
     """Write what was weighed into a copy of a profile; say what changed."""
-    found = weighing_of(data, read.density_g_cm3, read.density_error)
+    weighing = weighing_of(data, read.density_g_cm3, read.density_error)
     printer = store.load(Printer, read.printer)
     syringe = store.load(Syringe, read.syringe)
     if mend == "printer":
-        measured = measured_key(printer, "steps_per_mm.e", found.steps_per_mm(printer, syringe))
+        measured = measured_key(printer, "steps_per_mm.e", weighing.steps_per_mm(printer, syringe))
         return save_measured(store.new_file(Printer, copy), printer, measured)
-    measured = measured_key(syringe, "inner_mm", found.bore_mm())
+    measured = measured_key(syringe, "inner_mm", weighing.bore_mm())
     return save_measured(store.new_file(Syringe, copy), syringe, measured)

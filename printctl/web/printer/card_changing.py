@@ -42,12 +42,12 @@ def add_changing(service: PrinterService, who: Principal) -> Refresh:
 def _raise_step(service: PrinterService, who: Principal, stepper: ui.stepper) -> None:
     with ui.step("Raise the needle").props("done-color=positive"):
         note("Straight up, out of the bath and above the rim of the dish.")
-        said = live()
+        place_line = live()
 
         async def lift() -> None:
             status = await run_or_notify(service.hands.lift_out, who)
             if status is not None and status.position_mm is not None:
-                said.set_text(f"the tip is at Z {status.position_mm[2]:.2f} mm")
+                place_line.set_text(f"the tip is at Z {status.position_mm[2]:.2f} mm")
 
         with ui.row().classes("gap-2"):
             button("Raise", lift)

@@ -38,9 +38,9 @@ def add_connection(service: PrinterService, who: Principal) -> Refresh:
             again = button("Reconnect", lambda: run_or_notify(service.reconnect, who))
 
     async def find() -> None:
-        found = await run.io_bound(service.ports) or []
-        port.set_options(_ports(found))
-        fitting = [one for one in found if profile.value in one.profiles]
+        ports = await run.io_bound(service.ports) or []
+        port.set_options(_ports(ports))
+        fitting = [one for one in ports if profile.value in one.profiles]
         if len(fitting) == 1:
             port.set_value(fitting[0].device)
 
@@ -77,12 +77,12 @@ def _first(names: list[str]) -> str:
     return PLAIN if PLAIN in names else names[0]
 
 
-def _ports(found: list[FoundPort]) -> dict[str, str]:
+def _ports(ports: list[FoundPort]) -> dict[str, str]:
     listed = {
         SIMULATED: "Simulated printer",
         "auto": "auto: the one with the profile's USB id",
     }
-    for one in found:
+    for one in ports:
         fits = f" · {', '.join(one.profiles)}" if one.profiles else " · no profile matches"
         usb = f" · {one.usb_id}" if one.usb_id else " · not USB"
         listed[one.device] = f"{one.device}{usb}{fits}"
@@ -90,11 +90,11 @@ def _ports(found: list[FoundPort]) -> dict[str, str]:
 
 
 def _detail(service: PrinterService, status: StationStatus) -> str:
-    told = []
+    parts = []
     if status.open:
-        told.append(f"{service.store.name(status.profile)} at {status.port}")
-        told.append(status.firmware)
+        parts.append(f"{service.store.name(status.profile)} at {status.port}")
+        parts.append(status.firmware)
     errors = service.core.events.latest.get("print", {}).get("line_errors")
     if status.state is StationState.PRINTING and errors is not None:
-        told.append(f"{errors} line errors, each sent again")
-    return " · ".join(filter(None, [*told, status.message]))
+        parts.append(f"{errors} line errors, each sent again")
+    return " · ".join(filter(None, [*parts, status.message]))

@@ -38,7 +38,7 @@ def add_console(service: PrinterService, who: Principal) -> Refresh:
             line = ui.input("Command", placeholder="M115").classes("grow")
             line.props('outlined autocomplete=off spellcheck=false input-class="font-mono"')
             send = button("Send", lambda: go())
-        said = live()
+        reply_line = live()
 
     async def go() -> None:
         text = str(line.value or "").strip()
@@ -47,7 +47,7 @@ def add_console(service: PrinterService, who: Principal) -> Refresh:
         recalled.add(text)
         line.set_value("")
         # What the console refuses stands in its log; the rest is said below the line.
-        said.set_text(await run_or_explain(service.console.send, who, text))
+        reply_line.set_text(await run_or_explain(service.console.send, who, text))
 
     async def key(event: events.GenericEventArguments) -> None:
         if event.args == "Enter":

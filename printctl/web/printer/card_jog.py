@@ -53,7 +53,7 @@ def add_jog(service: PrinterService, who: Principal) -> Refresh:
             for row in _PAD:
                 for cell in row:
                     _cell(cell, lambda axis, sign: jog(axis, sign), moves)
-        said = live()
+        problem_line = live()
         limits, bath = note(), note()
         with ui.row().classes("gap-2"):
             moves.append(quiet_button("Up, out of the bath", lambda: run_or_notify(lift)))
@@ -65,8 +65,10 @@ def add_jog(service: PrinterService, who: Principal) -> Refresh:
         service.hands.lift_out(who)
 
     async def jog(axis: str, sign: int) -> None:
-        said.set_text("")
-        said.set_text(await run_or_explain(service.hands.jog, who, axis, sign * float(step.value)))
+        problem_line.set_text("")
+        problem_line.set_text(
+            await run_or_explain(service.hands.jog, who, axis, sign * float(step.value))
+        )
 
     def key(event: events.GenericEventArguments) -> Any:
         axis, sign = KEYS[str(event.args)]
@@ -135,5 +137,5 @@ def _bath(status: StationStatus) -> str:
         "bath's surface": mounted.bath_level_mm,
         "rim": rim_mm(status),
     }
-    told = [f"{name} Z {value:.2f} mm" for name, value in known.items() if value is not None]
-    return f"Soft limits: {', '.join(told)}" if told else "Floor, bath and rim: not known yet"
+    limits = [f"{name} Z {value:.2f} mm" for name, value in known.items() if value is not None]
+    return f"Soft limits: {', '.join(limits)}" if limits else "Floor, bath and rim: not known yet"

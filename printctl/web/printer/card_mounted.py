@@ -83,14 +83,14 @@ def _dialog(service: PrinterService, who: Principal) -> Any:
             y.set_value(place[1])
 
     def said() -> dict[str, Any]:
-        found: dict[str, Any] = {}
+        fields: dict[str, Any] = {}
         for sort, model in SORTS.items():
             name = str(choices[sort].value)
-            found[sort] = service.store.given(model, name) if name else ""
+            fields[sort] = service.store.given(model, name) if name else ""
         if x.value is not None and y.value is not None:
-            found["dish_centre_mm"] = (float(x.value), float(y.value))
+            fields["dish_centre_mm"] = (float(x.value), float(y.value))
         now = service.status.mounted
-        return {key: value for key, value in found.items() if value != getattr(now, key)}
+        return {key: value for key, value in fields.items() if value != getattr(now, key)}
 
     async def say() -> None:
         if await run_or_notify(lambda: service.hands.mount(who, **said())) is not None:

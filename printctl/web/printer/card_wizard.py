@@ -93,23 +93,23 @@ class _Dialog:
         return Read(printer=str(self._printer.value), syringe=str(self._syringe.value), **values)
 
     async def _fit(self) -> None:
-        found = await run_or_notify(
+        result = await run_or_notify(
             lambda: self._service.calibrating.fit(self._wizard.name, self._read())
         )
         self._result.clear()
-        if found is not None:
+        if result is not None:
             with self._result:
-                self._tell(found)
+                self._tell(result)
 
-    def _tell(self, found: Result) -> None:
+    def _tell(self, result: Result) -> None:
         with ui.element("dl").classes("pc-facts"):
-            for name, estimate in found.lines.items():
+            for name, estimate in result.lines.items():
                 with ui.element("dt"):
                     ui.label(name)
                 with ui.element("dd"):
                     ui.label(estimate.text())
         note("95 % intervals")
-        for text in found.notes:
+        for text in result.notes:
             note(text)
         if self._wizard.writes:
             self._offer_copy()
@@ -128,7 +128,7 @@ class _Dialog:
                 f"{(self._printer if mend.value == 'printer' else self._syringe).value}_measured"
             )
         )
-        said = live()
+        copy_line = live()
 
         async def save() -> None:
             done = await run_or_notify(
@@ -137,6 +137,6 @@ class _Dialog:
                 )
             )
             if done is not None:
-                said.set_text(f"written: {done}. Choose it under Connection from now on.")
+                copy_line.set_text(f"written: {done}. Choose it under Connection from now on.")
 
         button("Write the copy", save)

@@ -112,12 +112,12 @@ class Macros:
         """
         self._access.ask(who)
         profile = self._store.name(self._access.status.profile)
-        found = [one for one in self.of(profile) if one.name == name]
-        if not found:
+        named = [one for one in self.of(profile) if one.name == name]
+        if not named:
             raise NotFoundError(f"{profile} has no macro {name!r}")
-        self._check(profile, found[0])
+        self._check(profile, named[0])
         with self._access.moving(who):
-            return [reply for text in found[0].commands for reply in self._console.send(who, text)]
+            return [reply for text in named[0].commands for reply in self._console.send(who, text)]
 
     def _check(self, profile: str, macro: Macro) -> None:
         printer = load(Printer, self._store.given(Printer, profile))

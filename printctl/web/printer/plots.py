@@ -43,14 +43,14 @@ class Sample:
 
 def sample(status: StationStatus, at_s: float) -> Sample:
     """What a status tells for the plots."""
-    found = [match for text in status.readings if (match := _READING.fullmatch(text))]
-    names = [f"{match['name']} ({match['unit']})" for match in found]
+    matches = [match for text in status.readings if (match := _READING.fullmatch(text))]
+    names = [f"{match['name']} ({match['unit']})" for match in matches]
     return Sample(
         at_s,
         {one.name: one.now_c for one in status.temperatures},
         {one.name: one.target_c for one in status.temperatures if one.target_c},
-        dict(zip(names, (float(match["value"]) for match in found), strict=True)),
-        dict(zip(names, (float(match["high"]) for match in found), strict=True)),
+        dict(zip(names, (float(match["value"]) for match in matches), strict=True)),
+        dict(zip(names, (float(match["high"]) for match in matches), strict=True)),
     )
 
 

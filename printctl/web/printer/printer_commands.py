@@ -85,9 +85,9 @@ class PrinterCommands:
         with self._access.moving(who) as station:
             return self._access.heard(station.plunger(ul, ul_s))
 
-    def mount(self, who: Principal, **said: Any) -> StationStatus:
+    def mount(self, who: Principal, **parts: Any) -> StationStatus:
         """Say what is mounted."""
-        return self._access.heard(self._access.ask(who).mount(**said))
+        return self._access.heard(self._access.ask(who).mount(**parts))
 
     def _way_out(self, status: StationStatus) -> float:
         if status.position_mm is None:

@@ -33,8 +33,8 @@ _SORTS: dict[str, type[Facts]] = {
 
 def requesting_user(request: Request) -> Principal:
     """Return the requesting user, as set by the access guard."""
-    found = getattr(request.state, "principal", None)
-    return found if isinstance(found, Principal) else Principal("local", "this machine")
+    principal = getattr(request.state, "principal", None)
+    return principal if isinstance(principal, Principal) else Principal("local", "this machine")
 
 
 def status_of(status: StationStatus) -> m.Status:
@@ -63,14 +63,14 @@ def _add_connection(routes: APIRouter, service: PrinterService) -> None:
 
     @routes.get("/profiles", summary="Printer profiles that can be connected")
     def profiles() -> list[m.Profile]:
-        found = []
+        ports = []
         for name in service.store.printers():
             printer = service.store.load(Printer, name)
             one = m.Profile(
                 name=name, summary=summary(printer), starting_values=printer.starting_values
             )
-            found.append(one)
-        return found
+            ports.append(one)
+        return ports
 
     @routes.post("/connect", summary="Connect a printer")
     def connect(body: m.ConnectTo, request: Request) -> m.Status:
@@ -130,8 +130,8 @@ def _add_hands(routes: APIRouter, service: PrinterService) -> None:
 
     @routes.post("/mount", summary="Say what is mounted")
     def mount(body: m.MountRequest, request: Request) -> m.Status:
-        said = body.model_dump(exclude_unset=True)
+        parts = body.model_dump(exclude_unset=True)
         for key, model in _SORTS.items():
-            if said.get(key):
-                said[key] = service.store.given(model, said[key])
-        return status_of(hands.mount(requesting_user(request), **said))
+            if parts.get(key):
+                parts[key] = service.store.given(model, parts[key])
+        return status_of(hands.mount(requesting_user(request), **parts))

@@ -30,11 +30,11 @@ def add_calibration(
 
     @routes.post("/calibrations/{name}/fit", summary="What readings say")
     def fit(name: str, body: Read) -> m.FittedConstants:
-        found = calibrating.fit(name, body)
-        estimates = {key: asdict(one) for key, one in found.lines.items()}
-        return m.FittedConstants(estimates=estimates, notes=found.notes)
+        result = calibrating.fit(name, body)
+        estimates = {key: asdict(one) for key, one in result.lines.items()}
+        return m.FittedConstants(estimates=estimates, notes=result.notes)
 
     @routes.post("/calibrations/weigh/profile", summary="Write a measured copy of a profile")
     def save(body: m.Save, request: Request) -> m.ActionResult:
-        said = calibrating.save(who(request), body.read, body.mend, body.copy_name)
-        return m.ActionResult(message=said)
+        message = calibrating.save(who(request), body.read, body.mend, body.copy_name)
+        return m.ActionResult(message=message)

@@ -38,17 +38,17 @@ class VolumeAnswer(BaseModel):
     threshold: float = Field(description="Between the two classes of voxels (Otsu).")
 
     @classmethod
-    def of(cls, found: OpenScan) -> VolumeAnswer:
+    def of(cls, opened: OpenScan) -> VolumeAnswer:
         """Of a scan that was read."""
-        dz, dy, dx = found.scan.geometric_voxel_mm
+        dz, dy, dx = opened.scan.geometric_voxel_mm
         return cls(
-            shape=list(found.scan.volume.shape[::-1]),
+            shape=list(opened.scan.volume.shape[::-1]),
             voxel_um=[dx * 1e3, dy * 1e3, dz * 1e3],
-            size_mm=list(found.size_mm),
-            modality=str(found.scan.modality),
-            low=found.low,
-            high=found.high,
-            threshold=found.threshold,
+            size_mm=list(opened.size_mm),
+            modality=str(opened.scan.modality),
+            low=opened.low,
+            high=opened.high,
+            threshold=opened.threshold,
         )
 
 
@@ -77,9 +77,9 @@ class ScanMetadataRequest(BaseModel):
     def overrides(self) -> ScanOverrides:
         """In the readers' words."""
         size = self.voxel_um
-        said = self.model_dump(exclude={"voxel_um"})
+        given = self.model_dump(exclude={"voxel_um"})
         voxel = None if size is None else (size[2] * 1e-3, size[1] * 1e-3, size[0] * 1e-3)
-        return ScanOverrides(voxel_mm=voxel, **said)
+        return ScanOverrides(voxel_mm=voxel, **given)
 
 
 class RegisterRequest(BaseModel):

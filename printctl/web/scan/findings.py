@@ -107,8 +107,8 @@ def alignment(numbers: Mapping[str, Any]) -> list[tuple[str, str]]:
     for key, name in (("rigid", "RMS deviation, rigid fit"), ("scaled", "RMS deviation, scaled")):
         fit = numbers.get(key) or {}
         if "rms_um" in fit:
-            said = f"{fit['rms_um']:.1f} µm; 95 % of it within {fit['p95_um']:.1f} µm"
-            rows.append((name, said))
+            spread = f"{fit['rms_um']:.1f} µm; 95 % of it within {fit['p95_um']:.1f} µm"
+            rows.append((name, spread))
     flag = (numbers.get("ambiguity") or {}).get("flag")
     if flag is not None:
         rows.append(("Pose", "ambiguous: another fits as well" if flag else "unambiguous"))

@@ -101,24 +101,24 @@ class _Page:
         self._delete.set_enabled(scan.startswith("file~"))
         self._facts.text = f"{scan} is being read ..."
         try:
-            found = await run_in_thread(self._service.opened, scan)
+            opened = await run_in_thread(self._service.opened, scan)
         except WebError as exc:
             self._facts.text = f"{scan} can't be shown yet"
             self._form.ask(str(exc))
             return
         self._form.ask("")
-        x, y, z = found.scan.volume.shape[::-1]
-        dz, dy, dx = (1e3 * one for one in found.scan.geometric_voxel_mm)
+        x, y, z = opened.scan.volume.shape[::-1]
+        dz, dy, dx = (1e3 * one for one in opened.scan.geometric_voxel_mm)
         self._facts.text = (
             f"{scan}: {x} × {y} × {z} voxels of {dx:.4g} × {dy:.4g} × {dz:.4g} µm, "
-            f"{found.scan.modality}"
+            f"{opened.scan.modality}"
         )
-        self._slices.show(scan, found)
+        self._slices.show(scan, opened)
         self._shown = None
         await self._follow()
 
-    async def _say(self, said: ScanMetadataRequest) -> None:
-        await run_or_notify(self._service.store.say, self._scan, said.overrides())
+    async def _say(self, metadata: ScanMetadataRequest) -> None:
+        await run_or_notify(self._service.store.say, self._scan, metadata.overrides())
         await self._show(self._scan)
 
     async def _throw(self) -> None:
@@ -184,7 +184,7 @@ class _Page:
             self._simulate.set_enabled(False)
             return
         try:
-            now, found, printed = await run_in_thread(self._look)
+            now, finding, printed = await run_in_thread(self._look)
         except WebError as exc:
             self._state.text = str(exc)
             return
@@ -198,7 +198,7 @@ class _Page:
         ended = self._shown is not None and self._shown.going_on and not now.going_on
         self._shown = now
         self._show_progress(now)
-        self._show_found(found if not now.going_on else None)
+        self._show_found(finding if not now.going_on else None)
         if ended and not self._scan:
             await self._refresh(f"run~{self._runs.value}")
 
@@ -214,12 +214,12 @@ class _Page:
                     bar.props(f'aria-label="{stage.name}"').classes("pc-stage-bar")
                     ui.label(f"{stage.state} {stage.note}").classes("pc-stage-note")
 
-    def _show_found(self, found: Findings | None) -> None:
-        if found is None:
+    def _show_found(self, finding: Findings | None) -> None:
+        if finding is None:
             self._result.clear()
             return
         scan, name = self._scan or f"run~{self._runs.value}", str(self._runs.value)
         base = f"/api/v1/scans/{scan}/with/{name}"
         files = self._service.files(scan, name)
         has_report = (self._service.folder(scan, name) / "report.html").is_file()
-        self._result.show(base, found, files, has_report)
+        self._result.show(base, finding, files, has_report)

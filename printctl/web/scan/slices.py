@@ -67,8 +67,8 @@ def sample(volume: NDArray[Any]) -> NDArray[np.float64]:
     """About two million voxels, evenly spread, float64; what isn't finite is left out."""
     step = max(1, int(np.ceil((volume.size / _SAMPLES) ** (1 / 3))))
     values = np.asarray(volume[::step, ::step, ::step], dtype=np.float64).reshape(-1)
-    found: NDArray[np.float64] = values[np.isfinite(values)]
-    return found if len(found) else np.zeros(1)
+    finite: NDArray[np.float64] = values[np.isfinite(values)]
+    return finite if len(finite) else np.zeros(1)
 
 
 def _threshold(values: NDArray[np.float64]) -> float:
@@ -154,11 +154,11 @@ class Slices:
         ------
         BadRequestError, ScanFileError
         """
-        found = self.open(path)
-        low, high = window or (found.low, found.high)
+        opened = self.open(path)
+        low, high = window or (opened.low, opened.high)
 
         def draw() -> bytes:
-            image = plane(found.scan.volume, axis, index)
+            image = plane(opened.scan.volume, axis, index)
             return as_png(picture(image, low, high, threshold))
 
         key = (*_state(path), axis, index, low, high, threshold)

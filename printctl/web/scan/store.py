@@ -65,15 +65,15 @@ class ScanStore:
             for path in self.folder.iterdir()
             if is_name(path.name) and path.suffix.lower() not in _SIDECARS
         ]
-        found = [_row(f"file~{path.name}", path) for path in files]
+        rows = [_row(f"file~{path.name}", path) for path in files]
         for name in _RUN_SCANS:
             of_runs = (self._workspace.root / "runs").glob(f"*/{name}")
-            found += [
+            rows += [
                 _row(f"run~{path.parent.name}", path)
                 for path in of_runs
                 if is_name(path.parent.name)
             ]
-        return sorted(found, key=lambda row: -row.modified)
+        return sorted(rows, key=lambda row: -row.modified)
 
     def path(self, scan: str) -> Path:
         """Where a scan lies.
@@ -90,10 +90,10 @@ class ScanStore:
             places = [self._workspace.run(name) / one for one in _RUN_SCANS]
         else:
             raise BadRequestError(f"scan {scan[:80]!r} is neither file~NAME nor run~NAME")
-        found = next((one for one in places if one.exists()), None)
-        if found is None:
+        place = next((one for one in places if one.exists()), None)
+        if place is None:
             raise NotFoundError(f"there is no scan {scan[:80]!r}")
-        return found
+        return place
 
     def take(self, file_name: str, pieces: Iterable[bytes]) -> str:
         """Take in a scan as it comes; a zip of slices is unpacked. Its name is the file's.
@@ -151,16 +151,16 @@ class ScanStore:
 
     def said(self, scan: str) -> dict[str, Any]:
         """What the user said of a scan beside it."""
-        found = find_sidecar(self.path(scan))
-        if found is None:
+        sidecar = find_sidecar(self.path(scan))
+        if sidecar is None:
             return {}
         try:
-            data = json.loads(found.read_text(encoding="utf-8"))
+            data = json.loads(sidecar.read_text(encoding="utf-8"))
         except ValueError:
             return {}
         return data if isinstance(data, dict) else {}
 
-    def say(self, scan: str, said: ScanOverrides) -> None:
+    def say(self, scan: str, overrides: ScanOverrides) -> None:
         """Keep what the user says of an uploaded scan, in a file beside it that all readers read.
 
         Raises
@@ -171,7 +171,7 @@ class ScanStore:
         if not scan.startswith("file~"):
             raise ConflictError("a run's own scan says all of itself; nothing is to be added")
         path = self.path(scan)
-        known = {key: value for key, value in asdict(said).items() if value is not None}
+        known = {key: value for key, value in asdict(overrides).items() if value is not None}
         write_text(path.with_suffix(".json"), json.dumps(known, indent=1) + "\n")
 
     def delete(self, scan: str) -> None:

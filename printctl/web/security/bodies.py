@@ -66,8 +66,8 @@ class BodyLimits:
             At once when the request says so itself, else from ``receive``.
         """
         path, got = scope["path"], 0
-        said = dict(scope["headers"]).get(b"content-length", b"0")
-        if not said.isdigit() or self.exceeded(path, int(said[:20])):
+        length = dict(scope["headers"]).get(b"content-length", b"0")
+        if not length.isdigit() or self.exceeded(path, int(length[:20])):
             raise TooLargeError(self.limit(path))
 
         async def counted() -> Message:

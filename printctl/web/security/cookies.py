@@ -10,5 +10,5 @@ def cookie_of(header: str, name: str) -> str:
 
     Other servers' cookies of the same host are in it, too, and may be malformed.
     """
-    found = re.search(rf"(?:^|;\s*){re.escape(name)}=([^;\s]*)", header)
-    return found[1] if found else ""
+    match = re.search(rf"(?:^|;\s*){re.escape(name)}=([^;\s]*)", header)
+    return match[1] if match else ""

@@ -144,8 +144,8 @@ class Guard:
         else:  # a browser tells one or the other; what isn't one shows a token
             ours = asking.site == "same-origin" or (not asking.site and bearer is not None)
         if not ours:
-            said = f"origin {origin[:80]!r} isn't" if origin is not None else "no origin that is"
-            raise RefusedError(refusal(403, f"{said} this server's own page; scripts send a token"))
+            who = f"origin {origin[:80]!r} isn't" if origin is not None else "no origin that is"
+            raise RefusedError(refusal(403, f"{who} this server's own page; scripts send a token"))
 
     def _by_token(self, asking: RequestFacts, shown: str) -> Admission:
         if not self.gate.is_token(shown):

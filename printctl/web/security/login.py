@@ -67,8 +67,8 @@ def _wants_page(request: Request) -> bool:
     return "text/html" in request.headers.get("accept", "")
 
 
-def _page(guard: Guard, way: str, said: str = "", status: int = 200) -> HTMLResponse:
-    note = f'<p class="pc-login-note" role="alert">{escape(said)}</p>' if said else ""
+def _page(guard: Guard, way: str, problem: str = "", status: int = 200) -> HTMLResponse:
+    note = f'<p class="pc-login-note" role="alert">{escape(problem)}</p>' if problem else ""
     if guard.gate.password is None:
         form = (
             "<p>This page is opened by the link that <code>printctl serve</code> printed when it "

@@ -39,10 +39,10 @@ class ServerNames:
 
     def host(self, header: str) -> str | None:
         """The host name in a ``Host`` header, without its port; None when it isn't ours."""
-        found = _HOST.fullmatch(header)
-        if not found:
+        match = _HOST.fullmatch(header)
+        if not match:
             return None
-        name = found[1].lower()
+        name = match[1].lower()
         return name if name in self.names or self._is_address(name) else None
 
     def is_origin(self, origin: str, host_header: str) -> bool:
@@ -53,11 +53,11 @@ class ServerNames:
         """Whether ``origin`` is the page at ``port`` of the same host (for the stop process)."""
         parts = urlsplit(origin)
         try:
-            found = parts.port or (443 if self.scheme == "https" else 80)
+            port_there = parts.port or (443 if self.scheme == "https" else 80)
         except ValueError:
             return False
         name = parts.netloc.rsplit(":", 1)[0] if parts.port else parts.netloc
-        return parts.scheme == self.scheme and name.lower() == host and found == port
+        return parts.scheme == self.scheme and name.lower() == host and port_there == port
 
     def _is_address(self, name: str) -> bool:
         try:

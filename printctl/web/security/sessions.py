@@ -66,13 +66,13 @@ class Sessions:
 
     def read(self, value: str, grace_s: float = 0.0) -> Session | None:
         """Give the session of a cookie; None when it is forged, too old or logged out."""
-        found = _VALUE.fullmatch(value)
-        if not found:
+        match = _VALUE.fullmatch(value)
+        if not match:
             return None
-        signed = self._signature(f"{found[1]}.{found[2]}")
-        if not hmac.compare_digest(signed, found[3]):
+        signed = self._signature(f"{match[1]}.{match[2]}")
+        if not hmac.compare_digest(signed, match[3]):
             return None
-        session = Session(found[1], float(found[2]))
+        session = Session(match[1], float(match[2]))
         if self.clock() - session.issued > LIFETIME_S + grace_s or self._is_revoked(session.id):
             return None
         return session

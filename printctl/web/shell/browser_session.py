@@ -10,5 +10,5 @@ from printctl.web.controls import Principal
 def this_browser() -> Principal:
     """The browser that the page being built or answering is for; set by the guard at the door."""
     request = ui.context.client.request
-    found = getattr(request.state, "principal", None) if request is not None else None
-    return found or Principal("local", "this browser")
+    principal = getattr(request.state, "principal", None) if request is not None else None
+    return principal or Principal("local", "this browser")

@@ -116,9 +116,9 @@ class Places:
 
     def late(self, now: float) -> list[Connection]:
         """Return who has had its time."""
-        found = [one for one in self._known if not one.stopping and now - one.since > IDLE_S]
+        late = [one for one in self._known if not one.stopping and now - one.since > IDLE_S]
         for one in self._unknown:
             if now - one.since <= TO_SHOW_S:
                 break  # the rest came later
-            found.append(one)
-        return found
+            late.append(one)
+        return late

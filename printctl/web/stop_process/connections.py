@@ -174,10 +174,10 @@ class Wires:
         return wire is not None
 
     def _send_kill(self, path: Path) -> bool:
-        found = self._open.get(path)
-        if found is None:
+        connection = self._open.get(path)
+        if connection is None:
             return False
-        wire, token = found
+        wire, token = connection
         try:
             wire.sendall(_message("kill", token))
         except OSError:
@@ -190,9 +190,9 @@ class Wires:
         return SentStop(str(path.parent), (self.clock() - began) * 1e3, record.process)
 
     def _drop(self, path: Path) -> None:
-        found = self._open.pop(path, None)
-        if found:
-            found[0].close()
+        connection = self._open.pop(path, None)
+        if connection:
+            connection[0].close()
 
     def _hear(self, path: Path, patience_s: float) -> dict[str, Any]:
         record = self._records[path]
@@ -229,10 +229,10 @@ def _read(path: Path, changed: int) -> _Record:
 
 def _last_word(path: Path) -> dict[str, Any]:
     try:
-        found = json.loads(path.read_text(encoding="utf-8")).get("status") or {}
+        status = json.loads(path.read_text(encoding="utf-8")).get("status") or {}
     except (OSError, ValueError, AttributeError):
         return {}
-    return dict(found)
+    return dict(status)
 
 
 def _dial(address: str) -> socket.socket | None:

@@ -63,8 +63,8 @@ class Answering:
         refusal = self._refusal(request)
         if refusal is not None:
             status, text = refusal
-            told = {"error": "NotAllowedError", "message": text}
-            return Answer(self.told(request, status, told))
+            problem = {"error": "NotAllowedError", "message": text}
+            return Answer(self.told(request, status, problem))
         if request.method == "POST":
             return Answer(self._stop_head(request), known=True, stops=True)
         alive = {"ready": True, "connected": connected}

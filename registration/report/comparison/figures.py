@@ -176,8 +176,8 @@ def _history(
         line = [start, start + vessel.drift.slope.value * last]
         axes.plot([1, last + 1], line, color=OUTSIDE, linewidth=1.0)
     axes.plot(at, error, "o-", color=INK, linewidth=0.7, markersize=3.6)
-    words = [name for name, told in (("off", vessel.off), ("varies", vessel.varies),
-             ("drifts", vessel.p_drift < SIGNIFICANT)) if told]  # fmt: skip
+    words = [name for name, holds in (("off", vessel.off), ("varies", vessel.varies),
+             ("drifts", vessel.p_drift < SIGNIFICANT)) if holds]  # fmt: skip
     axes.set_title(f"vessel {vessel.vessel}" + (f": {', '.join(words)}" if words else ""),
                    loc="left", fontsize=8.6, color=OUTSIDE if words else INK)  # fmt: skip
 

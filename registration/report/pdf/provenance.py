@@ -34,18 +34,18 @@ def origin_facts(data: Mapping[str, Any]) -> list[Fact]:
 
 def digest_facts(data: Mapping[str, Any]) -> list[Fact]:
     """Versions, seed and SHA-256 of what went in."""
-    told, printed = mapping(data, "provenance"), mapping(data, "printed")
+    provenance, printed = mapping(data, "provenance"), mapping(data, "printed")
     design = mapping(mapping(data, "registration"), "design")
     rows = [
-        Fact(label, ", ".join(f"{name} {plain(v)}" for name, v in mapping(told, key).items()))
+        Fact(label, ", ".join(f"{name} {plain(v)}" for name, v in mapping(provenance, key).items()))
         for key, label in (("versions", "Versions"), ("machine", "Machine"))
-        if mapping(told, key)
+        if mapping(provenance, key)
     ]
-    rows += [Fact("Seed", plain(told["seed"]))] if "seed" in told else []
+    rows += [Fact("Seed", plain(provenance["seed"]))] if "seed" in provenance else []
     digests = {
         "network.csv": design.get("network_sha256"),
         "G-code": printed.get("gcode_sha256"),
-        **mapping(told, "inputs"),
+        **mapping(provenance, "inputs"),
     }
     return rows + [
         Fact(f"SHA-256 of {name}", plain(value)) for name, value in digests.items() if value

@@ -152,7 +152,7 @@ def _look(size: float) -> list[Any]:
 
 
 def _right(numeric: Sequence[bool]) -> list[Any]:
-    return [("ALIGN", (c, 0), (c, -1), "RIGHT") for c, told in enumerate(numeric) if told]
+    return [("ALIGN", (c, 0), (c, -1), "RIGHT") for c, is_number in enumerate(numeric) if is_number]
 
 
 def _needed(cells: Sequence[str], size: float) -> float:

@@ -20,6 +20,7 @@ from design.anatomy.openness import sample_surface
 from design.anatomy.trunk_lines import outward
 from design.errors import GrowthError, TissueError
 from design.hemodynamics import FlowConditions, solve_flow
+from design.measures.published_radii import PublishedMatch
 from design.network import VesselKind
 from design.tissue import Tissue, biventricle, folded_cortex, tissue_from_surface
 from design.tissue import kidney as kidney_shape
@@ -161,13 +162,17 @@ def test_no_main_line_has_a_kink(grown, tissue, terminals, gamma):
         assert np.degrees(np.arccos(min(1.0, float(cosine)))) < 30.0
 
 
-def test_a_heart_gets_the_pressure_drop_that_published_radii_ask_for(monkeypatch):
-    monkeypatch.setattr("design.anatomy.heart.published_radius_factor", lambda *_: 1.1)
+@pytest.mark.parametrize(("sd_then", "factor"), [(0.9, 1.1), (3.0, 1.0)])
+def test_a_heart_gets_another_pressure_drop_where_that_is_nearer_to_published_radii(
+    monkeypatch, sd_then, factor
+):
+    matches = iter([PublishedMatch(2.0, 1.1), PublishedMatch(sd_then, 1.0)])
+    monkeypatch.setattr("design.anatomy.heart.published_match", lambda *_: next(matches))
     few = replace(HEART, terminals=40)
     made = grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
-    wanted = HEART.pressure_drop_pa / 1.1**4
+    wanted = HEART.pressure_drop_pa / factor**4
     assert [tree.pressure_drop_pa for tree in made.trees] == pytest.approx([wanted] * 2)
-    assert any("pressure_drop_mmhg was taken as" in note for note in made.notes)
+    assert any("pressure_drop_mmhg was taken as" in note for note in made.notes) == (factor != 1.0)
 
 
 def test_heart_has_two_ostia_at_the_base_and_trunks_below_the_epicardium():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from design.measures.against import compare_orders, published_orders
-from design.measures.published_radii import published_radius_factor
+from design.measures.published_radii import published_match
 from design.network import VesselNetwork
 
 
@@ -23,13 +23,17 @@ def vessels(scale: float, orders: range = range(5, 10)) -> VesselNetwork:
 
 
 def test_vessels_within_the_published_spread_keep_their_radii():
-    assert published_radius_factor(vessels(1.0), "coronary") == 1.0
+    assert published_match(vessels(1.0), "coronary").factor == 1.0
 
 
 @pytest.mark.parametrize("scale", [0.72, 1.35])
 def test_one_factor_brings_all_orders_within_the_spread(scale):
     thin = vessels(scale)
-    factor = published_radius_factor(thin, "coronary")
+    match = published_match(thin, "coronary")
+    factor = match.factor
+    assert (
+        match.farthest_sd > 1.0 >= published_match(vessels(scale * factor), "coronary").farthest_sd
+    )
     assert factor == pytest.approx(1.0 / scale, rel=0.25)
     assert (factor - 1.0) * (1.0 - scale) > 0.0
     orders = compare_orders(vessels(scale * factor), "coronary")["orders"]
@@ -39,4 +43,4 @@ def test_one_factor_brings_all_orders_within_the_spread(scale):
 
 
 def test_a_small_tree_keeps_its_radii():
-    assert published_radius_factor(vessels(0.72, range(7, 10)), "coronary") == 1.0
+    assert published_match(vessels(0.72, range(7, 10)), "coronary").factor == 1.0

@@ -72,7 +72,6 @@ def sample_data() -> dict[str, Any]:
     """Every section of report.json."""
     network = planar_network()
     vessels, flow = vessel_records(network)
-    counts, edges = np.histogram(deviation_surface(0.4).scalar, bins=40, range=(-120, 120))
     return {
         "schema": 1,
         "recipe": "planar_fresh",
@@ -136,21 +135,7 @@ def sample_data() -> dict[str, Any]:
             "source": "simulated OCT", "modality": "oct", "voxel_um": [8.0, 10.0, 10.0],
             "shape": [420, 860, 1680],
         },
-        "registration": {
-            "rigid": {"rms_um": 38.2, "mean_um": -6.1, "median_um": -5.4, "sd_um": 37.7,
-                      "p95_um": 74.9, "within": {"25": 0.482, "50": 0.811, "100": 0.996}},
-            "scaled": {"rms_um": 21.3, "mean_um": -0.4, "median_um": -0.2, "sd_um": 21.3,
-                       "p95_um": 42.0, "within": {"25": 0.761, "50": 0.978, "100": 1.0}},
-            "transform_scan_to_part": [[0.99991, 0.0123, 0.0041, -0.3121],
-                                       [0.0122, -0.99989, 0.0083, 8.2034],
-                                       [0.0042, -0.0082, -0.99996, 3.4011], [0, 0, 0, 1]],
-            "scale": [0.9962, 0.9958, 0.9981],
-            "ambiguity": {"margin": 0.42, "flag": False},
-            "histogram": {"edges_um": edges.tolist(), "counts": counts.tolist()},
-            "vessels": vessels,
-            "notes": ["Depth and refractive index can't be told apart without a depth standard; "
-                      "depth isn't compensated."],
-        },
+        "registration": _registration(vessels),
         "truth_check": {"pose_error_um": 8.4, "rotation_error_deg": 0.04},
         "timings": {
             name: {"seconds": s, "peak_mb": mb, "reused": reused}
@@ -167,6 +152,25 @@ def sample_data() -> dict[str, Any]:
             "inputs": {"planar_fresh.yaml": "6f1c0f9c4f…", "lulzbot.yaml": "a19be2d07c…"},
             "seed": 1,
         },
+    }  # fmt: skip
+
+
+def _registration(vessels: list[dict[str, Any]]) -> dict[str, Any]:
+    counts, edges = np.histogram(deviation_surface(0.4).scalar, bins=40, range=(-120, 120))
+    return {
+        "rigid": {"rms_um": 38.2, "mean_um": -6.1, "median_um": -5.4, "sd_um": 37.7,
+                  "p95_um": 74.9, "within": {"25": 0.482, "50": 0.811, "100": 0.996}},
+        "scaled": {"rms_um": 21.3, "mean_um": -0.4, "median_um": -0.2, "sd_um": 21.3,
+                   "p95_um": 42.0, "within": {"25": 0.761, "50": 0.978, "100": 1.0}},
+        "transform_scan_to_part": [[0.99991, 0.0123, 0.0041, -0.3121],
+                                   [0.0122, -0.99989, 0.0083, 8.2034],
+                                   [0.0042, -0.0082, -0.99996, 3.4011], [0, 0, 0, 1]],
+        "scale": [0.9962, 0.9958, 0.9981],
+        "ambiguity": {"margin": 0.42, "flag": False},
+        "histogram": {"edges_um": edges.tolist(), "counts": counts.tolist()},
+        "vessels": vessels,
+        "notes": ["Depth and refractive index can't be told apart without a depth standard; "
+                  "depth isn't compensated."],
     }  # fmt: skip
 
 

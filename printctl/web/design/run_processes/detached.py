@@ -99,8 +99,8 @@ def _dead(run: RunProgress, folder: Path) -> RunProgress:
     except OSError:
         text = ""
     last = text.strip().splitlines()[-1:] if not run.stages else []
-    said = f": {last[0]}" if last else ""
-    why = f"the process is gone{said}; start it again, finished stages are kept"
+    last_words = f": {last[0]}" if last else ""
+    why = f"the process is gone{last_words}; start it again, finished stages are kept"
     return replace(broken_off(run, why), state="interrupted", message=why)
 
 
@@ -130,7 +130,7 @@ def _exists(pid: int) -> bool:
 def _is_dead(stat: Path) -> bool:
     """Whether a process has ended and only waits for its parent to take note (Linux)."""
     try:
-        said = stat.read_text(encoding="utf-8", errors="replace")
-        return said.rpartition(")")[2].split()[0] == "Z"
+        status = stat.read_text(encoding="utf-8", errors="replace")
+        return status.rpartition(")")[2].split()[0] == "Z"
     except (OSError, IndexError):
         return False

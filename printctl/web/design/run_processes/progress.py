@@ -74,19 +74,19 @@ class RunProgress:
 
 def read_progress(name: str, path: Path) -> RunProgress:
     """Read a run's file; a line that is half written, or none at all, is passed over."""
-    found = RunProgress(name)
+    progress = RunProgress(name)
     try:
         text = path.read_text(encoding="utf-8", errors="replace")
     except OSError:
-        return found
+        return progress
     for line in text.splitlines():
         try:
             step = json.loads(line)
         except ValueError:
             continue
         if isinstance(step, dict):
-            found = _after(found, step)
-    return found
+            progress = _after(progress, step)
+    return progress
 
 
 def _after(run: RunProgress, step: dict[str, Any]) -> RunProgress:

@@ -49,8 +49,8 @@ def _of(stage: str, key: str, factor: float = 1.0) -> Callable[[Stages], float |
 
 
 def _pressure_pa(stages: Stages) -> float | str | None:
-    found = _of("flow", "pressure_drop_pa")(stages)
-    return found if isinstance(found, float) and found < PA_PER_MMHG else None
+    pressure = _of("flow", "pressure_drop_pa")(stages)
+    return pressure if isinstance(pressure, float) and pressure < PA_PER_MMHG else None
 
 
 def _pressure_mmhg(stages: Stages) -> float | str | None:
@@ -58,13 +58,13 @@ def _pressure_mmhg(stages: Stages) -> float | str | None:
 
 
 def _lumens(stages: Stages) -> float | str | None:
-    said = stages.get("lumens")
-    if not said or not said.get("checked"):
+    lumens = stages.get("lumens")
+    if not lumens or not lumens.get("checked"):
         return None
-    summary = said.get("summary", {})
+    summary = lumens.get("summary", {})
     counted = f"{summary.get('closed', 0)} of {summary.get('lumens', 0)} closed"
     leaks = f"{summary.get('leaks', 0)} leaks"
-    return f"{'open' if said.get('passed') else 'not as designed'}: {counted}, {leaks}"
+    return f"{'open' if lumens.get('passed') else 'not as designed'}: {counted}, {leaks}"
 
 
 def _checks(stages: Stages) -> float | str | None:
@@ -102,5 +102,7 @@ def key_figures(folder: Path) -> list[Figure]:
     """What a run's stages have said so far, in the order of their making."""
     manifest = Manifest.load(folder)
     stages = {name: record.summary for name, record in manifest.stages.items()}
-    found = ((key, name, of(stages), unit) for key, name, unit, of in _FIGURES)
-    return [Figure(key, name, value, unit) for key, name, value, unit in found if value is not None]
+    figures = ((key, name, of(stages), unit) for key, name, unit, of in _FIGURES)
+    return [
+        Figure(key, name, value, unit) for key, name, value, unit in figures if value is not None
+    ]

@@ -29,11 +29,11 @@ def write_network(run: Path, path: Path) -> None:
 
 def _more(run: Path, network: VesselNetwork) -> list[Quantity]:
     """What a run knows besides flow and scan: lumens by the G-code, and oxygen."""
-    found = [
+    shown = [
         signed("lumen", "Lumen error by the G-code", "µm", _lumen_error(run, network)),
         magnitude("oxygen", "Oxygen at the end", "mmol/L", _oxygen(run, network), log=False),
     ]
-    return [one for one in found if one is not None]
+    return [one for one in shown if one is not None]
 
 
 def _lumen_error(run: Path, network: VesselNetwork) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

@@ -16,11 +16,11 @@ from registration.report import NetworkPage, ReportSurface, write_places_html
 
 def write_tissue(recipe: Path, path: Path) -> None:
     """Write the page of a recipe's tissue, on which places are picked."""
-    said = read_text(recipe.read_text(encoding="utf-8")).get("tissue")
-    if not isinstance(said, dict):
+    section = read_text(recipe.read_text(encoding="utf-8")).get("tissue")
+    if not isinstance(section, dict):
         raise UsageError("the recipe has no tissue yet; choose its kind first")
     try:
-        part: TissuePart = TypeAdapter(TissuePart).validate_python(said)
+        part: TissuePart = TypeAdapter(TissuePart).validate_python(section)
     except ValidationError as exc:
         raise UsageError(refusal(exc, "tissue")) from exc
     tissue = make_tissue(part, recipe.parent)

@@ -55,13 +55,13 @@ def gcode_page(run: Path, kept: Path) -> Path:
     return _kept(run, kept, "gcode", _OF_GCODE)
 
 
-def tissue_page(recipe: Path, said: Any, kept: Path) -> Path:
+def tissue_page(recipe: Path, section: Any, kept: Path) -> Path:
     """The page of a recipe's tissue, on which places are picked.
 
     Parameters
     ----------
     recipe : Path
-    said : JSON value
+    section : JSON value
         What it says of the tissue.
     kept : Path
         Folder for pages.
@@ -71,7 +71,7 @@ def tissue_page(recipe: Path, said: Any, kept: Path) -> Path:
     ConflictError
         When the tissue can't be made.
     """
-    words = json.dumps(said)
+    words = json.dumps(section)
     named = [path for path in sorted(recipe.parent.iterdir()) if json.dumps(path.name) in words]
     return _page(recipe, kept, "tissue", [words, *_state(named)])
 

@@ -41,8 +41,8 @@ def section(model: type[BaseModel]) -> Node:
 
 def _field(name: str, info: FieldInfo) -> FormField:
     key = info.alias or name
-    said = [*info.metadata, *([_said_by(info.discriminator)] if info.discriminator else [])]
-    node = _marked(_node(info.annotation, said), info)
+    metadata = [*info.metadata, *([_said_by(info.discriminator)] if info.discriminator else [])]
+    node = _marked(_node(info.annotation, metadata), info)
     default = None if info.is_required() else _plain(info.get_default(call_default_factory=True))
     return FormField(
         key, node, info.is_required(), default, info.description or node.title, unit_of(key)
@@ -56,23 +56,23 @@ def _plain(value: Any) -> Any:
     return [_plain(one) for one in value] if isinstance(value, tuple) else value
 
 
-def _node(annotation: Any, said: Sequence[Any] = ()) -> Node:
+def _node(annotation: Any, metadata: Sequence[Any] = ()) -> Node:
     """The node of an annotation and of what is said beside it."""
     origin, args = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
-        return _annotated(args, said)
+        return _annotated(args, metadata)
     if origin in _UNIONS:
-        return _union(args, said)
+        return _union(args, metadata)
     if origin is Literal:
         return Node("one_of", values=args)
     if origin is tuple:
         return _tuple(args)
     if inspect.isclass(annotation) and issubclass(annotation, BaseModel):
         return section(annotation)
-    return _bounded(_SCALARS.get(annotation, Node("free")), said)
+    return _bounded(_SCALARS.get(annotation, Node("free")), metadata)
 
 
-def _annotated(args: tuple[Any, ...], said: Sequence[Any]) -> Node:
+def _annotated(args: tuple[Any, ...], metadata: Sequence[Any]) -> Node:
     base, *more = args
     infos = [one for one in more if isinstance(one, FieldInfo)]
     plain = [one for one in more if not isinstance(one, FieldInfo)]
@@ -80,7 +80,7 @@ def _annotated(args: tuple[Any, ...], said: Sequence[Any]) -> Node:
         plain += info.metadata
         if info.discriminator:
             plain.append(_said_by(info.discriminator))
-    node = _node(base, [*plain, *said])
+    node = _node(base, [*plain, *metadata])
     for info in infos:
         node = _marked(node, info)
     return node
@@ -104,8 +104,8 @@ def _tuple(args: tuple[Any, ...]) -> Node:
     return Node("row", items=tuple(_node(one) for one in args))
 
 
-def _bounded(node: Node, said: Sequence[Any]) -> Node:
-    for one in said:
+def _bounded(node: Node, metadata: Sequence[Any]) -> Node:
+    for one in metadata:
         if isinstance(one, Gt):
             node = replace(node, low=float(str(one.gt)), open_low=True)
         elif isinstance(one, Ge):
@@ -117,13 +117,13 @@ def _bounded(node: Node, said: Sequence[Any]) -> Node:
     return node
 
 
-def _union(args: tuple[Any, ...], said: Sequence[Any]) -> Node:
+def _union(args: tuple[Any, ...], metadata: Sequence[Any]) -> Node:
     members = [one for one in args if one is not type(None)]
     optional = len(members) < len(args)
     if len(members) == 1:
-        return replace(_node(members[0], said), optional=optional)
+        return replace(_node(members[0], metadata), optional=optional)
     nodes = [_node(one) for one in members]
-    by = next((one for one in said if isinstance(one, Discriminator)), None)
+    by = next((one for one in metadata if isinstance(one, Discriminator)), None)
     if by is None or any(node.sort != "section" for node in nodes):
         return Node("free", optional=optional)
     tag_of = _tagger(by.discriminator)
@@ -141,9 +141,9 @@ def _tagger(by: str | Callable[[Any], Any]) -> Callable[[Any], str]:
 
 def _tag(member: Any, node: Node, by: str | Callable[[Any], Any]) -> str:
     """As pydantic calls a member of a union."""
-    told = [one.tag for one in get_args(member)[1:] if isinstance(one, Tag)]
-    if told:
-        return str(told[0])
+    tags = [one.tag for one in get_args(member)[1:] if isinstance(one, Tag)]
+    if tags:
+        return str(tags[0])
     named = node.field(by) if isinstance(by, str) else None
     return str(named.node.values[0]) if named is not None else ""
 

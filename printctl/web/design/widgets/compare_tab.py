@@ -41,18 +41,18 @@ class CompareTab:
         if not one or not other or one == other:
             self._box.clear()
             return
-        found = await run_or_notify(self._service.compare, one, other)
+        compared = await run_or_notify(self._service.compare, one, other)
         for name in (one, other):
             await run_or_notify(self._service.page, name, "network")
-        if found is None or asked != self._asked:  # another pair was chosen meanwhile
+        if compared is None or asked != self._asked:  # another pair was chosen meanwhile
             return
         self._box.clear()
         with self._box:
             with ui.element("div").classes("pc-two pc-linked"):
                 for name in (one, other):
                     embed(f"/api/v1/runs/{name}/pages/network", f"Network of {name}")
-            _table("Key figures", "Figure", found.figures, (one, other))
-            _table("What the recipes say otherwise", "Key", found.recipe, (one, other))
+            _table("Key figures", "Figure", compared.figures, (one, other))
+            _table("What the recipes say otherwise", "Key", compared.recipe, (one, other))
 
 
 def _table(title: str, first: str, rows: Sequence[Difference], names: tuple[str, str]) -> None:

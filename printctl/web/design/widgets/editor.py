@@ -46,9 +46,9 @@ class Editor:
         ------
         NotFoundError
         """
-        found = self.recipes.read(name)
-        self.name, self._version = found.name, found.version
-        self._take(found.text, self.recipes.check(found.text))
+        recipe = self.recipes.read(name)
+        self.name, self._version = recipe.name, recipe.version
+        self._take(recipe.text, self.recipes.check(recipe.text))
         self.saved = True
 
     def set_text(self, text: str) -> None:

@@ -60,20 +60,20 @@ class FormPane:
 
     def places(self) -> dict[str, forms.Path]:
         """Every field that the recipe as it is can have, by its words."""
-        found: dict[str, forms.Path] = {}
-        self._collect(self._editor.form, self._editor.data, (), found)
-        return found
+        places: dict[str, forms.Path] = {}
+        self._collect(self._editor.form, self._editor.data, (), places)
+        return places
 
     def _collect(
-        self, node: Node, value: Any, path: forms.Path, found: dict[str, forms.Path]
+        self, node: Node, value: Any, path: forms.Path, places: dict[str, forms.Path]
     ) -> None:
         if node.sort == "choice":
             option = node.option(value)
             node = option.node if option else Node("free")
         for field in node.fields:
             here = (*path, field.key)
-            found[" › ".join([*map(str, path), label(field)])] = here
-            self._collect(field.node, forms.value_at(value, (field.key,)), here, found)
+            places[" › ".join([*map(str, path), label(field)])] = here
+            self._collect(field.node, forms.value_at(value, (field.key,)), here, places)
 
     # --- parts ------------------------------------------------------------------------------
 
@@ -195,10 +195,10 @@ class FormPane:
                 one = replace(
                     field, node=node, help=hint(field) if k == 0 else "", default=default[k]
                 )
-                said = now[k] if k < len(now) else None
+                number = now[k] if k < len(now) else None
                 self._inputs[(*path, k)] = leaf(
                     one,
-                    said,
+                    number,
                     self._saying_item(field, path, k),
                     self._editor.recipes,
                     f"{label(field)} {names[k]}",
@@ -206,9 +206,9 @@ class FormPane:
 
     def _saying_item(self, field: FormField, path: forms.Path, k: int) -> Say:
         async def say(value: Any) -> None:
-            said = forms.value_at(self._editor.data, path)
+            written = forms.value_at(self._editor.data, path)
             default = field.default if isinstance(field.default, list) else []
-            begin = said if isinstance(said, list) else default
+            begin = written if isinstance(written, list) else default
             count = len(field.node.items)
             row = [begin[i] if i < len(begin) else None for i in range(count)]
             row[k] = value

@@ -72,8 +72,8 @@ class MakeTab:
             self._show(now)
 
     def _look(self, name: str) -> tuple[RunProgress, str]:
-        found = self._service.runs.progress(name)
-        return found, "" if found.going_on else self._service.runs.print_state(name)
+        progress = self._service.runs.progress(name)
+        return progress, "" if progress.going_on else self._service.runs.print_state(name)
 
     def _show(self, now: RunProgress) -> None:
         far = f" as far as {now.until}" if now.until and now.state == "done" else ""

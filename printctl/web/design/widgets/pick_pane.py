@@ -89,5 +89,5 @@ def place_of(given: Any) -> list[float] | None:
         return None
     if any(isinstance(x, bool) or not isinstance(x, int | float) for x in at):
         return None
-    found = [float(x) for x in at]
-    return found if all(math.isfinite(x) and abs(x) < _LARGEST_MM for x in found) else None
+    place = [float(x) for x in at]
+    return place if all(math.isfinite(x) and abs(x) < _LARGEST_MM for x in place) else None

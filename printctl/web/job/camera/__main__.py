@@ -14,7 +14,7 @@ from printctl.web.low_priority import lower_priority
 
 def main() -> None:
     """Look until the server is gone."""
-    told = json.loads(sys.stdin.buffer.readline())
+    settings = json.loads(sys.stdin.buffer.readline())
     threading.Thread(target=_end_with_the_server, daemon=True).start()
     lower_priority()
     out = os.fdopen(os.dup(1), "wb")
@@ -22,10 +22,10 @@ def main() -> None:
     import cv2  # what it prints while it is loaded must not come between them either
 
     cv2.setNumThreads(1)
-    camera = Capture(cv2, told["source"])
+    camera = Capture(cv2, settings["source"])
     try:
         while True:
-            write_message(out, camera.look(told["apart_s"]))
+            write_message(out, camera.look(settings["apart_s"]))
     except BrokenPipeError:
         os._exit(0)
 

@@ -158,10 +158,10 @@ class CameraProcess:
             stderr=subprocess.DEVNULL,
             env={**os.environ, "OPENCV_LOG_LEVEL": "SILENT"},
         )
-        told = {"source": self._source, "apart_s": self._apart_s}
+        settings = {"source": self._source, "apart_s": self._apart_s}
         if process.stdin is not None:
             with contextlib.suppress(BrokenPipeError):
-                process.stdin.write(json.dumps(told).encode() + b"\n")
+                process.stdin.write(json.dumps(settings).encode() + b"\n")
                 process.stdin.flush()
         return process
 
@@ -192,7 +192,7 @@ class CameraProcess:
                 self._process.kill()
 
 
-def source_of(said: str) -> str:
+def source_of(name: str) -> str:
     """The source that ``--camera`` names; files are found from any folder.
 
     Raises
@@ -200,12 +200,12 @@ def source_of(said: str) -> str:
     UsageError
         When it names nothing.
     """
-    if not said.strip():
+    if not name.strip():
         raise UsageError("--camera is empty; give a number, a device, a file or an address")
-    if said.isdecimal() or "://" in said:
-        return said
+    if name.isdecimal() or "://" in name:
+        return name
     # Links stay: a device's lasting name points to the one that it is now.
-    path = Path(said).absolute()
+    path = Path(name).absolute()
     if not path.parent.is_dir():
-        raise UsageError(f"--camera {said}: there is no folder {path.parent}")
+        raise UsageError(f"--camera {name}: there is no folder {path.parent}")
     return str(path)

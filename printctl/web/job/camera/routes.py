@@ -54,11 +54,11 @@ def add_routes(
         responses={200: {"content": {"image/jpeg": {}}}, 304: {"description": "None newer."}},
     )
     def still(if_none_match: Annotated[str, Header()] = "") -> Response:
-        found = service.still()
-        headers = {**_FRESH, "ETag": f'"{found.at:.3f}"'}
+        still = service.still()
+        headers = {**_FRESH, "ETag": f'"{still.at:.3f}"'}
         if if_none_match == headers["ETag"]:
             return Response(status_code=304, headers=headers)
-        return Response(found.jpeg, media_type="image/jpeg", headers=headers)
+        return Response(still.jpeg, media_type="image/jpeg", headers=headers)
 
     @routes.get("/prints/{job}/timelapse", tags=["camera"], summary="The last print's time-lapse")
     def timelapse(job: Job) -> TimeLapseResponse:

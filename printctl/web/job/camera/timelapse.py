@@ -163,10 +163,10 @@ class TimeLapse:
         self._film = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
         )
-        _, said = self._film.communicate()
+        _, output = self._film.communicate()
         if not film.is_file() and not self._closed:
             self._said[frames] = "no film could be made of the pictures, which are kept"
-            log.warning("%s: %s", self._said[frames], said.decode(errors="replace")[-2000:])
+            log.warning("%s: %s", self._said[frames], output.decode(errors="replace")[-2000:])
 
 
 def mark_of(progress: Progress) -> int:

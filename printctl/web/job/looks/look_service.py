@@ -47,9 +47,9 @@ class LookTold:
 
     def to_dict(self) -> dict[str, Any]:
         """As a JSON object, with the words that a person is told."""
-        told = {name: value for name, value in asdict(self.record).items() if name != "control"}
+        record = {name: value for name, value in asdict(self.record).items() if name != "control"}
         return {
-            **told,
+            **record,
             "answer": self.answer,
             "waits": self.waits,
             "pictured": self.pictured,
@@ -80,8 +80,8 @@ class LookService:
         NotFoundError
         """
         heard = self._print(job)
-        found = read_looks(heard.folder, heard.journal.started)
-        return [self._told(heard, one) for one in found]
+        looks = read_looks(heard.folder, heard.journal.started)
+        return [self._told(heard, one) for one in looks]
 
     def picture(self, job: str, number: int, width_px: int) -> bytes:
         """A look's picture with what was expected and found, as JPEG.
@@ -98,10 +98,10 @@ class LookService:
         NotFoundError
         """
         path = look_picture(self._core.workspace.print_folder(job), number)
-        found = None if path is None else small_picture(path, path.stat().st_mtime_ns, width_px)
-        if found is None:
+        picture = None if path is None else small_picture(path, path.stat().st_mtime_ns, width_px)
+        if picture is None:
             raise NotFoundError(f"there is no picture of look {number} of {job}")
-        return found
+        return picture
 
     def answer(self, who: Principal, job: str, number: int, word: Answer) -> LookTold:
         """Leave the operator's word for the observer; a stop needs no controls.
@@ -116,19 +116,19 @@ class LookService:
         """
         if word != "stop":
             self._core.controls.require(who)
-        found = next((one for one in self.looks(job) if one.record.number == number), None)
-        if found is None:
+        look = next((one for one in self.looks(job) if one.record.number == number), None)
+        if look is None:
             raise NotFoundError(f"there is no look {number} at the print of {job}")
-        if found.answer == word:
-            return found
+        if look.answer == word:
+            return look
         heard = self._print(job)
-        _refuse_unheard(heard, found)
+        _refuse_unheard(heard, look)
         try:
             refuse_unheard(heard.folder)
             answer_look(heard.folder, number, word)
         except ValueError as exc:
             raise ConflictError(str(exc)) from exc
-        return self._told(heard, found.record)
+        return self._told(heard, look.record)
 
     def _print(self, job: str) -> PrintReport:
         heard = self._heard(job)
@@ -144,12 +144,12 @@ class LookService:
         return LookTold(record, answer, waits, at)
 
 
-def _refuse_unheard(heard: PrintReport, found: LookTold) -> None:
+def _refuse_unheard(heard: PrintReport, look: LookTold) -> None:
     """Refuse an answer that nobody waits for."""
-    number = found.record.number
-    if found.answer is not None:
-        raise ConflictError(f"look {number} was answered before: {found.answer}")
-    if not found.waits:
+    number = look.record.number
+    if look.answer is not None:
+        raise ConflictError(f"look {number} was answered before: {look.answer}")
+    if not look.waits:
         raise ConflictError(
             f"the print doesn't wait for a word on look {number} (it is "
             f"{heard.status.state.value}); nothing was done. Words are {', '.join(ANSWERS)}, while "

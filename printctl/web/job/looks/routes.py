@@ -82,5 +82,5 @@ def add_routes(
         return _response(service.answer(asking, job, number, given.answer))
 
 
-def _response(told: LookTold) -> LookResponse:
-    return LookResponse.model_validate(told.to_dict())
+def _response(look: LookTold) -> LookResponse:
+    return LookResponse.model_validate(look.to_dict())

@@ -22,8 +22,8 @@ class MetadataForm:
         Told of what was said.
     """
 
-    def __init__(self, said: Said) -> None:
-        self._said = said
+    def __init__(self, on_change: Said) -> None:
+        self._said = on_change
         self._box = ui.expansion("What the file doesn't say").classes("w-full pc-part")
         with self._box:
             self._why = ui.label().classes("pc-message")
@@ -56,7 +56,7 @@ class MetadataForm:
     async def _say(self) -> None:
         size = [one.value for one in self._voxel]
         try:
-            said = ScanMetadataRequest(
+            metadata = ScanMetadataRequest(
                 voxel_um=tuple(size) if any(size) else None,
                 refractive_index=self._index.value,
                 optical_depth=_either(self._optical.value, "optical path", "length"),
@@ -73,7 +73,7 @@ class MetadataForm:
             first = exc.errors()[0]
             ui.notify(f"{'.'.join(map(str, first['loc']))}: {wording(first)}", type="negative")
             return
-        await self._said(said)
+        await self._said(metadata)
 
 
 def _choice(label: str, options: list[str]) -> ui.select:

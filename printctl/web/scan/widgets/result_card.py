@@ -25,24 +25,24 @@ class ResultCard:
         """Show nothing."""
         self._box.clear()
 
-    def show(self, base: str, found: Findings, files: list[str], has_report: bool) -> None:
+    def show(self, base: str, findings: Findings, files: list[str], has_report: bool) -> None:
         """Show findings; ``base`` is the registration's address in the API."""
         self._box.clear()
         with self._box:
             _heading("Verdict")
-            ui.label(_OUTCOMES[found.outcome]).classes("pc-state-line").props("role=status")
-            for reason in found.reasons:
+            ui.label(_OUTCOMES[findings.outcome]).classes("pc-state-line").props("role=status")
+            for reason in findings.reasons:
                 ui.label(reason)
             _heading("Alignment")
             with ui.element("dl").classes("pc-figures pc-wide"):
-                for name, value in found.alignment:
+                for name, value in findings.alignment:
                     with ui.element("div"):
                         with ui.element("dt"):
                             ui.label(name)
                         with ui.element("dd"):
                             ui.label(value)
             _heading("Vessels")
-            _vessels(found.vessels)
+            _vessels(findings.vessels)
             _heading("Files")
             with ui.row().classes("gap-3"):
                 for file in files:

@@ -1,0 +1,77 @@
+"""Decisions on the RMS, on lumens beside their axis and on leaks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from registration.judging import Tolerances, VesselLimits, judge, judge_plain, reason
+from tests.registration.judging.registered import change, registration, vessel
+
+SURE = 8.0
+"""Half width, µm, of sections that a budget knows well."""
+
+
+@pytest.mark.parametrize(
+    ("rms", "u", "decision"),
+    [(60, 30, "pass"), (90, 30, "undecided"), (120, 30, "undecided"), (150, 30, "fail"),
+     (20, None, "undecided"), (150, None, "undecided")],
+)  # fmt: skip
+def test_the_rms_is_judged_with_its_interval_and_not_without(
+    rms: float, u: float | None, decision: str
+) -> None:
+    numbers = registration(vessel(0, np.zeros(20), u_um=SURE), scaled={"rms_um": rms})
+    found = judge_plain(numbers | {"rms_interval_95_um": u}, 100.0, 10.0)
+    (feature,) = (f for f in found["judging"]["features"] if f["name"] == "rms")
+    assert feature["decision"] == decision
+
+
+@pytest.mark.parametrize(
+    ("u", "said"), [(10, "17.2 µm (7.2 to 27.2 µm, 95 %)"), (40, "17.2 µm (0.0 to 57.2 µm, 95 %)")]
+)
+def test_the_interval_of_an_rms_never_goes_below_nothing(u: float, said: str) -> None:
+    numbers = registration(vessel(0, np.zeros(20), u_um=SURE), scaled={"rms_um": 17.2})
+    found = judge_plain(numbers | {"rms_interval_95_um": u}, 100.0, 10.0)
+    (feature,) = (f for f in found["judging"]["features"] if f["name"] == "rms")
+    assert said in reason(feature)
+
+
+@pytest.mark.parametrize(
+    ("aside", "limits", "decision"),
+    [
+        (120.0, {}, "pass"),  # less than half the radius of 250 µm
+        (140.0, {}, "pass"),  # not beyond it by more than U
+        (245.0, {}, "undecided"),
+        (245.0, {"offset_um": 60.0}, "undecided"),  # the mean is within it, which hides the place
+        (245.0, {"profile_um": 600.0}, "pass"),
+        (245.0, {"position_um": 600.0}, "pass"),
+    ],
+)
+def test_a_lumen_far_beside_its_axis_never_passes_without_a_limit(
+    aside: float, limits: dict[str, float], decision: str
+) -> None:
+    offsets = np.full(40, 5.0)
+    offsets[20:26] = aside
+    row = vessel(
+        0,
+        np.zeros(40),
+        u_um=SURE,
+        offset_along_um=[None, *offsets[1:].tolist()],
+        offset_interval_95_um=20.0,
+    )
+    found = judge(registration(row), Tolerances(VesselLimits(**limits)))
+    assert found["vessels"][0]["decision"] == decision
+    told = [reason(f) for f in found["judging"]["features"] if f.get("doubt") == "no limit"]
+    if decision == "undecided":
+        assert told == [
+            "Vessel 0, 2.5 mm along: the lumen lies 245 ± 20 µm beside its designed axis, "
+            "more than half its radius, and no limit is given; say what is allowed (position_um)"
+        ]
+
+
+def test_a_leak_fails_where_none_is_allowed() -> None:
+    leak = change(0, 1.0, 1.2) | {"kind": "leak", "size_um": 200.0}
+    found = judge_plain(
+        registration(vessel(0, np.zeros(20), u_um=SURE), defects=[leak]), 100.0, 10.0
+    )
+    assert [d["decision"] for d in found["findings"]] == ["fail"]
