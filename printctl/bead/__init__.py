@@ -4,14 +4,19 @@ Goes in: a simulated G-code file and an ink. Comes out: predicted ink as tables,
 Begin with `predict.py`.
 """
 
-from printctl.bead.bundles import merge_bundles
-from printctl.bead.filaments import written_filaments
-from printctl.bead.files import PLAYED, OutputFiles, write_prediction
-from printctl.bead.lag import ChosenLag, lag_of
-from printctl.bead.predict import InkPrediction, Mounting, predict_job
-from printctl.bead.summary import prediction_facts, prediction_lines
-from printctl.bead.vessels import VesselDiameters, vessel_diameters
-from printctl.bead.warn import bead_warnings
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from printctl.bead.bundles import merge_bundles
+    from printctl.bead.filaments import written_filaments
+    from printctl.bead.files import PLAYED, OutputFiles, write_prediction
+    from printctl.bead.lag import ChosenLag, lag_of
+    from printctl.bead.predict import InkPrediction, Mounting, predict_job
+    from printctl.bead.summary import prediction_facts, prediction_lines
+    from printctl.bead.vessels import VesselDiameters, vessel_diameters
+    from printctl.bead.warn import bead_warnings
 
 __all__ = [
     "PLAYED",
@@ -30,3 +35,5 @@ __all__ = [
     "write_prediction",
     "written_filaments",
 ]
+
+__getattr__ = on_demand(__name__)

@@ -13,6 +13,9 @@ from registration.report.gcode import DesignOutline, GcodeJob, design_outline
 
 FloatArray = np.typing.NDArray[np.float64]
 
+Design = tuple[Solid, FloatArray]
+"""The part as it is to be written, and where its origin stands in the printer's frame."""
+
 
 class PartOutlines:
     """Sections of a part at the middle of a job's layers, held against the layers' lines.

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from design.solids import Solid
 from printctl.gcode_view import Pushing, read_job, read_line_map
-from printctl.gcode_view.outline import FloatArray, PartOutlines
+from printctl.gcode_view.outline import Design, PartOutlines
 from registration.report.gcode import GcodeJob, layer_figure
 from registration.report.gcode.colouring import Colouring, colourings
 
@@ -15,10 +14,6 @@ MOST_MOVES: Final = 40_000
 """In a picture of all passes; of more the report shows none."""
 
 OUTLINED: Final = "the design's outline, orange where ink lies beyond it"
-
-
-Design = tuple[Solid, FloatArray]
-"""The part as it is to be written, and where its origin stands in the printer's frame."""
 
 
 def layer_pictures(gcode: Path, pushing: Pushing, design: Design | None = None) -> dict[str, bytes]:

@@ -9,10 +9,9 @@ from rich.console import Console
 
 from design.toolpath.fresh import Compensation
 from printctl.errors import UsageError
-from printctl.gcode_view.outline import PartOutlines
+from printctl.gcode_view.outline import Design, PartOutlines
 from printctl.pipeline.apply_compensation import written_solid
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.layer_pictures import Design
 from printctl.pipeline.written_layers import run_context
 from printctl.recipe.making import Fresh
 from registration.report.gcode import GcodeJob

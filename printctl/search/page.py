@@ -9,7 +9,7 @@ from printctl.search.model import Objective, Range
 from printctl.search.quantities import QUANTITIES
 from printctl.search.run import SearchResult
 from printctl.search.table import count_lines
-from registration.report.page import environment, style
+from registration.report.page_frame import environment, style
 from registration.report.scripts import content_policy
 from registration.report.svg import inline_figure
 from registration.report.tables import Column, Table, make_table

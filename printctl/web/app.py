@@ -79,7 +79,7 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
 
 def guarded(app: FastAPI, core: Core, gate: Gate) -> Guard:
     """Put the guard around an app."""
-    limits = BodyLimits.of(app.openapi(), core.settings.upload_mb)
+    limits = BodyLimits(app.openapi, int(core.settings.upload_mb * 1e6))
     return Guard(Compressed(Nonces(app)), gate, limits)
 
 

@@ -1,10 +1,15 @@
-"""Run a `printctl` module as a separate process with a time limit; return its output."""
+"""Run a `printctl` module as a separate process with a time limit; return its output.
+
+The process runs kernels without numba where it can (``python -m printctl.web.worker MODULE``).
+"""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+from importlib import import_module
 
+from kernels import without_numba
 from printctl.web.errors import ConflictError
 
 
@@ -16,6 +21,7 @@ def run_worker(
     Parameters
     ----------
     module : str
+        Has a ``main``.
     *words : str
         Its arguments.
     said : str
@@ -31,7 +37,7 @@ def run_worker(
     """
     try:
         done = subprocess.run(
-            [sys.executable, "-m", module, *words],
+            [sys.executable, "-m", __name__, module, *words],
             input=said,
             capture_output=True,
             text=True,
@@ -45,3 +51,8 @@ def run_worker(
         last = done.stderr.strip().splitlines()[-1:] or ["no word"]
         raise ConflictError(f"{died}: {last[0][:500]}")
     return done.stdout
+
+
+if __name__ == "__main__":
+    without_numba()  # before modules with kernels are imported
+    sys.exit(import_module(sys.argv.pop(1)).main())

@@ -10,7 +10,7 @@ from design.files import write_text
 from design.network import VesselNetwork
 from registration.dye import DyeReport
 from registration.report.dye_figures import arrival_figure, frame_figure
-from registration.report.page import environment, style
+from registration.report.page_frame import environment, style
 from registration.report.scripts import content_policy
 from registration.report.svg import inline_figure
 from registration.report.tables import Column, Table, make_table

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from jinja2 import ChainableUndefined, Environment, FileSystemLoader
 from markupsafe import Markup
 
 from design.files import write_text
 from design.network import VesselNetwork
 from registration.judging import list_findings
-from registration.picture.colours import NO_DATA, samples
 from registration.picture.pressures import point_pressure
 from registration.report import sections
 from registration.report.added_section import AddedSection
@@ -37,13 +35,14 @@ from registration.report.gauging_sections import (
 from registration.report.key_figures import key_figures
 from registration.report.network_view import columns, report_view
 from registration.report.oxygen_figures import oxygen_histogram
-from registration.report.packing import Surfaces, pack_unpacked
+from registration.report.packing import Surfaces
+from registration.report.page_frame import environment, scene, style
 from registration.report.record import record_facts
-from registration.report.scripts import ENTRY, as_script_json, content_policy, import_map
+from registration.report.scripts import ENTRY, content_policy, import_map
 from registration.report.section_view import section_view
 from registration.report.sections import mapping, records
 from registration.report.svg import inline_figure
-from registration.report.wording import MISSING, is_number, label_and_unit, number, plain
+from registration.report.wording import is_number
 from registration.report.zones import ZONE_NOTE, frame_lines, zone_table
 from registration.views import Views
 
@@ -178,16 +177,6 @@ def view_data(
     return scene("Deviation map" if surfaces else "Network", surfaces, shown)
 
 
-def scene(title: str, surfaces: Surfaces, network: dict[str, Any] | None) -> dict[str, Any]:
-    """A 3D view's data: surfaces, a network of `network_view`, and the colours of both."""
-    return {
-        "title": title,
-        "surfaces": pack_unpacked(surfaces),
-        "network": network,
-        "colours": {"diverging": samples(True), "sequential": samples(False), "none": NO_DATA},
-    }
-
-
 NETWORK_DRAWING = "design/Network, coloured by diameter"
 
 
@@ -314,38 +303,3 @@ def placed_figures(figures: Mapping[str, bytes]) -> dict[str, list[tuple[str, Ma
         html = inline_figure(picture, caption, f"f{index}-")
         placed.setdefault(place, []).append((caption, html))
     return placed
-
-
-def style() -> Markup:
-    """The pages' style sheet."""
-    return Markup((_HERE / "static" / "report.css").read_text(encoding="utf-8"))
-
-
-@cache
-def environment() -> Environment:
-    """Templates and filters of the pages."""
-    environment = Environment(
-        loader=FileSystemLoader(_HERE / "templates"),
-        autoescape=True,
-        undefined=ChainableUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {
-        "number": number,
-        "plain": lambda value: MISSING if value is None else plain(value),
-        "label": lambda key: label_and_unit(str(key))[0],
-        "unit": lambda key: label_and_unit(str(key))[1],
-        "facts": sections.facts,
-        "script_json": as_script_json,
-    }
-    environment.tests["matrix"] = _is_matrix
-    return environment
-
-
-def _is_matrix(value: Any) -> bool:
-    return (
-        isinstance(value, list)
-        and len(value) > 1
-        and all(isinstance(row, list) and all(is_number(v) for v in row) for row in value)
-    )

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from design.files import write_text
 from firmware_profiles import Plate
-from registration.report.page import environment, style
+from registration.report.page_frame import environment, style
 from registration.report.plate_figure import plate_figure
 from registration.report.scripts import content_policy
 from registration.report.sections import check_table, mapping, records, timing_rows

@@ -39,6 +39,7 @@ ON_DEMAND = (
     "design.toolpath.embedded",
     "design.toolpath.fresh",
     "design.toolpath.gcode",
+    "printctl.bead",
     "printctl.calibration",
     "printctl.gcode_view",
     "printctl.preflight",
@@ -49,6 +50,7 @@ ON_DEMAND = (
     "registration.picture",
     "registration.readers",
     "registration.report",
+    "registration.report.gcode",
     "registration.views",
 )
 
@@ -94,6 +96,32 @@ def test_a_recipe_is_refused_before_what_does_its_work_is_loaded():
 def test_registering_loads_no_plotting_library():
     loaded = loaded_by("printctl.cli.register_work")
     assert not loaded & {"matplotlib", "reportlab", "jinja2", "scipy.stats"}
+
+
+def _begun_with(words: list[str], ends: bool) -> set[str]:
+    """Libraries that a process of ours has loaded when it is ready."""
+    command = [sys.executable, "-X", "importtime", "-m", *words]
+    with subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        if not ends:
+            process.stdout.readline()
+            process.terminate()
+        _, said = process.communicate()
+    return {line.rpartition("|")[2].strip() for line in said.splitlines()} & set(HEAVY)
+
+
+@pytest.mark.parametrize(
+    ("words", "ends"),
+    [
+        (["printctl.web.live"], True),
+        (["sim", "--printer", "generic_marlin", "--tcp", "0"], False),
+    ],
+)
+def test_the_live_views_process_and_the_simulated_printers_run_without_numba(words, ends):
+    """A kernel that isn't kept yet is compiled by numba; the next process has it."""
+    needless = {"matplotlib", "numba", "scipy", "shapely"}
+    assert any(not _begun_with(words, ends) & needless for _ in range(2))
 
 
 def test_a_name_on_demand_brings_what_it_needs():

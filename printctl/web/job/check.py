@@ -1,4 +1,4 @@
-"""Dry-run and check a job, and write its progress table (`python -m printctl.web.job.check`).
+"""Dry-run and check a job, and write its progress table, in a process of `run_worker`.
 
 A line of JSON comes in (`Question`), one goes out: what `check_job` gives, or ``{"error": ...}``.
 The job's table (`printctl.printing.job_table`) is written beside the answer's file.
@@ -140,7 +140,3 @@ def main() -> None:
             raise
         answer = {"error": known[0] if known else str(exc)}
     print(json.dumps(answer), flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -94,7 +94,3 @@ def answer(source: JobSource) -> dict[str, str]:
         return {"scene": str(write_scene(source))}
     except SceneError as exc:
         return {"error": str(exc)}
-
-
-if __name__ == "__main__":
-    main()

@@ -57,7 +57,7 @@ class SceneMaker:
         self._process = await asyncio.create_subprocess_exec(
             sys.executable,
             "-m",
-            "printctl.web.live.make",
+            "printctl.web.live",
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             env=os.environ | _KEEP_MEMORY,

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final
 
 from starlette.exceptions import HTTPException
@@ -26,29 +28,34 @@ class TooLargeError(HTTPException):
 
 @dataclass(frozen=True)
 class BodyLimits:
-    """Limits by path.
+    """Limits by path: an upload's for what takes a file by the API's description.
 
     Attributes
     ----------
+    openapi : callable
+        Gives the description. It takes half a second to make, so it is asked for at the first
+        request that is large.
     upload_bytes : int
         Of a path that takes uploads.
-    uploads : tuple of patterns
-        Those paths.
     """
 
+    openapi: Callable[[], dict[str, Any]]
     upload_bytes: int
-    uploads: tuple[re.Pattern[str], ...] = (_UPLOAD_OF_NICEGUI,)
 
-    @classmethod
-    def of(cls, openapi: dict[str, Any], upload_mb: float) -> BodyLimits:
-        """Limits of an API, by its description: uploads are what takes a file."""
-        paths = [path for path, item in openapi["paths"].items() if _takes_file(item)]
+    @cached_property
+    def uploads(self) -> tuple[re.Pattern[str], ...]:
+        """Paths that take uploads."""
+        paths = [path for path, item in self.openapi()["paths"].items() if _takes_file(item)]
         patterns = [re.compile(re.sub(r"\\\{[^/]+\\\}", "[^/]+", re.escape(one))) for one in paths]
-        return cls(int(upload_mb * 1e6), (_UPLOAD_OF_NICEGUI, *patterns))
+        return _UPLOAD_OF_NICEGUI, *patterns
 
     def limit(self, path: str) -> int:
         """Bytes of a request to ``path``."""
         return self.upload_bytes if any(p.fullmatch(path) for p in self.uploads) else PLAIN_BYTES
+
+    def exceeded(self, path: str, size: int) -> bool:
+        """Whether a request of ``size`` bytes to ``path`` is too large."""
+        return size > min(PLAIN_BYTES, self.upload_bytes) and size > self.limit(path)
 
     def limited(self, scope: Scope, receive: Receive) -> Receive:
         """Give a ``receive`` that ends what is larger.
@@ -58,17 +65,17 @@ class BodyLimits:
         TooLargeError
             At once when the request says so itself, else from ``receive``.
         """
-        limit, got = self.limit(scope["path"]), 0
+        path, got = scope["path"], 0
         length = dict(scope["headers"]).get(b"content-length", b"0")
-        if not length.isdigit() or int(length[:20]) > limit:
-            raise TooLargeError(limit)
+        if not length.isdigit() or self.exceeded(path, int(length[:20])):
+            raise TooLargeError(self.limit(path))
 
         async def counted() -> Message:
             nonlocal got
             message = await receive()
             got += len(message.get("body", b""))
-            if got > limit:
-                raise TooLargeError(limit)
+            if self.exceeded(path, got):
+                raise TooLargeError(self.limit(path))
             return message
 
         return counted

@@ -28,7 +28,7 @@ from registration.report.comparison.sections import (
     trend_table,
     vessel_table,
 )
-from registration.report.page import environment, style
+from registration.report.page_frame import environment, style
 from registration.report.scripts import content_policy, module_map
 from registration.report.svg import inline_figure
 from registration.report.wording import number

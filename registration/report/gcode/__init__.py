@@ -3,10 +3,15 @@
 Goes in: a G-code job's moves. Comes out: HTML, or a picture. Begin with `page.py`.
 """
 
-from registration.gcode_job import Act, GcodeColour, GcodeJob, Layers, layer_sums
-from registration.report.gcode.design_outline import DesignOutline, design_outline
-from registration.report.gcode.figure import draw_layer, layer_figure
-from registration.report.gcode.page import GcodePage, write_gcode_html
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from registration.gcode_job import Act, GcodeColour, GcodeJob, Layers, layer_sums
+    from registration.report.gcode.figure import draw_layer, layer_figure
+    from registration.report.gcode.page import GcodePage, write_gcode_html
+    from registration.report.gcode.part_outline import DesignOutline, design_outline
 
 __all__ = [
     "Act",
@@ -21,3 +26,5 @@ __all__ = [
     "layer_sums",
     "write_gcode_html",
 ]
+
+__getattr__ = on_demand(__name__)

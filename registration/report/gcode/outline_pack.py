@@ -11,7 +11,7 @@ import numpy as np
 from registration.gcode_job import FloatArray
 from registration.picture.colours import samples
 from registration.report.gcode.chunks import encoded, planes
-from registration.report.gcode.design_outline import REACH_MM, DesignOutline
+from registration.report.gcode.part_outline import REACH_MM, DesignOutline
 
 MAX_POINTS: Final = 6_000_000
 """Of a page's outlines: about 30 MB."""

@@ -11,7 +11,7 @@ from typing import Any, Final
 from markupsafe import Markup
 
 from design.files import write_text
-from registration.report.page import environment, style
+from registration.report.page_frame import environment, style
 from registration.report.scripts import content_policy, module_map
 from registration.report.wording import MISSING, fixed, number
 

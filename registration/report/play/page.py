@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from design.files import write_text
 from registration.gcode_job import Act
-from registration.report.page import environment, style
+from registration.report.page_frame import environment, style
 from registration.report.play.playback import Playback
 from registration.report.play.section import clock, play_section
 from registration.report.scripts import content_policy, module_map

@@ -261,7 +261,7 @@ def test_expected_widths_are_those_of_the_differential_equation() -> None:
     np.testing.assert_allclose(exact, widths_by_steps(0.9, 0.6, 1.1, PATTERN), rtol=2e-3)
 
 
-@pytest.mark.parametrize("bead", ["flat", "round"])
+@pytest.mark.parametrize("bead", first_of(["flat", "round"]))
 @pytest.mark.parametrize("index", first_of(range(3)))
 def test_lag_and_flow_factor_are_covered_as_promised(bead: str, index: int) -> None:
     truth = (0.92, 0.45, 0.7)

@@ -14,8 +14,8 @@ from firmware_profiles import Printer, load
 from printctl.link import LinkState, PrintClient, start_print
 from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer, write_job
 
-LINES = 60_000
-PACE_S = 0.005
+LINES = 12_000
+PACE_S = 0.025
 """For each answer: a print that lasts five minutes and leaves the processor to the test."""
 
 

@@ -29,7 +29,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Any:
         attach(workspace / "station").close()
 
 
-@pytest.mark.parametrize("examples", first_of([4, 30]))
+@pytest.mark.parametrize("examples", first_of([2, 30]))
 def test_no_request_by_the_description_is_a_server_error(served: Process, examples: int) -> None:
     schemathesis = pytest.importorskip("schemathesis")
     hypothesis = pytest.importorskip("hypothesis")

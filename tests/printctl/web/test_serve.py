@@ -152,17 +152,6 @@ def test_from_another_address_everything_that_changes_is_refused(tmp_path: Path)
     assert "bath and needle" not in said
 
 
-def test_ctrl_c_ends_the_server_and_its_door_in_order(tmp_path: Path) -> None:
-    workspace = tmp_path / "workspace"
-    with server_process(workspace) as started:
-        started.process.send_signal(signal.SIGINT)
-        assert started.process.wait(20) == 0
-        with pytest.raises(OSError):  # noqa: PT011
-            urllib.request.urlopen(started.stop, timeout=5)
-    assert not (workspace / ".printctl" / "serve.json").exists()
-    assert "a print that runs goes on" in (tmp_path / "serve.log").read_text()
-
-
 def test_without_the_extra_it_is_named(tmp_path: Path) -> None:
     hidden = (
         "import importlib.util as u, sys; real = u.find_spec\n"
@@ -182,3 +171,14 @@ def test_an_address_of_another_machine_is_said() -> None:
         bind("192.0.2.1", 0)
     with pytest.raises(UsageError, match="--host"):
         bind("no such name.invalid", 0)
+
+
+def test_ctrl_c_ends_the_server_and_its_door_in_order(server: tuple[Process, Path]) -> None:
+    """The last test here: it ends the server of the others."""
+    started, workspace = server
+    started.process.send_signal(signal.SIGINT)
+    assert started.process.wait(20) == 0
+    with pytest.raises(OSError):  # noqa: PT011
+        urllib.request.urlopen(started.stop, timeout=5)
+    assert not (workspace / ".printctl" / "serve.json").exists()
+    assert "a print that runs goes on" in (workspace.parent / "serve.log").read_text()

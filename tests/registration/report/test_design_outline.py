@@ -5,7 +5,7 @@ import pytest
 
 from registration.report.gcode import design_outline, draw_layer
 from registration.report.gcode.colouring import colourings
-from registration.report.gcode.design_outline import REACH_MM
+from registration.report.gcode.part_outline import REACH_MM
 
 from .gcode_sample import layered_job
 

@@ -10,8 +10,8 @@ import pytest
 
 from registration.report.gcode import DesignOutline
 from registration.report.gcode import outline_pack as module
-from registration.report.gcode.design_outline import REACH_MM
 from registration.report.gcode.outline_pack import beyond_um, pack_outlines
+from registration.report.gcode.part_outline import REACH_MM
 
 RING = np.array([[1.0, 2.0], [1.5, 2.0], [1.5, 2.7], [1.0, 2.0]])
 HOLE = np.array([[-0.25, 0.125], [-0.2, 0.15], [-0.25, 0.125]])

@@ -19,6 +19,7 @@ from printctl.web.design.yaml_text import read_text
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import LOOKS, serious, shown
 from tests.printctl.web.shell.dialogs import serious_in_dialog
+from tests.system.cli import called as printctl
 from tests.system.forks import FORK, of_fork
 
 pytestmark = pytest.mark.browser
@@ -39,29 +40,27 @@ def served(workspace: Path) -> Iterator[Process]:
         yield server
 
 
-def _new_recipe(page: Any, name: str) -> None:
-    page.get_by_role("button", name="New", exact=True).click()
-    page.get_by_label("Name", exact=True).fill(name)
-    page.get_by_role("button", name="Make", exact=True).click()
-    page.get_by_text(re.compile(f"^{name}: ready to be made")).wait_for()
+@pytest.fixture(scope="module")
+def made(workspace: Path) -> Path:
+    """A design as `printctl run` makes it; clicks make one in `tests/system/test_operator_page`."""
+    recipe = workspace / "recipes" / "one.yaml"
+    recipe.write_text(of_fork(STARTER.read_text()))
+    folder = workspace / "runs" / "one"
+    done = printctl("run", str(recipe), "--out", str(folder), "--until", "lumens", cwd=workspace)
+    assert done.returncode == 0, done.stderr
+    return folder
 
 
-def test_without_a_recipe_the_page_invites_to_one(served: Process, browser: Any) -> None:
+def test_the_page_invites_to_a_recipe_that_is_begun_and_mended(
+    served: Process, browser: Any
+) -> None:
     page = shown(browser, f"{served.url}/design")
     page.get_by_text("Choose a recipe, make a new one, or begin with an example.").wait_for()
     assert not page.get_by_label("Recipe as YAML").is_visible()
     assert serious(page) == []
-    page.get_by_role("button", name="New recipe").click()
-    page.get_by_label("Name", exact=True).fill("first")
-    page.get_by_role("button", name="Make", exact=True).click()
-    page.get_by_text(re.compile("^first: ready to be made")).wait_for()
+    _begin(page, "New recipe", "first")
     assert page.get_by_label("Recipe as YAML").is_visible()
     assert not page.get_by_text("Choose a recipe, make a new one").is_visible()
-
-
-def test_a_recipe_is_begun_mended_made_and_seen(served: Process, browser: Any) -> None:
-    page = shown(browser, f"{served.url}/design")
-    _new_recipe(page, "one")
     text = page.get_by_label("Recipe as YAML")
     text.fill(of_fork(text.input_value()))
     page.get_by_text("toolpath", exact=True).first.click()
@@ -69,33 +68,45 @@ def test_a_recipe_is_begun_mended_made_and_seen(served: Process, browser: Any) -
     expect(layer).to_have_value("150")  # what is typed is taken up a moment later
     layer.fill("1")
     page.get_by_text("must be at least 10 (is 1)", exact=True).wait_for()
-    page.get_by_text("one: 1 to mend · saved").wait_for()
+    page.get_by_text("first: 1 to mend · saved").wait_for()
     assert "layer_um: 1, line_um: 400}" in text.input_value()
     page.wait_for_timeout(500)  # the hint fades away under the error
     assert serious(page) == []
     layer.fill("150")
-    page.get_by_text("one: ready to be made · saved").wait_for()
-    _make(page)
-    _look(page)
+    page.get_by_text("first: ready to be made · saved").wait_for()
 
 
-def _make(page: Any) -> None:
+def _begin(page: Any, button: str, name: str) -> None:
+    page.get_by_role("button", name=button, exact=True).click()
+    page.get_by_label("Name", exact=True).fill(name)
+    page.get_by_role("button", name="Make", exact=True).click()
+    page.get_by_text(re.compile(f"^{name}: ready to be made")).wait_for()
+
+
+@pytest.mark.slow
+def test_a_recipe_is_begun_and_made(served: Process, browser: Any) -> None:
+    page = shown(browser, f"{served.url}/design")
+    _begin(page, "New", "clicked")
+    text = page.get_by_label("Recipe as YAML")
+    text.fill(of_fork(text.input_value()))
+    page.get_by_text("clicked: ready to be made · saved").wait_for()
     page.get_by_role("tab", name="Make").click()
     page.get_by_role("button", name="Make the design").click()
-    page.get_by_text("one: made as far as lumens").wait_for(timeout=_LONG_MS)
+    page.get_by_text("clicked: made as far as lumens").wait_for(timeout=_LONG_MS)
     assert page.get_by_role("progressbar").count() >= 7
     assert serious(page) == []
 
 
-def _look(page: Any) -> None:
-    page.get_by_role("tab", name="Look").click()
+def test_a_design_is_seen(served: Process, browser: Any, made: Path) -> None:
+    page = shown(browser, f"{served.url}/design?recipe=one&tab=look")
     page.get_by_text("Ink needed").wait_for()
-    network = page.frame_locator('iframe[title="Network in 3D of one"]')
+    # Drawn twice for a moment, until the theme is known.
+    network = page.frame_locator('iframe[title="Network in 3D of one"]').first
     network.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)
     names = network.locator("select option").all_inner_texts()
     assert {"Radius / mm", "Lumen error by the G-code / µm"} <= set(names)
     page.get_by_role("button", name="Layers and passes").click()
-    layers = page.frame_locator('iframe[title="Layers and passes of one"]')
+    layers = page.frame_locator('iframe[title="Layers and passes of one"]').first
     layers.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)
     slider = layers.locator("input[type=range]").first
     before = slider.input_value()
@@ -106,9 +117,9 @@ def _look(page: Any) -> None:
 
 
 def test_networks_that_are_compared_turn_together(
-    served: Process, browser: Any, workspace: Path
+    served: Process, browser: Any, made: Path
 ) -> None:
-    shutil.copytree(workspace / "runs" / "one", workspace / "runs" / "two")
+    shutil.copytree(made, made.with_name("two"))
     page = shown(browser, f"{served.url}/design?recipe=one&tab=compare")
     for name in ("one", "two"):
         frame = page.frame_locator(f'iframe[title="Network of {name}"]')
@@ -131,7 +142,7 @@ def _differ(one: bytes, other: bytes) -> float:
     return float(ImageStat.Stat(ImageChops.difference(*seen)).mean[0])
 
 
-def test_an_embedded_page_cant_reach_ours(served: Process, browser: Any) -> None:
+def test_an_embedded_page_cant_reach_ours(served: Process, browser: Any, made: Path) -> None:
     page = shown(browser, f"{served.url}/design?recipe=one&tab=look")
     inside = page.frame_locator("iframe").first  # it is loaded anew once the theme is known
     inside.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)
@@ -144,7 +155,7 @@ def test_an_embedded_page_cant_reach_ours(served: Process, browser: Any) -> None
 @pytest.mark.slow
 @pytest.mark.parametrize(("viewport", "colours"), LOOKS[1:])
 def test_the_page_fits_small_screens(
-    served: Process, browser: Any, viewport: dict[str, int], colours: str
+    served: Process, browser: Any, made: Path, viewport: dict[str, int], colours: str
 ) -> None:
     for tab in ("recipe", "make", "look", "compare"):
         url = f"{served.url}/design?recipe=one&tab={tab}"
@@ -156,14 +167,14 @@ def test_the_page_fits_small_screens(
 
 
 def test_a_file_is_imported_and_chosen_in_the_form(
-    served: Process, browser: Any, workspace: Path, tmp_path: Path
+    served: Process, browser: Any, workspace: Path, made: Path, tmp_path: Path
 ) -> None:
     given = STARTER.read_text().replace(
         "\n  design: planar_four_vessel", " {network: missing.csv, unit: mm}#"
     )
     (workspace / "recipes" / "given.yaml").write_text(given)
     vessels = tmp_path / "vessels.csv"
-    vessels.write_text((workspace / "runs" / "one" / "network.csv").read_text())
+    vessels.write_text((made / "network.csv").read_text())
     page = shown(browser, f"{served.url}/design?recipe=given")
     page.get_by_text(re.compile("^given: 1 to mend")).wait_for()
     page.get_by_role("button", name="Import").click()

@@ -49,6 +49,7 @@ def says(page: Any, text: str, timeout: float = 60_000) -> None:
     page.wait_for_selector(f"text={text}", timeout=timeout)
 
 
+@pytest.mark.slow
 def test_a_job_is_uploaded_checked_printed_held_and_cancelled_by_clicks(
     served: tuple[Process, Path], browser: Any, tmp_path: Path
 ) -> None:
@@ -105,7 +106,7 @@ def test_the_page_is_for_everybody(
 ) -> None:
     server, workspace = served
     file = tmp_path / "small.gcode"
-    file.write_bytes(layered(2, 10))
+    file.write_bytes(b";" + HOSTILE + b"\n" + layered(2, 10))
     page = shown(browser, f"{server.url}/job", viewport=viewport, color_scheme=theme)
     upload(page, file)
     take = page.locator("#pc-take")
@@ -121,4 +122,5 @@ def test_the_page_is_for_everybody(
     width = viewport["width"]
     page.screenshot(path=str(workspace.parent / f"{theme}_{width}.png"), full_page=True)
     assert found == []
+    assert page.title() != "owned"
     assert page.evaluate("document.documentElement.scrollWidth") <= width

@@ -35,25 +35,38 @@ def operator(browser: Browser) -> Iterator[BrowserContext]:
     context.close()
 
 
+@pytest.fixture(scope="module")
+def pages() -> dict[tuple[int, int, str], Page]:
+    """Those that are open: to load one takes seconds of a core."""
+    return {}
+
+
 @pytest.fixture
-def visit(operator: BrowserContext, url: str) -> Iterator[Open]:
-    """Open the page as the operator; the tests share server and printer."""
-    pages: list[Page] = []
+def visit(
+    operator: BrowserContext, url: str, pages: dict[tuple[int, int, str], Page]
+) -> Iterator[Open]:
+    """Open the page as the operator; the tests share server, printer and pages."""
     wrong: list[str] = []
 
+    def note(error: object) -> None:
+        wrong.append(str(error))
+
     def open_page(width: int = 1400, height: int = 1000, scheme: str = "light") -> Page:
-        page = operator.new_page()
-        page.set_viewport_size({"width": width, "height": height})
-        page.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.goto(f"{url.rstrip('/')}/printer")
+        known = pages.get((width, height, scheme))
+        page = known or operator.new_page()
+        page.on("pageerror", note)
+        if known is None:
+            pages[width, height, scheme] = page
+            page.set_viewport_size({"width": width, "height": height})
+            page.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
+            page.goto(f"{url.rstrip('/')}/printer")
         expect(page.get_by_role("heading", name="Connection")).to_be_visible(timeout=30_000)
-        pages.append(page)
         return page
 
     yield open_page
-    for page in pages:
-        page.close()
+    for page in pages.values():
+        with contextlib.suppress(KeyError):  # it isn't of this test
+            page.remove_listener("pageerror", note)
     assert wrong == []
 
 
@@ -252,7 +265,7 @@ def test_page_is_accessible_and_fits(visit: Open, size: dict[str, int], scheme: 
     ),
 )
 def test_dialogs_are_accessible(visit: Open, openers: tuple[str, ...]) -> None:
-    page = connected(visit(820, 1180))
+    page = connected(visit())
     for opener in openers:
         page.get_by_role("button", name=opener).first.click()
         assert serious_in_dialog(page) == []

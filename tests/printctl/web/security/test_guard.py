@@ -3,12 +3,14 @@
 import logging
 from itertools import cycle, islice
 from pathlib import Path
+from typing import Any
 
 import pytest
 from starlette.testclient import TestClient, WebSocketDenialResponse
 from starlette.websockets import WebSocketDisconnect
 
 from printctl.web.controls import Principal
+from printctl.web.security.bodies import BodyLimits
 from printctl.web.security.redaction import scrubbed
 from tests.printctl.web.serving import PAGE, Served, served
 from tests.slower import first_of
@@ -301,6 +303,20 @@ def test_what_takes_files_takes_large_ones_and_nothing_else_does(unchanged: Serv
         assert limits.limit(path) == 4_000_000_000, path
     for path in ("/api/v1/controls", "/api/v1/prints/a/b/photos", "/login", "/api/v1/jobs/x"):
         assert limits.limit(path) == 2_000_000, path
+
+
+def test_an_upload_s_limit_below_that_of_other_requests_counts(unchanged: Served) -> None:
+    limits = BodyLimits(unchanged.app.openapi, 1_000_000)
+    assert limits.exceeded("/api/v1/jobs", 1_000_001)
+    assert not limits.exceeded("/api/v1/jobs", 1_000_000)
+    assert not limits.exceeded("/api/v1/controls", 2_000_000)
+
+
+def test_what_is_small_waits_for_no_description() -> None:
+    def described() -> dict[str, Any]:
+        raise AssertionError("takes half a second")
+
+    assert not BodyLimits(described, 4_000_000).exceeded("/api/v1/jobs", 2_000_000)
 
 
 def test_the_controls_are_one_browser_s_and_can_be_taken_over(here: Served) -> None:

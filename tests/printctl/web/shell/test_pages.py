@@ -12,7 +12,7 @@ from tests.printctl.web.shell.browsers import LOOKS, PHONE, TABLET, WIDE, seriou
 from tests.slower import first_of
 
 pytestmark = pytest.mark.browser
-PAGES = ("/printer", "/job", "/design", "/scan", "/history")
+PAGES = ("/printer", "/design", "/job", "/scan", "/history")
 DIALOG = """() => {
   const dialog = document.createElement("div");
   dialog.innerHTML = '<div style="position:fixed;inset:0;z-index:6000;background:#0008">'
@@ -25,10 +25,28 @@ DIALOG = """() => {
 
 
 @pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, Path]]:
-    workspace = tmp_path_factory.mktemp("shell") / "workspace"
-    with server_process(workspace) as server:
-        yield server, workspace
+def served(
+    tmp_path_factory: pytest.TempPathFactory, browser: Any
+) -> Iterator[tuple[Process, Path]]:
+    """A server that wants a password; browsers' shared profile has given it.
+
+    The last test here kills it.
+    """
+    folder = tmp_path_factory.mktemp("shell")
+    secret = folder / "password"
+    secret.write_text("bath and needle\n")
+    with server_process(folder / "workspace", "--password-file", str(secret)) as server:
+        logged_in(browser.contexts[0], f"{server.url}/printer").close()
+        yield server, folder / "workspace"
+
+
+def logged_in(profile: Any, url: str) -> Any:
+    page = profile.new_page()
+    page.goto(url)
+    page.fill("#password", "bath and needle")
+    page.click("button:has-text('Log in')")
+    page.wait_for_selector("#pc-take:visible")
+    return page
 
 
 def banner(page: Any) -> str:
@@ -76,43 +94,12 @@ def test_escape_twice_stops_from_within_a_dialog_while_the_server_hangs(
             server.go_on()
 
 
-@pytest.fixture(scope="module")
-def locked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, Path]]:
-    """A server that wants a password; the second of its tests kills it."""
-    folder = tmp_path_factory.mktemp("locked")
-    secret = folder / "password"
-    secret.write_text("bath and needle\n")
-    with server_process(folder / "workspace", "--password-file", str(secret)) as server:
-        yield server, folder / "workspace"
-
-
-def logged_in(browser: Any, url: str) -> Any:
-    page = browser.new_context().new_page()
-    page.goto(url)
-    page.fill("#password", "bath and needle")
-    page.click("button:has-text('Log in')")
-    page.wait_for_selector("#pc-take:visible")
-    return page
-
-
-def test_logged_out_the_page_asks_for_the_password(locked: Any, browser: Any) -> None:
-    server, _ = locked
-    page = logged_in(browser, f"{server.url}/job")
+def test_logged_out_the_page_asks_for_the_password(served: Any, browser: Any) -> None:
+    server, _ = served
+    page = logged_in(browser.new_context(), f"{server.url}/job")
     assert page.url == f"{server.url}/job"
     page.click("button:has-text('Log out')")
     page.wait_for_selector("#password")
-
-
-def test_the_page_and_its_stop_outlive_a_server_that_is_killed(locked: Any, browser: Any) -> None:
-    server, workspace = locked
-    with under_way(workspace) as print_:
-        page = logged_in(browser, f"{server.url}/printer")
-        page.wait_for_timeout(1500)
-        server.process.kill()
-        page.wait_for_selector("#pc-lost:not([hidden])")
-        page.wait_for_timeout(25_000)  # NiceGUI itself would reload by now
-        page.click("#pc-stop")
-        assert ended_by_kill(print_)
 
 
 def test_without_any_answer_the_page_says_to_cut_the_power(served: Any, browser: Any) -> None:
@@ -127,13 +114,14 @@ def test_without_any_answer_the_page_says_to_cut_the_power(served: Any, browser:
 
 def test_all_browsers_see_the_same_holder_of_the_controls(served: Any, browser: Any) -> None:
     server, _ = served
-    ways = ("/printer", "/job", "/history")
-    pages = [shown(browser, f"{server.url}{way}", own=True) for way in ways]
-    first, second, third = pages
+    pages = [
+        shown(browser, f"{server.url}/printer"),
+        logged_in(browser.new_context(), f"{server.url}/history"),
+    ]
+    first, second = pages
     first.click("#pc-take")
     first.wait_for_selector("text=You hold the controls")
-    for other in (second, third):
-        other.wait_for_selector("#pc-holder:has-text('Chrome on Linux at this machine')")
+    second.wait_for_selector("#pc-holder:has-text('Chrome on Linux at this machine')")
     second.click("#pc-take")  # asks whether that is meant
     second.wait_for_selector("#pc-take:has-text('Sure?')")
     second.click("#pc-take")
@@ -155,7 +143,7 @@ def test_axe_finds_nothing_serious(
     assert serious(page) == []
 
 
-@pytest.mark.parametrize("way", first_of(PAGES, 3))
+@pytest.mark.parametrize("way", first_of(PAGES, 2))
 def test_the_frame_fits_is_large_enough_to_touch_and_passes_axe(
     served: Any, browser: Any, way: str
 ) -> None:
@@ -190,7 +178,7 @@ def assert_targets_are_large(page: Any, size: dict[str, int]) -> None:
 
 @pytest.mark.slow
 def test_the_theme_is_remembered(served: Any, browser: Any) -> None:
-    page = shown(browser, f"{served[0].url}/printer", color_scheme="light", own=True)
+    page = logged_in(browser.new_context(color_scheme="light"), f"{served[0].url}/printer")
     page.click("#pc-theme")
     page.click("#pc-theme")
     page.wait_for_selector("#pc-theme:has-text('dark')")
@@ -218,7 +206,7 @@ def test_a_script_that_slips_into_a_page_does_not_run(served: Any, browser: Any)
 @pytest.mark.slow
 def test_nothing_is_fetched_from_elsewhere(served: Any, browser: Any) -> None:
     server, _ = served
-    page = browser.new_context().new_page()
+    page = logged_in(browser.new_context(), f"{server.url}/printer")
     asked: list[str] = []
     troubles: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
@@ -230,3 +218,16 @@ def test_nothing_is_fetched_from_elsewhere(served: Any, browser: Any) -> None:
     page.wait_for_selector("text=POST /api/v1/stop")
     assert not [u for u in asked if not u.startswith(("http://127.0.0.1:", "data:", "blob:"))]
     assert troubles == []
+
+
+def test_the_page_and_its_stop_outlive_a_server_that_is_killed(served: Any, browser: Any) -> None:
+    """The last test here."""
+    server, workspace = served
+    with under_way(workspace) as print_:
+        page = shown(browser, f"{server.url}/printer")
+        page.wait_for_timeout(1500)
+        server.process.kill()
+        page.wait_for_selector("#pc-lost:not([hidden])")
+        page.wait_for_timeout(25_000)  # NiceGUI itself would reload by now
+        page.click("#pc-stop")
+        assert ended_by_kill(print_)
