@@ -27,8 +27,6 @@ from registration.layer_images.values import (
 from registration.layer_images.ways import Seen, Ways
 from registration.layer_images.working import Mask, Working
 
-_HEIGHT: Final = 1
-"""Channel of `height_map`."""
 _CORE = np.linspace(-0.3, 0.3, 7)
 _OFF: Final = 0.4
 """Of a thickness, by which ink's level may lie beside its place: more, and it may be the older
@@ -79,7 +77,8 @@ def tell_by_height(
     rate : float
         False findings per sound layer.
     """
-    image = np.ascontiguousarray(work.channels[:, :, _HEIGHT] / np.float32(thickness_mm))
+    assert work.height is not None
+    image = work.height / np.float32(thickness_mm)
     across = seen.profiles(image, ways.width[:, None] * _CORE)
     height = np.median(across, axis=1).astype(np.float64)
     lost = seen.profiles(work.bad.astype(np.uint8), ways.width[:, None] * _CORE, nearest=True)
