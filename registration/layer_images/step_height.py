@@ -34,12 +34,12 @@ layer's."""
 _HIGHEST: Final = 80.0
 _ROUNDS: Final = 6
 _FEWEST: Final = 60
-_LEAST_INK: Final = 0.6
+_LEAST_INK: Final = 0.35
 """Of the places, that must lie at ink's level."""
 _LOW, _HIGH = -0.6, 1.6
 """Presence of what is neither ink nor older ink: shadow, a hole through it, a bubble."""
 _RIM: Final = 1.0
-"""Widths from bath or a rim, within which surfaces droop."""
+"""Widths from bath or a rim, within which surfaces droop and have a level of their own."""
 _CRACK: Final = 0.15
 _BESIDE: Final = 0.8
 _STEP: Final = 0.6
@@ -55,6 +55,7 @@ def tell_by_height(
     use: BoolArray,
     ink: Mask,
     fresh: Mask,
+    below: Mask,
     thickness_mm: float,
     gap_mm: float,
     rate: float,
@@ -64,13 +65,13 @@ def tell_by_height(
     Parameters
     ----------
     work : Working
-        Of a height map: its second channel is mm above the layer's middle.
+        Of a height map.
     ways, seen
     place : (n,) int64
         `Unseen`, by place alone.
     use : (n,) bool
-    ink, fresh : (h, w) uint8
-        Where any ink is expected, and the layer's own.
+    ink, fresh, below : (h, w) uint8
+        Where any ink is expected, the layer's own, and that of the layer directly below.
     thickness_mm : float, mm
         Of the layer.
     gap_mm : float, mm
@@ -83,14 +84,16 @@ def tell_by_height(
     height = np.median(across, axis=1).astype(np.float64)
     lost = seen.profiles(work.bad.astype(np.uint8), ways.width[:, None] * _CORE, nearest=True)
     why = np.where((place == Unseen.SEEN) & lost.any(axis=1), int(Unseen.GLARE), place)
-    why = np.where(
-        (why == Unseen.SEEN) & _at_rim(ink, fresh, ways, seen, work), int(Unseen.OLD_INK), why
-    )
-    level = _level(height, ways.point, use & (why == Unseen.SEEN))
+    why = np.where((why == Unseen.SEEN) & (ways.to_end < ways.width), int(Unseen.OLD_INK), why)
+    rim = _at_rim(ink, fresh, ways, seen, work)
+    level = _level(height, ways.point, use & (why == Unseen.SEEN), rim)
     if level is None or np.isnan(level[use]).all():
         return None
     unknown = np.isnan(level)
     present = np.where(unknown, 0.0, height - level + 1.0)
+    # Between older lines one sees deeper where ink is missing.
+    spans = seen.profiles(below, ways.width[:, None] * _CORE, nearest=True).mean(axis=1) < 1.0
+    present = np.where(spans, np.maximum(present, 0.0), present)
     odd = (present < _LOW) | (present > _HIGH)
     why = np.where((why == Unseen.SEEN) & odd, int(Unseen.GLARE), why)
     why = np.where((why == Unseen.SEEN) & unknown, int(Unseen.OLD_INK), why)
@@ -124,7 +127,7 @@ def tell_by_height(
 
 
 def _at_rim(ink: Mask, fresh: Mask, ways: Ways, seen: Seen, work: Working) -> BoolArray:
-    """Places where surfaces droop, (n,): near bath, a filled area's rim, or a line's end."""
+    """Places where surfaces droop, (n,): near bath, or a filled area's rim."""
     width_px = ways.width * work.px_per_mm
     middle, beside = np.zeros((1, 1)), ways.width[:, None] * np.array([-_BESIDE, _BESIDE])
     least = _RIM * width_px
@@ -133,7 +136,7 @@ def _at_rim(ink: Mask, fresh: Mask, ways: Ways, seen: Seen, work: Working) -> Bo
     filled = _closed(fresh, typical)
     near_rim = seen.profiles(_depth(filled), middle)[:, 0] < least
     touched = seen.profiles(filled, beside, nearest=True).any(axis=1)
-    return np.asarray(near_bath | (near_rim & touched) | (ways.to_end < ways.width))
+    return np.asarray(near_bath | (near_rim & touched))
 
 
 def _closed(ink: Mask, width_px: float) -> Mask:
@@ -148,11 +151,13 @@ def _depth(ink: Mask) -> FloatImage:
     return np.asarray(cv2.distanceTransform(ink, cv2.DIST_L2, 5))
 
 
-def _level(height: FloatArray, point: FloatArray, use: BoolArray) -> FloatArray | None:
+def _level(
+    height: FloatArray, point: FloatArray, use: BoolArray, rim: BoolArray
+) -> FloatArray | None:
     """Height of sound ink at all places, thicknesses above the layer's middle, (n,).
 
-    A surface of second order through the heights that lie nearer to it than half a thickness; NaN
-    where it lies where older ink might, None where too few lie on it.
+    A surface of second order through the heights that lie nearer to it than half a thickness, and
+    how much lower rims lie; NaN where it lies where older ink might, None where too few lie on it.
     """
     if use.sum() < _FEWEST:
         return None
@@ -172,6 +177,10 @@ def _level(height: FloatArray, point: FloatArray, use: BoolArray) -> FloatArray 
     near = use & (np.abs(height - level) < 0.5)
     if near.sum() < _LEAST_INK * use.sum():
         return None
+    for group in (rim, ~rim):
+        own = near & group
+        if own.sum() > max(_FEWEST, _LEAST_INK * (use & group).sum()):
+            level = level + np.where(group, np.median((height - level)[own]), 0.0)
     return np.where(np.abs(level - 0.5) < _OFF, level, np.nan)
 
 
@@ -190,7 +199,10 @@ def stepped(
 
 
 def _begins_with_a_step(gap: Gap, present: FloatArray, good: BoolArray, ways: Ways) -> bool:
-    """Whether the surface steps down at a gap's begin and end, where the stroke goes on there."""
+    """Whether the surface steps down at a gap's begin and end, where the stroke goes on there.
+
+    Of a stroke that is missing as a whole nothing goes on: it must lie a layer lower as a whole.
+    """
     own = good & (ways.stroke == gap.stroke)
     along = ways.along
     steps = []
@@ -207,4 +219,7 @@ def _begins_with_a_step(gap: Gap, present: FloatArray, good: BoolArray, ways: Wa
         if not inside.any():
             return False
         steps.append(float(present[outside].mean() - present[inside].mean()))
-    return bool(steps) and min(steps) > _STEP
+    if not steps:
+        inside = own & (along > gap.from_mm) & (along < gap.to_mm)
+        return bool(inside.any()) and float(np.median(present[inside])) < 1.0 - _STEP
+    return min(steps) > _STEP

@@ -187,6 +187,7 @@ def _by_mix(
         template = _known_template(known)
     else:
         template = learn_template(profiles[learn], sides.usable()[learn], angle[learn])
+        template = template if ground.work.is_log else template.even
     scale = np.float32(template.scale)
     image = np.asarray(mixed / scale, dtype=np.float32)
     profiles = profiles / scale
