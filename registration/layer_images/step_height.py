@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from registration.layer_images.ink_image import ACROSS, Template
-from registration.layer_images.presence import window_noise
+from registration.layer_images.presence import INK, window_noise
 from registration.layer_images.told import LONG, Told
 from registration.layer_images.values import (
     Appearance,
@@ -189,37 +189,40 @@ def stepped(
 ) -> tuple[list[Gap], BoolArray]:
     """Return gaps where the surface steps down, and the places of all others, (n,)."""
     kept, doubtful = [], np.zeros(len(ways), dtype=np.bool_)
-    for gap in gaps:
-        if _begins_with_a_step(gap, present, good, ways):
+    inside = [_rows(gap, ways) for gap in gaps]
+    ink = good & (present > INK) & ~np.any([doubtful, *inside], axis=0)
+    for gap, rows in zip(gaps, inside, strict=True):
+        if _begins_with_a_step(gap, present, good & rows, ink, ways):
             kept.append(gap)
         else:
-            own = ways.stroke == gap.stroke
-            doubtful |= own & (ways.along >= gap.from_mm) & (ways.along <= gap.to_mm)
+            doubtful |= rows
     return kept, doubtful
 
 
-def _begins_with_a_step(gap: Gap, present: FloatArray, good: BoolArray, ways: Ways) -> bool:
-    """Whether the surface steps down at a gap's begin and end, where the stroke goes on there.
+def _rows(gap: Gap, ways: Ways) -> BoolArray:
+    own = ways.stroke == gap.stroke
+    return np.asarray(own & (ways.along >= gap.from_mm) & (ways.along <= gap.to_mm))
 
-    Of a stroke that is missing as a whole nothing goes on: it must lie a layer lower as a whole.
+
+def _begins_with_a_step(
+    gap: Gap, present: FloatArray, bare: BoolArray, ink: BoolArray, ways: Ways
+) -> bool:
+    """Whether the surface steps down at a gap's begin and end, where ink goes on there.
+
+    ``bare`` are its places (n,), ``ink`` those outside all gaps. Where no ink goes on, as of a
+    stroke that is missing as a whole, the gap must lie a layer lower altogether.
     """
-    own = good & (ways.stroke == gap.stroke)
-    along = ways.along
+    if not bare.any():
+        return False
     steps = []
+    begin, stop = _STEP_MM
     for end, way in ((gap.from_mm, -1.0), (gap.to_mm, 1.0)):
-        off = way * (along - end) / ways.width
-        begin, stop = _STEP_MM
-        outside = own & (off > begin) & (off < stop)
-        inside = own & (off < -0.5 * begin) & (off > -stop)
-        inside &= (along > gap.from_mm) & (along < gap.to_mm)
-        if not inside.any():
-            inside = own & (along > gap.from_mm) & (along < gap.to_mm)
-        if not outside.any():
-            continue
-        if not inside.any():
-            return False
-        steps.append(float(present[outside].mean() - present[inside].mean()))
+        off = way * (ways.along - end) / ways.width
+        outside = ink & (ways.stroke == gap.stroke) & (off > begin) & (off < stop)
+        inside = bare & (off < -0.5 * begin) & (off > -stop)
+        if outside.any():
+            deep = inside if inside.any() else bare
+            steps.append(float(present[outside].mean() - present[deep].mean()))
     if not steps:
-        inside = own & (along > gap.from_mm) & (along < gap.to_mm)
-        return bool(inside.any()) and float(np.median(present[inside])) < 1.0 - _STEP
+        return float(np.median(present[bare])) < 1.0 - _STEP
     return min(steps) > _STEP
