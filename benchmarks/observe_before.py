@@ -1,8 +1,9 @@
 """Benchmark of ink over older ink by a camera, told by the picture before: gaps, false gaps.
 
-``python -m benchmarks.observe_before --layers 300 [--seed N]``. Solid ridged layers of translucent, opaque and
-matte ink by `checkers.stacked_layers`; the camera moves by up to 1.5 pixels between the pictures,
-light and drying change, bubbles come and go. Clock: none; CPU seconds of a look are told.
+``python -m benchmarks.observe_before --layers 300 [--seed N]``. Solid ridged layers of
+translucent, opaque and matte ink by `checkers.stacked_layers`; the camera moves by up to 1.5 pixels
+between the pictures, light and drying change, bubbles come and go. Clock: none; CPU seconds of a
+look are told.
 """
 
 from __future__ import annotations

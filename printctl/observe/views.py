@@ -19,7 +19,7 @@ from printctl.observe.devices import DeviceError
 from printctl.observe.order import ObserverOrder
 from registration.camera_frame.check import check_frame
 from registration.camera_frame.frame import CameraFrame, read_frame
-from registration.layer_images import Frame, height_map
+from registration.layer_images import ExpectedLines, Frame, height_map
 from registration.readers.read import read_scan
 from sim.camera.camera_file import load_camera
 from sim.camera.optics import Camera
@@ -48,7 +48,11 @@ class SimulatedFrame:
 
 
 def open_view(
-    path: Path, order: ObserverOrder, middle_z_mm: float, thickness_mm: float
+    path: Path,
+    order: ObserverOrder,
+    middle_z_mm: float,
+    thickness_mm: float,
+    lines: ExpectedLines | None = None,
 ) -> tuple[Image, Frame]:
     """Return a picture and where the printer's places lie in it.
 
@@ -60,6 +64,8 @@ def open_view(
         Names the frame's file.
     middle_z_mm, thickness_mm : float, mm
         Of the layer that is looked at; of a volume that slab counts.
+    lines : ExpectedLines or None
+        By which a volume's ink and bath are told apart.
 
     Raises
     ------
@@ -69,7 +75,8 @@ def open_view(
         When the frame can't be read.
     """
     if order.oct:
-        return height_map(read_scan(path), _oct_frame(path, order), middle_z_mm, thickness_mm)
+        to_scan = _oct_frame(path, order)
+        return height_map(read_scan(path), to_scan, middle_z_mm, thickness_mm, lines)
     image, frame = read_picture(path), camera_frame(order)
     if isinstance(frame, CameraFrame):
         _refuse_moved(image, frame, path)
