@@ -7,16 +7,16 @@ along a line (a drooping edge) isn't a gap either: one begins and ends with a st
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import cv2
 import numpy as np
 
-from registration.layer_images.ink_image import ACROSS, Template
+from registration.layer_images.level_told import told_by_level
 from registration.layer_images.presence import INK, window_noise
-from registration.layer_images.told import LONG, Told
+from registration.layer_images.told import Told
 from registration.layer_images.values import (
-    Appearance,
     BoolArray,
     FloatArray,
     FloatImage,
@@ -99,31 +99,10 @@ def tell_by_height(
     why = np.where((why == Unseen.SEEN) & unknown, int(Unseen.OLD_INK), why)
     good = use & (why == Unseen.SEEN)
     noise = window_noise(present, good, ways, None, gap_mm, known=False, even=True)
-    if noise is None:
-        return None
-    noise = type(noise)(noise.length_mm, noise.middle, noise.spread, float(noise.spread[0]))
-    places = max(1.0, float(ways.step[good].sum()) / gap_mm)
-    if not noise.can_tell(LONG * gap_mm, rate / places):
-        return None
-    flat = np.zeros((3, len(ACROSS)))
-    flat[0] = 1.0
-    return Told(
-        image=image,
-        profiles=np.zeros((len(ways), len(ACROSS)), dtype=np.float32),
-        present=present,
-        plain=present,
-        why=np.asarray(why),
-        template=Template(flat, 1.0, True),
-        noise=noise,
-        contrast=noise.contrast(gap_mm),
-        strange=np.asarray(image - np.float32(np.nanmedian(level)) > _HIGH - 1.0),
-        unlike_bath=np.zeros(work.shape, dtype=np.float32),
-        appearance=Appearance(np.zeros(work.channels.shape[2]), flat, True),
-        bath_spread=float(noise.spread[0]),
-        log_step=0.0,
-        ink=np.zeros(work.channels.shape[2]),
-        faint=not noise.can_tell(gap_mm, rate / places),
-    )
+    if noise is not None:  # what lies below scatters as ink does
+        noise = replace(noise, bath=float(noise.spread[0]))
+    strange = np.asarray(image - np.float32(np.nanmedian(level)) > _HIGH - 1.0)
+    return told_by_level(work, ways, use, image, present, why, noise, strange, gap_mm, rate)
 
 
 def _at_rim(ink: Mask, fresh: Mask, ways: Ways, seen: Seen, work: Working) -> BoolArray:
