@@ -227,7 +227,8 @@ class ObservedJob:
                 lumens=at.lumens,
                 before=self._before(at, path, image),
                 since=at.since,
-                known=self._appearance,
+                # In a bath ink is as dark as it is thick and near: each look learns its own.
+                known=self._appearance if at.ink.style == "layered" else None,
                 thickness_mm=slab[1] if is_height else None,
                 options=self._options(),
             )
