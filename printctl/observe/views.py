@@ -22,7 +22,8 @@ from registration.camera_frame.frame import CameraFrame, read_frame
 from registration.layer_images import ExpectedLines, Frame, height_map
 from registration.readers.read import read_scan
 from sim.camera.camera_file import load_camera
-from sim.camera.optics import Camera
+from sim.camera.optics import Camera, through_surface
+from sim.camera.scene import Bath
 
 Image = NDArray[Any]
 
@@ -38,13 +39,21 @@ class SimulatedFrame:
     Attributes
     ----------
     camera : Camera
+    bath : Bath
+        Through whose surface it looks, where it has one.
     """
 
     camera: Camera
+    bath: Bath
 
     def to_pixels(self, points_mm: FloatArray) -> FloatArray:
         """Pixels (n, 2) of places (n, 3), mm."""
-        return self.camera.pixels(points_mm)
+        surface = self.bath.surface_z_mm
+        if surface is None:
+            return self.camera.pixels(points_mm)
+        index = self.bath.refractive_index
+        at = through_surface(points_mm, self.camera.eye_mm, surface, index)
+        return self.camera.pixels(np.column_stack([at, np.full(len(at), surface)]))
 
 
 def open_view(
@@ -102,7 +111,8 @@ def camera_frame(order: ObserverOrder) -> Frame:
 def _camera_frame(frame: str, simulated: str) -> Frame:
     if frame:
         return read_frame(Path(frame))
-    return SimulatedFrame(load_camera(Path(simulated)).camera)
+    file = load_camera(Path(simulated))
+    return SimulatedFrame(file.camera, file.scene.bath)
 
 
 def _oct_frame(path: Path, order: ObserverOrder) -> FloatArray:
