@@ -115,7 +115,7 @@ def see_layer(
             break
     else:
         look = seen_at_shift(work, own, lines, late, ways, shift, options, known, thickness_mm, rng)
-    return findings_of(look, lumens, honest_shift(shift, look), options)
+    return findings_of(look, lumens, honest_shift(shift, look, options.shift_mm), options)
 
 
 def _finer(look: SeenLayer, shift: Shift, options: SeeingOptions, work: Working) -> Shift | None:
