@@ -13,6 +13,7 @@ from typing import Final
 import cv2
 import numpy as np
 
+from registration.layer_images.gaps import stretches_of
 from registration.layer_images.level_told import told_by_level
 from registration.layer_images.presence import INK, window_noise
 from registration.layer_images.told import Told
@@ -40,6 +41,9 @@ _LOW, _HIGH = -0.6, 1.6
 """Presence of what is neither ink nor older ink: shadow, a hole through it, a bubble."""
 _RIM: Final = 1.0
 """Widths from bath or a rim, within which surfaces droop and have a level of their own."""
+_SHORT_AT_RIM: Final = 3.0
+"""Widths, or tolerated gaps, below which a low stretch at a rim may be a droop."""
+_NEAR_END: Final = 2.0
 _CRACK: Final = 0.15
 _BESIDE: Final = 0.8
 _STEP: Final = 0.6
@@ -85,7 +89,7 @@ def tell_by_height(
     lost = seen.profiles(work.bad.astype(np.uint8), ways.width[:, None] * _CORE, nearest=True)
     why = np.where((place == Unseen.SEEN) & lost.any(axis=1), int(Unseen.GLARE), place)
     why = np.where((why == Unseen.SEEN) & (ways.to_end < ways.width), int(Unseen.OLD_INK), why)
-    rim = _at_rim(ink, fresh, ways, seen, work)
+    rim, touched = _at_rim(ink, fresh, ways, seen, work)
     level = _level(height, ways.point, use & (why == Unseen.SEEN), rim)
     if level is None or np.isnan(level[use]).all():
         return None
@@ -96,6 +100,7 @@ def tell_by_height(
     present = np.where(spans, np.maximum(present, 0.0), present)
     odd = (present < _LOW) | (present > _HIGH)
     why = np.where((why == Unseen.SEEN) & odd, int(Unseen.GLARE), why)
+    unknown |= _short_at_rim(present, touched, ways, gap_mm)
     why = np.where((why == Unseen.SEEN) & unknown, int(Unseen.OLD_INK), why)
     good = use & (why == Unseen.SEEN)
     noise = window_noise(present, good, ways, None, gap_mm, known=False, even=True)
@@ -105,8 +110,21 @@ def tell_by_height(
     return told_by_level(work, ways, use, image, present, why, noise, strange, gap_mm, rate)
 
 
-def _at_rim(ink: Mask, fresh: Mask, ways: Ways, seen: Seen, work: Working) -> BoolArray:
-    """Places where surfaces droop, (n,): near bath, or a filled area's rim."""
+def _short_at_rim(present: FloatArray, rim: BoolArray, ways: Ways, gap_mm: float) -> BoolArray:
+    """Places of short low stretches at filled areas' rims and lines' ends, (n,): both droop."""
+    out = np.zeros(len(ways), dtype=np.bool_)
+    droops = rim | (ways.to_end < _NEAR_END * ways.width)
+    for first, last in stretches_of(present < INK, ways.run):
+        rows = slice(first, last + 1)
+        least = _SHORT_AT_RIM * max(gap_mm, float(ways.width[rows].max()))
+        out[rows] = droops[rows].any() and float(ways.step[rows].sum()) < least
+    return out
+
+
+def _at_rim(
+    ink: Mask, fresh: Mask, ways: Ways, seen: Seen, work: Working
+) -> tuple[BoolArray, BoolArray]:
+    """Places where surfaces droop, (n,): near bath or a filled area's rim; those that touch ink."""
     width_px = ways.width * work.px_per_mm
     middle, beside = np.zeros((1, 1)), ways.width[:, None] * np.array([-_BESIDE, _BESIDE])
     least = _RIM * width_px
@@ -115,7 +133,8 @@ def _at_rim(ink: Mask, fresh: Mask, ways: Ways, seen: Seen, work: Working) -> Bo
     filled = _closed(fresh, typical)
     near_rim = seen.profiles(_depth(filled), middle)[:, 0] < least
     touched = seen.profiles(filled, beside, nearest=True).any(axis=1)
-    return np.asarray(near_bath | (near_rim & touched))
+    rim = near_bath | (near_rim & touched)
+    return np.asarray(rim), np.asarray(rim & touched)
 
 
 def _closed(ink: Mask, width_px: float) -> Mask:
