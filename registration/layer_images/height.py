@@ -154,9 +154,9 @@ def _bath_and_ink(
         near = drawn_lines(slab.shape, ends, wide + 2 * _AROUND_MM * px_per_mm) > 0
         taken = drawn_lines(slab.shape, ends, 1.7 * wide + 4.0) > 0
         core = drawn_lines(slab.shape, ends[lines.fresh], 0.5 * wide[lines.fresh]) > 0
-        around, core = slab[near & ~taken & known], slab[core & known]
-        if min(len(around), len(core)) >= _FEWEST:
-            return float(np.median(around)), float(np.percentile(core, _USUAL_INK))
+        bath, ink = slab[near & ~taken & known], slab[core & known]
+        if min(len(bath), len(ink)) >= _FEWEST:
+            return float(np.median(bath)), float(np.percentile(ink, _USUAL_INK))
     low, high = np.percentile(slab[known], [10, 98]) if known.any() else (0.0, 0.0)
     return float(low), float(high)
 

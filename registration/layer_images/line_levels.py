@@ -26,8 +26,8 @@ _ROUNDS: Final = 4
 def lines_of(ways: Ways) -> IntArray:
     """Return the number of the line that each place is on, (n,): of one width, without a turn."""
     _, piece = np.unique(ways.piece, return_inverse=True)
-    normal = np.stack([np.bincount(piece, ways.normal[:, c]) for c in range(2)], axis=1)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-9)[:, None]
+    total = np.stack([np.bincount(piece, ways.normal[:, c]) for c in range(2)], axis=1)
+    normal = total / np.maximum(np.linalg.norm(total, axis=1), 1e-9)[:, None]
     here, before = piece[1:], piece[:-1]
     turned = (normal[here] * normal[before]).sum(axis=1) < _STRAIGHT
     wider = np.abs(ways.width[1:] / ways.width[:-1] - 1.0) > _SAME_WIDTH

@@ -207,7 +207,8 @@ def _by_mix(
         fake_present = (fakes[0] * own).sum(axis=1).astype(np.float64)
     if ways.varied:
         level = line_levels(plain, ways, use & (why == Unseen.SEEN), fake_present)
-        profiles, present, plain = profiles / level[:, None], present / level, plain / level
+        profiles = np.asarray(profiles / level[:, None], dtype=np.float32)
+        present, plain = present / level, plain / level
         fake_present = None if fake_present is None else fake_present / float(level.min())
     if fakes is not None:
         inner = fakes[0][:, WITHIN]
