@@ -1,8 +1,9 @@
 """Benchmark of ink over older ink by a camera, told by the picture before: gaps, false gaps.
 
-``python -m benchmarks.observe_before --layers 300``. Solid ridged layers of translucent, opaque and
-matte ink by `checkers.stacked_layers`; the camera moves by up to 1.5 pixels between the pictures,
-light and drying change, bubbles come and go. Clock: none; CPU seconds of a look are told.
+``python -m benchmarks.observe_before --layers 300 [--seed N]``. Solid ridged layers of
+translucent, opaque and matte ink by `checkers.stacked_layers`; the camera moves by up to 1.5 pixels
+between the pictures, light and drying change, bubbles come and go. Clock: none; CPU seconds of a
+look are told.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from registration.layer_images import ExpectedLines, LayerFindings, see_layer
 
 _SHOWN = 3
 """Older layers that the product is told of."""
+_FAULTY = 10_000
+"""Added to the seeds of layers with gaps."""
 
 
 def expected(found: Stack) -> ExpectedLines:
@@ -62,22 +65,27 @@ def _judged(found: Stack, seen: LayerFindings) -> tuple[int, int, int]:
     return inside, hits, len(seen.gaps) - len(real)
 
 
+def _seeds(first: int, count: int) -> range:
+    return range(first, first + count)
+
+
 def main() -> None:
     """Run and print JSON."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--layers", type=int, default=300)
     parser.add_argument("--faulty", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=0, help="of the first sound layer")
     said = parser.parse_args()
     rows, begun, looks = [], time.process_time(), 0
     for kind in KINDS:
         part = 1 if kind == "translucent" else 10  # nothing is told of the others
-        sound = [look(stack(seed, kind)) for seed in range(said.layers // part)]
+        sound = [look(stack(seed, kind)) for seed in _seeds(said.seed, said.layers // part)]
         wrong, of = sum(bool(found.gaps) for found in sound), f"of {len(sound)}"
         share = float(np.mean([found.seen_share for found in sound]))
         told = float(np.mean([found.seen_share > 0.5 for found in sound]))
         total = np.zeros(3, int)
         planted = 0
-        for seed in range(10_000, 10_000 + said.faulty // part):
+        for seed in _seeds(said.seed + _FAULTY, said.faulty // part):
             painted = stack(seed, kind, gaps=3)
             total += _judged(painted, look(painted))
             planted += len(painted.gaps)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -46,6 +46,7 @@ from registration.layer_images import (
     Lumen,
     SeeingOptions,
     annotated,
+    better_turned,
     see_layer,
 )
 
@@ -78,6 +79,8 @@ class _Held:
         Findings of the pictures judged so far.
     mended : tuple of Mended
         Gaps that are written again from here.
+    turned : str or None
+        How the last picture would fit the layer clearly better.
     """
 
     look: Look
@@ -89,6 +92,7 @@ class _Held:
     since: NDArray[np.bool_]
     found: dict[Path, LayerFindings] = field(default_factory=dict)
     mended: tuple[Mended, ...] = ()
+    turned: str | None = None
 
 
 @dataclass
@@ -190,7 +194,8 @@ class ObservedJob:
         try:
             first = self._findings(at, picture)
         except PictureError as exc:
-            return Judged(nothing_seen(), {"seen_share": 0.0, "not_seen": str(exc)}, at.flow)
+            nothing = replace(nothing_seen(), turned=at.turned)
+            return Judged(nothing, {"seen_share": 0.0, "not_seen": str(exc)}, at.flow)
         second = None if again is None else self._findings(at, again)
         limits = self.order.limits
         evidence = evidence_of(
@@ -202,14 +207,19 @@ class ObservedJob:
             least_gap_mm=limits.gap.least_mm,
             left_ul=self._left_ul(at.ink),
         )
+        evidence = replace(evidence, turned=at.turned)
         return Judged(evidence, figures(first, evidence), at.flow)
 
     def _findings(self, at: _Held, path: Path) -> LayerFindings:
         """Findings of a picture; of the first one a drawing is left beside it."""
         if path not in at.found:
             slab = _slab(at)
-            image, frame = open_view(path, self.order, *slab)
+            image, frame = open_view(path, self.order, *slab, at.layer.lines)
             is_height = self.order.oct and at.ink.style == "layered"
+            if self.order.oct and not is_height:
+                image = image[:, :, :1]  # filaments of all depths: no height is that of the layer
+            if self.order.oct:  # a camera's marks hold its frame themselves
+                at.turned = better_turned(image, frame, at.layer.lines)
             findings = see_layer(
                 image,
                 frame,
@@ -217,7 +227,8 @@ class ObservedJob:
                 lumens=at.lumens,
                 before=self._before(at, path, image),
                 since=at.since,
-                known=self._appearance,
+                # In a bath ink is as dark as it is thick and near: each look learns its own.
+                known=self._appearance if at.ink.style == "layered" else None,
                 thickness_mm=slab[1] if is_height else None,
                 options=self._options(),
             )

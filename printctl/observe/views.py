@@ -19,10 +19,11 @@ from printctl.observe.devices import DeviceError
 from printctl.observe.order import ObserverOrder
 from registration.camera_frame.check import check_frame
 from registration.camera_frame.frame import CameraFrame, read_frame
-from registration.layer_images import Frame, height_map
+from registration.layer_images import ExpectedLines, Frame, height_map
 from registration.readers.read import read_scan
 from sim.camera.camera_file import load_camera
-from sim.camera.optics import Camera
+from sim.camera.optics import Camera, through_surface
+from sim.camera.scene import Bath
 
 Image = NDArray[Any]
 
@@ -38,17 +39,29 @@ class SimulatedFrame:
     Attributes
     ----------
     camera : Camera
+    bath : Bath
+        Through whose surface it looks, where it has one.
     """
 
     camera: Camera
+    bath: Bath
 
     def to_pixels(self, points_mm: FloatArray) -> FloatArray:
         """Pixels (n, 2) of places (n, 3), mm."""
-        return self.camera.pixels(points_mm)
+        surface = self.bath.surface_z_mm
+        if surface is None:
+            return self.camera.pixels(points_mm)
+        index = self.bath.refractive_index
+        at = through_surface(points_mm, self.camera.eye_mm, surface, index)
+        return self.camera.pixels(np.column_stack([at, np.full(len(at), surface)]))
 
 
 def open_view(
-    path: Path, order: ObserverOrder, middle_z_mm: float, thickness_mm: float
+    path: Path,
+    order: ObserverOrder,
+    middle_z_mm: float,
+    thickness_mm: float,
+    lines: ExpectedLines | None = None,
 ) -> tuple[Image, Frame]:
     """Return a picture and where the printer's places lie in it.
 
@@ -60,6 +73,8 @@ def open_view(
         Names the frame's file.
     middle_z_mm, thickness_mm : float, mm
         Of the layer that is looked at; of a volume that slab counts.
+    lines : ExpectedLines or None
+        By which a volume's ink and bath are told apart.
 
     Raises
     ------
@@ -69,7 +84,8 @@ def open_view(
         When the frame can't be read.
     """
     if order.oct:
-        return height_map(read_scan(path), _oct_frame(path, order), middle_z_mm, thickness_mm)
+        to_scan = _oct_frame(path, order)
+        return height_map(read_scan(path), to_scan, middle_z_mm, thickness_mm, lines)
     image, frame = read_picture(path), camera_frame(order)
     if isinstance(frame, CameraFrame):
         _refuse_moved(image, frame, path)
@@ -95,7 +111,8 @@ def camera_frame(order: ObserverOrder) -> Frame:
 def _camera_frame(frame: str, simulated: str) -> Frame:
     if frame:
         return read_frame(Path(frame))
-    return SimulatedFrame(load_camera(Path(simulated)).camera)
+    file = load_camera(Path(simulated))
+    return SimulatedFrame(file.camera, file.scene.bath)
 
 
 def _oct_frame(path: Path, order: ObserverOrder) -> FloatArray:

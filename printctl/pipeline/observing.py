@@ -124,7 +124,7 @@ def _twin(context: RunContext, part: ObservePart) -> dict[str, str]:
         "layer_mm": None if embedded else getattr(recipe.toolpath, "even_layer_mm", None),
     }
     box = (low - _MARGIN_MM, high + _MARGIN_MM)
-    seen = _oct_view(*box) if part.device == "oct" else _camera_view(*box)
+    seen = _oct_view(*box) if part.device == "oct" else _camera_view(*box, embedded)
     path = context.folder / DEVICE_FILE
     write_text(path, yaml.safe_dump({**seen, "laid": laid}, sort_keys=False))
     record = str((context.folder / EXECUTED).resolve())
@@ -134,18 +134,19 @@ def _twin(context: RunContext, part: ObservePart) -> dict[str, str]:
     return found
 
 
-def _camera_view(low: FloatArray, high: FloatArray) -> dict[str, Any]:
-    """A camera over a box, and ink with a dye."""
-    middle = (low + high) / 2
+def _camera_view(low: FloatArray, high: FloatArray, embedded: bool) -> dict[str, Any]:
+    """A camera over a box, and ink with a dye; filaments lie below the bath's surface."""
+    middle, top = (low + high) / 2, float(high[2]) - _MARGIN_MM
+    bath = {"bath": {"surface_z_mm": top}} if embedded else {}
     return {
         "camera": {
             "size_px": [_PICTURE_PX, _PICTURE_PX],
             "um_per_px": 1000.0 * float((high - low)[:2].max()) / _PICTURE_PX,
-            "target_mm": [float(middle[0]), float(middle[1]), float(high[2]) - _MARGIN_MM],
+            "target_mm": [float(middle[0]), float(middle[1]), top],
             "tilt_deg": 8.0,
             "distortion": [-0.08, 0.02, 0.0005, -0.0003, 0.0],
         },
-        "scene": {"ink": {"colour": [70, 90, 150], "density_per_mm": 4.0}},
+        "scene": {"ink": {"colour": [70, 90, 150], "density_per_mm": 4.0}, **bath},
     }
 
 

@@ -13,6 +13,7 @@ from design.on_demand import on_demand
 if TYPE_CHECKING:
     from registration.layer_images.annotate import annotated
     from registration.layer_images.height import HeightFrame, height_map
+    from registration.layer_images.orientation import better_turned
     from registration.layer_images.see import see_layer
     from registration.layer_images.values import (
         Appearance,
@@ -46,6 +47,7 @@ __all__ = [
     "Stretch",
     "Unseen",
     "annotated",
+    "better_turned",
     "height_map",
     "see_layer",
 ]

@@ -17,12 +17,12 @@ import cv2
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from registration.layer_images.ink_image import ACROSS, BathNoise, Template, channel_mix
+from registration.layer_images.ink_image import BathNoise, channel_mix
+from registration.layer_images.level_told import told_by_level
 from registration.layer_images.presence import fake_places, window_noise
 from registration.layer_images.strange import grown
-from registration.layer_images.told import LONG, Told, reasons
+from registration.layer_images.told import Told, reasons
 from registration.layer_images.values import (
-    Appearance,
     BoolArray,
     FloatArray,
     FloatImage,
@@ -130,29 +130,10 @@ def tell_by_change(
     good = use & (why == Unseen.SEEN)
     nothing = _core(image[:, :, None], fakes, width_px * _CORE[None, :])[:, 0]
     noise = window_noise(present, good, ways, nothing, gap_mm, known=False, even=True)
-    number = max(1.0, float(ways.step[good].sum()) / gap_mm)
-    if noise is None or not noise.can_tell(LONG * gap_mm, rate / number):
-        return None
-    flat = np.zeros((3, len(ACROSS)))
-    flat[0] = 1.0
-    count = work.channels.shape[2]
-    return Told(
-        image=image,
-        profiles=np.zeros((len(ways), len(ACROSS)), dtype=np.float32),
-        present=present,
-        plain=present,
-        why=np.asarray(why),
-        template=Template(flat, 1.0, True),
-        noise=noise,
-        contrast=noise.contrast(gap_mm),
-        strange=strange | passed,
-        unlike_bath=np.zeros(work.shape, dtype=np.float32),
-        appearance=Appearance(np.zeros(count), flat, True),
-        bath_spread=noise.bath,
-        log_step=log_step,
-        ink=np.zeros(count),
-        faint=not noise.can_tell(gap_mm, rate / number),
-    )
+    return told_by_level(
+        work, ways, use, image, present, np.asarray(why), noise, strange | passed, gap_mm, rate,
+        log_step,
+    )  # fmt: skip
 
 
 def _changed(

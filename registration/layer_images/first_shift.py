@@ -28,8 +28,9 @@ def first_shift(
         return unknown
     masks = Masks.of(lines, frame, work, np.zeros(2))
     flat = flattened(work.channels, masks.free, masks.core, work.px_per_mm, local=False)
-    # Older lines of the same ink fit as well, half a pitch aside.
+    # Older lines of the same ink fit as well, half a pitch aside; a layer's own slab has none.
     older = cv2.dilate(masks.old, np.ones((5, 5), np.uint8)) > 0
+    older &= work.height is None
     blocked = (work.bad | work.hidden | older).astype(np.uint8)
     if cv2.countNonZero(masks.fresh * (1 - blocked)) < _LEAST_FREE * cv2.countNonZero(masks.fresh):
         return unknown

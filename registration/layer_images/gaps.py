@@ -51,7 +51,7 @@ def find_gaps(
     low = good & (smooth < INK * usual)
     unclear = np.zeros(len(ways), dtype=np.bool_)
     found = []
-    for first, last in _stretches(low, ways.run):
+    for first, last in stretches_of(low, ways.run):
         rows = slice(first, last + 1)
         begin, end = _ends(smooth, good, ways, first, last, INK * usual)
         mean = float(present[rows].mean())
@@ -86,7 +86,7 @@ def _along(present: FloatArray, good: BoolArray, ways: Ways, gap_mm: float) -> F
     return out
 
 
-def _stretches(low: BoolArray, run: IntArray) -> list[tuple[int, int]]:
+def stretches_of(low: BoolArray, run: IntArray) -> list[tuple[int, int]]:
     """First and last row of each unbroken stretch of one run."""
     cut = np.concatenate([[True], run[1:] != run[:-1]])
     before = np.concatenate([[False], low[:-1]]) & ~cut

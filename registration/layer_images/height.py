@@ -10,14 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.errors import PictureError
-from registration.layer_images.values import FloatArray, FloatImage
+from registration.layer_images.values import ExpectedLines, FloatArray, FloatImage
+from registration.layer_images.working import drawn_lines
 from registration.scan import Scan
 
 _SPECKLE: Final = 3
 """Voxels over which a surface is looked for, each way."""
 _LEAST_SLAB: Final = 2
 _EDGE: Final = 0.5
-"""Of the way from dark to bright at which a surface lies."""
+"""Of the way from bath to ink at which a surface lies."""
+_FLOOR: Final = 0.1
+"""Of the brighter of both, added before the logarithm: dark noise mustn't count."""
+_AROUND_MM: Final = 1.5
+"""From lines, so far bath is looked at."""
+_FEWEST: Final = 100
+_USUAL_INK: Final = 80
+"""Percentile: some of the lines may be missing."""
+_FARTHEST: Final = 2.0
+"""Thicknesses from the layer's middle: how much farther off a surface is tells nothing."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +53,17 @@ class HeightFrame:
 
 
 def height_map(
-    scan: Scan, to_scan: FloatArray, middle_z_mm: float, thickness_mm: float
+    scan: Scan,
+    to_scan: FloatArray,
+    middle_z_mm: float,
+    thickness_mm: float,
+    lines: ExpectedLines | None = None,
 ) -> tuple[FloatImage, HeightFrame]:
     """Return a picture (rows, columns, 2) for `see_layer`, and its frame.
 
     The first channel is the mean intensity (logarithm) of the layer's own slab, the second the
-    height of what first sends light back, mm above the layer's middle. Which of them tells ink from
-    bath, `see_layer` learns.
+    height of what first sends light back, mm above the layer's middle and no farther from it than
+    two thicknesses. What lies between is half of ink and bath of the slab.
 
     Parameters
     ----------
@@ -58,6 +72,9 @@ def height_map(
         Takes the printer's places to the scan's frame, mm.
     middle_z_mm, thickness_mm : float, mm
         Of the layer, in the printer's frame.
+    lines : ExpectedLines or None
+        By which ink and bath are told apart, so that a cropped volume gives the same picture as
+        a whole one; without them they are what is brightest and darkest of the slab.
 
     Raises
     ------
@@ -77,12 +94,14 @@ def height_map(
             f"the layer at z {middle_z_mm:g} mm lies at depth {level.mean():.0f} of a volume of "
             f"{deepest + 1} voxels; check the scan's frame"
         )
-    volume = _speckle_less(scan.volume)
+    volume = _speckle_less(scan.volume, scan.scale)
     slab = _slab_mean(volume, level, half)
-    bright = slab if scan.scale == "db" else np.log(slab + _floor(volume))
-    height = _surface(volume, depth_per_mm < 0, _gel_level(volume, level, half)) - level
-    height = height / depth_per_mm
-    return np.stack([bright, height.astype(np.float32)], axis=2), frame
+    bath, ink = _bath_and_ink(slab, frame, float(1.0 / np.sqrt(dx * dy)), lines)
+    bright = np.log(slab + np.float32(_FLOOR * max(bath, ink) + 1e-6))
+    edge = np.float32(bath + _EDGE * (ink - bath))
+    height = (_surface(volume, depth_per_mm < 0, edge) - level) / depth_per_mm
+    most = _FARTHEST * thickness_mm
+    return np.stack([bright, np.clip(height, -most, most).astype(np.float32)], axis=2), frame
 
 
 def _depth_of(frame: HeightFrame, z_mm: float, shape: tuple[int, ...]) -> FloatArray:
@@ -94,11 +113,12 @@ def _depth_of(frame: HeightFrame, z_mm: float, shape: tuple[int, ...]) -> FloatA
     return np.asarray(rest / inverse[2, 2])
 
 
-def _speckle_less(volume: NDArray[np.generic]) -> FloatImage:
-    """Volume averaged over neighbouring voxels."""
+def _speckle_less(volume: NDArray[np.generic], scale: str) -> FloatImage:
+    """Linear intensity averaged over neighbouring voxels."""
     out = np.empty(volume.shape, dtype=np.float32)
     for k in range(len(volume)):
-        out[k] = cv2.blur(np.asarray(volume[k], dtype=np.float32), (_SPECKLE, _SPECKLE))
+        slice_ = np.asarray(volume[k], dtype=np.float32)
+        out[k] = cv2.blur(10 ** (slice_ / 10) if scale == "db" else slice_, (_SPECKLE, _SPECKLE))
     total = out.copy()
     total[1:] += out[:-1]
     total[:-1] += out[1:]
@@ -120,18 +140,25 @@ def _slab_mean(volume: FloatImage, level: FloatArray, half: float) -> FloatImage
     return np.where(weight > 0.3, total / np.maximum(weight, 1e-6), np.nan).astype(np.float32)
 
 
-def _floor(volume: FloatImage) -> np.float32:
-    """A tenth of what the middle of the volume sends back: dark noise mustn't count."""
-    some = volume[:: max(1, len(volume) // 8), ::4, ::4]
-    return np.float32(0.1 * max(float(np.median(some)), 1e-6) + 1e-6)
+def _bath_and_ink(
+    slab: FloatImage, frame: HeightFrame, px_per_mm: float, lines: ExpectedLines | None
+) -> tuple[float, float]:
+    """Return what bath and ink send back, of the slab's mean: around and in the middle of lines.
 
-
-def _gel_level(volume: FloatImage, level: FloatArray, half: float) -> np.float32:
-    """Between what the darkest and the brightest parts of the layer's slab send back."""
-    first = min(max(0, int(level.min() - half)), len(volume) - 1)
-    last = min(max(first + 1, int(np.ceil(level.max() + half))), len(volume))
-    low, high = np.percentile(volume[first:last, ::3, ::3], [10, 98])
-    return np.float32(low + _EDGE * (high - low))
+    As far around as a look asks to see, wherever the volume ends.
+    """
+    known = np.isfinite(slab)
+    if lines is not None:
+        ends = np.stack([frame.to_pixels(lines.start), frame.to_pixels(lines.end)], axis=1)
+        wide = lines.width_mm * px_per_mm
+        near = drawn_lines(slab.shape, ends, wide + 2 * _AROUND_MM * px_per_mm) > 0
+        taken = drawn_lines(slab.shape, ends, 1.7 * wide + 4.0) > 0
+        core = drawn_lines(slab.shape, ends[lines.fresh], 0.5 * wide[lines.fresh]) > 0
+        bath, ink = slab[near & ~taken & known], slab[core & known]
+        if min(len(bath), len(ink)) >= _FEWEST:
+            return float(np.median(bath)), float(np.percentile(ink, _USUAL_INK))
+    low, high = np.percentile(slab[known], [10, 98]) if known.any() else (0.0, 0.0)
+    return float(low), float(high)
 
 
 def _surface(volume: FloatImage, from_first: bool, level: np.float32) -> FloatImage:

@@ -143,6 +143,11 @@ class Template:
         """Whether it hangs on the direction of a line."""
         return bool(np.any(self.terms[1:]))
 
+    @property
+    def even(self) -> Template:
+        """The same without light from the side."""
+        return replace(self, terms=self.terms * np.array([[1.0], [0.0], [0.0]]), slant=0.0)
+
     def rows(self, angle: FloatArray) -> FloatArray:
         """Template of each direction, (n, 61); 0 outside the line."""
         turned = np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])

@@ -55,9 +55,14 @@ def _nowhere_sure(shift: Shift, ways: Ways) -> bool:
     return least > (0.4 * float(np.median(ways.width))) ** 2
 
 
-def honest_shift(shift: Shift, look: SeenLayer) -> Shift:
-    """Widen the shift of lines lit from the side: their middle isn't where it seems."""
+def honest_shift(shift: Shift, look: SeenLayer, reach_mm: float) -> Shift:
+    """Widen the shift of lines lit from the side: their middle isn't where it seems.
+
+    Lines that aren't seen at all may lie anywhere within reach.
+    """
     told = look.bath
+    if all(one is None or one.noise is None for one in (told, look.old)):
+        return replace(shift, covariance_mm2=shift.covariance_mm2 + reach_mm**2 * np.eye(2))
     if told is None:
         return shift
     slant, moved = min(told.template.slant, 1.0), np.hypot(shift.dx_mm, shift.dy_mm)

@@ -63,8 +63,8 @@ def see_layer(
     Parameters
     ----------
     picture : (h, w) or (h, w, c) uint8, uint16 or float
-        A float picture (an OCT's height map, `height_map`) is taken as it is, NaN as not seen; of
-        others the logarithm.
+        A float picture is taken as it is, NaN as not seen; one of two channels is a `height_map`:
+        the first tells ink from bath. Of others the logarithm.
     frame : Frame
     lines : ExpectedLines
         Of the layer, and what older lines can be seen.
@@ -98,7 +98,7 @@ def see_layer(
     late = np.zeros(len(lines), dtype=np.bool_) if since is None else since & ~lines.fresh
     if before is not None:
         work = with_before(work, own, picture, before, lines, lines.fresh | late)
-    if thickness_mm is not None and (work.is_log or picture.ndim != 3 or not thickness_mm > 0):
+    if thickness_mm is not None and (work.height is None or not thickness_mm > 0):
         raise PictureError(
             f"thickness_mm is {thickness_mm:g} and the picture no height map; thickness_mm > 0 mm "
             "goes with a picture of `height_map` alone"
@@ -115,7 +115,7 @@ def see_layer(
             break
     else:
         look = seen_at_shift(work, own, lines, late, ways, shift, options, known, thickness_mm, rng)
-    return findings_of(look, lumens, honest_shift(shift, look), options)
+    return findings_of(look, lumens, honest_shift(shift, look, options.shift_mm), options)
 
 
 def _finer(look: SeenLayer, shift: Shift, options: SeeingOptions, work: Working) -> Shift | None:

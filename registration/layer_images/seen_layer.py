@@ -35,10 +35,12 @@ from registration.layer_images.values import (
 )
 from registration.layer_images.ways import Seen, Ways
 from registration.layer_images.widths import Widths
-from registration.layer_images.working import Masks, Working, WorkingFrame, drawn_lines
+from registration.layer_images.working import Mask, Masks, Working, WorkingFrame, drawn_lines
 
 _MOST_OLD: Final = 0.3
 """Of a line's width over older ink: more, and it is judged against that."""
+_ONE_BELOW: Final = 1.5
+"""Thicknesses from middle to middle, within which an older line lies directly below."""
 _UNSETTLED: Final = 0.1
 """Of a width over ink that was written since the picture before: what changed tells nothing."""
 
@@ -104,8 +106,9 @@ def seen_at_shift(
     place = reasons(work, seen, ways, np.zeros(work.shape, dtype=np.bool_))
     old = None
     if over_old.any() and thickness_mm is not None:
+        below = _directly_below(work, frame, lines, by, thickness_mm)
         old = tell_by_height(
-            work, ways, seen, place, over_old, drawn, masks.fresh, thickness_mm,
+            work, ways, seen, place, over_old, drawn, masks.fresh, below, thickness_mm,
             options.gap_mm, options.false_rate,
         )  # fmt: skip
     elif over_old.any() and work.earlier is not None:
@@ -129,6 +132,17 @@ def seen_at_shift(
         work, frame, ways, moved, seen, flat, masks, sides, over_old, bath, old, *joined, group,
         widths, by_height, by_change,
     )  # fmt: skip
+
+
+def _directly_below(
+    work: Working, frame: WorkingFrame, lines: ExpectedLines, by_mm: FloatArray, thickness_mm: float
+) -> Mask:
+    """Draw older lines of the layer directly below, (h, w)."""
+    least = float(np.median(lines.end[lines.fresh, 2])) - _ONE_BELOW * thickness_mm
+    row = ~lines.fresh & (lines.end[:, 2] > least)
+    by = np.append(by_mm, 0.0)
+    ends = [frame.to_pixels(one[row] + by) for one in (lines.start, lines.end)]
+    return drawn_lines(work.shape, np.stack(ends, axis=1), lines.width_mm[row] * work.px_per_mm)
 
 
 def _by_change(

@@ -7,16 +7,17 @@ along a line (a drooping edge) isn't a gap either: one begins and ends with a st
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import cv2
 import numpy as np
 
-from registration.layer_images.ink_image import ACROSS, Template
-from registration.layer_images.presence import window_noise
-from registration.layer_images.told import LONG, Told
+from registration.layer_images.gaps import stretches_of
+from registration.layer_images.level_told import told_by_level
+from registration.layer_images.presence import INK, window_noise
+from registration.layer_images.told import Told
 from registration.layer_images.values import (
-    Appearance,
     BoolArray,
     FloatArray,
     FloatImage,
@@ -27,8 +28,6 @@ from registration.layer_images.values import (
 from registration.layer_images.ways import Seen, Ways
 from registration.layer_images.working import Mask, Working
 
-_HEIGHT: Final = 1
-"""Channel of `height_map`."""
 _CORE = np.linspace(-0.3, 0.3, 7)
 _OFF: Final = 0.4
 """Of a thickness, by which ink's level may lie beside its place: more, and it may be the older
@@ -36,12 +35,15 @@ layer's."""
 _HIGHEST: Final = 80.0
 _ROUNDS: Final = 6
 _FEWEST: Final = 60
-_LEAST_INK: Final = 0.6
+_LEAST_INK: Final = 0.35
 """Of the places, that must lie at ink's level."""
 _LOW, _HIGH = -0.6, 1.6
 """Presence of what is neither ink nor older ink: shadow, a hole through it, a bubble."""
 _RIM: Final = 1.0
-"""Widths from bath or a rim, within which surfaces droop."""
+"""Widths from bath or a rim, within which surfaces droop and have a level of their own."""
+_SHORT_AT_RIM: Final = 3.0
+"""Widths, or tolerated gaps, below which a low stretch at a rim may be a droop."""
+_NEAR_END: Final = 2.0
 _CRACK: Final = 0.15
 _BESIDE: Final = 0.8
 _STEP: Final = 0.6
@@ -57,6 +59,7 @@ def tell_by_height(
     use: BoolArray,
     ink: Mask,
     fresh: Mask,
+    below: Mask,
     thickness_mm: float,
     gap_mm: float,
     rate: float,
@@ -66,66 +69,62 @@ def tell_by_height(
     Parameters
     ----------
     work : Working
-        Of a height map: its second channel is mm above the layer's middle.
+        Of a height map.
     ways, seen
     place : (n,) int64
         `Unseen`, by place alone.
     use : (n,) bool
-    ink, fresh : (h, w) uint8
-        Where any ink is expected, and the layer's own.
+    ink, fresh, below : (h, w) uint8
+        Where any ink is expected, the layer's own, and that of the layer directly below.
     thickness_mm : float, mm
         Of the layer.
     gap_mm : float, mm
     rate : float
         False findings per sound layer.
     """
-    image = np.ascontiguousarray(work.channels[:, :, _HEIGHT] / np.float32(thickness_mm))
+    assert work.height is not None
+    image = work.height / np.float32(thickness_mm)
     across = seen.profiles(image, ways.width[:, None] * _CORE)
     height = np.median(across, axis=1).astype(np.float64)
     lost = seen.profiles(work.bad.astype(np.uint8), ways.width[:, None] * _CORE, nearest=True)
     why = np.where((place == Unseen.SEEN) & lost.any(axis=1), int(Unseen.GLARE), place)
-    why = np.where(
-        (why == Unseen.SEEN) & _at_rim(ink, fresh, ways, seen, work), int(Unseen.OLD_INK), why
-    )
-    level = _level(height, ways.point, use & (why == Unseen.SEEN))
+    why = np.where((why == Unseen.SEEN) & (ways.to_end < ways.width), int(Unseen.OLD_INK), why)
+    rim, touched = _at_rim(ink, fresh, ways, seen, work)
+    level = _level(height, ways.point, use & (why == Unseen.SEEN), rim)
     if level is None or np.isnan(level[use]).all():
         return None
     unknown = np.isnan(level)
     present = np.where(unknown, 0.0, height - level + 1.0)
+    # Between older lines one sees deeper where ink is missing.
+    spans = seen.profiles(below, ways.width[:, None] * _CORE, nearest=True).mean(axis=1) < 1.0
+    present = np.where(spans, np.maximum(present, 0.0), present)
     odd = (present < _LOW) | (present > _HIGH)
     why = np.where((why == Unseen.SEEN) & odd, int(Unseen.GLARE), why)
+    unknown |= _short_at_rim(present, touched, ways, gap_mm)
     why = np.where((why == Unseen.SEEN) & unknown, int(Unseen.OLD_INK), why)
     good = use & (why == Unseen.SEEN)
     noise = window_noise(present, good, ways, None, gap_mm, known=False, even=True)
-    if noise is None:
-        return None
-    noise = type(noise)(noise.length_mm, noise.middle, noise.spread, float(noise.spread[0]))
-    places = max(1.0, float(ways.step[good].sum()) / gap_mm)
-    if not noise.can_tell(LONG * gap_mm, rate / places):
-        return None
-    flat = np.zeros((3, len(ACROSS)))
-    flat[0] = 1.0
-    return Told(
-        image=image,
-        profiles=np.zeros((len(ways), len(ACROSS)), dtype=np.float32),
-        present=present,
-        plain=present,
-        why=np.asarray(why),
-        template=Template(flat, 1.0, True),
-        noise=noise,
-        contrast=noise.contrast(gap_mm),
-        strange=np.asarray(image - np.float32(np.nanmedian(level)) > _HIGH - 1.0),
-        unlike_bath=np.zeros(work.shape, dtype=np.float32),
-        appearance=Appearance(np.zeros(work.channels.shape[2]), flat, True),
-        bath_spread=float(noise.spread[0]),
-        log_step=0.0,
-        ink=np.zeros(work.channels.shape[2]),
-        faint=not noise.can_tell(gap_mm, rate / places),
-    )
+    if noise is not None:  # what lies below scatters as ink does
+        noise = replace(noise, bath=float(noise.spread[0]))
+    strange = np.asarray(image - np.float32(np.nanmedian(level)) > _HIGH - 1.0)
+    return told_by_level(work, ways, use, image, present, why, noise, strange, gap_mm, rate)
 
 
-def _at_rim(ink: Mask, fresh: Mask, ways: Ways, seen: Seen, work: Working) -> BoolArray:
-    """Places where surfaces droop, (n,): near bath, a filled area's rim, or a line's end."""
+def _short_at_rim(present: FloatArray, rim: BoolArray, ways: Ways, gap_mm: float) -> BoolArray:
+    """Places of short low stretches at filled areas' rims and lines' ends, (n,): both droop."""
+    out = np.zeros(len(ways), dtype=np.bool_)
+    droops = rim | (ways.to_end < _NEAR_END * ways.width)
+    for first, last in stretches_of(present < INK, ways.run):
+        rows = slice(first, last + 1)
+        least = _SHORT_AT_RIM * max(gap_mm, float(ways.width[rows].max()))
+        out[rows] = droops[rows].any() and float(ways.step[rows].sum()) < least
+    return out
+
+
+def _at_rim(
+    ink: Mask, fresh: Mask, ways: Ways, seen: Seen, work: Working
+) -> tuple[BoolArray, BoolArray]:
+    """Places where surfaces droop, (n,): near bath or a filled area's rim; those that touch ink."""
     width_px = ways.width * work.px_per_mm
     middle, beside = np.zeros((1, 1)), ways.width[:, None] * np.array([-_BESIDE, _BESIDE])
     least = _RIM * width_px
@@ -134,7 +133,8 @@ def _at_rim(ink: Mask, fresh: Mask, ways: Ways, seen: Seen, work: Working) -> Bo
     filled = _closed(fresh, typical)
     near_rim = seen.profiles(_depth(filled), middle)[:, 0] < least
     touched = seen.profiles(filled, beside, nearest=True).any(axis=1)
-    return np.asarray(near_bath | (near_rim & touched) | (ways.to_end < ways.width))
+    rim = near_bath | (near_rim & touched)
+    return np.asarray(rim), np.asarray(rim & touched)
 
 
 def _closed(ink: Mask, width_px: float) -> Mask:
@@ -149,11 +149,13 @@ def _depth(ink: Mask) -> FloatImage:
     return np.asarray(cv2.distanceTransform(ink, cv2.DIST_L2, 5))
 
 
-def _level(height: FloatArray, point: FloatArray, use: BoolArray) -> FloatArray | None:
+def _level(
+    height: FloatArray, point: FloatArray, use: BoolArray, rim: BoolArray
+) -> FloatArray | None:
     """Height of sound ink at all places, thicknesses above the layer's middle, (n,).
 
-    A surface of second order through the heights that lie nearer to it than half a thickness; NaN
-    where it lies where older ink might, None where too few lie on it.
+    A surface of second order through the heights that lie nearer to it than half a thickness, and
+    how much lower rims lie; NaN where it lies where older ink might, None where too few lie on it.
     """
     if use.sum() < _FEWEST:
         return None
@@ -173,6 +175,10 @@ def _level(height: FloatArray, point: FloatArray, use: BoolArray) -> FloatArray 
     near = use & (np.abs(height - level) < 0.5)
     if near.sum() < _LEAST_INK * use.sum():
         return None
+    for group in (rim, ~rim):
+        own = near & group
+        if own.sum() > max(_FEWEST, _LEAST_INK * (use & group).sum()):
+            level = level + np.where(group, np.median((height - level)[own]), 0.0)
     return np.where(np.abs(level - 0.5) < _OFF, level, np.nan)
 
 
@@ -181,31 +187,40 @@ def stepped(
 ) -> tuple[list[Gap], BoolArray]:
     """Return gaps where the surface steps down, and the places of all others, (n,)."""
     kept, doubtful = [], np.zeros(len(ways), dtype=np.bool_)
-    for gap in gaps:
-        if _begins_with_a_step(gap, present, good, ways):
+    inside = [_rows(gap, ways) for gap in gaps]
+    ink = good & (present > INK) & ~np.any([doubtful, *inside], axis=0)
+    for gap, rows in zip(gaps, inside, strict=True):
+        if _begins_with_a_step(gap, present, good & rows, ink, ways):
             kept.append(gap)
         else:
-            own = ways.stroke == gap.stroke
-            doubtful |= own & (ways.along >= gap.from_mm) & (ways.along <= gap.to_mm)
+            doubtful |= rows
     return kept, doubtful
 
 
-def _begins_with_a_step(gap: Gap, present: FloatArray, good: BoolArray, ways: Ways) -> bool:
-    """Whether the surface steps down at a gap's begin and end, where the stroke goes on there."""
-    own = good & (ways.stroke == gap.stroke)
-    along = ways.along
+def _rows(gap: Gap, ways: Ways) -> BoolArray:
+    own = ways.stroke == gap.stroke
+    return np.asarray(own & (ways.along >= gap.from_mm) & (ways.along <= gap.to_mm))
+
+
+def _begins_with_a_step(
+    gap: Gap, present: FloatArray, bare: BoolArray, ink: BoolArray, ways: Ways
+) -> bool:
+    """Whether the surface steps down at a gap's begin and end, where ink goes on there.
+
+    ``bare`` are its places (n,), ``ink`` those outside all gaps. Where no ink goes on, as of a
+    stroke that is missing as a whole, the gap must lie a layer lower altogether.
+    """
+    if not bare.any():
+        return False
     steps = []
+    begin, stop = _STEP_MM
     for end, way in ((gap.from_mm, -1.0), (gap.to_mm, 1.0)):
-        off = way * (along - end) / ways.width
-        begin, stop = _STEP_MM
-        outside = own & (off > begin) & (off < stop)
-        inside = own & (off < -0.5 * begin) & (off > -stop)
-        inside &= (along > gap.from_mm) & (along < gap.to_mm)
-        if not inside.any():
-            inside = own & (along > gap.from_mm) & (along < gap.to_mm)
-        if not outside.any():
-            continue
-        if not inside.any():
-            return False
-        steps.append(float(present[outside].mean() - present[inside].mean()))
-    return bool(steps) and min(steps) > _STEP
+        off = way * (ways.along - end) / ways.width
+        outside = ink & (ways.stroke == gap.stroke) & (off > begin) & (off < stop)
+        inside = bare & (off < -0.5 * begin) & (off > -stop)
+        if outside.any():
+            deep = inside if inside.any() else bare
+            steps.append(float(present[outside].mean() - present[deep].mean()))
+    if not steps:
+        return float(np.median(present[bare])) < 1.0 - _STEP
+    return min(steps) > _STEP

@@ -19,7 +19,9 @@ _UNLIKE = 2.0
 """Times what one place of bath in fifty exceeds: that isn't bath."""
 
 
-def strangeness(smooth: FloatImage, bath: BathNoise, ink: FloatArray) -> FloatImage:
+def strangeness(
+    smooth: FloatImage, bath: BathNoise, ink: FloatArray, among_inks: FloatArray | None = None
+) -> FloatImage:
     """Deviations of the smoothed channels (h, w, c) from bath, ink and all between, (h, w).
 
     Parameters
@@ -28,9 +30,12 @@ def strangeness(smooth: FloatImage, bath: BathNoise, ink: FloatArray) -> FloatIm
     bath : BathNoise
     ink : (c,) float64
         Mean of ink less that of bath.
+    among_inks : (c, c) float64 or None
+        Covariance of the ink of strokes that differ.
     """
     count = smooth.shape[2]
     covariance = bath.covariance + 1e-4 * np.diag(ink**2) + 1e-12 * np.eye(count)
+    covariance = covariance if among_inks is None else covariance + among_inks
     root = np.linalg.cholesky(np.linalg.inv(covariance)).astype(np.float32)
     whitened = (smooth - bath.mean.astype(np.float32)) @ root
     way = ink.astype(np.float32) @ root

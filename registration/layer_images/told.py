@@ -15,6 +15,7 @@ from registration.layer_images.ink_image import (
     learn_template,
     mixes_of,
 )
+from registration.layer_images.line_levels import among_lines, line_levels
 from registration.layer_images.presence import (
     INK,
     Sides,
@@ -176,7 +177,8 @@ def _by_mix(
 ) -> Told | None:
     mixed = np.asarray(ground.flat @ mix.astype(np.float32) - np.float32(bath.mean @ mix))
     width_px = float(np.median(ways.width)) * ground.work.px_per_mm
-    away = strangeness(ground.smooth, bath, ink)
+    among = among_lines(ground.smooth, ways, seen, use) if ways.varied else None
+    away = strangeness(ground.smooth, bath, ink, among)
     strange = _strange(ground, away, width_px)
     profiles = seen.profiles(mixed, ways.width[:, None] * ACROSS)
     why, angle = reasons(ground.work, seen, ways, strange), angle_of(seen)
@@ -187,6 +189,7 @@ def _by_mix(
         template = _known_template(known)
     else:
         template = learn_template(profiles[learn], sides.usable()[learn], angle[learn])
+        template = template if ground.work.is_log else template.even
     scale = np.float32(template.scale)
     image = np.asarray(mixed / scale, dtype=np.float32)
     profiles = profiles / scale
@@ -202,6 +205,12 @@ def _by_mix(
     if fakes is not None:
         own, _ = template.weights(fakes[1], noise_across)
         fake_present = (fakes[0] * own).sum(axis=1).astype(np.float64)
+    if ways.varied:
+        level = line_levels(plain, ways, use & (why == Unseen.SEEN), fake_present)
+        profiles = np.asarray(profiles / level[:, None], dtype=np.float32)
+        present, plain = present / level, plain / level
+        fake_present = None if fake_present is None else fake_present / float(level.min())
+    if fakes is not None:
         inner = fakes[0][:, WITHIN]
         bath_spread = 1.4826 * float(np.median(np.abs(inner - np.median(inner))))
     if template.by_edges:

@@ -29,6 +29,9 @@ _OVER = 0.85
 """Of the mean width: lines whose middles are nearer lie over each other."""
 _DETOUR = 1.25
 """Way along a line over the distance of two of its places, from which on it has turned back."""
+_DEEPER = 0.5
+"""Of a width, from which on places lie at different depths."""
+_WIDER = 1.15
 _CHUNK = 20_000
 """OpenCV takes pictures of at most 2^15 samples a side."""
 
@@ -76,6 +79,15 @@ class Ways:
         ahead = np.where(self.run[ahead] == self.run, ahead, index)
         turned |= (self.normal[back] * self.normal[ahead]).sum(axis=1) < _STRAIGHT
         return turned
+
+    @cached_property
+    def varied(self) -> bool:
+        """Whether lines differ in depth or width: then each has a level and hue of its own.
+
+        Translucent ink is as dark as it is thick, and the bath above veils it.
+        """
+        deep = float(np.ptp(self.point[:, 2])) > _DEEPER * float(np.median(self.width))
+        return deep or float(self.width.max()) > _WIDER * float(self.width.min())
 
     @cached_property
     def crossed(self) -> BoolArray:

@@ -63,6 +63,9 @@ class Working:
         ``channels`` is then the difference.
     moved_px : float
         By how many pixels of the picture the camera moved in between; NaN without such a picture.
+    height : (h, w) float32 or None
+        Of a `height_map`: mm above the layer's middle. No channel: it isn't linear between bath
+        and ink.
     """
 
     channels: FloatImage
@@ -74,6 +77,7 @@ class Working:
     is_log: bool
     earlier: FloatImage | None = None
     moved_px: float = math.nan
+    height: FloatImage | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -127,7 +131,12 @@ def prepare(
     size = channels.shape[1::-1]
     lost = cv2.resize(cover, size, interpolation=cv2.INTER_AREA) > 0 if hidden else bad & False
     is_float = np.issubdtype(picture.dtype, np.floating)
-    work = Working(channels, bad, lost, (x0, y0), scale, seen.px_per_mm / scale, not is_float)
+    height = None
+    if is_float and channels.shape[2] == 2:
+        channels, height = channels[:, :, :1].copy(), channels[:, :, 1].copy()
+    work = Working(
+        channels, bad, lost, (x0, y0), scale, seen.px_per_mm / scale, not is_float, height=height
+    )
     return work, WorkingFrame(frame, (x0, y0), scale)
 
 

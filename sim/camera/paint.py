@@ -72,7 +72,8 @@ def paint(
     CameraError
         When the camera sees past the dish, or a picture file can't be read.
     """
-    plan = Plan.under(camera, _plane_z(ink, camera, scene), scene.bath.refractive_index)
+    index = 1.0 if scene.bath.surface_z_mm is None else scene.bath.refractive_index
+    plan = Plan.under(camera, _plane_z(ink, camera, scene), index)
     drawn_ink = ink_map(ink, plan, scene.ink, scene.bath)
     drawn = lit(drawn_ink, plan, scene, _ground(ink, plan, scene))
     add_clutter(drawn, plan, scene.clutter, scene.light, scene.seed)

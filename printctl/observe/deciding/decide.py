@@ -2,6 +2,7 @@
 
 Rules, in their order; the first that holds decides:
 
+0. the picture fits the layer better turned or mirrored: pause; nothing in it lies where it seems;
 1. the layer lies beside its place by more than tolerance (skipped steps): stop where the shift grew
    since the last look, else pause; no ink laid later could lie right;
 2. no ink comes out any more (clog, empty syringe): pause;
@@ -97,6 +98,8 @@ class Evidence:
         Written since the last look.
     level_mm : float or None, mm
         Height of the layer; None where there is none, and each look stands for itself.
+    turned : str or None
+        How the picture would fit the layer clearly better ("turned by 180°").
     """
 
     places: int
@@ -113,6 +116,7 @@ class Evidence:
     over_old_share: float = 0.0
     way_mm: float = 1.0
     level_mm: float | None = None
+    turned: str | None = None
 
 
 @dataclass(frozen=True)
@@ -229,12 +233,21 @@ class Decider:
     def decide(self, evidence: Evidence) -> Decision:
         """Return what the look calls for, as the mode allows."""
         self.layers.add(evidence, self.limits.least_seen)
-        if evidence.supply.state not in _STOPPING:  # thin because it is about to stop is no drift
+        stopping = evidence.supply.state in _STOPPING  # thin because it is about to stop: no drift
+        if not stopping and evidence.turned is None:
             self.control.learn(evidence.flow)
         return self._as_allowed(self._wanted(evidence), evidence)
 
     def _wanted(self, evidence: Evidence) -> Decision:
-        rules = (self._shifted, self._stopped, self._narrowed, self._gaps, self._flow, self._blind)
+        rules = (
+            self._turned,
+            self._shifted,
+            self._stopped,
+            self._narrowed,
+            self._gaps,
+            self._flow,
+            self._blind,
+        )
         for rule in rules:
             decision = rule(evidence)
             if decision is not None:
@@ -276,6 +289,15 @@ class Decider:
         return evidence.seen_share < self.limits.least_seen * (1.0 - evidence.over_old_share)
 
     # --- rules -----------------------------------------------------------------------------------
+
+    def _turned(self, evidence: Evidence) -> Decision | None:
+        if evidence.turned is None:
+            return None
+        return Decision(
+            DecisionKind.PAUSE,
+            f"the picture fits the layer better {evidence.turned}: check the device's axes and "
+            "observe.frame; nothing is mended by it",
+        )
 
     def _shifted(self, evidence: Evidence) -> Decision | None:
         shift, u = evidence.shift_mm, evidence.u_shift_mm

@@ -64,6 +64,14 @@ def test_a_doubtful_picture_is_never_mended_by_unasked(changed, words):
     assert over_old.kind is DecisionKind.MEND
 
 
+def test_a_turned_picture_pauses_and_nothing_is_learned_or_mended_by_it():
+    decider = Decider(Limits(mend="mend"))
+    found = decider.decide(evidence(gaps=(GAP,), flow=flow(0.8), turned="turned by 180°"))
+    assert (found.kind, found.ask, found.gaps) == (DecisionKind.PAUSE, None, ())
+    assert "fits the layer better turned by 180°: check the device's axes" in found.why
+    assert decider.decide(evidence()).kind is DecisionKind.GO_ON
+
+
 def test_thin_lines_are_corrected():
     found = decided(flow=flow(0.8))
     assert found.kind is DecisionKind.FLOW

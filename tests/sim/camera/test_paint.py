@@ -81,6 +81,19 @@ def test_line_is_seen_where_the_optics_say_and_as_wide(surface):
     assert wide == pytest.approx(0.3 * deeper, abs=0.02)
 
 
+def test_in_air_deep_ink_is_seen_straight_below_higher_ink():
+    begin, end = np.array([47.5, 39, 0.0]), np.array([52.5, 41.2, 0.0])
+    lines = [line(begin, end).strands, line((48, 42.5, 3), (52, 42.5, 3)).strands]
+    scene = PLAIN.model_copy(update={"bath": PLAIN.bath.model_copy(update={"turbidity_per_mm": 0})})
+    picture = paint(laid_as_is(Strands.joined(lines), "embedded"), CAMERA, scene, 1)
+    places = begin + np.linspace(0.2, 0.8, 20)[:, None] * (end - begin)
+    pixels = CAMERA.pixels(places)
+    grey, step = across(picture, pixels, pixels[-1] - pixels[0])
+    ink = grey - 100.0
+    middle = (ink * step).sum(axis=1) / ink.sum(axis=1)
+    assert abs(middle.mean()) < 0.1
+
+
 def test_missing_ink_is_missing():
     whole = line((47, 40, 1), (53, 40, 1), style="layered", layer_mm=0.1)
     halves = [line((47, 40, 1), (49.5, 40, 1)).strands, line((50.5, 40, 1), (53, 40, 1)).strands]

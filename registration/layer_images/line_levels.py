@@ -1,0 +1,91 @@
+"""Levels and hues of lines that differ in depth or width, as filaments in a bath do."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from registration.layer_images.values import BoolArray, FloatArray, FloatImage, IntArray
+from registration.layer_images.ways import Seen, Ways
+
+_MOST: Final = 75.0
+"""Percentile of a line's presence: three quarters of it may be missing."""
+_LEAST: Final = 0.1
+_SURE: Final = 6.0
+"""Of the usual presence, and standard deviations of bath, from which on it is ink."""
+_FEWEST: Final = 4
+_SAME_WIDTH: Final = 0.01
+_STRAIGHT: Final = 0.9
+"""Cosine of a turn, below which another line begins."""
+_NEAR: Final = 0.25
+"""Of a line's level: ink that its slope is learned from."""
+_ROUNDS: Final = 4
+
+
+def lines_of(ways: Ways) -> IntArray:
+    """Return the number of the line that each place is on, (n,): of one width, without a turn."""
+    _, piece = np.unique(ways.piece, return_inverse=True)
+    total = np.stack([np.bincount(piece, ways.normal[:, c]) for c in range(2)], axis=1)
+    normal = total / np.maximum(np.linalg.norm(total, axis=1), 1e-9)[:, None]
+    here, before = piece[1:], piece[:-1]
+    turned = (normal[here] * normal[before]).sum(axis=1) < _STRAIGHT
+    wider = np.abs(ways.width[1:] / ways.width[:-1] - 1.0) > _SAME_WIDTH
+    return np.concatenate([[0], np.cumsum(turned | wider | (np.diff(ways.run) != 0))])
+
+
+def line_levels(
+    presence: FloatArray, ways: Ways, good: BoolArray, bath: FloatArray | None
+) -> FloatArray:
+    """Return the presence that each line's own ink has, (n,); 1 where it shows none.
+
+    It may rise or fall along a line, which leads upwards or downwards.
+
+    Parameters
+    ----------
+    presence : (n,) float64
+        By the usual ink of the layer.
+    ways : Ways
+    good : (n,) bool
+        Seen.
+    bath : (k,) float64 or None
+        Presence where there is bath alone.
+    """
+    least = _LEAST if bath is None else max(_LEAST, _SURE * float(bath.std()))
+    level, line = np.ones(len(ways)), lines_of(ways)
+    for number in range(int(line[-1]) + 1):
+        rows = line == number
+        own = rows & good & ~ways.crossed
+        usual = float(np.percentile(presence[own], _MOST)) if own.sum() >= _FEWEST else 0.0
+        if usual > least:
+            level[rows] = np.maximum(_sloped(presence, ways.along, rows, own, usual), least)
+    return level
+
+
+def _sloped(
+    presence: FloatArray, along: FloatArray, rows: BoolArray, own: BoolArray, usual: float
+) -> FloatArray:
+    """Level of one line's ink at its places ``rows``, learned at those of ``own``."""
+    middle, size = float(along[rows].mean()), max(float(np.ptp(along[rows])), 1e-6)
+    x = (along - middle) / size
+    level = np.full(len(along), usual)
+    for _ in range(_ROUNDS):
+        near = own & (np.abs(presence - level) < _NEAR * level)
+        if near.sum() < _FEWEST or np.ptp(x[near]) < 0.5:
+            break
+        slope, least = np.polyfit(x[near], presence[near], 1)
+        level = least + slope * x
+    return np.asarray(level[rows])
+
+
+def among_lines(smooth: FloatImage, ways: Ways, seen: Seen, use: BoolArray) -> FloatArray:
+    """Return the covariance (c, c) of what lines show in their middle, of places ``use`` (n,)."""
+    count, middle, line = smooth.shape[2], np.zeros((1, 1)), lines_of(ways)
+    at = np.stack(
+        [seen.profiles(np.ascontiguousarray(smooth[:, :, c]), middle)[:, 0] for c in range(count)],
+        axis=1,
+    )
+    usual = [np.median(at[use & (line == one)], axis=0) for one in np.unique(line[use])]
+    if len(usual) < 2:
+        return np.zeros((count, count))
+    return np.atleast_2d(np.cov(np.array(usual, dtype=np.float64).T))

@@ -1,0 +1,89 @@
+"""Find out whether a height map fits its lines better turned or mirrored: a scan's axes mixed up.
+
+Ink that lies where lines are expected correlates best with them as it is, however much of it is
+missing; so a picture that fits better otherwise isn't of the frame it is said to be of. A layer
+that looks the same turned tells nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+import cv2
+import numpy as np
+
+from registration.layer_images.values import BoolArray, ExpectedLines, FloatImage, Frame
+from registration.layer_images.working import drawn_lines
+
+_PIXELS: Final = 1e5
+_SAME_MM: Final = 1e-3
+_REACH_MM: Final = 0.5
+"""By which the layer may lie beside its place."""
+_FITS: Final = 0.5
+"""Correlation that ink and lines have at least where they belong together."""
+_BETTER: Final = 0.1
+
+_TURNS: Final[Mapping[str, Callable[[FloatImage], FloatImage]]] = {
+    "turned by 180°": lambda image: image[::-1, ::-1],
+    "turned by 90°": lambda image: np.rot90(image),
+    "turned by 270°": lambda image: np.rot90(image, 3),
+    "mirrored along x": lambda image: image[:, ::-1],
+    "mirrored along y": lambda image: image[::-1],
+    "with x and y exchanged": lambda image: image.T,
+    "with x and y exchanged and turned by 180°": lambda image: image[::-1, ::-1].T,
+}
+
+
+def better_turned(picture: FloatImage, frame: Frame, lines: ExpectedLines) -> str | None:
+    """Return how a height map fits its lines clearly better; None where it fits as it is.
+
+    Parameters
+    ----------
+    picture : (rows, columns, 1 or 2) float32
+        Of `height_map`; what scatters comes first.
+    frame : Frame
+        Of the picture as it is.
+    lines : ExpectedLines
+    """
+    rows = _at_its_height(lines)
+    ends = np.stack([frame.to_pixels(one[rows]) for one in (lines.start, lines.end)], axis=1)
+    flat = np.linalg.norm((lines.end - lines.start)[rows, :2], axis=1)
+    px_per_mm = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() / max(flat.sum(), 1e-9)
+    shrink = max(1.0, float(np.sqrt(picture[:, :, 0].size / _PIXELS)))
+    ink = _shrunk(
+        np.nan_to_num(picture[:, :, 0], nan=float(np.nanmedian(picture[:, :, 0]))), shrink
+    )
+    wide = lines.width_mm[rows] * px_per_mm
+    reach = max(1, round(_REACH_MM * px_per_mm / shrink))
+
+    def fit(turned: FloatImage) -> float:
+        shape = tuple(round(count * shrink) for count in turned.shape)
+        drawn = drawn_lines((shape[0], shape[1]), ends, wide).astype(np.float32)
+        mask = cv2.resize(drawn, turned.shape[::-1], interpolation=cv2.INTER_AREA)
+        inner = mask[reach:-reach, reach:-reach]
+        if min(inner.shape, default=0) < 8 or inner.std() < 1e-3:
+            return 0.0
+        found = cv2.matchTemplate(np.ascontiguousarray(turned), inner, cv2.TM_CCOEFF_NORMED)
+        return float(found.max())
+
+    as_it_is = fit(ink)
+    fits = {name: fit(turn(ink)) for name, turn in _TURNS.items()}
+    best = max(fits, key=lambda name: fits[name])
+    clearly = fits[best] > max(_FITS, as_it_is + _BETTER)
+    return best if clearly else None
+
+
+def _at_its_height(lines: ExpectedLines) -> BoolArray:
+    """Fresh lines, and older ones between the lowest and the highest of them, (n,)."""
+    z = 0.5 * (lines.start[:, 2] + lines.end[:, 2])
+    low, high = z[lines.fresh].min(), z[lines.fresh].max()
+    return np.asarray((z >= low - _SAME_MM) & (z <= high + _SAME_MM))
+
+
+def _shrunk(image: FloatImage, by: float) -> FloatImage:
+    """Image of fewer pixels, its darkest and brightest clipped."""
+    size = (max(1, round(image.shape[1] / by)), max(1, round(image.shape[0] / by)))
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    low, high = np.percentile(small, [1, 99])
+    return np.asarray(np.clip(small, low, high), dtype=np.float32)

@@ -1,0 +1,98 @@
+"""Layers seen in OCT volumes: single lines, touching ones, lattices; cropped and turned volumes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from registration.layer_images import Unseen, better_turned, see_layer
+from tests.registration.layer_images.oct_volumes import THICK, Piece, area, painted
+
+SINGLE = [(0, 0.0, 0.0, 3.0, 0.0), (0, 0.0, 1.5, 3.0, 1.5), (0, 0.0, 3.0, 3.0, 3.0)]
+
+
+def test_a_single_line_in_a_wide_field_is_seen_and_its_gap_found() -> None:
+    (piece, *_) = SINGLE
+    found = painted([piece], [(0, 1.0, 1.6)], margin_mm=4.0).look()
+    assert found.seen_share > 0.95
+    (gap,) = found.gaps
+    assert (gap.from_mm, gap.to_mm) == pytest.approx((1.0, 1.6), abs=0.06)
+
+
+@pytest.mark.parametrize("missing", [None, 0, 1])
+def test_a_missing_stroke_among_single_lines_is_found(missing: int | None) -> None:
+    found = painted(SINGLE, [] if missing is None else [(missing, -1.0, 9.0)]).look()
+    assert found.seen_share > 0.95
+    assert [gap.stroke for gap in found.gaps] == ([] if missing is None else [missing])
+
+
+WALL = [(k, 0.0, m, 4.0, m) for k in range(3) for m in (0.15, 0.45, 0.75)]
+
+
+@pytest.mark.parametrize(
+    ("pieces", "inner"),
+    [
+        (area(1, 10), 4),
+        (area(3, 10), 24),
+        (WALL, 7),
+        (area(2, 4, 0.8), 5),
+        (area(3, 4, 0.8), 9),
+    ],
+    ids=["area", "areas", "wall", "two crossing", "lattice"],
+)
+def test_a_missing_inner_line_is_found(pieces: list[Piece], inner: int) -> None:
+    sound = painted(pieces).look()
+    assert sound.gaps == ()
+    assert sound.seen_share > 0.7
+    gaps = painted(pieces, [(inner, -1.0, 9.0)]).look().gaps
+    assert {gap.stroke for gap in gaps} == {inner}
+    _, x0, y0, x1, y1 = pieces[inner]
+    # Not told over older ink are ends, a width each.
+    assert sum(gap.length_mm for gap in gaps) > np.hypot(x1 - x0, y1 - y0) - 0.8
+
+
+def test_ends_over_older_ink_are_not_seen_for_that_reason() -> None:
+    stations = painted(area(3, 10)).look().stations
+    assert set(stations.why[~stations.seen]) == {Unseen.OLD_INK}
+
+
+def test_a_cropped_volume_gives_the_same_picture() -> None:
+    volume = painted(SINGLE, margin_mm=6.0)
+    crop = 140  # 1.8 mm around the lines are left
+    whole, _ = volume.picture()
+    part, frame = volume.picture(crop)
+    inner = whole[crop:-crop, crop:-crop]
+    assert np.abs(part - inner)[2:-2, 2:-2].max() < 1e-3
+    # So what was learned of one tells the other, where nothing is left to learn from.
+    picture, at = volume.picture()
+    known = see_layer(picture, at, volume.lines, thickness_mm=THICK).appearance
+    bare = painted(SINGLE, [(k, -1.0, 9.0) for k in range(3)], margin_mm=6.0)
+    picture, frame = bare.picture(crop)
+    found = see_layer(picture, frame, bare.lines, known=known, thickness_mm=THICK)
+    assert {gap.stroke for gap in found.gaps} == {0, 1, 2}
+
+
+STAIRS = [(0, 0.0, 0.3 * k, 3.0 - 0.25 * k, 0.3 * k) for k in range(10)]
+
+
+@pytest.mark.parametrize(
+    ("turn", "said"),
+    [
+        (lambda v: v, None),
+        (lambda v: v[:, ::-1, ::-1], "turned by 180°"),
+        (lambda v: v[:, :, ::-1], "mirrored along x"),
+        (lambda v: v[:, ::-1], "mirrored along y"),
+        (lambda v: np.rot90(v, 3, (1, 2)), "turned by 90°"),
+    ],
+)  # fmt: skip
+def test_a_turned_or_mirrored_volume_is_told(turn, said) -> None:  # type: ignore[no-untyped-def]
+    volume = painted(STAIRS, [(3, 1.0, 1.6)])
+    turned = replace(volume, voxels=np.ascontiguousarray(turn(volume.voxels)))
+    picture, frame = turned.picture()
+    assert better_turned(picture, frame, volume.lines) == said
+
+
+def test_a_symmetric_layer_tells_nothing_of_a_turn() -> None:
+    volume = painted(SINGLE, [(0, -1.0, 9.0)])
+    picture, frame = volume.picture()
+    assert better_turned(picture, frame, volume.lines) is None
