@@ -176,7 +176,7 @@ def _by_mix(
 ) -> Told | None:
     mixed = np.asarray(ground.flat @ mix.astype(np.float32) - np.float32(bath.mean @ mix))
     width_px = float(np.median(ways.width)) * ground.work.px_per_mm
-    away = strangeness(ground.smooth, bath, ink)
+    away = strangeness(ground.smooth, bath, ink, ground.work.is_log)
     strange = _strange(ground, away, width_px)
     profiles = seen.profiles(mixed, ways.width[:, None] * ACROSS)
     why, angle = reasons(ground.work, seen, ways, strange), angle_of(seen)
