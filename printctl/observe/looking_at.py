@@ -201,6 +201,7 @@ class ObservedJob:
             section=at.held.ink.bead_section,
             least_gap_mm=limits.gap.least_mm,
             left_ul=self._left_ul(at.ink),
+            tolerated=limits.width_percent / 100,
         )
         return Judged(evidence, figures(first, evidence), at.flow)
 

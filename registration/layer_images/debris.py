@@ -26,9 +26,7 @@ _AROUND: Final = 0.3
 """In widths from a doubtful gap: so far it isn't clear either."""
 
 
-def is_bare(
-    gap: Gap, ways: Ways, seen: Seen, told: Told, near_old: Mask, why: IntArray
-) -> bool:
+def is_bare(gap: Gap, ways: Ways, seen: Seen, told: Told, near_old: Mask, why: IntArray) -> bool:
     """Whether a gap surely shows bath, over the line's whole width; marks others as unclear.
 
     Parameters

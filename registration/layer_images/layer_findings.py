@@ -179,9 +179,7 @@ def _gaps(
                     unclear |= doubtful
             else:
                 near = _near_old(look)
-                gaps = [
-                    gap for gap in gaps if is_bare(gap, look.ways, look.seen, told, near, why)
-                ]
+                gaps = [gap for gap in gaps if is_bare(gap, look.ways, look.seen, told, near, why)]
             if told is look.bath and look.work.is_log and told.template.filled:
                 gaps = _with_ends(gaps, look, told, clear)
             found += gaps
