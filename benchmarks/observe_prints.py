@@ -48,6 +48,7 @@ from printctl.recipe.observe import ObservePart
 from sim.camera.camera_file import load_camera
 from sim.camera.paint import paint
 from sim.deposit.laid import Laid, laid
+from sim.deposit.written import written
 from sim.dry_run.run import dry_run
 from sim.faults.ink_faults import Bubble, Clog, Drift, InkFault, InkFaults, Lost
 
@@ -207,7 +208,11 @@ class World:
 
     def clear_needle(self) -> None:
         """End clogs that have begun: the operator's part of an approved pause."""
-        lines = self.lies(self.done, InkFaults()).strands
+        printer, syringe, ink = load(Printer, PRINTER), load(Syringe, SYRINGE), load(Ink, INK)
+        text = b"\n".join(self.job.lines[: self.done]) + b"\n"
+        executed = dry_run(text, printer, (0.0, 0.0, 0.0), cold_extrusion=True).executed
+        # As faults count it: what is written twice lies once, and counts twice.
+        lines = written(executed, syringe.area_mm2 * ink.flow_factor).lines
         so_far = float(np.linalg.norm(lines.end - lines.start, axis=1).sum())
         self.faults = replace(
             self.faults, each=tuple(_cleared(one, so_far) for one in self.faults.each)

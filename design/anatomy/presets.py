@@ -23,8 +23,8 @@ class Preset:
 
 PRESETS: Final = {
     # Between Murray's 3 and the 7/3 that Huo and Kassab find in coronary casts (PMC4913552). With
-    # 8 mmHg elements are as slender as those of Kassab et al. 1993 (measures/published/).
-    "heart": Preset(2.5, 8.0),
+    # 7.3 mmHg elements are as slender as those of Kassab et al. 1993 (measures/published/).
+    "heart": Preset(2.5, 7.3),
     # Nordsletten et al. 2006 find Murray's law. The drop is ours: no figure was confirmed.
     "kidney": Preset(3.0, 20.0),
     # Of the portal vein, to its terminals. Ours: no figure of these was confirmed.

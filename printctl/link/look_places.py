@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from printctl.link.care import Care
@@ -41,6 +41,9 @@ class Written:
 
 
 _SAME_MM: Final = 1e-6
+_SOONEST_S: Final = 10.0
+"""Writing time to the first look, where looks are due by writing time, and to that behind a mend
+or correction; from there each interval is as long as all before it, up to what was asked for."""
 
 
 @dataclass(frozen=True)
@@ -54,16 +57,20 @@ class LookPlaces:
     written : list of Written
     marked : list of bool
         Marks; the others are ends of lines within a layer.
+    changed_s : tuple of float, s
+        Writing time at which something was put into the job: what it cures may not be over.
     """
 
     index: list[int]
     written: list[Written]
     marked: list[bool]
+    changed_s: tuple[float, ...] = ()
 
     def shifted(self, after: int, count: int) -> LookPlaces:
         """Return them with ``count`` lines put in behind the first ``after``."""
         index = [behind(one, after, count) for one in self.index]
-        return LookPlaces(index, self.written, self.marked)
+        changed = (*self.changed_s, self.at(after).time_s)
+        return LookPlaces(index, self.written, self.marked, changed)
 
     def at(self, done: int) -> Written:
         """What was written up to the last place at or before ``done``."""
@@ -77,7 +84,7 @@ class LookPlaces:
             least = looked.way_mm + care.look_every_mm
             places.append(bisect_left(self.written, least, low, key=lambda one: one.way_mm))
         if care.look_every_written_s:
-            least = looked.time_s + care.look_every_written_s
+            least = looked.time_s + self._interval_s(looked, care.look_every_written_s)
             places.append(bisect_left(self.written, least, low, key=lambda one: one.time_s))
         if care.look_every_height_mm and self.index:
             base = max(looked.top_mm, self.written[0].top_mm)  # at first the first layer's
@@ -86,6 +93,11 @@ class LookPlaces:
             places += [k for k in range(high, len(self.index)) if self.marked[k]][:1]
         due = min(places, default=len(self.index))
         return self.index[due] if due < len(self.index) else None
+
+    def _interval_s(self, looked: Written, most_s: float) -> float:
+        """Writing time from a look to the next: short where trouble is likely, or just seen."""
+        since = looked.time_s - max(self.changed_s, default=0.0)
+        return min(most_s, max(_SOONEST_S, since))
 
 
 def look_places(
@@ -109,7 +121,8 @@ def look_places(
     written = _read(lines, marked, inserted, ends_too=within and layers)
     known = set(marked)
     index = sorted(written)
-    return LookPlaces(index, [written[k] for k in index], [k in known for k in index])
+    places = LookPlaces(index, [written[k] for k in index], [k in known for k in index])
+    return replace(places, changed_s=tuple(places.at(after).time_s for after, _ in inserts))
 
 
 def _read(

@@ -20,7 +20,7 @@ from printctl.observe.deciding.decide import Narrowed
 from printctl.observe.deciding.thin import Thin, seen_twice
 from printctl.observe.expected import ExpectedInk
 from printctl.observe.mends_again import LayerInk, gaps_of_job, without_mends
-from printctl.observe.thin_lines import thin_lines
+from printctl.observe.thin_lines import runs_below, thin_lines
 from registration.layer_images import ExpectedLines, LayerFindings, Stations, Unseen
 
 FloatArray = NDArray[np.float64]
@@ -76,6 +76,7 @@ def evidence_of(
     section: BeadSection,
     least_gap_mm: float,
     left_ul: float | None,
+    tolerated: float = 0.15,
 ) -> Evidence:
     """Return the evidence of one look.
 
@@ -90,6 +91,8 @@ def evidence_of(
     least_gap_mm : float, mm
     left_ul : float or None, µL
         What the plunger still had.
+    tolerated : float
+        Share of its ink that a line may lack.
     """
     stations = without_mends(findings.stations)
     row = layer.row[stations.piece]
@@ -114,6 +117,7 @@ def evidence_of(
         ),
         stretches=len(findings.stretches),
         thin=thin,
+        seem_thin=_below(findings, ink, layer, section, tolerated),
         over_old_share=_over_old(stations),
         way_mm=float(stations.length_mm.sum()),
         level_mm=_level(layer, ink),
@@ -153,14 +157,30 @@ def _number(value: float) -> float | None:
 def _thin(
     findings: LayerFindings, ink: ExpectedInk, layer: LayerInk, section: BeadSection
 ) -> tuple[Thin, ...]:
-    """Thin lines of a layer; in a bath nothing can be written over a filament."""
+    """Thin lines of a layer, sure ones; in a bath nothing can be written over a filament."""
     if ink.style == "embedded" or not findings.stretches:
         return ()
-    stations = without_mends(findings.stations)
+    return thin_lines(findings.stretches, *_ratios(findings, ink, layer, section))
+
+
+def _below(
+    findings: LayerFindings, ink: ExpectedInk, layer: LayerInk, section: BeadSection, share: float
+) -> tuple[Thin, ...]:
+    """Lines of a layer that seem to lack more than a share of their ink."""
+    if ink.style == "embedded":
+        return ()
+    return runs_below(*_ratios(findings, ink, layer, section), 1.0 - share)
+
+
+def _ratios(
+    findings: LayerFindings, ink: ExpectedInk, layer: LayerInk, section: BeadSection
+) -> tuple[Stations, BoolArray, FloatArray]:
+    """Places of what was written for the first time, which tell a width, and their area ratio."""
+    stations = without_mends(findings.stations)  # of mends there are no widths
     row, told = layer.row[stations.piece], _tells_width(stations)
     ratio = np.full(len(row), np.nan)
     ratio[told] = _area_ratio(stations.width_mm[told], ink, row[told], section)
-    return thin_lines(findings.stretches, stations, told, ratio)  # of mends there are no stations
+    return stations, told, ratio
 
 
 def _level(layer: LayerInk, ink: ExpectedInk) -> float | None:

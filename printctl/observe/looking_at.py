@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -52,6 +54,8 @@ from registration.layer_images import (
 
 log = logging.getLogger(__name__)
 Image = NDArray[Any]
+_SHOWN: Final = 0.5
+"""Of a layer's way, with ink at its shifted place, for that to be its place."""
 _ASIDE_MM: Final = 1.5
 """Blobs are looked for within 1.2 mm of a line."""
 _ABOVE_MM: Final = 0.3
@@ -206,6 +210,7 @@ class ObservedJob:
             section=at.held.ink.bead_section,
             least_gap_mm=limits.gap.least_mm,
             left_ul=self._left_ul(at.ink),
+            tolerated=limits.width_percent / 100,
         )
         evidence = replace(evidence, turned=at.turned)
         return Judged(evidence, figures(first, evidence), at.flow)
@@ -220,7 +225,8 @@ class ObservedJob:
                 image = image[:, :, :1]  # filaments of all depths: no height is that of the layer
             if self.order.oct:  # a camera's marks hold its frame themselves
                 at.turned = better_turned(image, frame, at.layer.lines)
-            findings = see_layer(
+            see = partial(
+                see_layer,
                 image,
                 frame,
                 at.layer.lines,
@@ -230,7 +236,9 @@ class ObservedJob:
                 # In a bath ink is as dark as it is thick and near: each look learns its own.
                 known=self._appearance if at.ink.style == "layered" else None,
                 thickness_mm=slab[1] if is_height else None,
-                options=self._options(),
+            )
+            findings = seen_where_ink_shows(
+                lambda options: see(options=options), self._options(), self.order.limits.shift_mm
             )
             if not at.found:
                 self._appearance = findings.appearance or self._appearance
@@ -312,6 +320,21 @@ class ObservedJob:
         for said in mend.sentences():
             log.info("look %d: %s", look.number, said)
         return [line.decode("ascii") for line in mend.lines]
+
+
+def seen_where_ink_shows(
+    see: Callable[[SeeingOptions], LayerFindings], options: SeeingOptions, tolerated_mm: float
+) -> LayerFindings:
+    """Return what is seen; at a place beyond tolerance only where the ink itself shows it.
+
+    Where most of a layer is missing, its lines fit older ones beside them as well as their own
+    place, and gaps would be told of bath where none should be written.
+    """
+    findings = see(options)
+    beside = math.hypot(findings.shift.dx_mm, findings.shift.dy_mm)
+    if beside > tolerated_mm and not findings.coverage >= _SHOWN:
+        return see(replace(options, shift_mm=tolerated_mm))
+    return findings
 
 
 def _place(at: FloatArray) -> Place:

@@ -16,6 +16,8 @@ BoolArray = NDArray[np.bool_]
 
 _WINDOW: Final = 5
 """Stations whose mean tells whether a place still belongs to a thin stretch."""
+_NEAR_END: Final = 1.5
+"""Widths from a line's end within which no width is told."""
 
 
 def thin_lines(
@@ -44,24 +46,59 @@ def thin_lines(
     return tuple(thin)
 
 
+def runs_below(
+    stations: Stations, told: BoolArray, area_ratio: FloatArray, below: float
+) -> tuple[Thin, ...]:
+    """Return where the mean of some stations' ratio lies below a level, as far as it does.
+
+    Nothing is said of how sure that is: for lines of a flow that is known to be too small.
+    """
+    thin = list[Thin]()
+    for stroke in np.unique(stations.stroke[told]).tolist():
+        rows = np.flatnonzero(told & (stations.stroke == stroke))
+        if len(rows) >= _WINDOW:
+            low = _mean(area_ratio[rows]) < below
+            thin += _runs(low, low, stations, rows, area_ratio[rows])
+    return tuple(thin)
+
+
 def _of_stroke(
     stretches: list[Stretch], stations: Stations, rows: IntArray, ratio: FloatArray
 ) -> list[Thin]:
-    along, half = stations.along_mm[rows], stations.length_mm[rows] / 2
-    ends = np.pad(ratio, _WINDOW // 2, mode="edge")
-    mean = np.convolve(ends, np.ones(_WINDOW) / _WINDOW, "valid")
+    along, mean = stations.along_mm[rows], _mean(ratio)
     thin, sure = np.zeros(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
     for one in stretches:
         within = (along >= one.from_mm) & (along <= one.to_mm)
         if within.any():
             sure |= within
             thin |= within | (mean < (1.0 + float(ratio[within].mean())) / 2)
+    return _runs(thin, sure, stations, rows, ratio)
+
+
+def _mean(ratio: FloatArray) -> FloatArray:
+    """Mean over a window around each station."""
+    ends = np.pad(ratio, _WINDOW // 2, mode="edge")
+    return np.convolve(ends, np.ones(_WINDOW) / _WINDOW, "valid")
+
+
+def _runs(
+    thin: BoolArray, sure: BoolArray, stations: Stations, rows: IntArray, ratio: FloatArray
+) -> list[Thin]:
+    """Runs of thin stations with a sure one among them, to the stroke's ends where they are near.
+
+    Widths aren't told at a line's ends, which are no thicker than the rest.
+    """
+    stroke, half = int(stations.stroke[rows[0]]), stations.length_mm[rows] / 2
+    along, near = stations.along_mm[rows], _NEAR_END * float(stations.expected_mm[rows].max())
+    whole = np.flatnonzero(stations.stroke == stroke)
+    end = float((stations.along_mm[whole] + stations.length_mm[whole] / 2).max())
     edges = np.diff(np.concatenate([[0], thin.astype(np.int8), [0]]))
-    long_thin = list[Thin]()
+    runs = list[Thin]()
     for first, past in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
         part = slice(first, past)
         missing = 1.0 - float(np.average(ratio[part], weights=half[part]))
         if sure[part].any() and 0.0 < missing < 1.0:
             low, high = along[first] - half[first], along[past - 1] + half[past - 1]
-            long_thin.append(Thin(int(stations.stroke[rows[0]]), float(low), float(high), missing))
-    return long_thin
+            low, high = (0.0 if low < near else low), (end if end - high < near else high)
+            runs.append(Thin(stroke, float(low), float(high), missing))
+    return runs

@@ -10,6 +10,7 @@ from registration.layer_images.ink_image import ACROSS, CORE
 from registration.layer_images.told import Told
 from registration.layer_images.values import FloatImage, Gap, IntArray, Unseen
 from registration.layer_images.ways import Seen, Ways
+from registration.layer_images.working import Mask
 
 _LEFT: Final = np.abs(ACROSS - 0.325) < 0.075
 """A line's flank: bare as well where ink is missing, not beside a crumb on the line."""
@@ -19,11 +20,13 @@ _FLANK_INK: Final = 0.45
 _FLANK_SOME: Final = 0.15
 _MOST_UNLIKE: Final = 90
 """Percentile of a gap's core that must look like bath."""
+_LEAST_CLEAR: Final = 0.15
+"""Of a gap's core, away from older ink, that its surface is judged by; else all of it is."""
 _AROUND: Final = 0.3
 """In widths from a doubtful gap: so far it isn't clear either."""
 
 
-def is_bare(gap: Gap, ways: Ways, seen: Seen, told: Told, why: IntArray) -> bool:
+def is_bare(gap: Gap, ways: Ways, seen: Seen, told: Told, near_old: Mask, why: IntArray) -> bool:
     """Whether a gap surely shows bath, over the line's whole width; marks others as unclear.
 
     Parameters
@@ -34,6 +37,8 @@ def is_bare(gap: Gap, ways: Ways, seen: Seen, told: Told, why: IntArray) -> bool
         Of the places of ``ways``.
     told : Told
         Ink told by its level; by its edges alone a line has no flanks to look at.
+    near_old : (h, w) uint8
+        Older ink and its edges, which don't look like bath where the line is missing either.
     why : (n,) int64
         `Unseen`, changed where it isn't clear.
     """
@@ -43,7 +48,11 @@ def is_bare(gap: Gap, ways: Ways, seen: Seen, told: Told, why: IntArray) -> bool
     if not len(rows) or told.noise is None:
         return True
     here = Seen(seen.at[rows], seen.across[rows], seen.along[rows])
-    core = here.profiles(told.unlike_bath, ways.width[rows, None] * ACROSS[CORE])
+    across = ways.width[rows, None] * ACROSS[CORE]
+    core = here.profiles(told.unlike_bath, across)
+    clear = here.profiles(near_old, across, nearest=True) == 0
+    if clear.mean() > _LEAST_CLEAR:
+        core = core[clear]
     alike = float(np.percentile(core, _MOST_UNLIKE)) < 1.0
     crossed = bool(ways.crossed[rows].any())
     if alike and (told.template.by_edges or not _flanked(told, told.profiles[rows], crossed)):

@@ -16,13 +16,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.layer_images.values import FloatArray, FloatImage, Image
+from registration.layer_images.values import FloatArray, FloatImage, Image, IntArray
 from registration.layer_images.working import Mask
 
 _BLURS_PX: Final = (4.0, 2.0, 0.8)
 _ROUNDS: Final = 6
 _MOST: Final = 400_000
-"""Pixels of the ground that are fitted; of more, evenly spread ones."""
+"""Pixels of the ground that are fitted at last; of more, evenly spread ones."""
+_MOST_BLURRED: Final = 50_000
+"""The same while pictures are blurred: neighbours are alike, and the last fit begins there."""
 _FEWEST: Final = 400
 _PRIOR_PX: Final = 1.0
 """Standard deviation of a camera's move where the ground tells nothing."""
@@ -71,7 +73,9 @@ def camera_move(now: FloatImage, earlier: FloatImage, ground: Mask) -> CameraMov
     if cv2.countNonZero(ground) < _FEWEST:
         return CameraMove(np.eye(2, 3), 0.0)
     for blur in _BLURS_PX:
-        p = _fitted(p, _soft(now, blur), _soft(earlier, blur), ground, middle, half)
+        most = _MOST if blur == _BLURS_PX[-1] else _MOST_BLURRED
+        places = _places(ground, most // now.shape[2])
+        p = _fitted(p, _soft(now, blur), _soft(earlier, blur), places, middle, half)
     matrix = _matrix(p, middle, half)
     y, x = np.nonzero(ground)
     corners = np.array([[x.min(), y.min()], [x.max(), y.min()], [x.min(), y.max()],
@@ -89,17 +93,22 @@ def _matrix(p: FloatArray, middle: FloatArray, half: float) -> FloatArray:
     return np.column_stack([slopes, middle + p[:2] - slopes @ middle])
 
 
+def _places(ground: Mask, most: int) -> tuple[IntArray, IntArray]:
+    """Rows and columns of evenly spread pixels of the ground."""
+    y, x = np.nonzero(ground)
+    some = slice(None, None, max(1, len(x) // most))
+    return y[some], x[some]
+
+
 def _fitted(
     p: FloatArray,
     now: FloatImage,
     earlier: FloatImage,
-    ground: Mask,
+    places: tuple[IntArray, IntArray],
     middle: FloatArray,
     half: float,
 ) -> FloatArray:
-    y, x = np.nonzero(ground)
-    some = slice(None, None, max(1, len(x) * now.shape[2] // _MOST))
-    y, x = y[some], x[some]
+    y, x = places
     u, v = (x - middle[0]) / half, (y - middle[1]) / half
     light = np.column_stack([np.ones_like(u), u, v, u * u, u * v, v * v])
     prior = np.diag([_PRIOR_PX**-2] * 2 + [(_PRIOR_SLOPE * half) ** -2] * 4)

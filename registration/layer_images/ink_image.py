@@ -21,7 +21,7 @@ ACROSS = np.linspace(-1.5, 1.5, 61)
 WITHIN = np.abs(ACROSS) <= 0.5 + 1e-9
 CORE = np.abs(ACROSS) <= 0.3 + 1e-9
 """What is looked at of filled lines: one that is thin is not a missing one."""
-_SMOOTH = 0.15
+SMOOTH = 0.15
 _RIDGE = 0.3
 """Of the bath's mean variance across: noise that its covariance doesn't know of."""
 _STEEP = 0.6
@@ -50,7 +50,7 @@ class BathNoise:
 
 def smoothed(flat: FloatImage, width_px: float) -> FloatImage:
     """Channels smoothed over a part of a line's width."""
-    out = cv2.GaussianBlur(flat, (0, 0), max(0.5, _SMOOTH * width_px))
+    out = cv2.GaussianBlur(flat, (0, 0), max(0.5, SMOOTH * width_px))
     return np.asarray(out.reshape(flat.shape))
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
+import cv2
 import numpy as np
 
 from registration.layer_images.blobs import find_blobs
@@ -14,7 +15,7 @@ from registration.layer_images.debris import is_bare
 from registration.layer_images.gap_ends import LightAlong
 from registration.layer_images.gaps import find_gaps, lit_along, merged
 from registration.layer_images.in_light import LightMix
-from registration.layer_images.ink_image import ACROSS, angle_of
+from registration.layer_images.ink_image import ACROSS, SMOOTH, angle_of
 from registration.layer_images.lumens_seen import see_lumens
 from registration.layer_images.plane_map import PlaneMap
 from registration.layer_images.presence import INK
@@ -35,6 +36,7 @@ from registration.layer_images.values import (
 )
 from registration.layer_images.ways import Ways
 from registration.layer_images.widths import Widths
+from registration.layer_images.working import Mask
 
 _EDGES_RATE: Final = 1e-4
 """Ink that is told by its edges or slopes must be missing by so much more surely."""
@@ -74,15 +76,18 @@ def honest_shift(shift: Shift, look: SeenLayer, reach_mm: float) -> Shift:
 def _lit_widths(look: SeenLayer, shift: Shift) -> Widths:
     """Widen the uncertainty of widths where the shaded sides of lines may look like bath.
 
-    Lines then seem thinner, and moved to the light by half of that. A shift and a deviation that
-    could both come from it are doubted by as much as the profiles' lack of symmetry says.
+    Lines then seem thinner, never thicker, and moved across themselves, to the light, by half of
+    that. A shift and a deviation that could both come from it are doubted by as much as the
+    profiles' lack of symmetry says.
     """
     rows = look.group.first
     ratio = look.widths.width_mm / look.ways.width[rows]
-    if look.bath is None or not np.isfinite(ratio).any():
+    told = np.isfinite(ratio)
+    if look.bath is None or not told.any():
         return look.widths
-    moved = float(np.hypot(shift.dx_mm, shift.dy_mm)) / float(np.median(look.ways.width))
-    off = abs(1.0 - float(np.nanmedian(ratio)))
+    across = look.ways.normal[rows[told]] @ np.array([shift.dx_mm, shift.dy_mm])
+    moved = float(np.sqrt(np.mean(across**2))) / float(np.median(look.ways.width))
+    off = max(0.0, 1.0 - float(np.median(ratio[told])))
     doubt = min(2.0 * moved, off) * min(look.bath.template.slant / _SLANT, 1.5)
     return replace(look.widths, common=float(np.hypot(look.widths.common, doubt)))
 
@@ -178,7 +183,8 @@ def _gaps(
                     gaps, doubtful = judge(gaps, look.present, clear, look.ways)
                     unclear |= doubtful
             else:
-                gaps = [gap for gap in gaps if is_bare(gap, look.ways, look.seen, told, why)]
+                near = _near_old(look)
+                gaps = [gap for gap in gaps if is_bare(gap, look.ways, look.seen, told, near, why)]
             if told is look.bath and look.work.is_log and told.template.filled:
                 gaps = _with_ends(gaps, look, told, clear)
             found += gaps
@@ -188,6 +194,13 @@ def _gaps(
             doubt = good & rows & (look.plain < INK * noise.middle) & (look.present > INK)
             why[doubt & (look.plain < 0.25 * noise.middle)] = int(Unseen.UNCLEAR)
     return found
+
+
+def _near_old(look: SeenLayer) -> Mask:
+    """Older ink, and as far around it as its edge is smoothed, (h, w)."""
+    width_px = float(np.median(look.ways.width)) * look.work.px_per_mm
+    side = 2 * round(2.0 * SMOOTH * width_px) + 3
+    return np.asarray(cv2.dilate(look.masks.old, np.ones((side, side), np.uint8)))
 
 
 def _with_ends(gaps: list[Gap], look: SeenLayer, told: Told, clear: BoolArray) -> list[Gap]:

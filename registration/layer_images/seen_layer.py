@@ -96,13 +96,17 @@ def seen_at_shift(
     )  # fmt: skip
     older = seen.profiles(masks.old, ways.width[:, None] * np.linspace(-0.5, 0.5, 9), nearest=True)
     over_old = np.asarray(older.mean(axis=1) > _MOST_OLD)
-    bath = tell_ink(ground, ways, seen, sides, ~over_old, rng)
+    bath = for_widths = tell_ink(ground, ways, seen, sides, ~over_old, rng)
     if work.earlier is not None:
         # A difference helps in a grainy bath, and tells less of ink that a bubble's light falls on.
         count = work.earlier.shape[2]
         parts = [np.ascontiguousarray(each[:, :, :count]) for each in (ground.smooth, flat)]
         alone = replace(ground, smooth=parts[0], flat=parts[1])
-        bath = better(bath, tell_ink(alone, ways, seen, sides, ~over_old, rng))
+        by_itself = tell_ink(alone, ways, seen, sides, ~over_old, rng)
+        # What tells ink best by the change is brightness, whose edges rims and ridges move; colour
+        # alone counts little there.
+        for_widths = bath if by_itself is None or by_itself.noise is None else by_itself
+        bath = better(bath, by_itself)
     place = reasons(work, seen, ways, np.zeros(work.shape, dtype=np.bool_))
     old = None
     if over_old.any() and thickness_mm is not None:
@@ -125,9 +129,11 @@ def seen_at_shift(
     by_change = old is not None and thickness_mm is None and work.earlier is not None
     joined = _joined(place, over_old, bath, old)
     group = Grouping.of_ways(ways, joined[3] == Unseen.SEEN)
+    profiles = joined[2] if for_widths is None else for_widths.profiles
     widths = station_widths(
-        group, ways, joined[2], sides, bath, over_old, joined[0], joined[3] == Unseen.SEEN, work
-    )
+        group, ways, profiles, sides, for_widths, over_old, joined[0], joined[3] == Unseen.SEEN,
+        work,
+    )  # fmt: skip
     return SeenLayer(
         work, frame, ways, moved, seen, flat, masks, sides, over_old, bath, old, *joined, group,
         widths, by_height, by_change,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import cv2
 import numpy as np
 
@@ -15,14 +17,23 @@ _HOLE = 8.0
 """Widths: a larger hole in a strange ring (a dish's rim) isn't strange itself."""
 _MOST_INK = 2.5
 """Of ink's usual difference from bath: thick ink."""
+_OF_EDGE = np.linspace(0.0, 1.0, 5)
+"""Shares of ink in the light of a blurred edge."""
 _UNLIKE = 2.0
 """Times what one place of bath in fifty exceeds: that isn't bath."""
 
 
 def strangeness(
-    smooth: FloatImage, bath: BathNoise, ink: FloatArray, among_inks: FloatArray | None = None
+    smooth: FloatImage,
+    bath: BathNoise,
+    ink: FloatArray,
+    is_log: bool,
+    among_inks: FloatArray | None = None,
 ) -> FloatImage:
     """Deviations of the smoothed channels (h, w, c) from bath, ink and all between, (h, w).
+
+    Thin ink lies straight between ink and bath in logarithms, a blurred edge in light: either isn't
+    strange.
 
     Parameters
     ----------
@@ -30,6 +41,8 @@ def strangeness(
     bath : BathNoise
     ink : (c,) float64
         Mean of ink less that of bath.
+    is_log : bool
+        Whether channels are logarithms.
     among_inks : (c, c) float64 or None
         Covariance of the ink of strokes that differ.
     """
@@ -38,10 +51,20 @@ def strangeness(
     covariance = covariance if among_inks is None else covariance + among_inks
     root = np.linalg.cholesky(np.linalg.inv(covariance)).astype(np.float32)
     whitened = (smooth - bath.mean.astype(np.float32)) @ root
-    way = ink.astype(np.float32) @ root
-    power = float(way @ way)
-    share = np.clip(whitened @ way / max(power, 1e-12), 0.0, _MOST_INK)
-    return np.asarray(np.sqrt(((whitened - share[:, :, None] * way) ** 2).sum(axis=2)))
+    square = _off_line(whitened, np.zeros(count), _MOST_INK * ink @ root)
+    if is_log:
+        edge = np.log1p(np.outer(_OF_EDGE, np.expm1(ink))) @ root
+        for begin, end in pairwise(edge):
+            square = np.minimum(square, _off_line(whitened, begin, end))
+    return np.asarray(np.sqrt(square))
+
+
+def _off_line(values: FloatImage, begin: FloatArray, end: FloatArray) -> FloatImage:
+    """Squared distance of values (h, w, c) from a stretch of a line, (h, w)."""
+    first, way = begin.astype(np.float32), (end - begin).astype(np.float32)
+    off = values - first
+    share = np.clip(off @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
+    return np.asarray(((off - share[:, :, None] * way) ** 2).sum(axis=2))
 
 
 def strange_places(away: FloatImage, free: Mask, fresh: Mask, width_px: float) -> BoolArray:

@@ -178,7 +178,7 @@ def _by_mix(
     mixed = np.asarray(ground.flat @ mix.astype(np.float32) - np.float32(bath.mean @ mix))
     width_px = float(np.median(ways.width)) * ground.work.px_per_mm
     among = among_lines(ground.smooth, ways, seen, use) if ways.varied else None
-    away = strangeness(ground.smooth, bath, ink, among)
+    away = strangeness(ground.smooth, bath, ink, ground.work.is_log, among)
     strange = _strange(ground, away, width_px)
     profiles = seen.profiles(mixed, ways.width[:, None] * ACROSS)
     why, angle = reasons(ground.work, seen, ways, strange), angle_of(seen)

@@ -91,7 +91,9 @@ class Evidence:
     stretches : int
         Lines surely thinner or wider than tolerated.
     thin : tuple of Thin
-        Those too thin, which a second pass may fill up.
+        Those surely too thin, which a second pass may fill up.
+    seem_thin : tuple of Thin
+        Those that seem so, by one picture: they are filled up where the flow is proven too small.
     over_old_share : float
         Of the way, not seen because it lies over older ink from which nothing tells it.
     way_mm : float, mm
@@ -113,6 +115,7 @@ class Evidence:
     narrowed: tuple[Narrowed, ...] = ()
     stretches: int = 0
     thin: tuple[Thin, ...] = ()
+    seem_thin: tuple[Thin, ...] = ()
     over_old_share: float = 0.0
     way_mm: float = 1.0
     level_mm: float | None = None
@@ -339,16 +342,18 @@ class Decider:
 
     def _gaps(self, evidence: Evidence) -> Decision | None:
         gaps, thin = self._believed(evidence), evidence.thin
+        state, control = evidence.supply.state, self.control
+        factor = None if control.out_of_bounds else control.proposal()
+        if factor is not None and factor > control.factor:
+            thin = evidence.seem_thin or thin
         if not gaps and not thin:
             return None
         way = math.fsum(gap.length_mm for gap in gaps)
-        state, control = evidence.supply.state, self.control
         cause = "" if state in (SupplyState.FLOWING, SupplyState.UNKNOWN) else f" ({state})"
         many = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
         reasons = [f"{many}, {way:.2f} mm in all{cause}"] if gaps else []
         if thin:
             reasons.append(f"{math.fsum(one.length_mm for one in thin):.2f} mm of thin lines")
-        factor = None if control.out_of_bounds else control.proposal()
         corrected = "" if factor is None else f"; flow {control.flow:.0%}: factor {factor:.2f}"
         why = f"{', '.join(reasons)}{corrected}"
         return Decision(DecisionKind.MEND, why, gaps, factor, thin=thin)

@@ -8,6 +8,10 @@ were written under an older factor does no harm.
 Estimator: Kalman filter of the logarithm of that ratio, a random walk (Kalman 1960, J. Basic Eng.
 82, 35, doi 10.1115/1.3662552). Two readings in a row far from it, on one side, are a step: the
 filter then forgets what it knew.
+
+A calibrated ink flows as asked, until a deviation is seen beyond doubt: corrected is first what
+exceeds the deadband by so many standard uncertainties that noise does it once in 2,000 looks.
+From then on nothing speaks for the factor in force any more, and the best estimate is followed.
 """
 
 from __future__ import annotations
@@ -23,6 +27,10 @@ FloatArray = NDArray[np.float64]
 
 _STEP_SIGMAS: Final = 3.5
 """Deviation of a reading that may be a step; two in a row by chance: 1 in 4 million pairs."""
+_SURE: Final = 3.29
+"""Standard uncertainties beyond the deadband: one in 2,000 by chance, one-sided."""
+_PICTURE: Final = 0.015
+"""What widths of a picture may be off by, relative, beyond what it says itself: other ink below."""
 _LEAST_U: Final = 0.005
 """No reading of a ratio is better than 0.5 %: the expected width itself is rounded and modelled."""
 
@@ -147,10 +155,12 @@ class FlowControl:
     def proposal(self) -> float | None:
         """Return the factor that is due; None where the one in force is as good as known.
 
-        Corrected is what exceeds both the deadband and twice its standard uncertainty.
+        Corrected is what exceeds the deadband; of a flow that isn't corrected yet, beyond doubt.
         """
         left = self.log_flow + math.log(self.factor)
-        if abs(left) <= max(self.limits.deadband, 2.0 * math.sqrt(self.variance)):
+        calibrated = self.factor == 1.0
+        doubt = _SURE * math.hypot(math.sqrt(self.variance), _PICTURE) * calibrated
+        if abs(left) <= self.limits.deadband + doubt:
             return None
         per = self.limits.steps_per_unit
         wanted = min(max(math.exp(-self.log_flow), self.limits.low), self.limits.high)

@@ -82,3 +82,21 @@ def test_inserts_neither_count_nor_end_lines():
     marks = job.marks.shifted(at, len(lines))
     of_grown = look_places(grown, marks, [(at, len(lines))], within=True)
     assert of_grown == places(job).shifted(at, len(lines))
+
+
+def seen_s(found, first=0, looked=None):
+    """Writing times of the looks that follow."""
+    looked, care, seen = looked or Written(), Care(None, look_every_written_s=30.0), []
+    while (index := found.next_due(first, looked, care)) is not None:
+        looked, first = found.at(index), index + 1
+        seen.append(round(looked.time_s))
+    return seen
+
+
+def test_looks_by_writing_time_come_soon_after_the_start_and_after_a_change():
+    job = spaced(layers=1, lines=120)
+    found = places(job)
+    assert seen_s(found) == [10, 20, 40, 70, 100]
+    at = found.index[39]  # a flow is corrected there, without a line
+    changed = found.shifted(at, 0)
+    assert seen_s(changed, at + 1, changed.at(at)) == [50, 60, 80, 110]

@@ -87,6 +87,14 @@ def test_thin_lines_are_filled_up_and_the_flow_corrected():
     assert decided("ask", thin=thin).ask is DecisionKind.MEND
 
 
+def test_lines_that_seem_thin_are_filled_up_only_where_the_flow_is_proven_too_small():
+    seem = (Thin(3, 0.0, 7.0, 0.3),)
+    found = decided(seem_thin=seem, flow=flow(0.7))
+    assert (found.kind, found.thin) == (DecisionKind.MEND, seem)
+    assert decided(seem_thin=seem).kind is DecisionKind.GO_ON
+    assert decided(seem_thin=seem, flow=flow(1.3)).kind is DecisionKind.FLOW
+
+
 def test_a_clog_pauses_and_keeps_what_is_missing():
     clogged = InkSupply(SupplyState.CLOGGED, 0.3, 0.3, 1)
     found = decided(supply=clogged, gaps=(GAP,), flow=flow(0.3))

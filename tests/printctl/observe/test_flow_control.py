@@ -87,3 +87,33 @@ def test_readings_that_are_no_numbers_are_passed_over():
     control = FlowControl()
     control.learn(blocks(0.0, [np.nan, np.inf, 0.0, -1.0]))
     assert control.time_s is None
+
+
+def picture(rng, mean, begin_s, factor, bias):
+    """Readings of one picture: they share what it may be off by."""
+    seen = noisy(rng, mean * factor * bias, 4, 0.02)
+    return FlowBlocks(begin_s + np.arange(4.0), seen, np.full(4, 0.032), np.full(4, factor), 0.025)
+
+
+def test_widths_that_pictures_misread_a_little_are_not_corrected():
+    wrong = 0
+    for seed in range(300):
+        rng, control = np.random.default_rng(seed), FlowControl()
+        for k in range(16):
+            control.learn(picture(rng, 1.0, 20.0 * k, 1.0, 1 + 0.025 * rng.standard_normal()))
+            wrong += control.proposal() is not None
+    assert wrong <= 4  # of 4,800 looks
+
+
+@pytest.mark.parametrize("flow", [0.7, 1.3])
+def test_a_flow_that_is_surely_off_is_followed_to_within_the_deadband(flow):
+    control, rng = FlowControl(), np.random.default_rng(8)
+    control.learn(picture(rng, 1.0, 0.0, 1.0, 1.0))
+    control.learn(picture(rng, flow, 20.0, 1.0, 0.95))  # one misreads the step by a bit
+    factor = control.proposal()
+    assert factor is not None
+    control.put_in_force(factor)
+    for k in range(2, 5):
+        control.learn(picture(rng, flow, 20.0 * k, control.factor, 1.0))
+        control.put_in_force(control.proposal() or control.factor)
+    assert flow * control.factor == pytest.approx(1.0, abs=0.03)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from printctl.observe.deciding.thin import Thin, seen_twice
-from printctl.observe.thin_lines import thin_lines
+from printctl.observe.thin_lines import runs_below, thin_lines
 from registration.layer_images import Stations, Stretch
 
 STEP = 0.15
@@ -52,3 +52,15 @@ def test_thick_stretches_and_places_that_tell_nothing_fill_nothing():
 def test_what_one_picture_alone_shows_isnt_filled_up():
     one, other = Thin(1, 2.0, 4.0, 0.3), Thin(1, 6.0, 8.0, 0.3)
     assert seen_twice((one, other), (Thin(1, 3.0, 5.0, 0.3), Thin(2, 6.0, 8.0, 0.3))) == (one,)
+
+
+def test_lines_below_a_level_are_found_to_their_ends():
+    given, rng = stations(), np.random.default_rng(1)
+    ratio = 1 + 0.04 * rng.standard_normal(120)
+    ratio[70:] -= 0.3  # of stroke 1, from 1.5 mm on
+    told = np.ones(120, bool)
+    told[[60, 61, 118, 119]] = False  # at its ends no width is told
+    (found,) = runs_below(given, told, ratio, 0.85)
+    assert (found.stroke, found.to_mm) == (1, pytest.approx(9.0))
+    assert found.from_mm == pytest.approx(1.5, abs=0.3)
+    assert runs_below(given, told, np.ones(120), 0.85) == ()

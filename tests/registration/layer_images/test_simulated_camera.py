@@ -10,7 +10,7 @@ from registration.layer_images.values import FloatArray
 from sim.camera.optics import Camera
 from sim.camera.paint import paint
 from sim.camera.scene import Bath, InkLook, Scene
-from sim.deposit.laid import laid_as_is
+from sim.deposit.laid import Laid, laid_as_is
 from sim.deposit.strands import Strands
 
 WIDTH, HEIGHT, SIZE = 0.25, 0.1, 6.0
@@ -51,3 +51,45 @@ def test_a_sound_layers_width_ratio_is_one(look: str, density: float) -> None:
     found = see_layer(picture, _View(), lines)
     assert abs(found.width_ratio - 1.0) < most
     assert abs(found.width_ratio - 1.0) < 2.0 * found.u_width_ratio
+
+
+def _layers(fresh: int, missing: tuple[int, ...] = ()) -> tuple[Laid, ExpectedLines]:
+    """A layer of lines, and over it, across, so many fresh ones; the ink without those missing."""
+    off = np.arange(0.0, SIZE + 1e-9, 0.7)
+    below = np.column_stack([off, np.full(len(off), 1.0 - HEIGHT)])
+    start, end = np.insert(below, 0, 0.0, axis=1), np.insert(below, 0, SIZE, axis=1)
+    above = np.column_stack([off[:fresh], np.ones(fresh)])
+    start = np.concatenate([start, np.insert(above, 1, 0.0, axis=1)])
+    end = np.concatenate([end, np.insert(above, 1, SIZE, axis=1)])
+    number, new = np.arange(len(start)), np.arange(len(start)) >= len(off)
+    area = np.full(len(start), (WIDTH - HEIGHT) * HEIGHT + np.pi / 4 * HEIGHT**2)
+    lies = ~np.isin(number - len(off), missing)
+    strands = Strands(
+        start[lies], end[lies], area[lies] * SIZE, area[lies], number[lies], number[lies]
+    )
+    lines = ExpectedLines(start, end, np.full(len(start), WIDTH), number, number, new)
+    return laid_as_is(strands, "layered", layer_mm=HEIGHT), lines
+
+
+def _scene(look: str) -> Scene:
+    bath, colour, _ = LOOKS[look]
+    texture = Bath(colour=bath, texture=0.015)
+    return Scene(bath=texture, ink=InkLook(colour=colour, density_per_mm=14.0))
+
+
+def test_a_picture_before_makes_pale_ink_look_no_narrower() -> None:
+    ink, lines = _layers(4)
+    before = paint(_layers(0)[0], CAMERA, _scene("coloured"), 1)
+    found = see_layer(paint(ink, CAMERA, _scene("coloured"), 2), _View(), lines, before=before)
+    assert abs(found.width_ratio - 1.0) < 0.035
+
+
+@pytest.mark.parametrize("look", ["coloured", "dark"])
+def test_a_line_missing_between_older_lines_is_a_gap(look: str) -> None:
+    ink, lines = _layers(4, missing=(2,))
+    before = paint(_layers(0)[0], CAMERA, _scene(look), 1)
+    found = see_layer(paint(ink, CAMERA, _scene(look), 2), _View(), lines, before=before)
+    stroke = int(lines.stroke[lines.fresh][2])
+    assert {gap.stroke for gap in found.gaps} == {stroke}
+    told = sum(gap.to_mm - gap.from_mm for gap in found.gaps)
+    assert told > 0.3 * SIZE, "as a whole, or one between each two older lines"

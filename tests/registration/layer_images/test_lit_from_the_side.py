@@ -1,0 +1,47 @@
+"""What is doubted because light from the side may have made it; what a blurred edge looks like."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from registration.layer_images.ink_image import BathNoise
+from registration.layer_images.layer_findings import _lit_widths
+from registration.layer_images.strange import strangeness
+from registration.layer_images.values import Shift
+from registration.layer_images.widths import Widths
+
+
+@pytest.mark.parametrize(
+    ("ratio", "shift_mm", "doubted"),
+    [
+        (0.7, (0.0, 0.04), True),
+        (0.7, (0.4, 0.0), False),  # along the lines, where nothing tells it
+        (1.3, (0.0, 0.04), False),  # shade makes no line thicker
+    ],
+)
+def test_widths_are_doubted_where_shade_could_have_thinned_them(ratio, shift_mm, doubted) -> None:
+    m = 20
+    width = np.full(m, 0.25)
+    widths = Widths(ratio * width, 0.01 * width, 0 * width, 0.02, 0.003)
+    ways = SimpleNamespace(width=width, normal=np.tile([0.0, 1.0], (m, 1)))
+    bath = SimpleNamespace(template=SimpleNamespace(slant=0.08))
+    look = SimpleNamespace(
+        widths=widths, ways=ways, bath=bath, group=SimpleNamespace(first=np.arange(m))
+    )
+    found = _lit_widths(look, Shift(*shift_mm, np.eye(2)))
+    assert (found.common > 0.1) == doubted
+
+
+def test_a_blurred_edge_of_coloured_ink_is_not_strange_and_another_colour_is() -> None:
+    bath = BathNoise(np.zeros(3), 1e-4 * np.eye(3))
+    ink, share = np.array([-1.2, -0.9, -0.3]), np.linspace(0, 1, 41)
+    edge = np.log1p(share[:, None] * np.expm1(ink))[None].astype(np.float32)
+    assert strangeness(edge, bath, ink, is_log=True).max() < 1.0
+    assert strangeness(edge, bath, ink, is_log=False).max() > 3.0
+    thin = (share[:, None] * ink)[None].astype(np.float32)
+    assert strangeness(thin, bath, ink, is_log=True).max() < 1.0
+    other = np.full((1, 1, 3), -0.6, dtype=np.float32)
+    assert strangeness(other, bath, ink, is_log=True).max() > 6.0
