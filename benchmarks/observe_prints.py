@@ -200,10 +200,12 @@ class World:
             self.watch.grow(self.job.marks, self.done, len(lines))
 
     def look_done(self, look: int, decision: str, why: str) -> None:
-        """Note the decision; where it asks, the operator clears the needle and approves."""
+        """Note the decision; the operator clears a clogged needle and approves what is asked."""
         self.decisions.append(f"{decision}: {why}")
-        if read_looks(self.folder)[-1].asked:
+        asked = read_looks(self.folder)[-1].asked
+        if asked or "the needle is clogged" in why:
             self.clear_needle()
+        if asked:
             answer_look(self.folder, look, "approve")
 
     def clear_needle(self) -> None:

@@ -321,11 +321,13 @@ class Decider:
             return None
         empty = supply.state is SupplyState.EMPTY
         cause = "the syringe is empty" if empty else "the needle is clogged"
-        why = (
-            f"no ink for the last {supply.since_ul or 0:.3g} µL: {cause}; what is missing is "
-            "mended after the cause"
-        )
         gaps = self._believed(evidence)
+        then = (
+            "what is missing is mended after the cause"
+            if gaps
+            else "which stretches are missing isn't sure yet, so the next look mends"
+        )
+        why = f"no ink for the last {supply.since_ul or 0:.3g} µL: {cause}; {then}"
         return Decision(DecisionKind.PAUSE, why, gaps, ask=DecisionKind.MEND if gaps else None)
 
     def _narrowed(self, evidence: Evidence) -> Decision | None:
