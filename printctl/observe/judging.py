@@ -120,6 +120,7 @@ def evidence_of(
         seem_thin=_below(findings, ink, layer, section, tolerated),
         over_old_share=_over_old(stations),
         way_mm=float(stations.length_mm.sum()),
+        coverage=findings.coverage,
         level_mm=_level(layer, ink),
     )
 

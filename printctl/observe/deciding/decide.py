@@ -9,6 +9,7 @@ Rules, in their order; the first that holds decides:
 3. a lumen is closed, or narrowed beyond tolerance: pause; no ink can be taken away;
 4. gaps and thin lines that two pictures show (one, where there is no second): mend, fill up, and
    correct the flow;
+   where ink lies on less than a third of what was seen, yet no gap is sure: pause;
 5. a flow beyond the bounds of the correction: pause; within them: correct it;
 6. too little was seen of several layers in a row: pause.
 
@@ -38,6 +39,11 @@ _HIDDEN: Final = 0.1
 """Of a layer so little could be seen at best that a look says nothing about the view."""
 _MOST_MISSING: Final = 1 / 3
 """Of the way, that is mended unasked: where more is missing, the picture is doubted as well."""
+_LEAST_INK: Final = 1 / 3
+"""Of the way that was seen, on which ink lies in any print that goes on: 0.69 and more in 117 looks
+at sound ones."""
+_TELLING_MM: Final = 1.0
+"""Way that must have been seen for that."""
 _SURE: Final = 3.29
 """Standard uncertainties beyond the tolerance: one in 2,000 by chance, one-sided."""
 
@@ -98,6 +104,8 @@ class Evidence:
         Of the way, not seen because it lies over older ink from which nothing tells it.
     way_mm : float, mm
         Written since the last look.
+    coverage : float
+        Share of the way that was seen on which ink lies; not a number where nothing was seen.
     level_mm : float or None, mm
         Height of the layer; None where there is none, and each look stands for itself.
     turned : str or None
@@ -118,6 +126,7 @@ class Evidence:
     seem_thin: tuple[Thin, ...] = ()
     over_old_share: float = 0.0
     way_mm: float = 1.0
+    coverage: float = math.nan
     level_mm: float | None = None
     turned: str | None = None
 
@@ -248,6 +257,7 @@ class Decider:
             self._stopped,
             self._narrowed,
             self._gaps,
+            self._bare,
             self._flow,
             self._blind,
         )
@@ -377,6 +387,17 @@ class Decider:
         if factor is None:
             return None
         return Decision(DecisionKind.FLOW, f"{told}: factor {factor:.2f}", factor=factor)
+
+    def _bare(self, evidence: Evidence) -> Decision | None:
+        if not (
+            evidence.coverage < _LEAST_INK and evidence.seen_share * evidence.way_mm > _TELLING_MM
+        ):
+            return None
+        return Decision(
+            DecisionKind.PAUSE,
+            f"ink lies on {evidence.coverage:.0%} of what was seen ({evidence.seen_share:.0%}), "
+            "though no gap is sure: the needle is clogged, or the picture is of another place",
+        )
 
     def _blind(self, evidence: Evidence) -> Decision | None:
         unseen = self.layers.unseen

@@ -1,5 +1,7 @@
 """Decisions by their rules and modes."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -70,6 +72,15 @@ def test_a_turned_picture_pauses_and_nothing_is_learned_or_mended_by_it():
     assert (found.kind, found.ask, found.gaps) == (DecisionKind.PAUSE, None, ())
     assert "fits the layer better turned by 180°: check the device's axes" in found.why
     assert decider.decide(evidence()).kind is DecisionKind.GO_ON
+
+
+def test_a_way_without_ink_is_never_called_as_expected():
+    bare = decided(coverage=0.003, seen_share=0.2, over_old_share=0.3)
+    assert bare.kind is DecisionKind.PAUSE
+    assert "ink lies on 0% of what was seen (20%)" in bare.why
+    assert decided(coverage=0.003, seen_share=0.2, gaps=(GAP,)).ask is DecisionKind.MEND
+    for sound in ({"coverage": 0.69}, {"coverage": 0.0, "way_mm": 0.9}, {"coverage": math.nan}):
+        assert decided(**sound).kind is DecisionKind.GO_ON
 
 
 def test_thin_lines_are_corrected():
