@@ -229,7 +229,7 @@ def test_wizard_of_a_syringe_sets_zero_and_purges(visit: Open) -> None:
 
 @pytest.mark.slow
 def test_wizard_of_weighing_makes_a_job_and_reads_the_balance(visit: Open) -> None:
-    page = connected(visit())
+    page = connected(visit(1300, 1000))  # one of its own: the dialogs before it have scrolled
     page.get_by_role("button", name="Start: Flow by weight").click()
     page.get_by_role("button", name="Make the test's G-code").click()
     expect(page.get_by_text("file~calibrate_weigh_")).to_be_visible(timeout=20_000)
@@ -265,7 +265,7 @@ def test_page_is_accessible_and_fits(visit: Open, size: dict[str, int], scheme: 
     ),
 )
 def test_dialogs_are_accessible(visit: Open, openers: tuple[str, ...]) -> None:
-    page = connected(visit())
+    page = connected(visit(820, 1180))
     for opener in openers:
         page.get_by_role("button", name=opener).first.click()
         assert serious_in_dialog(page) == []
