@@ -72,9 +72,14 @@ class BareKernel:
         self.__doc__ = function.__doc__
         self.__name__ = function.__name__
         self._runs: dict[tuple[Any, ...], Run] = {}
+        self._defaults = function.__defaults__ or ()
+        self._most = function.__code__.co_argcount
 
     def __call__(self, *args: Any) -> Any:
         """Run the kernel."""
+        left_out = self._most - len(args)
+        if 0 < left_out <= len(self._defaults):
+            args = (*args, *self._defaults[-left_out:])
         try:
             kind = tuple([_kind(one) for one in args])
         except TypeError:

@@ -46,6 +46,9 @@ def refuses(n):
 def hashes(n):
     return len({{"a", "b"}}) + n
 @jit
+def scaled(value, by=2.0):
+    return value * by
+@jit
 def counts(text, byte):
     found = 0
     for k in range(len(text)):
@@ -69,6 +72,7 @@ for values in (even, fixed):
 print([type(one).__name__ for one in (kinds.adds(3), kinds.adds(2.5), kinds.adds(True))])
 print(kinds.adds(np.arange(3)).tolist(), kinds.refuses(1))
 print(kinds.counts(b"G1 X1", 49), kinds.counts(b"", 49))
+print(kinds.scaled(3.0), kinds.scaled(3.0, 5.0))
 rows = np.zeros((2, 3), order="F"); kinds.fills(rows); print(rows.tolist())
 loaded = "numba.core" in sys.modules
 print(kinds.hashes(3))
