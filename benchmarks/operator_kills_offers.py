@@ -1,4 +1,4 @@
-"""What a page offers of an ended print, beside what its journal allows."""
+"""Compare the actions that a page offers for a print with those that its journal allows."""
 
 from __future__ import annotations
 

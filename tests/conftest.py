@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from kernels import no_numba
 from tests.slower import examples
 
 # Workers fill the cores: of matrices so small a second thread would do nothing but spin.
@@ -35,6 +36,15 @@ def pytest_collection_finish() -> None:
     """Look for garbage among what tests make, not among what was collected."""
     gc.freeze()
     gc.enable()
+
+
+class _NeverBare(set[str]):
+    def add(self, _: str) -> None:
+        """Forget it."""
+
+
+# Commands in this process ask for kernels without numba: not for what later tests import.
+no_numba._ASKED = _NeverBare()
 
 
 @pytest.fixture(scope="session")

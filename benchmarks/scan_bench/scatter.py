@@ -119,19 +119,9 @@ def cast(
                 amplitude[x, cell] += complex(np.random.normal() * size, np.random.normal() * size)
                 mean[x, cell] += power[now] * (light * focus) ** 2
             else:
-                edge(
-                    field[:, :, x],
-                    z,
-                    dz_field,
-                    count,
-                    density,
-                    power,
-                    light * focus,
-                    wide,
-                    amplitude[x],
-                    mean[x],
-                    cell,
-                )
+                column, seen = field[:, :, x], light * focus
+                rows = (amplitude[x], mean[x])
+                edge(column, z, dz_field, count, density, power, seen, wide, rows, cell)
             if now != before and c > 0 and now + before != LUMEN + BATH:
                 which = 0 if now + before == GEL + LUMEN else 1
                 wall = field[which, :, x]
@@ -143,8 +133,9 @@ def cast(
 
 
 @nb.njit(cache=True)
-def edge(column, z, dz, count, density, power, light, wide, amplitude, mean, cell):
-    """Place the scatterers of a cell beside a wall one by one."""
+def edge(column, z, dz, count, density, power, light, wide, rows, cell):
+    """Place the scatterers of a cell beside a wall one by one, in an A-scan's two rows."""
+    amplitude, mean = rows
     d = np.empty(6)
     for k in range(6):
         d[k] = at_depth(column[k // 3, k % 3], z, dz)

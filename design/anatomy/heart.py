@@ -10,13 +10,13 @@ import numpy as np
 
 from design.anatomy.from_trunks import TrunkPlan
 from design.anatomy.graph_trunk import LayerForest
-from design.anatomy.grown import AnatomicTrees, Trees, grow_fitted
+from design.anatomy.grown import AnatomicTrees, Trees, grow_fitted, trunk_mm
 from design.anatomy.heart_places import FEWEST, HeartPlaces, find_heart_places
 from design.anatomy.heart_trunk import LEFT, RIGHT, heart_forest, heart_layer, ostium_above
 from design.anatomy.network import curved_network
 from design.anatomy.openness import SurfaceSamples, sample_surface
-from design.anatomy.trunk_lines import lines_of
-from design.errors import CrowdedError, GrowthError
+from design.anatomy.trunk_lines import TrunkLines, lines_of
+from design.errors import GrowthError
 from design.measures.published_radii import PublishedMatch, published_match
 from design.network import VesselKind
 from design.tissue import Tissue
@@ -33,6 +33,9 @@ NAMES: Final = ("left_coronary", "right_coronary")
 
 _SAMPLES = 12_000
 _VOLUME = 20_000
+_LAID: Final = 0.85
+"""Of the planned trunks' length, from which on none of the main branches is missing: smoothed they
+are a twentieth shorter."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,11 @@ def grow_heart(
     trees = grow_fitted(tissue, plan, options)
     if anatomy.published_radii:
         trees = _with_published_radii(trees, tissue, plan, options)
-    notes = (*_notes(samples, places, ostia), *_drop_note(trees[0], options))
+    notes = (
+        *_notes(samples, places, ostia),
+        *_drop_note(trees[0], options),
+        *_left_out_note(plan.lines, trees),
+    )
     return AnatomicTrees(trees, (VesselKind.ARTERY,) * 2, NAMES, notes)
 
 
@@ -120,7 +127,7 @@ def _with_published_radii(
     drop = options.pressure_drop_pa / match.factor**4
     try:
         other = grow_fitted(tissue, plan, replace(options, pressure_drop_pa=drop))
-    except CrowdedError:
+    except GrowthError:
         return trees
     return other if _published_match(other).farthest_sd < match.farthest_sd else trees
 
@@ -139,6 +146,19 @@ def _drop_note(tree: VesselTree, options: GrowthOptions) -> tuple[str, ...]:
         f"pressure_drop_mmhg was taken as {ours / PA_PER_MMHG:.3g} instead of "
         f"{before / PA_PER_MMHG:.3g}: with it diameters and lengths are nearest to those of "
         "Kassab et al. 1993",
+    )
+
+
+def _left_out_note(lines: TrunkLines, trees: Trees) -> tuple[str, ...]:
+    """What is said of main branches that don't fit."""
+    ends = np.flatnonzero(lines.parent >= 0)
+    pieces = lines.points[ends] - lines.points[lines.parent[ends]]
+    planned, laid = float(np.linalg.norm(pieces, axis=1).sum()), trunk_mm(trees)
+    if laid > _LAID * planned:
+        return ()
+    return (
+        f"trunks are {laid:.0f} mm long, {planned:.0f} mm were planned: main branches that didn't "
+        "fit were left out; a higher pressure_drop_mmhg or fewer terminals leave them room",
     )
 
 

@@ -39,6 +39,9 @@ ROUNDS = 10
 AGAIN = 12
 SECOND = np.radians(24.0)
 _LESS, _LEAST = 0.5, 0.01
+JOINT_RESERVE = 0.95
+"""Of a joint's reach, within which its branches may be near each other when they are curved: radii
+shrink, and joints reach less far, when the terminals to spare go."""
 _CHEAP = 0.002
 """Of the terminals, which may go for a vessel that lies in a rising trunk's way."""
 _STUCK = 3
@@ -76,7 +79,7 @@ def fitted_trees(
     flow = float(sum(tree.flow_ul_s[0] for tree in trees)) / terminals
     done = tuple(with_flow(tree, flow) for tree in done)
     if shallow_mm is not None:
-        done = risen_trees(tissue, done, mm, shallow_mm, partial(_dear, tissue, mm, ratio))
+        done = risen_trees(tissue, done, mm, shallow_mm, partial(_costly, tissue, mm, ratio))
     for _ in range(AGAIN):
         done, bad = curve_trees(tissue, _sunk(tissue, done, mm, ratio), mm, ratio, least)
         least = SECOND
@@ -100,14 +103,13 @@ def fitted_trees(
     )
 
 
-def _dear(tissue: Tissue, mm: float, ratio: float, trees: Trees) -> IntArray:
-    """Segments that don't fit and would take more than a few terminals with them."""
-    pairs, out = misfits(tissue, trees, mm, ratio)
+def _costly(tissue: Tissue, mm: float, ratio: float, trees: Trees) -> IntArray:
+    """Pairs too near that would cost more than a few terminals. What reaches out is sunk next."""
+    pairs, _ = misfits(tissue, trees, mm, ratio)
     fed = np.concatenate([tree.terminals for tree in trees])
     both = np.array(pairs, dtype=np.int64).reshape(-1, 2)
     few = _CHEAP * sum(int(tree.terminals[0]) for tree in trees)
-    dear = both[fed[both].min(axis=1) > few]
-    return np.unique(np.concatenate([dear.ravel(), out[fed[out] > few]]))
+    return np.unique(both[fed[both].min(axis=1) > few])
 
 
 def _risen(tissue: Tissue, trees: Trees, mm: float, ratio: float, shallow_mm: float) -> Trees:
@@ -182,7 +184,7 @@ def curve_trees(
     for n in range(ROUNDS):
         curved = [curve_tree(*each) for each in zip(trees, reach, main, forked, turn, strict=True)]
         done = tuple(tree for tree, _ in curved)
-        bad = misfits(tissue, done, clearance_mm, clearance_ratio, room)
+        bad = misfits(tissue, done, clearance_mm, clearance_ratio, room, JOINT_RESERVE)
         wider = [_wider(*each) for each in zip(trees, curved, strict=True)]
         turned = [(a != b) & ~c for a, b, c in zip(main, wider, forked, strict=True)]
         if not _any(bad) and not any(some.any() for some in turned):
@@ -199,7 +201,7 @@ def curve_trees(
         touched[[piece for pair in bad[0] for piece in pair]] = True
         for k, (tree, (_, lines)) in enumerate(zip(trees, curved, strict=True)):
             _lower(tree, lines, touched[first[k] : first[k + 1]], reach[k])
-    return done, bad
+    return done, misfits(tissue, done, clearance_mm, clearance_ratio, room)
 
 
 def _least(tree: VesselTree, least: float, narrow: float | None) -> FloatArray:
@@ -215,13 +217,16 @@ def misfits(
     clearance_mm: float,
     clearance_ratio: float,
     room: float = 1.0,
+    joint_part: float = 1.0,
 ) -> Misfits:
     """Pairs of segments nearer than the clearance, and segments that reach out of the tissue.
 
     Segments of all trees are numbered on. A root's segment may begin outside. Clearances count
-    ``room`` times, and joints reach a little less far for it: radii may still change.
+    ``room`` times, and joints reach a little less far for it: radii may still change. So do they
+    with ``joint_part``, of their reach.
     """
-    near = collisions(forest_to_network(trees), clearance_mm, clearance_ratio, room, room**-0.5)
+    part = min(joint_part, room**-0.5)
+    near = collisions(forest_to_network(trees), clearance_mm, clearance_ratio, room, part)
     start = np.concatenate([tree.proximal for tree in trees])
     end = np.concatenate([tree.distal for tree in trees])
     radius = np.concatenate([tree_radii(tree) for tree in trees])

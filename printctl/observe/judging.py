@@ -16,7 +16,7 @@ from printctl.observe.deciding import (
     SupplyState,
     judge_supply,
 )
-from printctl.observe.deciding.decide import Narrowed
+from printctl.observe.deciding.evidence import Narrowed
 from printctl.observe.deciding.thin import Thin, seen_twice
 from printctl.observe.expected import ExpectedInk
 from printctl.observe.mends_again import LayerInk, gaps_of_job, without_mends

@@ -4,14 +4,8 @@ Goes in: gaps with p-values, widths in the order of writing. Comes out: a decisi
 Begin with `decide.py`.
 """
 
-from printctl.observe.deciding.decide import (
-    Decider,
-    Decision,
-    DecisionKind,
-    Evidence,
-    LayersSeen,
-    Limits,
-)
+from printctl.observe.deciding.decide import Decider, Decision, DecisionKind, Limits
+from printctl.observe.deciding.evidence import Evidence, LayersSeen, Narrowed
 from printctl.observe.deciding.flow_control import FlowBlocks, FlowControl, FlowLimits
 from printctl.observe.deciding.gap_test import GapTest, confirmed_gaps
 from printctl.observe.deciding.ink_supply import InkSupply, SupplyState, judge_supply
@@ -28,6 +22,7 @@ __all__ = [
     "InkSupply",
     "LayersSeen",
     "Limits",
+    "Narrowed",
     "SupplyState",
     "confirmed_gaps",
     "judge_supply",

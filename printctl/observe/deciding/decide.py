@@ -26,17 +26,16 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Final, Literal
 
-from printctl.observe.deciding.flow_control import FlowBlocks, FlowControl, FlowLimits
+from printctl.observe.deciding.evidence import Evidence, LayersSeen
+from printctl.observe.deciding.flow_control import FlowControl, FlowLimits
 from printctl.observe.deciding.gap_test import GapTest, confirmed_gaps
-from printctl.observe.deciding.ink_supply import InkSupply, SupplyState
+from printctl.observe.deciding.ink_supply import SupplyState
 from printctl.observe.deciding.thin import Thin
 from registration.layer_images.values import Gap
 
 Mode = Literal["tell", "ask", "mend"]
 
 _STOPPING: Final = (SupplyState.CLOGGED, SupplyState.EMPTY)
-_HIDDEN: Final = 0.1
-"""Of a layer so little could be seen at best that a look says nothing about the view."""
 _MOST_MISSING: Final = 1 / 3
 """Of the way, that is mended unasked: where more is missing, the picture is doubted as well."""
 _LEAST_INK: Final = 1 / 3
@@ -56,79 +55,6 @@ class DecisionKind(StrEnum):
     MEND = "mend"
     PAUSE = "pause"
     STOP = "stop"
-
-
-@dataclass(frozen=True)
-class Narrowed:
-    """Lumen that is seen narrower than designed.
-
-    Attributes
-    ----------
-    name : str
-    open_share : float
-        Seen over designed width; 0 for closed.
-    u : float
-        Standard uncertainty of it.
-    """
-
-    name: str
-    open_share: float
-    u: float
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What a look has told.
-
-    Attributes
-    ----------
-    places : int
-        Places along lines that were tested.
-    gaps : tuple of Gap
-    second : tuple of Gap or None
-        Those of a second picture; None where there is none.
-    supply : InkSupply
-    flow : FlowBlocks
-    seen_share : float
-        Of the way written since the last look.
-    shift_mm, u_shift_mm : float, mm
-        How far the layer lies beside its place, and the standard uncertainty.
-    narrowed : tuple of Narrowed
-    stretches : int
-        Lines surely thinner or wider than tolerated.
-    thin : tuple of Thin
-        Those surely too thin, which a second pass may fill up.
-    seem_thin : tuple of Thin
-        Those that seem so, by one picture: they are filled up where the flow is proven too small.
-    over_old_share : float
-        Of the way, not seen because it lies over older ink from which nothing tells it.
-    way_mm : float, mm
-        Written since the last look.
-    coverage : float
-        Share of the way that was seen on which ink lies; not a number where nothing was seen.
-    level_mm : float or None, mm
-        Height of the layer; None where there is none, and each look stands for itself.
-    turned : str or None
-        How the picture would fit the layer clearly better ("turned by 180°").
-    """
-
-    places: int
-    gaps: tuple[Gap, ...]
-    second: tuple[Gap, ...] | None
-    supply: InkSupply
-    flow: FlowBlocks
-    seen_share: float
-    shift_mm: float = 0.0
-    u_shift_mm: float = 0.0
-    narrowed: tuple[Narrowed, ...] = ()
-    stretches: int = 0
-    thin: tuple[Thin, ...] = ()
-    seem_thin: tuple[Thin, ...] = ()
-    over_old_share: float = 0.0
-    way_mm: float = 1.0
-    coverage: float = math.nan
-    level_mm: float | None = None
-    turned: str | None = None
 
 
 @dataclass(frozen=True)
@@ -188,41 +114,6 @@ class Decision:
     factor: float | None = None
     ask: DecisionKind | None = None
     thin: tuple[Thin, ...] = ()
-
-
-@dataclass
-class LayersSeen:
-    """How much was seen of the layer in hand, and how many in a row too little was seen of.
-
-    Attributes
-    ----------
-    unseen : int
-        In a row, the one in hand included.
-    before : int
-        Without the one in hand.
-    level_mm : float or None, mm
-    way_mm, visible_mm, seen_mm : float, mm
-        Of the layer in hand: written; what a clean view can show of it; seen.
-    """
-
-    unseen: int = 0
-    before: int = 0
-    level_mm: float | None = None
-    way_mm: float = 0.0
-    visible_mm: float = 0.0
-    seen_mm: float = 0.0
-
-    def add(self, evidence: Evidence, least_share: float) -> None:
-        """Take in a look; several in one layer count as one."""
-        if evidence.level_mm is None or evidence.level_mm != self.level_mm:
-            self.before, self.level_mm = self.unseen, evidence.level_mm
-            self.way_mm = self.visible_mm = self.seen_mm = 0.0
-        self.way_mm += evidence.way_mm
-        self.visible_mm += evidence.way_mm * (1.0 - evidence.over_old_share)
-        self.seen_mm += evidence.way_mm * evidence.seen_share
-        hidden = self.visible_mm < _HIDDEN * self.way_mm  # no cleaner view would show it
-        counts = hidden or self.seen_mm >= least_share * self.visible_mm
-        self.unseen = 0 if counts else self.before + 1
 
 
 @dataclass
@@ -335,7 +226,7 @@ class Decider:
         then = (
             "what is missing is mended after the cause"
             if gaps
-            else "which stretches are missing isn't sure yet, so the next look mends"
+            else "which stretches are missing isn't sure yet, and nothing is mended by this look"
         )
         why = f"no ink for the last {supply.since_ul or 0:.3g} µL: {cause}; {then}"
         return Decision(DecisionKind.PAUSE, why, gaps, ask=DecisionKind.MEND if gaps else None)

@@ -13,7 +13,7 @@ from design.anatomy import heart as heart_template
 from design.anatomy import kidney as kidney_template
 from design.anatomy import liver as liver_template
 from design.anatomy.cortex import CortexAnatomy, grow_cortex
-from design.anatomy.grown import AnatomicTrees
+from design.anatomy.grown import AnatomicTrees, trunk_mm
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
 from design.anatomy.kidney_places import find_kidney_places
@@ -21,6 +21,7 @@ from design.anatomy.liver import LiverAnatomy, grow_liver
 from design.anatomy.liver_places import find_liver_places
 from design.anatomy.network import curved_network
 from design.anatomy.openness import sample_surface
+from design.anatomy.presets import PRESETS
 from design.anatomy.trunk_lines import outward
 from design.errors import GrowthError, TissueError
 from design.hemodynamics import FlowConditions, solve_flow
@@ -29,6 +30,7 @@ from design.network import VesselKind
 from design.tissue import Tissue, biventricle, folded_cortex, tissue_from_surface
 from design.tissue import kidney as kidney_shape
 from design.tissue import liver as liver_shape
+from design.units import PA_PER_MMHG
 from design.vasculature import GrowthOptions
 from design.vasculature.collisions.collide import collisions
 from design.vasculature.growth.territories import demand_points
@@ -192,6 +194,17 @@ def test_a_heart_gets_another_pressure_drop_where_that_is_nearer_to_published_ra
     wanted = HEART.pressure_drop_pa / factor**4
     assert [tree.pressure_drop_pa for tree in made.trees] == pytest.approx([wanted] * 2)
     assert any("pressure_drop_mmhg was taken as" in note for note in made.notes) == (factor != 1.0)
+
+
+def test_a_small_heart_keeps_its_main_branches():
+    """The circumflex was taken away for the anterior descending beside it at their fork."""
+    shape = biventricle(60.0)
+    tissue = tissue_from_surface(shape.vertices, shape.faces)
+    drop = PRESETS["heart"].pressure_drop_mmhg * PA_PER_MMHG
+    options = replace(HEART, terminals=160, clearance_mm=0.05, pressure_drop_pa=drop)
+    made = grow_heart(tissue, options, HeartAnatomy(trunk_ends=40))
+    assert not any("were left out" in note for note in made.notes)
+    assert trunk_mm(made.trees) > 0.9 * 660.0
 
 
 def test_heart_has_two_ostia_at_the_base_and_trunks_below_the_epicardium():

@@ -14,7 +14,7 @@ from printctl.observe.deciding import (
     Limits,
     SupplyState,
 )
-from printctl.observe.deciding.decide import Narrowed
+from printctl.observe.deciding.evidence import Narrowed
 from printctl.observe.deciding.thin import Thin
 from registration.layer_images.values import Gap
 

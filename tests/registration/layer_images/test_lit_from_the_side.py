@@ -1,4 +1,4 @@
-"""What is doubted because light from the side may have made it; what a blurred edge looks like."""
+"""Width findings that light from the side may cause are doubted; blurred edges aren't strange."""
 
 from __future__ import annotations
 

@@ -91,5 +91,6 @@ def test_a_line_missing_between_older_lines_is_a_gap(look: str) -> None:
     found = see_layer(paint(ink, CAMERA, _scene(look), 2), _View(), lines, before=before)
     stroke = int(lines.stroke[lines.fresh][2])
     assert {gap.stroke for gap in found.gaps} == {stroke}
-    told = sum(gap.to_mm - gap.from_mm for gap in found.gaps)
-    assert told > 0.3 * SIZE, "as a whole, or one between each two older lines"
+    between = np.arange(0.35, SIZE, 0.7)  # of each two older lines
+    hit = [any(gap.from_mm < at < gap.to_mm for gap in found.gaps) for at in between]
+    assert sum(hit) >= len(between) - 1

@@ -116,17 +116,7 @@ def sample_data() -> dict[str, Any]:
             "method": "fresh", "layers": 50, "lines": 18422, "written_ul": 359.1,
             "length_mm": 39870.2,
         },
-        "dry_run": {
-            "duration_s": 4382.1,
-            "checks": [
-                {"check": "inside the printer's bounds", "value": 118.0, "limit": 190.0,
-                 "unit": "mm", "passed": True, "place": None},
-                {"check": "feed", "value": 20.0, "limit": 30.0, "unit": "mm/s", "passed": True,
-                 "place": "line 212"},
-                {"check": "syringe volume", "value": 361.4, "limit": 2500.0, "unit": "µL",
-                 "passed": True, "place": "lulzbot.yaml: syringe"},
-            ],
-        },
+        "dry_run": _dry_run(),
         "print": {
             "printer": "lulzbot_replistruder (simulated)", "port": "/dev/pts/3",
             "state": "finished", "lines": 18422, "duration_s": 4390.7,
@@ -152,6 +142,20 @@ def sample_data() -> dict[str, Any]:
             "inputs": {"planar_fresh.yaml": "6f1c0f9c4f…", "lulzbot.yaml": "a19be2d07c…"},
             "seed": 1,
         },
+    }  # fmt: skip
+
+
+def _dry_run() -> dict[str, Any]:
+    return {
+        "duration_s": 4382.1,
+        "checks": [
+            {"check": "inside the printer's bounds", "value": 118.0, "limit": 190.0,
+             "unit": "mm", "passed": True, "place": None},
+            {"check": "feed", "value": 20.0, "limit": 30.0, "unit": "mm/s", "passed": True,
+             "place": "line 212"},
+            {"check": "syringe volume", "value": 361.4, "limit": 2500.0, "unit": "µL",
+             "passed": True, "place": "lulzbot.yaml: syringe"},
+        ],
     }  # fmt: skip
 
 
