@@ -6,8 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import ceil
 
-import numpy as np
-
 from design.anatomy.fit_apart import SPARE as SPARE_APART
 from design.anatomy.fit_apart import fitted_apart
 from design.anatomy.from_trunks import WIDER, TrunkPlan, grow_from_plan
@@ -31,8 +29,6 @@ _LEAST_SPARE = 0.01
 """More terminals to spare with each attempt, of those asked for, though few didn't fit."""
 _NEARLY = 0.95
 """Of the terminals asked for, from which on trunks don't need more room."""
-_TRUNK_KEPT = 0.85
-"""Of the trunks' length, from which on no main branch was taken away for one in its way."""
 _CLEARER, _CLEARER_RATIO = 1.15, 1.3
 """Clearance to grow with, over that kept once vessels are curved."""
 
@@ -175,11 +171,10 @@ def _attempts(
     """What ``fitted`` makes of the first growth that it doesn't refuse.
 
     Where terminals were too few, more are grown to spare; where they were far too few, or trunks
-    didn't fit or lost a main branch, trunks get more room each time.
+    didn't fit, trunks get more room each time.
     """
     error = GrowthError("not tried")
     best: CrowdedError | None = None
-    longest: Trees | None = None
     room = 0
     for attempt in range(ATTEMPTS):
         wider = WIDER * (1.0 + _MORE_ROOM * room)
@@ -191,7 +186,7 @@ def _attempts(
         try:
             trees, _ = grow_from_plan(tissue, replace(plan, wider=wider, each=each), settings)
         except GrowthError as failed:
-            if best is not None or longest is not None:
+            if best is not None:
                 error = failed
                 break
             raise GrowthError(
@@ -200,28 +195,16 @@ def _attempts(
                 "curves and vessels side by side need the room"
             ) from failed
         try:
-            done = fitted(trees)
-            if trunk_mm(done) > _TRUNK_KEPT * trunk_mm(trees):
-                return done
-            longest = max(longest or done, done, key=trunk_mm)
-            room += 1
+            return fitted(trees)
         except CrowdedError as failed:
             best, error = max((best or failed, failed), key=lambda one: one.fit), failed
             room += failed.fit < _NEARLY * failed.asked
         except GrowthError as failed:
             error = failed
             room += 1
-    if longest is not None:
-        return longest
     if best is not None:
         raise CrowdedError(best.fit, best.asked, f" (best of {ATTEMPTS} attempts)") from error
     raise GrowthError(f"{error} (last of {ATTEMPTS} attempts)") from error
-
-
-def trunk_mm(trees: Trees) -> float:
-    """Length of all trunks."""
-    pieces = [(tree.distal - tree.proximal)[tree.given] for tree in trees]
-    return float(sum(np.linalg.norm(one, axis=1).sum() for one in pieces))
 
 
 def _more(options: GrowthOptions, spare: float) -> GrowthOptions:

@@ -10,7 +10,7 @@ import numpy as np
 
 from design.anatomy.from_trunks import TrunkPlan
 from design.anatomy.graph_trunk import LayerForest
-from design.anatomy.grown import AnatomicTrees, Trees, grow_fitted, trunk_mm
+from design.anatomy.grown import AnatomicTrees, Trees, grow_fitted
 from design.anatomy.heart_places import FEWEST, HeartPlaces, find_heart_places
 from design.anatomy.heart_trunk import LEFT, RIGHT, heart_forest, heart_layer, ostium_above
 from design.anatomy.network import curved_network
@@ -34,8 +34,7 @@ NAMES: Final = ("left_coronary", "right_coronary")
 _SAMPLES = 12_000
 _VOLUME = 20_000
 _LAID: Final = 0.85
-"""Of the planned trunks' length, from which on none of the main branches is missing: smoothed they
-are a twentieth shorter."""
+"""Of the planned trunks' length, below which it is told: smoothed they are a twentieth shorter."""
 
 
 @dataclass(frozen=True)
@@ -150,15 +149,19 @@ def _drop_note(tree: VesselTree, options: GrowthOptions) -> tuple[str, ...]:
 
 
 def _left_out_note(lines: TrunkLines, trees: Trees) -> tuple[str, ...]:
-    """What is said of main branches that don't fit."""
+    """What is said of trunks' branches that don't fit."""
     ends = np.flatnonzero(lines.parent >= 0)
     pieces = lines.points[ends] - lines.points[lines.parent[ends]]
-    planned, laid = float(np.linalg.norm(pieces, axis=1).sum()), trunk_mm(trees)
+    planned = float(np.linalg.norm(pieces, axis=1).sum())
+    laid = sum(
+        float(np.linalg.norm((tree.distal - tree.proximal)[tree.given], axis=1).sum())
+        for tree in trees
+    )
     if laid > _LAID * planned:
         return ()
     return (
-        f"trunks are {laid:.0f} mm long, {planned:.0f} mm were planned: main branches that didn't "
-        "fit were left out; a higher pressure_drop_mmhg or fewer terminals leave them room",
+        f"trunks are {laid:.0f} mm long, {planned:.0f} mm were planned: branches that didn't fit "
+        "were left out; a higher pressure_drop_mmhg or fewer trunk_ends leave them room",
     )
 
 
