@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from kernels import no_numba
 from tests.slower import examples
 
 # Workers fill the cores: of matrices so small a second thread would do nothing but spin.
@@ -43,8 +42,11 @@ class _NeverBare(set[str]):
         """Forget it."""
 
 
-# Commands in this process ask for kernels without numba: not for what later tests import.
-no_numba._ASKED = _NeverBare()
+def pytest_configure() -> None:
+    """Keep what later tests import from lacking numba, as commands in this process ask for."""
+    from kernels import no_numba  # starts OpenBLAS, so after its number of threads is set
+
+    no_numba._ASKED = _NeverBare()
 
 
 @pytest.fixture(scope="session")
