@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from design.anatomy.clear_trunks import clear_trunks
 from design.anatomy.cortex_places import CortexPlaces, depth_along_normal, find_cortex_places
-from design.anatomy.from_trunks import TrunkPlan, not_in_the_way
+from design.anatomy.from_trunks import TrunkPlan
 from design.anatomy.graph_trunk import LayerForest, apart_for, spread_sites
 from design.anatomy.grown import AnatomicTrees, grow_apart
 from design.anatomy.layer import Layer, below_surface, join_layer
@@ -168,7 +169,17 @@ def with_arterioles(
     )
     whole = with_shares(whole, volume)
     own = radius.max() * whole.share[count:] ** (1.0 / options.murray_exponent)
-    return not_in_the_way(tissue, whole, np.concatenate([radius, own]), options)
+    return _without_those_in_the_way(tissue, whole, np.concatenate([radius, own]), options)
+
+
+def _without_those_in_the_way(
+    tissue: Tissue, lines: TrunkLines, radius: FloatArray, options: GrowthOptions
+) -> tuple[TrunkLines, FloatArray]:
+    while True:
+        clearer = clear_trunks(tissue, lines, lines, radius, options, later=False)
+        if clearer is None:
+            return lines, radius
+        lines, radius = clearer
 
 
 def _apart(lines: TrunkLines, apart_mm: float) -> IntArray:

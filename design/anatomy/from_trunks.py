@@ -9,18 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from design.anatomy.clear_trunks import clear_trunks
 from design.anatomy.trunk_lines import (
     TrunkLines,
     kept_at_depth,
     smooth_lines,
     thinned,
     trunk_from,
-    without,
 )
-from design.errors import GrowthError
-from design.network import VesselKind, VesselNetwork
+from design.network import VesselKind
 from design.tissue import Tissue
-from design.vasculature.collisions.collide import collisions
 from design.vasculature.growth.forest import RootSpec, grow_forest, likely_radius
 from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.options import GrowthOptions
@@ -42,9 +40,6 @@ WIDER = 1.15
 """See `TrunkPlan`."""
 
 _ROUNDS = 2
-_STUB = 4
-_SPACING = 1.25
-"""Room between trunks over what their radii and clearance ask for."""
 
 
 @dataclass(frozen=True)
@@ -95,8 +90,7 @@ def grow_from_plan(
     root = wide[lines.tree] if plan.each else wide[0]
     radius = root * lines.share ** (1 / options.murray_exponent)
     for left in range(_ROUNDS - 1, -1, -1):
-        smooth, kept = laid(tissue, plan, lines, radius, options)
-        lines, radius = without(lines, ~kept), radius[kept]
+        smooth, lines, radius = laid(tissue, plan, lines, radius, options)
         whole, wide = plan.branches(smooth, radius) if plan.branches else (smooth, radius)
         thin = thinned(whole, STRAIGHTER * wide)
         roots = _pervading(thin, wide, whole, plan) if plan.each else roots_of(thin, wide, options)
@@ -138,21 +132,19 @@ def laid(
     lines: TrunkLines,
     radius: FloatArray,
     options: GrowthOptions,
-) -> tuple[TrunkLines, NDArray[np.bool_]]:
-    """The lines, smooth, at the depth that their radii (n,) ask for; and which nodes were kept.
+) -> tuple[TrunkLines, TrunkLines, FloatArray]:
+    """The lines, smooth, at the depth that their radii (n,) ask for; they as given; their radii.
 
-    What is in another trunk's way is left away.
+    Branches that are in each other's way fork later or are left away.
     """
-    kept = np.ones(len(radius), dtype=np.bool_)
     while True:
-        mine, wide = without(lines, ~kept), radius[kept]
-        deep = np.maximum(DEPTH_MARGIN * wide + options.clearance_mm, plan.shallow_mm)
-        keep = kept_at_depth(tissue, deep, mine.parent < 0, plan.exactly)
-        smooth = smooth_lines(tissue, mine, _both(keep, plan.keep, mine.parent < 0))
-        gone = _in_the_way(tissue, smooth, plan.wider * wide, options)
-        if not gone.any():
-            return smooth, kept
-        kept[np.flatnonzero(kept)[gone]] = False
+        deep = np.maximum(DEPTH_MARGIN * radius + options.clearance_mm, plan.shallow_mm)
+        keep = kept_at_depth(tissue, deep, lines.parent < 0, plan.exactly)
+        smooth = smooth_lines(tissue, lines, _both(keep, plan.keep, lines.parent < 0))
+        clearer = clear_trunks(tissue, smooth, lines, radius, options, plan.wider)
+        if clearer is None:
+            return smooth, lines, radius
+        lines, radius = clearer
 
 
 def _both(
@@ -170,69 +162,6 @@ def _both(
         return np.where(fixed[:, None], points, after(points))
 
     return keep
-
-
-def _in_the_way(
-    tissue: Tissue, lines: TrunkLines, radius: FloatArray, options: GrowthOptions
-) -> NDArray[np.bool_]:
-    """Nodes to be left away: of two trunks that are too near, the thinner and all below it."""
-    piece = np.flatnonzero(lines.parent >= 0)
-    network = VesselNetwork.from_segments(
-        lines.points,
-        np.column_stack([lines.parent[piece], piece]),
-        radius[piece],
-        np.full(len(piece), int(VesselKind.ARTERY)),
-        lines.tree[piece],
-    )
-    clear = _SPACING * options.clearance_mm
-    near = collisions(network, clear, _SPACING * options.clearance_ratio)
-    gone = np.zeros(len(lines.parent), dtype=np.bool_)
-    pairs = piece[near.vessels] if near.count else np.empty((0, 2), dtype=np.int64)
-    thinner = np.where(radius[pairs[:, 0]] < radius[pairs[:, 1]], pairs[:, 0], pairs[:, 1])
-    gone[thinner] = True
-    # What lacks a little is sunk once its radius is known.
-    inside = tissue.grid.capsule_inside(
-        lines.points[lines.parent[piece]], lines.points[piece], 0.5 * radius[piece]
-    )
-    enters = lines.parent[lines.parent[piece]] < 0
-    gone[piece[~inside & ~enters]] = True
-    return _whole_branches(lines, gone)
-
-
-def not_in_the_way(
-    tissue: Tissue, lines: TrunkLines, radius: FloatArray, options: GrowthOptions
-) -> tuple[TrunkLines, FloatArray]:
-    """Lines and radii without what is in another trunk's way or out of the tissue."""
-    while True:
-        gone = _in_the_way(tissue, lines, radius, options)
-        if not gone.any():
-            return lines, radius
-        lines, radius = without(lines, gone), radius[~gone]
-
-
-def _whole_branches(lines: TrunkLines, gone: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """All that lies below what is gone, and stubs of less than `_STUB` nodes above it."""
-    if not gone.any():
-        return gone
-    gone = gone.copy()
-    count = lines.child_count()
-    for i in range(len(gone)):
-        if lines.parent[i] >= 0:
-            gone[i] |= gone[lines.parent[i]]
-    for i in np.flatnonzero(gone).tolist():
-        stub = []
-        above = int(lines.parent[i])
-        while above >= 0 and not gone[above] and count[above] == 1 and lines.parent[above] >= 0:
-            stub.append(above)
-            above = int(lines.parent[above])
-        if len(stub) < _STUB:
-            gone[stub] = True
-    if gone[lines.parent < 0].any() or not (~gone & (lines.parent >= 0)).any():
-        raise GrowthError(
-            "the trunks don't fit with the radii they would have; ask for fewer terminals or a "
-            "higher pressure_drop_mmhg"
-        )
-    return gone
 
 
 def roots_of(lines: TrunkLines, radius: FloatArray, options: GrowthOptions) -> list[RootSpec]:

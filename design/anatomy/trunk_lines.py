@@ -112,28 +112,23 @@ def _binary(lines: TrunkLines) -> TrunkLines:
             above = len(points) - 1
             parent[child] = above
         parent[heir] = above
-    return in_order(
-        np.array(points), np.concatenate([parent, np.array(more, dtype=np.int64)]), np.array(tree)
-    )
+    up = np.concatenate([parent, np.array(more, dtype=np.int64)])
+    return in_order(TrunkLines(np.array(points), up, np.array(tree), np.zeros(len(up))))[1]
 
 
-def in_order(points: FloatArray, parent: IntArray, tree: IntArray) -> TrunkLines:
-    """Lines of nodes in any order, put so that parents come before their children."""
-    depth = np.zeros(len(parent), dtype=np.int64)
-    above = parent.copy()
+def in_order(lines: TrunkLines) -> tuple[IntArray, TrunkLines]:
+    """Lines of nodes in any order, put so that parents come before children; and their order."""
+    depth = np.zeros(len(lines.parent), dtype=np.int64)
+    above = lines.parent.copy()
     while (above >= 0).any():
         depth += above >= 0
-        above = np.where(above >= 0, parent[np.maximum(above, 0)], -1)
+        above = np.where(above >= 0, lines.parent[np.maximum(above, 0)], -1)
     order = np.argsort(depth, kind="stable")
     number = np.empty(len(order), dtype=np.int64)
     number[order] = np.arange(len(order))
-    up = parent[order]
-    return TrunkLines(
-        points[order],
-        np.where(up >= 0, number[np.maximum(up, 0)], -1),
-        tree[order],
-        np.zeros(len(order)),
-    )
+    up = lines.parent[order]
+    parent = np.where(up >= 0, number[np.maximum(up, 0)], -1)
+    return order, TrunkLines(lines.points[order], parent, lines.tree[order], lines.share[order])
 
 
 def without(lines: TrunkLines, gone: NDArray[np.bool_]) -> TrunkLines:

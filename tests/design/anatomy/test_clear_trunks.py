@@ -1,0 +1,81 @@
+"""Trunk branches in each other's way fork later, or are left away."""
+
+import numpy as np
+import pytest
+
+from design.anatomy.clear_trunks import clear_trunks
+from design.anatomy.trunk_lines import TrunkLines
+from design.errors import GrowthError
+from design.tissue import tissue_from_surface
+from design.tissue.shapes import block
+from design.vasculature.options import GrowthOptions
+
+BLOCK = block((40.0, 40.0, 20.0))
+TISSUE = tissue_from_surface(BLOCK.vertices, BLOCK.faces)
+OPTIONS = GrowthOptions(terminals=100, clearance_mm=0.2)
+
+
+def forked(degrees: float, steps: int = 12) -> tuple[TrunkLines, np.ndarray]:
+    """A stem along x in the block's middle that forks into two, a millimetre from node to node."""
+    low, high = TISSUE.bounds
+    middle = 0.5 * (low + high)
+    begin = np.array([low[0] + 2.0, middle[1], middle[2]])
+    half = np.radians(degrees / 2)
+    points = [begin + [k, 0, 0] for k in range(6)]
+    parent = [-1, *range(5)]
+    for side in (1, -1):
+        for k in range(1, steps + 1):
+            parent.append(5 if k == 1 else len(points) - 1)
+            points.append(points[5] + k * np.array([np.cos(half), side * np.sin(half), 0]))
+    share = np.array([1.0] * 6 + [0.6] * steps + [0.4] * steps)
+    lines = TrunkLines(np.array(points), np.array(parent), np.zeros(len(points), int), share)
+    return lines, 0.8 * share ** (1 / OPTIONS.murray_exponent)
+
+
+def cleared(lines: TrunkLines, radius: np.ndarray) -> tuple[TrunkLines, np.ndarray]:
+    """As often as something is in the way."""
+    while (found := clear_trunks(TISSUE, lines, lines, radius, OPTIONS)) is not None:
+        lines, radius = found
+    return lines, radius
+
+
+def test_what_is_apart_stays_as_it_is():
+    lines, radius = forked(100.0)
+    assert clear_trunks(TISSUE, lines, lines, radius, OPTIONS) is None
+
+
+@pytest.mark.parametrize("degrees", [20.0, 30.0, 45.0])
+def test_narrow_forks_move_on_and_no_end_is_lost(degrees):
+    before, radius = forked(degrees)
+    after, wide = cleared(before, radius)
+    assert (after.child_count() == 0).sum() == 2
+    assert (after.parent < np.arange(len(after.parent))).all()
+    fork = int(np.flatnonzero(after.child_count() == 2)[0])
+    assert after.points[fork, 0] > before.points[5, 0]
+    # What was the larger branch carries both up to the fork.
+    np.testing.assert_allclose(wide[fork], wide[0], rtol=1e-9)
+    np.testing.assert_allclose(after.share[fork], 1.0)
+
+
+def test_where_forks_may_not_move_the_thinner_branch_is_left_away():
+    lines, radius = forked(20.0)
+    found = clear_trunks(TISSUE, lines, lines, radius, OPTIONS, later=False)
+    assert found is not None
+    assert (found[0].child_count() == 0).sum() == 1
+    assert found[1].min() == pytest.approx(radius[6])
+
+
+def test_what_leaves_the_tissue_is_left_away_with_all_below():
+    lines, radius = forked(100.0)
+    tip = np.flatnonzero(lines.child_count() == 0)[0]
+    lines.points[tip, 1] += 100.0
+    found = clear_trunks(TISSUE, lines, lines, radius, OPTIONS)
+    assert found is not None
+    assert len(found[0].parent) == len(lines.parent) - 1
+
+
+def test_nothing_left_is_an_error():
+    lines, radius = forked(100.0)
+    lines.points[1:] += 100.0
+    with pytest.raises(GrowthError, match="trunks don't fit"):
+        cleared(lines, radius)
