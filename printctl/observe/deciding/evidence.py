@@ -1,4 +1,4 @@
-"""What looks have told: of one look, and of the layers seen so far."""
+"""Evidence of looks: a single one, and all layers seen so far."""
 
 from __future__ import annotations
 
