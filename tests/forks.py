@@ -14,7 +14,7 @@ import gc
 import os
 import signal
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 from multiprocessing import Pipe
@@ -55,13 +55,30 @@ def _by_file(items: Group) -> list[Group]:
     return list(files.values())
 
 
-def _no_threads() -> None:
-    """Refuse to fork beside threads, of numba or a mesh library, that a fork would lack."""
+def _threads() -> int:
     tasks = "/proc/self/task"
-    if os.path.isdir(tasks) and len(os.listdir(tasks)) > 1:
+    return len(os.listdir(tasks)) if os.path.isdir(tasks) else 1
+
+
+STARTED: list[str] = []
+"""The test file after which there were threads of numba or of a mesh library."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector: pytest.Collector) -> Generator[None, Any, Any]:
+    """Remember the first file that starts threads as it is collected."""
+    report = yield
+    if not STARTED and _threads() > 1:
+        STARTED.append(collector.nodeid)
+    return report
+
+
+def _no_threads() -> None:
+    """Refuse to fork beside threads, which a fork would lack."""
+    if _threads() > 1:
         raise pytest.UsageError(
-            "a test file starts threads as it is collected: make what its module computes, or "
-            "gives to parametrize, in a function with functools.cache"
+            f"{''.join(STARTED) or 'something'} starts threads as it is collected: make what its "
+            "module computes, or gives to parametrize, in a function with functools.cache"
         )
 
 

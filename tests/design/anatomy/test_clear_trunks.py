@@ -1,23 +1,29 @@
 """Trunk branches in each other's way fork later, or are left away."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 from design.anatomy.clear_trunks import clear_trunks
 from design.anatomy.trunk_lines import TrunkLines
 from design.errors import GrowthError
-from design.tissue import tissue_from_surface
+from design.tissue import Tissue, tissue_from_surface
 from design.tissue.shapes import block
 from design.vasculature.options import GrowthOptions
 
-BLOCK = block((40.0, 40.0, 20.0))
-TISSUE = tissue_from_surface(BLOCK.vertices, BLOCK.faces)
 OPTIONS = GrowthOptions(terminals=100, clearance_mm=0.2)
+
+
+@cache
+def tissue() -> Tissue:
+    shape = block((40.0, 40.0, 20.0))
+    return tissue_from_surface(shape.vertices, shape.faces)
 
 
 def forked(degrees: float, steps: int = 12) -> tuple[TrunkLines, np.ndarray]:
     """A stem along x in the block's middle that forks into two, a millimetre from node to node."""
-    low, high = TISSUE.bounds
+    low, high = tissue().bounds
     middle = 0.5 * (low + high)
     begin = np.array([low[0] + 2.0, middle[1], middle[2]])
     half = np.radians(degrees / 2)
@@ -34,14 +40,14 @@ def forked(degrees: float, steps: int = 12) -> tuple[TrunkLines, np.ndarray]:
 
 def cleared(lines: TrunkLines, radius: np.ndarray) -> tuple[TrunkLines, np.ndarray]:
     """As often as something is in the way."""
-    while (found := clear_trunks(TISSUE, lines, lines, radius, OPTIONS)) is not None:
+    while (found := clear_trunks(tissue(), lines, lines, radius, OPTIONS)) is not None:
         lines, radius = found
     return lines, radius
 
 
 def test_what_is_apart_stays_as_it_is():
     lines, radius = forked(100.0)
-    assert clear_trunks(TISSUE, lines, lines, radius, OPTIONS) is None
+    assert clear_trunks(tissue(), lines, lines, radius, OPTIONS) is None
 
 
 @pytest.mark.parametrize("degrees", [20.0, 30.0, 45.0])
@@ -59,7 +65,7 @@ def test_narrow_forks_move_on_and_no_end_is_lost(degrees):
 
 def test_where_forks_may_not_move_the_thinner_branch_is_left_away():
     lines, radius = forked(20.0)
-    found = clear_trunks(TISSUE, lines, lines, radius, OPTIONS, later=False)
+    found = clear_trunks(tissue(), lines, lines, radius, OPTIONS, later=False)
     assert found is not None
     assert (found[0].child_count() == 0).sum() == 1
     assert found[1].min() == pytest.approx(radius[6])
@@ -69,7 +75,7 @@ def test_what_leaves_the_tissue_is_left_away_with_all_below():
     lines, radius = forked(100.0)
     tip = np.flatnonzero(lines.child_count() == 0)[0]
     lines.points[tip, 1] += 100.0
-    found = clear_trunks(TISSUE, lines, lines, radius, OPTIONS)
+    found = clear_trunks(tissue(), lines, lines, radius, OPTIONS)
     assert found is not None
     assert len(found[0].parent) == len(lines.parent) - 1
 
