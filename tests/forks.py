@@ -82,6 +82,17 @@ def _no_threads() -> None:
         )
 
 
+def _received(line: Connection) -> Any:
+    """What a worker tells; None once it has ended.
+
+    A worker is forked outside of the ``except``: failures in it would be told as its consequence.
+    """
+    try:
+        return line.recv()
+    except (EOFError, ConnectionResetError):
+        return None
+
+
 @dataclass
 class _Worker:
     """A fork, as its parent knows it."""
@@ -135,9 +146,8 @@ class _Loop:
         while self.workers:
             lines = {worker.line: worker for worker in self.workers}
             for line in wait(list(lines)):
-                try:
-                    told = line.recv()  # type: ignore[union-attr]
-                except (EOFError, ConnectionResetError):
+                told = _received(line)  # type: ignore[arg-type]
+                if told is None:
                     self._ended(lines[line])  # type: ignore[index]
                 else:
                     self._take(lines[line], *told)  # type: ignore[index]
