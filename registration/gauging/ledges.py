@@ -92,7 +92,7 @@ def share_of_ledges(
 
 def _scatter(trace: VesselTrace, blur_mm: float) -> FloatArray:
     """Standard deviation of the rays of each measured section, mm (`sections._shape` undone)."""
-    measured = trace.counted & np.isfinite(trace.sections.noise)
+    measured = trace.counted & trace.sections.closed_outline
     radii = trace.sections.rays[measured]
     if len(radii) == 0:
         return np.zeros(0)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtri
 
 from kernels.arrays import BoolArray, FloatArray
 from registration.gauging.ray_kernel import first_walls
@@ -17,6 +18,12 @@ from registration.segmentation.volume import GelField
 RAYS = 48
 REACH = 2.0
 """Rays go out to this many designed radii; what isn't met by then is another lumen."""
+
+_MAD = 1.4826
+"""Standard deviation over median absolute deviation, of normal noise."""
+
+_HIGHEST = 0.95
+"""Quantile among the rays that met a wall, above which the median of all isn't sought."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +72,8 @@ class Sections:
     ovality : (n,) float64
         Longest over shortest axis of the ellipse of the same second harmonic, at least 1.
     noise : (n,) float64, mm
-        Standard error of the diameter, by the scatter of the rays about a smooth outline.
+        Standard error of the diameter, by the scatter of the rays about a smooth outline. Of a
+        short vessel's sections without one, that of the median (`partial_noise`).
     """
 
     open: BoolArray
@@ -135,6 +143,23 @@ def _shape(radii: FloatArray, blur: float) -> tuple[FloatArray, FloatArray]:
     # Harmonics 0 to 2 have taken five degrees of freedom.
     error = rest / np.sqrt(independent - 5.0)
     return (mean + second) / (mean - second), 2 * error
+
+
+def partial_noise(sections: Sections, blur: float) -> FloatArray:
+    """Standard error of the median diameter where half of the rays met the wall, (n,), mm.
+
+    The scatter of the rays that did (median absolute deviation), and by how much the median lies
+    high among them: the others look into a neighbour, so that they are longer, and half of all
+    rays are a larger part of those that met the wall. NaN where under half did.
+    """
+    enough = sections.met > 0.5
+    rays = np.where(enough[:, None], sections.rays, 1.0)
+    middle = np.nanmedian(rays, axis=1)
+    scatter = _MAD * np.nanmedian(np.abs(rays - middle[:, None]), axis=1)
+    met = np.where(enough, sections.met, 1.0)
+    random = np.sqrt(np.pi / 2 / (met * independent_rays(middle, blur)))
+    high = ndtri(np.minimum(0.5 / met, _HIGHEST))
+    return np.asarray(np.where(enough, 2 * scatter * np.hypot(random, high), np.nan))
 
 
 def independent_rays(radius: FloatArray, blur: float) -> FloatArray:

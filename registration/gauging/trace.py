@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.gauging.neighbours import Neighbours
 from registration.gauging.planes import across_tangents, clearances, stations, to_scan
-from registration.gauging.sections import Planes, Sections, cut_sections
+from registration.gauging.sections import Planes, Sections, cut_sections, partial_noise
 from registration.segmentation import Segmentation
 from registration.segmentation.volume import sample
 
@@ -160,11 +160,16 @@ def _trace(
     seen &= sections.open | (to_end > 2 * border)
     short = not apart.any()
     if short:
-        # Its middle third, where half of the rays must meet the wall; those that look into a
-        # neighbour don't sway the median.
+        # Its middle third, and there whole sections. Where there is none half of the rays must meet
+        # the wall: those that look into a neighbour hardly sway the median.
         own = neighbours.free_wall(vessel, centre, tangent, radius) >= _FREE_WALL
         own &= np.abs(along - length / 2) <= length / 6
-        counted = seen & own & ((sections.met >= 0.5) | ~sections.open)
+        whole = seen & own & sections.closed_outline
+        enough = whole if whole.any() else sections.met >= 0.5
+        counted = seen & own & (enough | ~sections.open)
+        partial = partial_noise(sections, segmentation.field.blur_mm)
+        noise = np.where(sections.closed_outline, sections.noise, partial)
+        sections = replace(sections, noise=noise)
     else:
         own = apart
         counted = seen & own & (sections.closed_outline | ~sections.open)
