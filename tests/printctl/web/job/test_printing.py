@@ -13,6 +13,7 @@ from printctl.link import LinkState
 from printctl.link.record import load_record
 from printctl.web.errors import ConflictError, NotInControlError
 from printctl.web.job.service import JobService
+from tests.printctl.web.job.camera.pictures import until as heard
 from tests.printctl.web.job.conftest import OPERATOR, OTHER, add, ready
 
 WORDS = "generic_marlin on simulated"
@@ -70,10 +71,10 @@ def test_a_new_server_finds_the_print_that_goes_on(core, service, station):
         again.hands.cancel(job)
         stopped = until(again, job, LinkState.STOPPED)
         assert stopped.status.position_known
-        assert core.events.latest["print"]["state"] == "stopped"
+        heard(lambda: core.events.latest["print"]["state"] == "stopped")
+        not_followed_anew(again, job)
     finally:
         again.close()
-    not_followed_anew(service, job)
 
 
 def not_followed_anew(service: JobService, job: str) -> None:
