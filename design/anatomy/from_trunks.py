@@ -20,6 +20,7 @@ from design.anatomy.trunk_lines import (
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.vasculature.growth.forest import RootSpec, grow_forest, likely_radius
+from design.vasculature.growth.grow import SPREADS
 from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
@@ -61,6 +62,8 @@ class TrunkPlan:
         Adds trunks that leave the laid ones.
     each : tuple of GrowthOptions
         Of each tree, where all of them serve the whole tissue; else they share it.
+    tries : int
+        Growths from the same trunks at most, where one gets stuck.
     """
 
     lines: TrunkLines
@@ -70,6 +73,7 @@ class TrunkPlan:
     keep: Callable[[FloatArray], FloatArray] | None = None
     branches: Callable[[TrunkLines, FloatArray], tuple[TrunkLines, FloatArray]] | None = None
     each: tuple[GrowthOptions, ...] = ()
+    tries: int = len(SPREADS)
 
 
 def grow_from_plan(
@@ -94,7 +98,7 @@ def grow_from_plan(
         whole, wide = plan.branches(smooth, radius) if plan.branches else (smooth, radius)
         thin = thinned(whole, STRAIGHTER * wide)
         roots = _pervading(thin, wide, whole, plan) if plan.each else roots_of(thin, wide, options)
-        trees = grow_forest(tissue, roots)
+        trees = grow_forest(tissue, roots, attempts=plan.tries)
         grown = trunk_radii(smooth, trees)
         if left == 0 or (grown <= radius).all():
             break
