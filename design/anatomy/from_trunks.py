@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,9 @@ WIDER = 1.15
 """See `TrunkPlan`."""
 
 _ROUNDS = 2
+
+_LATER = 60
+"""Rounds in which branches may fork later; some ten do."""
 
 
 @dataclass(frozen=True)
@@ -141,14 +145,16 @@ def laid(
 
     Branches that are in each other's way fork later or are left away.
     """
-    while True:
+    for number in count():
         deep = np.maximum(DEPTH_MARGIN * radius + options.clearance_mm, plan.shallow_mm)
         keep = kept_at_depth(tissue, deep, lines.parent < 0, plan.exactly)
         smooth = smooth_lines(tissue, lines, _both(keep, plan.keep, lines.parent < 0))
-        clearer = clear_trunks(tissue, smooth, lines, radius, options, plan.wider)
+        later = number < _LATER
+        clearer = clear_trunks(tissue, smooth, lines, radius, options, plan.wider, later)
         if clearer is None:
-            return smooth, lines, radius
+            break
         lines, radius = clearer
+    return smooth, lines, radius
 
 
 def _both(
