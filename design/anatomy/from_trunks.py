@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,7 +145,7 @@ def laid(
 
     Branches that are in each other's way fork later or are left away.
     """
-    for number in count():
+    for number in itertools.count():
         deep = np.maximum(DEPTH_MARGIN * radius + options.clearance_mm, plan.shallow_mm)
         keep = kept_at_depth(tissue, deep, lines.parent < 0, plan.exactly)
         smooth = smooth_lines(tissue, lines, _both(keep, plan.keep, lines.parent < 0))

@@ -15,8 +15,8 @@ from design.vasculature.growth.territories import demand_points
 from kernels.arrays import FloatArray
 
 FAR = 3.0
-"""Distance from the nearest terminal, over the typical one, from which on a place is far; both times
-the cube root of the demand there."""
+"""Distance from the nearest terminal, over the typical one, from which on a place is far; both
+times the cube root of the demand there."""
 
 TYPICAL = 25.0
 """Percentile of the distances by demand that is taken for typical: most of a tissue may be far."""

@@ -15,8 +15,11 @@ from design.anatomy import liver as liver_template
 from design.anatomy.cortex import CortexAnatomy, grow_cortex
 from design.anatomy.grown import AnatomicTrees
 from design.anatomy.heart import HeartAnatomy, _left_out_note, grow_heart
+from design.anatomy.heart_places import find_heart_places
+from design.anatomy.heart_trunk import LEFT, RIGHT, heart_forest, heart_layer
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
 from design.anatomy.kidney_places import find_kidney_places
+from design.anatomy.layer import join_layer
 from design.anatomy.liver import LiverAnatomy, grow_liver
 from design.anatomy.liver_places import find_liver_places
 from design.anatomy.network import curved_network
@@ -423,3 +426,14 @@ def test_a_template_in_two_parts_is_refused_at_once_and_advises_what_it_can_do(g
     two.apply_translation((20, 0, 0))
     with pytest.raises(TissueError, match=r"216 mm³ around \(20, 0, 0\).* A template serves one"):
         grow(with_shell(one, two), GrowthOptions(terminals=100))
+
+
+def test_a_right_coronary_that_cant_get_round_ends_where_it_meets_the_left_one():
+    """Of a coarse mesh, whose right wall the layer doesn't pass: "give its inlet a place"."""
+    tissue = heart_tissue()
+    samples = sample_surface(tissue, 4000, 1)
+    places = find_heart_places(samples)
+    layer = heart_layer(tissue, samples, places, 1.0)
+    passed = np.abs(np.degrees(places.angle(layer.points))) > 15.0
+    forest = heart_forest(join_layer(tissue, layer.points[passed], 0.5), places, 40, 0.25)
+    assert set(forest.tree[forest.parent > -2]) == {LEFT, RIGHT}
