@@ -69,7 +69,7 @@ def clear_trunks(
     Raises
     ------
     GrowthError
-        Where no trunk is left.
+        Where a tree has no trunk left.
     """
     found = _clashes(tissue, laid, wider * radius, options)
     if not len(found.pairs) + len(found.outside):
@@ -218,7 +218,8 @@ def _whole_branches(lines: TrunkLines, gone: NDArray[np.bool_]) -> NDArray[np.bo
             above = int(lines.parent[above])
         if len(stub) < _STUB:
             gone[stub] = True
-    if gone[lines.parent < 0].any() or not (~gone & (lines.parent >= 0)).any():
+    trees = np.unique(lines.tree[~gone & (lines.parent >= 0)])
+    if gone[lines.parent < 0].any() or len(trees) < len(np.unique(lines.tree)):
         raise GrowthError(
             "the trunks don't fit with the radii they would have; ask for fewer terminals or a "
             "higher pressure_drop_mmhg"

@@ -87,6 +87,20 @@ def test_nothing_left_is_an_error():
         cleared(lines, radius)
 
 
+def test_a_tree_that_keeps_no_trunk_is_an_error():
+    """It said that the trunk has no segments, and to grow without."""
+    one, radius = forked(100.0)
+    away = one.points + [0, 0, 300.0]
+    two = TrunkLines(
+        np.concatenate([one.points, away]),
+        np.concatenate([one.parent, np.where(one.parent >= 0, one.parent + len(away), -1)]),
+        np.repeat([0, 1], len(away)),
+        np.tile(one.share, 2) / 2,
+    )
+    with pytest.raises(GrowthError, match="trunks don't fit"):
+        cleared(two, np.tile(radius, 2))
+
+
 def test_branches_that_fork_at_once_move_on_too():
     """Both fork at their first node: the thinner one was left away with all below it."""
     lines, radius = forked(30.0)
