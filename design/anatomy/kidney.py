@@ -100,8 +100,8 @@ def grow_kidney(
         trees = grow_pair(tissue, plan, options)
         return AnatomicTrees(trees, kinds, ("artery", "vein"), _notes(places), tissue.demand)
     trees = grow_fitted(tissue, plan, options)
-    kinds = (VesselKind.ARTERY,)
-    return AnatomicTrees(trees, kinds, ("artery",), _notes(places), tissue.demand)
+    artery = (VesselKind.ARTERY,)
+    return AnatomicTrees(trees, artery, ("artery",), _notes(places), tissue.demand)
 
 
 def kidney_layer(
