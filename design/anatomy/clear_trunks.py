@@ -69,18 +69,19 @@ def clear_trunks(
     Raises
     ------
     GrowthError
-        Where no trunk is left.
+        Where a tree has no trunk left.
     """
     found = _clashes(tissue, laid, wider * radius, options)
     if not len(found.pairs) + len(found.outside):
         return None
-    tree = _Branches(lines, radius.copy(), options.murray_exponent)
+    tree = _Branches(lines, laid.points, radius, options.murray_exponent)
     gone = np.zeros(len(radius), dtype=np.bool_)
     gone[found.outside] = True
     for a, b in found.pairs.tolist():
-        if not (later and tree.fork_later(laid.points, a, b)):
+        if not (later and tree.fork_later(a, b)):
             gone[a if radius[a] < radius[b] else b] = True
-    order, lines = in_order(TrunkLines(lines.points, tree.parent, lines.tree, tree.share))
+    order, lines = in_order(TrunkLines(tree.points, tree.parent, tree.tree, tree.share))
+    gone = np.append(gone, np.zeros(len(order) - len(gone), dtype=np.bool_))
     dropped, gone, radius = tree.dropped[order], gone[order], tree.radius[order]
     lines, gone, radius = without(lines, dropped), gone[~dropped], radius[~dropped]
     gone = _whole_branches(lines, gone)
@@ -90,15 +91,18 @@ def clear_trunks(
 class _Branches:
     """Trunk lines whose branches can be joined on elsewhere."""
 
-    def __init__(self, lines: TrunkLines, radius: FloatArray, exponent: float) -> None:
+    def __init__(
+        self, lines: TrunkLines, laid: FloatArray, radius: FloatArray, exponent: float
+    ) -> None:
+        self.points, self.laid, self.tree = lines.points, laid, lines.tree
         self.parent, self.share = lines.parent.copy(), lines.share.copy()
         self.count = lines.child_count()
         self.child = lines.main_child()
-        self.radius, self.exponent = radius, exponent
+        self.radius, self.exponent = radius.copy(), exponent
         self.touched = np.zeros(len(radius), dtype=np.bool_)
         self.dropped = np.zeros(len(radius), dtype=np.bool_)
 
-    def fork_later(self, points: FloatArray, a: int, b: int) -> bool:
+    def fork_later(self, a: int, b: int) -> bool:
         """Join the branch that ends at node ``a`` or ``b`` on a node later; whether it could be.
 
         A fork is moved once a round.
@@ -110,17 +114,40 @@ class _Branches:
             return False
         one, two = up_a[up_a.index(fork) - 1], up_b[up_b.index(fork) - 1]
         reach = _FORK * float(self.radius[a] + self.radius[b])
-        if max(self._way(points, up_a, fork), self._way(points, up_b, fork)) > reach:
+        if max(self._way(up_a, fork), self._way(up_b, fork)) > reach:
             return False
         main, branch = (one, two) if self.share[one] >= self.share[two] else (two, one)
         if self.touched[[fork, main, branch]].any():
             return True
+        if self.count[main] > 1 and self.count[branch] > 1:
+            return self._join_below(fork, main, branch)
         if self.count[main] != 1:
             main, branch = branch, main
         if self.count[main] != 1 or self.count[branch] == 0:
             return False
         self._join_on(main, branch)
         self.touched[[fork, main, branch]] = True
+        return True
+
+    def _join_below(self, fork: int, main: int, branch: int) -> bool:
+        """Let the branch leave midway from ``main``, itself a fork, to its wider child."""
+        heir = int(self.child[main])
+        if self.touched[heir]:
+            return True
+        node = len(self.parent)
+        for name in ("points", "laid"):
+            places = getattr(self, name)
+            middle = 0.5 * (places[main] + places[heir])
+            setattr(self, name, np.append(places, middle[None], axis=0))
+        for name, value in (("parent", main), ("count", 1), ("child", heir)):
+            setattr(self, name, np.append(getattr(self, name), value))
+        for name in ("tree", "share", "radius", "touched", "dropped"):
+            values = getattr(self, name)
+            setattr(self, name, np.append(values, values[heir]))
+        self.parent[heir] = node
+        self._join_on(node, branch)
+        self._carry(main, branch)
+        self.touched[[fork, main, branch, heir, node]] = True
         return True
 
     def _join_on(self, main: int, branch: int) -> None:
@@ -131,9 +158,13 @@ class _Branches:
             self.dropped[branch] = True
             self.touched[first] = True
         self.parent[first] = main
-        self.share[main] += self.share[branch]
+        self._carry(main, first)
+
+    def _carry(self, node: int, branch: int) -> None:
+        """Let a node feed a branch besides what it feeds."""
+        self.share[node] += self.share[branch]
         n = self.exponent
-        self.radius[main] = (self.radius[main] ** n + self.radius[first] ** n) ** (1.0 / n)
+        self.radius[node] = (self.radius[node] ** n + self.radius[branch] ** n) ** (1.0 / n)
 
     def _ancestors(self, node: int) -> list[int]:
         """The node and all above it, in the lines as they were given or were joined since."""
@@ -143,9 +174,8 @@ class _Branches:
             node = int(self.parent[node])
         return above
 
-    @staticmethod
-    def _way(points: FloatArray, above: list[int], fork: int) -> float:
-        path = points[above[: above.index(fork) + 1]]
+    def _way(self, above: list[int], fork: int) -> float:
+        path = self.laid[above[: above.index(fork) + 1]]
         return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
@@ -188,7 +218,8 @@ def _whole_branches(lines: TrunkLines, gone: NDArray[np.bool_]) -> NDArray[np.bo
             above = int(lines.parent[above])
         if len(stub) < _STUB:
             gone[stub] = True
-    if gone[lines.parent < 0].any() or not (~gone & (lines.parent >= 0)).any():
+    trees = np.unique(lines.tree[~gone & (lines.parent >= 0)])
+    if gone[lines.parent < 0].any() or len(trees) < len(np.unique(lines.tree)):
         raise GrowthError(
             "the trunks don't fit with the radii they would have; ask for fewer terminals or a "
             "higher pressure_drop_mmhg"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -20,6 +21,7 @@ from design.anatomy.trunk_lines import (
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.vasculature.growth.forest import RootSpec, grow_forest, likely_radius
+from design.vasculature.growth.grow import SPREADS
 from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
@@ -41,6 +43,9 @@ WIDER = 1.15
 
 _ROUNDS = 2
 
+_LATER = 60
+"""Rounds in which branches may fork later; some ten do."""
+
 
 @dataclass(frozen=True)
 class TrunkPlan:
@@ -61,6 +66,8 @@ class TrunkPlan:
         Adds trunks that leave the laid ones.
     each : tuple of GrowthOptions
         Of each tree, where all of them serve the whole tissue; else they share it.
+    tries : int
+        Growths from the same trunks at most, where one gets stuck.
     """
 
     lines: TrunkLines
@@ -70,6 +77,7 @@ class TrunkPlan:
     keep: Callable[[FloatArray], FloatArray] | None = None
     branches: Callable[[TrunkLines, FloatArray], tuple[TrunkLines, FloatArray]] | None = None
     each: tuple[GrowthOptions, ...] = ()
+    tries: int = len(SPREADS)
 
 
 def grow_from_plan(
@@ -94,7 +102,7 @@ def grow_from_plan(
         whole, wide = plan.branches(smooth, radius) if plan.branches else (smooth, radius)
         thin = thinned(whole, STRAIGHTER * wide)
         roots = _pervading(thin, wide, whole, plan) if plan.each else roots_of(thin, wide, options)
-        trees = grow_forest(tissue, roots)
+        trees = grow_forest(tissue, roots, attempts=plan.tries)
         grown = trunk_radii(smooth, trees)
         if left == 0 or (grown <= radius).all():
             break
@@ -137,14 +145,16 @@ def laid(
 
     Branches that are in each other's way fork later or are left away.
     """
-    while True:
+    for number in itertools.count():
         deep = np.maximum(DEPTH_MARGIN * radius + options.clearance_mm, plan.shallow_mm)
         keep = kept_at_depth(tissue, deep, lines.parent < 0, plan.exactly)
         smooth = smooth_lines(tissue, lines, _both(keep, plan.keep, lines.parent < 0))
-        clearer = clear_trunks(tissue, smooth, lines, radius, options, plan.wider)
+        later = number < _LATER
+        clearer = clear_trunks(tissue, smooth, lines, radius, options, plan.wider, later)
         if clearer is None:
-            return smooth, lines, radius
+            break
         lines, radius = clearer
+    return smooth, lines, radius
 
 
 def _both(

@@ -15,6 +15,7 @@ from design.anatomy.side_by_side import Companion, side_by_side, tube_options
 from design.errors import CrowdedError, GrowthError
 from design.network import VesselKind
 from design.tissue import Tissue
+from design.tissue.demand import Demand
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 
@@ -46,12 +47,15 @@ class AnatomicTrees:
         Of their inlets.
     notes : tuple of str
         What was found in the shape, and chosen.
+    demand : Demand, optional
+        By which the terminals were spread, where it isn't the tissue's own.
     """
 
     trees: tuple[VesselTree, ...]
     kinds: tuple[VesselKind, ...]
     names: tuple[str, ...]
     notes: tuple[str, ...]
+    demand: Demand | None = None
 
 
 def grow_fitted(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees:

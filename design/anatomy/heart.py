@@ -118,14 +118,16 @@ def _with_published_radii(
 ) -> Trees:
     """Trees as they are where their radii are the published ones, else grown with another drop.
 
-    Trees that don't fit then, or are farther from the table, aren't taken.
+    Trees that don't fit then, or are farther from the table, aren't taken: there are some already,
+    so that vessels that find no room aren't tried again from other random numbers.
     """
     match = _published_match(trees)
     if match.factor == 1.0:
         return trees
     drop = options.pressure_drop_pa / match.factor**4
+    once = replace(plan, tries=1)
     try:
-        other = grow_fitted(tissue, plan, replace(options, pressure_drop_pa=drop))
+        other = grow_fitted(tissue, once, replace(options, pressure_drop_pa=drop))
     except GrowthError:
         return trees
     return other if _published_match(other).farthest_sd < match.farthest_sd else trees

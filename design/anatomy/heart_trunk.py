@@ -119,11 +119,13 @@ def heart_forest(
     for tree, path in ((LEFT, left), (RIGHT, right)):
         forest.plant(tree, int(path[0]))
     down = epi.along_groove(int(left[0]), front, apex)
-    lowest = epi.height[right[-1]] + _POSTERIOR_ENDS * (epi.height[apex] - epi.height[right[-1]])
-    off = np.abs(wrapped(epi.angle - back)) * epi.radius + np.abs(epi.height - lowest)
-    behind = epi.along_groove(int(right[-1]), back, int(np.argmin(off)))
-    for path in (down, left, right, behind):
+    for path in (down, left, right):
         _extend_free(forest, path)
+    # A right coronary that meets the left one ends there.
+    crux = int(right[forest.tree[right] == RIGHT][-1])
+    lowest = epi.height[crux] + _POSTERIOR_ENDS * (epi.height[apex] - epi.height[crux])
+    off = np.abs(wrapped(epi.angle - back)) * epi.radius + np.abs(epi.height - lowest)
+    _extend_free(forest, epi.along_groove(crux, back, int(np.argmin(off))))
     taken = layer.points[np.flatnonzero(forest.parent > -2)]
     forest.join(spread_sites(layer.points, 3 * ends, taken))
     return forest

@@ -98,9 +98,10 @@ def grow_kidney(
     if anatomy.vein == "beside":
         kinds = (VesselKind.ARTERY, VesselKind.VEIN)
         trees = grow_pair(tissue, plan, options)
-        return AnatomicTrees(trees, kinds, ("artery", "vein"), _notes(places))
+        return AnatomicTrees(trees, kinds, ("artery", "vein"), _notes(places), tissue.demand)
     trees = grow_fitted(tissue, plan, options)
-    return AnatomicTrees(trees, (VesselKind.ARTERY,), ("artery",), _notes(places))
+    artery = (VesselKind.ARTERY,)
+    return AnatomicTrees(trees, artery, ("artery",), _notes(places), tissue.demand)
 
 
 def kidney_layer(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,9 +48,9 @@ class Tissue:
     notes: tuple[str, ...] = ()
     demand: Demand = UNIFORM
 
-    @property
+    @cached_property
     def bounds(self) -> NDArray[np.float64]:
-        """Lowest and highest corner, (2, 3), mm."""
+        """Lowest and highest corner, (2, 3), mm; kept, as growth asks for each lot of points."""
         return self.surface.bounds
 
     def contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:

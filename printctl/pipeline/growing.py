@@ -91,11 +91,11 @@ def anatomic_trees(context: RunContext, part: GrownNetwork) -> AnatomicTrees:
     if "pressure_drop_mmhg" not in own:
         options = replace(options, pressure_drop_pa=preset.pressure_drop_mmhg * PA_PER_MMHG)
     trees = _grown(context.tissue, options, anatomy, "pressure_drop_mmhg" not in own)
-    ends, flow = terminals_of(trees.trees)
-    _, notes = check_supply(context.tissue, ends, flow)
-    # A kidney's template has a demand of its own.
-    uneven = () if anatomy.template == "kidney" else uneven_notes(context.tissue, ends)
-    return replace(trees, notes=(*trees.notes, *notes, *uneven))
+    # A heart's coronaries share the tissue; of other organs each tree serves all of it.
+    ends, flow = terminals_of(trees.trees if anatomy.template == "heart" else trees.trees[:1])
+    tissue = replace(context.tissue, demand=trees.demand or context.tissue.demand)
+    _, notes = check_supply(tissue, ends, flow)
+    return replace(trees, notes=(*trees.notes, *notes, *uneven_notes(tissue, ends)))
 
 
 def _grown(

@@ -72,6 +72,8 @@ def grow_forest(
     roots: Sequence[RootSpec | GrowthOptions],
     plots: Sequence[Surroundings] | None = None,
     beside: VesselNetwork | None = None,
+    *,
+    attempts: int = ATTEMPTS,
 ) -> tuple[VesselTree, ...]:
     """Grow trees in turn, each clear of the others.
 
@@ -89,6 +91,8 @@ def grow_forest(
         The territory of each tree, in place of those that follow from the numbers of terminals.
     beside : VesselNetwork, optional
         Vessels that are there already and stay; the trees keep clear of them.
+    attempts : int
+        Growths from other random numbers at most, where one gets stuck.
 
     Returns
     -------
@@ -114,7 +118,7 @@ def grow_forest(
         stems.append(_stem(tissue, options[number]))
     plots = plots or _territories(tissue, roots, options, stems)
     error: DesignError = GrowthError("not tried")
-    for attempt in range(ATTEMPTS):
+    for attempt in range(attempts):
         growths = [
             # Numbers of its own for each tree: the same points would be taken already.
             TreeGrowth.open(
@@ -133,7 +137,7 @@ def grow_forest(
             return _grow_all(growths, stems, beside)
         except DesignError as failed:
             error = failed
-    raise type(error)(f"{error} (last of {ATTEMPTS} attempts)") from error
+    raise type(error)(f"{error} (last of {attempts} attempts)") from error
 
 
 def _grow_all(

@@ -68,9 +68,10 @@ class Sampler:
         """Those of so many points in the tissue's bounds that lie inside and are wanted."""
         low, high = self.tissue.bounds
         points = random.uniform(low, high, (tries, 3))
+        # Most points lie outside a thin tissue, and whose they are costs more to ask.
+        points = inside(self.tissue.grid.arrays, points, low, high, in_order)
         if self.owns is not None:
             points = points[self.owns(points)]
-        points = inside(self.tissue.grid.arrays, points, low, high, in_order)
         return self.weighed(random, points)
 
     def weighed(self, random: np.random.Generator, points: FloatArray) -> Samples:

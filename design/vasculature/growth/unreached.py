@@ -15,7 +15,8 @@ from design.vasculature.growth.territories import demand_points
 from kernels.arrays import FloatArray
 
 FAR = 3.0
-"""Distance from the nearest terminal, over the typical one, from which on a place is far."""
+"""Distance from the nearest terminal, over the typical one, from which on a place is far; both
+times the cube root of the demand there."""
 
 TYPICAL = 25.0
 """Percentile of the distances by demand that is taken for typical: most of a tissue may be far."""
@@ -100,6 +101,8 @@ def unreached(
     probes = probes or probes_for(tissue, len(ends))
     asks = probes.asks * len(ends)
     away, _ = KDTree(ends).query(probes.points)
+    # Where less is asked for, terminals lie farther apart by the cube root of it.
+    away = away * np.cbrt(probes.asks * len(probes.asks))
     order = np.argsort(away)
     below = np.cumsum(probes.asks[order])
     typical = float(away[order][np.searchsorted(below, TYPICAL / 100.0)])

@@ -85,3 +85,38 @@ def test_nothing_left_is_an_error():
     lines.points[1:] += 100.0
     with pytest.raises(GrowthError, match="trunks don't fit"):
         cleared(lines, radius)
+
+
+def test_a_tree_that_keeps_no_trunk_is_an_error():
+    """It said that the trunk has no segments, and to grow without."""
+    one, radius = forked(100.0)
+    away = one.points + [0, 0, 300.0]
+    two = TrunkLines(
+        np.concatenate([one.points, away]),
+        np.concatenate([one.parent, np.where(one.parent >= 0, one.parent + len(away), -1)]),
+        np.repeat([0, 1], len(away)),
+        np.tile(one.share, 2) / 2,
+    )
+    with pytest.raises(GrowthError, match="trunks don't fit"):
+        cleared(two, np.tile(radius, 2))
+
+
+def test_branches_that_fork_at_once_move_on_too():
+    """Both fork at their first node: the thinner one was left away with all below it."""
+    lines, radius = forked(30.0)
+    twigs = np.flatnonzero(lines.parent == 5)
+    points = np.concatenate([lines.points, lines.points[twigs] + [[0, 0, 4.0], [0, 0, -4.0]]])
+    lines = TrunkLines(
+        points,
+        np.append(lines.parent, twigs),
+        np.append(lines.tree, [0, 0]),
+        np.append(lines.share, [0.05, 0.05]),
+    )
+    radius = np.append(radius, [0.1, 0.1])
+    after, wide = cleared(lines, radius)
+    ends = after.points[after.child_count() == 0].tolist()
+    assert points[17].tolist() in ends
+    assert points[29].tolist() in ends
+    assert after.child_count().max() == 2
+    below = after.parent[1:]
+    assert (wide[1:] <= wide[below] * (1 + 1e-9)).all()

@@ -9,7 +9,7 @@ import pytest
 from manifold3d import Manifold
 
 from design.errors import GrowthError, TissueError
-from design.tissue import depth_demand, part_demands, parts_of
+from design.tissue import depth_demand, function_demand, part_demands, parts_of
 from design.tissue.manifolds import surface_of
 from design.vasculature import (
     GrowthOptions,
@@ -21,6 +21,7 @@ from design.vasculature import (
     terminals_of,
 )
 from design.vasculature.growth.sharing import share_terminals
+from design.vasculature.growth.unreached import unreached
 from tests.design.tissue.kept import kept_tissue
 
 OPTIONS = GrowthOptions(terminals=60)
@@ -112,3 +113,19 @@ def test_what_one_tree_alone_takes_is_refused(two):
     points = [(1.0, 1.0, 1.0), (5.0, 5.0, 5.0)]
     with pytest.raises(GrowthError, match="stages and given terminals go with a single tree"):
         grow_parts(two, GrowthOptions(terminal_points_mm=points))
+
+
+def _box(low, high, apart):
+    """Points of a lattice between two corners."""
+    ends = [np.arange(a + apart / 2, b, apart) for a, b in zip(low, high, strict=True)]
+    return np.stack(np.meshgrid(*ends, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("by_demand", [True, False])
+def test_terminals_as_far_apart_as_demand_asks_for_reach_all(by_demand):
+    tissue = _tissue(Manifold.cube((64.0, 16.0, 16.0)))
+    ends = np.concatenate([_box((0, 0, 0), (32, 16, 16), 2), _box((32, 0, 0), (64, 16, 16), 8)])
+    if by_demand:
+        uneven = function_demand(tissue, lambda points: np.where(points[:, 0] < 32, 1.0, 1 / 64))
+        tissue = replace(tissue, demand=uneven)
+    assert (unreached(tissue, ends) == ()) == by_demand
