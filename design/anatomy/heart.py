@@ -34,7 +34,8 @@ NAMES: Final = ("left_coronary", "right_coronary")
 _SAMPLES = 12_000
 _VOLUME = 20_000
 _LAID: Final = 0.85
-"""Of the planned trunks' length, below which it is told: smoothed they are a twentieth shorter."""
+"""Of the planned trunks' length, below which it is told: smoothed they are a twentieth shorter. Of
+the length with the given pressure drop, which another drop must keep."""
 
 
 @dataclass(frozen=True)
@@ -118,8 +119,8 @@ def _with_published_radii(
 ) -> Trees:
     """Trees as they are where their radii are the published ones, else grown with another drop.
 
-    Trees that don't fit then, or are farther from the table, aren't taken: there are some already,
-    so that vessels that find no room aren't tried again from other random numbers.
+    Trees that don't fit then, lack trunks or are farther from the table aren't taken: there are
+    some already, so that vessels that find no room aren't tried again from other random numbers.
     """
     match = _published_match(trees)
     if match.factor == 1.0:
@@ -130,7 +131,10 @@ def _with_published_radii(
         other = grow_fitted(tissue, once, replace(options, pressure_drop_pa=drop))
     except GrowthError:
         return trees
-    return other if _published_match(other).farthest_sd < match.farthest_sd else trees
+    # Wider trunks that cost many branches aren't worth nearer figures.
+    whole = _trunks_mm(other) > _LAID * _trunks_mm(trees)
+    nearer = _published_match(other).farthest_sd < match.farthest_sd
+    return other if whole and nearer else trees
 
 
 def _published_match(trees: Sequence[VesselTree]) -> PublishedMatch:
@@ -152,19 +156,24 @@ def _drop_note(tree: VesselTree, options: GrowthOptions) -> tuple[str, ...]:
 
 def _left_out_note(lines: TrunkLines, trees: Trees) -> tuple[str, ...]:
     """What is said of trunks' branches that don't fit."""
-    ends = np.flatnonzero(lines.parent >= 0)
-    pieces = lines.points[ends] - lines.points[lines.parent[ends]]
-    planned = float(np.linalg.norm(pieces, axis=1).sum())
-    laid = sum(
-        float(np.linalg.norm((tree.distal - tree.proximal)[tree.given], axis=1).sum())
-        for tree in trees
-    )
+    planned, laid = _planned_mm(lines), _trunks_mm(trees)
     if laid > _LAID * planned:
         return ()
     return (
         f"trunks are {laid:.0f} mm long, {planned:.0f} mm were planned: branches that didn't fit "
         "were left out; a higher pressure_drop_mmhg or fewer trunk_ends leave them room",
     )
+
+
+def _planned_mm(lines: TrunkLines) -> float:
+    ends = np.flatnonzero(lines.parent >= 0)
+    pieces = lines.points[ends] - lines.points[lines.parent[ends]]
+    return float(np.linalg.norm(pieces, axis=1).sum())
+
+
+def _trunks_mm(trees: Trees) -> float:
+    pieces = np.concatenate([(tree.distal - tree.proximal)[tree.given] for tree in trees])
+    return float(np.linalg.norm(pieces, axis=1).sum())
 
 
 def _begin(forest: LayerForest, tree: int, given: dict[int, Place | None]) -> int:
