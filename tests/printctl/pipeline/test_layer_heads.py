@@ -67,7 +67,8 @@ def test_two_inks_pass_the_checks_and_leave_the_lumen_as_open_as_one(
     one, two = planned(tmp_path, [], "one"), planned(tmp_path, [region], "two")
     assert 20 <= two["toolpath"]["plan"]["changes"] <= 25  # at most one for each layer
     each = two["toolpath"]["plan"]["written_ul_of_heads"]
-    assert each == pytest.approx([WHOLE_UL - second_ul, second_ul], rel=0.01)
+    # Round sides are written by what touches slanted walls, a little less than their volume.
+    assert each == pytest.approx([WHOLE_UL - second_ul, second_ul], rel=0.03)
     pushed = [head["ink_pushed_ul"] for head in two["dry_run"]["ink_of_heads"]]
     assert pushed == pytest.approx(each, rel=0.01)
     lumen = [found["lumens"]["lumens"][0] for found in (one, two)]
@@ -90,8 +91,9 @@ def test_written_text_holds_each_head_on_its_own_side(tmp_path: Path) -> None:
         ends = np.concatenate([program.target[wrote - 1, 0], program.target[wrote, 0]])
         reach.append((ends.min(), ends.max()))
     (_, left), (right, _) = reach
-    # Half a line on either side of the border, by the true places of both tips.
-    assert right - left == pytest.approx(0.15, abs=2e-3)
+    # Half a line on either side of the border, by the true places of both tips; or half a pitch of
+    # infill, which is fitted to its strip.
+    assert right - left == pytest.approx(0.15, abs=0.015)
 
 
 def lines(regions: list[dict[str, Any]], *heads: dict[str, Any], count: int = 2) -> list[float]:
