@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from design.network import VesselNetwork
-from design.toolpath.embedded.needle import JOINT, Needle
+from design.toolpath.embedded.needle import Needle, joint_reach
 from design.toolpath.embedded.touches import CELL_MM, Touches, arcs_of
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
@@ -80,7 +80,7 @@ def reach_of(
 ) -> float:
     """How far the joint of a filament with another one goes, mm."""
     wide = max(radius, thick, spared.lumen_mm[vessel], spared.lumen_mm[other])
-    return JOINT * (needle.joint_mm + wide) + needle.overlap_radii * wide
+    return joint_reach(needle, wide)
 
 
 @jit

@@ -10,6 +10,9 @@ from kernels import jit
 JOINT: Final = math.sqrt(2.0)
 """Ink so many times tip and filament radius away along a vessel is a joint's: slopes of up to
 45 degrees may join, and be written downward."""
+ROUNDING_MM: Final = 0.002
+"""A joint ends so much earlier in the plan: G-code is written to a micrometre, so a vessel that is
+cut just at a joint's end may begin outside it in what is printed."""
 
 
 class Needle(NamedTuple):
@@ -64,7 +67,7 @@ def radius_at(needle: Needle, height: float) -> float:
 @jit
 def joint_reach(needle: Needle, radius: float) -> float:
     """How far along the network ink belongs to the place that is written, mm."""
-    return JOINT * (needle.joint_mm + radius) + needle.overlap_radii * radius
+    return JOINT * (needle.joint_mm + radius) + needle.overlap_radii * radius - ROUNDING_MM
 
 
 @jit

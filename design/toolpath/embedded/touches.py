@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from design.network import VesselNetwork
-from design.toolpath.embedded.needle import JOINT, Needle
+from design.toolpath.embedded.needle import ROUNDING_MM, Needle, joint_reach
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
 
@@ -174,7 +174,7 @@ def _reaches(
     if gap > far * far:
         return 0.0
     gap = np.sqrt(gap)
-    joint = JOINT * (needle.joint_mm + thick) + needle.overlap_radii * thick
+    joint = joint_reach(needle, thick) + ROUNDING_MM  # not earlier: a touch spares ink
     u, v, way = spots.vessel[i], spots.vessel[j], np.inf
     if u == v:
         way = abs(spots.arc[i] - spots.arc[j])
