@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -328,11 +327,11 @@ def seen_where_ink_shows(
     """Return what is seen; at a place beyond tolerance only where the ink itself shows it.
 
     Where most of a layer is missing, its lines fit older ones beside them as well as their own
-    place, and gaps would be told of bath where none should be written.
+    place, and gaps would be told of bath where none should be written. What lies within tolerance
+    would show in the bath between older lines, if it lay there.
     """
     findings = see(options)
-    beside = math.hypot(findings.shift.dx_mm, findings.shift.dy_mm)
-    if beside > tolerated_mm and not findings.coverage >= _SHOWN:
+    if not findings.coverage >= _SHOWN:
         return see(replace(options, shift_mm=tolerated_mm))
     return findings
 

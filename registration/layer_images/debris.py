@@ -6,9 +6,10 @@ from typing import Final
 
 import numpy as np
 
+from registration.layer_images.between_older import BARE
 from registration.layer_images.ink_image import ACROSS, CORE
 from registration.layer_images.told import Told
-from registration.layer_images.values import FloatImage, Gap, IntArray, Unseen
+from registration.layer_images.values import BoolArray, FloatImage, Gap, IntArray, Unseen
 from registration.layer_images.ways import Seen, Ways
 from registration.layer_images.working import Mask
 
@@ -26,7 +27,9 @@ _AROUND: Final = 0.3
 """In widths from a doubtful gap: so far it isn't clear either."""
 
 
-def is_bare(gap: Gap, ways: Ways, seen: Seen, told: Told, near_old: Mask, why: IntArray) -> bool:
+def is_bare(
+    gap: Gap, ways: Ways, seen: Seen, shown: BoolArray, told: Told, near_old: Mask, why: IntArray
+) -> bool:
     """Whether a gap surely shows bath, over the line's whole width; marks others as unclear.
 
     Parameters
@@ -35,6 +38,8 @@ def is_bare(gap: Gap, ways: Ways, seen: Seen, told: Told, near_old: Mask, why: I
     ways : Ways
     seen : Seen
         Of the places of ``ways``.
+    shown : (n,) bool
+        Where the line's place itself is seen.
     told : Told
         Ink told by its level; by its edges alone a line has no flanks to look at.
     near_old : (h, w) uint8
@@ -42,9 +47,8 @@ def is_bare(gap: Gap, ways: Ways, seen: Seen, told: Told, near_old: Mask, why: I
     why : (n,) int64
         `Unseen`, changed where it isn't clear.
     """
-    rows = np.flatnonzero(
-        (ways.stroke == gap.stroke) & (ways.along > gap.from_mm) & (ways.along < gap.to_mm)
-    )
+    own = (ways.stroke == gap.stroke) & (ways.along > gap.from_mm) & (ways.along < gap.to_mm)
+    rows = np.flatnonzero(own & shown)
     if not len(rows) or told.noise is None:
         return True
     here = Seen(seen.at[rows], seen.across[rows], seen.along[rows])
@@ -54,6 +58,9 @@ def is_bare(gap: Gap, ways: Ways, seen: Seen, told: Told, near_old: Mask, why: I
     if clear.mean() > _LEAST_CLEAR:
         core = core[clear]
     alike = float(np.percentile(core, _MOST_UNLIKE)) < 1.0
+    if not clear.any() and not shown[own].all():
+        # Debris as bright as the bath would have to fill the slots between several older lines.
+        alike = float(np.abs(told.present[rows]).max()) < BARE * told.noise.middle
     crossed = bool(ways.crossed[rows].any())
     if alike and (told.template.by_edges or not _flanked(told, told.profiles[rows], crossed)):
         return True

@@ -24,6 +24,7 @@ _SMOOTH: Final = 0.4
 def find_gaps(
     present: FloatArray,
     good: BoolArray,
+    inferred: BoolArray,
     ways: Ways,
     noise: WindowNoise,
     gap_mm: float,
@@ -36,7 +37,9 @@ def find_gaps(
     ----------
     present : (n,) float64
     good : (n,) bool
-        Seen, and told from its background.
+        Seen, and told from its background; or inferred.
+    inferred : (n,) bool
+        Of these: they count for no chance.
     ways : Ways
     noise : WindowNoise
     gap_mm : float, mm
@@ -54,13 +57,14 @@ def find_gaps(
     for first, last in stretches_of(low, ways.run):
         rows = slice(first, last + 1)
         begin, end = _ends(smooth, good, ways, first, last, INK * usual)
-        mean = float(present[rows].mean())
-        if _only_an_end(ways, rows, end - begin, gap_mm):
+        shown = ~inferred[rows]
+        if not shown.any() or _only_an_end(ways, rows, end - begin, gap_mm):
             continue
+        mean = float(present[rows][shown].mean())
         if mean < -max(0.6, 5.0 * noise.bath) * usual or strange[rows].mean() > _HIDDEN:
             unclear[rows] = True  # neither ink nor bath
             continue
-        p_value = noise.p_value(mean, end - begin)
+        p_value = noise.p_value(mean, end - begin - float(ways.step[rows][~shown].sum()))
         if end - begin < LEAST * gap_mm or p_value > p_needed:
             continue
         u = float(np.hypot(ways.step[first] / np.sqrt(12), _end_noise(noise) * gap_mm))

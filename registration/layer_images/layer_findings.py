@@ -9,6 +9,7 @@ from typing import Final
 import cv2
 import numpy as np
 
+from registration.layer_images.between_older import BARE
 from registration.layer_images.blobs import find_blobs
 from registration.layer_images.changed import unchanged
 from registration.layer_images.debris import is_bare
@@ -26,6 +27,7 @@ from registration.layer_images.told import ASIDE, Told
 from registration.layer_images.values import (
     Blob,
     BoolArray,
+    FloatArray,
     Gap,
     IntArray,
     LayerFindings,
@@ -44,6 +46,8 @@ _SLANT: Final = 0.08
 """Lack of symmetry from which on light from the side must be reckoned with."""
 _LIT_ASIDE: Final = 0.3
 """Of a width and of the slant: uncertainty of where a line lies that is lit from the side."""
+_HALF_SHOWN: Final = 0.5
+"""Of a width, by which a line may lie aside and still show as half of its presence."""
 _TOUCHING: Final = 0.8
 """In widths from a line's middle: ink that begins nearer touches it."""
 
@@ -55,6 +59,14 @@ def _nowhere_sure(shift: Shift, ways: Ways) -> bool:
     """
     least = float(np.linalg.eigvalsh(shift.covariance_mm2)[0])
     return least > (0.4 * float(np.median(ways.width))) ** 2
+
+
+def _bare_anyway(look: SeenLayer, reach_mm: float) -> BoolArray:
+    """Places that would show some of a line wherever it lay within reach, and show none, (n,)."""
+    none = look.inferred.copy()
+    if look.bath is not None and look.bath.noise is not None:
+        none |= ~look.over_old & (look.present < BARE * look.bath.noise.middle)
+    return none & (reach_mm < _HALF_SHOWN * look.ways.width)
 
 
 def honest_shift(shift: Shift, look: SeenLayer, reach_mm: float) -> Shift:
@@ -99,7 +111,7 @@ def findings_of(
     ways, why = look.ways, look.why.copy()
     if not look.by_height and _nowhere_sure(shift, ways):
         beside = np.minimum(look.sides.left, look.sides.right) < _TOUCHING
-        beside &= ~(look.over_old & look.by_change)
+        beside &= ~(look.over_old & look.by_change) & ~_bare_anyway(look, options.shift_mm)
         why[beside & (why == Unseen.SEEN)] = int(Unseen.UNCLEAR)
     good = why == Unseen.SEEN
     tested = good.copy()
@@ -159,15 +171,17 @@ def _gaps(
     found: list[Gap] = []
     needed = options.false_rate / places
     beside = look.ways.width[:, None] * np.linspace(-1.5, 1.5, 13)
-    for told, rows in ((look.bath, ~look.over_old), (look.old, look.over_old)):
+    near = _near_old(look)
+    for told, rows in ((look.bath, ~look.over_old | look.inferred), (look.old, look.over_old)):
         if told is not None and told.noise is not None:
-            around = look.seen.profiles(told.strange.astype(np.float32), beside).mean(axis=1)
+            around = _strange_around(look, told, near, beside)
             clear = rows & (good if not told.faint else told.why == Unseen.SEEN)
             # Slopes and edges scatter with the light, not with noise alone.
             certain = needed * (_EDGES_RATE if told.template.by_edges else 1.0)
             gaps, unclear = find_gaps(
-                look.present, clear, look.ways, told.noise, options.gap_mm, certain, around
-            )
+                look.present, clear, look.inferred, look.ways, told.noise, options.gap_mm, certain,
+                around,
+            )  # fmt: skip
             if told.template.slant > ASIDE:
                 angle = angle_of(look.seen)
                 gaps = [
@@ -183,8 +197,12 @@ def _gaps(
                     gaps, doubtful = judge(gaps, look.present, clear, look.ways)
                     unclear |= doubtful
             else:
-                near = _near_old(look)
-                gaps = [gap for gap in gaps if is_bare(gap, look.ways, look.seen, told, near, why)]
+                shown = ~look.inferred
+                gaps = [
+                    gap
+                    for gap in gaps
+                    if is_bare(gap, look.ways, look.seen, shown, told, near, why)
+                ]
             if told is look.bath and look.work.is_log and told.template.filled:
                 gaps = _with_ends(gaps, look, told, clear)
             found += gaps
@@ -194,6 +212,16 @@ def _gaps(
             doubt = good & rows & (look.plain < INK * noise.middle) & (look.present > INK)
             why[doubt & (look.plain < 0.25 * noise.middle)] = int(Unseen.UNCLEAR)
     return found
+
+
+def _strange_around(look: SeenLayer, told: Told, near: Mask, across_mm: FloatArray) -> FloatArray:
+    """Share of each place's surroundings, away from older ink, that is strange, (n,).
+
+    Older ink is neither fresh ink nor bath in the difference to a picture before.
+    """
+    clear = look.seen.profiles(near, across_mm, nearest=True) == 0
+    strange = look.seen.profiles(told.strange.astype(np.float32), across_mm)
+    return np.asarray((strange * clear).sum(axis=1) / np.maximum(clear.sum(axis=1), 1))
 
 
 def _near_old(look: SeenLayer) -> Mask:

@@ -71,7 +71,7 @@ def told_by_level(
         contrast=noise.contrast(gap_mm),
         strange=strange,
         unlike_bath=np.zeros(work.shape, dtype=np.float32),
-        appearance=Appearance(nothing, flat, True),
+        appearance=Appearance(nothing, flat, True, nothing),
         bath_spread=noise.bath,
         log_step=log_step,
         ink=nothing,

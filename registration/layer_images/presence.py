@@ -144,8 +144,15 @@ class WindowNoise:
         return bool(-ndtri(p_needed) * spread + 1.64 * self.bath < 0.9 * self.middle)
 
 
-def window_means(values: FloatArray, good: BoolArray, run: IntArray, count: int) -> FloatArray:
-    """Means over ``count`` neighbours of one run that are all good."""
+def window_means(
+    values: FloatArray, good: BoolArray, run: IntArray, count: int, scattered: bool
+) -> FloatArray:
+    """Means over ``count`` neighbours of one run that are all good.
+
+    Of ``scattered`` ones those between them that aren't good are left out.
+    """
+    if scattered:
+        values, run, good = values[good], run[good], good[good]
     n = len(values)
     if n < count:
         return np.empty(0)
@@ -178,16 +185,19 @@ def window_noise(
         return None
     middle = float(np.median(ink_values)) if enough else 1.0
     least, times = (INK * middle, 1.0) if enough else (-np.inf, _UNLEARNED)
-    lengths, spreads = [], []
-    for size in _WINDOWS:
-        count = max(1, round(size * gap_mm / step))
-        means = window_means(values, good, ways.run, count)
-        ink = means[means > least]
-        if len(ink) < _FEWEST:
+    lengths, spreads = list[float](), list[float]()
+    for scattered in (False, True):  # between lines of older ink bath shows in few neighbours
+        for size in _WINDOWS:
+            count = max(1, round(size * gap_mm / step))
+            means = window_means(values, good, ways.run, count, scattered)
+            ink = means[means > least]
+            if len(ink) < _FEWEST:
+                break
+            lengths.append(count * step)
+            spread = _spread(ink, np.inf if even else _PILED)
+            spreads.append(times * spread * (1.0 + _FEW / len(ink)))
+        if spreads:
             break
-        lengths.append(count * step)
-        spread = _spread(ink, np.inf if even else _PILED)
-        spreads.append(times * spread * (1.0 + _FEW / len(ink)))
     if not spreads:
         return None
     bath = 0.0 if bath_values is None else _bath_spread(bath_values, step, gap_mm)

@@ -8,6 +8,7 @@ from typing import Final
 import cv2
 import numpy as np
 
+from registration.layer_images.between_older import infer_missing, is_contradicted
 from registration.layer_images.changed import Places, tell_by_change
 from registration.layer_images.ink_image import ACROSS, smoothed
 from registration.layer_images.light import flattened
@@ -47,7 +48,19 @@ _UNSETTLED: Final = 0.1
 
 @dataclass(frozen=True)
 class SeenLayer:
-    """All that was learned of a layer at one shift."""
+    """All that was learned of a layer at one shift.
+
+    Attributes
+    ----------
+    over_old, inferred : (n,) bool
+        Places over older ink, and those of them from which ink is missing by the bath beside them.
+    bath, old : Told or None
+        Ink over either.
+    present, plain : (n,) float64
+        As of `Told`, of both together.
+    why : (n,) int64
+        `Unseen`.
+    """
 
     work: Working
     frame: WorkingFrame
@@ -58,6 +71,7 @@ class SeenLayer:
     masks: Masks
     sides: Sides
     over_old: BoolArray
+    inferred: BoolArray
     bath: Told | None
     old: Told | None
     present: FloatArray
@@ -125,9 +139,11 @@ def seen_at_shift(
         on_old = replace(ground, free=alone, known=None)
         old = tell_ink(on_old, ways, seen, touching, over_old, rng)
         old = old if old is not None and differs_enough(old, bath) else None
+    if _is_contradicted(bath, old, over_old, ways):
+        old = None
     by_height = old is not None and thickness_mm is not None
     by_change = old is not None and thickness_mm is None and work.earlier is not None
-    joined = _joined(place, over_old, bath, old)
+    joined, inferred = _joined(place, over_old, bath, old, ways)
     group = Grouping.of_ways(ways, joined[3] == Unseen.SEEN)
     profiles = joined[2] if for_widths is None else for_widths.profiles
     widths = station_widths(
@@ -135,8 +151,8 @@ def seen_at_shift(
         work,
     )  # fmt: skip
     return SeenLayer(
-        work, frame, ways, moved, seen, flat, masks, sides, over_old, bath, old, *joined, group,
-        widths, by_height, by_change,
+        work, frame, ways, moved, seen, flat, masks, sides, over_old, inferred, bath, old, *joined,
+        group, widths, by_height, by_change,
     )  # fmt: skip
 
 
@@ -182,10 +198,19 @@ def _by_change(
     return tell_by_change(work, places, options.gap_mm, options.false_rate, rng)
 
 
+def _is_contradicted(bath: Told | None, old: Told | None, over_old: BoolArray, ways: Ways) -> bool:
+    """Whether ink that is told on older ink is belied by the bath beside it."""
+    if bath is None or bath.noise is None or old is None:
+        return False
+    on_bath = ~over_old & (bath.why == Unseen.SEEN)
+    on_old = over_old & (old.why == Unseen.SEEN)
+    return is_contradicted(old.present, on_old, bath.present, on_bath, ways, bath.noise.middle)
+
+
 def _joined(
-    place: IntArray, over_old: BoolArray, bath: Told | None, old: Told | None
-) -> tuple[FloatArray, FloatArray, FloatImage, IntArray]:
-    """Presence, the same without sides, profiles and reasons, of both backgrounds."""
+    place: IntArray, over_old: BoolArray, bath: Told | None, old: Told | None, ways: Ways
+) -> tuple[tuple[FloatArray, FloatArray, FloatImage, IntArray], BoolArray]:
+    """Presence, the same without sides, profiles and reasons, of both; and what is inferred."""
     count = len(place)
     present, plain = np.full(count, np.nan), np.full(count, np.nan)
     profiles = np.zeros((count, len(ACROSS)), dtype=np.float32)
@@ -199,4 +224,10 @@ def _joined(
         why[rows] = np.where(
             (told.why[rows] == Unseen.SEEN) & told.faint, int(faint), told.why[rows]
         )
-    return present, plain, profiles, why
+    inferred = np.zeros(count, dtype=np.bool_)
+    if bath is not None and bath.noise is not None and old is None:
+        on_bath = ~over_old & (why == Unseen.SEEN)
+        inferred = infer_missing(present, on_bath, why, ways, bath.noise.middle)
+        present[inferred] = plain[inferred] = 0.0
+        why[inferred] = int(Unseen.SEEN)
+    return (present, plain, profiles, why), inferred

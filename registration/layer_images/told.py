@@ -58,6 +58,8 @@ _LEAST_INK = 0.7
 _WEAK = 0.4
 """Of the usual strength: lines along the light that ridges are told by aren't seen."""
 _MORE_SEEN = 1.5
+_SHOWN = 0.5
+"""Of its known level, below which lines aren't what ink looks like."""
 _HIT = 0.2
 """Of a place's width that must be strange for it not to be seen."""
 
@@ -153,6 +155,8 @@ def tell_ink(
     alone = _alone(ways, use)
     mixes = [known.mix] if known else mixes_of(ground.smooth, bath, seen, ways.width, alone)
     ink = _ink_levels(ground.smooth, bath, seen, alone)
+    if known and abs(known.mix @ ink) < _SHOWN * abs(known.mix @ known.ink):
+        ink = known.ink  # hardly any lies there
     best: Told | None = None
     for mix in mixes:
         told = _by_mix(mix, ink, bath, known, ground, ways, seen, sides, use, rng)
@@ -234,7 +238,7 @@ def _by_mix(
         odd = faint and (template.one_sided or template.by_edges)
         if odd or (faint and not noise.can_tell(LONG * ground.gap_mm, ground.rate / places)):
             noise = None
-    look = Appearance(mix, template.terms * template.scale, template.filled)
+    look = Appearance(mix, template.terms * template.scale, template.filled, ink)
     return Told(
         image, profiles, present, plain, why, template, noise, contrast, strange,
         unlike_bath(away, ground.free), look, bath_spread,

@@ -303,11 +303,14 @@ class Appearance:
         Across a line, over ±1.5 widths, bath 0, by direction (`ink_image.Template`).
     filled : bool
         Whether ink is told by its level, and not by its edges alone.
+    ink : (c,) float64
+        Its level over the bath in each channel.
     """
 
     mix: FloatArray
     terms: FloatArray
     filled: bool
+    ink: FloatArray
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,14 @@ from registration.layer_images import SeeingOptions
 @pytest.mark.parametrize(
     ("shift_mm", "coverage", "searched_mm"),
     [
-        (0.05, 0.1, [0.5]),
+        (0.05, 0.95, [0.5]),
+        (0.05, 0.1, [0.5, 0.1]),
         (0.3, 0.95, [0.5]),
         (0.3, 0.16, [0.5, 0.1]),
         (0.3, float("nan"), [0.5, 0.1]),
     ],
 )
-def test_a_shift_that_little_ink_shows_is_looked_at_again_within_tolerance(
+def test_a_layer_that_little_ink_shows_is_looked_at_again_within_tolerance(
     shift_mm, coverage, searched_mm
 ):
     searched = []
