@@ -17,9 +17,9 @@ from registration.layer_images.presence import INK
 from registration.layer_images.values import BoolArray, FloatArray, IntArray, Unseen
 from registration.layer_images.ways import Ways
 
-_WIDEST: Final = 1.6
+_WIDEST: Final = 2.5
 """Of the line's width: older ink of that length along it is judged by what lies to its sides."""
-_AT_END: Final = 1.0
+_AT_END: Final = 2.0
 """The same at the end of a line, where there is one side."""
 BARE: Final = 0.25
 """Of the usual presence of ink, below which a place is bare beyond doubt."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from registration.layer_images import ExpectedLines, see_layer
+from registration.layer_images import ExpectedLines, SeeingOptions, see_layer
 from registration.layer_images.values import FloatArray
 from sim.camera.optics import Camera
 from sim.camera.paint import paint
@@ -94,3 +94,44 @@ def test_a_line_missing_between_older_lines_is_a_gap(look: str) -> None:
     between = np.arange(0.35, SIZE, 0.7)  # of each two older lines
     hit = [any(gap.from_mm < at < gap.to_mm for gap in found.gaps) for at in between]
     assert sum(hit) >= len(between) - 1
+
+
+def _lattice(fresh: int, missing: tuple[int, ...] = ()) -> tuple[Laid, ExpectedLines]:
+    """Four layers across each other, the upper two half a pitch aside; so many of the last."""
+    starts, ends = [], []
+    for layer in range(4):
+        off = np.arange(0.35 * (layer // 2), SIZE + 1e-9, 0.7)[: fresh if layer == 3 else None]
+        flat = np.column_stack([off, np.full(len(off), 1.0 + (layer - 3) * HEIGHT)])
+        starts.append(np.insert(flat, layer % 2, 0.0, axis=1))
+        ends.append(np.insert(flat, layer % 2, SIZE, axis=1))
+    new = np.arange(sum(map(len, starts))) >= sum(map(len, starts[:3]))
+    start, end, number = np.concatenate(starts), np.concatenate(ends), np.arange(len(new))
+    area = np.full(len(new), (WIDTH - HEIGHT) * HEIGHT + np.pi / 4 * HEIGHT**2)
+    lies = ~np.isin(number - (~new).sum(), missing)
+    strands = Strands(
+        start[lies], end[lies], area[lies] * SIZE, area[lies], number[lies], number[lies]
+    )
+    lines = ExpectedLines(start, end, np.full(len(new), WIDTH), number, number, new)
+    return laid_as_is(strands, "layered", layer_mm=HEIGHT), lines
+
+
+@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("missing", [(), (1,), (0, 1, 2, 3)], ids=["sound", "one", "all"])
+def test_missing_lines_of_a_lattices_last_layer_are_gaps(
+    look: str, missing: tuple[int, ...]
+) -> None:
+    known, flat = _layers(4)
+    older = paint(_layers(0)[0], CAMERA, _scene(look), 4)
+    first = see_layer(paint(known, CAMERA, _scene(look), 3), _View(), flat, before=older)
+    ink, lines = _lattice(4, missing)
+    before = paint(_lattice(0)[0], CAMERA, _scene(look), 1)
+    picture = paint(ink, CAMERA, _scene(look), 2)
+    options = SeeingOptions(shift_mm=0.1)
+    found = see_layer(
+        picture, _View(), lines, before=before, known=first.appearance, options=options
+    )
+    strokes = lines.stroke[lines.fresh]
+    assert {gap.stroke for gap in found.gaps} == set(strokes[list(missing)])
+    for k in missing:
+        told = sum(gap.length_mm for gap in found.gaps if gap.stroke == strokes[k])
+        assert told > 0.9 * SIZE
