@@ -13,6 +13,7 @@ from design.anatomy.graph_trunk import LayerForest
 from design.anatomy.grown import AnatomicTrees, Trees, grow_fitted
 from design.anatomy.heart_places import FEWEST, HeartPlaces, find_heart_places
 from design.anatomy.heart_trunk import LEFT, RIGHT, heart_forest, heart_layer, ostium_above
+from design.anatomy.main_branches import missing_branches
 from design.anatomy.network import curved_network
 from design.anatomy.openness import SurfaceSamples, sample_surface
 from design.anatomy.trunk_lines import TrunkLines, lines_of
@@ -98,7 +99,7 @@ def grow_heart(
     for tree, place in given.items():
         check_inlet(tissue, NAMES[tree], place)
     near = {tree: np.array(place) for tree, place in given.items() if place is not None}
-    forest = heart_forest(layer, places, ends, anatomy.balance, near)
+    forest, branches = heart_forest(layer, places, ends, anatomy.balance, near)
     begins = {tree: _begin(forest, tree, given) for tree in given}
     ostia = {t: ostium_above(tissue, layer.points[i], places.base) for t, i in begins.items()}
     volume, _ = demand_points(tissue, _VOLUME, options.seed)
@@ -110,6 +111,7 @@ def grow_heart(
         *_notes(samples, places, ostia),
         *_drop_note(trees[0], options),
         *_left_out_note(plan.lines, trees),
+        *missing_branches(branches, trees),
     )
     return AnatomicTrees(trees, (VesselKind.ARTERY,) * 2, NAMES, notes)
 

@@ -10,6 +10,7 @@ import numpy as np
 from design.anatomy.graph_trunk import LayerForest, apart_for, cheapest_path, spread_sites
 from design.anatomy.heart_places import HeartPlaces
 from design.anatomy.layer import Layer, below_surface, join_layer
+from design.anatomy.main_branches import MainBranch
 from design.anatomy.openness import SurfaceSamples
 from design.anatomy.trunk_lines import outward
 from design.errors import GrowthError
@@ -93,8 +94,8 @@ def heart_forest(
     ends: int,
     balance: float,
     ostia: dict[int, FloatArray] | None = None,
-) -> LayerForest:
-    """Left and right coronary over the epicardium, with so many ends together.
+) -> tuple[LayerForest, tuple[MainBranch, ...]]:
+    """Left and right coronary over the epicardium, with so many ends together; main branches.
 
     Left: down the anterior interventricular groove round the apex, and to the left through the
     atrioventricular groove. Right: through it to the crux, then down the posterior groove.
@@ -125,10 +126,17 @@ def heart_forest(
     crux = int(right[forest.tree[right] == RIGHT][-1])
     lowest = epi.height[crux] + _POSTERIOR_ENDS * (epi.height[apex] - epi.height[crux])
     off = np.abs(wrapped(epi.angle - back)) * epi.radius + np.abs(epi.height - lowest)
-    _extend_free(forest, epi.along_groove(crux, back, int(np.argmin(off))))
+    posterior = epi.along_groove(crux, back, int(np.argmin(off)))
+    _extend_free(forest, posterior)
+    branches = (
+        MainBranch("left anterior descending branch", LEFT, layer.points[down]),
+        MainBranch("left circumflex branch", LEFT, layer.points[left]),
+        MainBranch("right coronary's trunk", RIGHT, layer.points[right]),
+        MainBranch("posterior descending branch", RIGHT, layer.points[posterior]),
+    )
     taken = layer.points[np.flatnonzero(forest.parent > -2)]
     forest.join(spread_sites(layer.points, 3 * ends, taken))
-    return forest
+    return forest, branches
 
 
 def ostium_above(tissue: Tissue, place: FloatArray, up: FloatArray) -> FloatArray:

@@ -22,6 +22,7 @@ from design.anatomy.kidney_places import find_kidney_places
 from design.anatomy.layer import join_layer
 from design.anatomy.liver import LiverAnatomy, grow_liver
 from design.anatomy.liver_places import find_liver_places
+from design.anatomy.main_branches import MainBranch, missing_branches
 from design.anatomy.network import curved_network
 from design.anatomy.openness import sample_surface
 from design.anatomy.presets import PRESETS
@@ -275,6 +276,18 @@ def test_trunks_that_are_left_out_are_told(part, told):
     assert all(f"{planned:.0f} mm were planned" in note for note in notes)
 
 
+def test_main_branches_that_found_no_room_are_named():
+    """All four are there in the shared heart; a branch planned elsewhere isn't."""
+    found = heart()
+    assert not any("branch" in note and "planned" in note for note in found.notes)
+    tree = found.trees[RIGHT]
+    line = tree.distal[tree.given][:2]
+    beside = MainBranch("left marginal branch", RIGHT, line + [[30.0, 0, 0], [60.0, 0, 0]])
+    present = MainBranch("right coronary's trunk", RIGHT, line)
+    (note,) = missing_branches((present, beside), found.trees)
+    assert note.startswith("the left marginal branch lies along 0% of its planned")
+
+
 def test_heart_has_two_ostia_at_the_base_and_trunks_below_the_epicardium():
     found = heart()
     assert found.names == ("left_coronary", "right_coronary")
@@ -448,5 +461,5 @@ def test_a_right_coronary_that_cant_get_round_ends_where_it_meets_the_left_one()
     places = find_heart_places(samples)
     layer = heart_layer(tissue, samples, places, 1.0)
     passed = np.abs(np.degrees(places.angle(layer.points))) > 15.0
-    forest = heart_forest(join_layer(tissue, layer.points[passed], 0.5), places, 40, 0.25)
+    forest, _ = heart_forest(join_layer(tissue, layer.points[passed], 0.5), places, 40, 0.25)
     assert set(forest.tree[forest.parent > -2]) == {LEFT, RIGHT}

@@ -1,0 +1,94 @@
+"""Find which of an organ's named main branches didn't find room, and say so."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from design.anatomy.grown import Trees
+from design.vasculature.tree import VesselTree
+from design.vasculature.treemath import tree_radii
+from kernels.arrays import FloatArray
+
+BoolArray = NDArray[np.bool_]
+
+_NEAR: Final = 0.03
+"""Of all planned branches' extent: so far from its planned way a branch may lie, made smooth.
+Trunks that are wide for their organ lie deeper by their radius."""
+_WHOLE: Final = 0.8
+"""Of a branch's planned way, below which it is told."""
+_FINE: Final = 0.25
+"""Of how near a trunk must be: places that are compared lie so far apart."""
+
+
+class MainBranch(NamedTuple):
+    """A branch with a name of its own.
+
+    Attributes
+    ----------
+    name : str
+    tree : int
+        That it belongs to.
+    line : (n, 3) float64, mm
+        Its planned way.
+    """
+
+    name: str
+    tree: int
+    line: FloatArray
+
+
+class _Laid(NamedTuple):
+    """Places along a tree's trunks, and the radius at each, mm."""
+
+    places: cKDTree
+    radius: FloatArray
+
+    @staticmethod
+    def of(tree: VesselTree, step_mm: float) -> _Laid:
+        begin, end = tree.proximal[tree.given], tree.distal[tree.given]
+        count = np.ceil(np.linalg.norm(end - begin, axis=1) / step_mm).astype(np.int64) + 1
+        row = np.repeat(np.arange(len(count)), count)
+        number = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+        share = (number / np.maximum(count - 1, 1)[row])[:, None]
+        radius = tree_radii(tree)[tree.given]
+        return _Laid(cKDTree(begin[row] + share * (end - begin)[row]), radius[row])
+
+    def is_near(self, places: FloatArray, near_mm: float) -> BoolArray:
+        """Whether a trunk's wall lies so near to each place (k, 3)."""
+        away, row = self.places.query(places)
+        return np.asarray(away < near_mm + self.radius[row])
+
+
+def missing_branches(branches: tuple[MainBranch, ...], trees: Trees) -> tuple[str, ...]:
+    """Return a note for each branch along less than 0.8 of whose way a trunk of its tree lies."""
+    ways = [branch.line for branch in branches if len(branch.line) > 1]
+    if not ways:
+        return ()
+    extent = float(np.linalg.norm(np.ptp(np.concatenate(ways), axis=0)))
+    near = _NEAR * extent
+    laid = [_Laid.of(tree, _FINE * near) for tree in trees]
+    notes = []
+    for branch in branches:
+        places, length = _along(branch.line, _FINE * near)
+        if not len(places):
+            continue
+        there = float(laid[branch.tree].is_near(places, near).mean())
+        if there < _WHOLE:
+            notes.append(
+                f"the {branch.name} lies along {there:.0%} of its planned {length:.0f} mm: the "
+                "rest found no room; a higher pressure_drop_mmhg or fewer trunk_ends leave it more"
+            )
+    return tuple(notes)
+
+
+def _along(line: FloatArray, step_mm: float) -> tuple[FloatArray, float]:
+    """Places (k, 3) along a line, ``step_mm`` apart at most, and its length, mm."""
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    if way[-1] <= 0.0:
+        return np.empty((0, 3)), 0.0
+    at = np.linspace(0.0, way[-1], int(np.ceil(way[-1] / step_mm)) + 1)
+    return np.column_stack([np.interp(at, way, axis) for axis in line.T]), float(way[-1])
