@@ -42,12 +42,13 @@ from printctl.observe.devices import DeviceSettings
 from printctl.observe.looking_at import ObservedJob
 from printctl.observe.observer import Look, Observer
 from printctl.observe.order import ObserverOrder
-from printctl.observe.records import answer_look, read_looks
+from printctl.observe.records import answer_look, look_folder, read_looks
+from printctl.observe.view_before import EMPTY
 from printctl.pipeline.observing import look_care
 from printctl.recipe.observe import ObservePart
 from sim.camera.camera_file import load_camera
 from sim.camera.paint import paint
-from sim.deposit.laid import Laid, laid
+from sim.deposit.laid import Laid, laid, nothing_laid
 from sim.deposit.written import written
 from sim.dry_run.run import dry_run
 from sim.faults.ink_faults import Bubble, Clog, Drift, InkFault, InkFaults, Lost
@@ -248,14 +249,16 @@ def observed(folder: Path, faults: InkFaults, camera: Path, path: Path, every: s
     )  # fmt: skip
     job = ObservedJob(folder, order)
 
-    def acquire(_: Look, out: Path) -> Path:
-        picture = paint(
-            world.lies(world.done), seen.camera, seen.scene, 2 * before + (out.name != "picture")
-        )
+    def acquire(look: Look, out: Path) -> Path:
+        ink = world.lies(world.done) if look.number else nothing_laid()
+        number = 2 * look.number + (out.name != "picture")
+        picture = paint(ink, seen.camera, seen.scene, number)
         cv2.imwrite(str(out.with_suffix(".png")), picture)
         return out.with_suffix(".png")
 
     before = 0
+    acquire(Look(EMPTY, 0, 0, 0, "begin"), look_folder(folder, EMPTY) / "picture")
+    job.begun = time.time()
     decider = Decider(order.limits, FlowControl(order.limits.flow))
     observer = Observer(folder, world, acquire, job.judge, job.mend_lines, decider, lambda _: True)
     part = ObservePart(device="camera", every=every)

@@ -247,7 +247,13 @@ class ObservedJob:
         return at.found[path]
 
     def _before(self, at: _Held, path: Path, image: Image) -> Image | None:
-        """Picture of the look before, where it is one of the same view; a camera's in layers."""
+        """Picture of the look before, where it is one of the same view; a camera's in layers.
+
+        Raises
+        ------
+        DeviceError
+            When it is the very same one: no sensor sees twice the same.
+        """
         if self.order.oct or at.ink.style != "layered":
             return None
         earlier = picture_before(self.folder, self.begun, at.look, path)
@@ -257,7 +263,14 @@ class ObservedJob:
             picture = read_picture(earlier)
         except DeviceError:
             return None
-        return picture if picture.shape == image.shape and picture.dtype == image.dtype else None
+        if picture.shape != image.shape or picture.dtype != image.dtype:
+            return None
+        if np.array_equal(picture, image):
+            raise DeviceError(
+                f"the {self.order.device.kind} gave the picture of the look before once more, to "
+                "the last bit: it hangs; restart it, then resume"
+            )
+        return picture
 
     def _options(self) -> SeeingOptions:
         limits = self.order.limits

@@ -1,18 +1,19 @@
-"""Try a print's device before the print begins."""
+"""Try a print's device before the print begins; keep the camera's view of the empty dish."""
 
 from __future__ import annotations
 
 import shlex
 import shutil
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from printctl.observe.devices import DeviceError, acquire
 from printctl.observe.order import ObserverOrder
+from printctl.observe.records import emptied_look_folder
+from printctl.observe.view_before import EMPTY
 from printctl.observe.views import camera_frame, open_view, read_oct_frame
 from sim.scanner.live_oct import load_oct
-
-_FIRST = "before"
 
 
 def try_device(order: ObserverOrder, folder: Path) -> None:
@@ -22,7 +23,7 @@ def try_device(order: ObserverOrder, folder: Path) -> None:
     ----------
     order : ObserverOrder
     folder : Path
-        The print's; the picture isn't kept.
+        The print's; a camera's picture is kept as the one before the first look.
 
     Raises
     ------
@@ -34,11 +35,11 @@ def try_device(order: ObserverOrder, folder: Path) -> None:
     _try_frame(order)
     device = order.device
     if device.kind == "camera":
-        picture = acquire(device, folder / _FIRST, time.time())
-        try:
-            open_view(picture, order, 0.0, 0.0)
-        finally:
-            picture.unlink(missing_ok=True)
+        picture = acquire(device, emptied_look_folder(folder, EMPTY) / "picture", time.time())
+        open_view(picture, order, 0.0, 0.0)
+    elif device.kind == "simulated" and not order.oct:
+        with suppress(DeviceError):  # a printer that hasn't moved yet has no record
+            acquire(device, emptied_look_folder(folder, EMPTY) / "picture", time.time())
     elif device.kind == "folder" and not Path(device.source).is_dir():
         raise DeviceError(
             f"folder {device.source} isn't there; the device's program writes into it"

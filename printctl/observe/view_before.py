@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Final
 
 from printctl.observe.observer import Look
 from printctl.observe.records import LOOKS, read_looks
 
+EMPTY: Final = 0
+"""Number of the look whose folder holds the view before anything was written."""
 _OLDEST_S: Final = 3600.0
 """A picture that is older shows ink and bath as they were before they dried."""
 
 
 def picture_before(folder: Path, begun: float, look: Look, now: Path) -> Path | None:
     """Return the picture of the look that directly precedes one; None where there is none.
+
+    The first look's is the one by which the device was tried, if that was before the print began.
 
     Parameters
     ----------
@@ -26,11 +31,13 @@ def picture_before(folder: Path, begun: float, look: Look, now: Path) -> Path | 
         The picture that is to be judged, of the same kind.
     """
     own = [one for one in read_looks(folder, begun) if one.number < look.number]
-    if not own or own[-1].done != look.before:
+    if (own[-1].done if own else 0) != look.before:
         return None
-    path = folder / LOOKS / f"{own[-1].number:04d}" / f"picture{now.suffix}"
+    number, latest = (own[-1].number, math.inf) if own else (EMPTY, begun)
+    path = folder / LOOKS / f"{number:04d}" / f"picture{now.suffix}"
     try:
-        age = now.stat().st_mtime - path.stat().st_mtime
+        taken = path.stat().st_mtime
+        age = now.stat().st_mtime - taken
     except OSError:
         return None
-    return path if 0.0 <= age < _OLDEST_S else None
+    return path if 0.0 <= age < _OLDEST_S and taken <= latest else None

@@ -26,6 +26,7 @@ _WIDTHS = 0.6
 _LEAST_SEEN = 0.5
 _ROOM = 0.2
 """Of a width: bath that must be seen beside a line for its edge to be one."""
+_PART = 0.7
 _END = 0.6
 _MOST_SLANT = 0.6
 """Of light from the side, from which on edges are of the light, not of the ink."""
@@ -116,8 +117,9 @@ def station_widths(
     present: FloatArray,
     seen: BoolArray,
     work: Working,
+    part: float = _PART,
 ) -> Widths:
-    """Widths where a line is seen over bath with free sides."""
+    """Widths where a line is seen over bath with free sides, for ``part`` of a station at least."""
     nothing = np.full(len(group.count), np.nan)
     if bath is None or bath.noise is None or bath.template.slant > _MOST_SLANT:
         return Widths(nothing, nothing, nothing, 0.0, 0.0)
@@ -127,7 +129,7 @@ def station_widths(
     ink = group.mean(np.nan_to_num(present), seen)
     use = seen & free & (ways.to_end > _END * ways.width)
     mean = group.mean(profiles, use)
-    whole = group.mean(use.astype(np.float64), np.ones(len(ways), dtype=np.bool_)) > 0.7
+    whole = group.mean(use.astype(np.float64), np.ones(len(ways), dtype=np.bool_)) > part
     tell = whole & (ink > INK * bath.noise.middle) & np.isfinite(mean).all(axis=1)
     left, right = sides.levels(profiles, px_width)
     left, right = (

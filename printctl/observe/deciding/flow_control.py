@@ -11,7 +11,8 @@ filter then forgets what it knew.
 
 A calibrated ink flows as asked, until a deviation is seen beyond doubt: corrected is first what
 exceeds the deadband by so many standard uncertainties that noise does it once in 2,000 looks.
-From then on nothing speaks for the factor in force any more, and the best estimate is followed.
+From then on nothing speaks for the factor in force any more, and the best estimate is followed, but
+for changes that are smaller than half its own uncertainty.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ _STEP_SIGMAS: Final = 3.5
 """Deviation of a reading that may be a step; two in a row by chance: 1 in 4 million pairs."""
 _SURE: Final = 3.29
 """Standard uncertainties beyond the deadband: one in 2,000 by chance, one-sided."""
+_WORTH: Final = 0.5
+"""Of its standard uncertainty: a smaller change of a factor that corrects already isn't made."""
 _PICTURE: Final = 0.015
 """What widths of a picture may be off by, relative, beyond what it says itself: other ink below."""
 _LEAST_U: Final = 0.005
@@ -155,11 +158,12 @@ class FlowControl:
     def proposal(self) -> float | None:
         """Return the factor that is due; None where the one in force is as good as known.
 
-        Corrected is what exceeds the deadband; of a flow that isn't corrected yet, beyond doubt.
+        Corrected is what exceeds the deadband: of a flow that isn't corrected yet, beyond doubt, of
+        another by half a standard uncertainty.
         """
         left = self.log_flow + math.log(self.factor)
-        calibrated = self.factor == 1.0
-        doubt = _SURE * math.hypot(math.sqrt(self.variance), _PICTURE) * calibrated
+        sigmas = _SURE if self.factor == 1.0 else _WORTH
+        doubt = sigmas * math.hypot(math.sqrt(self.variance), _PICTURE)
         if abs(left) <= self.limits.deadband + doubt:
             return None
         per = self.limits.steps_per_unit

@@ -9,7 +9,7 @@ import pytest
 
 from printctl.observe.observer import Look
 from printctl.observe.records import LookRecord, look_folder, save_look
-from printctl.observe.view_before import picture_before
+from printctl.observe.view_before import EMPTY, picture_before
 
 LOOK = Look(3, 300, 300, 200, "end of layer 2")
 
@@ -58,3 +58,15 @@ def test_a_picture_of_another_kind_or_of_long_ago_is_none(folder: Path) -> None:
     long_ago = now(folder).stat().st_mtime - 7200
     os.utime(old, (long_ago, long_ago))
     assert picture_before(folder, 0.0, LOOK, now(folder)) is None
+
+
+def test_the_first_look_has_the_view_of_the_empty_dish(tmp_path: Path) -> None:
+    empty, first = (look_folder(tmp_path, number) / "picture.png" for number in (EMPTY, 1))
+    for number, path in enumerate((empty, first)):
+        path.touch()
+        os.utime(path, (1000.0 + 60.0 * number,) * 2)
+    look = Look(1, 40, 40, 0, "end of layer 0")
+    assert picture_before(tmp_path, 1030.0, look, first) == empty
+    assert picture_before(tmp_path, 990.0, look, first) is None  # taken while it was printing
+    later = Look(2, 80, 80, 40, "end of layer 1")
+    assert picture_before(tmp_path, 1030.0, later, first) is None
