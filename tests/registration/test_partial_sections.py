@@ -97,5 +97,6 @@ def test_under_half_of_the_wall_tells_nothing():
 
 
 def test_less_of_the_wall_is_less_sure():
-    noise = [np.median(partial_noise(sections(met, 0.004, seed=2), BLUR)) for met in (0.6, 0.8, 1.0)]
+    found = [sections(met, 0.004, seed=2) for met in (0.6, 0.8, 1.0)]
+    noise = [np.median(partial_noise(each, BLUR)) for each in found]
     assert noise[0] > noise[1] > noise[2] > 0.0
