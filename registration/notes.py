@@ -106,7 +106,10 @@ def sight_notes(vessels: tuple[VesselGauge, ...], seen: float) -> list[str]:
             f"{', '.join(partly)}."
         )
     if bare:
-        notes.append(f"No section could be measured in vessels {', '.join(bare)}.")
+        notes.append(
+            f"No section could be measured in vessels {', '.join(bare)}: where they pass, it is by "
+            "being open, whatever their diameters are."
+        )
     return notes
 
 
