@@ -18,6 +18,9 @@ from registration.uncertainty import SectionErrors, pressure_interval
 
 WATER_PA_S = 1e-3
 UNIT_FLOW_UL_S = 1.0
+_BALANCED = 1e-3
+"""Of the network's pressure drop, below which that across a vessel is chance: a rung between two
+ways of equal pressures, whose flow small deviations elsewhere turn round."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,8 @@ class Perfusion:
         Whether any of the vessel's diameters was measured; where none was, it is taken as wide
         as the other vessels' mean error makes it.
     fed : (v,) bool
-        Whether the printed vessel carries at least a hundredth of its designed flow.
+        Whether the printed vessel carries at least a hundredth of its designed flow, or any at all
+        where its ends' pressures are equal by design.
     perfused : bool or None
         Whether all vessels that carry flow by design are fed; None where one that is fed wasn't
         seen from end to end.
@@ -112,12 +116,13 @@ def perfusion(
     resistance = resistance_at(as_printed, driven.whole_fluid, designed.flow)
     flow, drop = _flow(as_printed, ~closed, inlets, outlets, driven)
     inflow = _inflow(network, flow, inlets)
-    fed = np.abs(flow) >= 0.01 * np.abs(designed.flow)
     designed_in = _inflow(network, designed.flow, inlets)
     carries = np.abs(designed.flow) > 1e-6 * max(designed_in, 1e-300)
     whole = np.array([bool(trace.seen.all()) for trace in traces])
     ends = [designed.pressure[list(nodes)] for nodes in (inlets, outlets)]
     designed_drop = float(ends[0].max() - ends[1].min())
+    first, last = designed.pressure[network.vessel_nodes.T]
+    fed = fed_vessels(flow, designed.flow, first - last, designed_drop)
     return Perfusion(
         resistance_pa_s_ul=np.where(closed, np.inf, resistance),
         designed_resistance_pa_s_ul=designed.resistance,
@@ -133,6 +138,24 @@ def perfusion(
         perfused=_verdict(fed[carries], whole[carries]),
         pressure_ratio=_ratio(drop / inflow if inflow > 0 else np.nan, designed_drop / designed_in),
     )
+
+
+def fed_vessels(
+    flow: FloatArray, designed_flow: FloatArray, across_pa: FloatArray, drop_pa: float
+) -> BoolArray:
+    """Whether each vessel is fed, (v,), by its printed and designed flow.
+
+    Parameters
+    ----------
+    flow, designed_flow : (v,) float64, µL/s
+    across_pa : (v,) float64, Pa
+        Designed pressure at its first node less that at its last.
+    drop_pa : float, Pa
+        Designed, from inlets to outlets.
+    """
+    enough = np.abs(flow) >= 0.01 * np.abs(designed_flow)
+    balanced = np.abs(across_pa) < _BALANCED * drop_pa
+    return np.asarray(enough | (balanced & (flow != 0.0)))
 
 
 def _ratio(printed: float, designed: float) -> float:

@@ -9,7 +9,7 @@ import pytest
 
 from design.hemodynamics import FlowConditions, solve_flow
 from registration.gauging import printed_network
-from registration.gauging.perfusion import perfusion
+from registration.gauging.perfusion import fed_vessels, perfusion
 from tests.registration.phantom import CHANNEL, WIDE, block, ladder, traces
 from tests.registration.test_defects import plug
 
@@ -21,6 +21,15 @@ def test_print_as_designed_flows_as_designed() -> None:
     assert found.pressure_drop_pa == pytest.approx(found.designed_pressure_drop_pa, rel=0.05)
     assert found.perfused is True
     assert found.fed.all()
+
+
+def test_a_rung_between_equal_pressures_is_fed_by_whatever_flows() -> None:
+    """A sound print failed by a rung of 0.1 % of the flow, which half a per cent turned round."""
+    designed, across = np.array([1.0, 1e-3, 1e-3, 1.0]), np.array([50.0, 0.05, 30.0, 50.0])
+    printed = np.array([1.0, -2e-6, 2e-6, 0.005])
+    fed = fed_vessels(printed, designed, across, 100.0)
+    assert fed.tolist() == [True, True, False, False]
+    assert not fed_vessels(0.0 * printed, designed, across, 100.0).any()
 
 
 def test_split_follows_the_fourth_power() -> None:
