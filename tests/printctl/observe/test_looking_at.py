@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
 from types import SimpleNamespace
+from typing import Any, cast
 
+import cv2
+import numpy as np
 import pytest
 
-from printctl.observe.looking_at import seen_where_ink_shows
+from printctl.observe.devices import DeviceError
+from printctl.observe.looking_at import ObservedJob, seen_where_ink_shows
+from printctl.observe.observer import Look
+from printctl.observe.records import look_folder
 from registration.layer_images import SeeingOptions
 
 
@@ -33,3 +41,18 @@ def test_a_layer_that_little_ink_shows_is_looked_at_again_within_tolerance(
     found = seen_where_ink_shows(see, SeeingOptions(shift_mm=0.5), 0.1)
     assert searched == searched_mm
     assert found.shift.dy_mm == min(shift_mm, searched_mm[-1])
+
+
+def test_a_camera_that_gives_the_same_picture_twice_hangs(tmp_path: Path) -> None:
+    noise = np.random.default_rng(1).integers(0, 255, (2, 20, 20), dtype=np.uint8)
+    empty, first = (look_folder(tmp_path, number) / "picture.png" for number in (0, 1))
+    for path, picture, taken in ((empty, noise[0], 900.0), (first, noise[1], 1100.0)):
+        cv2.imwrite(str(path), picture)
+        os.utime(path, (taken, taken))
+    order = SimpleNamespace(oct=False, device=SimpleNamespace(kind="camera"))
+    held = SimpleNamespace(ink=SimpleNamespace(style="layered"), look=Look(1, 9, 9, 0, "layer"))
+    job = cast(Any, SimpleNamespace(order=order, folder=tmp_path, begun=1000.0))
+    before = ObservedJob._before(job, cast(Any, held), first, noise[1])
+    np.testing.assert_array_equal(before, noise[0])
+    with pytest.raises(DeviceError, match="gave the picture of the look before once more"):
+        ObservedJob._before(job, cast(Any, held), first, noise[0])

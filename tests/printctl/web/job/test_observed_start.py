@@ -55,20 +55,22 @@ import pathlib, shutil, sys, time
 here, out = pathlib.Path(__file__).parent, pathlib.Path(sys.argv[1])
 while out.parent.name == "0002" and not (here / "works").exists():
     time.sleep(0.05)
-shutil.copy(here / "grey.png", out.with_suffix(".png"))
+shutil.copy(here / f"grey{out.parent.name}.png", out.with_suffix(".png"))
 """
 
 
 @pytest.fixture
 def order(core, tmp_path) -> ObserverOrder:
-    """A run whose camera is a program that copies a grey picture, and hangs in the second look."""
+    """A run whose camera is a program that copies grey pictures, and hangs in the second look."""
     folder = core.workspace.root / "runs" / "observed"
     folder.mkdir(parents=True)
     (folder / GCODE).write_bytes(layered(3, 20))
     manifest = Manifest(folder)
     manifest.facts = {"recipe": RECIPE}
     manifest.save()
-    cv2.imwrite(str(tmp_path / "grey.png"), np.full((200, 200), 128, np.uint8))
+    for look in range(4):
+        grey = np.full((200, 200), 126 + look, np.uint8)
+        cv2.imwrite(str(tmp_path / f"grey{look:04d}.png"), grey)
     (tmp_path / "camera.yaml").write_text(yaml.safe_dump(CAMERA))
     (tmp_path / "copy.py").write_text(COPIES)
     words = f"{sys.executable} {tmp_path / 'copy.py'} {{out}}"
