@@ -9,7 +9,8 @@ Rules, in their order; the first that holds decides:
 3. a lumen is closed, or narrowed beyond tolerance: pause; no ink can be taken away;
 4. gaps and thin lines that two pictures show (one, where there is no second): mend, fill up, and
    correct the flow;
-   where ink lies on less than a third of what was seen, yet no gap is sure: pause;
+   where ink lies on less than a third of what was seen, yet no gap is sure, or where none was seen
+   yet since the print began: pause;
 5. a flow beyond the bounds of the correction: pause; within them: correct it;
 6. too little was seen of several layers in a row: pause.
 
@@ -43,6 +44,8 @@ _LEAST_INK: Final = 1 / 3
 at sound ones."""
 _TELLING_MM: Final = 1.0
 """Way that must have been seen for that."""
+_FIRST_MM: Final = 5.0
+"""Way of the print's first lines of which some must be seen."""
 _SURE: Final = 3.29
 """Standard uncertainties beyond the tolerance: one in 2,000 by chance, one-sided."""
 
@@ -149,6 +152,7 @@ class Decider:
             self._narrowed,
             self._gaps,
             self._bare,
+            self._none_yet,
             self._flow,
             self._blind,
         )
@@ -263,6 +267,19 @@ class Decider:
 
     def _believed(self, evidence: Evidence) -> tuple[Gap, ...]:
         return confirmed_gaps(evidence.gaps, evidence.places, evidence.second, self.limits.gap)
+
+    def _none_yet(self, _: Evidence) -> Decision | None:
+        """Say once that no ink was seen so far: none can be known by its look then."""
+        way_mm = self.layers.first_mm
+        if way_mm is None or way_mm < _FIRST_MM:
+            return None
+        self.layers.first_mm = None
+        return Decision(
+            DecisionKind.PAUSE,
+            f"no ink is seen yet where {way_mm:.0f} mm of lines should lie: the needle is clogged, "
+            "the syringe empty, or the camera can't tell this ink from the bath; look before you "
+            "go on",
+        )
 
     def _flow(self, evidence: Evidence) -> Decision | None:
         control = self.control

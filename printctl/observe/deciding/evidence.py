@@ -101,6 +101,8 @@ class LayersSeen:
     level_mm : float or None, mm
     way_mm, visible_mm, seen_mm : float, mm
         Of the layer in hand: written; what a clean view can show of it; seen.
+    first_mm : float or None, mm
+        Way written in layers while no ink was seen at all; None once some was, or that was told.
     """
 
     unseen: int = 0
@@ -109,9 +111,13 @@ class LayersSeen:
     way_mm: float = 0.0
     visible_mm: float = 0.0
     seen_mm: float = 0.0
+    first_mm: float | None = 0.0
 
     def add(self, evidence: Evidence, least_share: float) -> None:
         """Take in a look; several in one layer count as one."""
+        if self.first_mm is not None and evidence.level_mm is not None:
+            visible_mm = evidence.way_mm * (1.0 - evidence.over_old_share)
+            self.first_mm = None if evidence.seen_share > 0 else self.first_mm + visible_mm
         if evidence.level_mm is None or evidence.level_mm != self.level_mm:
             self.before, self.level_mm = self.unseen, evidence.level_mm
             self.way_mm = self.visible_mm = self.seen_mm = 0.0

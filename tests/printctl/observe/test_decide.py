@@ -141,6 +141,20 @@ def test_three_blind_looks_pause():
     assert kinds == [DecisionKind.GO_ON, DecisionKind.GO_ON, DecisionKind.PAUSE]
 
 
+def test_a_print_of_which_no_ink_is_seen_pauses_at_its_first_look_and_once():
+    """A needle that was clogged from the first line on wrote two layers of nothing before."""
+    decider = Decider(Limits(mend="mend"))
+    nothing = {"seen_share": 0.0, "way_mm": 4.0, "level_mm": 0.1}
+    kinds = [decider.decide(evidence(**nothing)).kind for _ in range(3)]
+    assert kinds == [DecisionKind.GO_ON, DecisionKind.PAUSE, DecisionKind.GO_ON]
+
+
+def test_ink_once_seen_may_be_hidden_for_a_while():
+    decider = Decider(Limits(mend="mend"))
+    assert decider.decide(evidence(seen_share=0.1, level_mm=0.1)).kind is DecisionKind.GO_ON
+    assert decider.decide(evidence(seen_share=0.0, level_mm=0.1)).kind is DecisionKind.GO_ON
+
+
 def test_looks_within_a_layer_count_as_one_layer():
     decider = Decider(Limits(mend="mend"))
 

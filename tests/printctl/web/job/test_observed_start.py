@@ -16,6 +16,7 @@ import yaml
 from printctl.link import LinkState
 from printctl.link.marks import MarkKind
 from printctl.link.record import load_record
+from printctl.observe.deciding import Limits
 from printctl.observe.devices import DeviceSettings
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import ORDER, READY, read_looks
@@ -85,6 +86,7 @@ def order(core, tmp_path) -> ObserverOrder:
         oct=False,
         frame="",
         device=device,
+        limits=Limits(mend="tell"),
         care={"look_after": "layer", "look_limit_s": 8.0},
     )
     made.save(folder)
