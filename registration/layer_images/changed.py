@@ -224,7 +224,7 @@ def _usual_step(at: FloatArray) -> FloatArray:
 def _changed_alike(value: FloatArray, use: BoolArray, onto: IntArray) -> BoolArray:
     """Places on older ink of heights on which fresh ink changes about as much as anywhere, (n,).
 
-    Opaque ink changes the level by the bath above older ink alone: much over what lies deep, nothing
+    Opaque ink changes the level by the bath above older ink alone: much over deep ink, nothing
     where lines cross. Of each height half of the places may show none.
     """
     heights = [rows for one in np.unique(onto) if (rows := use & (onto == one)).any()]
