@@ -27,6 +27,7 @@ from registration.layer_images.values import (
     FloatArray,
     FloatImage,
     Gap,
+    IntArray,
     Unseen,
 )
 from registration.layer_images.ways import Seen, Ways
@@ -44,7 +45,8 @@ _LEAST_INK: Final = 0.35
 """Of the places, that must show the change that is taken for ink's."""
 _HIGHEST: Final = 75.0
 _UNCHANGED: Final = 0.3
-"""Most change, over ink's, in a gap: more is thin ink, or a veil over both pictures."""
+"""Most change, over ink's, in a gap: more is thin ink, a veil over both pictures; or, the other
+way, a glare or bubble that went."""
 _STILL: Final = 5.0
 """Standard deviations by which a thing that lay there before stands out."""
 _AROUND: Final = 1.5
@@ -56,6 +58,9 @@ _LOW, _HIGH = -0.4, 1.8
 """Change, over ink's, of a bubble that came or went."""
 _SHORTEST: Final = 0.75
 """Of a width: what is shorter may be a small bubble as bright as older ink."""
+_ALIKE: Final = 0.6
+"""Of the most change on older ink of any height; on ink of a height with less it isn't told."""
+_FEWEST_ALIKE: Final = 12
 _FULL: Final = 1.5
 """Change, over ink's, that counts at most."""
 _MOST: Final = 100_000
@@ -72,6 +77,8 @@ class Places:
         Over older ink.
     settled : (n,) bool
         Nothing but the layer was written there since the picture before.
+    onto : (n,) int64
+        Rank, from below, of the height of the topmost older ink there.
     ground : (h, w) uint8
         Where nothing was written since.
     ink : (h, w) uint8
@@ -84,6 +91,7 @@ class Places:
     seen: Seen
     use: BoolArray
     settled: BoolArray
+    onto: IntArray
     ground: Mask
     ink: Mask
     earlier: FloatImage
@@ -117,6 +125,8 @@ def tell_by_change(
     why = np.where((why == Unseen.SEEN) & _stands_out(places), int(Unseen.GLARE), why)
     why = np.where((why == Unseen.SEEN) & ~places.settled, int(Unseen.OLD_INK), why)
     value = _core(image[:, :, None], places.seen, ways.width[:, None] * _CORE)[:, 0]
+    alike = _changed_alike(value, use & (why == Unseen.SEEN), places.onto)
+    why = np.where((why == Unseen.SEEN) & ~alike, int(Unseen.OLD_INK), why)
     level = _ink_level(value, ways, use & (why == Unseen.SEEN))
     if level is None:
         return None
@@ -211,6 +221,21 @@ def _usual_step(at: FloatArray) -> FloatArray:
     return np.asarray(step)
 
 
+def _changed_alike(value: FloatArray, use: BoolArray, onto: IntArray) -> BoolArray:
+    """Places on older ink of heights on which fresh ink changes about as much as anywhere, (n,).
+
+    Opaque ink changes the level by the bath above older ink alone: much over deep ink, nothing
+    where lines cross. Of each height half of the places may show none.
+    """
+    heights = [rows for one in np.unique(onto) if (rows := use & (onto == one)).any()]
+    steps = [float(np.percentile(value[rows], _HIGHEST)) for rows in heights]
+    out = np.zeros(len(value), dtype=np.bool_)
+    for rows, step in zip(heights, steps, strict=True):
+        if rows.sum() >= _FEWEST_ALIKE and step > _ALIKE * max(steps):
+            out |= rows
+    return out
+
+
 def _ink_level(value: FloatArray, ways: Ways, use: BoolArray) -> FloatArray | None:
     """Change by sound ink at all places, (n,): a surface of second order through the usual ones.
 
@@ -285,7 +310,7 @@ def unchanged(
         own = (ways.stroke == gap.stroke) & (ways.along >= gap.from_mm) & (ways.along <= gap.to_mm)
         inner = present[own & good]
         long = gap.length_mm > _SHORTEST * float(ways.width[own].max(initial=0.0))
-        if long and len(inner) and float(np.median(inner)) < _UNCHANGED:
+        if long and len(inner) and float(np.median(np.abs(inner))) < _UNCHANGED:
             kept.append(gap)
         else:
             doubtful |= own

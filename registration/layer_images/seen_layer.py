@@ -46,6 +46,10 @@ _RIMS: Final = 0.04
 """Of widths by the change alone: rims of lines move its edges."""
 _IN_SLOTS: Final = 0.3
 """Of a station, that may suffice where bath shows between older lines alone."""
+_SAME_HEIGHT: Final = 0.25
+"""Of a width: older ink of heights that differ by less is of one layer."""
+_NEARBY: Final = 0.1
+"""Of a width, by which older ink may be wider, or lie aside."""
 _UNSETTLED: Final = 0.1
 """Of a width over ink that was written since the picture before: what changed tells nothing."""
 
@@ -204,6 +208,29 @@ def _directly_below(
     return drawn_lines(work.shape, np.stack(ends, axis=1), lines.width_mm[row] * work.px_per_mm)
 
 
+def _onto(
+    work: Working,
+    frame: WorkingFrame,
+    lines: ExpectedLines,
+    by_mm: FloatArray,
+    ways: Ways,
+    seen: Seen,
+) -> IntArray:
+    """Rank, from below, of the height of the topmost older ink at each place, (n,); 0 for none."""
+    old, by = ~lines.fresh, np.append(by_mm, 0.0)
+    width = float(np.median(ways.width))
+    height, order = np.unique(lines.end[old, 2], return_inverse=True)
+    rank = np.cumsum(np.diff(height, prepend=-np.inf) > _SAME_HEIGHT * width)[order]
+    ends = np.stack([frame.to_pixels(one[old] + by) for one in (lines.start, lines.end)], axis=1)
+    px = (lines.width_mm[old] + _NEARBY * width) * work.px_per_mm
+    across = ways.width[:, None] * np.linspace(-0.3, 0.3, 5)
+    out = np.zeros(len(ways), dtype=np.int64)
+    for one in range(1, int(rank.max(initial=0)) + 1):
+        drawn = drawn_lines(work.shape, ends[rank == one], px[rank == one])
+        out[seen.profiles(drawn, across, nearest=True).any(axis=1)] = one
+    return out
+
+
 def _by_change(
     work: Working,
     frame: WorkingFrame,
@@ -231,7 +258,8 @@ def _by_change(
     ground = 1 - (cv2.dilate(written, np.ones((side, side), np.uint8)) | lost)
     assert work.earlier is not None
     earlier = flattened(work.earlier, masks.free, masks.core, work.px_per_mm)
-    places = Places(ways, seen, over_old, settled, ground, masks.old & masks.fresh, earlier)
+    onto = _onto(work, frame, lines, by_mm, ways, seen)
+    places = Places(ways, seen, over_old, settled, onto, ground, masks.old & masks.fresh, earlier)
     return tell_by_change(work, places, options.gap_mm, options.false_rate, rng)
 
 
