@@ -48,7 +48,7 @@ def infer_missing(
     bare = seen & (present < BARE * usual)
     out = np.zeros(len(ways), dtype=np.bool_)
     for first, last in stretches_of(why == Unseen.OLD_INK, ways.run):
-        sides = [side for side in (first - 1, last + 1) if _same_run(side, first, ways)]
+        sides = _sides(first, last, ways)
         widest = (_AT_END, _WIDEST)[len(sides) - 1] * float(ways.width[first : last + 1].min())
         length = float(ways.step[first : last + 1].sum())
         if sides and bare[sides].all() and length <= widest:
@@ -79,7 +79,7 @@ def is_contradicted(
     inked = seen & (present > (1.0 - BARE) * usual)
     wrong: dict[bool, list[BoolArray]] = {True: [], False: []}
     for first, last in stretches_of(told, ways.run):
-        sides = [side for side in (first - 1, last + 1) if _same_run(side, first, ways)]
+        sides = _sides(first, last, ways)
         both_bare, both_inked = bare[sides].all(), inked[sides].all()
         if len(sides) == 2 and (both_bare or both_inked):
             wrong[bool(both_inked)].append((on_old[first : last + 1] > INK) != both_inked)
@@ -88,5 +88,7 @@ def is_contradicted(
     )
 
 
-def _same_run(row: int, first: int, ways: Ways) -> bool:
-    return 0 <= row < len(ways) and bool(ways.run[row] == ways.run[first])
+def _sides(first: int, last: int, ways: Ways) -> list[int]:
+    """Places directly before and behind a stretch that are of its run."""
+    n, run = len(ways), ways.run
+    return [row for row in (first - 1, last + 1) if 0 <= row < n and run[row] == run[first]]

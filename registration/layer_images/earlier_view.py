@@ -30,6 +30,9 @@ _PRIOR_PX: Final = 1.0
 """Standard deviation of a camera's move where the ground tells nothing."""
 _PRIOR_SLOPE: Final = 2e-3
 """And of its turn and scale."""
+_FAR_PX: Final = 2.0
+_BETTER: Final = 0.95
+"""Of the mean square difference at rest: a far move that leaves more isn't believed."""
 
 
 @dataclass(frozen=True)
@@ -77,11 +80,45 @@ def camera_move(now: FloatImage, earlier: FloatImage, ground: Mask) -> CameraMov
         places = _places(ground, most // now.shape[2])
         p = _fitted(p, _soft(now, blur), _soft(earlier, blur), places, middle, half)
     matrix = _matrix(p, middle, half)
+    move = CameraMove(matrix, _most_px(matrix, ground))
+    if move.most_px > _FAR_PX:  # on a ground without texture the noise alone was fitted
+        still = CameraMove(np.eye(2, 3), 0.0)
+        places = _places(ground, _MOST_BLURRED)
+        sharp = [_soft(one, _BLURS_PX[-1]) for one in (now, earlier)]
+        left = [
+            _left(sharp[0], one.applied(sharp[1]), places, middle, half) for one in (move, still)
+        ]
+        if left[0] > _BETTER * left[1]:
+            return still
+    return move
+
+
+def _most_px(matrix: FloatArray, ground: Mask) -> float:
+    """Largest move within the ground's bounds."""
     y, x = np.nonzero(ground)
     corners = np.array([[x.min(), y.min()], [x.max(), y.min()], [x.min(), y.max()],
                         [x.max(), y.max()]], dtype=np.float64)  # fmt: skip
     off = corners @ matrix[:, :2].T + matrix[:, 2] - corners
-    return CameraMove(matrix, float(np.hypot(off[:, 0], off[:, 1]).max()))
+    return float(np.hypot(off[:, 0], off[:, 1]).max())
+
+
+def _left(
+    now: FloatImage,
+    moved: Image,
+    places: tuple[IntArray, IntArray],
+    middle: FloatArray,
+    half: float,
+) -> float:
+    """Mean square of what differs on the ground, light taken out."""
+    y, x = places
+    light = _light((x - middle[0]) / half, (y - middle[1]) / half)
+    rest = (now[y, x] - moved[y, x]).astype(np.float64)
+    rest = rest - light @ np.linalg.lstsq(light, rest, rcond=None)[0]
+    return float((rest**2).mean())
+
+
+def _light(u: FloatArray, v: FloatArray) -> FloatArray:
+    return np.column_stack([np.ones_like(u), u, v, u * u, u * v, v * v])
 
 
 def _soft(values: FloatImage, blur: float) -> FloatImage:
@@ -110,7 +147,7 @@ def _fitted(
 ) -> FloatArray:
     y, x = places
     u, v = (x - middle[0]) / half, (y - middle[1]) / half
-    light = np.column_stack([np.ones_like(u), u, v, u * u, u * v, v * v])
+    light = _light(u, v)
     prior = np.diag([_PRIOR_PX**-2] * 2 + [(_PRIOR_SLOPE * half) ** -2] * 4)
     for _ in range(_ROUNDS):
         moved = CameraMove(_matrix(p, middle, half), 0.0).applied(earlier)

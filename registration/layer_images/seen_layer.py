@@ -36,16 +36,13 @@ from registration.layer_images.values import (
 )
 from registration.layer_images.ways import Seen, Ways
 from registration.layer_images.widths import Widths
+from registration.layer_images.widths_by_change import widths_by_change
 from registration.layer_images.working import Mask, Masks, Working, WorkingFrame, drawn_lines
 
 _MOST_OLD: Final = 0.3
 """Of a line's width over older ink: more, and it is judged against that."""
 _ONE_BELOW: Final = 1.5
 """Thicknesses from middle to middle, within which an older line lies directly below."""
-_RIMS: Final = 0.04
-"""Of widths by the change alone: rims of lines move its edges."""
-_IN_SLOTS: Final = 0.3
-"""Of a station, that may suffice where bath shows between older lines alone."""
 _SAME_HEIGHT: Final = 0.25
 """Of a width: older ink of heights that differ by less is of one layer."""
 _NEARBY: Final = 0.1
@@ -161,40 +158,13 @@ def seen_at_shift(
     told = bath is not None and bath.noise is not None and work.earlier is not None
     if told and not np.isfinite(widths.width_mm).any():
         shown = joined[3] == Unseen.SEEN
-        widths = _widths_by_change(
+        widths = widths_by_change(
             ground, ways, seen, masks.fresh, over_old, joined[0], shown, group, rng
         )
     return SeenLayer(
         work, frame, ways, moved, seen, flat, masks, sides, over_old, inferred, bath, old, *joined,
         group, widths, by_height, by_change,
     )  # fmt: skip
-
-
-def _widths_by_change(
-    ground: Ground,
-    ways: Ways,
-    seen: Seen,
-    fresh: Mask,
-    over_old: BoolArray,
-    present: FloatArray,
-    shown: BoolArray,
-    group: Grouping,
-    rng: np.random.Generator,
-) -> Widths:
-    """Widths between older lines, which the difference to the picture before doesn't show.
-
-    Bath beside such a line is too narrow for its edges to be told from those of older lines.
-    """
-    count = ground.flat.shape[2] // 2
-    parts = [np.ascontiguousarray(each[:, :, count:]) for each in (ground.smooth, ground.flat)]
-    sides = Sides.of(seen, ways, fresh, ground.work.px_per_mm)
-    change = replace(ground, smooth=parts[0], flat=parts[1], known=None)
-    told = tell_ink(change, ways, seen, sides, ~over_old, rng) if parts[1].any() else None
-    profiles = np.zeros((len(ways), len(ACROSS)), np.float32) if told is None else told.profiles
-    widths = station_widths(
-        group, ways, profiles, sides, told, over_old, present, shown, ground.work, _IN_SLOTS
-    )
-    return replace(widths, common=float(np.hypot(widths.common, _RIMS)))
 
 
 def _directly_below(

@@ -105,6 +105,16 @@ def test_a_move_is_found_to_a_small_part_of_a_pixel(move: tuple[float, float]) -
     assert found.matrix @ middle - middle[:2] == pytest.approx(move, abs=0.05)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_an_even_ground_tells_no_move(seed: int) -> None:
+    """Noise alone was fitted, by up to 27 px, and the picture of the empty dish not used."""
+    rng = np.random.default_rng(seed)
+    noisy = [rng.normal(0.0, 0.02, (300, 300, 3)).astype(np.float32) for _ in range(2)]
+    mask = np.ones((300, 300), np.uint8)
+    mask[60:240:40, 50:250] = 0
+    assert camera_move(*noisy, mask).most_px <= 2.0
+
+
 def test_pictures_of_different_shapes_are_refused(painted: Stack) -> None:
     with pytest.raises(PictureError, match="same camera"):
         see_layer(painted.picture, painted, expected(painted), before=painted.before[1:])
