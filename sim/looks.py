@@ -23,7 +23,7 @@ from sim.camera.camera_file import load_camera
 from sim.camera.paint import paint
 from sim.deposit.recorded_ink import ink_of_record, read_record
 from sim.errors import CameraError, ScannerError, SimError
-from sim.motion.executed import ExecutedMotion
+from sim.motion.executed import NO_MOTION, ExecutedMotion
 from sim.scanner.live_oct import live_scan, load_oct, write_live_scan
 
 PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
@@ -38,7 +38,9 @@ def parser(device: str) -> argparse.ArgumentParser:
         + ("a picture." if camera else "an OCT scan of a fixed field."),
     )
     options.add_argument(
-        "--record", required=True, type=Path, help="the executed motion (.npz) of the printer"
+        "--record",
+        type=Path,
+        help="the executed motion (.npz) of the printer; without it nothing lies in the dish",
     )
     options.add_argument(
         f"--{device}",
@@ -87,9 +89,9 @@ def main(words: list[str]) -> int:
 
 
 def take_picture(
-    record: Path, faults: Path | None, camera: Path, out: Path, look: int | None = None
+    record: Path | None, faults: Path | None, camera: Path, out: Path, look: int | None = None
 ) -> None:
-    """Take one picture of what a record says to lie in the dish.
+    """Take one picture of what a record says to lie in the dish; of an empty dish without one.
 
     Raises
     ------
@@ -100,7 +102,8 @@ def take_picture(
     """
     if out.suffix.lower() not in PICTURES:
         raise CameraError(f"{out}: a picture is written as {', '.join(PICTURES)}")
-    file, motion = load_camera(camera), read_record(record)
+    file = load_camera(camera)
+    motion = read_record(record) if record else NO_MOTION
     seed = _seed(look, motion)
     ink = ink_of_record(motion, faults, file.laid)
     tip = motion.end[-1] if len(motion) else None
@@ -116,7 +119,7 @@ def take_picture(
 
 
 def take_scan(
-    record: Path,
+    record: Path | None,
     faults: Path | None,
     field: Path,
     out: Path,
@@ -125,13 +128,14 @@ def take_scan(
     low_mm: FloatArray | None = None,
     high_mm: FloatArray | None = None,
 ) -> None:
-    """Take one OCT scan of what a record says to lie in the dish; raises as `take_picture`.
+    """Take one OCT scan of what a record says to lie in the dish, as `take_picture` does.
 
     Only what lies between ``low_mm`` and ``high_mm`` of the field is scanned, where they are given.
     """
     if out.suffix.lower() != ".npz":
         raise ScannerError(f"{out}: a scan is written as .npz")
-    oct_field, motion = load_oct(field), read_record(record)
+    oct_field = load_oct(field)
+    motion = read_record(record) if record else NO_MOTION
     ink = ink_of_record(motion, faults, oct_field.laid)
     low = np.array(oct_field.low_mm) if low_mm is None else low_mm
     high = np.array(oct_field.high_mm) if high_mm is None else high_mm

@@ -5,15 +5,12 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.anatomy.grown import Trees
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
-from kernels.arrays import FloatArray
-
-BoolArray = NDArray[np.bool_]
+from kernels.arrays import BoolArray, FloatArray
 
 _NEAR: Final = 0.03
 """Of all planned branches' extent: so far from its planned way a branch may lie, made smooth.

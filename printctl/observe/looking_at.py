@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any, Final
 
@@ -115,6 +116,7 @@ class ObservedJob:
     order: ObserverOrder
     begun: float = 0.0
     _appearance: Appearance | None = None
+    _digest: bytes = b""  # of the image judged last
     _last: _Held | None = None
 
     @cached_property
@@ -191,7 +193,7 @@ class ObservedJob:
         Raises
         ------
         DeviceError
-            When a picture can't be read.
+            When a picture can't be read, or is the last one to the last bit.
         """
         at = self._held(look)
         try:
@@ -219,6 +221,8 @@ class ObservedJob:
         if path not in at.found:
             slab = _slab(at)
             image, frame = open_view(path, self.order, *slab, at.layer.lines)
+            before = self._before(at, path, image)
+            self._check_new(image, before)
             is_height = self.order.oct and at.ink.style == "layered"
             if self.order.oct and not is_height:
                 image = image[:, :, :1]  # filaments of all depths: no height is that of the layer
@@ -230,7 +234,7 @@ class ObservedJob:
                 frame,
                 at.layer.lines,
                 lumens=at.lumens,
-                before=self._before(at, path, image),
+                before=before,
                 since=at.since,
                 # In a bath ink is as dark as it is thick and near: each look learns its own.
                 known=self._appearance if at.ink.style == "layered" else None,
@@ -247,13 +251,7 @@ class ObservedJob:
         return at.found[path]
 
     def _before(self, at: _Held, path: Path, image: Image) -> Image | None:
-        """Picture of the look before, where it is one of the same view; a camera's in layers.
-
-        Raises
-        ------
-        DeviceError
-            When it is the very same one: no sensor sees twice the same.
-        """
+        """Picture of the look before, where it is one of the same view; a camera's in layers."""
         if self.order.oct or at.ink.style != "layered":
             return None
         earlier = picture_before(self.folder, self.begun, at.look, path)
@@ -263,14 +261,19 @@ class ObservedJob:
             picture = read_picture(earlier)
         except DeviceError:
             return None
-        if picture.shape != image.shape or picture.dtype != image.dtype:
-            return None
-        if np.array_equal(picture, image):
+        return picture if picture.shape == image.shape and picture.dtype == image.dtype else None
+
+    def _check_new(self, image: Image, before: Image | None) -> None:
+        """Raise `DeviceError` for the very picture that was judged last, or the one before."""
+        kind = self.order.device.kind
+        digest = blake2b(np.ascontiguousarray(image)).digest()
+        again = digest == self._digest or (before is not None and np.array_equal(before, image))
+        if again and kind != "simulated":  # no sensor sees twice the same; a simulated one may
             raise DeviceError(
-                f"the {self.order.device.kind} gave the picture of the look before once more, to "
-                "the last bit: it hangs; restart it, then resume"
+                f"the {kind} gave the last picture once more, to the last bit: it hangs; restart "
+                "it, then resume"
             )
-        return picture
+        self._digest = digest
 
     def _options(self) -> SeeingOptions:
         limits = self.order.limits

@@ -5,10 +5,10 @@ from __future__ import annotations
 import shlex
 import shutil
 import time
-from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
-from printctl.observe.devices import DeviceError, acquire
+from printctl.observe.devices import DeviceError, DeviceSettings, acquire
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import emptied_look_folder
 from printctl.observe.view_before import EMPTY
@@ -38,8 +38,7 @@ def try_device(order: ObserverOrder, folder: Path) -> None:
         picture = acquire(device, emptied_look_folder(folder, EMPTY) / "picture", time.time())
         open_view(picture, order, 0.0, 0.0)
     elif device.kind == "simulated" and not order.oct:
-        with suppress(DeviceError):  # a printer that hasn't moved yet has no record
-            acquire(device, emptied_look_folder(folder, EMPTY) / "picture", time.time())
+        acquire(_before_any_motion(device), emptied_look_folder(folder, EMPTY) / "picture", 0.0)
     elif device.kind == "folder" and not Path(device.source).is_dir():
         raise DeviceError(
             f"folder {device.source} isn't there; the device's program writes into it"
@@ -48,6 +47,12 @@ def try_device(order: ObserverOrder, folder: Path) -> None:
         program = shlex.split(device.source)[0]
         if shutil.which(program) is None:
             raise DeviceError(f"the device's program {program} isn't there, or may not be run")
+
+
+def _before_any_motion(device: DeviceSettings) -> DeviceSettings:
+    """A simulated device without the printer's record, which may still be an earlier print's."""
+    extra = {name: value for name, value in device.extra.items() if name != "record"}
+    return replace(device, extra=extra)
 
 
 def _try_frame(order: ObserverOrder) -> None:

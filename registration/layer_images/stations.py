@@ -27,6 +27,7 @@ _LEAST_SEEN = 0.5
 _ROOM = 0.2
 """Of a width: bath that must be seen beside a line for its edge to be one."""
 _PART = 0.7
+"""Of a station, over bath with free sides, for its width to be told."""
 _END = 0.6
 _MOST_SLANT = 0.6
 """Of light from the side, from which on edges are of the light, not of the ink."""

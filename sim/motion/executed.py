@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,3 +82,9 @@ class ExecutedMotion:
         """Read what `save` wrote."""
         with np.load(path) as data:
             return ExecutedMotion(**{name: data[name] for name in data.files})
+
+
+NO_MOTION: Final = ExecutedMotion(
+    *(np.zeros((0, 3)) for _ in range(2)), *(np.zeros(0) for _ in range(4)), np.zeros(0, np.int64)
+)
+"""Of a printer that hasn't moved yet."""

@@ -25,23 +25,19 @@ from design.anatomy.liver_places import find_liver_places
 from design.anatomy.main_branches import MainBranch, missing_branches
 from design.anatomy.network import curved_network
 from design.anatomy.openness import sample_surface
-from design.anatomy.presets import PRESETS
 from design.anatomy.trunk_lines import TrunkLines, outward
 from design.errors import GrowthError, TissueError
 from design.hemodynamics import FlowConditions, solve_flow
-from design.measures.published_radii import PublishedMatch
 from design.network import VesselKind
-from design.tissue import Tissue, biventricle, folded_cortex, tissue_from_surface
+from design.tissue import Tissue, folded_cortex, tissue_from_surface
 from design.tissue import kidney as kidney_shape
 from design.tissue import liver as liver_shape
-from design.units import PA_PER_MMHG
 from design.vasculature import GrowthOptions, check_supply, terminals_of
 from design.vasculature.collisions.collide import collisions
-from design.vasculature.growth.forest import grow_forest
 from design.vasculature.growth.territories import demand_points
 from design.vasculature.treemath import tree_radii
+from tests.design.anatomy.hearts import HEART, heart_tissue, trunk_length
 
-HEART = GrowthOptions(terminals=160, clearance_mm=0.05, murray_exponent=2.5, pressure_drop_pa=1100)
 KIDNEY = GrowthOptions(terminals=200, clearance_mm=0.05, pressure_drop_pa=2700)
 SAMPLED = {}
 
@@ -58,12 +54,6 @@ def sampled_once(tissue, *said, **named):
 def _samples_are_shared(monkeypatch):
     for template in (cortex_template, heart_template, kidney_template, liver_template):
         monkeypatch.setattr(template, "sample_surface", sampled_once)
-
-
-@cache
-def heart_tissue() -> Tissue:
-    surface = biventricle(60.0)
-    return tissue_from_surface(surface.vertices, surface.faces)
 
 
 @cache
@@ -188,49 +178,6 @@ def test_no_main_line_has_a_kink(grown, tissue, terminals, gamma):
         assert np.degrees(np.arccos(min(1.0, float(cosine)))) < 30.0
 
 
-@pytest.mark.parametrize(("sd_then", "factor"), [(0.9, 1.1), (3.0, 1.0)])
-def test_a_heart_gets_another_pressure_drop_where_that_is_nearer_to_published_radii(
-    monkeypatch, sd_then, factor
-):
-    matches = iter([PublishedMatch(2.0, 1.1), PublishedMatch(sd_then, 1.0)])
-    monkeypatch.setattr("design.anatomy.heart.published_match", lambda *_: next(matches))
-    few = replace(HEART, terminals=40)
-    made = grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
-    wanted = HEART.pressure_drop_pa / factor**4
-    assert [tree.pressure_drop_pa for tree in made.trees] == pytest.approx([wanted] * 2)
-    assert any("pressure_drop_mmhg was taken as" in note for note in made.notes) == (factor != 1.0)
-
-
-def test_another_drop_that_costs_main_branches_is_not_taken(monkeypatch):
-    """A heart of 80 mm lost 29 % of its trunks to radii nearer to the published ones."""
-    matches = iter([PublishedMatch(2.0, 1.1), PublishedMatch(0.9, 1.0)])
-    lengths = iter([80.0, 100.0, 100.0])
-    monkeypatch.setattr("design.anatomy.heart.published_match", lambda *_: next(matches))
-    monkeypatch.setattr("design.anatomy.heart._trunks_mm", lambda _: next(lengths))
-    few = replace(HEART, terminals=40)
-    made = grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
-    assert [tree.pressure_drop_pa for tree in made.trees] == pytest.approx(
-        [HEART.pressure_drop_pa] * 2
-    )
-
-
-def test_growth_with_another_drop_is_tried_once(monkeypatch):
-    """24 times in a thin heart of 90 mm: 450 CPU seconds for trees that weren't taken."""
-    tries = []
-
-    def grown(*args, attempts, **named):
-        tries.append(attempts)
-        return grow_forest(*args, attempts=attempts, **named)
-
-    matches = iter([PublishedMatch(2.0, 1.1), PublishedMatch(3.0, 1.0)])
-    monkeypatch.setattr("design.anatomy.heart.published_match", lambda *_: next(matches))
-    monkeypatch.setattr("design.anatomy.from_trunks.grow_forest", grown)
-    few = replace(HEART, terminals=40)
-    grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
-    assert tries[0] > 1
-    assert tries[-1] == 1
-
-
 def test_a_kidneys_medulla_is_supplied_by_its_own_demand():
     """It was called not reached: terminals lie farther apart where less is asked for."""
     made = kidney()
@@ -238,31 +185,6 @@ def test_a_kidneys_medulla_is_supplied_by_its_own_demand():
     ends, flow = terminals_of(made.trees)
     assert tissue.demand.mean_weight < 1.0
     assert check_supply(tissue, ends, flow)[1] == ()
-
-
-def test_a_small_heart_keeps_its_main_branches():
-    """The circumflex was taken away for the anterior descending beside it at their fork."""
-    shape = biventricle(60.0)
-    tissue = tissue_from_surface(shape.vertices, shape.faces)
-    drop = PRESETS["heart"].pressure_drop_mmhg * PA_PER_MMHG
-    options = replace(HEART, terminals=160, clearance_mm=0.05, pressure_drop_pa=drop)
-    made = grow_heart(tissue, options, HeartAnatomy(trunk_ends=40))
-    assert trunk_length(made.trees) > 600.0
-    assert not any("were left out" in note for note in made.notes)
-
-
-def test_forks_too_narrow_for_their_radii_lose_no_branch():
-    """The fork moved on: 154 of 341 mm were left when the thinner branch was left away."""
-    shape = biventricle(30.0)
-    tissue = tissue_from_surface(shape.vertices, shape.faces)
-    crowded = replace(HEART, terminals=160, pressure_drop_pa=970.0, seed=3)
-    made = grow_heart(tissue, crowded, HeartAnatomy(trunk_ends=40))
-    assert trunk_length(made.trees) > 320.0
-    assert not any("were left out" in note for note in made.notes)
-
-
-def trunk_length(trees):
-    return sum(np.linalg.norm((t.distal - t.proximal)[t.given], axis=1).sum() for t in trees)
 
 
 @pytest.mark.parametrize(("part", "told"), [(0.9, False), (0.8, True)])

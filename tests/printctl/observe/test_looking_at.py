@@ -43,7 +43,7 @@ def test_a_layer_that_little_ink_shows_is_looked_at_again_within_tolerance(
     assert found.shift.dy_mm == min(shift_mm, searched_mm[-1])
 
 
-def test_a_camera_that_gives_the_same_picture_twice_hangs(tmp_path: Path) -> None:
+def test_the_look_befores_picture_is_compared_with(tmp_path: Path) -> None:
     noise = np.random.default_rng(1).integers(0, 255, (2, 20, 20), dtype=np.uint8)
     empty, first = (look_folder(tmp_path, number) / "picture.png" for number in (0, 1))
     for path, picture, taken in ((empty, noise[0], 900.0), (first, noise[1], 1100.0)):
@@ -54,5 +54,17 @@ def test_a_camera_that_gives_the_same_picture_twice_hangs(tmp_path: Path) -> Non
     job = cast(Any, SimpleNamespace(order=order, folder=tmp_path, begun=1000.0))
     before = ObservedJob._before(job, cast(Any, held), first, noise[1])
     np.testing.assert_array_equal(before, noise[0])
-    with pytest.raises(DeviceError, match="gave the picture of the look before once more"):
-        ObservedJob._before(job, cast(Any, held), first, noise[0])
+
+
+@pytest.mark.parametrize("kind", ["camera", "folder", "command"])
+@pytest.mark.parametrize("shape", [(20, 20, 3), (5, 6, 7)])
+def test_a_device_that_gives_the_same_twice_hangs(kind: str, shape: tuple[int, ...]) -> None:
+    first, second = np.random.default_rng(1).integers(0, 255, (2, *shape), dtype=np.uint8)
+    order = SimpleNamespace(device=SimpleNamespace(kind=kind))
+    job = ObservedJob(Path(), cast(Any, order))
+    job._check_new(first, None)
+    job._check_new(second, first)
+    with pytest.raises(DeviceError, match="gave the last picture once more"):
+        job._check_new(second.copy(), None)
+    with pytest.raises(DeviceError, match="gave the last picture once more"):
+        job._check_new(first, first.copy())

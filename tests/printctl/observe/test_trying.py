@@ -1,0 +1,54 @@
+"""A print's device is tried before anything moves, and the empty dish is kept."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from printctl.observe.deciding import Limits
+from printctl.observe.devices import DeviceSettings
+from printctl.observe.order import ObserverOrder
+from printctl.observe.records import look_folder
+from printctl.observe.trying import try_device
+from printctl.observe.view_before import EMPTY
+from sim.motion.executed import ExecutedMotion
+
+CAMERA = {
+    "camera": {"size_px": [60, 40], "um_per_px": 100, "target_mm": [50, 40, 1]},
+    "scene": {
+        "bath": {"texture": 0, "colour": [100, 100, 100]},
+        "ink": {"colour": [220, 220, 220]},
+        "sensor": {"mono": True},
+    },
+    "laid": {"printer": "generic_marlin", "syringe": "hamilton_1ml", "layer_mm": 0.1},
+}
+
+
+def print_before(path: Path) -> None:
+    """Record of an earlier print in the same folder: one line of 5 mm."""
+    places = np.array([[47.5, 40.0, 1.0], [52.5, 40.0, 1.0]])
+    ends = np.array([0.0, 0.5])
+    ExecutedMotion(
+        places[:1], places[1:], ends[:1], ends[1:], ends[:1], ends[1:], np.zeros(1, np.int64)
+    ).save(path)
+
+
+@pytest.mark.parametrize("printed_before", [False, True])
+def test_a_simulated_camera_shows_the_empty_dish(tmp_path: Path, printed_before: bool) -> None:
+    record, camera = tmp_path / "executed.npz", tmp_path / "camera.yaml"
+    camera.write_text(yaml.safe_dump(CAMERA))
+    if printed_before:
+        print_before(record)
+    extra = {"camera": str(camera), "record": str(record)}
+    order = ObserverOrder(
+        job="", profile="generic_marlin", syringe="hamilton_1ml", ink="collagen_fresh",
+        needle="fresh_150um", embedded=False, oct=False, frame="",
+        device=DeviceSettings("simulated", extra=extra), limits=Limits(),
+    )  # fmt: skip
+    try_device(order, tmp_path)
+    seen = cv2.imread(str(look_folder(tmp_path, EMPTY) / "picture.png"), cv2.IMREAD_UNCHANGED)
+    assert np.ptp(cv2.GaussianBlur(seen, (0, 0), 3)) < 40
