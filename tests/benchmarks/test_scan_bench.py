@@ -110,6 +110,7 @@ def test_true_diameters_are_those_of_the_solid_cut_across(tmp_path):
         assert 2e3 * np.sqrt(area / np.pi) == pytest.approx(row["diameter_um"][k], abs=2)
 
 
+@pytest.mark.slow
 def test_true_rough_diameters_are_those_of_the_field_that_is_scanned():
     design = Design(block(1.6, 1.6, 1.2))
     design.add(design.node(0.8, 0, 0.6), design.node(0.8, 1.6, 0.6), (0.5,))

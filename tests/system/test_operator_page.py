@@ -37,6 +37,7 @@ def _serve(workspace: Path, *more: str) -> Any:
     return server_process(workspace, "--sim-speed", "15", *more)
 
 
+@pytest.mark.slow
 def test_from_a_recipe_to_its_report_by_clicks_alone(workspace: Path, browser: Any) -> None:
     with _serve(workspace) as server:
         port = server.url.rsplit(":", 1)[1].strip("/")

@@ -13,6 +13,7 @@ from design.vasculature.growth.forest import grow_forest
 from tests.design.anatomy.hearts import HEART, heart_tissue, trunk_length
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sd_then", "factor"), [(0.9, 1.1), (3.0, 1.0)])
 def test_a_heart_gets_another_pressure_drop_where_that_is_nearer_to_published_radii(
     monkeypatch, sd_then, factor
@@ -39,6 +40,7 @@ def test_another_drop_that_costs_main_branches_is_not_taken(monkeypatch):
     )
 
 
+@pytest.mark.slow
 def test_growth_with_another_drop_is_tried_once(monkeypatch):
     """24 times in a thin heart of 90 mm: 450 CPU seconds for trees that weren't taken."""
     tries = []
@@ -67,6 +69,7 @@ def test_a_small_heart_keeps_its_main_branches():
     assert not any("were left out" in note for note in made.notes)
 
 
+@pytest.mark.slow
 def test_forks_too_narrow_for_their_radii_lose_no_branch():
     """The fork moved on: 154 of 341 mm were left when the thinner branch was left away."""
     shape = biventricle(30.0)

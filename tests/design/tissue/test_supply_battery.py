@@ -15,7 +15,7 @@ from benchmarks.supply_bench.cases import make, true_volume
 from benchmarks.supply_bench.judge import welded_volumes
 from benchmarks.supply_bench.run import judged, write_stl
 
-KINDS = ("point", "edge", "face", "shells", "flat", "sheets", "joints", "inverted", "voxels")
+KINDS = ("point", "shells", "sheets", "inverted")
 
 
 @pytest.fixture(scope="module")

@@ -20,6 +20,7 @@ def shell(
     return Shell(monkeypatch, capsys, "solid", "a.csv", "--unit", "mm", "--out")
 
 
+@pytest.mark.slow
 def test_lumens_and_tubes_in_every_format_of_triangles(tmp_path: Path, shell: Shell) -> None:
     for name in ("l.stl", "l.3mf", "l.ply", "l.obj", "l.vtp"):
         code, out, _ = shell(name, "--fillet-ratio", "0.5")

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
 import yaml
 
 from printctl.observe.deciding import Limits
@@ -37,12 +36,12 @@ def print_before(path: Path) -> None:
     ).save(path)
 
 
-@pytest.mark.parametrize("printed_before", [False, True])
-def test_a_simulated_camera_shows_the_empty_dish(tmp_path: Path, printed_before: bool) -> None:
+def test_a_simulated_camera_shows_no_ink_of_the_print_before(
+    tmp_path: Path,
+) -> None:
     record, camera = tmp_path / "executed.npz", tmp_path / "camera.yaml"
     camera.write_text(yaml.safe_dump(CAMERA))
-    if printed_before:
-        print_before(record)
+    print_before(record)
     extra = {"camera": str(camera), "record": str(record)}
     order = ObserverOrder(
         job="", profile="generic_marlin", syringe="hamilton_1ml", ink="collagen_fresh",

@@ -11,7 +11,6 @@ import pytest
 from tests.printctl.records.prints import printed, with_run
 from tests.printctl.web.serving import server_process
 from tests.printctl.web.shell.browsers import serious
-from tests.slower import first_of
 
 pytestmark = pytest.mark.browser
 
@@ -148,7 +147,8 @@ def test_page_fits_the_screen_and_its_targets_the_finger(browser, served, size):
         assert small == []
 
 
-@pytest.mark.parametrize("dark", first_of([True, False]))
+@pytest.mark.slow
+@pytest.mark.parametrize("dark", [True, False])
 def test_axe_finds_nothing_serious(browser, served, dark):
     page = opened(browser, f"{served[0]}/history", dark=dark)
     page.wait_for_selector("text=61 prints")

@@ -103,6 +103,7 @@ def assert_agree(core, service: JobService, job: str) -> None:
     assert read_journal(folder / JOURNAL).done == told["page"]["lines_done"]
 
 
+@pytest.mark.slow
 def test_killed_station_leaves_a_print_that_the_page_goes_on_with(core, service, port, behind):
     job = started(service, port)
     os.kill(load_station(core.workspace.station).pid, signal.SIGKILL)

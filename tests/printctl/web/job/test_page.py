@@ -13,7 +13,7 @@ from printctl.web.workspace import Workspace
 from tests.printctl.link.layered import layered
 from tests.printctl.web.job.conftest import START, shut
 from tests.printctl.web.serving import Process, server_process
-from tests.printctl.web.shell.browsers import PHONE_FIRST, WIDE, serious, shown
+from tests.printctl.web.shell.browsers import LOOKS, WIDE, serious, shown
 
 pytestmark = pytest.mark.browser
 HOSTILE = b"<script>document.title='owned'</script><img src=x onerror=\"document.title='owned'\">"
@@ -100,7 +100,8 @@ def test_a_job_out_of_bounds_is_refused_with_the_reason(
     assert any("x, highest: 500 mm, limit 200 mm" in text for text in failed)
 
 
-@pytest.mark.parametrize(("viewport", "theme"), PHONE_FIRST)
+@pytest.mark.slow
+@pytest.mark.parametrize(("viewport", "theme"), LOOKS)
 def test_the_page_is_for_everybody(
     served: tuple[Process, Path], browser: Any, tmp_path: Path, viewport: Any, theme: Any
 ) -> None:

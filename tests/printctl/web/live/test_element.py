@@ -60,6 +60,7 @@ def address(tmp_path: Path) -> Iterator[str]:
     process.stdout.close()
 
 
+@pytest.mark.slow
 def test_a_page_of_nicegui_shows_the_view_and_tells_it(address: str, browser: Any) -> None:
     problems: list[str] = []
     asked: list[str] = []

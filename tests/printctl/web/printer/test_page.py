@@ -12,7 +12,6 @@ from printctl.station import attach
 from tests.printctl.web.serving import server_process
 from tests.printctl.web.shell.browsers import LOOKS, serious
 from tests.printctl.web.shell.dialogs import serious_in_dialog
-from tests.slower import first_of
 
 pytestmark = pytest.mark.browser
 Open = Callable[..., Page]
@@ -258,11 +257,10 @@ def test_page_is_accessible_and_fits(visit: Open, size: dict[str, int], scheme: 
     assert page.get_by_role("heading", level=1).count() == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "openers",
-    first_of(
-        [("Say what is mounted", "Home", "New macro"), ("Change the syringe",), ("Start: Level",)]
-    ),
+    [("Say what is mounted", "Home", "New macro"), ("Change the syringe",), ("Start: Level",)],
 )
 def test_dialogs_are_accessible(visit: Open, openers: tuple[str, ...]) -> None:
     page = connected(visit(820, 1180))

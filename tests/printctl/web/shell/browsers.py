@@ -32,11 +32,6 @@ LOOKS = [
 """Sizes and themes of a page: the two that differ most in CI, all of them in `make test-slow`."""
 
 
-PHONE_FIRST = [LOOKS[1], pytest.param(WIDE, "light", id="wide-light", marks=pytest.mark.slow)]
-PHONE_FIRST += LOOKS[2:]
-"""The same where another test of CI looks at the wide page in light colours."""
-
-
 @contextmanager
 def chromium() -> Iterator[Any]:
     """A browser; skips the test where there is none."""

@@ -220,6 +220,7 @@ def test_nothing_is_fetched_from_elsewhere(served: Any, browser: Any) -> None:
     assert troubles == []
 
 
+@pytest.mark.slow
 def test_the_page_and_its_stop_outlive_a_server_that_is_killed(served: Any, browser: Any) -> None:
     """The last test here."""
     server, workspace = served

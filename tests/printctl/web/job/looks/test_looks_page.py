@@ -21,6 +21,7 @@ pytestmark = [
 ]
 
 
+@pytest.mark.slow
 def test_a_look_that_asks_is_shown_and_approved(browser: Any, tmp_path: Path) -> None:
     workspace = Workspace(tmp_path / "workspace").make()
     with (
