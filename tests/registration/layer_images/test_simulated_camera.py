@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from registration.layer_images import ExpectedLines, SeeingOptions, see_layer
+from registration.layer_images import Appearance, ExpectedLines, SeeingOptions, see_layer
 from registration.layer_images.values import FloatArray
 from sim.camera.optics import Camera
 from sim.camera.paint import paint
@@ -115,21 +119,25 @@ def _lattice(fresh: int, missing: tuple[int, ...] = ()) -> tuple[Laid, ExpectedL
     return laid_as_is(strands, "layered", layer_mm=HEIGHT), lines
 
 
+@cache
+def _seen_before(look: str) -> tuple[Appearance | None, NDArray[Any]]:
+    """What a flat print's layer showed of the ink, and the picture before the lattice's last."""
+    known, flat = _layers(4)
+    older = paint(_layers(0)[0], CAMERA, _scene(look), 4)
+    first = see_layer(paint(known, CAMERA, _scene(look), 3), _View(), flat, before=older)
+    return first.appearance, paint(_lattice(0)[0], CAMERA, _scene(look), 1)
+
+
 @pytest.mark.parametrize("look", LOOKS)
 @pytest.mark.parametrize("missing", [(), (1,), (0, 1, 2, 3)], ids=["sound", "one", "all"])
 def test_missing_lines_of_a_lattices_last_layer_are_gaps(
     look: str, missing: tuple[int, ...]
 ) -> None:
-    known, flat = _layers(4)
-    older = paint(_layers(0)[0], CAMERA, _scene(look), 4)
-    first = see_layer(paint(known, CAMERA, _scene(look), 3), _View(), flat, before=older)
+    known, before = _seen_before(look)
     ink, lines = _lattice(4, missing)
-    before = paint(_lattice(0)[0], CAMERA, _scene(look), 1)
     picture = paint(ink, CAMERA, _scene(look), 2)
     options = SeeingOptions(shift_mm=0.1)
-    found = see_layer(
-        picture, _View(), lines, before=before, known=first.appearance, options=options
-    )
+    found = see_layer(picture, _View(), lines, before=before, known=known, options=options)
     strokes = lines.stroke[lines.fresh]
     assert {gap.stroke for gap in found.gaps} == set(strokes[list(missing)])
     for k in missing:
