@@ -266,7 +266,7 @@ class ObservedJob:
     def _check_new(self, image: Image, before: Image | None) -> None:
         """Raise `DeviceError` for the very picture that was judged last, or the one before."""
         kind = self.order.device.kind
-        digest = blake2b(np.ascontiguousarray(image)).digest()
+        digest = blake2b(image.tobytes()).digest()
         again = digest == self._digest or (before is not None and np.array_equal(before, image))
         if again and kind != "simulated":  # no sensor sees twice the same; a simulated one may
             raise DeviceError(

@@ -84,7 +84,9 @@ class ExecutedMotion:
             return ExecutedMotion(**{name: data[name] for name in data.files})
 
 
+_NOWHERE: Final = np.zeros((0, 3))
+_NEVER: Final = np.zeros(0)
 NO_MOTION: Final = ExecutedMotion(
-    *(np.zeros((0, 3)) for _ in range(2)), *(np.zeros(0) for _ in range(4)), np.zeros(0, np.int64)
+    _NOWHERE, _NOWHERE, _NEVER, _NEVER, _NEVER, _NEVER, np.zeros(0, np.int64)
 )
 """Of a printer that hasn't moved yet."""
