@@ -15,7 +15,7 @@ from design.solids.solid import Solid
 from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.gauging import VesselTrace, trace_vessels
-from registration.gauging.own_levels import with_own_levels
+from registration.gauging.own_levels import THIN_GEL, with_own_levels
 from registration.segmentation import GelField, Segmentation, Strength
 from registration.segmentation.mesh import surface_mesh
 from registration.uncertainty import ScanErrors, section_errors
@@ -131,8 +131,25 @@ def test_what_thin_gel_leaves_unknown_is_in_the_interval_of_the_mean_too():
 
 
 def test_less_contrast_tells_the_levels_less_well():
-    sharp, dull = (replace(scanned(1.0, 0.0), contrast=c) for c in (20.0, 5.0))
-    assert gauged(dull)[1][MIDDLE].level_u > 1.2 * gauged(sharp)[1][MIDDLE].level_u
+    sharp, dull = (
+        gauged(replace(scanned(1.0, 0.0), contrast=contrast))[1][MIDDLE].level_u ** 2
+        - (THIN_GEL * BLUR) ** 2
+        for contrast in (20.0, 4.0)
+    )
+    assert dull == pytest.approx(25 * sharp)
+
+
+def test_what_is_no_gel_as_designed_moves_walls_no_farther():
+    before, after = gauged(scanned(0.6, 0.0))
+    assert mean(before[MIDDLE]) - mean(after[MIDDLE]) <= 0.21 * np.sqrt(2 * np.pi) * BLUR
+
+
+def test_partial_sections_keep_their_own_term():
+    before, after = gauged(scanned(0.7, 0.0))
+    part = ~before[MIDDLE].sections.closed_outline
+    np.testing.assert_array_equal(
+        after[MIDDLE].sections.median[part], before[MIDDLE].sections.median[part]
+    )
 
 
 def test_levels_are_an_octs_and_need_the_designed_part():
