@@ -79,16 +79,18 @@ def _levelled(
     centre, way, radius = _walls(trace, whole)
     blur = segmentation.field.blur_mm
     met = np.isfinite(radius)
-    wall = np.where(met, radius, 0.0)
-    thick = met & _gel_at(fit, part, centre, way, wall[..., None] + blur * THICK, blur)
-    if thick[met].all():
+    # Of thin gel a ray may meet no wall: there it is looked for at the section's mean radius.
+    mean = np.nanmean(radius, axis=1, keepdims=True)
+    wall = np.where(met, radius, mean)
+    designed = _gel_at(fit, part, centre, way, wall[..., None] + blur * THICK, blur)
+    if designed.all():
         return trace
     level, error = 0.0, UNTOLD
     behind = _values(segmentation, centre, way, wall[..., None] + blur * BEHIND) / ndtr(BEHIND)
     told = behind.mean(axis=-1)
-    thick &= np.isfinite(told)
+    thick = designed & met & np.isfinite(told)
     if thick.sum() >= FEWEST:
-        core = np.nanmean(radius, axis=1)[:, None, None] * CORE
+        core = mean[..., None] * CORE
         liquid = _values(segmentation, centre, way, np.broadcast_to(core, (*met.shape, len(CORE))))
         gel = _all_round(told, thick, met, way[..., 0, 2])
         level = float(np.clip(1.0 - gel - np.nanmean(liquid), -MOST, MOST))

@@ -16,6 +16,7 @@ from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.gauging import VesselTrace, trace_vessels
 from registration.gauging.own_levels import MOST, THIN_GEL, with_own_levels
+from registration.gauging.sections import RAYS
 from registration.segmentation import GelField, Segmentation, Strength
 from registration.segmentation.mesh import surface_mesh
 from registration.uncertainty import ScanErrors, section_errors
@@ -152,6 +153,21 @@ def test_partial_sections_keep_their_own_term():
     np.testing.assert_array_equal(
         after[MIDDLE].sections.median[part], before[MIDDLE].sections.median[part]
     )
+
+
+def test_thin_gel_that_no_ray_meets_is_thin_gel_too():
+    """A few rays look into the neighbour: all that met a wall have thick gel behind it."""
+    before, _ = gauged(scanned(1.0, 0.0))
+    seen, fit = scanned(1.0, 0.0), Fit(np.eye(3), np.zeros(3), np.ones(3), BLOCK / 2)
+    old = before[MIDDLE].sections
+    rays = old.rays.copy()
+    angle = 2 * np.pi * np.arange(RAYS) / RAYS
+    across = before[MIDDLE].planes.across[:, :, 0]
+    beside = np.abs(across[:, 0, None] * np.cos(angle) + across[:, 1, None] * np.sin(angle)) > 0.6
+    rays[beside] = np.nan
+    unmet = replace(before[MIDDLE], sections=replace(old, rays=rays))
+    (after,) = with_own_levels([unmet], seen, fit, ModelSurface.of(construct()))
+    assert after.level_u > THIN_GEL * BLUR
 
 
 def test_levels_are_an_octs_and_need_the_designed_part():
