@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import ndtr
 
-from kernels.arrays import BoolArray, FloatArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.gauging.sections import RAYS, independent_rays
@@ -99,7 +99,7 @@ def _levelled(
                   blur * float(np.hypot(THIN_GEL, ROOT_TWO_PI * error)))  # fmt: skip
 
 
-def _walls(trace: VesselTrace, which: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _walls(trace: VesselTrace, which: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where rays start (n, 1, 1, 3), their ways (n, r, 1, 3), lengths (n, r); scan's frame, mm."""
     angle = 2 * np.pi * np.arange(0, RAYS, EVERY) / RAYS
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -150,7 +150,7 @@ def _independent(trace: VesselTrace, thick: BoolArray, radius: FloatArray, blur:
     return float(max(apart * around.sum(), 1.0))
 
 
-def _moved(trace: VesselTrace, which: FloatArray, wider: float, level_u: float) -> VesselTrace:
+def _moved(trace: VesselTrace, which: IntArray, wider: float, level_u: float) -> VesselTrace:
     """Trace with these sections wider by so much, and the standard uncertainty of that, mm."""
     old = trace.sections
     diameter, median = old.diameter.copy(), old.median.copy()
