@@ -28,6 +28,7 @@ from registration.gauging import (
     trace_vessels,
     with_interval,
     with_ledges,
+    with_own_levels,
     withdraw_sections,
     without_gel_like,
     without_resistance,
@@ -113,13 +114,8 @@ class Inspection:
 def inspect(case: Inspection) -> Findings:
     """Gauge every vessel, look for defects, compare topology and volume, solve the flow."""
     field, fit = case.segmentation.field, case.alignment.scaled
-    traces = trace_vessels(
-        case.network,
-        case.segmentation,
-        fit,
-        case.section_mm,
-        None if case.model_is_lumen else case.surface,
-    )
+    part = None if case.model_is_lumen else case.surface
+    traces = trace_vessels(case.network, case.segmentation, fit, case.section_mm, part)
     traces, errors, wall_mm = with_ledges(traces, case.segmentation, case.errors)
     margin = _margin(case)
     grid = _grid(case, margin)
@@ -129,6 +125,7 @@ def inspect(case: Inspection) -> Findings:
     traces = withdraw_sections(traces, evidence, liquid)
     untold = seen - sum(int(trace.seen.sum()) for trace in traces)
     traces = without_gel_like(case.network, traces, evidence, fit)
+    traces = with_own_levels(traces, case.segmentation, fit, part)
     # Fronts that look for leaks run on one core; what needs none of them is done beside.
     with helper_thread() as other:
         search = LeakSearch(grid, case.surface, case.model_is_lumen, _wall(case),

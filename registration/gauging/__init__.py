@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from registration.gauging.gel_like import without_gel_like
     from registration.gauging.junctions import find_junction_changes
     from registration.gauging.ledges import with_ledges
+    from registration.gauging.own_levels import with_own_levels
     from registration.gauging.parts import connected_vessels, drop_dead_ends, sub_network
     from registration.gauging.perfusion import Perfusion, with_interval
     from registration.gauging.printed import (
@@ -70,6 +71,7 @@ __all__ = [
     "trace_vessels",
     "with_interval",
     "with_ledges",
+    "with_own_levels",
     "with_printed_lengths",
     "withdraw_sections",
     "without_gel_like",

@@ -58,6 +58,8 @@ class VesselTrace:
         No station lies clear; diameters are twice the median ray's.
     gel_like : (n,) bool
         Not seen, for something brightens the core of the lumen (`gauging.gel_like`).
+    level_u : float, mm
+        Standard uncertainty of its diameters by thin gel beside them (`gauging.own_levels`).
     """
 
     vessel: int
@@ -74,6 +76,7 @@ class VesselTrace:
     to_end: FloatArray
     short: bool
     gel_like: BoolArray
+    level_u: float = 0.0
 
     @property
     def spacing(self) -> float:

@@ -203,6 +203,7 @@ def _gauge(
         sections.noise[counted],
         trace.planes.across[counted],
         trace.spacing,
+        trace.level_u,
     )
     mean = own.mean_budget()
     stretch = _stretch(trace, fit)

@@ -28,9 +28,9 @@ class SectionErrors:
         Measured; 0 or NaN where closed or unknown.
     own : (n,) float64, mm
         Independent of every other vessel, correlated along `correlation_mm`.
-    shared : (n, 6) float64, mm
+    shared : (n, 7) float64, mm
         Change of each diameter by one standard deviation of level, reflections, the walls' bright
-        line, blur, depth and lateral scale.
+        line, blur, depth, lateral scale and thin gel.
     spacing_mm, correlation_mm : float, mm
     wall_dof : float
     """
@@ -99,7 +99,7 @@ class SectionErrors:
 
     def budget(self, weights: FloatArray, own: float) -> Budget:
         """Budget of a weighted sum of the diameters whose own errors leave `own`."""
-        level, facing, line, blur, depth, lateral = np.abs(weights @ self.known_shared)
+        level, facing, line, blur, depth, lateral, thin = np.abs(weights @ self.known_shared)
         return Budget(
             (
                 Term("speckle and roughness", "A", own, OWN_DOF, "scatter of the rays"),
@@ -111,6 +111,7 @@ class SectionErrors:
                 Term("blur and curvature", "B", float(blur), np.inf, "10 % of the blur"),
                 Term("refractive index", "B", float(depth), np.inf, "depth"),
                 Term("voxel size", "B", float(lateral), np.inf, "lateral scale"),
+                Term("thin gel beside", "B", float(thin), np.inf, "short vessels in tight rows"),
             )
         )
 
@@ -121,6 +122,7 @@ def section_errors(
     noise: FloatArray,
     across: FloatArray,
     spacing_mm: float,
+    thin_mm: float = 0.0,
 ) -> SectionErrors:
     """Return the errors of a vessel's sections.
 
@@ -133,6 +135,8 @@ def section_errors(
         Orthonormal directions in each section's plane, scan's frame.
     spacing_mm : float, mm
         Between the sections.
+    thin_mm : float, mm
+        Standard uncertainty of all of them by thin gel beside (`gauging.own_levels`).
     """
     # A stretch s of depth scales the area by |w|^(s), w the beam's part in the plane.
     in_depth = ((across @ errors.beam) ** 2).sum(axis=1)
@@ -147,6 +151,7 @@ def section_errors(
             curved,
             0.5 * diameter * in_depth * errors.depth,
             0.5 * diameter * (2 - in_depth) * errors.lateral,
+            np.full(len(diameter), thin_mm),
         ]
     )
     correlation = 2 * np.sqrt(np.pi) * errors.blur_mm

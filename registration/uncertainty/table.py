@@ -16,6 +16,7 @@ REMEDIES = {
     "bright line of walls": "calibrate walls on a phantom (printctl calibrate walls, --walls)",
     "blur and curvature": "smaller voxels",
     "refractive index": "scan a depth standard (printctl calibrate oct --step, --oct-calibration)",
+    "thin gel beside": "smaller voxels, or more gel between lumens",
     "voxel size": "calibrate the scanner's field (printctl calibrate oct --grid)",
 }
 """What makes each term smaller."""
