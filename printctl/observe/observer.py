@@ -18,7 +18,7 @@ from typing import Any, Final, Protocol
 from printctl.link.errors import Refused
 from printctl.observe.deciding import Decider, Decision, DecisionKind, Evidence, LayersSeen
 from printctl.observe.deciding.thin import Thin
-from printctl.observe.devices import DeviceError
+from printctl.observe.devices import DeviceError, picture_of
 from printctl.observe.records import (
     Answer,
     LookRecord,
@@ -211,8 +211,10 @@ class Observer:
     def ask_again(self, look: Look) -> None:
         """Go on waiting for the operator's word on a look whose observer died, by its pictures."""
         place = look_folder(self.folder, look.number)
-        pictures = {path.stem: path for path in place.iterdir()}
-        judged = self.judge(look, pictures["picture"], pictures.get("again"))
+        picture = picture_of(place, "picture")
+        if picture is None:
+            raise DeviceError(f"the look's picture isn't in {place} any more")
+        judged = self.judge(look, picture, picture_of(place, "again"))
         self._do_as_told(look, self._decided(judged))
 
     def _do_as_told(self, look: Look, decision: Decision) -> None:

@@ -28,6 +28,7 @@ from sim.camera.scene import Bath
 Image = NDArray[Any]
 
 _PICTURES: Final = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp"})
+_JPEG, _JPEG_DATA, _JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"
 OWN_FRAME: Final = "printer_to_scan"
 """Where a simulated OCT's file has its frame."""
 
@@ -148,9 +149,21 @@ def read_picture(path: Path) -> Image:
     Raises
     ------
     DeviceError
-        When it isn't one.
+        When it isn't one, or half of one.
     """
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.suffix in _PICTURES else None
+    known = path.suffix.lower() in _PICTURES
+    if known and _is_cut(path):
+        raise DeviceError(f"{path} is cut off: half of a picture, still being written or copied")
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if known else None
     if image is None:
         raise DeviceError(f"{path} isn't a picture that can be read (PNG, TIFF, JPEG)")
     return np.asarray(image)
+
+
+def _is_cut(path: Path) -> bool:
+    """Whether a JPEG lacks its end; OpenCV fills up what is missing with grey.
+
+    Within the picture's data neither marker occurs; a small preview lies before them.
+    """
+    data = path.read_bytes() if path.suffix.lower() in (".jpg", ".jpeg") else b""
+    return data.startswith(_JPEG) and data.rfind(_JPEG_END) < data.rfind(_JPEG_DATA)

@@ -46,6 +46,17 @@ def test_what_is_no_picture_is_told(tmp_path):
         views.read_picture(path)
 
 
+def test_half_a_jpeg_is_no_picture(tmp_path):
+    path = tmp_path / "IMG_1.JPG"
+    noise = np.random.default_rng(1).integers(0, 255, (64, 64), np.uint8)
+    whole = cv2.imencode(".jpg", noise)[1].tobytes()
+    path.write_bytes(whole)
+    assert views.read_picture(path).shape == (64, 64)
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(DeviceError, match="is cut off"):
+        views.read_picture(path)
+
+
 @pytest.mark.parametrize("text", ["", "printer_to_scan: [[1, 0], [0, 1]]", "printer_to_scan: no"])
 def test_an_octs_frame_is_four_by_four(tmp_path, text):
     path = tmp_path / "frame.yaml"
