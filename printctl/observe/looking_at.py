@@ -34,8 +34,9 @@ from printctl.observe.judging import (
 from printctl.observe.lumen_areas import lumens_at
 from printctl.observe.mending import HeldPrint, Voids, checked_mend
 from printctl.observe.mending.gap import Gap as MendGap
+from printctl.observe.mending.gap import NotMended
 from printctl.observe.mends_again import MOST_TRIES, LayerInk, Mended, tries_of, with_mends
-from printctl.observe.observer import Judged, Look
+from printctl.observe.observer import Judged, Look, MendLines
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import DRAWN
 from printctl.observe.view_before import picture_before
@@ -304,8 +305,8 @@ class ObservedJob:
 
     def mend_lines(
         self, look: Look, gaps: tuple[Gap, ...], thin: tuple[Thin, ...], flow: float
-    ) -> list[str]:
-        """Lines that mend gaps and fill thin lines up; none where nothing can be from here.
+    ) -> MendLines:
+        """Plan what mends gaps and fills thin lines up, and say what can't be from here.
 
         Parameters
         ----------
@@ -320,8 +321,10 @@ class ObservedJob:
         if self.network is not None:
             voids = Voids.of_network(self.network, np.zeros(3))
         wanted = _to_mend(gaps, thin, at, flow)
-        wanted = [one for one in wanted if tries_of(one, at.layer.mended) < MOST_TRIES]
+        given_up = [one for one in wanted if tries_of(one, at.layer.mended) >= MOST_TRIES]
+        wanted = [one for one in wanted if one not in given_up]
         mend, _ = checked_mend(at.held, wanted, voids)
+        mend = replace(mend, left=(*mend.left, *(_given_up(one) for one in given_up)))
         at.mended = tuple(
             Mended(
                 one.gap.path,
@@ -334,7 +337,7 @@ class ObservedJob:
         )
         for said in mend.sentences():
             log.info("look %d: %s", look.number, said)
-        return [line.decode("ascii") for line in mend.lines]
+        return MendLines(tuple(line.decode("ascii") for line in mend.lines), mend.left_words())
 
 
 def seen_where_ink_shows(
@@ -350,6 +353,11 @@ def seen_where_ink_shows(
     if not findings.coverage >= _SHOWN:
         return see(replace(options, shift_mm=tolerated_mm))
     return findings
+
+
+def _given_up(gap: MendGap) -> NotMended:
+    why = f"written {MOST_TRIES} times more, and no ink lies there; see to needle and bath"
+    return NotMended(gap.path, gap.from_mm, gap.to_mm, why)
 
 
 def _place(at: FloatArray) -> Place:
