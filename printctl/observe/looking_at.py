@@ -29,6 +29,7 @@ from printctl.observe.judging import (
     evidence_of,
     figures,
     ink_to_judge,
+    narrowed_lumens,
     nothing_seen,
 )
 from printctl.observe.lumen_areas import lumens_at
@@ -246,7 +247,9 @@ class ObservedJob:
             )
             if not at.found:
                 self._appearance = findings.appearance or self._appearance
-                drawn = annotated(image, frame, findings)
+                least = self.order.limits.least_open
+                narrowed = narrowed_lumens(at.lumens, findings.lumens, least)
+                drawn = annotated(image, frame, findings, narrowed)
                 cv2.imwrite(str(path.with_name(DRAWN)), drawn)
             at.found[path] = findings
         return at.found[path]

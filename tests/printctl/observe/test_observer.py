@@ -81,7 +81,8 @@ class Bench:
     def another(self) -> Observer:
         """An observer that knows nothing but the files."""
         return Observer(
-            self.folder, self.link, self.acquire, self.judge, lambda *_: MendLines(tuple(self.lines), self.left),
+            self.folder, self.link, self.acquire, self.judge,
+            lambda *_: MendLines(tuple(self.lines), self.left),
             Decider(Limits(mend=self.mode), FlowControl()), lambda _: self.over,
         )  # fmt: skip
 
