@@ -181,7 +181,9 @@ class Observer:
 
     def _decided(self, judged: Judged) -> Decision:
         self.decider.control.put_in_force(judged.flow)
-        return self.decider.decide(judged.evidence)
+        decision = self.decider.decide(judged.evidence)
+        unseen = judged.found.get("not_seen")
+        return replace(decision, why=f"{decision.why} ({unseen})") if unseen else decision
 
     def _judged(self, look: Look, place: Path) -> Judged:
         """Judge one picture; where it shows gaps or thin lines, another has the last word."""

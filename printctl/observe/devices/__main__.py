@@ -28,7 +28,7 @@ def main() -> int:
         else:
             picture = simulated_picture(settings, out)
     except (OSError, ValueError) as exc:
-        print(exc, file=sys.stderr)
+        print(" ".join(str(exc).split()), file=sys.stderr)
         return 1
     print(picture)
     return 0

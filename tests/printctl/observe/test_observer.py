@@ -72,6 +72,7 @@ class Bench:
     thin: tuple = ()
     lines: tuple = ("G1 X1 E1",)
     left: str = ""
+    not_seen: str = ""
     pictures: list[str] = field(default_factory=list)
 
     def __post_init__(self):
@@ -98,9 +99,8 @@ class Bench:
         seen = self.gaps if again is None or self.again else ()
         one = evidence(self.gaps, self.ratio)
         second = None if again is None else seen
-        return Judged(
-            Evidence(**{**vars(one), "second": second, "thin": self.thin}), {"seen_share": 0.9}
-        )
+        found = {"seen_share": 0.9, **({"not_seen": self.not_seen} if self.not_seen else {})}
+        return Judged(Evidence(**{**vars(one), "second": second, "thin": self.thin}), found)
 
 
 def test_a_sound_layer_needs_one_picture(tmp_path):
@@ -209,6 +209,11 @@ def test_another_observer_asks_again_by_the_pictures(tmp_path):
     other.ask_again(LOOK)
     assert bench.link.said[1:] == [("insert", 1, ("G1 X1 E1",), None), ("resume",)]
     assert bench.pictures == ["picture", "again"]
+
+
+def test_why_nothing_was_seen_is_told(tmp_path):
+    bench = Bench(tmp_path, not_seen="none of the lines lies in the picture; check the frame")
+    assert "lies in the picture; check the frame" in bench.observer.look(LOOK).why
 
 
 @pytest.mark.parametrize("mode", ["mend", "ask"])
