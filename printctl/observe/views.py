@@ -19,6 +19,7 @@ from printctl.observe.devices import DeviceError
 from printctl.observe.order import ObserverOrder
 from registration.camera_frame.check import check_frame
 from registration.camera_frame.frame import CameraFrame, read_frame
+from registration.errors import ScanFileError
 from registration.layer_images import ExpectedLines, Frame, height_map
 from registration.readers.read import read_scan
 from sim.camera.camera_file import load_camera
@@ -86,7 +87,11 @@ def open_view(
     """
     if order.oct:
         to_scan = _oct_frame(path, order)
-        return height_map(read_scan(path), to_scan, middle_z_mm, thickness_mm, lines)
+        try:
+            scan = read_scan(path)
+        except ScanFileError as exc:
+            raise DeviceError(" ".join(str(exc).split())) from exc
+        return height_map(scan, to_scan, middle_z_mm, thickness_mm, lines)
     image, frame = read_picture(path), camera_frame(order)
     if isinstance(frame, CameraFrame):
         _refuse_moved(image, frame, path)

@@ -57,6 +57,16 @@ def test_half_a_jpeg_is_no_picture(tmp_path):
         views.read_picture(path)
 
 
+@pytest.mark.parametrize("name", ["picture.npz", "picture.tif"])
+def test_what_is_no_scan_is_told(tmp_path, monkeypatch, name):
+    path = tmp_path / name
+    path.write_bytes(b"PK" + bytes(100))
+    monkeypatch.setattr(views, "_oct_frame", lambda path, order: np.eye(4))
+    order = type("Order", (), {"oct": True})()
+    with pytest.raises(DeviceError, match="broken archive"):
+        views.open_view(path, order, 1.0, 0.1)
+
+
 @pytest.mark.parametrize("text", ["", "printer_to_scan: [[1, 0], [0, 1]]", "printer_to_scan: no"])
 def test_an_octs_frame_is_four_by_four(tmp_path, text):
     path = tmp_path / "frame.yaml"
