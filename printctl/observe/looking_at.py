@@ -118,7 +118,7 @@ class ObservedJob:
     order: ObserverOrder
     begun: float = 0.0
     _appearance: Appearance | None = None
-    _digest: bytes = b""  # of the image judged last
+    _digest: bytes = b""  # of what was taken last
     _last: _Held | None = None
 
     @cached_property
@@ -222,9 +222,9 @@ class ObservedJob:
         """Findings of a picture; of the first one a drawing is left beside it."""
         if path not in at.found:
             slab = _slab(at)
-            image, frame = open_view(path, self.order, *slab, at.layer.lines)
+            image, frame, taken = open_view(path, self.order, *slab, at.layer.lines)
             before = self._before(at, path, image)
-            self._check_new(image, before)
+            self._check_new(taken, before)
             is_height = self.order.oct and at.ink.style == "layered"
             if self.order.oct and not is_height:
                 image = image[:, :, :1]  # filaments of all depths: no height is that of the layer
@@ -267,11 +267,11 @@ class ObservedJob:
             return None
         return picture if picture.shape == image.shape and picture.dtype == image.dtype else None
 
-    def _check_new(self, image: Image, before: Image | None) -> None:
-        """Raise `DeviceError` for the very picture that was judged last, or the one before."""
+    def _check_new(self, taken: Image, before: Image | None) -> None:
+        """Raise `DeviceError` for the very picture or volume taken last, or the one before."""
         kind = self.order.device.kind
-        digest = blake2b(np.ascontiguousarray(image)).digest()
-        again = digest == self._digest or (before is not None and np.array_equal(before, image))
+        digest = blake2b(np.ascontiguousarray(taken)).digest()
+        again = digest == self._digest or (before is not None and np.array_equal(before, taken))
         if again and kind != "simulated":  # no sensor sees twice the same; a simulated one may
             raise DeviceError(
                 f"the {kind} gave the last picture once more, to the last bit: it hangs; restart "
@@ -340,7 +340,8 @@ class ObservedJob:
         )
         for said in mend.sentences():
             log.info("look %d: %s", look.number, said)
-        return MendLines(tuple(line.decode("ascii") for line in mend.lines), mend.left_words())
+        lines = tuple(line.decode("ascii") for line in mend.lines)
+        return MendLines(lines, mend.left_words(), sum(one.length_mm for one in mend.left))
 
 
 def seen_where_ink_shows(

@@ -86,10 +86,12 @@ class MendLines:
         None where nothing can be mended.
     left : str
         What isn't mended by them, and why; empty for nothing.
+    left_mm : float, mm
     """
 
     lines: tuple[str, ...] = ()
     left: str = ""
+    left_mm: float = 0.0
 
 
 class PrintLink(Protocol):
@@ -238,9 +240,9 @@ class Observer:
     def _do_as_told(self, look: Look, decision: Decision) -> None:
         answer = self._await_answer(look.number)
         if answer == "approve":
-            done, left = self._inserted(look, decision)
+            done, left, left_mm = self._inserted(look, decision)
             if done:
-                self._amend(look, f"{decision.why}{left}")
+                self._amend(look, f"{decision.why}{left}", left_mm)
                 self.link.resume()
             else:
                 then = "it can't be mended from here: resume goes on without, stop ends it"
@@ -250,11 +252,12 @@ class Observer:
         elif answer == "stop":
             self.link.stop()
 
-    def _amend(self, look: Look, why: str, **changes: str) -> None:
+    def _amend(self, look: Look, why: str, left_mm: float = 0.0, **changes: str) -> None:
         """Say on a look's record what came of its decision."""
         record = self._kept(look.number)
         if record is not None:
-            amend_look(self.folder, replace(record, why=why, **changes))
+            found = {**record.found, "left_mm": round(left_mm, 3)} if left_mm else record.found
+            amend_look(self.folder, replace(record, why=why, found=found, **changes))
 
     def _kept(self, number: int) -> LookRecord | None:
         own = [one for one in read_looks(self.folder, self.begun) if one.number == number]
@@ -269,18 +272,18 @@ class Observer:
         return answer
 
     def _insert(self, look: Look, decision: Decision) -> None:
-        done, left = self._inserted(look, decision)
+        done, left, left_mm = self._inserted(look, decision)
         why = f"{decision.why}{left}"
         if done:
-            self._amend(look, why)
+            self._amend(look, why, left_mm)
             self.link.look_done(look.number, "go_on", why)
         else:
             why = f"{why}; it can't be mended from here"
             self._amend(look, why, decision=DecisionKind.PAUSE.value)
             self.link.look_done(look.number, "pause", why)
 
-    def _inserted(self, look: Look, decision: Decision) -> tuple[bool, str]:
-        """Put mend and flow into the job; say what is left as it is.
+    def _inserted(self, look: Look, decision: Decision) -> tuple[bool, str, float]:
+        """Put mend and flow into the job; say what is left as it is, and how many mm.
 
         False where there is nothing to put in, or the link refuses it.
         """
@@ -289,13 +292,13 @@ class Observer:
         mend = self.mend_lines(look, gaps, thin, flow) if gaps or thin else MendLines()
         left = f"; not mended: {mend.left}" if mend.left else ""
         if not mend.lines and decision.factor is None:
-            return not gaps, left  # thin lines are no reason to stop
+            return not gaps, left, mend.left_mm  # thin lines are no reason to stop
         try:
             self.link.insert(look.number, mend.lines, decision.why, decision.factor)
         except Refused as exc:
             log.warning("look %d: %s", look.number, exc)
-            return False, f"; the link refused the mend: {exc}"
-        return True, left
+            return False, f"; the link refused the mend: {exc}", 0.0
+        return True, left, mend.left_mm
 
 
 def _state(decider: Decider) -> dict[str, Any]:

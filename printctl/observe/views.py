@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -30,6 +30,7 @@ Image = NDArray[Any]
 
 _PICTURES: Final = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp"})
 _JPEG, _JPEG_DATA, _JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"
+_SECTIONS: Final = 16
 OWN_FRAME: Final = "printer_to_scan"
 """Where a simulated OCT's file has its frame."""
 
@@ -58,14 +59,33 @@ class SimulatedFrame:
         return self.camera.pixels(np.column_stack([at, np.full(len(at), surface)]))
 
 
+class View(NamedTuple):
+    """What a device gave, as it is judged.
+
+    Attributes
+    ----------
+    image : Image
+        A picture, or the height map of a volume at the layer that is looked at.
+    frame : Frame
+        Where the printer's places lie in it.
+    taken : array
+        The picture, or some sections of the volume at all depths: those of the next layer's look
+        differ where the device works, though its height map does in any case.
+    """
+
+    image: Image
+    frame: Frame
+    taken: Image
+
+
 def open_view(
     path: Path,
     order: ObserverOrder,
     middle_z_mm: float,
     thickness_mm: float,
     lines: ExpectedLines | None = None,
-) -> tuple[Image, Frame]:
-    """Return a picture and where the printer's places lie in it.
+) -> View:
+    """Return a picture, or a volume's height map, and where the printer's places lie in it.
 
     Parameters
     ----------
@@ -91,11 +111,13 @@ def open_view(
             scan = read_scan(path)
         except ScanFileError as exc:
             raise DeviceError(" ".join(str(exc).split())) from exc
-        return height_map(scan, to_scan, middle_z_mm, thickness_mm, lines)
+        image, height_frame = height_map(scan, to_scan, middle_z_mm, thickness_mm, lines)
+        step = max(1, len(scan.volume) // _SECTIONS)
+        return View(image, height_frame, np.asarray(scan.volume[::step]))
     image, frame = read_picture(path), camera_frame(order)
     if isinstance(frame, CameraFrame):
         _refuse_moved(image, frame, path)
-    return image, frame
+    return View(image, frame, image)
 
 
 def _refuse_moved(image: Image, frame: CameraFrame, path: Path) -> None:

@@ -83,7 +83,7 @@ class Bench:
         """An observer that knows nothing but the files."""
         return Observer(
             self.folder, self.link, self.acquire, self.judge,
-            lambda *_: MendLines(tuple(self.lines), self.left),
+            lambda *_: MendLines(tuple(self.lines), self.left, 0.22 * bool(self.left)),
             Decider(Limits(mend=self.mode), FlowControl()), lambda _: self.over,
         )  # fmt: skip
 
@@ -223,6 +223,7 @@ def test_what_a_mend_leaves_is_told(tmp_path, monkeypatch, mode):
         monkeypatch.setattr(bench.link, "look_done", _answering(bench, "approve"))
     record = bench.observer.look(LOOK)
     assert record.why.endswith("; not mended: 0.22 mm (ink would reach into a lumen)")
+    assert record.found["left_mm"] == 0.22
     assert read_looks(tmp_path) == [record]
     assert answer_of(tmp_path, 1) == ("approve" if mode == "ask" else None)
 

@@ -87,3 +87,20 @@ def test_a_simulated_frame_looks_through_the_baths_surface():
         for one, other in ((camera.eye_mm, entry), (entry, place[0]))
     ]
     assert sine[0] / sine[1] == pytest.approx(1.33, rel=1e-4)
+
+
+def test_a_volume_taken_twice_is_known_at_another_layer(tmp_path):
+    """A hanging scanner's volume looks another way in each layer's height map."""
+    bright = np.linspace(100, 3000, 120)[:, None, None]
+    volume = (np.random.default_rng(2).exponential(1, (120, 30, 40)) * bright).astype(np.uint16)
+    path, frame = tmp_path / "picture.npz", tmp_path / "frame.yaml"
+    np.savez(
+        path, volume=volume, voxel_mm=np.array([0.01, 0.02, 0.02]), refractive_index=1.0,
+        optical_depth=False, scale="linear", modality="oct", depth_down=True,
+    )  # fmt: skip
+    frame.write_text("printer_to_scan: [[1,0,0,0], [0,-1,0,0.6], [0,0,-1,1.2], [0,0,0,1]]")
+    order = type("Order", (), {"oct": True, "frame": str(frame)})()
+    low, high = (views.open_view(path, order, z, 0.06) for z in (0.5, 0.7))
+    assert not np.array_equal(low.image, high.image)
+    np.testing.assert_array_equal(low.taken, high.taken)
+    assert len(low.taken) < 20
