@@ -170,7 +170,18 @@ class Decider:
             percent = self.limits.width_percent
             seen = f"{evidence.stretches} stretches beyond {percent:g} % of their width, told alone"
         told = f"; {evidence.over_old_share:.0%} lies over older ink and can't be told from it"
-        return Decision(DecisionKind.GO_ON, seen + told * (evidence.over_old_share >= 0.01))
+        seen += told * (evidence.over_old_share >= 0.01)
+        return Decision(DecisionKind.GO_ON, seen + self._unconfirmed(evidence))
+
+    def _unconfirmed(self, evidence: Evidence) -> str:
+        """What one picture shows as missing and the other doesn't, in words."""
+        test = self.limits.gap
+        gaps = [gap for gap in evidence.gaps if test.significant(gap, evidence.places)]
+        if not gaps:
+            return ""
+        way = math.fsum(gap.length_mm for gap in gaps)
+        many = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
+        return f"; {many}, {way:.2f} mm in all, in one of two pictures alone: not believed"
 
     def _as_allowed(self, wanted: Decision, evidence: Evidence) -> Decision:
         mode = self.limits.mend
