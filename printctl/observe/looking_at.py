@@ -270,7 +270,7 @@ class ObservedJob:
     def _check_new(self, taken: Image, before: Image | None) -> None:
         """Raise `DeviceError` for the very picture or volume taken last, or the one before."""
         kind = self.order.device.kind
-        digest = blake2b(np.ascontiguousarray(taken)).digest()
+        digest = blake2b(np.ascontiguousarray(taken).data).digest()
         again = digest == self._digest or (before is not None and np.array_equal(before, taken))
         if again and kind != "simulated":  # no sensor sees twice the same; a simulated one may
             raise DeviceError(

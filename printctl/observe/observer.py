@@ -252,7 +252,7 @@ class Observer:
         elif answer == "stop":
             self.link.stop()
 
-    def _amend(self, look: Look, why: str, left_mm: float = 0.0, **changes: str) -> None:
+    def _amend(self, look: Look, why: str, left_mm: float = 0.0, **changes: Any) -> None:
         """Say on a look's record what came of its decision."""
         record = self._kept(look.number)
         if record is not None:
