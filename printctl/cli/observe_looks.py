@@ -14,8 +14,10 @@ from printctl.link.record import JOURNAL
 from printctl.link.states import Status
 from printctl.observe.look_words import proposal_words, seen_words
 from printctl.observe.records import (
+    Answer,
     LookRecord,
     answer_look,
+    answer_of,
     held_for,
     look_folder,
     read_looks,
@@ -37,9 +39,10 @@ def looks(run: RunArg, as_json: JsonFlag = False) -> None:
         return
     if not found:
         raise UsageError(f"nobody has looked at the print in {folder}; observe is a recipe's part")
-    print_lines(*(_words(one) for one in found))
+    print_lines(*(_words(one, answer_of(folder, one.number)) for one in found))
     last = found[-1]
-    if last.asked:
+    waits = answer_of(folder, last.number) is None
+    if last.asked and waits and held_for(read_print(folder).status, last.number):
         print_lines(
             f"look {last.number} asks to {proposal_words(last)}: see "
             f"{look_folder(folder, last.number)}, then `printctl observe answer RUN approve` (or "
@@ -89,7 +92,8 @@ def _refuse_unheld(status: Status, look: LookRecord) -> None:
         )
 
 
-def _words(look: LookRecord) -> str:
+def _words(look: LookRecord, word: Answer | None) -> str:
     seen = seen_words(look)
     share = f", {seen}" if seen else ""
-    return f"look {look.number} ({look.mark}){share}: {look.decision}: {look.why}"
+    answered = f"; answered: {word}" if look.asked and word else ""
+    return f"look {look.number} ({look.mark}){share}: {look.decision}: {look.why}{answered}"

@@ -28,7 +28,8 @@ def main() -> int:
     try:
         observe(said.folder)
     except (PrintctlError, LinkError, OSError, ValueError) as exc:
-        print(exc, file=sys.stderr)
+        # Its starter tells the log's last line.
+        print(" ".join(str(exc).split()), file=sys.stderr)
         return 1
     return 0
 

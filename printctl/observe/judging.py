@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -21,7 +22,14 @@ from printctl.observe.deciding.thin import Thin, seen_twice
 from printctl.observe.expected import ExpectedInk
 from printctl.observe.mends_again import LayerInk, gaps_of_job, without_mends
 from printctl.observe.thin_lines import runs_below, thin_lines
-from registration.layer_images import ExpectedLines, LayerFindings, Stations, Unseen
+from registration.layer_images import (
+    ExpectedLines,
+    LayerFindings,
+    Lumen,
+    LumenSeen,
+    Stations,
+    Unseen,
+)
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -110,11 +118,7 @@ def evidence_of(
         seen_share=findings.seen_share,
         shift_mm=shift,
         u_shift_mm=u,
-        narrowed=tuple(
-            Narrowed(one.name, one.width_mm / one.expected_mm, one.u_width_mm / one.expected_mm)
-            for one in findings.lumens
-            if one.seen
-        ),
+        narrowed=tuple(open_width(one) for one in findings.lumens if one.seen),
         stretches=len(findings.stretches),
         thin=thin,
         seem_thin=_below(findings, ink, layer, section, tolerated),
@@ -123,6 +127,20 @@ def evidence_of(
         coverage=findings.coverage,
         level_mm=_level(layer, ink),
     )
+
+
+def open_width(lumen: LumenSeen) -> Narrowed:
+    """Return how much of a lumen's width is open."""
+    expected = lumen.expected_mm
+    return Narrowed(lumen.name, lumen.width_mm / expected, lumen.u_width_mm / expected)
+
+
+def narrowed_lumens(
+    lumens: Sequence[Lumen], seen: Sequence[LumenSeen], least_open: float
+) -> list[Lumen]:
+    """Return the lumens of which less is open than a share, beyond doubt."""
+    each = zip(lumens, seen, strict=True)
+    return [one for one, at in each if at.seen and open_width(at).surely_below(least_open)]
 
 
 def nothing_seen() -> Evidence:

@@ -29,13 +29,15 @@ from printctl.observe.judging import (
     evidence_of,
     figures,
     ink_to_judge,
+    narrowed_lumens,
     nothing_seen,
 )
 from printctl.observe.lumen_areas import lumens_at
 from printctl.observe.mending import HeldPrint, Voids, checked_mend
 from printctl.observe.mending.gap import Gap as MendGap
+from printctl.observe.mending.gap import NotMended
 from printctl.observe.mends_again import MOST_TRIES, LayerInk, Mended, tries_of, with_mends
-from printctl.observe.observer import Judged, Look
+from printctl.observe.observer import Judged, Look, MendLines
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import DRAWN
 from printctl.observe.view_before import picture_before
@@ -116,7 +118,7 @@ class ObservedJob:
     order: ObserverOrder
     begun: float = 0.0
     _appearance: Appearance | None = None
-    _digest: bytes = b""  # of the image judged last
+    _digest: bytes = b""  # of what was taken last
     _last: _Held | None = None
 
     @cached_property
@@ -220,9 +222,9 @@ class ObservedJob:
         """Findings of a picture; of the first one a drawing is left beside it."""
         if path not in at.found:
             slab = _slab(at)
-            image, frame = open_view(path, self.order, *slab, at.layer.lines)
+            image, frame, taken = open_view(path, self.order, *slab, at.layer.lines)
             before = self._before(at, path, image)
-            self._check_new(image, before)
+            self._check_new(taken, before)
             is_height = self.order.oct and at.ink.style == "layered"
             if self.order.oct and not is_height:
                 image = image[:, :, :1]  # filaments of all depths: no height is that of the layer
@@ -245,7 +247,9 @@ class ObservedJob:
             )
             if not at.found:
                 self._appearance = findings.appearance or self._appearance
-                drawn = annotated(image, frame, findings)
+                least = self.order.limits.least_open
+                narrowed = narrowed_lumens(at.lumens, findings.lumens, least)
+                drawn = annotated(image, frame, findings, narrowed)
                 cv2.imwrite(str(path.with_name(DRAWN)), drawn)
             at.found[path] = findings
         return at.found[path]
@@ -263,11 +267,11 @@ class ObservedJob:
             return None
         return picture if picture.shape == image.shape and picture.dtype == image.dtype else None
 
-    def _check_new(self, image: Image, before: Image | None) -> None:
-        """Raise `DeviceError` for the very picture that was judged last, or the one before."""
+    def _check_new(self, taken: Image, before: Image | None) -> None:
+        """Raise `DeviceError` for the very picture or volume taken last, or the one before."""
         kind = self.order.device.kind
-        digest = blake2b(image.tobytes()).digest()
-        again = digest == self._digest or (before is not None and np.array_equal(before, image))
+        digest = blake2b(np.ascontiguousarray(taken).data).digest()
+        again = digest == self._digest or (before is not None and np.array_equal(before, taken))
         if again and kind != "simulated":  # no sensor sees twice the same; a simulated one may
             raise DeviceError(
                 f"the {kind} gave the last picture once more, to the last bit: it hangs; restart "
@@ -304,8 +308,8 @@ class ObservedJob:
 
     def mend_lines(
         self, look: Look, gaps: tuple[Gap, ...], thin: tuple[Thin, ...], flow: float
-    ) -> list[str]:
-        """Lines that mend gaps and fill thin lines up; none where nothing can be from here.
+    ) -> MendLines:
+        """Plan what mends gaps and fills thin lines up, and say what can't be from here.
 
         Parameters
         ----------
@@ -320,8 +324,10 @@ class ObservedJob:
         if self.network is not None:
             voids = Voids.of_network(self.network, np.zeros(3))
         wanted = _to_mend(gaps, thin, at, flow)
-        wanted = [one for one in wanted if tries_of(one, at.layer.mended) < MOST_TRIES]
+        given_up = [one for one in wanted if tries_of(one, at.layer.mended) >= MOST_TRIES]
+        wanted = [one for one in wanted if one not in given_up]
         mend, _ = checked_mend(at.held, wanted, voids)
+        mend = replace(mend, left=(*mend.left, *(_given_up(one) for one in given_up)))
         at.mended = tuple(
             Mended(
                 one.gap.path,
@@ -334,7 +340,8 @@ class ObservedJob:
         )
         for said in mend.sentences():
             log.info("look %d: %s", look.number, said)
-        return [line.decode("ascii") for line in mend.lines]
+        lines = tuple(line.decode("ascii") for line in mend.lines)
+        return MendLines(lines, mend.left_words(), sum(one.length_mm for one in mend.left))
 
 
 def seen_where_ink_shows(
@@ -350,6 +357,11 @@ def seen_where_ink_shows(
     if not findings.coverage >= _SHOWN:
         return see(replace(options, shift_mm=tolerated_mm))
     return findings
+
+
+def _given_up(gap: MendGap) -> NotMended:
+    why = f"written {MOST_TRIES} times more, and no ink lies there; see to needle and bath"
+    return NotMended(gap.path, gap.from_mm, gap.to_mm, why)
 
 
 def _place(at: FloatArray) -> Place:

@@ -18,10 +18,11 @@ from typing import Any, Final, Protocol
 from printctl.link.errors import Refused
 from printctl.observe.deciding import Decider, Decision, DecisionKind, Evidence, LayersSeen
 from printctl.observe.deciding.thin import Thin
-from printctl.observe.devices import DeviceError
+from printctl.observe.devices import DeviceError, picture_of
 from printctl.observe.records import (
     Answer,
     LookRecord,
+    amend_look,
     answer_of,
     emptied_look_folder,
     look_folder,
@@ -75,6 +76,24 @@ class Judged:
     flow: float = 1.0
 
 
+@dataclass(frozen=True)
+class MendLines:
+    """What mends the gaps and thin lines of a look.
+
+    Attributes
+    ----------
+    lines : tuple of str
+        None where nothing can be mended.
+    left : str
+        What isn't mended by them, and why; empty for nothing.
+    left_mm : float, mm
+    """
+
+    lines: tuple[str, ...] = ()
+    left: str = ""
+    left_mm: float = 0.0
+
+
 class PrintLink(Protocol):
     """What the observer asks of a print's link."""
 
@@ -107,8 +126,7 @@ class Observer:
     judge : callable
         Judges one or two pictures of a look; the second may be None.
     mend_lines : callable
-        Lines that mend gaps and fill thin lines up, at a flow over the file's; none where nothing
-        can be mended.
+        Plans what mends gaps and fills thin lines up, at a flow over the file's.
     decider : Decider
     ended : callable
         Whether the print is over, or goes on from the look that was asked about.
@@ -122,7 +140,7 @@ class Observer:
     link: PrintLink
     acquire: Callable[[Look, Path], Path]
     judge: Callable[[Look, Path, Path | None], Judged]
-    mend_lines: Callable[[Look, tuple[Gap, ...], tuple[Thin, ...], float], list[str]]
+    mend_lines: Callable[[Look, tuple[Gap, ...], tuple[Thin, ...], float], MendLines]
     decider: Decider
     ended: Callable[[int], bool]
     begun: float = 0.0
@@ -161,11 +179,13 @@ class Observer:
         )
         save_look(self.folder, record)
         self._act(look, decision)
-        return record
+        return self._kept(look.number) or record
 
     def _decided(self, judged: Judged) -> Decision:
         self.decider.control.put_in_force(judged.flow)
-        return self.decider.decide(judged.evidence)
+        decision = self.decider.decide(judged.evidence)
+        unseen = judged.found.get("not_seen")
+        return replace(decision, why=f"{decision.why} ({unseen})") if unseen else decision
 
     def _judged(self, look: Look, place: Path) -> Judged:
         """Judge one picture; where it shows gaps or thin lines, another has the last word."""
@@ -211,28 +231,37 @@ class Observer:
     def ask_again(self, look: Look) -> None:
         """Go on waiting for the operator's word on a look whose observer died, by its pictures."""
         place = look_folder(self.folder, look.number)
-        pictures = {path.stem: path for path in place.iterdir()}
-        judged = self.judge(look, pictures["picture"], pictures.get("again"))
+        picture = picture_of(place, "picture")
+        if picture is None:
+            raise DeviceError(f"the look's picture isn't in {place} any more")
+        judged = self.judge(look, picture, picture_of(place, "again"))
         self._do_as_told(look, self._decided(judged))
 
     def _do_as_told(self, look: Look, decision: Decision) -> None:
         answer = self._await_answer(look.number)
         if answer == "approve":
-            if self._inserted(look, decision):
+            done, left, left_mm = self._inserted(look, decision)
+            if done:
+                self._amend(look, f"{decision.why}{left}", left_mm)
                 self.link.resume()
             else:
-                self._tell_unmended(look)
+                then = "it can't be mended from here: resume goes on without, stop ends it"
+                self._amend(look, f"{decision.why}{left}; approved, but {then}", asked="")
         elif answer == "go_on":
             self.link.resume()
         elif answer == "stop":
             self.link.stop()
 
-    def _tell_unmended(self, look: Look) -> None:
-        """Say on the look that what was approved can't be done; the print stays paused."""
-        own = [one for one in read_looks(self.folder, self.begun) if one.number == look.number]
-        why = "; approved, but it can't be mended from here: resume goes on without, stop ends it"
-        for record in own:
-            save_look(self.folder, replace(record, why=record.why + why, asked=""))
+    def _amend(self, look: Look, why: str, left_mm: float = 0.0, **changes: Any) -> None:
+        """Say on a look's record what came of its decision."""
+        record = self._kept(look.number)
+        if record is not None:
+            found = {**record.found, "left_mm": round(left_mm, 3)} if left_mm else record.found
+            amend_look(self.folder, replace(record, why=why, found=found, **changes))
+
+    def _kept(self, number: int) -> LookRecord | None:
+        own = [one for one in read_looks(self.folder, self.begun) if one.number == number]
+        return own[0] if own else None
 
     def _await_answer(self, number: int) -> Answer | None:
         """Return the operator's word; None where the print went on or ended without it."""
@@ -243,25 +272,33 @@ class Observer:
         return answer
 
     def _insert(self, look: Look, decision: Decision) -> None:
-        if self._inserted(look, decision):
-            self.link.look_done(look.number, "go_on", decision.why)
+        done, left, left_mm = self._inserted(look, decision)
+        why = f"{decision.why}{left}"
+        if done:
+            self._amend(look, why, left_mm)
+            self.link.look_done(look.number, "go_on", why)
         else:
-            why = f"{decision.why}; it can't be mended from here"
+            why = f"{why}; it can't be mended from here"
+            self._amend(look, why, decision=DecisionKind.PAUSE.value)
             self.link.look_done(look.number, "pause", why)
 
-    def _inserted(self, look: Look, decision: Decision) -> bool:
-        """Put mend and flow into the job; False where there is none, or the link refuses it."""
+    def _inserted(self, look: Look, decision: Decision) -> tuple[bool, str, float]:
+        """Put mend and flow into the job; say what is left as it is, and how many mm.
+
+        False where there is nothing to put in, or the link refuses it.
+        """
         flow = decision.factor or self.decider.control.factor
         gaps, thin = decision.gaps, decision.thin
-        lines = self.mend_lines(look, gaps, thin, flow) if gaps or thin else []
-        if not lines and decision.factor is None:
-            return not gaps  # thin lines are no reason to stop
+        mend = self.mend_lines(look, gaps, thin, flow) if gaps or thin else MendLines()
+        left = f"; not mended: {mend.left}" if mend.left else ""
+        if not mend.lines and decision.factor is None:
+            return not gaps, left, mend.left_mm  # thin lines are no reason to stop
         try:
-            self.link.insert(look.number, lines, decision.why, decision.factor)
+            self.link.insert(look.number, mend.lines, decision.why, decision.factor)
         except Refused as exc:
             log.warning("look %d: %s", look.number, exc)
-            return False
-        return True
+            return False, f"; the link refused the mend: {exc}", 0.0
+        return True, left, mend.left_mm
 
 
 def _state(decider: Decider) -> dict[str, Any]:

@@ -97,8 +97,19 @@ def save_look(print_folder: Path, record: LookRecord) -> None:
     OSError
         When the disk is full.
     """
+    (look_folder(print_folder, record.number) / _ANSWER).unlink(missing_ok=True)
+    amend_look(print_folder, record)
+
+
+def amend_look(print_folder: Path, record: LookRecord) -> None:
+    """Write a look's record anew; its answer stays.
+
+    Raises
+    ------
+    OSError
+        When the disk is full.
+    """
     path = look_folder(print_folder, record.number) / "look.json"
-    path.with_name(_ANSWER).unlink(missing_ok=True)
     write_text(path, json.dumps(asdict(record), indent=1, allow_nan=False) + "\n")
 
 

@@ -41,7 +41,8 @@ def try_device(order: ObserverOrder, folder: Path) -> None:
         acquire(_before_any_motion(device), emptied_look_folder(folder, EMPTY) / "picture", 0.0)
     elif device.kind == "folder" and not Path(device.source).is_dir():
         raise DeviceError(
-            f"folder {device.source} isn't there; the device's program writes into it"
+            f"folder {device.source} isn't there; the device's program writes into it (a command "
+            "would say {out}, the file to write)"
         )
     elif device.kind == "command":
         program = shlex.split(device.source)[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -19,6 +19,7 @@ from printctl.observe.devices import DeviceError
 from printctl.observe.order import ObserverOrder
 from registration.camera_frame.check import check_frame
 from registration.camera_frame.frame import CameraFrame, read_frame
+from registration.errors import ScanFileError
 from registration.layer_images import ExpectedLines, Frame, height_map
 from registration.readers.read import read_scan
 from sim.camera.camera_file import load_camera
@@ -28,6 +29,8 @@ from sim.camera.scene import Bath
 Image = NDArray[Any]
 
 _PICTURES: Final = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp"})
+_JPEG, _JPEG_DATA, _JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"
+_SECTIONS: Final = 16
 OWN_FRAME: Final = "printer_to_scan"
 """Where a simulated OCT's file has its frame."""
 
@@ -56,14 +59,33 @@ class SimulatedFrame:
         return self.camera.pixels(np.column_stack([at, np.full(len(at), surface)]))
 
 
+class View(NamedTuple):
+    """What a device gave, as it is judged.
+
+    Attributes
+    ----------
+    image : Image
+        A picture, or the height map of a volume at the layer that is looked at.
+    frame : Frame
+        Where the printer's places lie in it.
+    taken : array
+        The picture, or some sections of the volume at all depths: those of the next layer's look
+        differ where the device works, though its height map does in any case.
+    """
+
+    image: Image
+    frame: Frame
+    taken: Image
+
+
 def open_view(
     path: Path,
     order: ObserverOrder,
     middle_z_mm: float,
     thickness_mm: float,
     lines: ExpectedLines | None = None,
-) -> tuple[Image, Frame]:
-    """Return a picture and where the printer's places lie in it.
+) -> View:
+    """Return a picture, or a volume's height map, and where the printer's places lie in it.
 
     Parameters
     ----------
@@ -85,11 +107,17 @@ def open_view(
     """
     if order.oct:
         to_scan = _oct_frame(path, order)
-        return height_map(read_scan(path), to_scan, middle_z_mm, thickness_mm, lines)
+        try:
+            scan = read_scan(path)
+        except ScanFileError as exc:
+            raise DeviceError(" ".join(str(exc).split())) from exc
+        image, height_frame = height_map(scan, to_scan, middle_z_mm, thickness_mm, lines)
+        step = max(1, len(scan.volume) // _SECTIONS)
+        return View(image, height_frame, np.asarray(scan.volume[::step]))
     image, frame = read_picture(path), camera_frame(order)
     if isinstance(frame, CameraFrame):
         _refuse_moved(image, frame, path)
-    return image, frame
+    return View(image, frame, image)
 
 
 def _refuse_moved(image: Image, frame: CameraFrame, path: Path) -> None:
@@ -148,9 +176,21 @@ def read_picture(path: Path) -> Image:
     Raises
     ------
     DeviceError
-        When it isn't one.
+        When it isn't one, or half of one.
     """
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.suffix in _PICTURES else None
+    known = path.suffix.lower() in _PICTURES
+    if known and _is_cut(path):
+        raise DeviceError(f"{path} is cut off: half of a picture, still being written or copied")
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if known else None
     if image is None:
         raise DeviceError(f"{path} isn't a picture that can be read (PNG, TIFF, JPEG)")
     return np.asarray(image)
+
+
+def _is_cut(path: Path) -> bool:
+    """Whether a JPEG lacks its end; OpenCV fills up what is missing with grey.
+
+    Within the picture's data neither marker occurs; a small preview lies before them.
+    """
+    data = path.read_bytes() if path.suffix.lower() in (".jpg", ".jpeg") else b""
+    return data.startswith(_JPEG) and data.rfind(_JPEG_END) < data.rfind(_JPEG_DATA)

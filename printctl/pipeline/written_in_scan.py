@@ -118,6 +118,7 @@ def _row(
     known_mm = float(length[known].sum())
     missing = missing_mm(length, stroke, ink, gap_mm)
     gaps = sum(g["to_mm"] - g["from_mm"] for g in look.found.get("gaps", ()))
+    left = look.found.get("left_mm", 0.0) if mended else gaps
     row = {
         "look": look.number,
         "mark": look.mark.partition(",")[0],
@@ -126,6 +127,7 @@ def _row(
         "ink": look.found.get("coverage"),
         "mended": mended,
         "gaps_mm": round(gaps, 3),
+        "left_mm": round(left, 3),
         "scan_known": round(known_mm / way, 5) if way else 0.0,
         "scan_ink": round(float(length[known] @ ink[known]) / known_mm, 5) if known_mm else None,
         "scan_missing_mm": round(missing, 3),
@@ -155,8 +157,10 @@ def _agreement(row: dict[str, Any]) -> dict[str, Any]:
         return {"agree": None, "words": "scan tells too little"}
     if row["judged"] is None or row["judged"] < _LEAST_SEEN:
         return {"agree": None, "words": f"look saw too little; {scan}"}
-    if row["gaps_mm"] and not row["mended"]:
-        return {"agree": bool(missing), "words": f"look: {row['gaps_mm']:.2f} mm left; {scan}"}
+    if row["left_mm"]:
+        done = "mended, " if row["mended"] else ""
+        words = f"look: {done}{row['left_mm']:.2f} mm left; {scan}"
+        return {"agree": bool(missing), "words": words}
     judged_mm = row["judged"] * row["way_mm"]
     if missing and missing <= row["way_mm"] - judged_mm:
         ink = 1.0 if row["ink"] is None else row["ink"] + row["gaps_mm"] / judged_mm

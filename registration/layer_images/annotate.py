@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import cv2
@@ -13,6 +14,7 @@ from registration.layer_images.values import (
     Frame,
     Image,
     LayerFindings,
+    Lumen,
     Stations,
     Unseen,
 )
@@ -37,10 +39,13 @@ _LEGEND: Final = (
 )
 
 
-def annotated(picture: Image, frame: Frame, findings: LayerFindings) -> NDArray[np.uint8]:
+def annotated(
+    picture: Image, frame: Frame, findings: LayerFindings, narrowed: Sequence[Lumen] = ()
+) -> NDArray[np.uint8]:
     """Return the picture (rows, columns, 3), blue-green-red, with findings drawn in.
 
-    Outlines of the expected lines; edges as seen; gaps red; hatched what wasn't seen; thin and
+    Outlines of the expected lines; edges as seen; gaps and the outlines of
+    ``narrowed`` lumens red; hatched what wasn't seen; thin and
     thick stretches orange; blobs magenta. Small pictures are enlarged; one of two channels is drawn
     by its first.
     """
@@ -62,6 +67,9 @@ def annotated(picture: Image, frame: Frame, findings: LayerFindings) -> NDArray[
         places = np.vstack([gap.start_mm, inner, gap.end_mm])
         nearest = rows[:1] if len(rows) else np.flatnonzero(stations.stroke == gap.stroke)[:1]
         pen.path(places, np.full(len(places), float(stations.z_mm[nearest[0]])), _GAP, 4)
+    for lumen in narrowed:
+        closed = np.vstack([lumen.outline, lumen.outline[:1]])
+        pen.path(closed[:, :2] + by, closed[:, 2], _GAP, 4)
     z = float(np.median(stations.z_mm))
     for blob in findings.blobs:
         closed = np.vstack([blob.outline_mm, blob.outline_mm[:1]])

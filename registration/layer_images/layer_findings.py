@@ -126,6 +126,7 @@ def findings_of(
         why[good & under.any(axis=1)] = int(Unseen.HIDDEN)
         good = why == Unseen.SEEN
     gaps = _gaps(look, good, why, places, options)
+    good = why == Unseen.SEEN  # without what turned out unclear
     widths = _lit_widths(look, shift)
     stations = look.group.stations(ways, look.present, why, widths)
     stretches = find_stretches(stations, widths, options.width_percent)

@@ -27,7 +27,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Final, Literal
 
-from printctl.observe.deciding.evidence import Evidence, LayersSeen
+from printctl.observe.deciding.evidence import SURE, Evidence, LayersSeen
 from printctl.observe.deciding.flow_control import FlowControl, FlowLimits
 from printctl.observe.deciding.gap_test import GapTest, confirmed_gaps
 from printctl.observe.deciding.ink_supply import SupplyState
@@ -46,8 +46,6 @@ _TELLING_MM: Final = 1.0
 """Way that must have been seen for that."""
 _FIRST_MM: Final = 5.0
 """Way of the print's first lines of which some must be seen."""
-_SURE: Final = 3.29
-"""Standard uncertainties beyond the tolerance: one in 2,000 by chance, one-sided."""
 
 
 class DecisionKind(StrEnum):
@@ -89,6 +87,11 @@ class Limits:
     least_seen: float = 0.5
     unseen_looks: int = 3
     mend: Mode = "ask"
+
+    @property
+    def least_open(self) -> float:
+        """Share of a lumen's width that must be open."""
+        return 1.0 - self.lumen_percent / 100.0
 
 
 @dataclass(frozen=True)
@@ -167,7 +170,18 @@ class Decider:
             percent = self.limits.width_percent
             seen = f"{evidence.stretches} stretches beyond {percent:g} % of their width, told alone"
         told = f"; {evidence.over_old_share:.0%} lies over older ink and can't be told from it"
-        return Decision(DecisionKind.GO_ON, seen + told * (evidence.over_old_share >= 0.01))
+        seen += told * (evidence.over_old_share >= 0.01)
+        return Decision(DecisionKind.GO_ON, seen + self._unconfirmed(evidence))
+
+    def _unconfirmed(self, evidence: Evidence) -> str:
+        """What one picture shows as missing and the other doesn't, in words."""
+        test = self.limits.gap
+        gaps = [gap for gap in evidence.gaps if test.significant(gap, evidence.places)]
+        if not gaps:
+            return ""
+        way = math.fsum(gap.length_mm for gap in gaps)
+        many = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
+        return f"; {many}, {way:.2f} mm in all, in one of two pictures alone: not believed"
 
     def _as_allowed(self, wanted: Decision, evidence: Evidence) -> Decision:
         mode = self.limits.mend
@@ -210,13 +224,13 @@ class Decider:
     def _shifted(self, evidence: Evidence) -> Decision | None:
         shift, u = evidence.shift_mm, evidence.u_shift_mm
         before, self.last_shift_mm = self.last_shift_mm, shift
-        if shift - _SURE * u <= self.limits.shift_mm:
+        if shift - SURE * u <= self.limits.shift_mm:
             return None
         why = (
             f"the layer lies {shift:.2f} mm beside its place (tolerance {self.limits.shift_mm:g} "
             "mm): motors have lost steps, or the dish has moved"
         )
-        if before > self.limits.shift_mm and shift - before > _SURE * u:
+        if before > self.limits.shift_mm and shift - before > SURE * u:
             return Decision(DecisionKind.STOP, f"{why}; it grows from look to look")
         return Decision(DecisionKind.PAUSE, f"{why}; look before you go on")
 
@@ -236,8 +250,8 @@ class Decider:
         return Decision(DecisionKind.PAUSE, why, gaps, ask=DecisionKind.MEND if gaps else None)
 
     def _narrowed(self, evidence: Evidence) -> Decision | None:
-        least = 1.0 - self.limits.lumen_percent / 100.0
-        bad = [one for one in evidence.narrowed if one.open_share + _SURE * one.u < least]
+        least = self.limits.least_open
+        bad = [one for one in evidence.narrowed if one.surely_below(least)]
         if not bad:
             return None
         worst = min(bad, key=lambda one: one.open_share)

@@ -11,6 +11,8 @@ from printctl.observe.deciding.ink_supply import InkSupply
 from printctl.observe.deciding.thin import Thin
 from registration.layer_images.values import Gap
 
+SURE: Final = 3.29
+"""Standard uncertainties beyond the tolerance: one in 2,000 by chance, one-sided."""
 _HIDDEN: Final = 0.1
 """Of a layer so little could be seen at best that a look says nothing about the view."""
 
@@ -31,6 +33,10 @@ class Narrowed:
     name: str
     open_share: float
     u: float
+
+    def surely_below(self, share: float) -> bool:
+        """Whether less than a share is open, beyond doubt."""
+        return self.open_share + SURE * self.u < share
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ ended at its time limit, so that a device that hangs holds up nobody. Begin with
 """
 
 from printctl.observe.devices.acquire import DeviceError, acquire
+from printctl.observe.devices.files import picture_of
 from printctl.observe.devices.settings import DeviceSettings
 
-__all__ = ["DeviceError", "DeviceSettings", "acquire"]
+__all__ = ["DeviceError", "DeviceSettings", "acquire", "picture_of"]

@@ -6,7 +6,12 @@ import sys
 from pathlib import Path
 
 from printctl.observe.devices.camera import take_picture
-from printctl.observe.devices.files import await_file, run_command, simulated_picture
+from printctl.observe.devices.files import (
+    await_file,
+    keep_file,
+    run_command,
+    simulated_picture,
+)
 from printctl.observe.devices.settings import DeviceSettings
 
 
@@ -17,13 +22,13 @@ def main() -> int:
         if settings.kind == "camera":
             picture = take_picture(settings, out)
         elif settings.kind == "folder":
-            picture = await_file(Path(settings.source), float(since))
+            picture = keep_file(await_file(Path(settings.source), float(since)), out)
         elif settings.kind == "command":
             picture = run_command(settings.source, out)
         else:
             picture = simulated_picture(settings, out)
     except (OSError, ValueError) as exc:
-        print(exc, file=sys.stderr)
+        print(" ".join(str(exc).split()), file=sys.stderr)
         return 1
     print(picture)
     return 0

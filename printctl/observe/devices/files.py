@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import shutil
 import subprocess
 import sys
 import time
@@ -14,6 +15,38 @@ from printctl.observe.devices.settings import DeviceSettings
 _STILL_S: Final = 0.5
 """A file that hasn't grown for so long is whole."""
 _LOOK_S: Final = 0.1
+_SIDECARS: Final = (".json", ".yaml", ".yml")
+"""Endings of what a scan's file is described by (`registration.readers.sidecar`)."""
+_BESIDE: Final = frozenset({*_SIDECARS, ".txt", ".xml", ".log", ".csv", ".tmp", ".part"})
+"""Endings of files that devices' programs write beside a picture or volume."""
+
+
+def picture_of(folder: Path, name: str) -> Path | None:
+    """Return the picture or volume ``NAME.*``, not what lies beside it; None where there is none.
+
+    A raw volume may lack an ending.
+    """
+    each = sorted(one for one in folder.glob(f"{name}*") if one.is_file())
+    named = (one for one in each if one.name == name or one.name.startswith(f"{name}."))
+    return next((one for one in named if one.suffix.lower() not in _BESIDE), None)
+
+
+def keep_file(taken: Path, out: Path) -> Path:
+    """Copy a device's file into a look's folder, with its sidecar; its ending stays.
+
+    The device's program may write the next one over it.
+
+    Parameters
+    ----------
+    taken : Path
+    out : Path
+        Without suffix.
+    """
+    for ending in _SIDECARS:
+        beside = taken.with_suffix(ending)
+        if beside.is_file():
+            shutil.copyfile(beside, out.with_suffix(ending))
+    return Path(shutil.copyfile(taken, out.with_suffix(taken.suffix)))
 
 
 def await_file(folder: Path, since: float) -> Path:
@@ -39,7 +72,11 @@ def await_file(folder: Path, since: float) -> Path:
 
 
 def _newest(folder: Path, since: float) -> Path | None:
-    files = [one for one in folder.iterdir() if one.is_file() and not one.name.startswith(".")]
+    files = [
+        one
+        for one in folder.iterdir()
+        if one.is_file() and not one.name.startswith(".") and one.suffix.lower() not in _BESIDE
+    ]
     dated = [(one.stat().st_mtime, one) for one in files]
     new = [pair for pair in dated if pair[0] >= since]
     return max(new)[1] if new else None
@@ -60,10 +97,10 @@ def run_command(words: str, out: Path) -> Path:
     if done.returncode:
         last = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["no message"]
         raise ValueError(f"{command[0]} failed ({done.returncode}): {last[0]}")
-    written = sorted(one for one in out.parent.glob(f"{out.name}*") if one.is_file())
-    if not written:
+    written = picture_of(out.parent, out.name)
+    if written is None:
         raise ValueError(f"{command[0]} wrote no file {out}")
-    return written[0]
+    return written
 
 
 def simulated_picture(settings: DeviceSettings, out: Path) -> Path:

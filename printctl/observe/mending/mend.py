@@ -68,6 +68,13 @@ class Mend:
             f"path {one.path}: {one.length_mm:.2f} mm not mended: {one.reason}" for one in self.left
         ]
 
+    def left_words(self) -> str:
+        """Return how much isn't mended, by reason; empty for nothing."""
+        ways = dict[str, float]()
+        for one in self.left:
+            ways[one.reason] = ways.get(one.reason, 0.0) + one.length_mm
+        return "; ".join(f"{way:.2f} mm ({reason})" for reason, way in ways.items())
+
 
 def _patch_facts(patch: Patch) -> dict[str, Any]:
     return {

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from printctl.cli.observe_looks import answer
+from printctl.cli.observe_looks import answer, looks
 from printctl.errors import UsageError
 from printctl.observe.records import answer_of, look_folder
 from printctl.web.workspace import Workspace
@@ -13,14 +13,20 @@ from tests.printctl.web.job.looks.held import JOB, print_held_for_a_look
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
 
 
-def test_an_answer_is_taken_once_and_none_when_the_print_went_on(tmp_path):
+def test_an_answer_is_taken_once_and_none_when_the_print_went_on(tmp_path, capsys):
     workspace = Workspace(tmp_path).make()
     with print_held_for_a_look(workspace) as client:
         folder = workspace.print_folder(JOB)
         for word in ("yes", "APPROVE", ""):
             with pytest.raises(UsageError, match="is no answer"):
                 answer(folder, word)
+        looks(folder)
+        assert "look 1 asks to" in capsys.readouterr().out
         answer(folder, "go_on")
+        looks(folder)
+        said = capsys.readouterr().out
+        assert "answered: go_on" in said
+        assert "asks to" not in said
         with pytest.raises(UsageError, match="answered before: go_on"):
             answer(folder, "approve")
         (look_folder(folder, 1) / "answer.json").unlink()
@@ -29,3 +35,5 @@ def test_an_answer_is_taken_once_and_none_when_the_print_went_on(tmp_path):
         with pytest.raises(UsageError, match="doesn't wait for a word on look 1"):
             answer(folder, "approve")
         assert answer_of(folder, 1) is None
+        looks(folder)
+        assert "asks to" not in capsys.readouterr().out

@@ -47,6 +47,12 @@ def test_a_layer_of_which_little_was_seen_is_not_called_sound():
     assert decided(seen_share=0.25, over_old_share=0.6).why.startswith("as expected")
 
 
+def test_a_gap_in_one_of_two_pictures_is_told_and_not_mended():
+    found = decided(gaps=(GAP,), second=())
+    assert (found.kind, found.gaps) == (DecisionKind.GO_ON, ())
+    assert "1 gap, 1.00 mm in all, in one of two pictures alone" in found.why
+
+
 def test_gaps_are_mended_and_flow_with_them():
     found = decided(gaps=(GAP,), flow=flow(0.8))
     assert found.kind is DecisionKind.MEND

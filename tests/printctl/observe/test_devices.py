@@ -7,24 +7,43 @@ import time
 
 import pytest
 
-from printctl.observe.devices import DeviceError, DeviceSettings, acquire
+from printctl.observe.devices import DeviceError, DeviceSettings, acquire, picture_of
 
 HANGS = f"{sys.executable} -c 'import time; time.sleep(60)'"
 
 
-def test_a_new_file_of_a_folder_is_taken(tmp_path):
-    (tmp_path / "old.png").write_bytes(b"old")
+def test_a_new_file_of_a_folder_is_kept_with_the_look(tmp_path):
+    folder, look = tmp_path / "scans", tmp_path / "0001"
+    folder.mkdir()
+    look.mkdir()
+    (folder / "old.png").write_bytes(b"old")
     since = time.time() + 0.01
     time.sleep(0.02)
-    (tmp_path / "new.png").write_bytes(b"new")
-    found = acquire(DeviceSettings("folder", str(tmp_path)), tmp_path / "picture", since)
-    assert found.name == "new.png"
+    (folder / "new.TIF").write_bytes(b"new")
+    (folder / "new.json").write_text('{"voxel_mm": [0.01, 0.01, 0.01]}')
+    (folder / "new.log").write_text("written last")
+    found = acquire(DeviceSettings("folder", str(folder)), look / "picture", since)
+    assert found == look / "picture.TIF"
+    assert found.read_bytes() == b"new"
+    assert sorted(one.name for one in look.iterdir()) == ["picture.TIF", "picture.json"]
+    assert len(list(folder.iterdir())) == 4
+    assert picture_of(look, "picture") == found
 
 
 def test_a_command_writes_the_file(tmp_path):
     words = f"{sys.executable} -c \"open('{{out}}.png', 'w').write('x')\""
     found = acquire(DeviceSettings("command", words), tmp_path / "picture", 0.0)
     assert found == tmp_path / "picture.png"
+
+
+def test_what_a_command_writes_beside_its_file_isnt_taken(tmp_path):
+    program = tmp_path / "scan.py"
+    program.write_text(
+        "import sys\nfor end in ('.json', '.raw'): open(sys.argv[1] + end, 'w').write('x')\n"
+    )
+    words = f"{sys.executable} {program} {{out}}"
+    found = acquire(DeviceSettings("command", words), tmp_path / "picture", 0.0)
+    assert found == tmp_path / "picture.raw"
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import pytest
 from firmware_profiles import Ink, load
 from printctl.observe.deciding import FlowControl
 from printctl.observe.expected import ExpectedInk
-from printctl.observe.judging import _flow
-from registration.layer_images import Stations
+from printctl.observe.judging import _flow, narrowed_lumens
+from registration.layer_images import Lumen, LumenSeen, Stations
 
 HEIGHT, WIDTH = 0.1, 0.25
 
@@ -54,3 +54,15 @@ def test_a_look_in_which_the_flow_steps_tells_it_all_the_same():
 
 def test_a_long_look_is_read_by_the_clock():
     assert len(seen(40, 1.0)) == 14
+
+
+def test_narrowed_lumens_are_those_surely_narrower():
+    place = np.array([1.0, 1.0, 0.1])
+    lumens = [Lumen.capsule(name, place, place, 0.4) for name in "abcd"]
+    seen = [
+        LumenSeen(name, 0.4, width, 0.01, 1.0, known, 1.0)
+        for name, width, known in (
+            ("a", 0.4, True), ("b", 0.2, True), ("c", 0.34, True), ("d", np.nan, False)
+        )
+    ]  # fmt: skip
+    assert [one.name for one in narrowed_lumens(lumens, seen, 0.9)] == ["b"]

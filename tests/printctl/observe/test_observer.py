@@ -20,7 +20,7 @@ from printctl.observe.deciding import (
 )
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError
-from printctl.observe.observer import Judged, Look, Observer
+from printctl.observe.observer import Judged, Look, MendLines, Observer
 from printctl.observe.records import answer_look, answer_of, read_looks
 from registration.layer_images.values import Gap
 
@@ -71,6 +71,8 @@ class Bench:
     over: bool = False
     thin: tuple = ()
     lines: tuple = ("G1 X1 E1",)
+    left: str = ""
+    not_seen: str = ""
     pictures: list[str] = field(default_factory=list)
 
     def __post_init__(self):
@@ -80,7 +82,8 @@ class Bench:
     def another(self) -> Observer:
         """An observer that knows nothing but the files."""
         return Observer(
-            self.folder, self.link, self.acquire, self.judge, lambda *_: list(self.lines),
+            self.folder, self.link, self.acquire, self.judge,
+            lambda *_: MendLines(tuple(self.lines), self.left, 0.22 * bool(self.left)),
             Decider(Limits(mend=self.mode), FlowControl()), lambda _: self.over,
         )  # fmt: skip
 
@@ -96,9 +99,8 @@ class Bench:
         seen = self.gaps if again is None or self.again else ()
         one = evidence(self.gaps, self.ratio)
         second = None if again is None else seen
-        return Judged(
-            Evidence(**{**vars(one), "second": second, "thin": self.thin}), {"seen_share": 0.9}
-        )
+        found = {"seen_share": 0.9, **({"not_seen": self.not_seen} if self.not_seen else {})}
+        return Judged(Evidence(**{**vars(one), "second": second, "thin": self.thin}), found)
 
 
 def test_a_sound_layer_needs_one_picture(tmp_path):
@@ -207,6 +209,31 @@ def test_another_observer_asks_again_by_the_pictures(tmp_path):
     other.ask_again(LOOK)
     assert bench.link.said[1:] == [("insert", 1, ("G1 X1 E1",), None), ("resume",)]
     assert bench.pictures == ["picture", "again"]
+
+
+def test_why_nothing_was_seen_is_told(tmp_path):
+    bench = Bench(tmp_path, not_seen="none of the lines lies in the picture; check the frame")
+    assert "lies in the picture; check the frame" in bench.observer.look(LOOK).why
+
+
+@pytest.mark.parametrize("mode", ["mend", "ask"])
+def test_what_a_mend_leaves_is_told(tmp_path, monkeypatch, mode):
+    bench = Bench(tmp_path, mode=mode, gaps=(GAP,), left="0.22 mm (ink would reach into a lumen)")
+    if mode == "ask":
+        monkeypatch.setattr(bench.link, "look_done", _answering(bench, "approve"))
+    record = bench.observer.look(LOOK)
+    assert record.why.endswith("; not mended: 0.22 mm (ink would reach into a lumen)")
+    assert record.found["left_mm"] == 0.22
+    assert read_looks(tmp_path) == [record]
+    assert answer_of(tmp_path, 1) == ("approve" if mode == "ask" else None)
+
+
+def test_a_mend_that_is_impossible_is_recorded_as_a_pause(tmp_path):
+    bench = Bench(tmp_path, gaps=(GAP,), lines=(), left="0.40 mm (another layer lies above)")
+    record = bench.observer.look(LOOK)
+    assert bench.link.said == [("pause", 1)]
+    assert record.decision == "pause"
+    assert "0.40 mm (another layer lies above); it can't be mended from here" in record.why
 
 
 def test_another_observer_knows_the_flow(tmp_path):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -51,3 +53,22 @@ def test_a_simulated_camera_shows_no_ink_of_the_print_before(
     try_device(order, tmp_path)
     seen = cv2.imread(str(look_folder(tmp_path, EMPTY) / "picture.png"), cv2.IMREAD_UNCHANGED)
     assert np.ptp(cv2.GaussianBlur(seen, (0, 0), 3)) < 40
+
+
+def test_a_refusal_of_several_lines_is_told_in_one(tmp_path: Path) -> None:
+    frame = tmp_path / "cut.yaml"
+    frame.write_text("printer_to_scan: [[1, 2")
+    job = tmp_path / "job.gcode"
+    job.write_text("G21\nG90\nM82\nG1 X1 Y1 Z1 F600\n")
+    ObserverOrder(
+        job=str(job), profile="generic_marlin", syringe="hamilton_1ml", ink="collagen_fresh",
+        needle="fresh_150um", embedded=False, oct=True, frame=str(frame),
+        device=DeviceSettings("command", "true {out}"), limits=Limits(),
+    ).save(tmp_path)  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-m", "printctl.observe", str(tmp_path)],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    (said,) = done.stderr.splitlines()
+    assert str(frame) in said
+    assert "four rows of four numbers" in said

@@ -46,6 +46,27 @@ def test_what_is_no_picture_is_told(tmp_path):
         views.read_picture(path)
 
 
+def test_half_a_jpeg_is_no_picture(tmp_path):
+    path = tmp_path / "IMG_1.JPG"
+    noise = np.random.default_rng(1).integers(0, 255, (64, 64), np.uint8)
+    whole = cv2.imencode(".jpg", noise)[1].tobytes()
+    path.write_bytes(whole)
+    assert views.read_picture(path).shape == (64, 64)
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(DeviceError, match="is cut off"):
+        views.read_picture(path)
+
+
+@pytest.mark.parametrize("name", ["picture.npz", "picture.tif"])
+def test_what_is_no_scan_is_told(tmp_path, monkeypatch, name):
+    path = tmp_path / name
+    path.write_bytes(b"PK" + bytes(100))
+    monkeypatch.setattr(views, "_oct_frame", lambda path, order: np.eye(4))
+    order = type("Order", (), {"oct": True})()
+    with pytest.raises(DeviceError, match="broken archive"):
+        views.open_view(path, order, 1.0, 0.1)
+
+
 @pytest.mark.parametrize("text", ["", "printer_to_scan: [[1, 0], [0, 1]]", "printer_to_scan: no"])
 def test_an_octs_frame_is_four_by_four(tmp_path, text):
     path = tmp_path / "frame.yaml"
@@ -66,3 +87,20 @@ def test_a_simulated_frame_looks_through_the_baths_surface():
         for one, other in ((camera.eye_mm, entry), (entry, place[0]))
     ]
     assert sine[0] / sine[1] == pytest.approx(1.33, rel=1e-4)
+
+
+def test_a_volume_taken_twice_is_known_at_another_layer(tmp_path):
+    """A hanging scanner's volume looks another way in each layer's height map."""
+    bright = np.linspace(100, 3000, 120)[:, None, None]
+    volume = (np.random.default_rng(2).exponential(1, (120, 30, 40)) * bright).astype(np.uint16)
+    path, frame = tmp_path / "picture.npz", tmp_path / "frame.yaml"
+    np.savez(
+        path, volume=volume, voxel_mm=np.array([0.01, 0.02, 0.02]), refractive_index=1.0,
+        optical_depth=False, scale="linear", modality="oct", depth_down=True,
+    )  # fmt: skip
+    frame.write_text("printer_to_scan: [[1,0,0,0], [0,-1,0,0.6], [0,0,-1,1.2], [0,0,0,1]]")
+    order = type("Order", (), {"oct": True, "frame": str(frame)})()
+    low, high = (views.open_view(path, order, z, 0.06) for z in (0.5, 0.7))
+    assert not np.array_equal(low.image, high.image)
+    np.testing.assert_array_equal(low.taken, high.taken)
+    assert len(low.taken) < 20

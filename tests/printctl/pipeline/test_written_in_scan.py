@@ -108,6 +108,16 @@ def test_gaps_that_were_left_and_are_not_in_the_scan_are_a_disagreement(tmp_path
     assert both["agree"] is True
 
 
+def test_what_a_mend_left_is_no_disagreement_with_a_scan_that_misses_it(tmp_path, job):
+    mended = look(1, 12, ink=0.7, decision="mend", gaps=[{"from_mm": 1.0, "to_mm": 7.0}])
+    mended.found["left_mm"] = 3.0
+    first, _ = compared(
+        tmp_path, job, hole, [mended, TWO[1]], [Insert(1, 12, (b"G1 X1",), "gaps", 1.0)]
+    )
+    assert first["words"] == "look: mended, 3.00 mm left; scan: missing"
+    assert first["agree"] is True
+
+
 def test_neither_is_claimed_of_what_scan_or_look_did_not_see(tmp_path, job):
     dark = compared(tmp_path, job, lambda x, y, z: np.nan if z < 0.1 else 1.0, TWO)
     assert dark[0]["agree"] is None

@@ -154,6 +154,18 @@ def test_the_overlay_shows_gaps_red_and_changes_nothing_else() -> None:
     assert red[300:].sum() > 50  # below the legend
 
 
+def test_the_overlay_shows_a_narrowed_lumen_red() -> None:
+    painted = Scene(3).paint(())
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+    at = findings.stations.at_mm.mean(axis=0)
+    lumen = Lumen.capsule("1", np.array([*at, 0.1]), np.array([*at, 0.1]), 0.6)
+    drawn = annotated(painted.picture, painted.frame, findings, [lumen])
+    where = np.rint(painted.frame.to_pixels(lumen.outline)).astype(int)
+    grow = len(drawn) // len(painted.picture)
+    colours = drawn[grow * where[:, 1], grow * where[:, 0]].astype(int)
+    assert np.median(colours[:, 2] - colours[:, :2].max(axis=1)) > 150
+
+
 def test_the_same_picture_tells_the_same() -> None:
     painted = Scene(29).paint(((1, 1.0, 1.6),))
     one, two = (see_layer(painted.picture, painted.frame, expected(painted.plan)) for _ in range(2))

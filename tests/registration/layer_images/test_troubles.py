@@ -58,6 +58,9 @@ def test_a_dark_crumb_on_a_light_line_is_no_gap(tint: float) -> None:
     assert [g.from_mm for g in findings.gaps] == [pytest.approx(2.6, abs=0.08)]
     station = int(np.argmin(np.hypot(*(findings.stations.at_mm - middle).T)))
     assert findings.stations.why[station] in (Unseen.UNCLEAR, Unseen.GLARE)
+    stations = findings.stations
+    seen_mm = stations.length_mm[stations.seen].sum()  # by whole stations
+    assert findings.seen_share == pytest.approx(seen_mm / stations.length_mm.sum(), abs=0.05)
 
 
 def test_light_in_a_filled_area_follows_the_shadow_beside_it() -> None:
