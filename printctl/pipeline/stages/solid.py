@@ -11,6 +11,7 @@ from kernels import keep_freed_memory
 from printctl.pipeline.built_solids import built_solids
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.solid_files import checkable, write_solids
+from printctl.pipeline.solid_notes import solid_notes
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
 from printctl.recipe.growth import NamedNetwork
@@ -37,6 +38,9 @@ def _work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence
         check.require_valid()
         if check.crossing_faces:
             context.bars.remark("solid", f"{check.file}: {check.crossing_faces} faces cross others")
+    notes = solid_notes(len(built.ports), checks[SOLID].genus, built.genus)
+    for note in notes:
+        context.bars.remark("solid", note)
     summary = {
         "volume_mm3": built.construct.volume_mm3,
         "lumen_volume_mm3": built.lumen.volume_mm3,
@@ -46,6 +50,7 @@ def _work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence
         "fittings": built.fittings,
         "genus": checks[SOLID].genus,
         "genus_expected": built.genus,
+        **({"notes": list(notes)} if notes else {}),
         "files": {name: asdict(check) for name, check in checks.items()},
     }
     if steps:
