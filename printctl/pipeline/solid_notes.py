@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-def solid_notes(ports: int, genus: int, expected: int) -> tuple[str, ...]:
+def solid_notes(ports: int, genus: int | None, expected: int) -> tuple[str, ...]:
     """Sentences on a construct without ports, and on handles that differ from the design's.
 
     Parameters
@@ -11,7 +11,8 @@ def solid_notes(ports: int, genus: int, expected: int) -> tuple[str, ...]:
     ports : int
         Free ends at which lumens open.
     genus, expected : int
-        Handles of the construct, as read back and by the network (`design.solids.genus`).
+        Handles of the construct, as read back (None where it can't be told) and by the network
+        (`design.solids.genus`).
     """
     notes: tuple[str, ...] = ()
     if ports == 0:
@@ -20,7 +21,7 @@ def solid_notes(ports: int, genus: int, expected: int) -> tuple[str, ...]:
             "cavities, which nothing can be fed into or washed out of; let an inlet and an outlet "
             "reach the surface",
         )
-    if genus != expected:
+    if genus is not None and genus != expected:
         notes += (
             f"the construct has {genus} handles, the network asks for {expected}: a lumen breaks "
             "through the tissue's surface beside its ends, or vessels merge that the network "
