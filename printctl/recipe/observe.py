@@ -65,6 +65,11 @@ def look_interval(text: str) -> LookInterval:
     return LookInterval("height", amount)
 
 
+def _number_as_text(value: object) -> object:
+    """Take a bare number as text, so that the message says which units there are."""
+    return f"{value:g}" if type(value) in (int, float) else value
+
+
 def _known_interval(text: str) -> str:
     look_interval(text)
     return text
@@ -108,11 +113,13 @@ class ObservePart(Part):
         "of an OCT a file with printer_to_scan.",
         json_schema_extra=FILE,
     )
-    every: Annotated[str, AfterValidator(_known_interval)] = Field(
-        default="60 s written",
-        description="Where a layer or vessel ends; or at the first such end behind a height "
-        "gained (0.5 mm) or a time by the clock (10 min); or also within layers, where a line "
-        "ends, behind so much writing: 40 mm written, 10 s written.",
+    every: Annotated[str, BeforeValidator(_number_as_text), AfterValidator(_known_interval)] = (
+        Field(
+            default="60 s written",
+            description="Where a layer or vessel ends; or at the first such end behind a height "
+            "gained (0.5 mm) or a time by the clock (10 min); or also within layers, where a line "
+            "ends, behind so much writing: 40 mm written, 10 s written.",
+        )
     )
     tolerance: ObserveTolerances = ObserveTolerances()
     mend: Literal["tell", "ask", "mend"] = Field(

@@ -267,4 +267,4 @@ def read_frame(path: Path) -> CameraFrame:
     PictureError
         When the file is missing, or isn't one.
     """
-    return read_model(path, CameraFrame, "--frame", "printctl observe frame")
+    return read_model(path, CameraFrame, "frame", "printctl observe frame")

@@ -23,7 +23,7 @@ def read_model(path: Path, model: type[Model], option: str, writer: str) -> Mode
     model : type
         What it holds.
     option : str
-        Of the command line, by which it was named.
+        How the user named it.
     writer : str
         Command that writes such files.
 

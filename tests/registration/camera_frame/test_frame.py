@@ -117,7 +117,7 @@ def test_the_file_comes_back_and_a_wrong_one_is_refused(tmp_path: Path) -> None:
     write_frame(path, scene.frame())
     assert read_frame(path) == scene.frame()
     path.write_text(path.read_text().replace("tied: touched", "tied: guessed"))
-    with pytest.raises(PictureError, match=r"--frame .*: tied: .*printctl observe frame"):
+    with pytest.raises(PictureError, match=r"frame .*: tied: .*printctl observe frame"):
         read_frame(path)
 
 
