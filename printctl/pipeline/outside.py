@@ -40,9 +40,10 @@ def outside_note(tissue: Tissue, network: VesselNetwork) -> tuple[str, ...]:
     if out <= _TOLD * total:
         return ()
     if outside.all():
+        ends = np.concatenate([start, end])
         raise RecipeError(
             "no vessel of the network lies in the tissue: vessels reach from "
-            f"{_text(places.min(0))} to {_text(places.max(0))} mm, "
+            f"{_text(ends.min(0))} to {_text(ends.max(0))} mm, "
             f"the tissue from {_text(low)} to {_text(high)} mm; move one of them, "
             "or see to the network's unit"
         )
