@@ -4,7 +4,12 @@ Goes in: a tissue and options. Comes out: a `VesselTree` or a `VesselNetwork`. B
 `tree.py`.
 """
 
-from design.vasculature.collisions.collide import Collisions, check_network, collisions
+from design.vasculature.collisions.collide import (
+    Collisions,
+    check_given_once,
+    check_network,
+    collisions,
+)
 from design.vasculature.convert import tree_to_network
 from design.vasculature.growth.forest import RootSpec, forest_to_network, grow_forest
 from design.vasculature.growth.grow import grow_tree
@@ -53,6 +58,7 @@ __all__ = [
     "RootSpec",
     "SupplyBalance",
     "VesselTree",
+    "check_given_once",
     "check_network",
     "check_parts",
     "check_supply",

@@ -95,12 +95,13 @@ def check_network(network: VesselNetwork, clearance_mm: float = 0.0) -> None:
     Raises
     ------
     NetworkError
-        Naming the two vessels, the place and the gap, or a vessel of no length.
+        Naming the two vessels, the place and the gap, or a vessel of no length or given twice.
     """
     length = network.lengths()
     short = np.flatnonzero(length <= 0)
     if len(short):
         raise NetworkError(f"vessel {short[0]} has no length; remove it or mend its points")
+    check_given_once(network)
     pairs = collisions(network, clearance_mm)
     if pairs.count == 0:
         return
@@ -114,6 +115,30 @@ def check_network(network: VesselNetwork, clearance_mm: float = 0.0) -> None:
         f"needed ({pairs.count} such places). Move them apart, join them at a common node, or "
         "lower the clearance"
     )
+
+
+def check_given_once(network: VesselNetwork) -> None:
+    """Refuse a network in which a straight piece joins the same two nodes as another.
+
+    Both would be one lumen, through which flow is computed as through two.
+
+    Raises
+    ------
+    NetworkError
+        Naming the two vessels and the place.
+    """
+    start, end, _, _, vessel = network.pieces()
+    ends = np.sort(_piece_nodes(network, vessel)[0], axis=1)
+    order = np.lexsort(ends.T)
+    same = np.flatnonzero((ends[order[1:]] == ends[order[:-1]]).all(axis=1))
+    if len(same):
+        one, two = np.sort(order[same[0] : same[0] + 2])
+        place = "({:.4g}, {:.4g}, {:.4g})".format(*((start[one] + end[one]) / 2))
+        raise NetworkError(
+            f"vessels {vessel[one]} and {vessel[two]} join the same nodes by the same straight "
+            f"way, at {place} mm ({len(same)} such pairs): one lumen, whose flow would be counted "
+            "twice; remove one of them"
+        )
 
 
 def _piece_nodes(network: VesselNetwork, vessel: IntArray) -> tuple[IntArray, int]:

@@ -17,6 +17,7 @@ from design.network import VesselKind, VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from design.network_files.npz import write_network_npz
 from design.vasculature import (
+    check_given_once,
     check_network,
     check_parts,
     collisions,
@@ -96,6 +97,7 @@ def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
             notes += parts_note(network) + outside_note(context.tissue, network)
             clearance = part.clearance_mm
             if part.overlaps == "tell":
+                check_given_once(network)
                 notes += overlap_note(network, clearance)
                 return network, {"notes": list(notes)}
         case LatticeNetwork():

@@ -33,6 +33,15 @@ def test_crossing_vessels_are_refused_by_name_place_and_gap():
         check_network(network)
 
 
+def test_a_vessel_that_is_given_twice_is_refused():
+    """Its flow was that of two channels, its lumen that of one."""
+    way = ((0, 0, 0), (10, 0, 0))
+    for twice in (way, way[::-1]):
+        network = straight(way, ((10, 0, 0), (20, 0, 0)), twice)
+        with pytest.raises(NetworkError, match=r"vessels 0 and 2 join the same .*\(5, 0, 0\) mm"):
+            check_network(network)
+
+
 def test_vessels_nearer_than_the_clearance_are_refused():
     network = straight(((0, 0, 0), (10, 0, 0)), ((0, 2, 0), (10, 2, 0)))
     check_network(network, clearance_mm=0.99)
