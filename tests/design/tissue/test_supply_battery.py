@@ -14,29 +14,23 @@ from benchmarks.supply_bench import worker
 from benchmarks.supply_bench.cases import make, true_volume
 from benchmarks.supply_bench.judge import welded_volumes
 from benchmarks.supply_bench.run import judged, write_stl
+from tests.slower import first_of
 
-KINDS = ("point", "shells", "sheets", "inverted")
+KINDS = ("point", "shells", "sheets", "inverted", "edge", "face", "flat", "joints", "voxels")
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, object]]:
-    folder = tmp_path_factory.mktemp("battery")
-    cases = {f"{kind}-0": make(kind, 0) for kind in KINDS}
-    paths = [folder / f"{name}.stl" for name in cases]
-    for path in paths:
-        write_stl(path, cases[path.stem].mesh)
+@pytest.mark.parametrize("kind", first_of(KINDS, 4))
+def test_every_part_is_supplied(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    case, path = make(kind, 0), tmp_path / f"{kind}-0.stl"
+    write_stl(path, case.mesh)
     # Here, not in a process of its own as the benchmark does: that imports all of it once more.
-    with redirect_stdout(io.StringIO()) as told, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["worker", *map(str, paths)])
+    monkeypatch.setattr(sys, "argv", ["worker", str(path)])
+    with redirect_stdout(io.StringIO()) as told:
         worker.main()
     lines = map(json.loads, told.getvalue().splitlines())
     said = {one["done"]: one for one in lines if "done" in one}
-    return {p.stem: judged(cases[p.stem], said[p.stem], Path(p)) for p in paths}
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_every_part_is_supplied(results: dict[str, dict[str, object]], kind: str) -> None:
-    assert results[f"{kind}-0"]["result"] == "supplied", results[f"{kind}-0"]
+    found = judged(case, said[path.stem], path)
+    assert found["result"] == "supplied", found
 
 
 @pytest.mark.parametrize("kind", ["apart", "many", "sizes", "linked"])

@@ -1,4 +1,4 @@
-"""What is said of a construct that doesn't hold the network's lumens."""
+"""Notes on constructs whose handles or open ends differ from the network's."""
 
 from __future__ import annotations
 
