@@ -23,6 +23,7 @@ from benchmarks.firmware_bench.rows_done import done_rows
 from benchmarks.firmware_bench.rows_dry_run import random_rows, time_rows
 from benchmarks.firmware_bench.rows_faults import fault_rows
 from benchmarks.firmware_bench.rows_klipper import klipper_rows
+from benchmarks.firmware_bench.rows_looks import look_rows
 from benchmarks.firmware_bench.rows_noise import noise_rows
 from benchmarks.firmware_bench.rows_speed import speed_rows
 from benchmarks.firmware_bench.rows_stop import stop_rows
@@ -66,6 +67,7 @@ def jobs(asked: argparse.Namespace, folder: Path) -> Iterator[tuple[str, Job]]:
         name = f"noise {100 * rate:g} %"
         yield name, marlin_job(noise_rows, first, "--marlin", place, rate, runs)
     yield "faults", marlin_job(fault_rows, first, "--marlin", folder / "faults", tries)
+    yield "looks", marlin_job(look_rows, first, "--marlin", folder / "looks", min(runs, 4))
     parser = "emergency parser on"
     yield "stop", marlin_job(stop_rows, first, "--marlin", folder / "stop", tries, parser)
     without, option = asked.marlin_without_parser, "--marlin-without-parser"
