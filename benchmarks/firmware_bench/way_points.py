@@ -74,7 +74,8 @@ def follow(log: StepLog, ways: Sequence[Steps]) -> Followed:
     axis, direction = steps["axis"].astype(int), steps["direction"].astype(int)
     moved = np.where(np.arange(4) == axis[:, None], direction[:, None], 0)
     places = np.vstack([np.zeros((1, 4), np.int64), np.cumsum(moved, axis=0)])
-    at, here, excursions, reached = 0, (0, 0, 0, 0), 0, 0
+    here: Steps = (0, 0, 0, 0)
+    at = excursions = reached = 0
     while reached < len(ways):
         end = _straight(axis, direction, at, np.subtract(ways[reached], here))
         if end is not None:
