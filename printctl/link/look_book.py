@@ -1,4 +1,4 @@
-"""Looks of a print: the one that is going on, decisions and inserts so far, words for clients."""
+"""Record of a print's looks: the current one, decisions, inserts, answers to repeated requests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Client's words about a look: insert lines into the job, decide how the look ends."""
+"""Client side of a look: send lines to insert, or the decision that ends the look."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Words of clients about a look: answered at once if said before, else left for its thread."""
+"""Accept clients' requests about a look from any thread; queue new ones, answer repeated ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fit camera, insert and its printing errors together, each with what is known of it beforehand.
+"""Fit camera, dish insert and its printing errors in one bundle adjustment with priors.
 
 Least squares of the marks' pixels, of touched crosses and of printed points. Unknowns: the
 camera's pose and lens; the insert's place, turn, tilt and scale; how far it is from square and

@@ -1,4 +1,4 @@
-"""Find datum features in a scan and form their frame equations."""
+"""Find a datum (face, axis, port) in a scan; form linear equations for the part's pose."""
 
 from __future__ import annotations
 

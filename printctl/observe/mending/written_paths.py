@@ -1,4 +1,4 @@
-"""Unbroken written paths of a job, as its lines command them, and stretches cut out of them."""
+"""Data class of an unbroken written path (points, E, feed, width); list a held print's paths."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Growth of a large tree: serial up to some thousand terminals, then region by region."""
+"""Grow a tree of 100,000+ terminals: serially to 10,000 or 2 % of them, then region by region."""
 
 from __future__ import annotations
 
