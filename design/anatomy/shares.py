@@ -1,4 +1,4 @@
-"""Report the place in an organ that has under half of the terminals due to its volume."""
+"""Warn of the place in an organ that has under half of the terminals due to its volume."""
 
 from __future__ import annotations
 
