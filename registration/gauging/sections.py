@@ -1,4 +1,4 @@
-"""Cross-sections of a lumen, measured in the scan along the design's centreline.
+"""Measure a lumen's cross-sections in given planes of the scan, by rays from inside to the wall.
 
 The centreline comes from the design, not from a skeleton of the scan: a skeleton wanders, and its
 diameters are off by tens of micrometres where sections are off by a few.

@@ -1,4 +1,4 @@
-"""Decide if a gap is missing ink, or ink covered by debris about as bright as the bath."""
+"""Decide if a gap surely shows bare bath, or may be debris about as bright as the bath."""
 
 from __future__ import annotations
 
