@@ -1,4 +1,4 @@
-"""Find which of an organ's named main branches didn't find room, and say so."""
+"""List an organ's named main branches of which the grown trunks cover less than 80 %."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Match a network's radii to published tables."""
+"""Find the radius factor that brings a network's arteries nearest to a published table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fit a camera's place over the printer to pictures of an insert."""
+"""Fit a camera's pose to the printer from insert marks, touched crosses and printed lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Camera frame: pixels to the printer's frame and back, with uncertainty; its file."""
+"""Camera frame class: pixels to printer coordinates and back, with uncertainty; file I/O."""
 
 from __future__ import annotations
 

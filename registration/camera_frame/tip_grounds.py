@@ -1,4 +1,4 @@
-"""Find each picture's background without the needle, from other pictures of the same camera."""
+"""Make a needle-free background for each picture from other pictures of the same camera."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compute one robust Gauss-Newton step of the needle-end fit, with its residuals and slopes."""
+"""Compute one robust Gauss-Newton step of the needle-end fit, with residuals and derivatives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measure a dye video against the 0D flow: arrivals along the vessels, patency of each vessel."""
+"""Evaluate a dye video end to end: camera view, dye traces, arrivals, prediction, patency."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lay the part's frame on chosen datums of a scan."""
+"""Fit the part's frame to chosen datums of a scan, in their order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measure where a gap's ink ends: at its tips on the line's middle, in light.
+"""Locate the ink tips at a gap's ends from linear light along the line, corrected for blur.
 
 A camera blurs light, so that an end lies about where the light along the line's middle is half way
 from ink to bath. A bead that broke off has a round end: it grows thin before its tip, and blur

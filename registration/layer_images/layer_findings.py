@@ -1,4 +1,4 @@
-"""Turn what was learned of a layer into gaps, blobs, widths and lumens."""
+"""Derive gaps, blobs, widths and lumens of a layer from the ink presence at a known shift."""
 
 from __future__ import annotations
 

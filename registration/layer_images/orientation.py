@@ -1,4 +1,4 @@
-"""Find out whether a height map fits its lines better turned or mirrored: a scan's axes mixed up.
+"""Check if a height map fits its lines better turned or mirrored (scan axes mixed up).
 
 Ink that lies where lines are expected correlates best with them as it is, however much of it is
 missing; so a picture that fits better otherwise isn't of the frame it is said to be of. A layer

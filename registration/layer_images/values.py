@@ -1,4 +1,4 @@
-"""Values of a look at a layer: what is expected, and what was seen."""
+"""Data classes of a layer evaluation: expected lines and lumens; gaps, blobs, widths found."""
 
 from __future__ import annotations
 

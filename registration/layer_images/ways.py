@@ -1,4 +1,4 @@
-"""Closely spaced places along the fresh lines, and where a picture shows them."""
+"""Sample points along a layer's new lines; their pixels and cross-profiles in a picture."""
 
 from __future__ import annotations
 

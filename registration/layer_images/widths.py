@@ -1,4 +1,4 @@
-"""Measure line widths at stations, with what scatters and what is common to all.
+"""Measure line widths at half level from cross-profiles, with random and common uncertainty.
 
 Edges lie at half of a line's height over the bath beside it. What that means for the width follows
 from the mean profile: how much light the ink takes, and how sharp the picture is

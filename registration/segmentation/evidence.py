@@ -1,4 +1,4 @@
-"""Evidence for gel at each voxel: signal relative to that of gel at the same place.
+"""Compute evidence for gel at each voxel: signal over that expected of gel there (1 in gel).
 
 What gel would send back is estimated from gel nearby in three steps, each from the scan itself:
 

@@ -1,4 +1,4 @@
-"""Find the grey levels of gel and lumens, and refuse a scan without contrast between them."""
+"""Find the grey levels of gel and sparse lumens; refuse a scan in which no lumen stands out."""
 
 from __future__ import annotations
 

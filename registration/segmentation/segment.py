@@ -1,4 +1,4 @@
-"""Segment the surface between gel and lumen in a scan, to a fraction of a voxel.
+"""Segment any scan (OCT, micro-CT, confocal): choose the method, return the gel surface mesh.
 
 OCT: bin, take the noise floor off, compensate attenuation (Vermeer 2014; beside walls with the
 gel's light), smooth, and the surface halfway between the local levels of liquid and gel, which

@@ -1,4 +1,4 @@
-"""Correct a network for printing: scale, lumen radii and vessel positions, within bounds."""
+"""Data class of print corrections (scale, lumen radii, node shifts), applied within bounds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find pairs of a network's pieces closer than the clearance; refuse a network with any."""
+"""Find too close vessel pieces of a network, joints spared; refuse one with any, or duplicates."""
 
 from __future__ import annotations
 

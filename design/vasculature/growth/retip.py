@@ -1,4 +1,4 @@
-"""Move end points of terminals whose vessels are too thin, or block others, to a better place."""
+"""Move the end of a terminal that is too thin, or blocks others, to a point where it fits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Step small nonlinear lumped equations of svZeroDSolver, many steps in one kernel."""
+"""Reduce a small nonlinear svZeroDSolver system, then yield its state after each time step."""
 
 from __future__ import annotations
 
