@@ -1,4 +1,4 @@
-"""Observer of a print that is started from the Job page, as its run's recipe asks for one."""
+"""Start the camera observer of a print begun on the Job page, if its run's recipe asks for one."""
 
 from __future__ import annotations
 
