@@ -1,4 +1,4 @@
-"""Start the camera observer of a print begun on the Job page, if its run's recipe asks for one."""
+"""Load a run's observer order for a print from the Job page; start its observer before it."""
 
 from __future__ import annotations
 
