@@ -1,4 +1,4 @@
-"""`printctl observe looks` and `answer`: what was seen of a print, and the operator's word."""
+"""`printctl observe looks`, `answer`: list a print's camera inspections; answer the last one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Record of a print's looks: the current one, decisions, inserts, answers to repeated requests."""
+"""State of inspection holds (looks): the current one, decisions, inserts, answers already given."""
 
 from __future__ import annotations
 

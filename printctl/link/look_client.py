@@ -1,4 +1,4 @@
-"""Client side of a look: send lines to insert, or the decision that ends the look."""
+"""Client of an inspection hold (look): send lines to insert, or the decision that ends the hold."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Accept clients' requests about a look from any thread; queue new ones, answer repeated ones."""
+"""Thread-safe intake of inspection-hold requests: answer repeated ones, queue new ones."""
 
 from __future__ import annotations
 

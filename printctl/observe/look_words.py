@@ -1,4 +1,4 @@
-"""Words of a look for command line, page and report."""
+"""Text of an inspection's findings, proposal and outcome, for command line, page and report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Judge the pictures of a look: what should lie there, by the job's lines, against what is seen."""
+"""Evaluate pictures of a held print against the ink its G-code should have laid; plan the mend."""
 
 from __future__ import annotations
 

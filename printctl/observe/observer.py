@@ -1,4 +1,4 @@
-"""Observe one print: wait for looks, acquire, judge, decide, act, and keep a record of each.
+"""Handle each inspection hold of a print: acquire a picture, judge, decide, act, record.
 
 The observer is a client of the link process. It may die at any moment: the link holds the needle
 out of the bath until a look is decided, and pauses the print for the operator when nobody decides.

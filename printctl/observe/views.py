@@ -1,4 +1,4 @@
-"""Open what a device gave: a picture with its camera's frame, or an OCT volume as a height map."""
+"""Load an acquired picture with its camera frame, or an OCT volume as a height map."""
 
 from __future__ import annotations
 

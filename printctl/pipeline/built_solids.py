@@ -1,4 +1,4 @@
-"""Build all solids of a run's recipe from its network and tissue."""
+"""Load a run's tissue and scale its fiducials, then build all solids of the recipe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tell of lumens that the construct doesn't hold as the network has them."""
+"""Warn if the printed solid has no ports, or not the number of handles of its design."""
 
 from __future__ import annotations
 

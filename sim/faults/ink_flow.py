@@ -1,4 +1,4 @@
-"""Factors on the flow of ink by each fault, along a print."""
+"""Compute the factor on ink flow along a print for each fault: clog, drift, bubble, empty."""
 
 from __future__ import annotations
 

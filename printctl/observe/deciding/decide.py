@@ -1,4 +1,4 @@
-"""Decide after a look: go on, correct the flow, mend, pause for the operator, or stop.
+"""Rules from an inspection's evidence to a decision: go on, correct flow, mend, pause or stop.
 
 Rules, in their order; the first that holds decides:
 

@@ -1,4 +1,4 @@
-"""Evidence of looks: a single one, and all layers seen so far."""
+"""Data classes of inspection evidence: one inspection's gaps, widths, shift; layers seen so far."""
 
 from __future__ import annotations
 

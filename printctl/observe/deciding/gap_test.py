@@ -1,4 +1,4 @@
-"""Test gaps seen in pictures at a stated rate of false repairs.
+"""Select gaps that are significant in one or two pictures (Bonferroni) at a false-repair rate.
 
 A layer is tested at many places, and each test can err. A gap counts where its p-value, times the
 number of places tested in that picture (Bonferroni), is below the rate that a layer may err with.
