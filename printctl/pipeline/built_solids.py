@@ -1,4 +1,4 @@
-"""Load a run's tissue and scale its fiducials, then build all solids of the recipe."""
+"""Build all solids of a run's recipe from its tissue and network, with fiducial dimples."""
 
 from __future__ import annotations
 

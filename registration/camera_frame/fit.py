@@ -17,7 +17,7 @@ from registration.camera_frame.frame import Bath, CameraFrame, SeenAtFit
 from registration.camera_frame.insert import Insert
 from registration.camera_frame.marks import FEWEST, SeenMarks
 from registration.camera_frame.projection import View, meet
-from registration.camera_frame.turning import turn_vector
+from registration.camera_frame.rotations import turn_vector
 from registration.errors import PictureError
 from registration.lens import Lens
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from design.geometry.polyline import arc_lengths
 from design.hemodynamics.dye import CarryingFlow, downstream_order, flow_ends
 from design.network import VesselNetwork
+from registration.dye.arrival_fit import Prediction, along_flow
 from registration.dye.arrivals import Arrivals
-from registration.dye.fit import Prediction, along_flow
 from registration.dye.marks import FloatArray
 from registration.dye.stations import DyeStations, volume_shares
 

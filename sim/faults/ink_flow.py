@@ -1,4 +1,4 @@
-"""Compute the factor on ink flow along a print for each fault: clog, drift, bubble, empty."""
+"""Compute each ink fault's factor on flow: clog, drift, temperature swing, bubble, empty."""
 
 from __future__ import annotations
 

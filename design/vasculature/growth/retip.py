@@ -1,4 +1,4 @@
-"""Move the end of a terminal that is too thin, or blocks others, to a point where it fits."""
+"""Find a new end point for a terminal that has no room, or that is left of a pruned branch."""
 
 from __future__ import annotations
 

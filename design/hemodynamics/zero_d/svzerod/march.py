@@ -15,10 +15,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from design.hemodynamics.zero_d.svzerod.generalised_alpha import Pace, State
 from design.hemodynamics.zero_d.svzerod.march_linear import LinearMarch
 from design.hemodynamics.zero_d.svzerod.march_reduced import ReducedMarch
 from design.hemodynamics.zero_d.svzerod.march_sparse import SparseMarch
-from design.hemodynamics.zero_d.svzerod.pace import Pace, State
 from design.hemodynamics.zero_d.svzerod.stamps import LumpedSystem
 from design.hemodynamics.zero_d.svzerod.tables import Sampler
 from design.hemodynamics.zero_d.svzerod.terms import Moments
