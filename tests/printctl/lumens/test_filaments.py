@@ -64,7 +64,7 @@ def test_a_filament_that_ends_short_of_the_joint_is_named() -> None:
 
 
 def test_a_vessel_that_the_plan_left_out_is_no_reason_to_refuse() -> None:
-    """`toolpath.leave_out`, the remedy of a refused crossing, was refused here (seen 2026-11-26)."""
+    """`toolpath.leave_out`, a refused crossing's remedy, was refused here (2026-11-26)."""
     ideal, stepped = read_filaments(plunger_gcode([([A, FORK, B], 0.8)]), WRITING)
     found = check_filaments(ideal, stepped, fork(), HERE, 0.05, frozenset({2}))
     assert found.refusal is None
