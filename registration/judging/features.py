@@ -319,11 +319,13 @@ def leak_feature(defect: Record, limits: VesselLimits) -> Feature:
     """Judge a leak's or a bridge's width; any fails unless a width is allowed.
 
     Of what may be a shadow nothing is proven, not even a pass: it may hide a wider way. Nor is it
-    of what is too faint for a way of its width.
+    of what is too faint for a way of its width, or of a width whose interval reaches down to none.
     """
     width, half = float(defect["size_um"]), float(defect["error_um"] or 0.0)
     doubt = defect.get("doubt", "")
-    decision: Decision = "fail" if limits.leak_um <= 0 else _upper(width, half, limits.leak_um)
+    decision = _upper(width, half, limits.leak_um)
+    if limits.leak_um <= 0:
+        decision = "fail" if width > half else "undecided"
     return Feature(
         name="leak",
         decision="undecided" if doubt else decision,
