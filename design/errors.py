@@ -55,7 +55,7 @@ class CrowdedError(GrowthError):
         fewer = (
             f"ask for {fit} or fewer, "
             if fit >= LEAST_TERMINALS
-            else f"that is too few for a template ({LEAST_TERMINALS} at least): take a larger part, "
+            else f"too few for a template ({LEAST_TERMINALS} at least), so take a larger part, "
         )
         super().__init__(
             f"only {fit} of {asked} terminals fit beside the trunks{more}; {fewer}"
