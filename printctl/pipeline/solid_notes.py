@@ -124,7 +124,9 @@ def _merged(setting: Setting) -> list[str]:
     pairs = collisions(setting.network)
     if not pairs.count:
         return []
-    worst = [int(k) for k in np.argsort(pairs.gap_mm)]
+    order = np.argsort(pairs.gap_mm, kind="stable")
+    _, first = np.unique(np.sort(pairs.vessels[order], axis=1), axis=0, return_index=True)
+    worst = [int(k) for k in order[np.sort(first)]]
     named = [
         f"{pairs.vessels[k][0]} and {pairs.vessels[k][1]} by {-setting.scale * pairs.gap_mm[k]:.3g}"
         f" mm at {setting.text(pairs.place_mm[k])}"

@@ -20,6 +20,7 @@ def test_vessels_that_merge_are_told_by_number_and_place(tmp_path: Path) -> None
     ends = np.array([(0.0, 3, 2), (10, 3, 2), (0, 3.6, 2), (10, 3.6, 2)])
     told = design_notes(tmp_path, ends, 0.4)
     assert "vessels merge that the network keeps apart: 0 and 1 by 0.2 mm at (" in told
+    assert told.count("0 and 1 by") == 1
     assert "break through" not in told
 
 
