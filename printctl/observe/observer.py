@@ -188,12 +188,12 @@ class Observer:
         return replace(decision, why=f"{decision.why} ({unseen})") if unseen else decision
 
     def _judged(self, look: Look, place: Path) -> Judged:
-        """Judge one picture; where it shows gaps or thin lines, another has the last word."""
+        """Judge one picture; another has the last word on gaps, thin lines and vessels not seen."""
         picture = self.acquire(look, place / "picture")
         judged = self.judge(look, picture, None)
         limits, evidence = self.decider.limits, judged.evidence
         gaps = any(limits.gap.significant(gap, evidence.places) for gap in evidence.gaps)
-        if gaps or evidence.thin:
+        if gaps or evidence.thin or evidence.unseen:
             judged = self.judge(look, picture, self.acquire(look, place / "again"))
         return judged
 

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from registration.layer_images.along_strokes import reached
+from registration.layer_images.bare_strokes import bare_strokes
 from registration.layer_images.between_older import BARE
 from registration.layer_images.blobs import find_blobs
 from registration.layer_images.changed import unchanged
@@ -166,6 +167,7 @@ def findings_of(
         contrast=told.contrast if told is not None else 0.0,
         appearance=told.appearance if told is not None and told.noise is not None else None,
         moved_px=look.work.moved_px,
+        bare=bare_strokes(look, why, np.random.default_rng(29)),
     )
 
 

@@ -1,0 +1,56 @@
+"""A scan of another place, size or spacing is told as that."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from printctl.observe.devices import DeviceError
+from printctl.observe.scan_place import refuse_elsewhere, size_words
+from registration.layer_images import ExpectedLines
+from registration.scan import Scan
+
+TO_SCAN = np.array([[1.0, 0, 0, -100], [0, 1, 0, -50], [0, 0, -1, 3], [0, 0, 0, 1]])
+"""The scan's corner at x 100, y 50; its first section at z 3."""
+
+
+def scan(voxel_mm: tuple[float, float, float], shape: tuple[int, int, int]) -> Scan:
+    empty = np.zeros(shape, np.uint8)
+    return Scan(empty, voxel_mm, 1.0, False, "linear", "oct", True, Path("painted"))
+
+
+def lines() -> ExpectedLines:
+    y = np.linspace(51.0, 54.0, 7)
+    start = np.column_stack([np.full(7, 101.0), y, np.full(7, 2.0)])
+    each, fresh = np.arange(7), np.ones(7, dtype=np.bool_)
+    return ExpectedLines(start, start + [4.0, 0, 0], np.full(7, 0.2), each, each, fresh)
+
+
+def test_a_scan_that_holds_the_lines_passes() -> None:
+    whole = scan((0.02, 0.03, 0.03), (100, 200, 200))
+    refuse_elsewhere(whole, TO_SCAN, lines())
+    assert size_words(whole, TO_SCAN) == (
+        "200 × 200 × 100 voxels of 30 × 30 × 20 µm (x, y, depth) and covers x 100.00 to 105.97, "
+        "y 50.00 to 55.97, z 1.02 to 3.00 mm"
+    )
+
+
+@pytest.mark.parametrize(
+    ("voxel_mm", "shape", "share"),
+    [
+        (
+            (0.02, 0.03, 0.012),
+            (100, 200, 200),
+            "40%",
+        ),  # too narrow a spacing
+        ((0.02, 0.03, 0.03), (100, 60, 200), "29%"),  # a third of the sections
+        ((0.005, 0.03, 0.03), (100, 200, 200), "0%"),  # not as deep
+    ],
+)
+def test_a_scan_of_other_spacing_or_size_says_what_it_holds(voxel_mm, shape, share) -> None:
+    with pytest.raises(DeviceError, match="of the lines lie in the scan: they are at x 101") as no:
+        refuse_elsewhere(scan(voxel_mm, shape), TO_SCAN, lines())
+    assert str(no.value).startswith(share)
+    assert "correct the voxel size" in str(no.value)
