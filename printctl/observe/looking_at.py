@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import cv2
 import numpy as np
@@ -206,7 +205,8 @@ class ObservedJob:
             image, frame, taken, at.size = open_view(path, self.order, *slab_mm, at.layer.lines)
             before = self._before(at, path, image)
             self._check_new(taken, before)
-            is_height = self.order.oct and at.ink.style == "layered"
+            layered = at.ink.style == "layered"
+            is_height = self.order.oct and layered
             if self.order.oct and not is_height:
                 image = image[:, :, :1]  # filaments of all depths: no height is that of the layer
             if self.order.oct:  # a camera's marks hold its frame themselves
@@ -217,15 +217,18 @@ class ObservedJob:
                 frame,
                 at.layer.lines,
                 lumens=at.lumens,
-                before=before,
                 since=at.since,
                 # In a bath ink is as dark as it is thick and near: each look learns its own.
-                known=self._appearance if at.ink.style == "layered" else None,
+                known=self._appearance if layered else None,
                 thickness_mm=slab_mm[1] if is_height else None,
             )
+            limits = self._options(), self.order.limits.shift_mm
             findings = seen_where_ink_shows(
-                lambda options: see(options=options), self._options(), self.order.limits.shift_mm
+                partial(see, before=before if layered else None), *limits
             )
+            if before is not None and not layered and not findings.seen_share:
+                # Of a faint filament alone the bath's texture may hide all: it cancels.
+                findings = seen_where_ink_shows(partial(see, before=before), *limits)
             if not at.found:
                 self._appearance = findings.appearance or self._appearance
                 least = self.order.limits.least_open
@@ -236,8 +239,8 @@ class ObservedJob:
         return at.found[path]
 
     def _before(self, at: HeldLook, path: Path, image: Image) -> Image | None:
-        """Picture of the look before, where it is one of the same view; a camera's in layers."""
-        if self.order.oct or at.ink.style != "layered":
+        """Picture of the look before, where it is a camera's of the same view."""
+        if self.order.oct:
             return None
         earlier = picture_before(self.folder, self.begun, at.look, path)
         if earlier is None:
@@ -325,8 +328,15 @@ class ObservedJob:
         return MendLines(lines, mend.left_words(), sum(one.length_mm for one in mend.left))
 
 
+class SeeLayer(Protocol):
+    """`see_layer` of one picture."""
+
+    def __call__(self, *, options: SeeingOptions) -> LayerFindings:
+        """Judge the picture by these tolerances."""
+
+
 def seen_where_ink_shows(
-    see: Callable[[SeeingOptions], LayerFindings], options: SeeingOptions, tolerated_mm: float
+    see: SeeLayer, options: SeeingOptions, tolerated_mm: float
 ) -> LayerFindings:
     """Return what is seen; at a place beyond tolerance only where the ink itself shows it.
 
@@ -334,9 +344,9 @@ def seen_where_ink_shows(
     place, and gaps would be told of bath where none should be written. What lies within tolerance
     would show in the bath between older lines, if it lay there.
     """
-    findings = see(options)
+    findings = see(options=options)
     if not findings.coverage >= _SHOWN:
-        return see(replace(options, shift_mm=tolerated_mm))
+        return see(options=replace(options, shift_mm=tolerated_mm))
     return findings
 
 

@@ -33,7 +33,7 @@ def test_a_layer_that_little_ink_shows_is_looked_at_again_within_tolerance(
 ):
     searched = []
 
-    def see(options):
+    def see(*, options):
         searched.append(options.shift_mm)
         shift = SimpleNamespace(dx_mm=0.0, dy_mm=min(shift_mm, options.shift_mm))
         return SimpleNamespace(shift=shift, coverage=coverage)
