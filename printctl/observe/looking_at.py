@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -217,18 +218,15 @@ class ObservedJob:
                 frame,
                 at.layer.lines,
                 lumens=at.lumens,
+                before=before,
                 since=at.since,
                 # In a bath ink is as dark as it is thick and near: each look learns its own.
                 known=self._appearance if layered else None,
                 thickness_mm=slab_mm[1] if is_height else None,
             )
-            limits = self._options(), self.order.limits.shift_mm
             findings = seen_where_ink_shows(
-                partial(see, before=before if layered else None), *limits
+                lambda options: see(options=options), self._options(), self.order.limits.shift_mm
             )
-            if before is not None and not layered and not findings.seen_share:
-                # Of a faint filament alone the bath's texture may hide all: it cancels.
-                findings = seen_where_ink_shows(partial(see, before=before), *limits)
             if not at.found:
                 self._appearance = findings.appearance or self._appearance
                 least = self.order.limits.least_open
@@ -328,15 +326,8 @@ class ObservedJob:
         return MendLines(lines, mend.left_words(), sum(one.length_mm for one in mend.left))
 
 
-class SeeLayer(Protocol):
-    """`see_layer` of one picture."""
-
-    def __call__(self, *, options: SeeingOptions) -> LayerFindings:
-        """Judge the picture by these tolerances."""
-
-
 def seen_where_ink_shows(
-    see: SeeLayer, options: SeeingOptions, tolerated_mm: float
+    see: Callable[[SeeingOptions], LayerFindings], options: SeeingOptions, tolerated_mm: float
 ) -> LayerFindings:
     """Return what is seen; at a place beyond tolerance only where the ink itself shows it.
 
@@ -344,9 +335,9 @@ def seen_where_ink_shows(
     place, and gaps would be told of bath where none should be written. What lies within tolerance
     would show in the bath between older lines, if it lay there.
     """
-    findings = see(options=options)
+    findings = see(options)
     if not findings.coverage >= _SHOWN:
-        return see(options=replace(options, shift_mm=tolerated_mm))
+        return see(replace(options, shift_mm=tolerated_mm))
     return findings
 
 

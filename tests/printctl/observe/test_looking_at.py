@@ -33,7 +33,7 @@ def test_a_layer_that_little_ink_shows_is_looked_at_again_within_tolerance(
 ):
     searched = []
 
-    def see(*, options):
+    def see(options):
         searched.append(options.shift_mm)
         shift = SimpleNamespace(dx_mm=0.0, dy_mm=min(shift_mm, options.shift_mm))
         return SimpleNamespace(shift=shift, coverage=coverage)
@@ -43,14 +43,15 @@ def test_a_layer_that_little_ink_shows_is_looked_at_again_within_tolerance(
     assert found.shift.dy_mm == min(shift_mm, searched_mm[-1])
 
 
-def test_the_look_befores_picture_is_compared_with(tmp_path: Path) -> None:
+@pytest.mark.parametrize("style", ["layered", "embedded"])
+def test_the_look_befores_picture_is_compared_with(tmp_path: Path, style: str) -> None:
     noise = np.random.default_rng(1).integers(0, 255, (2, 20, 20), dtype=np.uint8)
     empty, first = (look_folder(tmp_path, number) / "picture.png" for number in (0, 1))
     for path, picture, taken in ((empty, noise[0], 900.0), (first, noise[1], 1100.0)):
         cv2.imwrite(str(path), picture)
         os.utime(path, (taken, taken))
     order = SimpleNamespace(oct=False, device=SimpleNamespace(kind="camera"))
-    held = SimpleNamespace(ink=SimpleNamespace(style="layered"), look=Look(1, 9, 9, 0, "layer"))
+    held = SimpleNamespace(ink=SimpleNamespace(style=style), look=Look(1, 9, 9, 0, "layer"))
     job = cast(Any, SimpleNamespace(order=order, folder=tmp_path, begun=1000.0))
     before = ObservedJob._before(job, cast(Any, held), first, noise[1])
     np.testing.assert_array_equal(before, noise[0])
