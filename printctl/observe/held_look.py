@@ -70,8 +70,8 @@ def slab(at: HeldLook) -> tuple[float, float]:
     if ink.style == "layered":
         thick = float(np.median(ink.height_mm[rows]))
         return top - thick / 2, thick
-    low = float((ink.end[rows, 2] - ink.height_mm[rows] / 2).min())
-    high = float((ink.end[rows, 2] + ink.height_mm[rows] / 2).max())
+    z, half = np.stack([ink.start[rows, 2], ink.end[rows, 2]]), ink.height_mm[rows] / 2
+    low, high = float((z - half).min()), float((z + half).max())
     return (low + high) / 2, high - low
 
 

@@ -140,15 +140,16 @@ class ObservedJob:
     def region(self, look: Look) -> Region:
         """Return the box of the printer's frame that a look needs to see, mm.
 
-        Up to above all ink, down to some layers below the ones looked at, and as far aside as ink
-        is looked for beside lines.
+        Up to above all ink, down to some layers below the ones looked at (in a bath to below the
+        lowest filament), and as far aside as ink is looked for beside lines.
         """
         at = self._held(look)
         lines, (middle, thick) = at.layer.lines, slab(at)
         ends = np.concatenate([lines.start, lines.end])
         if not len(ends):
             ends = at.ink.end
-        low = np.append(ends[:, :2].min(axis=0) - _ASIDE_MM, middle - _BELOW * thick)
+        below = _BELOW * thick if at.ink.style == "layered" else thick / 2 + _ABOVE_MM
+        low = np.append(ends[:, :2].min(axis=0) - _ASIDE_MM, middle - below)
         top = max(float(at.ink.end[:, 2].max()), middle + thick / 2)
         high = np.append(ends[:, :2].max(axis=0) + _ASIDE_MM, top + _ABOVE_MM)
         return _place(low), _place(high)

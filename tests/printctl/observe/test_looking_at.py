@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from printctl.observe.devices import DeviceError
+from printctl.observe.held_look import slab
 from printctl.observe.looking_at import ObservedJob, seen_where_ink_shows
 from printctl.observe.observer import Look
 from printctl.observe.records import look_folder
@@ -69,3 +70,17 @@ def test_a_device_that_gives_the_same_twice_hangs(kind: str, shape: tuple[int, .
         job._check_new(second.copy(), None)
     with pytest.raises(DeviceError, match="gave the last picture once more"):
         job._check_new(first, first.copy())
+
+
+def test_the_slab_of_filaments_holds_where_they_begin() -> None:
+    """A piece that led upwards was looked for above its own end alone: its ink was a gap."""
+    rows, lines = np.arange(2), SimpleNamespace(fresh=np.ones(2, dtype=np.bool_))
+    ink = SimpleNamespace(
+        style="embedded",
+        start=np.array([[0.0, 0, 2.0], [3.0, 0, 5.0]]),
+        end=np.array([[3.0, 0, 5.0], [6.0, 0, 7.0]]),
+        height_mm=np.array([0.4, 0.8]),
+    )
+    held = cast(Any, SimpleNamespace(ink=ink, layer=SimpleNamespace(row=rows, lines=lines)))
+    middle, thick = slab(held)
+    assert (middle - thick / 2, middle + thick / 2) == pytest.approx((1.8, 7.4))
