@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -12,7 +13,7 @@ from printctl.cli.run_folder import RunArg, print_folder
 from printctl.errors import UsageError
 from printctl.link.record import JOURNAL
 from printctl.link.states import Status
-from printctl.observe.look_words import proposal_words, seen_words
+from printctl.observe.look_words import proposal_words, seen_words, total_words
 from printctl.observe.records import (
     Answer,
     LookRecord,
@@ -25,6 +26,7 @@ from printctl.observe.records import (
 )
 from printctl.print_state.state import read_print
 from printctl.printing.journal_facts import read_journal_facts
+from printctl.run_folder.artefacts import JOURNAL_FOLDER
 
 
 def looks(run: RunArg, as_json: JsonFlag = False) -> None:
@@ -48,6 +50,15 @@ def looks(run: RunArg, as_json: JsonFlag = False) -> None:
             f"{look_folder(folder, last.number)}, then `printctl observe answer RUN approve` (or "
             "go_on, stop)"
         )
+
+
+def looks_lines(run: Path) -> list[str]:
+    """What came of the looks at a run's print, in a line; none where nobody looked."""
+    folder = run / JOURNAL_FOLDER
+    if not (folder / JOURNAL).is_file():
+        return []
+    found = read_looks(folder, read_journal_facts(folder / JOURNAL).started)
+    return [f"{total_words(found)}; `printctl observe looks {run}`"] if found else []
 
 
 def answer(

@@ -111,7 +111,7 @@ class Decision:
     why : str
         For operator and journal.
     gaps : tuple of Gap
-        To be mended.
+        To be mended; told alone where the print just goes on.
     thin : tuple of Thin
         To be filled up.
     factor : float or None
@@ -206,7 +206,8 @@ class Decider:
         if wanted.kind is DecisionKind.GO_ON or mode == "mend":
             return wanted
         if mode == "tell":
-            return Decision(DecisionKind.GO_ON, f"{wanted.why} (only told: observe.mend is tell)")
+            why = f"{wanted.why} (only told: observe.mend is tell)"
+            return Decision(DecisionKind.GO_ON, why, wanted.gaps)
         if wanted.kind in (DecisionKind.MEND, DecisionKind.FLOW):
             return replace(wanted, kind=DecisionKind.PAUSE, ask=wanted.kind)
         return wanted
