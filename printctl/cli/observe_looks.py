@@ -15,6 +15,7 @@ from printctl.link.record import JOURNAL
 from printctl.link.states import Status
 from printctl.observe.look_words import proposal_words, seen_words, total_words
 from printctl.observe.records import (
+    ORDER,
     Answer,
     LookRecord,
     answer_look,
@@ -53,12 +54,19 @@ def looks(run: RunArg, as_json: JsonFlag = False) -> None:
 
 
 def looks_lines(run: Path) -> list[str]:
-    """What came of the looks at a run's print, in a line; none where nobody looked."""
+    """What came of the looks at a run's print, in a line; none for a print that isn't observed."""
     folder = run / JOURNAL_FOLDER
     if not (folder / JOURNAL).is_file():
         return []
     found = read_looks(folder, read_journal_facts(folder / JOURNAL).started)
-    return [f"{total_words(found)}; `printctl observe looks {run}`"] if found else []
+    if found:
+        return [f"{total_words(found)}; `printctl observe looks {run}`"]
+    if not (run / ORDER).is_file():
+        return []
+    return [
+        "nobody looked at the print: it was over before observe.every asked for a look (a "
+        "simulated printer is quicker than the clock: say `60 s written` or `layer` for it)"
+    ]
 
 
 def answer(
