@@ -16,6 +16,7 @@ from printctl.observe.mending import HeldPrint
 from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.mends_again import LayerInk, Mended
 from printctl.observe.observer import Look
+from printctl.observe.scan_place import ScanSize
 from registration.layer_images import Gap, LayerFindings, Lumen
 
 
@@ -43,8 +44,8 @@ class HeldLook:
         Gaps that are written again from here.
     turned : str or None
         How the last picture would fit the layer clearly better.
-    size : str
-        Of the last volume, in words.
+    size : ScanSize or None
+        Of the last volume.
     """
 
     look: Look
@@ -58,7 +59,7 @@ class HeldLook:
     found: dict[Path, LayerFindings] = field(default_factory=dict)
     mended: tuple[Mended, ...] = ()
     turned: str | None = None
-    size: str = ""
+    size: ScanSize | None = None
 
 
 def slab(at: HeldLook) -> tuple[float, float]:

@@ -42,6 +42,7 @@ from printctl.observe.mends_again import MOST_TRIES, Mended, tries_of, with_mend
 from printctl.observe.observer import Judged, Look, MendLines
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import DRAWN
+from printctl.observe.scan_place import ScanSize
 from printctl.observe.view_before import picture_before
 from printctl.observe.views import open_view, read_picture
 from registration.errors import PictureError
@@ -86,6 +87,7 @@ class ObservedJob:
     _appearance: Appearance | None = None
     _digest: bytes = b""  # of what was taken last
     _last: HeldLook | None = None
+    _size: ScanSize | None = None  # of the last scan in which lines were seen
 
     @cached_property
     def network(self) -> VesselNetwork | None:
@@ -185,13 +187,24 @@ class ObservedJob:
         unseen = self._unseen(at, [one for one in (first, second) if one is not None])
         evidence = replace(evidence, turned=at.turned, unseen=unseen)
         found = figures(first, evidence)
-        told = first.seen_share + evidence.over_old_share
-        if at.size and told < self.order.limits.least_seen:
-            found["not_seen"] = (
-                f"the scan has {at.size}: where that isn't so, correct the voxel size or "
-                "observe.frame"
-            )
+        if at.size and first.seen_share < self.order.limits.least_seen:
+            found["not_seen"] = self._size_words(at.size)
+            # A scanner tells heights: what it doesn't see isn't hidden by older ink.
+            evidence = replace(evidence, over_old_share=0.0)
+        elif at.size:
+            self._size = at.size
         return Judged(evidence, found, at.flow)
+
+    def _size_words(self, size: ScanSize) -> str:
+        """Where a scan that tells little lies; raises where the last one had another spacing."""
+        if self._size and self._size.voxel_mm != size.voxel_mm:
+            raise DeviceError(
+                f"nothing fits the lines in this scan: it has {size.words}; the last one that did "
+                f"had {self._size.words}; set the scanner as before, or correct the voxel size (in "
+                "the file or beside it), then resume"
+            )
+        wrong = "where that isn't so, correct the voxel size or observe.frame"
+        return f"the scan has {size.words}: {wrong}"
 
     def _unseen(self, at: HeldLook, each: list[LayerFindings]) -> tuple[UnseenPath, ...]:
         """Vessels in a bath of which no picture shows anything."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -14,6 +15,35 @@ from registration.scan import Scan
 _LEAST: Final = 0.5
 """Share of the lines that must lie in a scan."""
 _ALONG: Final = np.linspace(0.05, 0.95, 10)
+
+
+@dataclass(frozen=True)
+class ScanSize:
+    """How large a scan is.
+
+    Attributes
+    ----------
+    voxel_mm : (float, float, float), mm
+        Geometric; depth, y, x.
+    words : str
+        Its voxels, and where it lies.
+    """
+
+    voxel_mm: tuple[float, float, float]
+    words: str
+
+    @staticmethod
+    def of(scan: Scan, to_scan: FloatArray) -> ScanSize:
+        """Size of a scan whose frame takes the printer's places to its own, (4, 4), mm."""
+        count = " × ".join(str(n) for n in scan.volume.shape[::-1])
+        size = " × ".join(f"{1000.0 * mm:.3g}" for mm in scan.geometric_voxel_mm[::-1])
+        last = np.array(scan.volume.shape[::-1]) - 1
+        corners = np.stack(np.meshgrid(*([0, n] for n in last)), axis=-1).reshape(-1, 3)
+        at = np.column_stack([corners * _voxel(scan), np.ones(len(corners))])
+        place = (at @ np.linalg.inv(to_scan).T)[:, :3]
+        where = _range_words(place.min(axis=0), place.max(axis=0))
+        words = f"{count} voxels of {size} µm (x, y, depth) and covers {where}"
+        return ScanSize(scan.geometric_voxel_mm, words)
 
 
 def refuse_elsewhere(scan: Scan, to_scan: FloatArray, lines: ExpectedLines) -> None:
@@ -43,21 +73,9 @@ def refuse_elsewhere(scan: Scan, to_scan: FloatArray, lines: ExpectedLines) -> N
     raise DeviceError(
         f"{share:.0%} of the lines lie in the scan: they are at "
         f"{_range_words(places.min(axis=0), places.max(axis=0))}, the scan has "
-        f"{size_words(scan, to_scan)}; scan that place, or correct the voxel size (in the file or "
-        "beside it) or observe.frame, then resume"
+        f"{ScanSize.of(scan, to_scan).words}; scan that place, or correct the voxel size (in the "
+        "file or beside it) or observe.frame, then resume"
     )
-
-
-def size_words(scan: Scan, to_scan: FloatArray) -> str:
-    """Voxels of a scan, and where it lies, in words."""
-    count = " × ".join(str(n) for n in scan.volume.shape[::-1])
-    size = " × ".join(f"{1000.0 * mm:.3g}" for mm in scan.geometric_voxel_mm[::-1])
-    last = np.array(scan.volume.shape[::-1]) - 1
-    corners = np.stack(np.meshgrid(*([0, n] for n in last)), axis=-1).reshape(-1, 3)
-    at = np.column_stack([corners * _voxel(scan), np.ones(len(corners))])
-    place = (at @ np.linalg.inv(to_scan).T)[:, :3]
-    where = _range_words(place.min(axis=0), place.max(axis=0))
-    return f"{count} voxels of {size} µm (x, y, depth) and covers {where}"
 
 
 def _voxel(scan: Scan) -> FloatArray:

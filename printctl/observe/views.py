@@ -17,7 +17,7 @@ from kernels.arrays import FloatArray
 from printctl.errors import UsageError
 from printctl.observe.devices import DeviceError
 from printctl.observe.order import ObserverOrder
-from printctl.observe.scan_place import refuse_elsewhere, size_words
+from printctl.observe.scan_place import ScanSize, refuse_elsewhere
 from registration.camera_frame.check import check_frame
 from registration.camera_frame.frame import CameraFrame, read_frame
 from registration.errors import ScanFileError
@@ -72,14 +72,14 @@ class View(NamedTuple):
     taken : array
         The picture, or some sections of the volume at all depths: those of the next layer's look
         differ where the device works, though its height map does in any case.
-    size : str
-        Of a volume, and where it lies, in words.
+    size : ScanSize or None
+        Of a volume.
     """
 
     image: Image
     frame: Frame
     taken: Image
-    size: str = ""
+    size: ScanSize | None = None
 
 
 def open_view(
@@ -120,7 +120,9 @@ def open_view(
             refuse_elsewhere(scan, to_scan, lines)
         image, height_frame = height_map(scan, to_scan, middle_z_mm, thickness_mm, lines)
         step = max(1, len(scan.volume) // _SECTIONS)
-        return View(image, height_frame, np.asarray(scan.volume[::step]), size_words(scan, to_scan))
+        return View(
+            image, height_frame, np.asarray(scan.volume[::step]), ScanSize.of(scan, to_scan)
+        )
     image, frame = read_picture(path), camera_frame(order)
     if isinstance(frame, CameraFrame):
         _refuse_moved(image, frame, path)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from printctl.observe.devices import DeviceError
-from printctl.observe.scan_place import refuse_elsewhere, size_words
+from printctl.observe.looking_at import ObservedJob
+from printctl.observe.scan_place import ScanSize, refuse_elsewhere
 from registration.layer_images import ExpectedLines
 from registration.scan import Scan
 
@@ -31,7 +33,7 @@ def lines() -> ExpectedLines:
 def test_a_scan_that_holds_the_lines_passes() -> None:
     whole = scan((0.02, 0.03, 0.03), (100, 200, 200))
     refuse_elsewhere(whole, TO_SCAN, lines())
-    assert size_words(whole, TO_SCAN) == (
+    assert ScanSize.of(whole, TO_SCAN).words == (
         "200 × 200 × 100 voxels of 30 × 30 × 20 µm (x, y, depth) and covers x 100.00 to 105.97, "
         "y 50.00 to 55.97, z 1.02 to 3.00 mm"
     )
@@ -54,3 +56,13 @@ def test_a_scan_of_other_spacing_or_size_says_what_it_holds(voxel_mm, shape, sha
         refuse_elsewhere(scan(voxel_mm, shape), TO_SCAN, lines())
     assert str(no.value).startswith(share)
     assert "correct the voxel size" in str(no.value)
+
+
+def test_a_scan_that_tells_nothing_of_another_spacing_than_the_last_is_refused() -> None:
+    sizes = [ScanSize.of(scan((0.02, y, 0.03), (100, 200, 200)), TO_SCAN) for y in (0.03, 0.06)]
+    job = ObservedJob(Path(), cast(Any, None))
+    assert job._size_words(sizes[1]).startswith("the scan has 200 × 200 × 100 voxels of 30 × 60")
+    job._size = sizes[0]
+    assert job._size_words(sizes[0]).startswith("the scan has")
+    with pytest.raises(DeviceError, match=r"30 × 60 × 20 .* the last one that did had .* 30 × 30"):
+        job._size_words(sizes[1])
