@@ -357,7 +357,7 @@ class Decider:
             DecisionKind.PAUSE,
             f"ink has failed in this print, and {evidence.over_old_share:.0%} of this layer lies "
             "over older ink and can't be told from it: another clog would go unseen; watch the "
-            "needle from here on, or use an OCT",
+            "needle from here on (or use an OCT); resume goes on",
         )
 
     def _blind(self, evidence: Evidence) -> Decision | None:

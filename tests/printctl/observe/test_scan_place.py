@@ -51,7 +51,9 @@ def test_a_scan_that_holds_the_lines_passes() -> None:
         ((0.005, 0.03, 0.03), (100, 200, 200), "0%"),  # not as deep
     ],
 )
-def test_a_scan_of_other_spacing_or_size_says_what_it_holds(voxel_mm, shape, share) -> None:
+def test_a_scan_of_other_spacing_or_size_says_what_it_holds(
+    voxel_mm: tuple[float, float, float], shape: tuple[int, int, int], share: str
+) -> None:
     with pytest.raises(DeviceError, match="of the lines lie in the scan: they are at x 101") as no:
         refuse_elsewhere(scan(voxel_mm, shape), TO_SCAN, lines())
     assert str(no.value).startswith(share)
