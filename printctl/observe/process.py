@@ -5,12 +5,12 @@ from __future__ import annotations
 import logging
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from design.files import write_text
 from printctl.link.client import PrintClient, attach
@@ -21,6 +21,7 @@ from printctl.link.journalled_print import read_journal
 from printctl.link.look_book import LookDecision
 from printctl.link.process import hold_folder
 from printctl.link.record import JOURNAL, load_record
+from printctl.link.states import LinkState, Status
 from printctl.observe.deciding import Decider, FlowControl
 from printctl.observe.devices import acquire
 from printctl.observe.looking_at import ObservedJob
@@ -66,6 +67,13 @@ class LinkWords:
         self.client.stop()
 
 
+class StatusEvents(Protocol):
+    """What tells a print's status as it changes."""
+
+    def events(self) -> Iterator[Status]:
+        """Yield statuses until the print is over."""
+
+
 def observe(folder: Path) -> None:
     """Load all that is needed, try the device, wait for the print, and observe it to its end.
 
@@ -86,7 +94,7 @@ def observe(folder: Path) -> None:
         write_text(folder / READY, f"{os.getpid()}\n")
         _await_print(folder)
         with attach(folder) as words, attach(folder) as events:
-            _follow(events, _assembled(job, words))
+            follow(events, _assembled(job, words))
 
 
 def _await_print(folder: Path) -> None:
@@ -106,15 +114,28 @@ def _await_print(folder: Path) -> None:
     raise NoLink(f"no print began in {folder} within {_BEGIN_LIMIT_S:g} s")
 
 
-def _follow(events: PrintClient, observer: Observer) -> None:
+def follow(events: StatusEvents, observer: Observer) -> None:
+    """Look at each look once, from when the needle is held, until the print is over."""
     handled: set[int] = set()  # what was said before a look ended is heard after it
     for status in events.events():
-        look = status.look
+        look = held_look(status)
         if look is not None and look["number"] not in handled:
             if not handled:
                 observer.remember(look["number"])
             handled.add(look["number"])
             _look(observer, look)
+
+
+def held_look(status: Status) -> dict[str, Any] | None:
+    """Return the look that the print is held for or was decided; None while the motors may move.
+
+    The link tells a look from its begin: while its lines are still being written and the needle is
+    lifted, for as long as the printer takes.
+    """
+    look = status.look
+    if look is None or status.state is LinkState.LOOKING or look["decision"]:
+        return look
+    return None
 
 
 def _assembled(job: ObservedJob, words: PrintClient) -> Observer:
