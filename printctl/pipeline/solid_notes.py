@@ -1,4 +1,4 @@
-"""Tell of lumens that the construct doesn't hold as the network has them, and where."""
+"""Warn, by vessel and place, of lumens that the construct holds otherwise than the network."""
 
 from __future__ import annotations
 
