@@ -64,12 +64,12 @@ def _work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence
 def _notes(context: RunContext, ports: IntArray, genus: tuple[int | None, int]) -> tuple[str, ...]:
     """Sentences on a construct without ports, and on handles (told, expected) that differ."""
     told, expected = genus
-    differ = told is not None and told != expected
-    if len(ports) and not differ:
+    wrong = None if told == expected else told
+    if wrong is None and len(ports):
         return ()
     setting = Setting(context.designed_network, context.tissue, ports, context.recipe.print_scale)
-    notes = () if len(ports) else (no_ports_note(setting),)
-    return (*notes, handles_note(setting, told, expected)) if differ else notes
+    closed = () if len(ports) else (no_ports_note(setting),)
+    return closed if wrong is None else (*closed, handles_note(setting, wrong, expected))
 
 
 def depends(context: RunContext) -> Any:
