@@ -64,6 +64,12 @@ class Excursion:
             return ""
         return " while paused" if self._rests else " while the link moved the needle"
 
+    def plunger_e(self, retreat: Retreat) -> float | None:
+        """Return what the plunger's count was left at, mm; None where only a person may know."""
+        if not self.going_on or not self._counted or self._top is None or self._left.e is None:
+            return None
+        return retreat.relieved_e(self._left.e, self._relieved_mm)
+
     def way_out(self, now: Modal, retreat: Retreat, printer: Printer) -> list[bytes]:
         """Commands that relieve the plunger as a pause does, and lift the needle as high.
 

@@ -201,6 +201,7 @@ class Pauses:
         ``by_person``: it was a person's word, so that somebody is there (dead-man's time).
         """
         logbook = self.channel.logbook
+        self.position.refuse_pushed(self.excursion.plunger_e(self.heads.retreat))
         self.meddling.take_back()
         self.meddling.own_modes()
         self.position.refuse_renamed(waited=True)  # before the needle is lowered by that name

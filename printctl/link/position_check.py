@@ -234,6 +234,22 @@ class PositionCheck:
         if wrong:
             self.end_astray(wrong)
 
+    def refuse_pushed(self, left_e_mm: float | None) -> None:
+        """Compare the plunger's count with what it was left at, where another program wrote.
+
+        Whether that program moved the plunger or renamed its place nobody tells.
+
+        Raises
+        ------
+        PrintEnded
+            Where they disagree: to go back to the job's count would move it by what is unknown.
+        """
+        if left_e_mm is None or not self._progress.meddled:
+            return
+        e = self._said_twice().get("E", left_e_mm)
+        if abs(e - left_e_mm) > WITHIN_MM:
+            self.end_astray(f"the plunger is told at E {e:.2f} mm and was left at {left_e_mm:.2f}")
+
     def end_astray(self, wrong: str) -> NoReturn:
         """End a print whose printer isn't as its job counts on; its moves are dropped.
 

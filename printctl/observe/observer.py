@@ -147,11 +147,13 @@ class Observer:
     begun: float = 0.0
     clock: Callable[[], float] = time.time
 
+    def __post_init__(self) -> None:
+        self._new = _state(self.decider)
+
     def remember(self, number: int) -> None:
-        """Go on from the records of an observer that died, as it was before a look."""
+        """Know what the looks before one told: those of an observer that died, too, none twice."""
         looks = [one for one in read_looks(self.folder, self.begun) if one.number < number]
-        if looks:
-            _restore(self.decider, looks[-1].control)
+        _restore(self.decider, looks[-1].control if looks else self._new)
 
     def look(self, look: Look) -> LookRecord:
         """Look, judge, decide and act; nothing that a device does raises.

@@ -116,14 +116,14 @@ def _await_print(folder: Path) -> None:
 
 def follow(events: StatusEvents, observer: Observer) -> None:
     """Look at each look once, from when the needle is held, until the print is over."""
-    handled: set[int] = set()  # what was said before a look ended is heard after it
+    made: set[int] = set()  # what was said before a look ended is heard after it
     for status in events.events():
         look = held_look(status)
-        if look is not None and look["number"] not in handled:
-            if not handled:
-                observer.remember(look["number"])
-            handled.add(look["number"])
-            _look(observer, look)
+        if look is None or look["number"] in made:
+            continue
+        observer.remember(look["number"])
+        if _look(observer, look):
+            made.add(look["number"])
 
 
 def held_look(status: Status) -> dict[str, Any] | None:
@@ -155,8 +155,12 @@ def _assembled(job: ObservedJob, words: PrintClient) -> Observer:
     )
 
 
-def _look(observer: Observer, told: dict[str, Any]) -> None:
-    """Look once; whatever goes wrong here pauses the print for the operator."""
+def _look(observer: Observer, told: dict[str, Any]) -> bool:
+    """Look once; whatever goes wrong here pauses the print for the operator.
+
+    False where the link couldn't be told: it died meanwhile, and the next one holds the print for
+    the same look again.
+    """
     try:
         if told["decision"]:
             if told["decision"] == "pause" and _asked(observer, told["number"]):
@@ -166,10 +170,14 @@ def _look(observer: Observer, told: dict[str, Any]) -> None:
         else:
             record = observer.look(look_of(told, observer))
             log.info("look %d: %s: %s", record.number, record.decision, record.why)
+    except LinkError as exc:
+        log.warning("look %d couldn't be decided: %s", told["number"], exc)
+        return False
     except Exception as exc:  # a fault of ours must not leave the needle waiting for nobody
         log.exception("look %d failed", told["number"])
         with suppress(LinkError):  # it was decided already
             observer.link.look_done(told["number"], "pause", f"the observer failed: {exc}")
+    return True
 
 
 def _asked(observer: Observer, number: int) -> bool:

@@ -62,3 +62,12 @@ def test_modes_and_factors_are_taken_back(tmp_path, text):
     np.testing.assert_array_equal(made.end[-100:], alone.end[-100:])
     assert made.plunger_end[-1] == pytest.approx(alone.plunger_end[-1])
     assert made.end[:, 2].min() >= JOB_Z_MM - 1e-6
+
+
+@pytest.mark.parametrize("text", [b"G92 E7\n", b"G92 E-7\n", b"G1 E9 F1200\n"])
+def test_a_plunger_that_another_program_moved_or_renamed_isnt_driven_anywhere(tmp_path, text):
+    status, made = resumed_after(tmp_path, text)
+    assert status.state is LinkState.POSITION_UNKNOWN, status
+    assert "the plunger is told at E" in status.message
+    behind = made.plunger_end.max() - made.plunger_end[-1]
+    assert behind <= 0.1 + 0.003  # what the pause itself drew back

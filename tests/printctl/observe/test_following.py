@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from printctl.link.errors import LinkError, Refused
 from printctl.link.states import LinkState, Status
+from printctl.observe.deciding import Decider, FlowControl, Limits
 from printctl.observe.observer import Observer
 from printctl.observe.process import follow
 from printctl.observe.records import LookRecord
@@ -27,19 +29,21 @@ class Events:
 
 
 class Watching(Observer):
-    """Notes in which state it looks."""
-
-    events: Events
+    """Notes in which state it looks, and what flow it takes to be in force; may be refused."""
 
     def look(self, look):
-        self.looked.append(self.events.now.state)
+        self.looked.append((self.events.now.state, round(self.decider.control.factor, 3)))
+        self.decider.control.log_flow += 0.5
+        if self.refusals:
+            raise self.refusals.pop()
         return LookRecord(look.number, look.done, look.job_line, look.mark, 0.0, "go_on", "")
 
 
-def watching(folder, events) -> Watching:
+def watching(folder, events, *refusals) -> Watching:
     (folder / "journal.log").touch()
-    observer = Watching(folder, None, None, None, None, None, None)
-    observer.events, observer.looked = events, []
+    decider = Decider(Limits(), FlowControl())
+    observer = Watching(folder, None, None, None, None, decider, None)
+    observer.events, observer.looked, observer.refusals = events, [], list(refusals)
     return observer
 
 
@@ -49,7 +53,7 @@ def test_a_picture_is_taken_once_the_needle_is_held(tmp_path, held):
     events = Events(pausing, pausing, *[looking] * held, (LinkState.RESUMING, "go_on"))
     observer = watching(tmp_path, events)
     follow(events, observer)
-    assert observer.looked == [LinkState.LOOKING]
+    assert observer.looked == [(LinkState.LOOKING, 1.0)]
 
 
 def test_a_look_that_was_decided_by_another_isnt_made(tmp_path):
@@ -57,3 +61,12 @@ def test_a_look_that_was_decided_by_another_isnt_made(tmp_path):
     observer = watching(tmp_path, events)
     follow(events, observer)
     assert observer.looked == []
+
+
+@pytest.mark.parametrize("refusal", [Refused("not held for any"), LinkError("the print ended")])
+def test_a_look_that_a_dead_link_took_away_is_made_again(tmp_path, refusal):
+    first, second = (LinkState.LOOKING, ""), (LinkState.LOOKING, "")
+    events = Events(first, (LinkState.PAUSING, ""), second, second)
+    observer = watching(tmp_path, events, refusal)
+    follow(events, observer)
+    assert observer.looked == [(LinkState.LOOKING, 1.0)] * 2  # its picture counts once
