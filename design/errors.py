@@ -15,6 +15,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 
 class DesignError(ValueError):
     """Bad input to the design side; the message says what, value, limit, unit and remedy."""
@@ -36,8 +38,12 @@ class RootError(GrowthError):
     """A root where no trunk fits: another one may do."""
 
 
+LEAST_TERMINALS: Final = 24
+"""Of an organ's template, which has six trunks' ends with four terminals each at least."""
+
+
 class CrowdedError(GrowthError):
-    """Fewer terminals fit than were asked for.
+    """Fewer terminals fit beside a template's trunks than were asked for.
 
     Attributes
     ----------
@@ -46,9 +52,15 @@ class CrowdedError(GrowthError):
 
     def __init__(self, fit: int, asked: int, more: str = "") -> None:
         self.fit, self.asked = fit, asked
+        fewer = (
+            f"ask for {fit} or fewer, "
+            if fit >= LEAST_TERMINALS
+            else f"too few for a template ({LEAST_TERMINALS} at least), so take a larger part, "
+        )
         super().__init__(
-            f"only {fit} of {asked} terminals fit beside the trunks{more}; ask for {fit} or fewer, "
-            "a lower clearance_mm or a higher pressure_drop_mmhg (radii fall by its fourth root)"
+            f"only {fit} of {asked} terminals fit beside the trunks{more}; {fewer}"
+            "a lower clearance_mm, a smaller smallest_diameter_mm or, where that isn't given, a "
+            "higher pressure_drop_mmhg (radii fall by its fourth root)"
         )
 
 

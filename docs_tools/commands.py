@@ -10,8 +10,8 @@ from typing import Any, Final, Literal
 import typer
 
 from design.files import write_text
+from printctl.cli.help_examples import ALWAYS, MANUAL
 from printctl.cli.main import app
-from printctl.cli.manual import ALWAYS, MANUAL
 
 PAGE: Final = Path(__file__).parents[1] / "docs" / "commands.md"
 HEAD: Final = """# Commands

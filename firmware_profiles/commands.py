@@ -1,4 +1,4 @@
-"""Allow only profile commands that switch something, by form and name; refuse any that may move."""
+"""Pattern of profile commands that switch an output; refuse G codes and anything that may move."""
 
 from __future__ import annotations
 

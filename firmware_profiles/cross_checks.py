@@ -1,4 +1,4 @@
-"""Check a profile's values against each other (speeds, plunger and syringe, safety); list doubts.
+"""Check a printer, syringe, needle, ink or bath profile for contradictory values; list doubts.
 
 Nothing here knows a real machine; `printctl profiles probe` asks one.
 """

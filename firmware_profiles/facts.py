@@ -1,4 +1,4 @@
-"""Base class of all profiles (unknown keys refused, values fixed), and bounded number types.
+"""Pydantic base class of profiles (name, source, licence, starting values); bounded number types.
 
 A profile holds facts with their source, not a user's taste.
 """

@@ -1,4 +1,4 @@
-"""Base class of what users write: unknown keys refused, values fixed, numbers strict."""
+"""Pydantic base of recipe sections and profiles: unknown keys refused, frozen, strict numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Types of NumPy arrays by what they hold, as most signatures name them."""
+"""Type aliases of NumPy float64, int64 and bool arrays, for signatures."""
 
 from __future__ import annotations
 

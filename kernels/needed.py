@@ -1,4 +1,4 @@
-"""List of kernels (`needed.jsonl`) that each command needs, with their argument types.
+"""Read and write `needed.jsonl`: the kernels that each command needs, with argument types.
 
 Written by ``python -m tests.kernels.record``, which does the work once without any compiled
 kernel. A kernel that isn't listed is compiled when it is first called, as everywhere in numba;

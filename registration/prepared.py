@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -68,7 +68,11 @@ class PreparedScan:
         # The surface takes one core, and the segmentation leaves one free now and then.
         with ThreadPoolExecutor(1) as other, keep_freed_memory():
             preparing = other.submit(ModelSurface.of, model)
-            segmentation = segment(scan, segmentation_options(scan, options, thinnest))
+            how = segmentation_options(scan, options, thinnest)
+            if scan.modality != "oct":  # which doesn't need to know what the model is
+                part = not _model_is_lumen(preparing.result(), network)
+                how = replace(how, whole_part=part)
+            segmentation = segment(scan, how)
         errors = scan_errors(scan, segmentation, options.walls)
         surface = preparing.result()
         is_lumen = _model_is_lumen(surface, network)

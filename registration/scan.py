@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.counts import CountLine
-from registration.pages import drop_pages
+from registration.memory_pages import drop_pages
 from registration.space import Space
 
 SLAB_BYTES = 64 << 20

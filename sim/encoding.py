@@ -1,4 +1,4 @@
-"""Check that a G-code file's bytes are text."""
+"""Refuse a G-code file that is binary, UTF-16 or begins with a UTF-8 byte order mark."""
 
 from __future__ import annotations
 

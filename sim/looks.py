@@ -1,4 +1,4 @@
-"""Command lines of the simulated devices: ``python -m sim camera`` and ``python -m sim oct``.
+"""Command lines of the simulated camera and OCT over a printer's dish: one picture or scan.
 
 Either looks once: it shows what lies in the dish by a simulated printer's record, writes a file
 and ends. The record is as it stands: a printer writes it before each M400 is answered, so that in

@@ -1,4 +1,4 @@
-"""Free trunks that are in each other's way: branches fork later, or are left away."""
+"""Resolve overlaps of planned trunk vessels: move forks downstream, or drop thinner branches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Template of a liver: portal vein and hepatic artery side by side, hepatic veins between."""
+"""Grow a liver's portal vein and hepatic artery side by side, and hepatic veins between them."""
 
 from __future__ import annotations
 

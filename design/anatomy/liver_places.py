@@ -1,4 +1,4 @@
-"""Find a liver's places from its shape: porta hepatis, and where the hepatic veins leave."""
+"""Find a liver's porta hepatis (vessel entry) and hepatic vein exit from surface samples."""
 
 from __future__ import annotations
 

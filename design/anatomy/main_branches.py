@@ -1,4 +1,4 @@
-"""Find which of an organ's named main branches didn't find room, and say so."""
+"""List an organ's named main branches of which the grown trunks cover less than 80 %."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from design.anatomy.grown import Trees
+from design.geometry.polyline import arc_lengths, places_along
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
 from kernels.arrays import BoolArray, FloatArray
@@ -84,8 +85,8 @@ def missing_branches(branches: tuple[MainBranch, ...], trees: Trees) -> tuple[st
 
 def _along(line: FloatArray, step_mm: float) -> tuple[FloatArray, float]:
     """Places (k, 3) along a line, ``step_mm`` apart at most, and its length, mm."""
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    way = arc_lengths(line)
     if way[-1] <= 0.0:
         return np.empty((0, 3)), 0.0
     at = np.linspace(0.0, way[-1], int(np.ceil(way[-1] / step_mm)) + 1)
-    return np.column_stack([np.interp(at, way, axis) for axis in line.T]), float(way[-1])
+    return places_along(line, way, at), float(way[-1])

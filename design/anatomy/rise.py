@@ -1,4 +1,4 @@
-"""Move trunk vessels nearer to the tissue's surface where they lie deeper than they must."""
+"""Move trunk vessels nearer to the tissue's surface where they lie deeper than their radii need."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Report the place in an organ that has under half of the terminals due to its volume."""
+"""Warn of the region of an organ that has under half of the terminals its volume calls for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lay two vessels side by side along each vessel of a tree grown with room for both."""
+"""Lay an artery and a vein side by side along a tree of tubes with room for both."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Unit vectors across an axis."""
+"""Two unit vectors perpendicular to each given axis, as right-handed frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find crossings that new triangles bring into a surface that had none."""
+"""Find intersecting triangle pairs that involve newly added triangles of a surface."""
 
 from __future__ import annotations
 

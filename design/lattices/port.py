@@ -1,4 +1,4 @@
-"""Find a straight channel that leads from a lattice's inlet or outlet side out of the tissue."""
+"""Find a straight channel from a lattice's side out of the tissue, as its inlet or outlet."""
 
 from __future__ import annotations
 

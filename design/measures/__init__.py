@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from design.measures.against import compare_orders
     from design.measures.junctions import MurrayResiduals, TerminalFlow
     from design.measures.measure import MeasureOptions, NetworkMeasures, measure_network
     from design.measures.morphometry import Morphometry, OrderTable
     from design.measures.oxygen import Oxygen, OxygenModel
     from design.measures.path_lengths import FlowPaths
+    from design.measures.published_comparison import compare_orders
     from design.measures.supply import BEYOND_UM, Supply
     from design.measures.table import measures_dict
 

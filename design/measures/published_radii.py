@@ -1,4 +1,4 @@
-"""Match a network's radii to published tables."""
+"""Find the radius factor that brings a network's arteries nearest to a published table."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from design.measures.against import PublishedOrders, order_figures, published_orders
 from design.measures.forest import Forest, forest_of
+from design.measures.published_comparison import PublishedOrders, order_figures, published_orders
 from design.network import FloatArray, VesselKind, VesselNetwork
 
 _FACTORS: Final = np.exp(0.02 * np.arange(1, 26))

@@ -1,4 +1,4 @@
-"""Compare each terminal's flow with the demand of the tissue territory nearest to it."""
+"""Compare flow and territory demand at the artery ends (or outlets) of any network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Join vessels that continue each other gently to chains, each swept as one mitred tube.
+"""Join vessels that continue at a gentle bend, about as wide, to chains swept as one tube.
 
 Two tubes that end flat in one plane touch there without overlapping, and rounding makes a slit of
 it. So wherever one vessel continues another gently and about as wide, they become one chain.

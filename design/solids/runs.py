@@ -1,4 +1,4 @@
-"""Split a network at sharp angles into runs swept as tubes, with balls to join them."""
+"""Cut vessel chains at sharp bends into tubes to sweep; list balls at bends and junctions."""
 
 from __future__ import annotations
 

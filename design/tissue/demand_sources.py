@@ -1,4 +1,4 @@
-"""Make a tissue's perfusion demand from a depth table, a volume image or a function."""
+"""Make a tissue's relative perfusion demand by depth below its surface, by image or function."""
 
 from __future__ import annotations
 

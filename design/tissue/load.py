@@ -1,4 +1,4 @@
-"""Read a tissue or its surface from a mesh file (STL, OBJ, PLY, 3MF), mended if needed."""
+"""Read a tissue or its surface from a mesh file (STL, OBJ, PLY, 3MF), repaired if needed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cut keep-out zones (rods, balls, boxes, meshes) out of a tissue, or keep only what zones hold.
+"""Cut keep-out zones (rods, balls, boxes, meshes) out of a tissue, or keep only what is in zones.
 
 A round zone is cut as a polyhedron around it (a polyhedron within it where the tissue is kept
 within), so that what the user keeps free is free.

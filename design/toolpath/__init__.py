@@ -1,4 +1,4 @@
-"""Plan toolpaths (FRESH layers or embedded writing), correct them, write them as G-code.
+"""Toolpaths by FRESH layers or embedded writing: correct the design, plan moves, write G-code.
 
 Goes in: a network or solid, and options. Comes out: a `Toolpath`, then G-code text. Begin with
 `toolpath.py`.

@@ -1,4 +1,4 @@
-"""Find firmware families by name or printer profile; each package beside this file is one."""
+"""Find a firmware family by name or printer profile, among the packages of this folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl alive`: confirm that an operator is present (dead-man's time of a print)."""
+"""`printctl alive`: restart a print's dead-man timer; confirms that an operator is present."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of `printctl calibrate pattern`."""
+"""Typer options of `printctl calibrate pattern`: profiles, line size, speeds, gaps, spans."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from printctl.cli.completion import matching_words, with_profiles
-from printctl.cli.manual import with_manual
+from printctl.cli.help_examples import with_manual
 from printctl.cli.summaries import summary
 
 COMMANDS: dict[str, str] = {

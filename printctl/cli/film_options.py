@@ -1,4 +1,4 @@
-"""Options of `printctl film`."""
+"""Typer options of `printctl film`: growth or pulse, steps, solver, colour, size, frame rate."""
 
 from __future__ import annotations
 

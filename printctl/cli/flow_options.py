@@ -1,4 +1,4 @@
-"""Options of `printctl flow`, named as the keys of a recipe's section ``flow``."""
+"""Typer options of `printctl flow`: boundary conditions, fluid, 0D, 1D and 3D settings."""
 
 from __future__ import annotations
 

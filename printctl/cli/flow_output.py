@@ -1,4 +1,4 @@
-"""Data class of what `printctl flow` reports: numbers of each fidelity, and written files."""
+"""Data class of `printctl flow` results: numbers of each fidelity, and written files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Extra 3D solvers of `printctl flow`: run by MPI, write SLURM and svMultiPhysics files."""
+"""Run `printctl flow` in 3D on MPI ranks; write Slurm script and svMultiPhysics input files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of `printctl view` that are for G-code only."""
+"""Typer options of `printctl view FILE.gcode`: layer, syringe, filament, flow, designed part."""
 
 from __future__ import annotations
 

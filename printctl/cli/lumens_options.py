@@ -1,4 +1,4 @@
-"""Options of `printctl lumens`."""
+"""Typer options of `printctl lumens`: G-code, network or part, ink, needle, line widths, origin."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Network measures as text for the terminal."""
+"""Format a network's measures, beside published values, as lines for the terminal."""
 
 from __future__ import annotations
 

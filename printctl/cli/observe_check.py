@@ -1,4 +1,4 @@
-"""`printctl observe check`: check by one picture whether a camera frame still holds."""
+"""`printctl observe check`: detect a moved camera or insert from the marks in one picture."""
 
 from __future__ import annotations
 

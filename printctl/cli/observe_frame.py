@@ -1,4 +1,4 @@
-"""`printctl observe frame`: fit where a camera stands over the printer."""
+"""`printctl observe frame`: fit a camera's pose over the printer to pictures of a dish insert."""
 
 from __future__ import annotations
 

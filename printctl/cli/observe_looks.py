@@ -1,8 +1,9 @@
-"""`printctl observe looks` and `answer`: what was seen of a print, and the operator's word."""
+"""`printctl observe looks`, `answer`: list a print's camera inspections; answer the last one."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -12,8 +13,9 @@ from printctl.cli.run_folder import RunArg, print_folder
 from printctl.errors import UsageError
 from printctl.link.record import JOURNAL
 from printctl.link.states import Status
-from printctl.observe.look_words import proposal_words, seen_words
+from printctl.observe.look_words import proposal_words, seen_words, total_words
 from printctl.observe.records import (
+    ORDER,
     Answer,
     LookRecord,
     answer_look,
@@ -25,6 +27,7 @@ from printctl.observe.records import (
 )
 from printctl.print_state.state import read_print
 from printctl.printing.journal_facts import read_journal_facts
+from printctl.run_folder.artefacts import JOURNAL_FOLDER
 
 
 def looks(run: RunArg, as_json: JsonFlag = False) -> None:
@@ -48,6 +51,22 @@ def looks(run: RunArg, as_json: JsonFlag = False) -> None:
             f"{look_folder(folder, last.number)}, then `printctl observe answer RUN approve` (or "
             "go_on, stop)"
         )
+
+
+def looks_lines(run: Path) -> list[str]:
+    """What came of the looks at a run's print, in a line; none for a print that isn't observed."""
+    folder = run / JOURNAL_FOLDER
+    if not (folder / JOURNAL).is_file():
+        return []
+    found = read_looks(folder, read_journal_facts(folder / JOURNAL).started)
+    if found:
+        return [f"{total_words(found)}; `printctl observe looks {run}`"]
+    if not (run / ORDER).is_file():
+        return []
+    return [
+        "nobody looked at the print: it was over before observe.every asked for a look (a "
+        "simulated printer is quicker than the clock: say `60 s written` or `layer` for it)"
+    ]
 
 
 def answer(

@@ -1,4 +1,4 @@
-"""Options and input shared by subcommands of `printctl observe`."""
+"""Typer options of `printctl observe`: camera frame file, largest shift for a valid frame."""
 
 from __future__ import annotations
 

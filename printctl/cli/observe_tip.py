@@ -1,4 +1,4 @@
-"""`printctl observe tip`: find the needle's tip in pictures."""
+"""`printctl observe tip`: measure the needle tip's offset, width and wear in pictures."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -68,9 +68,8 @@ def overlay(
                 scan, overrides, scan_said.oct_calibration, scan_said.air_above
             )
         with bars.stage("segmentation"):
-            segmentation = segment(
-                measured, segmentation_options(measured, options, run.thinnest_mm)
-            )
+            how = segmentation_options(measured, options, run.thinnest_mm)
+            segmentation = segment(measured, replace(how, whole_part=True))
         with bars.stage("pose"):
             known = known or align_pose(measured, segmentation, run.solid, fit)
         with bars.stage("measuring") as report:

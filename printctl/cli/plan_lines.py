@@ -1,4 +1,4 @@
-"""Terminal lines naming vessels left unwritten and joints left open by an embedded toolpath."""
+"""Terminal text on vessels left unwritten and joints left open by an embedded toolpath."""
 
 from __future__ import annotations
 

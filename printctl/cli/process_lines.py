@@ -1,4 +1,4 @@
-"""Terminal lines of a dry run: print time, ink against syringe fillings, needle shaft contacts."""
+"""Format a dry run for the terminal: print time, ink against fillings, needle shaft contacts."""
 
 from __future__ import annotations
 

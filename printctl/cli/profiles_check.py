@@ -1,4 +1,4 @@
-"""`printctl profiles check`: check that a profile is consistent in itself."""
+"""`printctl profiles check`: check a profile for invalid keys and contradictory values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl recover`: write the rest of a print whose printer has lost its position."""
+"""`printctl recover`: write G-code for the rest of a print whose printer has lost its position."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ from printctl.cli.register_options import (
     ToleranceOption,
 )
 from printctl.cli.scan_options import ScanFile, ScanOptions
-from printctl.collection import collected_rarely
+from printctl.garbage_collection import collected_rarely
 from printctl.run_folder.artefacts import HTML, PDF
 from printctl.second_process import SecondProcess
 

@@ -1,4 +1,4 @@
-"""Options of `printctl register`."""
+"""Typer options of `printctl register`: design, output folder, datums, tolerances, record."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Work of `printctl register`: read a scan, align it with the design, judge it.
+"""Read a scan, register it with the design, judge it: the work behind `printctl register`.
 
 Apart from its options: help needs none of this, and the second process loads what draws meanwhile.
 """

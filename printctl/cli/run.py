@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from printctl.cli.kernels_ready import kernels_for_a_run
+from printctl.cli.observe_looks import looks_lines
 from printctl.cli.options import (
     JsonFlag,
     RecipeArg,
@@ -94,6 +95,7 @@ def _works(recipe: Recipe, until: str | None) -> list[str]:
 def _ended(data: dict[str, Any], folder: Path, until: str | None, pdf: bool) -> list[str]:
     """What is said at the end."""
     process = process_lines(data["dry_run"]) if "dry_run" in data else []
+    process += looks_lines(folder)
     if until is not None:
         return [*process, f"done as far as {until}", str(folder)]
     verdict = data["verdict"]

@@ -1,4 +1,4 @@
-"""Options of `printctl simulate` for predicting the ink in the bath."""
+"""Typer options of `printctl simulate` for the ink prediction: lag, design, origin, voxel size."""
 
 from __future__ import annotations
 

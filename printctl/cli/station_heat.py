@@ -1,4 +1,4 @@
-"""`printctl station heat`: set a heater's target."""
+"""`printctl station heat`: set a heater's target within the limits of ink and bath."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl station jog`: move the tip manually."""
+"""`printctl station jog`: move the tip by steps or to a position, within the soft limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl station status`: show the printer's status."""
+"""`printctl station status`: show tip position, temperatures, mounted parts and activity."""
 
 from __future__ import annotations
 

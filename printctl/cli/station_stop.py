@@ -1,4 +1,4 @@
-"""`printctl station stop`: end a manual move that is under way."""
+"""`printctl station stop`: end a running manual move; the position stays known."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl station where`: declare the tip's position to the printer."""
+"""`printctl station where`: declare the tip's position to the printer; nothing moves."""
 
 from __future__ import annotations
 

@@ -10,6 +10,8 @@ from printctl.link.client import attach
 from printctl.link.errors import LinkError
 from printctl.link.states import LinkState
 
+STOP_S: Final = 20.0
+"""Longest wait for the end of a controlled stop; the line in flight may take longer."""
 HALT_S: Final = 10.0
 """Longest wait for the printer's word that it has halted."""
 
@@ -22,10 +24,16 @@ def stop(run: RunArg) -> None:
     """
     with running_print(run) as client:
         client.stop()
-        status = client.status
-    print_lines(
-        f"{status.state.value}: {status.message}; `printctl status {run}` tells how it ended"
-    )
+        try:
+            outcome = client.wait(STOP_S)
+        except TimeoutError:
+            status = client.status
+            print_lines(
+                f"a stop is asked for, and isn't over after {STOP_S:.0f} s; now {status.state}: "
+                f"{status.message}; `printctl status {run}` tells how it ends"
+            )
+            return
+    print_lines(f"{outcome.state}: {outcome.message}")
 
 
 def kill(run: RunArg) -> None:

@@ -1,4 +1,4 @@
-"""`printctl view`: write a network or a G-code file as an HTML page or as a picture."""
+"""`printctl view`: write a network or G-code file as HTML page or picture; chooses the viewer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of `printctl view` for network files, and those for all files."""
+"""Typer options of `printctl view` for networks and all files: page, picture, colour, view."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Finding of `printctl doctor`: a problem of this machine, and its remedy."""
+"""Data class of a finding of `printctl doctor`: problem of this computer, and its remedy."""
 
 from __future__ import annotations
 

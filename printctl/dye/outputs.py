@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from design.files import write_bytes
+from design.geometry.polyline import arc_lengths
 from design.hemodynamics.dye import CarryingFlow, DyeFront, check_frames, dye_curves, front_table
 from design.network import FloatArray, VesselNetwork
 from printctl.flow.tables import write_columns
@@ -110,8 +111,7 @@ def volume_share(network: VesselNetwork, places: Sequence[VesselPlace]) -> Float
     shares = []
     for place in places:
         points, radius = network.polyline(place.vessel)
-        step = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        arc = np.concatenate([[0.0], np.cumsum(step)])
+        arc = arc_lengths(points)
         fine = np.unique(np.concatenate([arc, np.linspace(0.0, arc[-1], 257)]))
         area = np.interp(fine, arc, radius) ** 2
         volume = np.concatenate([[0.0], np.cumsum((area[1:] + area[:-1]) / 2 * np.diff(fine))])

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from design.geometry.polyline import arc_lengths
 from design.hemodynamics import (
     PulsatileConditions,
     pulsatile_at_probes,
@@ -101,8 +102,7 @@ def _as_wide(strip: Frame, width: int) -> Frame:
 def _places(network: VesselNetwork) -> Probes:
     """Every point of the polylines."""
     vessel = np.repeat(np.arange(network.vessel_count), np.diff(network.offset))
-    steps = np.linalg.norm(np.diff(network.points, axis=0), axis=1)
-    along = np.concatenate([[0.0], np.cumsum(steps)])
+    along = arc_lengths(network.points)
     begin, end = along[network.offset[:-1]], along[network.offset[1:] - 1]
     share = (along - begin[vessel]) / (end - begin)[vessel]
     return Probes(vessel, np.clip(share, 0.0, 1.0))

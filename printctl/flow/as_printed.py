@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from design.errors import FlowError
+from design.geometry.polyline import arc_lengths, places_along
 from design.hemodynamics import FlowConditions, PulsatileConditions, Supply, solve_flow
 from design.network import FloatArray, IntArray, VesselNetwork
 from printctl.errors import UsageError
@@ -235,14 +236,14 @@ def even_radii(network: VesselNetwork, apart: float = 2.0) -> VesselNetwork:
     points, radii, offset = [], [], [0]
     for vessel in range(network.vessel_count):
         way, radius = network.polyline(vessel)
-        path = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+        path = arc_lengths(way)
         count = max(1, int(path[-1] / (apart * radius.mean())))
         fine = np.linspace(0.0, path[-1], 40 * count + 1)
         law = np.interp(fine, path, radius) ** -4.0
         at = np.linspace(0.0, path[-1], count + 1)
         near = np.abs(fine[None] - at[:, None]) <= 0.5 * path[-1] / count + 1e-12
         radii.append(((near * law).sum(axis=1) / near.sum(axis=1)) ** -0.25)
-        points.append(np.column_stack([np.interp(at, path, way[:, k]) for k in range(3)]))
+        points.append(places_along(way, path, at))
         offset.append(offset[-1] + count + 1)
     return replace(
         network,

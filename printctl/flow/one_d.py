@@ -1,4 +1,4 @@
-"""Solve 1D flow; write a row per vessel and the waves at the network's ends."""
+"""Solve 1D pulse waves along vessels; write a row per vessel and waves at the network's ends."""
 
 from __future__ import annotations
 

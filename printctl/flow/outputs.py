@@ -1,4 +1,4 @@
-"""Solve pulsatile 0D flow; write a row per vessel and the waves at the network's ends."""
+"""Solve pulsatile 0D flow (periodic state); write a row per vessel and waves at the ends."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ from manifold3d import Manifold
 from scipy.spatial import cKDTree
 
 from design.geometry.frames import vectors_across
+from design.geometry.polyline import arc_lengths
 from design.hemodynamics.probes import clear_parts
 from design.hemodynamics.three_d.axes import axis_places
 from design.hemodynamics.three_d.cut_ends import manifold_arrays
@@ -56,7 +57,7 @@ def blur_squared(lumen: Manifold, network: VesselNetwork) -> float:
         if last - first < _LEAST_CLEAR:
             continue
         way, radii = network.polyline(vessel)
-        path = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+        path = arc_lengths(way)
         for at in np.linspace(first, last, _SECTIONS) * path[-1]:
             piece = min(int(np.searchsorted(path, at, side="right")) - 1, len(path) - 2)
             step = way[piece + 1] - way[piece]

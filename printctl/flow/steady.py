@@ -1,4 +1,4 @@
-"""Solve steady 0D flow; write a row per vessel."""
+"""Solve a network's steady 0D flow as a recipe asks; write a table row per vessel."""
 
 from __future__ import annotations
 

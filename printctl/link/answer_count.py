@@ -1,4 +1,4 @@
-"""Detect lines from another program during a print: compare replies with the lines sent."""
+"""Detect another program's lines to the printer: send a token at intervals, count oks before it."""
 
 from __future__ import annotations
 

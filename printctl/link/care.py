@@ -1,4 +1,4 @@
-"""Settings for supervising a print: checkpoints, dead-man's time, looks, syringes, line noise."""
+"""Settings for supervising a print: checkpoints, dead-man's time, inspections, syringes, noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of the printer link.
+"""Exception classes of the printer link: port, handshake, job, journal, refused requests.
 
 ::
 

@@ -1,4 +1,4 @@
-"""Syringe that a head was last filled with, and changes of it in a job that has grown."""
+"""Data class of the syringe in use; replan syringe changes for a job with inserted lines."""
 
 from __future__ import annotations
 

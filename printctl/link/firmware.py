@@ -1,4 +1,4 @@
-"""Compare the firmware's reported type and steps per mm (M115, M92) with the profile."""
+"""Parse the M115 reply; compare emergency parser and steps per mm (M92) with the profile."""
 
 from __future__ import annotations
 

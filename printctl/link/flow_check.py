@@ -1,4 +1,4 @@
-"""Judge a correction of the flow: its bounds, and what the plunger must do for it."""
+"""Refuse a flow correction out of bounds, or one that drives the plunger too fast."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Text of a job's file with the lines that were put in, and which row each command is in."""
+"""Merge inserted lines into a job's G-code text; map each command to its row."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Choose the fastest safe halt commands of a firmware family; tell how long motors run on.
+"""Choose a firmware family's fastest safe halt commands; give how long its motors run on.
 
 Marlin's ``kill`` (M112, thermal runaway) leaves its step interrupts on for 0.6 s, so that its
 words get out: what the planner holds goes on being made. The wait is counted in the processor's

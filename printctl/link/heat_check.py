@@ -1,4 +1,4 @@
-"""Compare heater targets with those that this print has set; restore those changed by others."""
+"""Compare heater targets with this print's own; take back those that another program raised."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Judge an insert's lines as a job's are, and see that it ends where it begins.
+"""Check lines to insert in a running print: allowed codes, limits, same position at the end.
 
 A job's file is judged as a whole before its first line: codes by the gate, places, speeds and
 heights by preflight. An insert comes in the middle of the print, so this is narrower than both. It

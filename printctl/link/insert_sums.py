@@ -1,4 +1,4 @@
-"""Sum up an insert's plunger travel and time, which no line by itself shows."""
+"""Limit an insert's total plunger travel and duration, summed line by line."""
 
 from __future__ import annotations
 

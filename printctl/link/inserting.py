@@ -1,4 +1,4 @@
-"""Put the lines that a client sends in a look into the job, once the journal has them."""
+"""Insert a client's G-code lines into a job held for inspection, after journalling them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lines put into a job while it is printed: the value, its record, counts of the file's lines.
+"""Data class of G-code lines inserted into a running job; count lines with and without them.
 
 A job grows at the place where the print is held, so the lines of an insert follow those that were
 taken, and no later insert moves an earlier one.

@@ -1,4 +1,4 @@
-"""Limits that a job's own moves keep to: hull across, heights, speed of the plunger."""
+"""Data class of a job's extent: xy hulls, lowest and highest tip, fastest plunger push."""
 
 from __future__ import annotations
 

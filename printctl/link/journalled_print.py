@@ -1,4 +1,4 @@
-"""Read a print's state from its journal."""
+"""Read a print's state from its journal: lines taken, checkpoints, alarms, syringe, stop place."""
 
 from __future__ import annotations
 

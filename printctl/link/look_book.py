@@ -1,4 +1,4 @@
-"""Looks of a print: the one that is going on, decisions and inserts so far, words for clients."""
+"""State of inspection holds (looks): the current one, decisions, inserts, answers already given."""
 
 from __future__ import annotations
 

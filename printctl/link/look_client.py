@@ -1,4 +1,4 @@
-"""Client's words about a look: insert lines into the job, decide how the look ends."""
+"""Client of an inspection hold (look): send lines to insert, or the decision that ends the hold."""
 
 from __future__ import annotations
 

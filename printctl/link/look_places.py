@@ -1,4 +1,4 @@
-"""Find places between a job's lines where a look may be due, and count what was written before.
+"""Find job lines where the print may be held for inspection; sum path and time before each.
 
 A place is a mark, or, where looks within a layer are wanted, the end of a written line: what comes
 next leaves the ink sideways, so the needle may rise there without a seam in the line. A path that

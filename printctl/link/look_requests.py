@@ -1,4 +1,4 @@
-"""Words of clients about a look: answered at once if said before, else left for its thread."""
+"""Thread-safe intake of inspection-hold requests: answer repeated ones, queue new ones."""
 
 from __future__ import annotations
 

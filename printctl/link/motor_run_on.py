@@ -1,4 +1,4 @@
-"""Predict time and path of motors running on after a Marlin halt, from moves still held.
+"""Predict time and path of motors running on after a Marlin halt, from moves in the planner.
 
 Its processor waits 0.6 s of its own time for its words to get out, and each step event meanwhile
 takes some of that time (`printctl.link.halting`). So with N(t) events made until t the motors,

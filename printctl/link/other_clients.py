@@ -1,4 +1,4 @@
-"""Poll the printer for other clients' changes: end the print if shifted, restore heaters."""
+"""Poll Klipper for other clients' changes: end the print if shifted, reset heaters and speed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lead the needle to a place beside the dish for a look, and back above the job's place."""
+"""Move the needle to a park position beside the dish for an inspection, and back above the job."""
 
 from __future__ import annotations
 

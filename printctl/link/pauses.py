@@ -1,4 +1,4 @@
-"""Pause a print, hold it, and resume it.
+"""Pause a print at marks, on request or by dead-man's time; wait, resume, check positions.
 
 How a syringe is changed meanwhile is in `printctl.link.syringe_changer`.
 """

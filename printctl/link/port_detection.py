@@ -1,4 +1,4 @@
-"""Detect a printer's port and baud rate.
+"""Detect a printer's port by its USB id, and its baud rate by trying several.
 
 A port is chosen by USB id and by nothing else: other machines may be on other ports, and opening
 one may reset a board. Where not exactly one port matches the profile the choice is refused, and

@@ -1,4 +1,4 @@
-"""List this computer's serial ports."""
+"""List this computer's serial ports with description, USB id and serial number."""
 
 from __future__ import annotations
 

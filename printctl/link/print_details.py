@@ -1,4 +1,4 @@
-"""Add gauge readings, pending pause or reload, and dead-man's time to a print's status."""
+"""Add gauge readings, inspection, pending pause or reload, dead-man's time to a print's status."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Requests from other threads to a running print, refused at once if not allowed."""
+"""Check requests of other threads to a running print: refuse at once, or queue for the print."""
 
 from __future__ import annotations
 

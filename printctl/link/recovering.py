@@ -1,4 +1,4 @@
-"""Plan the rest of a job after a lost position: its G-code, the way in, steps for the operator.
+"""Plan the rest of a job after a lost position: G-code, approach moves, steps for the operator.
 
 Nothing here speaks to a printer. What a person has to do first is told as steps, because only a
 person sees where the needle stands; the file then comes from high above, over the point, down,

@@ -1,4 +1,4 @@
-"""Read values of a client's request by their type; JSON's types are kept to."""
+"""Read typed values (whole number, text, flag, list) from a client's JSON request, or refuse it."""
 
 from __future__ import annotations
 

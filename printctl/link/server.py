@@ -1,4 +1,4 @@
-"""Command socket server of one print's link process.
+"""Command socket server of a print's link process: pause, resume, reload, inserts, stop, status.
 
 Besides what every command socket knows (`printctl.link.command_socket`) a client may request
 ``stop``, ``pause`` (with ``after``: layer, vessel or nothing), ``reload`` (with ``head``, of

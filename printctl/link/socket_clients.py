@@ -1,4 +1,4 @@
-"""Limit the clients of a local command socket; the oldest gives way to a new one."""
+"""Keep a command socket's clients; when it is full, choose which one makes room for a new one."""
 
 from __future__ import annotations
 

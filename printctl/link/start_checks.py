@@ -1,4 +1,4 @@
-"""Reset a firmware's settings before a print, and check that the tip stands where assumed."""
+"""Reset firmware settings before a print; refuse a tip that isn't at the checked start position."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Change the syringe in a pause: steps for the head in use, or for another.
+"""Make room for a syringe change in a pause, set the plunger's new count, replan later changes.
 
-Each is journalled before it is made, so that a host that dies in the middle of it knows afterwards
-whether the plunger's count was set anew or not (`History`).
+Each step is journalled before it is made, so that a host that dies in the middle of it knows
+afterwards whether the plunger's count was set anew or not (`History`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Find the next line due for a look, a pause, a syringe change or a position check."""
+"""Find the next job line at which to pause, inspect, change the syringe or check the position."""
 
 from __future__ import annotations
 

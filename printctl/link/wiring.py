@@ -1,4 +1,4 @@
-"""Dependencies of a print, or of a station between prints: transport, protocol, clock, journal."""
+"""Data class of what a print or station runs on: transport, protocol, clock, journal, profile."""
 
 from __future__ import annotations
 

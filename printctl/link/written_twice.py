@@ -1,4 +1,4 @@
-"""Text with path length and ink of job lines that a resumed print may write twice."""
+"""Describe path length and ink of job lines that a resumed print may write twice."""
 
 from __future__ import annotations
 

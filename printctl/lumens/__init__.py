@@ -19,6 +19,7 @@ from printctl.lumens.read import Writing, read_filaments, read_layers, writes_at
 from printctl.lumens.report import LumenReport, report_dict, report_lumens
 from printctl.lumens.stations import SectionStations
 from printctl.lumens.trees import network_trees
+from printctl.lumens.wording import list_names
 
 __all__ = [
     "DesignedLumens",
@@ -39,6 +40,7 @@ __all__ = [
     "find_leaks",
     "find_merges",
     "find_place",
+    "list_names",
     "measure",
     "measure_filaments",
     "model_lumens",

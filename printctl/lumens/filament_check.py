@@ -42,6 +42,8 @@ class FilamentCheck:
         Median diameter.
     passes : int
     place_mm : (3,) float64, mm
+    left_out : frozenset of int
+        Vessels that the plan says aren't written (``toolpath.leave_out``).
     """
 
     ideal: LumenReport
@@ -51,14 +53,15 @@ class FilamentCheck:
     filament_mm: float
     passes: int
     place_mm: FloatArray
+    left_out: frozenset[int] = frozenset()
 
     @property
     def refusal(self) -> str | None:
         """Why this mustn't be printed; None where all is well."""
         broken = np.flatnonzero(self.ideal.closed | self.stepped.closed)
+        names = [self.ideal.names[k] for k in broken if k not in self.left_out]
         parts = []
-        if len(broken):
-            names = [self.ideal.names[k] for k in broken]
+        if names:
             parts.append(
                 f"not written through: vessel {list_names(names)} ({len(names)} of "
                 f"{len(self.ideal.names)})"
@@ -117,6 +120,7 @@ def check_filaments(
     network: VesselNetwork,
     place_mm: FloatArray,
     leak_mm: float,
+    left_out: frozenset[int] = frozenset(),
 ) -> FilamentCheck:
     """Hold an embedded print's G-code against the network that it should write.
 
@@ -130,6 +134,8 @@ def check_filaments(
         The part's origin in the printer's frame.
     leak_mm : float, mm
         Narrower openings between filaments are none.
+    left_out : frozenset of int
+        Vessels that aren't to be written: the plan left them out.
     """
     width = 2 * float(np.median(ideal.radius))
     stations = network_lumens(network, place_mm, NO_LIMIT_MM, NO_LIMIT_MM)
@@ -142,6 +148,7 @@ def check_filaments(
         width,
         ideal.passes,
         place_mm,
+        left_out,
     )
 
 

@@ -1,4 +1,4 @@
-"""Find filaments that merge although the design keeps their vessels apart."""
+"""Find filaments that merge although the design keeps their vessels separate."""
 
 from __future__ import annotations
 

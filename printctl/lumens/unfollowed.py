@@ -1,4 +1,4 @@
-"""Count ways through a part that its horizontal sections don't show as holes."""
+"""Count channels through a part that don't appear as holes in its horizontal sections."""
 
 from __future__ import annotations
 

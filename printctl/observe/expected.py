@@ -1,4 +1,4 @@
-"""Compute which ink should lie in the bath where a print is held, from the job's own lines.
+"""Compute the ink that a held print should have laid so far, from its job's G-code lines.
 
 On a real machine nothing else is known, and the link proves that these lines were executed. Lines
 put into the job (mends) are lines of the job like all others.

@@ -1,4 +1,4 @@
-"""Turn what pictures of a layer show into evidence for a decision."""
+"""Convert gaps, widths and lumens seen in a layer's pictures to evidence for the decision."""
 
 from __future__ import annotations
 

@@ -1,7 +1,10 @@
-"""Words of a look for command line, page and report."""
+"""Text of an inspection's findings, proposal and outcome, for command line, page and report."""
 
 from __future__ import annotations
 
+import math
+from collections import Counter
+from collections.abc import Sequence
 from typing import Final
 
 from printctl.observe.records import Answer, LookRecord
@@ -20,6 +23,9 @@ ASKED: Final = {
     "pause": "wait",
 }
 """What the operator is asked to approve."""
+
+_LEAST_SEEN: Final = 0.5
+"""Of the way, for a look to tell something of it."""
 
 
 def seen_words(look: LookRecord) -> str:
@@ -49,3 +55,16 @@ def outcome_words(look: LookRecord, answer: Answer | None) -> str:
     if answer == "approve":
         return f"{DECIDED.get(look.asked, look.asked)}, approved"
     return "gone on without" if answer == "go_on" else "stopped by the operator"
+
+
+def total_words(looks: Sequence[LookRecord]) -> str:
+    """What came of all looks at a print: how many did what, what is left, and what wasn't seen."""
+    count = Counter(DECIDED.get(one.decision, one.decision) for one in looks)
+    said = ", ".join(f"{number} {what}" for what, number in count.items())
+    words = f"{len(looks)} look{'s' * (len(looks) != 1)}: {said}"
+    if left_mm := math.fsum(one.found.get("left_mm", 0.0) for one in looks):
+        words += f"; {left_mm:.2f} mm of gaps left as they are"
+    seen = [one.found.get("seen_share") or 0.0 for one in looks]
+    if dark := sum(share < _LEAST_SEEN for share in seen):
+        words += f"; of {dark} less than {_LEAST_SEEN:.0%} was seen"
+    return words

@@ -1,10 +1,10 @@
-"""Judge the pictures of a look: what should lie there, by the job's lines, against what is seen."""
+"""Evaluate pictures of a held print against the ink its G-code should have laid; plan the mend."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from hashlib import blake2b
 from pathlib import Path
@@ -21,10 +21,12 @@ from kernels.arrays import FloatArray
 from printctl.link.job import Job, load_job
 from printctl.link.journalled_print import read_journal
 from printctl.link.record import JOURNAL
+from printctl.observe.deciding.evidence import UnseenPath
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError
 from printctl.observe.devices.acquire import Place, Region
 from printctl.observe.expected import ExpectedInk, expected_ink
+from printctl.observe.held_look import HeldLook, gaps_to_mend, slab, unseen_path
 from printctl.observe.judging import (
     evidence_of,
     figures,
@@ -36,10 +38,11 @@ from printctl.observe.lumen_areas import lumens_at
 from printctl.observe.mending import HeldPrint, Voids, checked_mend
 from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.mending.gap import NotMended
-from printctl.observe.mends_again import MOST_TRIES, LayerInk, Mended, tries_of, with_mends
+from printctl.observe.mends_again import MOST_TRIES, Mended, tries_of, with_mends
 from printctl.observe.observer import Judged, Look, MendLines
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import DRAWN
+from printctl.observe.scan_place import ScanSize
 from printctl.observe.view_before import picture_before
 from printctl.observe.views import open_view, read_picture
 from registration.errors import PictureError
@@ -66,42 +69,6 @@ _BELOW: Final = 8.0
 
 
 @dataclass
-class _Held:
-    """Print as it is held at a look: what is worked out once for its pictures and its mend.
-
-    Attributes
-    ----------
-    look : Look
-    held : HeldPrint
-    flow : float
-        Factor in force.
-    ink : ExpectedInk
-    layer : LayerInk
-        Ink that the look is about.
-    lumens : tuple of Lumen
-    since : (n,) bool
-        Lines of the layer written since that look, older ones mended in between included.
-    found : dict
-        Findings of the pictures judged so far.
-    mended : tuple of Mended
-        Gaps that are written again from here.
-    turned : str or None
-        How the last picture would fit the layer clearly better.
-    """
-
-    look: Look
-    held: HeldPrint
-    flow: float
-    ink: ExpectedInk
-    layer: LayerInk
-    lumens: tuple[Lumen, ...]
-    since: NDArray[np.bool_]
-    found: dict[Path, LayerFindings] = field(default_factory=dict)
-    mended: tuple[Mended, ...] = ()
-    turned: str | None = None
-
-
-@dataclass
 class ObservedJob:
     """A job as it stands at a look, and how its layers are seen.
 
@@ -119,7 +86,8 @@ class ObservedJob:
     begun: float = 0.0
     _appearance: Appearance | None = None
     _digest: bytes = b""  # of what was taken last
-    _last: _Held | None = None
+    _last: HeldLook | None = None
+    _size: ScanSize | None = None  # of the last scan in which lines were seen
 
     @cached_property
     def network(self) -> VesselNetwork | None:
@@ -150,7 +118,7 @@ class ObservedJob:
         """
         _ = self._job, self._poured, self.network
 
-    def _held(self, look: Look) -> _Held:
+    def _held(self, look: Look) -> HeldLook:
         """The print as it is held, with all that was put into its job so far."""
         if self._last is None or self._last.look.number != look.number:
             inserts = read_journal(self.folder / JOURNAL).inserts
@@ -168,21 +136,22 @@ class ObservedJob:
                 layer = with_mends(layer, ink, self._last.mended)
             since = ink.command[layer.row] >= look.before
             lumens = self._lumens(ink, look)
-            self._last = _Held(look, held, job.flow, ink, layer, lumens, since)
+            self._last = HeldLook(look, held, job.flow, ink, layer, lumens, since, job.marks)
         return self._last
 
     def region(self, look: Look) -> Region:
         """Return the box of the printer's frame that a look needs to see, mm.
 
-        Up to above all ink, down to some layers below the ones looked at, and as far aside as ink
-        is looked for beside lines.
+        Up to above all ink, down to some layers below the ones looked at (in a bath to below the
+        lowest filament), and as far aside as ink is looked for beside lines.
         """
         at = self._held(look)
-        lines, (middle, thick) = at.layer.lines, _slab(at)
+        lines, (middle, thick) = at.layer.lines, slab(at)
         ends = np.concatenate([lines.start, lines.end])
         if not len(ends):
             ends = at.ink.end
-        low = np.append(ends[:, :2].min(axis=0) - _ASIDE_MM, middle - _BELOW * thick)
+        below = _BELOW * thick if at.ink.style == "layered" else thick / 2 + _ABOVE_MM
+        low = np.append(ends[:, :2].min(axis=0) - _ASIDE_MM, middle - below)
         top = max(float(at.ink.end[:, 2].max()), middle + thick / 2)
         high = np.append(ends[:, :2].max(axis=0) + _ASIDE_MM, top + _ABOVE_MM)
         return _place(low), _place(high)
@@ -215,17 +184,44 @@ class ObservedJob:
             left_ul=self._left_ul(at.ink),
             tolerated=limits.width_percent / 100,
         )
-        evidence = replace(evidence, turned=at.turned)
-        return Judged(evidence, figures(first, evidence), at.flow)
+        unseen = self._unseen(at, [one for one in (first, second) if one is not None])
+        evidence = replace(evidence, turned=at.turned, unseen=unseen)
+        found = figures(first, evidence)
+        if at.size and first.seen_share < self.order.limits.least_seen:
+            found["not_seen"] = self._size_words(at.size)
+            # A scanner tells heights: what it doesn't see isn't hidden by older ink.
+            evidence = replace(evidence, over_old_share=0.0)
+        elif at.size:
+            self._size = at.size
+        return Judged(evidence, found, at.flow)
 
-    def _findings(self, at: _Held, path: Path) -> LayerFindings:
+    def _size_words(self, size: ScanSize) -> str:
+        """Where a scan that tells little lies; raises where the last one had another spacing."""
+        if self._size and self._size.voxel_mm != size.voxel_mm:
+            raise DeviceError(
+                f"nothing fits the lines in this scan: it has {size.words}; the last one that did "
+                f"had {self._size.words}; set the scanner as before, or correct the voxel size (in "
+                "the file or beside it), then resume"
+            )
+        wrong = "where that isn't so, correct the voxel size or observe.frame"
+        return f"the scan has {size.words}: {wrong}"
+
+    def _unseen(self, at: HeldLook, each: list[LayerFindings]) -> tuple[UnseenPath, ...]:
+        """Vessels in a bath of which no picture shows anything."""
+        if at.ink.style != "embedded":
+            return ()
+        strokes = set.intersection(*(set(one.bare) for one in each))
+        return tuple(unseen_path(at, stroke) for stroke in sorted(strokes))
+
+    def _findings(self, at: HeldLook, path: Path) -> LayerFindings:
         """Findings of a picture; of the first one a drawing is left beside it."""
         if path not in at.found:
-            slab = _slab(at)
-            image, frame, taken = open_view(path, self.order, *slab, at.layer.lines)
+            slab_mm = slab(at)
+            image, frame, taken, at.size = open_view(path, self.order, *slab_mm, at.layer.lines)
             before = self._before(at, path, image)
             self._check_new(taken, before)
-            is_height = self.order.oct and at.ink.style == "layered"
+            layered = at.ink.style == "layered"
+            is_height = self.order.oct and layered
             if self.order.oct and not is_height:
                 image = image[:, :, :1]  # filaments of all depths: no height is that of the layer
             if self.order.oct:  # a camera's marks hold its frame themselves
@@ -239,8 +235,8 @@ class ObservedJob:
                 before=before,
                 since=at.since,
                 # In a bath ink is as dark as it is thick and near: each look learns its own.
-                known=self._appearance if at.ink.style == "layered" else None,
-                thickness_mm=slab[1] if is_height else None,
+                known=self._appearance if layered else None,
+                thickness_mm=slab_mm[1] if is_height else None,
             )
             findings = seen_where_ink_shows(
                 lambda options: see(options=options), self._options(), self.order.limits.shift_mm
@@ -254,9 +250,9 @@ class ObservedJob:
             at.found[path] = findings
         return at.found[path]
 
-    def _before(self, at: _Held, path: Path, image: Image) -> Image | None:
-        """Picture of the look before, where it is one of the same view; a camera's in layers."""
-        if self.order.oct or at.ink.style != "layered":
+    def _before(self, at: HeldLook, path: Path, image: Image) -> Image | None:
+        """Picture of the look before, where it is a camera's of the same view."""
+        if self.order.oct:
             return None
         earlier = picture_before(self.folder, self.begun, at.look, path)
         if earlier is None:
@@ -323,7 +319,7 @@ class ObservedJob:
         voids = None
         if self.network is not None:
             voids = Voids.of_network(self.network, np.zeros(3))
-        wanted = _to_mend(gaps, thin, at, flow)
+        wanted = gaps_to_mend(gaps, thin, at, flow)
         given_up = [one for one in wanted if tries_of(one, at.layer.mended) >= MOST_TRIES]
         wanted = [one for one in wanted if one not in given_up]
         mend, _ = checked_mend(at.held, wanted, voids)
@@ -367,33 +363,3 @@ def _given_up(gap: MendGap) -> NotMended:
 def _place(at: FloatArray) -> Place:
     x, y, z = at.tolist()
     return x, y, z
-
-
-def _slab(at: _Held) -> tuple[float, float]:
-    """Middle and thickness of the layer that is looked at, mm; of all filaments in a bath."""
-    ink, rows = at.ink, at.layer.row[at.layer.lines.fresh]
-    if not len(rows):
-        return 0.0, 1.0
-    top = float(ink.end[rows, 2].max())
-    if ink.style == "layered":
-        thick = float(np.median(ink.height_mm[rows]))
-        return top - thick / 2, thick
-    low = float((ink.end[rows, 2] - ink.height_mm[rows] / 2).min())
-    high = float((ink.end[rows, 2] + ink.height_mm[rows] / 2).max())
-    return (low + high) / 2, high - low
-
-
-def _to_mend(
-    gaps: tuple[Gap, ...], thin: tuple[Thin, ...], at: _Held, flow: float
-) -> list[MendGap]:
-    """Gaps on their paths, with what the flow was corrected by since they were to be written."""
-    mend_gaps = list[MendGap]()
-    each: list[Gap | Thin] = [*gaps, *thin]
-    for one in each:
-        before = float(at.ink.factor[at.ink.stroke == one.stroke][0])
-        end = min(one.to_mm, at.ink.paths[one.stroke].length_mm)
-        missing = one.missing if isinstance(one, Thin) else 1.0
-        mend_gaps.append(
-            MendGap(one.stroke, max(one.from_mm, 0.0), end, missing, flow=flow / before)
-        )
-    return mend_gaps

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from shapely import MultiPoint, Polygon, unary_union
 from shapely.geometry.base import BaseGeometry
 
+from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselNetwork
 from registration.layer_images import Lumen
 
@@ -47,10 +48,10 @@ def lumens_at(network: VesselNetwork, z_mm: float, least_mm: float) -> tuple[Lum
 
 def _discs(points: FloatArray, radius: FloatArray, z_mm: float) -> tuple[FloatArray, FloatArray]:
     """Centres (k, 2) and radii of the spheres' sections along a polyline; 0 where they miss."""
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    way = arc_lengths(points)
     count = max(int(np.ceil(way[-1] / (_STEP * float(radius.min())))) + 1, 2)
     at = np.linspace(0.0, way[-1], count)
-    place = np.column_stack([np.interp(at, way, points[:, k]) for k in range(3)])
+    place = places_along(points, way, at)
     wide = np.interp(at, way, radius)
     half = np.sqrt(np.maximum(wide**2 - (place[:, 2] - z_mm) ** 2, 0.0))
     return place[:, :2], half

@@ -1,4 +1,4 @@
-"""Look at mended gaps once more: whether their ink lies there at the next look.
+"""Treat mended gaps as fresh ink of their original paths when the next picture is judged.
 
 A mend may fail as a line does: the needle is still clogged, the ink doesn't stick. At the next
 look, if little lies above by then, the gap's part of its path counts as fresh ink, in place of the

@@ -1,4 +1,4 @@
-"""Observe one print: wait for looks, acquire, judge, decide, act, and keep a record of each.
+"""Handle each inspection hold of a print: acquire a picture, judge, decide, act, record.
 
 The observer is a client of the link process. It may die at any moment: the link holds the needle
 out of the bath until a look is decided, and pauses the print for the operator when nobody decides.
@@ -9,6 +9,7 @@ control knew is in the record of each look, so a new observer goes on from there
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -174,8 +175,9 @@ class Observer:
             self.link.look_done(look.number, "pause", record.why)
             return record
         decision = self._decided(judged)
+        found = _with_left(judged.found, math.fsum(gap.length_mm for gap in decision.gaps))
         record = replace(
-            self._record(look, decision.kind, decision.why, judged.found, begun),
+            self._record(look, decision.kind, decision.why, found, begun),
             asked=decision.ask.value if decision.ask else "",
             factor=decision.factor,
         )
@@ -190,12 +192,12 @@ class Observer:
         return replace(decision, why=f"{decision.why} ({unseen})") if unseen else decision
 
     def _judged(self, look: Look, place: Path) -> Judged:
-        """Judge one picture; where it shows gaps or thin lines, another has the last word."""
+        """Judge one picture; another has the last word on gaps, thin lines and vessels not seen."""
         picture = self.acquire(look, place / "picture")
         judged = self.judge(look, picture, None)
         limits, evidence = self.decider.limits, judged.evidence
         gaps = any(limits.gap.significant(gap, evidence.places) for gap in evidence.gaps)
-        if gaps or evidence.thin:
+        if gaps or evidence.thin or evidence.unseen:
             judged = self.judge(look, picture, self.acquire(look, place / "again"))
         return judged
 
@@ -254,11 +256,11 @@ class Observer:
         elif answer == "stop":
             self.link.stop()
 
-    def _amend(self, look: Look, why: str, left_mm: float = 0.0, **changes: Any) -> None:
-        """Say on a look's record what came of its decision."""
+    def _amend(self, look: Look, why: str, left_mm: float | None = None, **changes: Any) -> None:
+        """Say on a look's record what came of its decision, and what it left where that is new."""
         record = self._kept(look.number)
         if record is not None:
-            found = {**record.found, "left_mm": round(left_mm, 3)} if left_mm else record.found
+            found = record.found if left_mm is None else _with_left(record.found, left_mm)
             amend_look(self.folder, replace(record, why=why, found=found, **changes))
 
     def _kept(self, number: int) -> LookRecord | None:
@@ -301,6 +303,12 @@ class Observer:
             log.warning("look %d: %s", look.number, exc)
             return False, f"; the link refused the mend: {exc}", 0.0
         return True, left, mend.left_mm
+
+
+def _with_left(found: dict[str, Any], left_mm: float) -> dict[str, Any]:
+    """Figures of a look with the length of its gaps that stay as they are, where there are any."""
+    rest = {name: value for name, value in found.items() if name != "left_mm"}
+    return {**rest, "left_mm": round(left_mm, 3)} if left_mm else rest
 
 
 def _state(decider: Decider) -> dict[str, Any]:

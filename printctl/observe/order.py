@@ -1,4 +1,4 @@
-"""Order of an observer: what it watches, with what, within which limits; as a JSON file."""
+"""Data class and JSON file of an observer's orders: job, profiles, device, camera frame, limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Observe one print until it is over, as a client of its link process."""
+"""Main function of the observer process: set up, wait for the print, follow it to its end."""
 
 from __future__ import annotations
 

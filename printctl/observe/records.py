@@ -1,4 +1,4 @@
-"""Folders of the looks at a print: picture, findings, decision, insert, and the operator's answer.
+"""Write and read the files of each inspection of a print: picture, findings, decision, answer.
 
 ``looks/0007/`` beside the journal holds ``picture.*``, ``again.*`` (a second picture), ``seen.png``
 (the picture with what was expected and found), ``look.json`` (written last, at once: a look with it

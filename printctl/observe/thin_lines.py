@@ -1,4 +1,4 @@
-"""Find how far lines are too thin, and how much ink they lack, from the widths that were seen."""
+"""Find the extent and the missing ink share of too-thin stretches, from measured line widths."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Try a print's device before the print begins; keep the camera's view of the empty dish."""
+"""Test a print's camera or scanner before the print; keep a camera's picture of the empty dish."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find the picture that a print's look before has left: it shows what the new ink lies on."""
+"""Find the picture of the preceding inspection, which shows the dish before the new ink."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Open what a device gave: a picture with its camera's frame, or an OCT volume as a height map."""
+"""Load an acquired picture with its camera frame, or an OCT volume as a height map."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from kernels.arrays import FloatArray
 from printctl.errors import UsageError
 from printctl.observe.devices import DeviceError
 from printctl.observe.order import ObserverOrder
+from printctl.observe.scan_place import ScanSize, refuse_elsewhere
 from registration.camera_frame.check import check_frame
 from registration.camera_frame.frame import CameraFrame, read_frame
 from registration.errors import ScanFileError
@@ -71,11 +72,14 @@ class View(NamedTuple):
     taken : array
         The picture, or some sections of the volume at all depths: those of the next layer's look
         differ where the device works, though its height map does in any case.
+    size : ScanSize or None
+        Of a volume.
     """
 
     image: Image
     frame: Frame
     taken: Image
+    size: ScanSize | None = None
 
 
 def open_view(
@@ -101,7 +105,8 @@ def open_view(
     Raises
     ------
     DeviceError
-        When the file is neither, or shows that camera or insert were moved.
+        When the file is neither, shows that camera or insert were moved, or is a volume of
+        another place than the lines.
     UsageError
         When the frame can't be read.
     """
@@ -111,9 +116,13 @@ def open_view(
             scan = read_scan(path)
         except ScanFileError as exc:
             raise DeviceError(" ".join(str(exc).split())) from exc
+        if lines is not None:
+            refuse_elsewhere(scan, to_scan, lines)
         image, height_frame = height_map(scan, to_scan, middle_z_mm, thickness_mm, lines)
         step = max(1, len(scan.volume) // _SECTIONS)
-        return View(image, height_frame, np.asarray(scan.volume[::step]))
+        return View(
+            image, height_frame, np.asarray(scan.volume[::step]), ScanSize.of(scan, to_scan)
+        )
     image, frame = read_picture(path), camera_frame(order)
     if isinstance(frame, CameraFrame):
         _refuse_moved(image, frame, path)

@@ -1,4 +1,4 @@
-"""Build all solids of a run's recipe from its network and tissue."""
+"""Build all solids of a run's recipe from its tissue and network, with fiducial dimples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Round the bends of grown trees, for a recipe that says `curves`."""
+"""Replace bends of grown trees by smooth curves within the tissue (recipe key `curves`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lock the run folder and run a part's design stages; begin and run stages of any run."""
+"""Run a part's design stages in a locked run folder; begin any run and its list of stages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Grow the forest that a recipe asks for, and join the trees of each of its networks."""
+"""Grow all trees of a `grow: forest` recipe; join each network's terminals as the recipe says."""
 
 from __future__ import annotations
 

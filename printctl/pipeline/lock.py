@@ -1,4 +1,4 @@
-"""Lock of a run folder: one run at a time."""
+"""Lock a run folder for one process, so that one run at a time works in it."""
 
 from __future__ import annotations
 

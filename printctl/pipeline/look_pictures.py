@@ -1,4 +1,4 @@
-"""Draw a strip of all looks at an observed print, and the share of its lines seen with ink."""
+"""Draw an observed print's inspections for the report: strip of pictures, plot of ink seen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Add the measurement record, and notes on its validity, to a registration's JSON data."""
+"""Add operator, instrument, certificate, temperature to a registration's JSON; warn if invalid."""
 
 from __future__ import annotations
 

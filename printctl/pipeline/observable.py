@@ -1,4 +1,4 @@
-"""Refuse a recipe whose print can't be observed as it asks."""
+"""Refuse a recipe with `observe` for a plate, several heads, a valve or no named device."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write the order of the observer of a run's print, as the recipe's ``observe`` says."""
+"""Write the order file for observing a run's print, from the recipe section `observe`."""
 
 from __future__ import annotations
 

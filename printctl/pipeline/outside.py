@@ -1,4 +1,4 @@
-"""Tell how much of a given network lies outside the tissue; refuse one that does wholly."""
+"""Report how much of a given network lies outside the tissue; refuse one wholly outside."""
 
 from __future__ import annotations
 

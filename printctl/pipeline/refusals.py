@@ -16,7 +16,7 @@ from design.network import VesselNetwork
 from design.network_files.by_suffix import read_network
 from design.toolpath.embedded import EmbeddedOptions, check_thinnest
 from design.toolpath.fresh import FreshOptions, check_lumens
-from firmware_profiles import Bath, Dish, Printer, load
+from firmware_profiles import Bath, Dish, Needle, Printer, load, shipped
 from kernels.arrays import FloatArray
 from printctl.pipeline.head_contents import Filled, filled_heads, needle_options
 from printctl.pipeline.heads import layer_lines_um, vessel_heads
@@ -199,4 +199,11 @@ def _check_filaments(
     writer = vessel_heads(network, recipe.printer.heads)
     for number, one in enumerate(heads):
         options = EmbeddedOptions(**needle_options(one.needle), thinnest=part.thinnest_bore)
-        check_thinnest(network, options, np.flatnonzero(writer == number))
+        thin = 2 * float(network.radius.min()) < options.smallest_lumen_mm
+        needles = _shipped_bores() if thin else None
+        check_thinnest(network, options, np.flatnonzero(writer == number), needles)
+
+
+def _shipped_bores() -> dict[str, float]:
+    """Bore of each shipped needle, mm, by name."""
+    return {name: load(Needle, name).inner_mm for name in shipped(Needle)}

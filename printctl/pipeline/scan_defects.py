@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
 from printctl.errors import RecipeError
@@ -53,8 +54,7 @@ def _defect(part: DefectPart, network: VesselNetwork, place: FloatArray) -> Defe
         )
     points, radii = network.polyline(part.vessel)
     path = points + place
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    upto = np.concatenate([[0.0], np.cumsum(steps)])
+    upto = arc_lengths(points)
     if isinstance(part, MissingPart):
         return Defect("missing", path, _WIDER * float(radii.max()))
     at = part.at * float(upto[-1])
@@ -70,6 +70,6 @@ def _defect(part: DefectPart, network: VesselNetwork, place: FloatArray) -> Defe
         case OcclusionPart():
             return Defect("occlusion", path, _WIDER * radius, at, part.length_mm)
         case LeakPart():
-            begin = np.array([np.interp(at, upto, path[:, k]) for k in range(3)])
+            begin = places_along(path, upto, np.array(at))
             way = np.stack([begin, np.array(part.to) + place])
             return Defect("leak", way, part.diameter_um * 5e-4)

@@ -1,4 +1,4 @@
-"""Build a recipe's ``solid`` section from a network and a tissue."""
+"""Build lumens, construct, fittings, marks and chamber from a recipe's `solid` section."""
 
 from __future__ import annotations
 

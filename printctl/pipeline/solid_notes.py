@@ -1,31 +1,143 @@
-"""Tell of lumens that the construct doesn't hold as the network has them."""
+"""Warn, by vessel and place, of lumens that the construct holds otherwise than the network."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Final
 
-def solid_notes(ports: int, genus: int | None, expected: int) -> tuple[str, ...]:
-    """Sentences on a construct without ports, and on handles that differ from the design's.
+import numpy as np
+
+from design.network import VesselNetwork
+from design.tissue import Tissue
+from design.vasculature import collisions
+from kernels.arrays import FloatArray, IntArray
+
+NAMED: Final = 3
+"""Vessels or pairs that a note names, the worst first; the others are counted."""
+_MOUTH_RADII: Final = 3.0
+"""So near to a port, in its radii, a lumen opens through the surface as it should."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What the notes' places are looked for in, all in the design's size.
+
+    Attributes
+    ----------
+    network : VesselNetwork
+    tissue : Tissue
+    ports : (k,) int64
+        Nodes at which lumens open.
+    scale : float
+        Of the print, whose places are told.
+    """
+
+    network: VesselNetwork
+    tissue: Tissue
+    ports: IntArray
+    scale: float = 1.0
+
+    def text(self, point: FloatArray) -> str:
+        """A place of the print, as solid.stl and network.csv have it."""
+        return "({:.4g}, {:.4g}, {:.4g}) mm".format(*(self.scale * point).tolist())
+
+
+def no_ports_note(setting: Setting) -> str:
+    """Sentence on a construct without ports: which free ends come nearest to the surface."""
+    network = setting.network
+    free = np.flatnonzero(network.degree() == 1)
+    text = (
+        "no vessel's end opens through the tissue's surface (0 ports): the lumens are closed "
+        "cavities, which nothing can be fed into or washed out of; let an inlet and an outlet "
+        "reach the surface"
+    )
+    if len(free) == 0:
+        return f"{text} (no vessel has a free end)"
+    depth = -setting.tissue.grid.distance(network.nodes[free])
+    nearest = np.argsort(depth)[:NAMED]
+    named = [
+        f"vessel {_vessel_at(network, int(free[k]))} at {setting.text(network.nodes[free[k]])}, "
+        f"{setting.scale * depth[k]:.2g} mm below it"
+        for k in nearest
+    ]
+    return f"{text}; the free ends nearest to it: {'; '.join(named)}"
+
+
+def handles_note(setting: Setting, genus: int, expected: int) -> str:
+    """Sentence on handles that differ: where lumens break out, and which vessels merge.
 
     Parameters
     ----------
-    ports : int
-        Free ends at which lumens open.
+    setting : Setting
     genus, expected : int
-        Handles of the construct, as read back (None where it can't be told) and by the network
-        (`design.solids.genus`).
+        Handles of the construct, as read back, and by the network (`design.solids.genus`).
     """
-    notes: tuple[str, ...] = ()
-    if ports == 0:
-        notes += (
-            "no vessel's end opens through the tissue's surface (0 ports): the lumens are closed "
-            "cavities, which nothing can be fed into or washed out of; let an inlet and an outlet "
-            "reach the surface",
-        )
-    if genus is not None and genus != expected:
-        notes += (
-            f"the construct has {genus} handles, the network asks for {expected}: a lumen breaks "
-            "through the tissue's surface beside its ends, or vessels merge that the network "
-            "keeps apart; flows are those of the network, not of this construct; compare "
-            "solid.stl with network.csv, and move or thin the vessels",
-        )
-    return notes
+    places = [*_broken_walls(setting), *_merged(setting)] or [
+        "a lumen breaks through the tissue's surface beside its ends, or vessels merge that the "
+        "network keeps apart; where wasn't found: compare solid.stl with network.csv"
+    ]
+    return (
+        f"the construct has {genus} handles, the network asks for {expected}: {'; '.join(places)}; "
+        "flows are those of the network, not of this construct; move or thin these vessels"
+    )
+
+
+def _broken_walls(setting: Setting) -> list[str]:
+    """Vessels whose wall lies beyond the tissue's surface away from their ports."""
+    network = setting.network
+    start, end, r0, r1, vessel = network.pieces()
+    length = np.linalg.norm(end - start, axis=1)
+    steps = np.maximum(np.ceil(2 * length / np.maximum(np.minimum(r0, r1), 1e-6)), 1).astype(int)
+    piece = np.repeat(np.arange(len(steps)), steps + 1)
+    first = np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)
+    share = (np.arange(len(piece)) - first) / steps[piece]
+    place = start[piece] + share[:, None] * (end - start)[piece]
+    radius = r0[piece] + share * (r1 - r0)[piece]
+    beyond = setting.tissue.grid.distance(place) + radius
+    for port in setting.ports.tolist():
+        away = np.linalg.norm(place - network.nodes[port], axis=1)
+        beyond[away < _MOUTH_RADII * radius] = -np.inf
+    worst = _worst_of_each(vessel[piece], beyond)
+    if not worst:
+        return []
+    named = [
+        f"vessel {vessel[piece[k]]} by {setting.scale * beyond[k]:.2g} mm at "
+        f"{setting.text(place[k])}"
+        for k in worst[:NAMED]
+    ]
+    return [
+        "lumens break through the tissue's surface beside their ends: "
+        f"{', '.join(named)}{_more(worst)}"
+    ]
+
+
+def _worst_of_each(vessel: IntArray, beyond: FloatArray) -> list[int]:
+    """Index of each vessel's farthest place beyond the surface, the worst vessel first."""
+    order = np.argsort(-beyond, kind="stable")
+    order = order[beyond[order] > 0]
+    _, first = np.unique(vessel[order], return_index=True)
+    return [int(k) for k in order[np.sort(first)]]
+
+
+def _merged(setting: Setting) -> list[str]:
+    """Vessels that run into each other without a joint."""
+    pairs = collisions(setting.network)
+    if not pairs.count:
+        return []
+    order = np.argsort(pairs.gap_mm, kind="stable")
+    _, first = np.unique(np.sort(pairs.vessels[order], axis=1), axis=0, return_index=True)
+    worst = [int(k) for k in order[np.sort(first)]]
+    named = [
+        f"{pairs.vessels[k][0]} and {pairs.vessels[k][1]} by {-setting.scale * pairs.gap_mm[k]:.3g}"
+        f" mm at {setting.text(pairs.place_mm[k])}"
+        for k in worst[:NAMED]
+    ]
+    return [f"vessels merge that the network keeps apart: {', '.join(named)}{_more(worst)}"]
+
+
+def _more(found: list[int]) -> str:
+    return f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
+
+
+def _vessel_at(network: VesselNetwork, node: int) -> int:
+    return int(np.flatnonzero((network.vessel_nodes == node).any(axis=1))[0])

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselNetwork
 from firmware_profiles import Printer
 from kernels.arrays import FloatArray, IntArray
@@ -157,11 +158,10 @@ def made_by(
         ``line_count`` is 0 where nothing was written near.
     """
     points, radii = network.polyline(defect["vessel"])
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    upto = np.concatenate([[0.0], np.cumsum(steps)])
+    upto = arc_lengths(points)
     count = 1 + max(1, int(np.ceil((defect["to_mm"] - defect["from_mm"]) / _ALONG_MM)))
     along = np.linspace(defect["from_mm"], defect["to_mm"], count)
-    axis = np.stack([np.interp(along, upto, points[:, k]) for k in range(3)], axis=1)
+    axis = places_along(points, upto, along)
     reach = np.interp(along, upto, radii) + 1.5 * line_mm
     if defect["kind"] in ("leak", "bridge"):
         axis = np.array([defect["point_mm"]])

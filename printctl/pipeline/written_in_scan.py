@@ -1,4 +1,4 @@
-"""Find in the final scan what a job's lines should have laid; hold looks against it."""
+"""Sample a final scan for ink along a job's lines; compare with what print inspections saw."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Printing order of wells: serpentine, by row or by column."""
+"""Find the shortest printing order of wells, row by row or column by column (serpentine)."""
 
 from __future__ import annotations
 

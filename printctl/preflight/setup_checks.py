@@ -1,4 +1,4 @@
-"""Check that a job's ink fits the syringe; give the push per length the firmware must allow."""
+"""Check that the syringe holds a job's ink, and the push per length the firmware must allow."""
 
 from __future__ import annotations
 

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from printctl.set_up.check import Check
 
 if TYPE_CHECKING:
     from sim.clearance import Clearance, ShaftContact
+
+
+_REMEDY: Final = (
+    "use a thinner needle or a sparser network, leave such vessels out (toolpath.leave_out in a "
+    "recipe), or accept them: --accept-crossings of `printctl print`, toolpath.allowed_crossings "
+    "in a recipe"
+)
+_ACCEPTED: Final = "accepted, so the print goes on; look at these vessels in the scan"
 
 
 def shaft_checks(clearance: Clearance, allowed: int, *, accepted: bool = False) -> list[Check]:
@@ -30,10 +38,7 @@ def shaft_checks(clearance: Clearance, allowed: int, *, accepted: bool = False) 
         "",
         not clearance.crossings,
         f"line {clearance.crossings[0].line}" if clearance.crossings else "",
-        _worst(clearance.crossings, "cross")
-        + "use a thinner needle or a sparser network, leave such vessels out (toolpath.leave_out "
-        "in a recipe), or accept them: --accept-crossings of `printctl print`, "
-        "toolpath.allowed_crossings in a recipe",
+        _worst(clearance.crossings, "cross") + (_ACCEPTED if taken else _REMEDY),
         "warns" if taken else "refuses",
     )
     graze = Check(

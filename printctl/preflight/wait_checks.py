@@ -1,4 +1,4 @@
-"""Find the first temperature wait in a job that may never end.
+"""Find a job's first temperature wait that may never end.
 
 No profile knows of a cooler. A room is taken to be between 15 and 30 °C: what must cool below 30 °C
 may never get there, and what must warm up without a target may not either. M109 and M190 with S

@@ -1,4 +1,4 @@
-"""Write and check a note that a simulated print's motion record is whole, and of which job.
+"""Write and check a note that a simulated print's motion record is complete and of a given job.
 
 By it a run takes over what was printed from the operator's page, instead of printing it again.
 """

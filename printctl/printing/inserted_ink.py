@@ -1,4 +1,4 @@
-"""Ink that inserts have pushed out, beside what the table of a job's file tells."""
+"""Read the plunger push of lines inserted into a print; subtract it from the syringe's ink."""
 
 from __future__ import annotations
 

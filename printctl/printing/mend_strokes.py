@@ -1,4 +1,4 @@
-"""Lines that inserts have written into a print, for the live view."""
+"""Extract the strokes that inserted G-code lines write, for the live view."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Types of recipe fields that name profiles or files, marked for forms and checks."""
+"""Pydantic string types of recipe keys that name a profile; metadata mark of file keys."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recipe section on observing a print: device, marks to look at, tolerances, what may be mended."""
+"""Recipe section on observing a print: device, inspection interval, tolerances, allowed mends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Override some keys of a recipe and validate the result."""
+"""Replace given keys of a recipe, as for one well or search candidate; validate the result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of the record bundles.
+"""Exception classes of record bundles: unusable bundle, unusable signing key.
 
 ::
 

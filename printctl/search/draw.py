@@ -1,4 +1,4 @@
-"""Draw a search's parameter values: from a grid, or at random."""
+"""Draw a search's parameter values: full grid, random, Sobol or Latin hypercube samples."""
 
 from __future__ import annotations
 

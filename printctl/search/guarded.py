@@ -1,4 +1,4 @@
-"""Make a Dask cluster of this process that asks for a key and shows no web page."""
+"""Start a local Dask cluster that requires TLS keys and has no web dashboard."""
 
 from __future__ import annotations
 

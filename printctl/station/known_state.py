@@ -1,4 +1,4 @@
-"""Track printer state that firmware can't tell: mounted parts, homed axes, plunger travel used."""
+"""Track printer state unknown to the firmware: mounted parts, homed axes, plunger travel used."""
 
 from __future__ import annotations
 

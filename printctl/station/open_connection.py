@@ -1,4 +1,4 @@
-"""Open the station's connection to a printer: a port, or a simulated printer."""
+"""Data class of a station's port settings; open the port, or start a simulated printer for it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Open and close the station's printer port; keep a simulated printer's last tip position."""
+"""Hold the station's open printer port; keep a simulated printer's last tip position."""
 
 from __future__ import annotations
 

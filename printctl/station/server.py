@@ -1,4 +1,4 @@
-"""Command socket server of a station: passes clients' requests on to it, tells its status.
+"""Command socket server of a station: hand clients' requests to its thread, send its status.
 
 Further requests are those of `printctl.station.idle_commands`, ``mount``, ``reconnect``, ``print``,
 ``close`` and ``stop_motion``. Each is answered by ``{"event": "reply", "do": ..., "status": ...}``

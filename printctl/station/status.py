@@ -1,4 +1,4 @@
-"""Status of a station, as sent to its clients."""
+"""Data classes of a station's status and its mounted parts, as sent to clients."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Assemble the web application: page services, REST API, pages and access guard."""
+"""Build the FastAPI app of one server: REST API, pages, service start and end; add the guard."""
 
 from __future__ import annotations
 

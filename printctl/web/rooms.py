@@ -1,4 +1,4 @@
-"""Assemble the services, REST routes and pages of the web interface."""
+"""List the five pages (printer, job, design, scan, history): services, routers, registration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Align scanned surface points to a model: search, exact fit, uncertainty of the pose, doubts."""
+"""Run an alignment: pose search, exact rigid and scaled fits, intervals, alternative poses."""
 
 from __future__ import annotations
 

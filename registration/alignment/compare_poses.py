@@ -1,4 +1,4 @@
-"""Ratio of the RMS misfits of two poses, over the scanned points that tell them apart."""
+"""Ratio of the RMS misfits of two poses, over the scanned points where they differ."""
 
 from __future__ import annotations
 

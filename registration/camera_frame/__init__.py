@@ -1,4 +1,4 @@
-"""Tie a camera to the printer: marks of a dish insert, and the needle's tip in pictures.
+"""Calibrate a camera to the printer's frame by a marked dish insert; locate the needle's tip.
 
 Goes in: a lens, pictures of a dish insert, crosses touched or lines printed. Comes out: a
 `CameraFrame` (pixels to mm and back, with uncertainty), checks that it still holds, and where the

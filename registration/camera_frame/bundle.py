@@ -1,4 +1,4 @@
-"""Fit camera, insert and its printing errors together, each with what is known of it beforehand.
+"""Fit camera, dish insert and its printing errors in one bundle adjustment with priors.
 
 Least squares of the marks' pixels, of touched crosses and of printed points. Unknowns: the
 camera's pose and lens; the insert's place, turn, tilt and scale; how far it is from square and
@@ -21,10 +21,10 @@ from scipy.special import chdtrc
 
 from registration.camera_frame.evidence import Placement, PrintedPoints, Touch
 from registration.camera_frame.insert import Insert
+from registration.camera_frame.least_squares import settle, slopes
 from registration.camera_frame.marks import SeenMarks
 from registration.camera_frame.projection import View, project
-from registration.camera_frame.settle import settle, slopes
-from registration.camera_frame.turning import turned
+from registration.camera_frame.rotations import turned
 from registration.errors import PictureError
 
 FloatArray = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Check by one picture whether a camera frame still holds."""
+"""Check by the marks in one new picture if a calibrated camera or insert has moved."""
 
 from __future__ import annotations
 

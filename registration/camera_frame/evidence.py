@@ -1,4 +1,4 @@
-"""Values that a camera's place over the printer is fitted to."""
+"""Data classes for fitting a camera's pose: touched crosses, printed points, insert's place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fit a camera's place over the printer to pictures of an insert."""
+"""Fit a camera's pose to the printer from insert marks, touched crosses and printed lines."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from registration.camera_frame.frame import Bath, CameraFrame, SeenAtFit
 from registration.camera_frame.insert import Insert
 from registration.camera_frame.marks import FEWEST, SeenMarks
 from registration.camera_frame.projection import View, meet
-from registration.camera_frame.turning import turn_vector
+from registration.camera_frame.rotations import turn_vector
 from registration.errors import PictureError
 from registration.lens import Lens
 

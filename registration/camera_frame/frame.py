@@ -1,4 +1,4 @@
-"""Camera frame: pixels to the printer's frame and back, with uncertainty; its file."""
+"""Camera frame class: pixels to printer coordinates and back, with uncertainty; file I/O."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from design.files import write_text
 from registration.camera_frame.insert import Insert
 from registration.camera_frame.projection import View, meet, project
-from registration.camera_frame.turning import turned
+from registration.camera_frame.rotations import turned
 from registration.lens import Lens
 from registration.lens.model_file import read_model
 

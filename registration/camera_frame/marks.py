@@ -1,4 +1,4 @@
-"""Find an insert's marks in a picture, partially hidden ones left out."""
+"""Find an insert's ArUco marks in a picture: corners, blur, brightness; hidden ones left out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Project places to pixels and back: lens, pose, and refraction at a flat bath surface."""
+"""Project 3D points to pixels and back: lens, pose, and refraction at a flat bath surface."""
 
 from __future__ import annotations
 

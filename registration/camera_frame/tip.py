@@ -1,4 +1,4 @@
-"""Find a needle's tip in a picture: its pixel, width, and the look of its end."""
+"""Find a needle's tip in a picture: its pixel, diameter, and the end's tilt and roughness."""
 
 from __future__ import annotations
 

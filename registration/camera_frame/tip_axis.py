@@ -1,4 +1,4 @@
-"""Find a needle's two edges in a patch by gradients that add up along them."""
+"""Find a needle's axis in a picture patch from its two edges, by gradients summed along them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find roughly where a needle ends in a patch, along its axis."""
+"""Estimate where a needle ends along its axis in a picture patch, to half its width."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fit the model of a needle's end to a patch: end, axis, width, blur, brightness together."""
+"""Fit a rod model to a needle's end in a patch: end, axis, width, blur, brightness together."""
 
 from __future__ import annotations
 

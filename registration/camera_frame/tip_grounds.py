@@ -1,4 +1,4 @@
-"""Choose for each picture of a needle what shows the scene behind it."""
+"""Make a needle-free background for each picture from other pictures of the same camera."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Model picture of a needle's end: a rod of known width before its ground, blurred."""
+"""Image model of a needle's end: a blurred rod's coverage and brightness at each pixel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cut the surroundings of a needle's tip out of a picture, the needle upright in it."""
+"""Crop a picture around a needle's expected tip, resampled with the needle upright."""
 
 from __future__ import annotations
 

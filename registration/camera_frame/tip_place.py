@@ -1,4 +1,4 @@
-"""Triangulate a needle's tip from pictures with the printer at known places."""
+"""Triangulate a needle's tip from pictures with the printer at known positions."""
 
 from __future__ import annotations
 

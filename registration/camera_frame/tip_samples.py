@@ -1,4 +1,4 @@
-"""Sample picture and ground around a needle's end, along its axis."""
+"""Sample a needle picture and its background on a grid around the needle's end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One step of the fit of a needle's end, and what it leaves."""
+"""Compute one robust Gauss-Newton step of the needle-end fit, with residuals and derivatives."""
 
 from __future__ import annotations
 

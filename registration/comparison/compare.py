@@ -1,4 +1,4 @@
-"""Compare prints of one design: spread, repeatability, shared defects, optional gauge study."""
+"""Order scans by print and compute the comparison: quantities, vessels, defects, gauge study."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Match defects by place over several prints of a design: shared by several, or in one only."""
+"""Match defects by location over several prints of a design: shared by several, or in one only."""
 
 from __future__ import annotations
 

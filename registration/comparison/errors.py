@@ -1,4 +1,4 @@
-"""Exceptions for registrations that can't be compared, or don't make a gauge study.
+"""Exceptions: registrations that can't be compared, or aren't a crossed gauge (R&R) study.
 
 ::
 

@@ -1,4 +1,4 @@
-"""Take the numbers to compare out of a registration.json; refuse scans of different designs."""
+"""Extract the numbers to compare from a registration.json; refuse scans of different designs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measure a dye video against the 0D flow: arrivals along the vessels, patency of each vessel."""
+"""Evaluate a dye video end to end: camera view, dye traces, arrivals, prediction, patency."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from design.hemodynamics.dye import check_frames, dye_front
 from design.network import VesselNetwork
+from registration.dye.arrival_fit import Prediction, predict
 from registration.dye.arrivals import Arrivals, find_arrivals
-from registration.dye.fit import Prediction, predict
+from registration.dye.carrying_flow import carrying_flow, solve_without_closed
 from registration.dye.marks import FloatArray, Marks, checked_node, straight_marks
 from registration.dye.patency import VesselDye, find_patency, times_against_open_flow
 from registration.dye.perspective import FEWEST
-from registration.dye.predict import carrying_flow, solve_without_closed
 from registration.dye.stations import DyeStations
 from registration.dye.traces import Traces, before_dye, read_traces
 from registration.dye.view import LEAST_PX, View, find_view

@@ -1,4 +1,4 @@
-"""Convert a dye report to plain values for JSON, and to CSV rows of places along the vessels."""
+"""Convert a dye report to plain values for JSON, and to CSV rows of points along the vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""0D flow through the design's open vessels, with closed ones removed, for dye predictions."""
+"""Find vessels still connected when closed ones are removed, and solve their 0D flow."""
 
 from __future__ import annotations
 

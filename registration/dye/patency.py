@@ -8,10 +8,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from design.geometry.polyline import arc_lengths
 from design.hemodynamics.dye import CarryingFlow, downstream_order, flow_ends
 from design.network import VesselNetwork
+from registration.dye.arrival_fit import Prediction, along_flow
 from registration.dye.arrivals import Arrivals
-from registration.dye.fit import Prediction, along_flow
 from registration.dye.marks import FloatArray
 from registration.dye.stations import DyeStations, volume_shares
 
@@ -218,8 +219,7 @@ def _stop(
     is closed anywhere along it.
     """
     points, radius = network.polyline(vessel)
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    way = np.concatenate([[0.0], np.cumsum(steps)])
+    way = arc_lengths(points)
     whole = volume_shares(points, radius)
     # The place with most dye before it and least behind it: a place or two may be blur.
     k = int(np.argmax(np.concatenate([[0], np.cumsum(np.where(seen.dyed, 1, -1))])))

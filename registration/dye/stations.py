@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselNetwork
 from registration.dye.marks import FloatArray
 from registration.dye.view import View
@@ -67,14 +68,13 @@ def _along(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Share of the volume, point, radius, samples and flatness of a vessel's stations."""
     points, radius = network.polyline(vessel)
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    way = np.concatenate([[0.0], np.cumsum(steps)])
+    way = arc_lengths(points)
     count = int(np.clip(way[-1] * view.px_per_mm / _PX_APART, _FEWEST, _MOST))
     at = way[-1] * (np.arange(count) + 0.5) / count
     fine = at[:, None] + way[-1] / count * np.linspace(-0.4, 0.4, ALONG)
-    place = np.stack([np.interp(fine, way, column) for column in points.T], axis=-1)
+    place = places_along(points, way, fine)
     of_fine = np.interp(fine, way, radius)
-    middle = np.stack([np.interp(at, way, column) for column in points.T], axis=-1)
+    middle = places_along(points, way, at)
     ends = view.pixels(np.concatenate([place[:, 0], place[:, -1]])).reshape(2, count, 2)
     ahead = ends[1] - ends[0]
     length = np.hypot(*ahead.T)

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from registration.dye.fit import Prediction
+from registration.dye.arrival_fit import Prediction
 from registration.dye.measure import DyeReport
 from registration.dye.patency import Times, VesselDye
 

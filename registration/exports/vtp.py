@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.files import write_text
+from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselNetwork
 from registration.result import RegistrationReport
 
@@ -77,9 +78,8 @@ def _on_axis(
     network: VesselNetwork, vessel: int, along: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     points, _ = network.polyline(vessel)
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    upto = np.concatenate([[0.0], np.cumsum(steps)])
-    return np.stack([np.interp(along, upto, points[:, k]) for k in range(3)], axis=1)
+    upto = arc_lengths(points)
+    return places_along(points, upto, along)
 
 
 def _write(

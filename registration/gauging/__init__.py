@@ -27,9 +27,7 @@ if TYPE_CHECKING:
     from registration.gauging.edge_changes import drop_edge_changes
     from registration.gauging.gel_like import without_gel_like
     from registration.gauging.junctions import find_junction_changes
-    from registration.gauging.ledges import with_ledges
     from registration.gauging.own_levels import with_own_levels
-    from registration.gauging.parts import connected_vessels, drop_dead_ends, sub_network
     from registration.gauging.perfusion import Perfusion, with_interval
     from registration.gauging.printed import (
         MeasuredLumen,
@@ -37,8 +35,10 @@ if TYPE_CHECKING:
         printed_network,
         with_printed_lengths,
     )
+    from registration.gauging.through_vessels import connected_vessels, drop_dead_ends, sub_network
     from registration.gauging.trace import VesselTrace, trace_vessels
     from registration.gauging.vessels import VesselGauge, gauge_vessels, without_resistance
+    from registration.gauging.wall_reflections import with_ledges
 
 __all__ = [
     "TOLERANCES_UM",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from design.geometry.polyline import places_along
 from registration.alignment import Fit
 from registration.gauging.changes import bordered, point_at
 from registration.gauging.defect import Defect
@@ -142,7 +143,7 @@ def _end(trace: VesselTrace, station: int, way: int, measured: Ends) -> tuple[fl
     )
     low, high = sorted((float(trace.along[station]), float(trace.along[free[2]])))
     along = np.arange(low, high, float(field.voxel_mm.min()) / 8)[::way]
-    axis = np.stack([np.interp(along, trace.along, trace.centre[:, k]) for k in range(3)], axis=1)
+    axis = places_along(trace.centre, trace.along, along)
     spread = 0.35 * trace.radius[station]
     pattern = shift + spread * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
     across = trace.planes.across[border]

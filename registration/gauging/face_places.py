@@ -1,4 +1,4 @@
-"""Find connected places of scanned outer faces off the design: chips, pits, cavities, excess."""
+"""Find connected patches where scanned outer faces are off the design: chips, pits, excess gel."""
 
 from __future__ import annotations
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
+from design.geometry.polyline import places_along
 from design.network import VesselNetwork
 from kernels.arrays import BoolArray, FloatArray
 from registration.alignment import Fit
@@ -161,7 +162,7 @@ def _core(trace: VesselTrace, evidence: GelEvidence, fit: Fit, along: FloatArray
     ends = trace.centre[[0, -1]] + reach * (trace.centre[[0, -1]] - trace.centre[[1, -2]])
     line = np.concatenate([ends[:1], trace.centre, ends[1:]])
     at = np.concatenate([[-_BEYOND_MM[1]], trace.along, [trace.length + _BEYOND_MM[1]]])
-    axis_points = np.stack([np.interp(along, at, line[:, k]) for k in range(3)], axis=1)
+    axis_points = places_along(line, at, along)
     nearest = np.clip((along / trace.spacing).astype(np.int64), 0, len(trace.along) - 1)
     flat = shift[:, None] + _CORE * radius[:, None, None] * _PATTERN
     places = fit.invert(axis_points)[:, None] + flat @ trace.planes.across[nearest]

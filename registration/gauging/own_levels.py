@@ -1,4 +1,4 @@
-"""Correct short vessels beside thin gel for levels of gel and liquid of their own.
+"""Correct diameters of short vessels beside thin gel by gel and liquid levels measured there.
 
 A wall lies halfway between gel and liquid. A scan's levels are means over some 0.25 mm of what is
 well within either (`segmentation.local_level`). In a tight row of lumens there is no such gel: its

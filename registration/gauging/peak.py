@@ -1,4 +1,4 @@
-"""Estimate a diameter change's peak height and place between sections, with the blur undone."""
+"""Estimate a diameter change's peak height and position between sections, corrected for blur."""
 
 from __future__ import annotations
 

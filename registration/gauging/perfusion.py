@@ -11,8 +11,8 @@ from design.errors import FlowError
 from design.hemodynamics import FlowConditions, resistance_at, solve_flow
 from design.network import VesselNetwork
 from kernels.arrays import BoolArray, FloatArray
-from registration.gauging.parts import connected_vessels, sub_network
 from registration.gauging.printed import printed_network, with_printed_lengths
+from registration.gauging.through_vessels import connected_vessels, sub_network
 from registration.gauging.trace import VesselTrace
 from registration.uncertainty import SectionErrors, pressure_interval
 

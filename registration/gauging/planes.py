@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
 from registration.alignment import Fit
@@ -25,21 +26,14 @@ def stations(
         Designed.
     """
     points, radii = network.polyline(vessel)
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    path = np.concatenate([[0.0], np.cumsum(steps)])
+    path = arc_lengths(points)
     count = max(3, int(np.ceil(path[-1] / spacing_mm)))
     along = (np.arange(count) + 0.5) * path[-1] / count
-    centre = np.stack([np.interp(along, path, points[:, k]) for k in range(3)], axis=1)
+    centre = places_along(points, path, along)
     # A chord over about a radius, so that a kinked polyline's planes don't jump.
     reach = np.maximum(np.interp(along, path, radii), spacing_mm) / 2
     ends = [np.clip(along + side * reach, 0, path[-1]) for side in (1, -1)]
-    chord = np.stack(
-        [
-            np.interp(ends[0], path, points[:, k]) - np.interp(ends[1], path, points[:, k])
-            for k in range(3)
-        ],
-        axis=1,
-    )
+    chord = places_along(points, path, ends[0]) - places_along(points, path, ends[1])
     tangent = chord / np.linalg.norm(chord, axis=1, keepdims=True)
     return along, centre, tangent, np.interp(along, path, radii)
 

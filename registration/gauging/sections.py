@@ -1,4 +1,4 @@
-"""Cross-sections of a lumen, measured in the scan along the design's centreline.
+"""Measure one lumen's cross-sections in planes across its designed axis, by rays to the wall.
 
 The centreline comes from the design, not from a skeleton of the scan: a skeleton wanders, and its
 diameters are off by tens of micrometres where sections are off by a few.

@@ -1,4 +1,4 @@
-"""Find datum features in a scan and form their frame equations."""
+"""Find a datum (face, axis, port) in a scan; form linear equations for the part's pose."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from registration.geometry.datum import Datum
 from registration.geometry.designed import designed_mouth, straight_axis
 from registration.geometry.faces import Face
 from registration.geometry.features import axis_rows, plane_rows, stack_features
+from registration.geometry.fit_state import Setting
 from registration.geometry.line import Line
 from registration.geometry.lumen import LEAST_SECTIONS, Lumen
 from registration.geometry.mouth import mouth, mouth_rows
 from registration.geometry.nested import Rows
 from registration.geometry.scene import LEAST_POINTS, LEAST_SEEN, Scene
-from registration.geometry.setting import Setting
 
 _NEARLY = 0.94
 """Cosine of 20 degrees: a face looks a way when its normal is nearer to it."""

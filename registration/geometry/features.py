@@ -11,10 +11,10 @@ from kernels.arrays import FloatArray
 from registration.errors import DatumError
 from registration.geometry.faces import Face
 from registration.geometry.filters import cells
+from registration.geometry.fit_state import Setting, light_across
 from registration.geometry.frame import motion
 from registration.geometry.lumen import Lumen
 from registration.geometry.nested import Rows
-from registration.geometry.setting import Setting, light_across
 
 PATCH_MM = 0.5
 """Surface points nearer than this err together."""

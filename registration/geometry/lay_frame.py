@@ -1,4 +1,4 @@
-"""Lay the part's frame on chosen datums of a scan."""
+"""Fit the part's frame to chosen datums of a scan, in their order."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from registration.geometry.datum import Datum
 from registration.geometry.datum_places import places_of
 from registration.geometry.datum_rows import rows_of
 from registration.geometry.faces import Face
+from registration.geometry.fit_state import Setting
 from registration.geometry.frame import Frame, strains
 from registration.geometry.nested import DatumTwist, free_words, hold
 from registration.geometry.scene import Scene
-from registration.geometry.setting import Setting
 
 _STEPS = 5
 

@@ -11,10 +11,10 @@ from kernels.arrays import FloatArray
 from registration.geometry.faces import Face
 from registration.geometry.features import plane_rows
 from registration.geometry.filters import open_filter
+from registration.geometry.fit_state import Setting, light_across
 from registration.geometry.frame import motion
 from registration.geometry.lumen import Lumen
 from registration.geometry.nested import Rows
-from registration.geometry.setting import Setting, light_across
 
 MOUTH_DIAMETERS = 2.0
 """Of a vessel that its mouth is told from."""

@@ -7,10 +7,10 @@ import numpy as np
 from kernels.arrays import FloatArray
 from registration.geometry.characteristic import Characteristic, Zone
 from registration.geometry.cylinder import minimum_zone
+from registration.geometry.fit_state import Setting, light_shift
 from registration.geometry.frame import COVERAGE, IN_PLANE, Frame, strains
 from registration.geometry.lumen import Lumen
 from registration.geometry.mouth import mouth
-from registration.geometry.setting import Setting, light_shift
 from registration.geometry.vessel_rows import (
     CYLINDRICITY,
     LINE_PROFILE,

@@ -176,16 +176,21 @@ def _diameter(name: FeatureName, band: Band, k: int, decision: Decision, limit: 
 
 
 def mean_feature(row: Record, band: Band, limits: VesselLimits) -> list[Feature]:
-    """Judge the mean diameter over a vessel's open sections."""
+    """Judge the mean diameter over a vessel's open sections.
+
+    A fail allows for what sections of other vessels scatter by, too: the mean of one section
+    would otherwise be a fail where the section isn't.
+    """
     if row.get("measured_um") is None or not row["measured_um"]:
         return []
     limit = limits.diameter if limits.mean is None else limits.mean
     designed = float(row["designed_um"])
     error = float(row["measured_um"]) - designed
     u = row.get("measured_interval_95_um")
-    half = _mean_half(band.series) if u is None else float(u)
+    scattered = _mean_half(band.series)
+    half = scattered if u is None else float(u)
     below, above = limit.around(np.array([designed]))
-    wide = np.array([single_width(half)])
+    wide = np.array([single_width(float(np.fmax(half, scattered)))])
     code = decide(np.array([error]), np.array([half]), wide, below, above)
     return [
         Feature(
@@ -319,11 +324,13 @@ def leak_feature(defect: Record, limits: VesselLimits) -> Feature:
     """Judge a leak's or a bridge's width; any fails unless a width is allowed.
 
     Of what may be a shadow nothing is proven, not even a pass: it may hide a wider way. Nor is it
-    of what is too faint for a way of its width.
+    of what is too faint for a way of its width, or of a width whose interval reaches down to none.
     """
     width, half = float(defect["size_um"]), float(defect["error_um"] or 0.0)
     doubt = defect.get("doubt", "")
-    decision: Decision = "fail" if limits.leak_um <= 0 else _upper(width, half, limits.leak_um)
+    decision = _upper(width, half, limits.leak_um)
+    if limits.leak_um <= 0:
+        decision = "fail" if width > half else "undecided"
     return Feature(
         name="leak",
         decision="undecided" if doubt else decision,

@@ -1,4 +1,4 @@
-"""Group adjacent out-of-tolerance runs and diameter changes of a vessel into single findings."""
+"""Group a vessel's out-of-tolerance runs with the bulges or stenoses that overlap them."""
 
 from __future__ import annotations
 

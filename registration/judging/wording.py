@@ -59,6 +59,8 @@ def _way(feature: Record) -> str:
     other = feature.get("other")
     to = "out" if other is None else f"into vessel {other}"
     text = f"{_place(feature)}: a way {_measured(feature)} wide leads {to}, {feature['limit']}"
+    if feature["decision"] == "undecided" and not feature.get("doubt") and feature.get("u_um"):
+        return f"{text}: not proven, as its own interval leaves room for none; see its picture"
     return text + _DOUBTS.get(feature.get("doubt", ""), "")
 
 

@@ -1,4 +1,4 @@
-"""Judge a picture or height map of a layer against the lines that should lie there.
+"""Evaluate a picture or height map of a printed layer against the lines expected there.
 
 Names are loaded when first asked for.
 

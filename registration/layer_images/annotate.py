@@ -1,4 +1,4 @@
-"""Draw what was expected and what was seen over a layer's picture, for the operator."""
+"""Draw expected lines, measured edges, gaps and unseen parts over a layer's picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Take the picture before a layer into account: what lay there then cancels in the difference."""
+"""Align the picture taken before a layer, and add the difference to the working picture."""
 
 from __future__ import annotations
 

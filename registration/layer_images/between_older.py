@@ -1,4 +1,4 @@
-"""Infer missing ink on older ink from the bath that shows to either side of it along the line.
+"""Infer missing ink where a line crosses older ink, from bare bath on both sides of it.
 
 Opaque ink can't be told from older ink of its own kind, and in a lattice of several layers most of
 a line lies on that. Bath that is seen in the line's place between two older lines says that no ink

@@ -1,4 +1,4 @@
-"""Tell fresh ink over older ink by what changed since a picture taken before the layer.
+"""Detect missing ink on older ink by what changed since a picture taken before the layer.
 
 Translucent ink adds a line's density to what lies below, so the level moves towards the ink's own
 colour, and where a line is missing nothing changed. Opaque ink changes no level but its ridges and

@@ -1,4 +1,4 @@
-"""Find roughly how far a layer lies beside its place, whatever its ink looks like.
+"""Estimate a layer's offset in pixels by correlating the picture with its expected line areas.
 
 The contrast between where lines are expected and all else is squared and summed over the picture's
 channels, and over the strength of their edges (clear ink shows by its edges alone). Of several good

@@ -1,4 +1,4 @@
-"""Tell missing ink from debris on a line that is about as bright as the bath."""
+"""Decide if a gap surely shows bare bath, or may be debris about as bright as the bath."""
 
 from __future__ import annotations
 

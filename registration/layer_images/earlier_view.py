@@ -1,4 +1,4 @@
-"""Lay an earlier picture of the same view over the present one, as exactly as the ground allows.
+"""Register an earlier picture to the present one: affine camera motion, fitted on unwritten bath.
 
 A camera that moved by a part of a pixel shows every older line twice in a difference. The two
 pictures are fitted to each other where nothing was written in between: an affine map, and light

@@ -1,4 +1,4 @@
-"""Find where a layer lies before its lines are looked at, or say that nothing tells it."""
+"""Give a layer's first shift by its line areas; if unclear, all of the search range."""
 
 from __future__ import annotations
 

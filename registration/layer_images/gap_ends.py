@@ -1,10 +1,11 @@
-"""Measure where a gap's ink ends: at its tips on the line's middle, in light.
+"""Locate the ink tips at a gap's ends from linear light along the line, corrected for blur.
 
 A camera blurs light, so that an end lies about where the light along the line's middle is half way
 from ink to bath. A bead that broke off has a round end: it grows thin before its tip, and blur
 takes more from it than from one cut square. How far the half-way place lies within either end
-follows from the absorption and blur that widths were told by (`registration.microscope.shade`);
-how much light the bead's flanks show beside its middle tells one from the other.
+follows from the absorption and blur that widths were told by
+(`registration.microscope.ink_absorption`); how much light the bead's flanks show beside its middle
+tells one from the other.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d
 from registration.layer_images.in_light import LightMix
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage, Gap, IntArray
 from registration.layer_images.ways import Seen, Ways
-from registration.microscope.shade import Shade
+from registration.microscope.ink_absorption import Shade
 
 _CORE: Final = 0.15
 """Half of the part of a width along which ends are looked for."""

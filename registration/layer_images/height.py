@@ -1,4 +1,4 @@
-"""Turn an OCT volume into a picture of a layer: what scatters in it, and how high it stands."""
+"""Make a picture of a layer from an OCT volume: scattering in its slab, and surface height."""
 
 from __future__ import annotations
 

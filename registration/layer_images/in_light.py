@@ -1,4 +1,4 @@
-"""Turn the logarithms of a picture's channels back into light, in which its blur is one.
+"""Convert a picture's log channels to one linear light value: bath 0, ink about 1.
 
 The camera's values are taken as linear in light.
 """

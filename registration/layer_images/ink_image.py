@@ -1,4 +1,4 @@
-"""Learn how ink differs from bath in a picture, and make one image of it: bath 0, ink about 1.
+"""Learn channel weights (Fisher's) and the cross-profile of a line that separate ink from bath.
 
 The weights of the channels are Fisher's (1936, Ann. Eugen. 7, 179): the difference of the means
 over the spread within, both of places as large as a part of a line, so that a bath's texture counts

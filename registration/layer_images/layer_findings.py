@@ -1,4 +1,4 @@
-"""Turn what was learned of a layer into gaps, blobs, widths and lumens."""
+"""Derive gaps, blobs, widths and lumens of a layer from the ink presence at a known shift."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Final
 import cv2
 import numpy as np
 
+from registration.layer_images.along_strokes import reached
+from registration.layer_images.bare_strokes import bare_strokes
 from registration.layer_images.between_older import BARE
 from registration.layer_images.blobs import find_blobs
 from registration.layer_images.changed import unchanged
@@ -125,7 +127,10 @@ def findings_of(
         under = look.seen.profiles(big.astype(np.uint8), ways.width[:, None] * ACROSS, True)
         why[good & under.any(axis=1)] = int(Unseen.HIDDEN)
         good = why == Unseen.SEEN
-    gaps = _gaps(look, good, why, places, options)
+    gaps, told_there = _gaps(look, good, why, places, options)
+    gaps, lost = _beside(look, gaps, told_there, why)
+    why[lost] = int(Unseen.SEEN)
+    look = replace(look, present=np.where(lost, 0.0, look.present))
     good = why == Unseen.SEEN  # without what turned out unclear
     widths = _lit_widths(look, shift)
     stations = look.group.stations(ways, look.present, why, widths)
@@ -162,14 +167,19 @@ def findings_of(
         contrast=told.contrast if told is not None else 0.0,
         appearance=told.appearance if told is not None and told.noise is not None else None,
         moved_px=look.work.moved_px,
+        bare=bare_strokes(look, why, np.random.default_rng(29)),
     )
 
 
 def _gaps(
     look: SeenLayer, good: BoolArray, why: IntArray, places: int, options: SeeingOptions
-) -> list[Gap]:
-    """Gaps over either background; marks in ``why`` what turns out unclear."""
+) -> tuple[list[Gap], BoolArray]:
+    """Gaps over either background, and where presence tells of ink; marks in ``why`` the unclear.
+
+    What is unclear by its steps and changes alone still tells as much as its level does.
+    """
     found: list[Gap] = []
+    vague = np.zeros(len(look.ways), dtype=np.bool_)
     needed = options.false_rate / places
     beside = look.ways.width[:, None] * np.linspace(-1.5, 1.5, 13)
     near = _near_old(look)
@@ -193,10 +203,12 @@ def _gaps(
             if look.by_height and told is look.old:
                 gaps, doubtful = stepped(gaps, look.present, clear, look.ways)
                 unclear |= doubtful
+                vague |= doubtful
             elif look.by_change and told is look.old:
                 for judge in (unchanged, stepped):
                     gaps, doubtful = judge(gaps, look.present, clear, look.ways)
                     unclear |= doubtful
+                    vague |= doubtful
             else:
                 shown = ~look.inferred
                 gaps = [
@@ -212,7 +224,20 @@ def _gaps(
             # Bath that looks like ink beside a line that doesn't: light changes there.
             doubt = good & rows & (look.plain < INK * noise.middle) & (look.present > INK)
             why[doubt & (look.plain < 0.25 * noise.middle)] = int(Unseen.UNCLEAR)
-    return found
+    return found, good & (vague | (why == Unseen.SEEN))
+
+
+def _beside(
+    look: SeenLayer, gaps: list[Gap], told_there: BoolArray, why: IntArray
+) -> tuple[list[Gap], BoolArray]:
+    """Gaps with what is missing beside them, and the places of that."""
+    level, spread = np.full(len(look.ways), np.nan), np.zeros(len(look.ways))
+    for told, rows in ((look.bath, ~look.over_old | look.inferred), (look.old, look.over_old)):
+        if told is not None and told.noise is not None:
+            use = rows & told_there
+            level[use] = look.present[use] / told.noise.middle
+            spread[use] = float(told.noise.spread[0]) / told.noise.middle
+    return reached(gaps, level, why == Unseen.SEEN, spread, look.ways)
 
 
 def _strange_around(look: SeenLayer, told: Told, near: Mask, across_mm: FloatArray) -> FloatArray:

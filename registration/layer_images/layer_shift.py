@@ -1,4 +1,4 @@
-"""Fit how far a layer lies beside its place to the offsets of its lines."""
+"""Fit a layer's shift (dx, dy) to the sideways offsets measured along its lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ink over older ink that is told by a level alone: a height, or a change."""
+"""Build the result for ink on older ink from one scalar level (height or change) alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Take uneven light and the bath's own colour out of a working picture.
+"""Remove uneven light and soft shadows from a layer picture's log channels; bath becomes 0.
 
 In logarithms light adds. It is a polynomial of fourth order, fitted to the bath and, one step away
 from it, to the ink (so that a large filled area has light of its own), straight soft shadows that

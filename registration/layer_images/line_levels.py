@@ -1,4 +1,4 @@
-"""Levels and hues of lines that differ in depth or width, as filaments in a bath do."""
+"""Estimate each line's own ink level and colour scatter, where lines differ in depth or width."""
 
 from __future__ import annotations
 

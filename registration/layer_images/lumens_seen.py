@@ -1,4 +1,4 @@
-"""Measure how far lumens of a layer are open."""
+"""Measure lumens in a layer picture: narrowest free width, and share of area without ink."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find out whether a height map fits its lines better turned or mirrored: a scan's axes mixed up.
+"""Check if a height map fits its lines better turned or mirrored (scan axes mixed up).
 
 Ink that lies where lines are expected correlates best with them as it is, however much of it is
 missing; so a picture that fits better otherwise isn't of the frame it is said to be of. A layer
@@ -75,10 +75,11 @@ def better_turned(picture: FloatImage, frame: Frame, lines: ExpectedLines) -> st
 
 
 def _at_its_height(lines: ExpectedLines) -> BoolArray:
-    """Fresh lines, and older ones between the lowest and the highest of them, (n,)."""
-    z = 0.5 * (lines.start[:, 2] + lines.end[:, 2])
-    low, high = z[lines.fresh].min(), z[lines.fresh].max()
-    return np.asarray((z >= low - _SAME_MM) & (z <= high + _SAME_MM))
+    """Fresh lines, and older ones that reach between their lowest and highest place, (n,)."""
+    ends = np.stack([lines.start[:, 2], lines.end[:, 2]])
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    above = high >= low[lines.fresh].min() - _SAME_MM
+    return np.asarray(above & (low <= high[lines.fresh].max() + _SAME_MM))
 
 
 def _shrunk(image: FloatImage, by: float) -> FloatImage:

@@ -1,4 +1,4 @@
-"""Map working pixels back to the printer's plane, for any frame that maps places to pixels."""
+"""Map working pixels back to mm on the layer's plane, by a cubic polynomial fitted to the frame."""
 
 from __future__ import annotations
 

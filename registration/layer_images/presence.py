@@ -1,4 +1,4 @@
-"""Tell how much of a sound line's ink is seen at each place, and how much that scatters.
+"""Measure ink presence (bath 0, sound line 1) along lines, and its noise by window length.
 
 The presence is a profile across the line, weighted by what sound lines look like: 1 for ink, 0 for
 bath. Where bath is seen beside the line it is also taken against that bath, and the larger value

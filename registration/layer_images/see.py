@@ -1,4 +1,4 @@
-"""Judge a picture of a layer against the lines that should lie there.
+"""Run one layer picture's evaluation: light, shift, ink, then gaps, widths, blobs, lumens.
 
 1. Places along the fresh lines, closely spaced; the picture cropped and binned to them (`working`).
 2. Uneven light is taken out (`light`), and the layer's shift found roughly (`coarse_shift`).

@@ -1,4 +1,4 @@
-"""Learn a layer's ink, background and widths at one shift of the picture."""
+"""Evaluate a layer picture at one shift: ink presence over bath and older ink, and widths."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find straight soft shadows across a picture's bath.
+"""Find straight soft shadows across a picture's bath, and how much light they take.
 
 A camera arm casts them, a syringe, a lamp's frame. In logarithms a shadow adds a function of the
 place across it alone, a ridge function (Friedman and Stuetzle 1981, J. Am. Stat. Assoc. 76, 817:

@@ -1,4 +1,4 @@
-"""Group closely spaced places into stations of about half a line's width, and measure them."""
+"""Group points along lines into stations half a line width long; measure ink width at each."""
 
 from __future__ import annotations
 

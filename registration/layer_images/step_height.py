@@ -1,4 +1,4 @@
-"""Tell fresh ink over older ink by its height: where it is missing, the surface lies a layer lower.
+"""Detect missing ink on older ink in a height map, by a step down of one layer.
 
 The level of sound ink is a smooth surface through the higher part of the layer's own heights, since
 a frame's z, an evenly swollen gel or a tilted dish mustn't look like missing ink. What sinks slowly

@@ -1,4 +1,4 @@
-"""Find what is neither ink nor bath in a picture: glare, shadows, bubbles, debris."""
+"""Find pixels that are neither ink nor bath: glare, shadows, bubbles, debris."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tell ink from one kind of background (bath, or older ink) at all places over it."""
+"""Learn ink over one background (bath or older ink), and measure its presence along lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Values of a look at a layer: what is expected, and what was seen."""
+"""Data classes of a layer evaluation: expected lines and lumens; gaps, blobs, widths found."""
 
 from __future__ import annotations
 
@@ -341,6 +341,9 @@ class LayerFindings:
     moved_px : float
         By how many pixels the camera moved since the picture before; NaN without one. From
         `before.MOST_PX` on that picture isn't used.
+    bare : tuple of int
+        Strokes of which nothing is seen, and nothing stands out from the bath: their ink is
+        missing, or too faint.
     """
 
     stations: Stations
@@ -357,6 +360,7 @@ class LayerFindings:
     contrast: float
     appearance: Appearance | None
     moved_px: float = math.nan
+    bare: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Closely spaced places along the fresh lines, and where a picture shows them."""
+"""Sample points along a layer's new lines; their pixels and cross-profiles in a picture."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _STRAIGHT = 0.9
 """Cosine of the turn, above which a way goes on straight."""
 _OVER = 0.85
 """Of the mean width: lines whose middles are nearer lie over each other."""
-_DETOUR = 1.25
+DETOUR = 1.25
 """Way along a line over the distance of two of its places, from which on it has turned back."""
 _DEEPER = 0.5
 """Of a width, from which on places lie at different depths."""
@@ -101,7 +101,7 @@ class Ways:
         one, other = cKDTree(at).query_pairs(reach, output_type="ndarray").T
         apart = np.linalg.norm(at[one] - at[other], axis=1)
         along = np.abs(self.along[one] - self.along[other])
-        same = (self.run[one] == self.run[other]) & (along < _DETOUR * apart)
+        same = (self.run[one] == self.run[other]) & (along < DETOUR * apart)
         over = (apart < _OVER * 0.5 * (self.width[one] + self.width[other])) & ~same
         out[one[over]] = out[other[over]] = True
         return out

@@ -1,8 +1,8 @@
-"""Measure line widths at stations, with what scatters and what is common to all.
+"""Measure line widths at half level from cross-profiles, with random and common uncertainty.
 
 Edges lie at half of a line's height over the bath beside it. What that means for the width follows
 from the mean profile: how much light the ink takes, and how sharp the picture is
-(`registration.microscope.shade`).
+(`registration.microscope.ink_absorption`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from registration.layer_images.ink_image import ACROSS, WITHIN, Template
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage, IntArray
-from registration.microscope.shade import Shade, fit_shade
+from registration.microscope.ink_absorption import Shade, fit_shade
 
 _FEWEST = 8
 _EDGE_PX = 0.15

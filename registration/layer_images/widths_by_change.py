@@ -1,4 +1,4 @@
-"""Measure widths between older lines, by what changed since the picture before."""
+"""Measure new lines' widths between older lines, in the difference to the earlier picture."""
 
 from __future__ import annotations
 

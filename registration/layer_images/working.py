@@ -1,4 +1,4 @@
-"""Working picture: cropped to the layer, binned, as logarithm; and masks of what is expected."""
+"""Crop, bin and take the logarithm of a layer picture; draw masks of expected ink and bath."""
 
 from __future__ import annotations
 

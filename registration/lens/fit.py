@@ -1,4 +1,4 @@
-"""Fit a camera's distortion, scale and focal length to pictures of a board."""
+"""Calibrate a camera lens from board pictures: as many parameters as the pictures determine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Camera lens: take its distortion out of pictures and pixels; write and read its file."""
+"""Camera lens class: undistort pictures and pixels; write and read the lens file."""
 
 from __future__ import annotations
 

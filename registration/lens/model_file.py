@@ -1,4 +1,4 @@
-"""Read a YAML file into a checked model, its faults told in one line."""
+"""Read a YAML file into a validated data model; report a fault in one line with its remedy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fit all eight numbers of a camera and their covariance to tilted pictures of a board."""
+"""Fit focal length, principal point, distortion and covariance to tilted board pictures."""
 
 from __future__ import annotations
 

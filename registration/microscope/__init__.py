@@ -5,8 +5,8 @@ Goes in: a picture and a pattern. Comes out: widths and gaps, mm. Begin with `vi
 
 from registration.microscope.annotate import annotated
 from registration.microscope.gaps import Crossing, GapWidth, measure_gaps
+from registration.microscope.ink_absorption import Shade, shade_profile
 from registration.microscope.picture import Picture, read_picture
-from registration.microscope.shade import Shade, shade_profile
 from registration.microscope.target import Target, View
 from registration.microscope.view import find_view, marked_view
 from registration.microscope.widths import Line, LineWidths, measure_lines

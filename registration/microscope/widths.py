@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import map_coordinates
 
+from registration.microscope.ink_absorption import MIDDLE, Shade, fit_shade
 from registration.microscope.picture import BoolImage, FloatArray, Picture
 from registration.microscope.profiles import (
     Profiles,
@@ -17,7 +18,6 @@ from registration.microscope.profiles import (
     profiles_along,
     usual_height,
 )
-from registration.microscope.shade import MIDDLE, Shade, fit_shade
 from registration.microscope.target import View
 
 _MODELS: Final = 4

@@ -26,7 +26,7 @@ from registration.picture.camera import Camera, View, fitted_camera
 from registration.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
 from registration.picture.flow_marks import draw_flow_marks, port_reach
 from registration.picture.quantity import Quantity
-from registration.picture.shade import shade
+from registration.picture.render import shade
 
 FINER: Final = 2
 LEGEND_AT_MOST: Final = 12

@@ -21,7 +21,7 @@ from registration.picture.compose import (
     scene_camera,
 )
 from registration.picture.quantity import Quantity
-from registration.picture.shade import shade
+from registration.picture.render import shade
 
 Frame = NDArray[np.uint8]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from design.geometry.polyline import arc_lengths
 from design.network import FloatArray, VesselNetwork
 
 
@@ -21,8 +22,7 @@ def point_pressure(
     """
     if first is None or last is None or not np.isfinite(first + last).any():
         return None
-    steps = np.linalg.norm(np.diff(network.points, axis=0), axis=1)
-    along = np.concatenate([[0.0], np.cumsum(steps)])
+    along = arc_lengths(network.points)
     vessel = np.repeat(np.arange(network.vessel_count), np.diff(network.offset))
     begin, end = along[network.offset[:-1]], along[network.offset[1:] - 1]
     part = (along - begin[vessel]) / (end - begin)[vessel]

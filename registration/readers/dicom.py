@@ -1,4 +1,4 @@
-"""Read DICOM: a multi-frame file or a folder of slices, by pydicom (extra ``scans``).
+"""Read a scan volume from DICOM: a multi-frame file or a folder of slices (extra ``scans``).
 
 Slices of computed tomography are depths. Frames of ophthalmic tomography (modality OPT) are
 B-scans whose rows are depth. Where frames lie is believed as the file says it, and the scan's

@@ -1,4 +1,4 @@
-"""Read NIfTI-1 and -2, plain or gzipped, by nibabel."""
+"""Read a scan volume from NIfTI-1 or -2, plain or gzipped, by nibabel."""
 
 from __future__ import annotations
 

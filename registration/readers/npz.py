@@ -1,4 +1,4 @@
-"""Read NumPy archives: an array ``volume`` and scalar metadata."""
+"""Read a scan from a NumPy archive: an array ``volume`` and scalar metadata."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read NRRD, with attached data or detached in the same folder, by pynrrd."""
+"""Read a scan volume from NRRD, data attached or in a file beside it, by pynrrd."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from registration.pages import drop_pages
+from registration.memory_pages import drop_pages
 from registration.readers.limits import IN_MEMORY_BYTES, bytes_of, check_available
 from registration.readers.raw_result import Array
 

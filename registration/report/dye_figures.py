@@ -1,4 +1,4 @@
-"""Figures of the dye page: sampled places on a video frame; measured and predicted arrivals."""
+"""Figures of the dye page: sampled points on a video frame; measured and predicted arrivals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SVG figure of an observed print: share of its lines seen with ink, look by look."""
+"""SVG figure of a print watched by camera: share of its lines seen with ink, by picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turn parts of report.json into facts and tables for page and PDF; missing ones are left out."""
+"""Report facts and tables from report.json: fits, vessels, flow, oxygen, checks, timing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Report tables: records of report.json as text rows with sort keys."""
+"""Format records of report.json as table rows of text cells with sort keys and marks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Segmentation: from a scanned volume to the surface between gel and lumen.
+"""Segment scans: from a scanned volume to the gel field and the surface of gel.
 
 Goes in: a `Scan`. Comes out: a surface mesh, and a field of gel. Begin with `segment.py`.
 """

@@ -1,4 +1,4 @@
-"""Segment gel and liquid where the liquid is nearly as bright as the gel.
+"""Separate gel from liquid nearly as bright in OCT: find light and both levels in turns.
 
 Half of the gel's brightness is no threshold there, and what a place sends back no measure of what
 it takes from the light (`light` rests on that). Both levels and the light are found together, in

@@ -1,4 +1,4 @@
-"""Estimate the signal gel gives at each OCT voxel, correcting the attenuation model (`light`).
+"""Correct the OCT light model by the gel's own signal levels, spread outwards from sure gel.
 
 That model takes the gel's attenuation as one and what comes back as its share. A focus within the
 gel, roll-off, haze and the reflections of flat faces break it by factors of two, and half of a

@@ -1,10 +1,10 @@
-"""Evidence for gel at each voxel: signal relative to that of gel at the same place.
+"""Compute evidence for gel at each voxel: signal over that expected of gel there (1 in gel).
 
 What gel would send back is estimated from gel nearby in three steps, each from the scan itself:
 
 - its mean at each depth (attenuation, roll-off, focus);
-- what liquid above saves of the light: a factor exp(b L) with L the length of liquid above and b
-  the regression of the signal on L (Beer-Lambert);
+- what liquid above saves of the light: a factor exp(b L) with L the length of liquid above, bath
+  and open channels included, and b the regression of the signal on L (Beer-Lambert);
 - the local mean ratio of signal to that prediction, and of what is left when bright voxels are
   capped (`BRIGHTEST`).
 
@@ -50,6 +50,10 @@ SIGMA_MM = 0.055
 """Standard deviation of the averages: matched to a way 0.15 mm wide, of which it keeps 0.6."""
 DECISIVE = 4.0
 """Gel and liquid are told apart where they lie this many standard deviations from each other."""
+
+_MOST_STEPS = 30
+_FINE = 1e-3
+"""1/mm, of the regression on the liquid above: far below what moves an average."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +176,7 @@ def _predicted(
     signal: FloatVolume, values: FloatVolume, gel: Mask, voxel: FloatArray
 ) -> FloatVolume:
     """Signal of gel at each voxel; sizes (3,) mm, as z, y, x."""
-    liquid = _liquid_above(values, gel, float(voxel[0]))
+    liquid = _liquid_above(values, float(voxel[0]))
     count = np.maximum(gel.sum(axis=(1, 2)), 1)
     mean = _depth_means(signal, gel)
     usual = np.where(gel, liquid, 0).sum(axis=(1, 2), dtype=np.float64) / count
@@ -210,24 +214,38 @@ def _even(share: FloatVolume, values: FloatVolume, gel: Mask, voxel: FloatArray)
     normalise(share, np.zeros_like(level), level, (z, y, x))
 
 
-def _liquid_above(values: FloatVolume, gel: Mask, step: float) -> FloatVolume:
-    """Length of liquid above each voxel, mm, from the first gel of its A-scan on."""
-    below_surface = np.maximum.accumulate(gel, axis=0)
-    free = np.where(below_surface, np.clip(1 - values, 0, 1), np.float32(0))
+def _liquid_above(values: FloatVolume, step: float) -> FloatVolume:
+    """Length of liquid above each voxel, mm: what of its depth isn't gel.
+
+    The bath counts: a channel that opens towards the light saves as much of it as one with gel
+    above, and gel beside it is held against both.
+    """
+    free = np.clip(1 - values, 0, 1)
     return np.cumsum(free, axis=0, dtype=np.float32) * np.float32(step)
 
 
 def _saved(signal: FloatVolume, mean: FloatArray, liquid: FloatVolume, gel: Mask) -> float:
-    """Regression of the signal's logarithm on the length of liquid above, 1/mm, at least 0.
+    """Regression of the signal on exp(b (L - mean L)), 1/mm, at least 0.
 
-    The slope of the ratio signal/mean on L - mean L, whose first order is b.
+    Solves the sum of l (r exp(-b l) - 1) = 0 over gel by Newton, r the ratio signal/mean and l the
+    length less its mean: below wide lumens b l is too large for its first order alone, which
+    takes b for twice what it is.
     """
     every = max(1, gel.size // 2_000_000)
     chosen = np.flatnonzero(gel.ravel()[::every]) * every
     length = liquid.ravel()[chosen].astype(np.float64)
     ratio = signal.ravel()[chosen] / mean[chosen // gel[0].size]
-    square = float((length**2).sum())
-    return max(float((length * (ratio - 1)).sum()) / square, 0.0) if square > 0 else 0.0
+    saved = 0.0
+    for _ in range(_MOST_STEPS):
+        even = ratio * np.exp(-saved * length)
+        slope = float((length**2 * even).sum())
+        if slope <= 0:
+            return 0.0
+        step = float((length * (even - 1)).sum()) / slope
+        saved = max(saved + step, 0.0)
+        if abs(step) < _FINE or saved == 0:
+            break
+    return saved
 
 
 def _scatter(mean: FloatVolume, gel: Mask) -> FloatArray:

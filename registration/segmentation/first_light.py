@@ -1,4 +1,4 @@
-"""First estimate of light reaching OCT voxels, fitted alternately with gel and liquid."""
+"""First OCT light estimate if liquid is bright: fit log light and gel classes in turns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find the grey levels of gel and lumens, and refuse a scan without contrast between them."""
+"""Find the grey levels of gel and liquid, and refuse a scan without contrast between them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from kernels.arrays import FloatArray
 from registration.errors import SegmentationError
+from registration.segmentation.classes import split_classes
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,18 @@ def sparse_levels(values: FloatArray) -> Levels:
         )
     half = (gel + float(np.percentile(dark, 2))) / 2
     return _levels(dark[dark < half], values[values > half])
+
+
+def part_levels(values: FloatArray) -> Levels:
+    """Classes of a whole part in liquid, of which either may fill most of the field.
+
+    The classes' own medians, as borders are mixtures. Where the values are of one class and few
+    others, the part fills the field, and they are lumens in it.
+    """
+    split = split_classes(values)
+    if not split.two:
+        return sparse_levels(values)
+    return _levels(values[values <= split.middle], values[values > split.middle])
 
 
 def _levels(lumen: FloatArray, gel: FloatArray) -> Levels:

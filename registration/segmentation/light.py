@@ -1,4 +1,4 @@
-"""Estimate the light that reaches each OCT voxel, to undo attenuation and shadows.
+"""Estimate light at each OCT voxel from the signal summed below it (Vermeer 2014).
 
 Vermeer et al. 2014 (10.1364/BOE.5.000322): what a voxel sends back, I_i, over the light that
 still is on its way there is its attenuation coefficient; and that light is what comes back from

@@ -1,4 +1,4 @@
-"""Smooth local mean of selected voxels' values around each place of a scan, on a coarse grid."""
+"""Smooth local mean of selected voxels' values everywhere in a scan, on a coarse grid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Extract the surface mesh of segmented gel; mark parts not truly seen; drop specks."""
+"""Extract the surface mesh of segmented gel; flag the reliably seen vertices; drop specks."""
 
 from __future__ import annotations
 

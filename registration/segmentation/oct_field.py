@@ -1,4 +1,4 @@
-"""Segment gel and liquid in OCT: noise floor, attenuation, local levels of both.
+"""Compute an OCT scan's gel field: noise, attenuation, walls and local levels corrected.
 
 Four things decide whether a wall comes out where it is, and each is taken away:
 

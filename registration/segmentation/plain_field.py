@@ -7,15 +7,17 @@ from typing import Literal
 import numpy as np
 
 from registration.scan import Scan
-from registration.segmentation.levels import sparse_levels
+from registration.segmentation.levels import part_levels, sparse_levels
 from registration.segmentation.volume import GelField, Volume
 from registration.segmentation.working import Working, probe
 
 
 def plain_field(
-    scan: Scan, working: Working, lumens: Literal["dark", "bright"]
+    scan: Scan, working: Working, lumens: Literal["dark", "bright"], *, whole_part: bool = False
 ) -> tuple[GelField, float]:
     """Compute the gel field and contrast of a volume with uniform grey values.
+
+    Of a ``whole_part`` the field shows its outside, too, which may be most of it.
 
     Raises
     ------
@@ -28,7 +30,7 @@ def plain_field(
     else:
         values = working.smoothed(working.binned(scan))
     sign = 1.0 if lumens == "dark" else -1.0
-    levels = sparse_levels(sign * probe(values))
+    levels = (part_levels if whole_part else sparse_levels)(sign * probe(values))
     field = GelField(
         values, levels.half, sign, working.voxel_mm, working.origin_mm, working.blur_mm
     )

@@ -1,4 +1,4 @@
-"""Segment the surface between gel and lumen in a scan, to a fraction of a voxel.
+"""Segment any scan (OCT, micro-CT, confocal): choose the method, return the gel surface mesh.
 
 OCT: bin, take the noise floor off, compensate attenuation (Vermeer 2014; beside walls with the
 gel's light), smooth, and the surface halfway between the local levels of liquid and gel, which
@@ -43,6 +43,8 @@ class SegmentationOptions:
         Against the gel; "bright" when filled with contrast agent.
     wall_mm : float, mm
         How much further into the gel this instrument's walls truly lie (`walls_file`).
+    whole_part : bool
+        Whether micro-CT or confocal shows the part's outside, not only lumens in gel.
     speck_mm : float, mm
         Closed surfaces with a box diagonal below this are noise.
     """
@@ -51,6 +53,7 @@ class SegmentationOptions:
     smoothing_mm: float | None = None
     lumens: Literal["dark", "bright"] = "dark"
     wall_mm: float = 0.0
+    whole_part: bool = False
     speck_mm: float = 0.5
 
 
@@ -98,7 +101,7 @@ def segment(scan: Scan, options: SegmentationOptions | None = None) -> Segmentat
     if scan.modality == "oct":
         field, contrast, strength = oct_field(scan, working)
     else:
-        field, contrast = plain_field(scan, working, options.lumens)
+        field, contrast = plain_field(scan, working, options.lumens, whole_part=options.whole_part)
     surface, outward, seen = surface_mesh(field, strength, options.speck_mm)
     wall_mm = options.wall_mm + field.faint_mm
     moved = wall_mm + field.facing_mm * outward[:, 2:] ** 2

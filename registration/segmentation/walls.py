@@ -1,4 +1,4 @@
-"""Estimate each OCT voxel's share of gel from its signal and the light that reaches it.
+"""Estimate each OCT voxel's gel share from signal and light, corrected at steep walls.
 
 Light on its way down (`light`) is the sum over rays; G of it runs in gel, N in liquid, which
 scatters by a part q of what gel does. A voxel sends back G + q N, so both are known, and

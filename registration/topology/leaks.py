@@ -28,7 +28,7 @@ from registration.topology.gel_paths import (
 )
 from registration.topology.grid import LumenGrid
 from registration.topology.path_width import outline_width, width
-from registration.topology.shade import may_be_shade
+from registration.topology.shadow_test import may_be_shade
 from registration.topology.swollen_joints import SwollenJoint, swelling
 
 _FULL = np.ones((3, 3, 3), dtype=np.bool_)

@@ -11,6 +11,7 @@ import warnings
 import numpy as np
 from scipy.special import stdtrit
 
+from design.geometry.polyline import arc_lengths
 from kernels.arrays import FloatArray
 from registration.alignment import Fit
 from registration.gauging.planes import across_tangents, to_scan
@@ -101,8 +102,7 @@ def outline_width(path: FloatArray, field: GelField, fit: Fit) -> tuple[float, f
 
 def _cuts(path: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Places along a smoothed path and its direction there: 0.1 mm apart, in a short one 0.05."""
-    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    along = np.concatenate([[0.0], np.cumsum(steps)])
+    along = arc_lengths(path)
     count = max(min(6, int(along[-1] / 0.05)), int(along[-1] / 0.1) + 1, 2)
     even = np.linspace(along[0], along[-1], count)
     # A voxel path zigzags: a parabola through all of it doesn't.

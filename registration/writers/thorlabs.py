@@ -1,4 +1,4 @@
-r"""Write Thorlabs ``.oct`` as ThorImage lays it out: a zip of a header and raw data.
+r"""Write a scan as Thorlabs ``.oct`` in ThorImage's layout: a zip of a header and raw data.
 
 Intensity is float32 in dB, depth fastest, then x, then y, uncompressed, so that it can be mapped.
 What Thorlabs' header has no place for stands in one element of ours, which others skip.

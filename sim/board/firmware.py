@@ -1,4 +1,4 @@
-"""Base class of a simulated board's firmware: messages, commands, line numbers, kill."""
+"""Interface of a firmware family on a simulated board: messages, commands, line numbers, kill."""
 
 from __future__ import annotations
 

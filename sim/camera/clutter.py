@@ -1,4 +1,4 @@
-"""Draw bubbles, fibres and specks into the plane, at places seeded in the printer's frame."""
+"""Draw bubbles, fibres and specks into a simulated picture, fixed in the dish by a seed."""
 
 from __future__ import annotations
 

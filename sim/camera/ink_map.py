@@ -1,4 +1,4 @@
-"""Maps of the ink as a camera sees it: thickness that counts, and its crest."""
+"""Draw laid ink as maps of visible thickness and crest height over the camera's drawing plane."""
 
 from __future__ import annotations
 

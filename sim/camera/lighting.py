@@ -1,4 +1,4 @@
-"""Colour the drawn plane: bath and ink by depth, shaded ridges, uneven light, glints."""
+"""Compute the light from the dish: bath and ink colours by depth, shaded ridges, glints."""
 
 from __future__ import annotations
 

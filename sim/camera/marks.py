@@ -1,4 +1,4 @@
-"""Lay ArUco markers, picture files and the dish's rim into the drawn plane."""
+"""Draw ArUco markers, picture files and the dish's rim into a simulated picture of the dish."""
 
 from __future__ import annotations
 

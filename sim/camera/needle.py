@@ -1,4 +1,4 @@
-"""Draw the needle that stands in the view: from its tip up towards the camera."""
+"""Draw the needle, from its tip up towards the camera, into a simulated picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Paint a picture of the ink that lies in the simulated dish.
+"""Render a simulated camera's picture of the dish from laid ink, camera and scene.
 
 Modelled
 --------

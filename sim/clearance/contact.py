@@ -60,7 +60,7 @@ class ShaftContact:
             what = f"takes the shaft past {other} at {-self.depth_mm:.3f} mm"
         return (
             f"line {self.line} ({self.kind}{own}) {what}, written by line {self.crossed_line}, at "
-            f"x {x:.2f}, y {y:.2f}, z {z:.2f} mm"
+            f"x {x:.2f}, y {y:.2f}, z {z:.2f} mm (printer's frame)"
         )
 
 

@@ -66,19 +66,19 @@ class SearchInput:
     def _contacts(self, hits: Found, kind: IntArray, vessel: IntArray) -> list[ShaftContact]:
         hits = hits[np.lexsort((hits["move"], hits["value"]))]
         move, line = hits["move"], self.motion.line
-        columns = zip(
+        written = self.ink.when[hits["ink"]]
+        columns: tuple[list[Any], ...] = (
             line[self.row[move]].tolist(),
-            (KINDS[one] for one in kind[move].tolist()),
+            [KINDS[one] for one in kind[move].tolist()],
             self.head[move].tolist(),
-            map(_or_none, vessel[move].tolist()),
-            map(_or_none, hits["vessel"].tolist()),
-            line[self.pieces.row[self.ink.when[hits["ink"]]]].tolist(),
+            [_or_none(one) for one in vessel[move].tolist()],
+            [_or_none(one) for one in hits["vessel"].tolist()],
+            line[self.pieces.row[written]].tolist(),
             np.round(-hits["value"], 4).tolist(),
-            map(tuple, np.round(self._on_ink(hits), 4).tolist()),
-            map(tuple, np.round(self._on_tip(hits), 4).tolist()),
-            strict=True,
+            [tuple(one) for one in np.round(self._on_ink(hits), 4).tolist()],
+            [tuple(one) for one in np.round(self._on_tip(hits), 4).tolist()],
         )
-        return [ShaftContact(*one) for one in columns]
+        return [ShaftContact(*one) for one in zip(*columns, strict=True)]
 
     def _moves(self) -> tuple[IntArray, IntArray]:
         """Kind and vessel of each move."""

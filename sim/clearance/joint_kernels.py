@@ -1,4 +1,4 @@
-"""Depth (mm) of ink inside a vessel joint, where needle shaft contact is allowed (compiled).
+"""Compute how deep ink lies inside a vessel joint, where shaft contact is allowed (compiled).
 
 A joint reaches J = sqrt(2) (R + r) + overlap from where the tip is, or from a place where two
 vessels meet (`sim.clearance.joints`): R the bare tip's radius, r the larger filament's, or the

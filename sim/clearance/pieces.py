@@ -1,4 +1,4 @@
-"""Cut motion rows into short pieces, for the needle shaft check."""
+"""Cut moves into pieces of at most 0.5 mm, the same for all heads, for the needle shaft check."""
 
 from __future__ import annotations
 

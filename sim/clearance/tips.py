@@ -1,4 +1,4 @@
-"""Cut every needle's motion into pieces for the shaft check, each with the vessel concerned."""
+"""Build the shaft check's array of needle motion: each head's pieces with stroke and vessel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cut, thin, shift and leave out written lines by the faults of the ink."""
+"""Apply ink faults to written lines: change the flow, drop, shift or sag lines, add clumps."""
 
 from __future__ import annotations
 

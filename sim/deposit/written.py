@@ -1,4 +1,4 @@
-"""Select the blocks of executed motion that write, and smooth their plunger steps into doses."""
+"""Select executed blocks that write ink; compute their volume and smoothed cross-section."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write frames as a film file, by OpenCV."""
+"""Write video frames to a film file (MP4, MOV, AVI) by OpenCV."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulated clock of a board, which a fault plan may slow or freeze."""
+"""Map a simulated board's clock to the host's clock; planned faults slow or freeze it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Factors on the flow of ink by each fault, along a print."""
+"""Compute each ink fault's factor on flow: clog, drift, temperature swing, bubble, empty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Way written, ink pushed and purged along executed blocks, and when a fault's moment comes.
+"""Running sums of path written, ink pushed and purged along a print; find where a fault begins.
 
 A place in a print is a number: whole part the block, rest the share of that block which is done.
 It ascends whatever the printer's clock does (a reset sets that to 0).

@@ -1,4 +1,4 @@
-"""Read the bytes of a user's G-code file."""
+"""Read a user's G-code file as bytes; refuse folders, pipes and devices."""
 
 from __future__ import annotations
 

@@ -1,9 +1,12 @@
-"""Simulated micro-CT of an embedded print after melt-out.
+"""Simulated micro-CT of a print: melted-out lumens in gel, or a gel part in liquid.
 
 Modelled
 --------
-- The ink has been melted out: its place is a lumen, darker (or, filled with contrast agent,
-  brighter) than the gel, which fills the whole field of view.
+- Embedded prints: the ink has been melted out. Its place is a lumen, darker (or, filled with
+  contrast agent, brighter) than the gel, which fills the whole field of view.
+- FRESH prints: the ink is the gel, and the support is melted out. Lumens and all around the part
+  are liquid, as dark as lumens are; the gel is taken as stained, without which micro-CT hardly
+  tells it from water.
 - Partial volume and unsharpness (isotropic Gaussian), white noise (sum of four uniform numbers:
   close to normal, never beyond 3.5 standard deviations).
 - Tilt, rotation, shift and shrinkage of the part.
@@ -18,6 +21,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numba
 import numpy as np
@@ -47,6 +51,8 @@ class MicroCtOptions:
         Standard deviation of the noise.
     placing : Placing
         How the part lies.
+    ink : "lumen" or "gel"
+        What the deposited ink is by the time of the scan: melted out, or the part itself.
     """
 
     voxel_mm: float = 0.080
@@ -57,6 +63,7 @@ class MicroCtOptions:
     placing: Placing = field(
         default_factory=lambda: Placing(margin_mm=1.0, shift_mm=0.8, shrink=(0.99, 0.99, 0.99))
     )
+    ink: Literal["lumen", "gel"] = "lumen"
 
     def __post_init__(self) -> None:
         check_range("voxel_mm", self.voxel_mm, 1e-3, 5.0, "mm")
@@ -66,7 +73,7 @@ class MicroCtOptions:
 
 
 def simulate_microct(deposit: Deposit, options: MicroCtOptions, seed: int) -> ScannerOutput:
-    """Scan a deposit of sacrificial ink by simulated micro-CT.
+    """Scan a deposit by simulated micro-CT.
 
     Same seed, same bytes, on any number of threads.
 
@@ -87,7 +94,7 @@ def simulate_microct(deposit: Deposit, options: MicroCtOptions, seed: int) -> Sc
         index_map(placed.pose, deposit.origin_mm - pad * edge, edge),
         options.voxel_mm,
         (shape[0], shape[1], shape[2]),
-        np.array([options.gel_counts, options.lumen_counts, options.noise_counts]),
+        np.array([*_counts(options), options.noise_counts]),
         key,
     )
     return ScannerOutput(
@@ -103,6 +110,12 @@ def simulate_microct(deposit: Deposit, options: MicroCtOptions, seed: int) -> Sc
     )
 
 
+def _counts(options: MicroCtOptions) -> tuple[float, float]:
+    """Grey value around the ink, and that of ink."""
+    gel, lumen = options.gel_counts, options.lumen_counts
+    return (gel, lumen) if options.ink == "lumen" else (lumen, gel)
+
+
 @pjit
 def _render(
     ink: NDArray[np.uint8],
@@ -113,7 +126,7 @@ def _render(
     key: np.uint64,
 ) -> NDArray[np.uint16]:
     nz, ny, nx = shape
-    gel, lumen, noise = counts
+    around, filled, noise = counts
     # A sum of four uniform 16-bit numbers has the variance 4 (65536² - 1) / 12.
     spread = noise / math.sqrt((65536.0**2 - 1.0) / 3.0)
     out = np.empty((nz, ny, nx), dtype=np.uint16)
@@ -134,6 +147,6 @@ def _render(
                 total = -131070.0
                 for part in range(4):
                     total += float((bits >> np.uint64(16 * part)) & np.uint64(0xFFFF))
-                value = gel + (lumen - gel) * fill / 255.0 + spread * total
+                value = around + (filled - around) * fill / 255.0 + spread * total
                 out[z, y, x] = np.uint16(min(65535.0, max(0.0, value + 0.5)))
     return out

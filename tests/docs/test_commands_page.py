@@ -7,7 +7,7 @@ import pytest
 import typer
 
 from docs_tools.commands import PAGE, commands, page
-from printctl.cli.manual import MANUAL
+from printctl.cli.help_examples import MANUAL
 
 ALL = dict(commands())
 LEAVES = {name: one for name, one in ALL.items() if not hasattr(one, "list_commands")}
@@ -18,7 +18,7 @@ UNIT = re.compile(
 
 
 def test_every_command_has_a_manual_and_no_other_does():
-    assert set(ALL) == set(MANUAL), "printctl/cli/manual.py wants an entry for every command"
+    assert set(ALL) == set(MANUAL), "printctl/cli/help_examples.py wants an entry for every command"
 
 
 @pytest.mark.parametrize("name", LEAVES)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from registration.gauging import VesselTrace
-from registration.gauging.ledges import ROUGH, share_of_ledges, with_ledges
 from registration.gauging.sections import RAYS, independent_rays
+from registration.gauging.wall_reflections import ROUGH, share_of_ledges, with_ledges
 from registration.segmentation import Segmentation
 from registration.uncertainty import ScanErrors
 from tests.registration.phantom import as_designed, block, traces

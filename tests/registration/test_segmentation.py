@@ -13,7 +13,7 @@ from registration.segmentation.filters import (
     normalise,
     smooth,
 )
-from registration.segmentation.levels import sparse_levels
+from registration.segmentation.levels import part_levels, sparse_levels
 from registration.segmentation.light import remaining_light
 from registration.segmentation.local_level import local_level
 from registration.segmentation.nets import surface
@@ -89,6 +89,22 @@ def test_sparse_lumens_of_one_percent_are_found() -> None:
     rng = np.random.default_rng(0)
     values = np.concatenate([rng.normal(100, 2, 99_000), rng.normal(40, 2, 1000)])
     assert sparse_levels(values).half == pytest.approx(70, abs=1)
+
+
+@pytest.mark.parametrize("gel", [0.05, 0.5, 0.95])
+def test_a_whole_part_is_told_from_liquid_whichever_fills_more(gel: float) -> None:
+    rng = np.random.default_rng(0)
+    part, liquid = round(gel * 100_000), round((1 - gel) * 100_000)
+    values = np.concatenate([rng.normal(100, 4, part), rng.normal(40, 4, liquid)])
+    found = part_levels(values)
+    assert found.half == pytest.approx(70, abs=1)
+    assert found.gel == pytest.approx(100, abs=1)
+
+
+def test_few_lumens_in_a_part_that_fills_the_field_are_found() -> None:
+    rng = np.random.default_rng(0)
+    values = np.concatenate([rng.normal(100, 4, 99_700), rng.normal(40, 4, 300)])
+    assert part_levels(values).half == pytest.approx(70, abs=1)
 
 
 def gel_block(tilt: float, attenuation: float, step: float) -> NDArray[np.float32]:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from registration.gauging.ledges import with_ledges
 from registration.gauging.wall_profile import WallProfile, wall_profile
+from registration.gauging.wall_reflections import with_ledges
 from registration.segmentation import Segmentation
 from registration.segmentation.volume import Strength
 from registration.uncertainty import ScanErrors

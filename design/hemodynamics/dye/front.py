@@ -1,4 +1,4 @@
-"""Compute a dye front's arrival times in each vessel; class vessels by the effect of diffusion.
+"""Compute a dye front's arrival times in each vessel; classify vessels by diffusion's effect.
 
 The tip runs on the axis at twice the mean speed, so that it is through a vessel in T/2; the mean
 takes T. Both add up along a way, since flows mix at nodes and some of what comes goes on along the

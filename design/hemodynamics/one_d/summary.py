@@ -1,4 +1,4 @@
-"""Summarise a 1D flow solution: totals, extremes, and waves at inlets and outlets."""
+"""Summarise a 1D flow solution: means, extremes, inlet and outlet waveforms over a cycle."""
 
 from __future__ import annotations
 

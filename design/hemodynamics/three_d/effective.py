@@ -18,8 +18,8 @@ from design.hemodynamics.probes import Probes, clear_parts
 from design.hemodynamics.three_d.sections import probe_steady
 from design.hemodynamics.three_d.solution import ThreeDSolution
 from design.hemodynamics.three_d.vessel_flows import BoolArray, is_clear, vessel_flows
-from design.hemodynamics.vessel.heads import heads_of
 from design.hemodynamics.vessel.pipes import measure_pipes
+from design.hemodynamics.vessel.upstream_parts import heads_of
 from design.hemodynamics.zero_d.steady import solve_flow
 from design.network import FloatArray, VesselNetwork
 

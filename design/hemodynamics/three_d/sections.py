@@ -18,6 +18,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from design.errors import FlowError
+from design.geometry.polyline import arc_lengths, places_along
 from design.hemodynamics.probes import Probes, ProbeWaves
 from design.hemodynamics.three_d.lagrange import jacobian, quadratic, shapes, tetrahedron_rule
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
@@ -75,13 +76,11 @@ class Section:
 def place_of(network: VesselNetwork, vessel: int, fraction: float) -> SectionPlace:
     """Section square to a vessel at a part of its length; direction over half a radius."""
     points, radius = network.polyline(vessel)
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    arc = arc_lengths(points)
     at = fraction * arc[-1]
     here = float(np.interp(at, arc, radius))
     ends = np.clip([at - 0.25 * here, at + 0.25 * here], 0.0, arc[-1])
-    place, before, after = (
-        np.array([np.interp(s, arc, points[:, axis]) for axis in range(3)]) for s in (at, *ends)
-    )
+    place, before, after = places_along(points, arc, np.array([at, *ends]))
     return SectionPlace(place, (after - before) / np.linalg.norm(after - before), here)
 
 

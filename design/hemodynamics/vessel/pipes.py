@@ -1,4 +1,4 @@
-"""Compute each vessel's Poiseuille resistance; mean velocity and wall shear from its flow."""
+"""Mean radius and resistance per viscosity of each vessel; velocity and wall shear from flow."""
 
 from __future__ import annotations
 

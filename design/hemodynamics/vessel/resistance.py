@@ -1,4 +1,4 @@
-"""Compute the hydraulic resistance of each vessel by Poiseuille's law."""
+"""Resistance of each vessel by Poiseuille's law: viscosity times (8/π) ∫ ds/r⁴."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Standard flow waveforms of hearts and pumps by name, scaled to a given mean."""
+"""Flow waveforms by name (aortic ejection, roller pump), scaled to a given mean."""
 
 from __future__ import annotations
 

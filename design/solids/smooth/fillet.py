@@ -1,4 +1,4 @@
-"""Signed distance from a junction's vessels, joined by a rolling-ball fillet; ray exits from it.
+"""Signed distance and ray exits of a junction's vessels rounded by a rolling-ball fillet.
 
 Rounding is a morphological closing: of the space outside all vessels, whatever a ball of the
 fillet's radius ρ can't reach is filled. Where two vessels go on in one line the ball reaches the

@@ -1,4 +1,4 @@
-"""Mesh the tubes between junctions; give some tubes of a finished surface other free ends."""
+"""Mesh plain tubes between junctions, with open rings at the ends where junctions are sewn on."""
 
 from __future__ import annotations
 

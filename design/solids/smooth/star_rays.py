@@ -1,4 +1,4 @@
-"""Trace rays from a junction's centre: vessel left last, start of fillet-free wall (compiled)."""
+"""By rays from a junction's centre, find the outermost vessel and the wall clear of fillets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Correct a network for printing: scale, lumen radii and vessel positions, within bounds."""
+"""Data class of print corrections (scale, lumen radii, node shifts), applied within bounds."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from design.errors import ToolpathError
+from design.geometry.polyline import arc_lengths
 from design.network import VesselNetwork
 from design.toolpath.correction.stretch import Stretch
 from kernels.arrays import FloatArray
@@ -167,8 +168,7 @@ def _check_numbers(corrections: Corrections, network: VesselNetwork) -> None:
 def _shifts(network: VesselNetwork, moved: FloatArray, vessel: int) -> FloatArray:
     """By how much each point of a vessel moves, (k, 3): linear along it between its nodes."""
     points, _ = network.polyline(vessel)
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    path = np.concatenate([[0.0], np.cumsum(steps)])
+    path = arc_lengths(points)
     share = (path / max(float(path[-1]), 1e-12))[:, None]
     first, last = network.vessel_nodes[vessel]
     return np.asarray((1 - share) * moved[first] + share * moved[last])

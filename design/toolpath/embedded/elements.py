@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from design.geometry.polyline import arc_lengths
 from design.network import VesselNetwork
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
@@ -68,7 +69,7 @@ def elements_of(network: VesselNetwork, longest_mm: float) -> Elements:
         network.vessel_nodes.tolist(), network.polylines(), strict=True
     ):
         line, radius = _without_repeats(line, radius)
-        way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+        way = arc_lengths(line)
         keep = off_chords(line, radius)
         line, radius, way = line[keep], radius[keep], way[keep]
         place = finer_places(line, radius, longest_mm, TAPER_STEP)

@@ -1,4 +1,4 @@
-"""Compute how far inside a vessel joint ink lies, mm; there the needle shaft check spares it."""
+"""Compute the length of ink at vessel joints that the needle shaft check leaves out."""
 
 from __future__ import annotations
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +12,9 @@ from design.errors import ToolpathError
 from design.network import VesselNetwork
 from design.toolpath.embedded.options import EmbeddedOptions
 from design.toolpath.toolpath import FloatArray, IntArray
+
+NAMED: Final = 5
+"""Vessels that a message names, the thinnest first; the others are counted."""
 
 
 def frustum_ul(points: FloatArray, radius: FloatArray) -> FloatArray:
@@ -44,29 +50,62 @@ def _looked_at(network: VesselNetwork, vessels: IntArray | None) -> NDArray[np.b
 
 
 def check_thinnest(
-    network: VesselNetwork, options: EmbeddedOptions, vessels: IntArray | None = None
+    network: VesselNetwork,
+    options: EmbeddedOptions,
+    vessels: IntArray | None = None,
+    needles: Mapping[str, float] | None = None,
 ) -> None:
     """Refuse vessels thinner than the needle writes; of all of them, or of some (``vessels``).
+
+    Parameters
+    ----------
+    needles : mapping of str to float, mm
+        Bores of needles that may be had, by name; without them the bore needed is said alone.
 
     Raises
     ------
     ToolpathError
-        Naming the thinnest of them.
+        Naming the thinnest of them, where it is, and what would write it.
     """
     thinnest = 2 * np.minimum.reduceat(network.radius, network.offset[:-1])
     looked_at = _looked_at(network, vessels)
     limit = options.smallest_lumen_mm
     thin = np.flatnonzero((thinnest < limit * (1 - 1e-9)) & looked_at)
     if len(thin):
-        vessel = int(thin[np.argmin(thinnest[thin])])
+        thin = thin[np.argsort(thinnest[thin], kind="stable")]
+        vessel = int(thin[0])
+        scale = np.ceil(100 * limit / thinnest[vessel]) / 100
+        bore = float(thinnest[vessel]) / options.thinnest
         raise ToolpathError(
-            f"vessel {vessel}: diameter {thinnest[vessel]:.3f} mm is thinner than "
-            f"{limit:.3f} mm, {options.thinnest:g} × the needle's inner diameter of "
+            f"vessel {vessel}: diameter {thinnest[vessel]:.3f} mm at "
+            f"{_thinnest_at(network, vessel)} is thinner than {limit:.3f} mm, "
+            f"{options.thinnest:g} × the needle's inner diameter of "
             f"{options.needle_inner_mm:g} mm (needle_inner_mm; {len(thin)} such vessels: "
-            f"{_named(thin, thinnest)}); use a needle of at most "
-            f"{thinnest[vessel] / options.thinnest:.3f} mm bore, or let filaments be drawn thinner "
-            "than the bore (toolpath.thinnest_bore in a recipe)"
+            f"{_named(thin, thinnest)}); {_finer_needle(bore, needles or {})}, print it larger "
+            f"(print_scale in a recipe: {scale:g} times as large as now), or "
+            "let filaments be drawn thinner than the bore (toolpath.thinnest_bore in a recipe)"
         )
+
+
+def _thinnest_at(network: VesselNetwork, vessel: int) -> str:
+    low, high = network.offset[vessel : vessel + 2]
+    at = network.points[low + int(np.argmin(network.radius[low:high]))]
+    return "({:.4g}, {:.4g}, {:.4g}) mm".format(*at.tolist())
+
+
+def _finer_needle(bore_mm: float, needles: Mapping[str, float]) -> str:
+    """What needle writes it: the widest that does, or that none of them does."""
+    fine = {name: bore for name, bore in needles.items() if bore <= bore_mm * (1 + 1e-9)}
+    if fine:
+        name = max(fine, key=lambda one: fine[one])
+        return f"use a needle of at most {bore_mm:.3f} mm bore ({name}: {fine[name]:g} mm)"
+    if not needles:
+        return f"use a needle of at most {bore_mm:.3f} mm bore"
+    name = min(needles, key=lambda one: needles[one])
+    return (
+        f"it takes a bore of at most {bore_mm:.3f} mm, and no shipped needle is that fine "
+        f"({name}: {needles[name]:g} mm); widen these vessels"
+    )
 
 
 def _check_thickest(
@@ -86,5 +125,6 @@ def _check_thickest(
 
 
 def _named(vessels: IntArray, diameter_mm: FloatArray) -> str:
-    """Each vessel with its diameter."""
-    return ", ".join(f"{k} ({diameter_mm[k]:.3f} mm)" for k in vessels.tolist())
+    """The first few vessels with their diameters, and how many more."""
+    named = ", ".join(f"{k} ({diameter_mm[k]:.3f} mm)" for k in vessels[:NAMED].tolist())
+    return named + (f" and {len(vessels) - NAMED} more" if len(vessels) > NAMED else "")

@@ -1,4 +1,4 @@
-"""Find the order of writing strokes with fewest shaft conflicts and open joints, in rounds."""
+"""Order writing strokes in rounds, each with added rules for open joints; keep the best order."""
 
 from __future__ import annotations
 

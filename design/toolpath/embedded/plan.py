@@ -12,7 +12,6 @@ from design.toolpath.embedded.bundles import Bundles
 from design.toolpath.embedded.elements import Elements, elements_of, longest_mm
 from design.toolpath.embedded.entering import TOUCH_MM
 from design.toolpath.embedded.exempt_ink import exempt_lengths
-from design.toolpath.embedded.heads import EmbeddedHeads
 from design.toolpath.embedded.improve import order_passes
 from design.toolpath.embedded.joined import JoinedPasses, WeakJoint
 from design.toolpath.embedded.joints import Joiner
@@ -28,6 +27,7 @@ from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.shaft_contacts import Entry, WrittenMoves, find_shaft_contacts
 from design.toolpath.embedded.squares import ElementSquares, squares_of
 from design.toolpath.embedded.touches import Touches, touches
+from design.toolpath.embedded.vessel_heads import EmbeddedHeads
 from design.toolpath.embedded.walk import Leg
 from design.toolpath.embedded.write import FilamentWriter, Stretch
 from design.toolpath.toolpath import MoveKind, Toolpath

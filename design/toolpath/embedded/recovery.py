@@ -1,4 +1,4 @@
-"""Insert dwells before strokes through a crevice that the needle left, until the bath closes.
+"""Insert dwells before strokes where the needle just passed, until the bath's crevice has closed.
 
 A needle that moves through a yield-stress bath leaves a crevice, which closes within a time of the
 bath's own. Ink written into an open one runs up along it. So before a pass the needle waits, above

@@ -1,4 +1,4 @@
-"""Compute the least distance of the moving needle shaft from ink outside joints (compiled).
+"""Least distance of the moving needle shaft to written ink, except where vessels join (compiled).
 
 With the tip at b(s) on a straight way and the filament's axis at a(t), radius r(t), all linear, the
 approach is g(s, t) = d(a(t) - b(s)) - r(t), d the signed distance to the shaft. The shaft is

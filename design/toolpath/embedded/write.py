@@ -15,10 +15,10 @@ from design.toolpath.embedded.elements import (
     off_chords,
 )
 from design.toolpath.embedded.filament import frustum_ul, writing_speed
-from design.toolpath.embedded.ground import Ground, ground_under, highest_along, lay
-from design.toolpath.embedded.heads import EmbeddedHeads
+from design.toolpath.embedded.ink_heights import Ground, ground_under, highest_along, lay
 from design.toolpath.embedded.joined import JoinedPasses
 from design.toolpath.embedded.schedule import Pass
+from design.toolpath.embedded.vessel_heads import EmbeddedHeads
 from design.toolpath.embedded.walk import Leg
 from design.toolpath.moves import MoveBuilder
 from design.toolpath.toolpath import FloatArray, IntArray

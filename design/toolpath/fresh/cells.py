@@ -1,4 +1,4 @@
-"""Sort a contour's edges into grid cells, to find those that a line crosses."""
+"""Sort a contour's edges into grid cells, to test if a straight move crosses the contour."""
 
 from __future__ import annotations
 

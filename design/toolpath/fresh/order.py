@@ -1,4 +1,4 @@
-"""Order a layer's paths for short travels: walls from the lumens outward, then infill."""
+"""Order a layer's paths for short travels: walls from each contour inward, then infill."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lay walls along a layer's contours, and lines in gaps; return what is left for infill."""
+"""Lay walls along a layer's contours, and lines in gaps; return the region left for infill."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Decimals of G-code axes from motor steps; largest plunger travel per move."""
+"""Decimals per G-code axis from motor steps; largest plunger move that float32 still resolves."""
 
 from __future__ import annotations
 

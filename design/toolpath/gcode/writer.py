@@ -1,4 +1,4 @@
-"""Write a print job's G-code in parts, carrying the state from each to the next."""
+"""Class that writes a one-head job's G-code part by part, keeping position and plunger state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find all pairs of vessel pieces (capsules) closer than a clearance, by grid cells."""
+"""Find pairs of capsules without a common node closer than a clearance, by grid cells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find pairs of a network's pieces closer than the clearance; refuse a network with any."""
+"""Find too close vessel pieces of a network, joints spared; refuse one with any, or duplicates."""
 
 from __future__ import annotations
 
@@ -110,10 +110,12 @@ def check_network(network: VesselNetwork, clearance_mm: float = 0.0) -> None:
     gap = pairs.gap_mm[worst]
     place = "({:.4g}, {:.4g}, {:.4g})".format(*pairs.place_mm[worst])
     says = f"overlap by {-gap:.3g} mm" if gap < 0 else f"are only {gap:.3g} mm apart"
+    needed = f"{clearance_mm:g} mm of clearance is needed" if clearance_mm else "they must not"
+    less = ", or lower the clearance" if clearance_mm else ""
     raise NetworkError(
-        f"vessels {one} and {two} {says} at {place} mm; {clearance_mm:g} mm of clearance is "
-        f"needed ({pairs.count} such places). Move them apart, join them at a common node, or "
-        "lower the clearance"
+        f"vessels {one} and {two} {says} at {place} mm; {needed} ({pairs.count} such places). "
+        f"Move them apart or join them at a common node{less}; vasculature.overlaps: tell in a "
+        "recipe goes on with a network given so"
     )
 
 

@@ -1,4 +1,4 @@
-"""Compute the shortest way along the vessels between pairs of a network's pieces."""
+"""Compute the shortest path along the vessels between given pairs of a network's pieces."""
 
 from __future__ import annotations
 

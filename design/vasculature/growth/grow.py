@@ -1,4 +1,4 @@
-"""Grow a tree in a tissue by constrained constructive optimisation."""
+"""Grow one tree by constrained constructive optimisation; on failure retry, or try deeper roots."""
 
 from __future__ import annotations
 

@@ -15,10 +15,10 @@ from design.vasculature.growth.final_tree import final_arrays
 from design.vasculature.growth.index import CellIndex, empty_index
 from design.vasculature.growth.make_index import CELL, clearances_of, index_segments
 from design.vasculature.growth.points import GivenPoints, Sampler
-from design.vasculature.growth.sample import Samples, depth_first
 from design.vasculature.growth.state import SEGMENT
 from design.vasculature.growth.step import CANDIDATES, PROGRESS, Scale
 from design.vasculature.growth.surroundings import Surroundings, clear_of
+from design.vasculature.growth.target_points import Samples, depth_first
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.options import GrowthOptions
 from design.vasculature.penalty import PenaltyArrays, sample_penalty

@@ -15,8 +15,8 @@ from design.vasculature.convert import tree_to_network
 from design.vasculature.growth.forest import forest_to_network
 from design.vasculature.growth.sharing import share_terminals
 from design.vasculature.growth.supply import PartSupply, check_supply, no_inlet, no_way
+from design.vasculature.growth.tree_per_inlet import grow_whole
 from design.vasculature.growth.unreached import unreached
-from design.vasculature.growth.whole import grow_whole
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 from kernels.arrays import FloatArray

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from design.errors import GrowthError
 from design.tissue import Tissue
 from design.tissue.demand import UniformDemand
-from design.vasculature.growth.sample import Samples, inside, plain_samples
 from design.vasculature.growth.state import Segments
+from design.vasculature.growth.target_points import Samples, inside, plain_samples
 from design.vasculature.options import GrowthOptions
 from kernels.arrays import FloatArray
 

@@ -1,4 +1,4 @@
-"""Move end points of terminals whose vessels are too thin, or block others, to a better place."""
+"""Find a new end point for a terminal that has no room, or that is left of a pruned branch."""
 
 from __future__ import annotations
 

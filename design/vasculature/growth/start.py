@@ -11,8 +11,8 @@ from design.vasculature.growth.bifurcation import distance
 from design.vasculature.growth.clearances import Clearances, kept_apart
 from design.vasculature.growth.fit import in_tissue
 from design.vasculature.growth.joint_limits import angles_fit, shares_fit
-from design.vasculature.growth.sample import Samples
 from design.vasculature.growth.state import place, refresh
+from design.vasculature.growth.target_points import Samples
 from design.vasculature.options import Law
 from kernels import jit
 

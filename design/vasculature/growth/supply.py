@@ -1,4 +1,4 @@
-"""Compare the terminals' flow in each part of a tissue with its demand; list places not reached."""
+"""Compare the terminals' flow in each part of a tissue with its demand; list unreached regions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compare the demand of each terminal's territory with the terminal's flow.
+"""Sample demand in each terminal's territory (Voronoi cell); compare with the terminal's flow.
 
 A terminal's territory is the part of the tissue that is nearer to it than to any other terminal
 (its Voronoi cell). Its demand is measured on points that fill the tissue evenly, weighed by

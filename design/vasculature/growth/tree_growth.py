@@ -16,8 +16,7 @@ from design.vasculature.growth.prune import prune
 from design.vasculature.growth.refusals import out_of_room_error
 from design.vasculature.growth.retip import retip_thin
 from design.vasculature.growth.root import lengthen_stem, stem, stem_is_short
-from design.vasculature.growth.sample import Samples
-from design.vasculature.growth.sole import sole_end
+from design.vasculature.growth.single_terminal import sole_end
 from design.vasculature.growth.start import first_pair
 from design.vasculature.growth.state import place, refresh
 from design.vasculature.growth.step import (
@@ -28,6 +27,7 @@ from design.vasculature.growth.step import (
     derive_radii,
     grow,
 )
+from design.vasculature.growth.target_points import Samples
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.tree import VesselTree
 from kernels.arrays import FloatArray

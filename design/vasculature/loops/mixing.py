@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import GrowthError
+from design.geometry.polyline import arc_lengths
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.growth.forest import forest_to_network
@@ -179,7 +180,7 @@ def _halve(web: Web) -> list[int]:
 
 def _with_point(curve: FloatArray, share: float) -> tuple[FloatArray, int]:
     """A polyline with a point at a share of its length, and which it is."""
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
+    arc = arc_lengths(curve)
     middle = share * arc[-1]
     nearest = int(np.argmin(np.abs(arc - middle)))
     if abs(arc[nearest] - middle) < _SAME * arc[-1]:

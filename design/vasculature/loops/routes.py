@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from design.geometry.polyline import arc_lengths, places_along
 from design.vasculature.growth.index import CellIndex
 from design.vasculature.loops.curve_fit import Ends, Rule, radius_for, weigh
 from design.vasculature.loops.route_search import NO_WAY, UNDECIDED, Lattice, Width, search
@@ -125,13 +126,13 @@ def _smoothed(
     way: FloatArray, ends: Ends, crowd: RouteObstacles, best: Route | None
 ) -> Route | None:
     """The cheapest spline along a way, where it is cheaper than the ``best`` so far."""
-    arc = _arc(way)
+    arc = arc_lengths(way)
     radius = radius_for(float(arc[-1]), ends, crowd.rule)
     points = np.empty((ROUTE_PIECES + 1, 3))
     for count in sorted({_legs(arc[-1] / (legs * radius)) for legs in LEGS}):
         # The first and last leg turn no more than allowed: they are the way's own.
         at = np.concatenate([[0.0], np.linspace(arc[1], arc[-2], count - 1), [arc[-1]]])
-        control = np.column_stack([np.interp(at, arc, way[:, axis]) for axis in range(3)])
+        control = places_along(way, arc, at)
         done = 0
         for sweeps in SWEEPS:
             relax(control, sweeps - done, ends, radius, crowd.rule, crowd.index, crowd.capsules)
@@ -145,11 +146,6 @@ def _smoothed(
             if cost < most:
                 best = Route(line.copy(), spline, cost)
     return best
-
-
-def _arc(way: FloatArray) -> FloatArray:
-    """Length along a polyline up to each point."""
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
 
 
 def _legs(wanted: float) -> int:

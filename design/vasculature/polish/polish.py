@@ -14,7 +14,7 @@ from design.vasculature.collisions.collide import collisions
 from design.vasculature.growth.forest import forest_to_network
 from design.vasculature.polish.cost import tree_volume
 from design.vasculature.polish.options import PolishOptions
-from design.vasculature.polish.working_arrays import Bench
+from design.vasculature.polish.tree_polish import Bench
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
 

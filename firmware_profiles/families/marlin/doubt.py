@@ -1,4 +1,4 @@
-"""Collect replies while the last line accepted by Marlin is unsure; check if its answers agree."""
+"""State of a doubt about Marlin's last accepted line: replies heard, whether they agree."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Decide if two G-code lines may leave for Marlin at once, and the bytes held back of the second.
+"""Decide if two G-code lines may be sent to Marlin together; withhold the second's last bytes.
 
 Either two lines leave in *one* write and only when nothing is in flight; the next leave when both
 are acknowledged. So a reply's way back (a USB adapter holds it for 1 to 16 ms) is paid for once in

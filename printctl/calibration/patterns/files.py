@@ -1,4 +1,4 @@
-"""JSON text of a calibration pattern (strokes, profiles, flow factor), and reading its file."""
+"""Convert a calibration pattern with its profiles to JSON text; read a pattern's JSON file."""
 
 from __future__ import annotations
 

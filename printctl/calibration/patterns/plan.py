@@ -1,4 +1,4 @@
-"""Plan of a calibration pattern: its strokes, and the quantities to measure on them.
+"""Data classes of a calibration pattern: bead, strokes, questions; draw its inked frame.
 
 Coordinates are the pattern's own, mm: origin at the lower left corner of its frame, x and y as the
 printer's, z from the height of its lines. The frame is drawn in ink: the left and the bottom side

@@ -1,4 +1,4 @@
-"""Fit smallest open gap, least joint overlap and longest bridge from yes/no observations."""
+"""Bracket smallest open gap, least joint overlap and longest bridge by values tried in a print."""
 
 from __future__ import annotations
 

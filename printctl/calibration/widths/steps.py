@@ -1,4 +1,4 @@
-"""Fit the pressure lag from lines printed slow, fast, slow."""
+"""Fit the lag to a pattern's slow-fast-slow lines; propose the ink profile's `lag` key."""
 
 from __future__ import annotations
 

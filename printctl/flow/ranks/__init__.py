@@ -1,4 +1,4 @@
-"""Run a 3D flow case on MPI ranks with a FEniCSx Python found here, or write a Slurm script.
+"""Find FEniCSx and MPI on this machine; solve a 3D flow case on ranks, or write a Slurm script.
 
 Goes in: a case folder. Comes out: its result, or a script for a cluster. Begin with `run.py`.
 """

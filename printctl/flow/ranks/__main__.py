@@ -1,4 +1,4 @@
-"""Run a 3D flow case on MPI ranks or by Slurm (``python -m printctl.flow.ranks CASE_FOLDER``)."""
+"""Command line for a written 3D flow case: solve it on MPI ranks, or write its Slurm script."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read what a Slurm job asks for; write the batch script of a 3D flow case."""
+"""Parse Slurm settings (NAME=VALUE); write the batch script of a 3D flow case."""
 
 from __future__ import annotations
 

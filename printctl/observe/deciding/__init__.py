@@ -1,4 +1,4 @@
-"""Decide what a look at a print calls for: go on, correct the flow, mend, pause or stop.
+"""Decide after a print's inspection: go on, correct the flow, mend, pause or stop.
 
 Goes in: gaps with p-values, widths in the order of writing. Comes out: a decision with its reason.
 Begin with `decide.py`.

@@ -1,4 +1,4 @@
-"""Decide after a look: go on, correct the flow, mend, pause for the operator, or stop.
+"""Rules from an inspection's evidence to a decision: go on, correct flow, mend, pause or stop.
 
 Rules, in their order; the first that holds decides:
 
@@ -7,12 +7,14 @@ Rules, in their order; the first that holds decides:
    since the last look, else pause; no ink laid later could lie right;
 2. no ink comes out any more (clog, empty syringe): pause;
 3. a lumen is closed, or narrowed beyond tolerance: pause; no ink can be taken away;
-4. gaps and thin lines that two pictures show (one, where there is no second): mend, fill up, and
+4. in a bath a whole vessel isn't seen: pause, and ask whether it is to be written again;
+5. gaps and thin lines that two pictures show (one, where there is no second): mend, fill up, and
    correct the flow;
    where ink lies on less than a third of what was seen, yet no gap is sure, or where none was seen
    yet since the print began: pause;
-5. a flow beyond the bounds of the correction: pause; within them: correct it;
-6. too little was seen of several layers in a row: pause.
+6. a flow beyond the bounds of the correction: pause; within them: correct it;
+7. after a clog, a layer that nothing can be told of: pause, once;
+8. too little was seen of several layers in a row: pause.
 
 What is unsure is told, and the print goes on. By `Limits.mend` the operator is only told
 (``tell``), asked before anything is written (``ask``), or not (``mend``). A picture that shows more
@@ -44,6 +46,10 @@ _LEAST_INK: Final = 1 / 3
 at sound ones."""
 _TELLING_MM: Final = 1.0
 """Way that must have been seen for that."""
+_ANY: Final = 0.005
+"""Of the way, less than which is nothing."""
+_CLOG_MM: Final = 2.0
+"""Of one gap, from which on ink had stopped coming; short lines lack a plunger's step."""
 _FIRST_MM: Final = 5.0
 """Way of the print's first lines of which some must be seen."""
 
@@ -105,7 +111,7 @@ class Decision:
     why : str
         For operator and journal.
     gaps : tuple of Gap
-        To be mended.
+        To be mended; told alone where the print just goes on.
     thin : tuple of Thin
         To be filled up.
     factor : float or None
@@ -145,6 +151,8 @@ class Decider:
         stopping = evidence.supply.state in _STOPPING  # thin because it is about to stop: no drift
         if not stopping and evidence.turned is None:
             self.control.learn(evidence.flow)
+        longest = max((gap.length_mm for gap in self._believed(evidence)), default=0.0)
+        self.layers.failed |= stopping or longest > _CLOG_MM
         return self._as_allowed(self._wanted(evidence), evidence)
 
     def _wanted(self, evidence: Evidence) -> Decision:
@@ -153,18 +161,21 @@ class Decider:
             self._shifted,
             self._stopped,
             self._narrowed,
+            self._unseen,
             self._gaps,
             self._bare,
             self._none_yet,
             self._flow,
+            self._hidden,
             self._blind,
         )
         for rule in rules:
             decision = rule(evidence)
             if decision is not None:
                 return decision
-        seen = "as expected, within tolerance" if evidence.seen_share > 0 else "nothing was seen"
-        if evidence.seen_share > 0 and self._hardly_seen(evidence):
+        any_seen = evidence.seen_share >= _ANY
+        seen = "as expected, within tolerance" if any_seen else "nothing was seen"
+        if any_seen and self._hardly_seen(evidence):
             seen = f"only {evidence.seen_share:.0%} was seen; that is {seen}"
         if evidence.stretches:
             percent = self.limits.width_percent
@@ -195,7 +206,8 @@ class Decider:
         if wanted.kind is DecisionKind.GO_ON or mode == "mend":
             return wanted
         if mode == "tell":
-            return Decision(DecisionKind.GO_ON, f"{wanted.why} (only told: observe.mend is tell)")
+            why = f"{wanted.why} (only told: observe.mend is tell)"
+            return Decision(DecisionKind.GO_ON, why, wanted.gaps)
         if wanted.kind in (DecisionKind.MEND, DecisionKind.FLOW):
             return replace(wanted, kind=DecisionKind.PAUSE, ask=wanted.kind)
         return wanted
@@ -261,6 +273,21 @@ class Decider:
             DecisionKind.PAUSE, f"lumen {worst.name} is {told}{more}; ink can't be taken away"
         )
 
+    def _unseen(self, evidence: Evidence) -> Decision | None:
+        if not evidence.unseen:
+            return None
+        names = ", ".join(f"{one.name} ({one.gap.length_mm:.1f} mm)" for one in evidence.unseen)
+        gaps = self._believed(evidence)
+        why = (
+            f"nothing is seen of {names}: it is missing, or too faint or deep to be told from the "
+            "bath; look whether it is there: approve writes it (again), go on leaves it"
+        )
+        if gaps:
+            way = math.fsum(gap.length_mm for gap in gaps)
+            why += f"; approve also mends gaps of {way:.2f} mm elsewhere"
+        whole = tuple(one.gap for one in evidence.unseen)
+        return Decision(DecisionKind.PAUSE, why, (*gaps, *whole), ask=DecisionKind.MEND)
+
     def _gaps(self, evidence: Evidence) -> Decision | None:
         gaps, thin = self._believed(evidence), evidence.thin
         state, control = evidence.supply.state, self.control
@@ -319,6 +346,18 @@ class Decider:
             DecisionKind.PAUSE,
             f"ink lies on {evidence.coverage:.0%} of what was seen ({evidence.seen_share:.0%}), "
             "though no gap is sure: the needle is clogged, or the picture is of another place",
+        )
+
+    def _hidden(self, evidence: Evidence) -> Decision | None:
+        """Say once, where ink has failed before, that from here on nothing tells of it."""
+        if evidence.level_mm is None or not (self.layers.failed and self.layers.hidden):
+            return None
+        self.layers.failed = False
+        return Decision(
+            DecisionKind.PAUSE,
+            f"ink has failed in this print, and {evidence.over_old_share:.0%} of this layer lies "
+            "over older ink and can't be told from it: another clog would go unseen; watch the "
+            "needle from here on (or use an OCT); resume goes on",
         )
 
     def _blind(self, evidence: Evidence) -> Decision | None:

@@ -1,4 +1,4 @@
-"""Evidence of looks: a single one, and all layers seen so far."""
+"""Data classes of inspection evidence: one inspection's gaps, widths, shift; layers seen so far."""
 
 from __future__ import annotations
 
@@ -40,6 +40,22 @@ class Narrowed:
 
 
 @dataclass(frozen=True)
+class UnseenPath:
+    """A whole path in a bath where nothing stands out from that, and nothing hides it.
+
+    Attributes
+    ----------
+    name : str
+        "vessel 2".
+    gap : Gap
+        All of it.
+    """
+
+    name: str
+    gap: Gap
+
+
+@dataclass(frozen=True)
 class Evidence:
     """What a look has told.
 
@@ -73,6 +89,8 @@ class Evidence:
         Height of the layer; None where there is none, and each look stands for itself.
     turned : str or None
         How the picture would fit the layer clearly better ("turned by 180°").
+    unseen : tuple of UnseenPath
+        Those that are missing, or too faint to be told from the bath.
     """
 
     places: int
@@ -92,6 +110,7 @@ class Evidence:
     coverage: float = math.nan
     level_mm: float | None = None
     turned: str | None = None
+    unseen: tuple[UnseenPath, ...] = ()
 
 
 @dataclass
@@ -109,6 +128,8 @@ class LayersSeen:
         Of the layer in hand: written; what a clean view can show of it; seen.
     first_mm : float or None, mm
         Way written in layers while no ink was seen at all; None once some was, or that was told.
+    failed : bool
+        Whether ink stopped coming for a while, and nobody was told since that layers are hidden.
     """
 
     unseen: int = 0
@@ -118,6 +139,12 @@ class LayersSeen:
     visible_mm: float = 0.0
     seen_mm: float = 0.0
     first_mm: float | None = 0.0
+    failed: bool = False
+
+    @property
+    def hidden(self) -> bool:
+        """Whether nearly all of the layer in hand lies over ink from which it can't be told."""
+        return self.visible_mm < _HIDDEN * self.way_mm
 
     def add(self, evidence: Evidence, least_share: float) -> None:
         """Take in a look; several in one layer count as one."""
@@ -130,6 +157,6 @@ class LayersSeen:
         self.way_mm += evidence.way_mm
         self.visible_mm += evidence.way_mm * (1.0 - evidence.over_old_share)
         self.seen_mm += evidence.way_mm * evidence.seen_share
-        hidden = self.visible_mm < _HIDDEN * self.way_mm  # no cleaner view would show it
-        counts = hidden or self.seen_mm >= least_share * self.visible_mm
+        # No cleaner view would show a hidden one.
+        counts = self.hidden or self.seen_mm >= least_share * self.visible_mm
         self.unseen = 0 if counts else self.before + 1

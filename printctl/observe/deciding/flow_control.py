@@ -1,4 +1,4 @@
-"""Estimate the ink's flow from seen line widths, and correct it by a slow, bounded factor.
+"""Estimate ink flow from seen line widths (Kalman filter); propose a bounded correction factor.
 
 The estimate is that of the flow *without* correction, over the flow that was asked for: what the
 factor in force added is taken out of each reading first. The factor is its inverse within bounds.

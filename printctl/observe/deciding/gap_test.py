@@ -1,4 +1,4 @@
-"""Test gaps seen in pictures at a stated rate of false repairs.
+"""Select gaps that are significant in one or two pictures (Bonferroni) at a false-repair rate.
 
 A layer is tested at many places, and each test can err. A gap counts where its p-value, times the
 number of places tested in that picture (Bonferroni), is below the rate that a layer may err with.
@@ -9,7 +9,7 @@ places that the first picture named are tested again.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from registration.layer_images.values import Gap
 
@@ -46,6 +46,8 @@ def confirmed_gaps(
 ) -> tuple[Gap, ...]:
     """Return the gaps that count, as the first picture shows them.
 
+    Of one that the second picture shows less than half of, the parts that it shows.
+
     Parameters
     ----------
     first : sequence of Gap
@@ -60,12 +62,25 @@ def confirmed_gaps(
         return tuple(significant)
     retested = max(len(significant), 1)
     again = [gap for gap in second if gap.p_value * retested <= test.second_rate]
-    return tuple(gap for gap in significant if _seen_again(gap, again))
+    return tuple(part for gap in significant for part in _in_both(gap, again, test.least_mm))
 
 
-def _seen_again(gap: Gap, again: Sequence[Gap]) -> bool:
-    """Whether the second picture's gaps cover at least half of a gap."""
-    return 2 * sum(_overlap_mm(gap, other) for other in again) >= gap.length_mm
+def _in_both(gap: Gap, again: Sequence[Gap], least_mm: float) -> list[Gap]:
+    """A gap of which the second picture's cover half at least; else what both show of it.
+
+    That are gaps of the second picture which lie by half at least in this one.
+    """
+    if 2 * sum(_overlap_mm(gap, other) for other in again) >= gap.length_mm:
+        return [gap]
+    parts = []
+    for other in again:
+        both = _overlap_mm(gap, other)
+        if both >= least_mm and 2 * both >= other.length_mm:
+            begin = max((gap, other), key=lambda one: one.from_mm)
+            end = min((gap, other), key=lambda one: one.to_mm)
+            part = replace(gap, from_mm=begin.from_mm, start_mm=begin.start_mm)
+            parts.append(replace(part, to_mm=end.to_mm, end_mm=end.end_mm))
+    return parts
 
 
 def _overlap_mm(one: Gap, other: Gap) -> float:

@@ -1,4 +1,4 @@
-"""Tell a clog, an empty syringe, a bubble and a lost line apart, by ink missing as it was written.
+"""Distinguish clog, empty syringe, bubble and lost line by where ink is missing in writing order.
 
 What is seen along the lines is put in the order of writing. Ink that is missing up to the last
 place written hasn't come back: the syringe is empty if the plunger says so, else something is

@@ -1,4 +1,4 @@
-"""Thin stretches of lines that a second pass may fill up, and those that two pictures show."""
+"""Data class of a line's thin stretch; keep those that a second picture confirms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Acquire in a process of its own, and end it at its time limit."""
+"""Acquire one picture or volume in a subprocess, ended at its time limit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Acquire by files: a folder that a device's own program fills, a command, the simulated camera."""
+"""Get a picture from a watched folder, an external command or the simulated camera; copy it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Settings of a device that looks at a print, as JSON for the process that acquires."""
+"""Data class of a camera's or scanner's settings: kind, source, size, time limit; as JSON."""
 
 from __future__ import annotations
 

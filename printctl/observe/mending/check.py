@@ -1,6 +1,6 @@
-"""Check a mend by the executed motion of its lines: lumens, written ink, limits, place at its end.
+"""Dry-run a mend's inserted lines: check lumens entered, ink crossed, limits, end position.
 
-The grown job is run dry, and what its inserted lines do is taken from there, not from the plan.
+What the lines do is taken from the dry run, not from the plan.
 """
 
 from __future__ import annotations

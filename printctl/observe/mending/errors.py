@@ -1,4 +1,4 @@
-"""Errors of planning mends.
+"""Exception class for a print for which no mend can be planned.
 
 ::
 

@@ -1,4 +1,4 @@
-"""Stretch of a written path where ink is missing, and stretches that aren't mended."""
+"""Data classes of a gap in a written path and of an unmended stretch; locate and merge gaps."""
 
 from __future__ import annotations
 

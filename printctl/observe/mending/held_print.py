@@ -1,4 +1,4 @@
-"""Print that is held at a mark: its lines, place and modes there, and what is mounted."""
+"""Data class of a held print: job, lines done, mounted profiles; position and modes there."""
 
 from __future__ import annotations
 

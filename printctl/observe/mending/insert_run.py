@@ -1,4 +1,4 @@
-"""Effects of a grown job's inserted lines, taken from its dry run."""
+"""Dry-run a job with inserted lines; extract the inserted moves, their ink and widths."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ink that lies in the bath where a print is held: written paths without the gaps."""
+"""Data class of laid ink as straight pieces; collect it from written paths without their gaps."""
 
 from __future__ import annotations
 

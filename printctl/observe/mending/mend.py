@@ -1,4 +1,4 @@
-"""Result of planning a mend: lines to insert, patches, and what stays as it is."""
+"""Data class of a planned mend: lines to insert, patches, gaps left, volume, duration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Check the needle's way over planned patches against written ink, shaft included.
+"""Find contacts of needle tip or shaft with written ink along given moves, in layers or a bath.
 
 In layers the tip rides on the tops of its neighbours, as the job's own does; ink that stands
 higher within the needle's outer diameter is in its way. In a bath the check is that of whole jobs,

@@ -1,4 +1,4 @@
-"""Voids that a job keeps open: in a bath those along which it doesn't write itself."""
+"""Select designed voids near a mend that must stay ink-free, not those that the job fills."""
 
 from __future__ import annotations
 

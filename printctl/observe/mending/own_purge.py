@@ -1,4 +1,4 @@
-"""Find where a job purges before its part: the place to prime and wipe before a mend."""
+"""Find where a job purges before its part, to purge and wipe there before a mend."""
 
 from __future__ import annotations
 

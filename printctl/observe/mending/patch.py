@@ -1,4 +1,4 @@
-"""Patch of a gap: the job's own path of the missing stretch, with overlaps on sound ink."""
+"""Data class of a patch: a gap's stretch of the job's own path, with overlaps on sound ink."""
 
 from __future__ import annotations
 

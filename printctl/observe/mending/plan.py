@@ -1,4 +1,4 @@
-"""Plan a mend: patches of gaps in an order that the needle can go, written as one insert."""
+"""Plan a mend: order patches of the gaps, drop blocked ones, write them as one insert."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plan a mend and check it by the grown job's motion; one that fails isn't handed on."""
+"""Plan a mend, dry-run it, and return it only if it passes the check."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find which stretches of a gap can be patched, and say why the others can't."""
+"""Find stretches of a gap that can be patched; give the reason for each of the others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Check the needle's whole way through an insert in a bath, and cut out what it can't write."""
+"""Find an insert's first move with the needle's shaft in ink (bath); cut that patch around it."""
 
 from __future__ import annotations
 

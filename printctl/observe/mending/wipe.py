@@ -1,4 +1,4 @@
-"""Way on along sound ink behind a patch, on which the needle leaves its thread."""
+"""Plan a wipe along sound ink after a patch that frees the needle of its ink thread."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Unbroken written paths of a job, as its lines command them, and stretches cut out of them."""
+"""Data class of an unbroken written path (points, E, feed, width); list a held print's paths."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from design.geometry.polyline import arc_lengths, places_along
 from printctl.observe.mending.held_print import WAY_MM, HeldPrint
 from sim.deposit.levels import level_areas, level_heights, written_levels
 from sim.program.modal import MOVE
@@ -55,8 +56,7 @@ class WrittenPath:
     @cached_property
     def arc(self) -> FloatArray:
         """Way before each point, (k + 1,), mm."""
-        step = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
-        return np.concatenate([[0.0], np.cumsum(step)])
+        return arc_lengths(self.points)
 
     @property
     def length_mm(self) -> float:
@@ -65,8 +65,7 @@ class WrittenPath:
 
     def at(self, along: FloatArray) -> FloatArray:
         """Places at ways along the path (m,), mm: (m, 3)."""
-        columns = [np.interp(along, self.arc, self.points[:, axis]) for axis in range(3)]
-        return np.column_stack(columns)
+        return places_along(self.points, self.arc, along)
 
     def piece(self, along: FloatArray) -> IntArray:
         """Piece at ways along the path, (m,); at a corner the one behind it."""

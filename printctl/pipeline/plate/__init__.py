@@ -1,4 +1,4 @@
-"""Run a recipe over a well plate: a run per well, one combined job, results of scanned wells.
+"""Well-plate runs of a recipe: set up wells, join their paths to one job, print, collect results.
 
 Goes in: a recipe with a plate. Comes out: one job, a run for each scanned well, a report. Begin
 with `run.py`.

@@ -1,4 +1,4 @@
-"""Arrays for a plate job's map file: the well of each G-code line, and all wells' vessels."""
+"""Arrays of a plate job's map: each line's well; all wells' vessels for the needle shaft check."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ should leave open; the scan will be held against the design.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -22,6 +22,7 @@ from printctl.lumens import (
     Writing,
     check_filaments,
     check_network,
+    list_names,
     read_filaments,
     read_layers,
 )
@@ -61,7 +62,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     """Hold the G-code against the network; refuse what is closed or leaks."""
     check = hold(context, report)
     facts = {"checked": True, **check.as_dict()}
-    notes = [*check.notes, *gap_notes(context)]
+    notes = [*check.notes, *gap_notes(context), *left_out_notes(_plan(context))]
     facts["notes"] = notes
     write_text(context.folder / LUMENS, json.dumps(facts, indent=1, allow_nan=False) + "\n")
     if check.refusal is not None:
@@ -101,7 +102,35 @@ def hold(context: RunContext, report: Report) -> LumenCheck | FilamentCheck:
         return check_network(lines, context.written_network, context.place_mm, stepped, LEAK_MM)
     ideal, after = _filaments(context, gcode, writing)
     report(0.3, "measuring filaments along the vessels")
-    return check_filaments(ideal, after, context.written_network, context.place_mm, LEAK_MM)
+    left_out = frozenset(int(one["vessel"]) for one in _plan(context).get("left_out", ()))
+    return check_filaments(
+        ideal, after, context.written_network, context.place_mm, LEAK_MM, left_out
+    )
+
+
+def _plan(context: RunContext) -> Mapping[str, Any]:
+    """What the toolpath stage says of its plan."""
+    record = context.manifest.stages.get("toolpath")
+    return {} if record is None else record.summary.get("plan", {})
+
+
+def left_out_notes(plan: Mapping[str, Any]) -> list[str]:
+    """Which vessels `toolpath.leave_out` left unwritten, where, and what they alone supply."""
+    left, cut = plan.get("left_out", ()), [str(vessel) for vessel in plan.get("cut_off", ())]
+    if not left:
+        return []
+    named = [
+        "vessel {} (too near to vessel {} at ({:.2f}, {:.2f}, {:.2f}) mm)".format(
+            one["vessel"], one["other"], *one["place_mm"]
+        )
+        for one in left
+    ]
+    lost = f"; written, but without supply: {list_names(cut)}" if cut else ""
+    return [
+        f"not written, as toolpath.leave_out allows: {list_names(named)}{lost}; the print isn't "
+        "the design, and its scan will show these vessels missing; move them apart or take a "
+        "thinner needle (manifest.json, plan.left_out, names all with distances)"
+    ]
 
 
 def _filaments(context: RunContext, gcode: bytes, writing: Writing) -> tuple[Strands, Strands]:

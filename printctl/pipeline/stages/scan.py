@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.predicting import compensates, predicted_of_motion
 from printctl.pipeline.stages.printing import EXECUTED, printed_text
 from printctl.progress import Report
-from printctl.recipe.making import FileScan, SimulatedScan
+from printctl.recipe.making import FileScan, Fresh, SimulatedScan
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
 from printctl.run_folder.manifest import digest_file, of_simulator
 from registration import Scan, ScanOverrides, read_scan
@@ -149,7 +149,13 @@ def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanne
         placing = Placing(shrink=(left, left, left))
         return simulate_oct(ink, OctOptions(voxel_mm=(dz, dy, dx), placing=placing), seed)
     placing = Placing(tilt_deg=5.0, rotation_deg=180.0, margin_mm=1.0, shrink=(left, left, left))
-    return simulate_microct(ink, MicroCtOptions(voxel_mm=dx, placing=placing), seed)
+    options = MicroCtOptions(voxel_mm=dx, placing=placing, ink=ink_in_scan(context))
+    return simulate_microct(ink, options, seed)
+
+
+def ink_in_scan(context: RunContext) -> Literal["lumen", "gel"]:
+    """What the ink is when it is scanned: the gel in FRESH prints, else melted out."""
+    return "gel" if isinstance(context.recipe.toolpath, Fresh) else "lumen"
 
 
 def predicted_ink(

@@ -8,10 +8,11 @@ from typing import Any
 
 from design.solids import surface_genus, validate_files
 from kernels import keep_freed_memory
+from kernels.arrays import IntArray
 from printctl.pipeline.built_solids import built_solids
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.solid_files import checkable, write_solids
-from printctl.pipeline.solid_notes import solid_notes
+from printctl.pipeline.solid_notes import Setting, handles_note, no_ports_note
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
 from printctl.recipe.growth import NamedNetwork
@@ -38,7 +39,7 @@ def _work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence
         check.require_valid()
         if check.crossing_faces:
             context.bars.remark("solid", f"{check.file}: {check.crossing_faces} faces cross others")
-    notes = solid_notes(len(built.ports), checks[SOLID].genus, built.genus)
+    notes = _notes(context, built.ports, (checks[SOLID].genus, built.genus))
     for note in notes:
         context.bars.remark("solid", note)
     summary = {
@@ -58,6 +59,17 @@ def _work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence
     if built.chamber is not None:
         summary["chamber_genus"] = surface_genus(built.chamber.faces)[0]
     return summary, names
+
+
+def _notes(context: RunContext, ports: IntArray, genus: tuple[int | None, int]) -> tuple[str, ...]:
+    """Sentences on a construct without ports, and on handles (told, expected) that differ."""
+    told, expected = genus
+    wrong = None if told == expected else told
+    if wrong is None and len(ports):
+        return ()
+    setting = Setting(context.designed_network, context.tissue, ports, context.recipe.print_scale)
+    closed = () if len(ports) else (no_ports_note(setting),)
+    return closed if wrong is None else (*closed, handles_note(setting, wrong, expected))
 
 
 def depends(context: RunContext) -> Any:

@@ -1,4 +1,4 @@
-"""Layout helpers shared by the History page's cards."""
+"""Layout helpers of the History page: cards, headings, tables, download buttons."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""History page of the web interface: list of prints, and detail view of one print."""
+"""Register the web pages /history and /history/PRINT: list of past prints, one print's page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Steps, notes and photos recorded after a print; slow bath warming; safe flushing pressure."""
+"""Record ticked steps, notes and photos after a print; start bath warming; give the flush limit."""
 
 from __future__ import annotations
 

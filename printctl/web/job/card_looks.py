@@ -1,4 +1,4 @@
-"""Looks card of the Job page: what an observed print shows, what is proposed, the answer."""
+"""Looks card of the Job page: pictures of print inspections, proposed action, operator's answer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Follow a running print, whoever started it, and publish its progress."""
+"""Thread that follows one running print, whoever started it, and publishes its progress."""
 
 from __future__ import annotations
 

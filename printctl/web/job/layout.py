@@ -1,4 +1,4 @@
-"""Layout helpers and number formats of the Job page."""
+"""Layout helpers of the Job page: cards, buttons, live text; number, size and date formats."""
 
 from __future__ import annotations
 

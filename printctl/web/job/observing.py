@@ -1,4 +1,4 @@
-"""Observer of a print that is started from the Job page, as its run's recipe asks for one."""
+"""Load a run's observer order for a print from the Job page; start its observer before it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checklists before and after a print; slow bath warming; pressure limit for flushing."""
+"""Read checklists; warm the bath slowly; compute the safe flushing pressure."""
 
 from __future__ import annotations
 

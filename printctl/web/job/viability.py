@@ -1,4 +1,4 @@
-"""Remaining lifetime of the cells in the ink, compared with the print's remaining time."""
+"""Compare the time since cells were mixed in with their limit and the print's remaining time."""
 
 from __future__ import annotations
 

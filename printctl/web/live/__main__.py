@@ -4,6 +4,6 @@ from kernels import without_numba
 
 if __name__ == "__main__":
     without_numba()  # before modules with kernels are imported
-    from printctl.web.live.make import main
+    from printctl.web.live.scene_worker import main
 
     main()

@@ -1,4 +1,4 @@
-"""Errors of a live view."""
+"""Exception class for a job that the live view can't show."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calibration service of the Printer page: test G-code, fits, measured copies of profiles."""
+"""Service of the Printer page's calibrations: authorise requests, store test files, return fits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write a calibration test print, fit its readings, write the result into a profile copy."""
+"""Write a weighing or backlash test, fit calibration readings, write a measured profile copy."""
 
 from __future__ import annotations
 

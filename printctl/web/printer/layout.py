@@ -1,4 +1,4 @@
-"""Layout helpers of the Printer page's cards."""
+"""Layout helpers of the Printer page: cards, dialogs, buttons, number inputs, notes."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from design.files import write_text
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
-from printctl.web.scan.growth import refuse_growth
+from printctl.web.scan.unpacked_size import refuse_growth
 from printctl.web.scan.unpacking import is_stack, unpack_stack
 from printctl.web.workspace import Workspace, checked_name, is_name
 from registration.readers import ScanOverrides

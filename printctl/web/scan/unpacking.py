@@ -16,7 +16,7 @@ import tifffile
 
 from printctl.system_errors import is_known
 from printctl.web.errors import BadRequestError
-from printctl.web.scan.growth import scan_limits
+from printctl.web.scan.unpacked_size import scan_limits
 from printctl.web.security.archives import check_growth
 
 MOST_FILES: Final = 20_000

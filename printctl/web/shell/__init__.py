@@ -1,4 +1,4 @@
-"""Shell of every web page: header, navigation, stop button, light and dark theme.
+"""Parts shared by all web pages: page frame, assets, dialogs, file upload, notifications.
 
 Goes in: a page's content. Comes out: the page in its frame. Begin with `frame.py`.
 """

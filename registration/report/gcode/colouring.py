@@ -1,4 +1,4 @@
-"""Choose colour scales and limits for a job's printed lines: speed, width, flow and others."""
+"""Choose colour scales for a job's lines: width, kind, speed, order, height or vessel."""
 
 from __future__ import annotations
 

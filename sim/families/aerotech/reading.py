@@ -1,4 +1,4 @@
-"""Translate an Aerotech program file to G-code words.
+"""Translate an Aerotech program file (A3200, Automation1) line by line to G-code words.
 
 Read are the commands that such a job needs, one to a line, and nothing is guessed: what isn't
 named here is handed on by its name, for the dry run to refuse.

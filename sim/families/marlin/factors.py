@@ -1,4 +1,4 @@
-"""Marlin's persistent factors for speed and flow: M200, M220 and M221.
+"""Marlin's commands that scale speed and flow: M220, M221 factors, M200 filament diameter.
 
 Marlin reads their percentages as 16-bit whole numbers: M220 S50.7 is 50 %, S40000 is -25536 %.
 RepRapFirmware and Klipper keep the fraction.

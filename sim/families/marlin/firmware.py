@@ -1,4 +1,4 @@
-"""Marlin's part of a simulated board: messages, commands, kill."""
+"""Class that plugs Marlin into the simulated board: messages, command dispatch, kill."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A simulated printer with Marlin 2.1 firmware.
+"""Simulated printer class: the generic board with Marlin 2.1 firmware.
 
 Modelled, after the transcripts recorded from a real Marlin (`tests/sim/data/marlin`), besides what
 any board has (`sim.board.printer`):

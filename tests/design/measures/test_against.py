@@ -5,7 +5,7 @@ import pytest
 
 from design.errors import DesignError
 from design.measures import compare_orders
-from design.measures.against import published_orders
+from design.measures.published_comparison import published_orders
 from design.network import VesselNetwork
 
 

@@ -15,7 +15,7 @@ from design.toolpath.embedded import (
     embedded_toolpath,
     plan_embedded,
 )
-from design.toolpath.embedded.ground import ground_under, highest_along, lay
+from design.toolpath.embedded.ink_heights import ground_under, highest_along, lay
 from tests.design.toolpath.shapes import cage, polylines, random_tree
 from tests.slower import first_of
 

@@ -29,8 +29,12 @@ def straight(*ends, radius=0.5):
 
 def test_crossing_vessels_are_refused_by_name_place_and_gap():
     network = straight(((0, 0, 0), (10, 0, 0)), ((5, -5, 0.4), (5, 5, 0.4)))
-    with pytest.raises(NetworkError, match=r"vessels 0 and 1 overlap by 0\.6 mm at \(5, 0, 0\.2\)"):
+    with pytest.raises(
+        NetworkError, match=r"vessels 0 and 1 overlap by 0\.6 mm at \(5, 0, 0\.2\)"
+    ) as told:
         check_network(network)
+    assert "lower the clearance" not in str(told.value)
+    assert "overlaps: tell" in str(told.value)
 
 
 def test_a_vessel_that_is_given_twice_is_refused():

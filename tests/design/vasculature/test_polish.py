@@ -13,7 +13,7 @@ from design.vasculature import GrowthOptions, RootSpec, grow_forest, grow_tree, 
 from design.vasculature.polish.cost import tree_volume
 from design.vasculature.polish.options import PolishOptions
 from design.vasculature.polish.polish import find_faults, polish, polish_forest
-from design.vasculature.polish.working_arrays import Bench
+from design.vasculature.polish.tree_polish import Bench
 from design.vasculature.treemath import tree_radii
 from tests.design.tissue import surfaces
 from tests.design.tissue.kept import kept_tissue

@@ -14,8 +14,8 @@ from design.vasculature.growth.regions import large_growth, region_growth
 from design.vasculature.growth.regions.audit import measure_again, measure_in_parallel
 from design.vasculature.growth.regions.large_growth import LargeGrowth
 from design.vasculature.growth.regions.split import SHARED, split_tree
-from design.vasculature.growth.sample import depth_first
 from design.vasculature.growth.surroundings import Surroundings
+from design.vasculature.growth.target_points import depth_first
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature.test_grow import check
 

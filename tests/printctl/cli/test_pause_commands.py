@@ -105,7 +105,7 @@ def test_status_of_a_print_that_waits_for_a_layer_is_json(tmp_path, profile, cap
 @pytest.mark.parametrize(
     ("end", "state", "told"),
     [
-        (stop, LinkState.STOPPED, "tells how it ended"),
+        (stop, LinkState.STOPPED, "stopped: "),
         (kill, LinkState.KILLED, "killed: killed by"),
     ],
 )
@@ -117,6 +117,19 @@ def test_print_is_ended_from_another_terminal(tmp_path, profile, capsys, end, st
         end(tmp_path / "job.gcode")
         assert client.wait(30).state is state
     assert told in capsys.readouterr().out
+
+
+def test_a_stop_that_takes_long_says_that_it_is_asked_for(tmp_path, profile, capsys, monkeypatch):
+    monkeypatch.setattr("printctl.cli.stop.STOP_S", 0.1)
+    with pty_printer(FakeMarlin(), hold_at=40) as served:
+        client = begun(tmp_path, profile, served.name)
+        assert served.held.wait(10)
+        stop(tmp_path / "job.gcode")
+        served.gate.set()
+        assert client.wait(30).state is LinkState.STOPPED
+    said = capsys.readouterr().out
+    assert "a stop is asked for" in said
+    assert "tells how it ends" in said
 
 
 def test_file_that_was_never_printed_is_told(tmp_path):

@@ -63,6 +63,16 @@ def test_a_filament_that_ends_short_of_the_joint_is_named() -> None:
     assert 0 < np.linalg.norm(at - FORK) < np.linalg.norm(away - FORK)
 
 
+def test_a_vessel_that_the_plan_left_out_is_no_reason_to_refuse() -> None:
+    """`toolpath.leave_out`, a refused crossing's remedy, was refused here (2026-11-26)."""
+    ideal, stepped = read_filaments(plunger_gcode([([A, FORK, B], 0.8)]), WRITING)
+    found = check_filaments(ideal, stepped, fork(), HERE, 0.05, frozenset({2}))
+    assert found.refusal is None
+    assert found.ideal.closed.tolist() == [False, False, True]
+    other = check_filaments(ideal, stepped, fork(), HERE, 0.05, frozenset({1}))
+    assert "not written through: vessel 2 (1 of 3)" in str(other.refusal)
+
+
 def test_filaments_that_only_touch_leave_a_neck() -> None:
     """Two balls of radius 0.3 whose middles are 0.4 apart meet in a circle of radius √0.05."""
     whole = np.array([[10.0, 10, 5], [20, 10, 5]])

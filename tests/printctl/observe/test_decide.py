@@ -1,6 +1,7 @@
 """Decisions by their rules and modes."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from printctl.observe.deciding import (
     Limits,
     SupplyState,
 )
-from printctl.observe.deciding.evidence import Narrowed
+from printctl.observe.deciding.evidence import Narrowed, UnseenPath
 from printctl.observe.deciding.thin import Thin
 from registration.layer_images.values import Gap
 
@@ -51,6 +52,36 @@ def test_a_gap_in_one_of_two_pictures_is_told_and_not_mended():
     found = decided(gaps=(GAP,), second=())
     assert (found.kind, found.gaps) == (DecisionKind.GO_ON, ())
     assert "1 gap, 1.00 mm in all, in one of two pictures alone" in found.why
+
+
+def test_a_vessel_of_which_nothing_is_seen_is_asked_about_by_its_name():
+    whole = UnseenPath("vessel 2", Gap(7, 0.0, 6.6, (0.0, 0.0), (6.0, 0.0), 0.0, 1.0))
+    found = decided(unseen=(whole,), seen_share=0.0, gaps=(GAP,))
+    assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
+    assert found.gaps == (GAP, whole.gap)
+    assert "nothing is seen of vessel 2 (6.6 mm)" in found.why
+    assert decided("tell", unseen=(whole,), seen_share=0.0).kind is DecisionKind.GO_ON
+
+
+def test_after_a_clog_a_layer_that_cannot_be_told_is_asked_about_once():
+    clog = replace(GAP, to_mm=6.0)
+    hidden = {"seen_share": 0.0, "over_old_share": 0.97}
+    for mode, gap, kind in (
+        ("mend", clog, DecisionKind.PAUSE),
+        ("mend", GAP, DecisionKind.GO_ON),
+        ("tell", clog, DecisionKind.GO_ON),
+    ):
+        decider = Decider(Limits(mend=mode))
+        decider.decide(evidence(gaps=(gap,), level_mm=0.1))
+        seen = decider.decide(evidence(level_mm=0.2))
+        first, second = (decider.decide(evidence(level_mm=z, **hidden)) for z in (0.3, 0.4))
+        assert seen.kind is DecisionKind.GO_ON
+        assert (first.kind, second.kind) == (kind, DecisionKind.GO_ON)
+        assert ("another clog would go unseen" in first.why) == (gap is clog)
+
+
+def test_next_to_nothing_seen_is_nothing_seen():
+    assert decided(seen_share=0.0006).why == "nothing was seen"
 
 
 def test_gaps_are_mended_and_flow_with_them():

@@ -30,6 +30,14 @@ def test_a_second_picture_must_show_it_too():
     assert confirmed_gaps([gap], 500, elsewhere, TEST) == ()
 
 
+def test_of_a_gap_that_one_picture_shows_longer_what_both_show_is_mended():
+    gap, two = gap_of(3, 1.0, 9.0, 1e-9), [gap_of(3, 1.0, 2.5, 1e-9), gap_of(3, 8.5, 9.0, 1e-9)]
+    both = confirmed_gaps([gap], 500, two, TEST)
+    assert [(one.from_mm, one.to_mm) for one in both] == [(1.0, 2.5), (8.5, 9.0)]
+    assert both[0].end_mm == (2.5, 0.0)
+    assert confirmed_gaps([gap], 500, [gap_of(3, 8.9, 9.9, 1e-9)], TEST) == ()
+
+
 def test_sound_layers_are_mended_at_the_stated_rate():
     rng = np.random.default_rng(7)
     false = 0

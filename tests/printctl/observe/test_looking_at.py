@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from printctl.observe.devices import DeviceError
+from printctl.observe.held_look import slab
 from printctl.observe.looking_at import ObservedJob, seen_where_ink_shows
 from printctl.observe.observer import Look
 from printctl.observe.records import look_folder
@@ -43,14 +44,15 @@ def test_a_layer_that_little_ink_shows_is_looked_at_again_within_tolerance(
     assert found.shift.dy_mm == min(shift_mm, searched_mm[-1])
 
 
-def test_the_look_befores_picture_is_compared_with(tmp_path: Path) -> None:
+@pytest.mark.parametrize("style", ["layered", "embedded"])
+def test_the_look_befores_picture_is_compared_with(tmp_path: Path, style: str) -> None:
     noise = np.random.default_rng(1).integers(0, 255, (2, 20, 20), dtype=np.uint8)
     empty, first = (look_folder(tmp_path, number) / "picture.png" for number in (0, 1))
     for path, picture, taken in ((empty, noise[0], 900.0), (first, noise[1], 1100.0)):
         cv2.imwrite(str(path), picture)
         os.utime(path, (taken, taken))
     order = SimpleNamespace(oct=False, device=SimpleNamespace(kind="camera"))
-    held = SimpleNamespace(ink=SimpleNamespace(style="layered"), look=Look(1, 9, 9, 0, "layer"))
+    held = SimpleNamespace(ink=SimpleNamespace(style=style), look=Look(1, 9, 9, 0, "layer"))
     job = cast(Any, SimpleNamespace(order=order, folder=tmp_path, begun=1000.0))
     before = ObservedJob._before(job, cast(Any, held), first, noise[1])
     np.testing.assert_array_equal(before, noise[0])
@@ -68,3 +70,17 @@ def test_a_device_that_gives_the_same_twice_hangs(kind: str, shape: tuple[int, .
         job._check_new(second.copy(), None)
     with pytest.raises(DeviceError, match="gave the last picture once more"):
         job._check_new(first, first.copy())
+
+
+def test_the_slab_of_filaments_holds_where_they_begin() -> None:
+    """A piece that led upwards was looked for above its own end alone: its ink was a gap."""
+    rows, lines = np.arange(2), SimpleNamespace(fresh=np.ones(2, dtype=np.bool_))
+    ink = SimpleNamespace(
+        style="embedded",
+        start=np.array([[0.0, 0, 2.0], [3.0, 0, 5.0]]),
+        end=np.array([[3.0, 0, 5.0], [6.0, 0, 7.0]]),
+        height_mm=np.array([0.4, 0.8]),
+    )
+    held = cast(Any, SimpleNamespace(ink=ink, layer=SimpleNamespace(row=rows, lines=lines)))
+    middle, thick = slab(held)
+    assert (middle - thick / 2, middle + thick / 2) == pytest.approx((1.8, 7.4))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from printctl.observe.deciding import (
 )
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError
+from printctl.observe.look_words import total_words
 from printctl.observe.observer import Judged, Look, MendLines, Observer
 from printctl.observe.records import answer_look, answer_of, read_looks
 from registration.layer_images.values import Gap
@@ -209,6 +210,24 @@ def test_another_observer_asks_again_by_the_pictures(tmp_path):
     other.ask_again(LOOK)
     assert bench.link.said[1:] == [("insert", 1, ("G1 X1 E1",), None), ("resume",)]
     assert bench.pictures == ["picture", "again"]
+
+
+def test_gaps_that_are_left_as_they_are_are_counted(tmp_path, monkeypatch):
+    for mode, word, left_mm in (
+        ("tell", "", GAP.length_mm),
+        ("ask", "go_on", GAP.length_mm),
+        ("ask", "approve", None),
+        ("mend", "", None),
+    ):
+        bench = Bench(tmp_path, mode=mode, gaps=(GAP,))
+        if word:
+            monkeypatch.setattr(bench.link, "look_done", _answering(bench, word))
+        record = bench.observer.look(LOOK)
+        assert record.found.get("left_mm") == left_mm
+        told = total_words([record, replace(record, found={"seen_share": 0.0})])
+        assert ("mm of gaps left" in told) == (left_mm is not None)
+        assert told.startswith("2 looks: 2 ")
+        assert told.endswith("of 1 less than 50% was seen")
 
 
 def test_why_nothing_was_seen_is_told(tmp_path):

@@ -40,6 +40,7 @@ def context(folder: Path, layers: list[Strokes], part: Fresh | Embedded) -> Any:
             ends, np.array([[0, 1]]), np.array([0.3]), NONE, NONE
         ),
         bars=SimpleNamespace(remark=lambda *_: None),
+        manifest=SimpleNamespace(stages={}),
     )  # fmt: skip
 
 
@@ -85,3 +86,17 @@ def test_an_embedded_print_that_writes_beside_its_vessels_is_refused(tmp_path: P
     with pytest.raises(SafetyError, match=r"not written through: vessel 0 \(1 of 1\)"):
         work(tmp_path, [tube(0.3)] * 2, Embedded(method="embedded"))
     assert json.loads((tmp_path / "lumens.json").read_text())["method"] == "filaments"
+
+
+def test_a_vessel_left_out_by_the_plan_is_told_with_its_place_and_not_refused(
+    tmp_path: Path,
+) -> None:
+    said = context(tmp_path, [tube(0.3)] * 2, Embedded(method="embedded", leave_out=True))
+    left = {"vessel": 0, "other": 7, "place_mm": [1.0, 2.0, 3.5], "apart_mm": 0.1, "needle_mm": 0.0}
+    plan = {"left_out": [left], "cut_off": [5, 6]}
+    said.manifest.stages["toolpath"] = SimpleNamespace(summary={"plan": plan})
+    found, _ = lumens.work(said, lambda *_: None)
+    assert found["passed"]
+    note = next(text for text in found["notes"] if "leave_out" in text)
+    assert "vessel 0 (too near to vessel 7 at (1.00, 2.00, 3.50) mm)" in note
+    assert "without supply: 5, 6" in note

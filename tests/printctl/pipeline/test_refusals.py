@@ -66,7 +66,12 @@ def test_what_can_be_printed_passes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("parts", "vessels", "error", "why"),
     [
-        ({}, network(radius_mm=0.06), ToolpathError, r"vessel 0: diameter 0\.120 mm is thinner"),
+        (
+            {},
+            network(radius_mm=0.06),
+            ToolpathError,
+            r"diameter 0\.120 mm at \(1, 3, 1\) mm is thinner",
+        ),
         (
             {"toolpath": {"method": "fresh"}, "printer": {}},
             network(radius_mm=0.06),

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from printctl.pipeline.stages import scan
-from printctl.recipe.making import SimulatedScan
+from printctl.recipe.making import Embedded, Fresh, SimulatedScan
 from sim.faults.ink_faults import Clog
 
 
@@ -41,3 +41,13 @@ def test_what_comes_out_is_laid_and_not_what_is_pushed(
         scan.simulate(context, SimulatedScan(simulated="oct"), lambda *told: None)
     assert laid.value.args[0] == pytest.approx(math.pi * factor)
     assert laid.value.args[1].each == (Clog(fault="clog", line=30),)
+
+
+@pytest.mark.parametrize(
+    ("part", "ink"), [(Fresh(method="fresh"), "gel"), (Embedded(method="embedded"), "lumen")]
+)
+def test_ink_is_the_part_s_gel_in_layers_and_melted_out_of_a_matrix(
+    part: Fresh | Embedded, ink: str
+) -> None:
+    context: Any = SimpleNamespace(recipe=SimpleNamespace(toolpath=part))
+    assert scan.ink_in_scan(context) == ink

@@ -24,6 +24,7 @@ from printctl.link.journalled_print import read_journal
 from printctl.pipeline.run import toolpath_recipe
 from printctl.pipeline.stages import toolpath as stage
 from printctl.preflight import written_arrays
+from printctl.preflight.shaft import shaft_checks
 from printctl.recipe import parse_recipe
 from tests.system.cli import called, printctl
 
@@ -195,3 +196,16 @@ def test_a_run_refuses_what_its_recipe_doesnt_allow(
         assert (told["passed"], told["weight"]) == (False, "warns")
     kept = json.loads((tmp_path / "run" / "dry_run.json").read_text())["clearance"]
     assert kept["crossing"][0]["crossed"] == 0
+
+
+def test_an_accepted_crossing_is_told_without_asking_again() -> None:
+    """Of a crossing that the recipe allows the note said how to allow it."""
+    contact: Any = type("Contact", (), {"line": 7, "sentence": lambda self: "line 7 crosses"})()
+    clearance: Any = type(
+        "Found", (), {"pairs": 1, "crossings": (contact,), "clearance_mm": 0.05,
+                      "grazed_pairs": 0, "grazes": ()},
+    )()  # fmt: skip
+    refused, taken = (shaft_checks(clearance, allowed)[0] for allowed in (0, 1))
+    assert "or accept them" in refused.sentence()
+    assert "accept them" not in taken.sentence()
+    assert "line 7 crosses" in taken.sentence()

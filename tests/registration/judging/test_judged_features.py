@@ -69,6 +69,27 @@ def test_a_lumen_far_beside_its_axis_never_passes_without_a_limit(
         ]
 
 
+def test_a_leak_whose_interval_leaves_room_for_none_is_undecided() -> None:
+    """172 ± 1194 µm beside a slanted mouth failed a sound print (2026-11-26)."""
+    leak = change(0, 1.0, 1.2) | {"kind": "leak", "size_um": 172.0, "error_um": 1194.0}
+    found = judge_plain(
+        registration(vessel(0, np.zeros(20), u_um=SURE), defects=[leak]), 100.0, 10.0
+    )
+    assert [d["decision"] for d in found["findings"]] == ["undecided"]
+    (feature,) = (f for f in found["judging"]["features"] if f["name"] == "leak")
+    assert "leaves room for none" in reason(feature)
+
+
+def test_the_mean_of_one_section_is_no_surer_than_a_section() -> None:
+    """An end of 0.2 mm failed by its mean, of one section that was undecided (2026-11-26)."""
+    scattered = vessel(0, 25.0 * np.resize([1, -1, -1, 1, 1], 40), u_um=60.0)
+    short = vessel(1, np.array([-120.0]), u_um=45.0, measured_interval_95_um=45.0)
+    found = judge_plain(registration(scattered, short), 100.0, 10.0)
+    told = {f["name"]: f["decision"] for f in found["judging"]["features"] if f.get("vessel") == 1}
+    assert told["section"] == "undecided"
+    assert told["mean"] == "undecided"
+
+
 def test_a_leak_fails_where_none_is_allowed() -> None:
     leak = change(0, 1.0, 1.2) | {"kind": "leak", "size_um": 200.0}
     found = judge_plain(

@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
-from registration.layer_images import Unseen, better_turned, see_layer
+from registration.layer_images import ExpectedLines, Unseen, better_turned, see_layer
+from registration.layer_images.height import HeightFrame
 from tests.registration.layer_images.oct_volumes import THICK, Piece, area, painted
 
 SINGLE = [(0, 0.0, 0.0, 3.0, 0.0), (0, 0.0, 1.5, 3.0, 1.5), (0, 0.0, 3.0, 3.0, 3.0)]
@@ -96,3 +98,16 @@ def test_a_symmetric_layer_tells_nothing_of_a_turn() -> None:
     volume = painted(SINGLE, [(0, -1.0, 9.0)])
     picture, frame = volume.picture()
     assert better_turned(picture, frame, volume.lines) is None
+
+
+def test_an_older_filament_is_no_sign_that_the_fresh_one_is_turned() -> None:
+    """A missing filament was taken for one that lies turned, where an older one shows."""
+    start = np.array([[1.0, 1.0, 2.0], [1.0, 4.5, 2.6]])
+    end = np.array([[5.0, 4.0, 7.0], [5.0, 1.5, 6.0]])
+    count, fresh = np.arange(2), np.array([False, True])
+    lines = ExpectedLines(start, end, np.full(2, 0.5), count, count, fresh)
+    frame = HeightFrame(np.diag([40.0, 40.0, 40.0, 1.0]))
+    ink = cv2.line(np.zeros((240, 240), np.float32), (40, 40), (200, 160), 1.0, 20)
+    noise = np.random.default_rng(1).normal(0.0, 0.05, ink.shape)
+    picture = (ink + noise)[:, :, None].astype(np.float32)
+    assert better_turned(picture, frame, lines) is None

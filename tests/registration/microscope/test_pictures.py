@@ -23,7 +23,7 @@ from registration.microscope import (
     read_picture,
     shade_profile,
 )
-from registration.microscope.shade import Shade
+from registration.microscope.ink_absorption import Shade
 from tests.registration.microscope.rendered import Camera, Painted, paint, view_of
 
 SIZE = (16.0, 13.0)

@@ -3,7 +3,7 @@ import pytest
 
 from design.geometry.surface import Surface
 from registration.picture.occlusion import occlude
-from registration.picture.shade import corner_normals
+from registration.picture.render import corner_normals
 from registration.picture.shell import draw_shell, layer_opacity
 
 

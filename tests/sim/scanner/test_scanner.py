@@ -133,6 +133,14 @@ def test_microct_noise_has_its_spread_and_lumens_their_grey() -> None:
     assert middle.mean() == pytest.approx(8000, rel=0.02)
 
 
+def test_microct_shows_ink_that_is_the_gel_bright_in_dark_liquid() -> None:
+    """A FRESH part was scanned as if it were melted out: dark in bright gel (2026-11-26)."""
+    options = MicroCtOptions(placing=STILL, ink="gel")
+    found = simulate_microct(slab(), options, seed=1).volume.astype(float)
+    assert found[:4].mean() == pytest.approx(8000, rel=0.02)
+    assert found[12:20, 12:16, 12:18].mean() == pytest.approx(20000, rel=0.02)
+
+
 def test_blur_conserves_ink_and_has_its_width() -> None:
     volume = np.zeros((41, 41, 41), np.uint8)
     volume[20, 20, 15:26] = 255

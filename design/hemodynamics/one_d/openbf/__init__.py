@@ -1,4 +1,4 @@
-"""openBF's network files: read them, run them with our 1D solver, write what they ask for.
+"""Run openBF network files with our 1D solver: read YAML, solve, write waves as CSV or NPZ.
 
 Goes in: the parsed YAML of github.com/INSIGNEO/openBF and its inlet's table. Comes out: waves at
 five places of each vessel. Begin with `read.py`.

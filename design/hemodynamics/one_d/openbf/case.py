@@ -1,4 +1,4 @@
-"""Data class of an openBF case: network, conditions, options and the results it asks for."""
+"""Data class of an openBF case: network, conditions, solver options, results to write."""
 
 from __future__ import annotations
 

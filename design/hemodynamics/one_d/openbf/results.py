@@ -1,4 +1,4 @@
-"""Run an openBF case; write its waves as CSV or NPZ, in openBF's units."""
+"""Run an openBF case; write waves at five places of its vessels as CSV or NPZ, in SI units."""
 
 from __future__ import annotations
 

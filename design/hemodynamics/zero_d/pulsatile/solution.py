@@ -1,4 +1,4 @@
-"""Solve pulsatile 0D flow in a network for its periodic state."""
+"""Solve pulsatile 0D flow by harmonics or time steps; data class of the periodic state."""
 
 from __future__ import annotations
 

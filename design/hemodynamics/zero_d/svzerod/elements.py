@@ -1,4 +1,4 @@
-"""Kinds of svZeroDSolver's blocks: parameters, variables and equations of each.
+"""Table of svZeroDSolver's block kinds; equations of vessels, outlets and junctions.
 
 An element's variables are pressure and flow of each connection, inlets first, then its own. Its
 equations are rows of E ẏ + F y + c = 0. As in the project's documentation:

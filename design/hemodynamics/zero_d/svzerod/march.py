@@ -1,4 +1,4 @@
-"""Time-step svZeroDSolver's lumped equations by the generalised-α method, as that program does.
+"""Choose svZeroDSolver's time stepper (linear, reduced, sparse) and run it; generalised-α method.
 
 Jansen, Whiting & Hulbert 2000, doi 10.1016/S0045-7825(00)00203-6, with ρ the spectral radius at
 infinite steps: α_m = (3 - ρ)/(2 (1 + ρ)), α_f = 1/(1 + ρ), γ = ½ + α_m - α_f. Every variable is
@@ -15,10 +15,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from design.hemodynamics.zero_d.svzerod.generalised_alpha import Pace, State
 from design.hemodynamics.zero_d.svzerod.march_linear import LinearMarch
 from design.hemodynamics.zero_d.svzerod.march_reduced import ReducedMarch
 from design.hemodynamics.zero_d.svzerod.march_sparse import SparseMarch
-from design.hemodynamics.zero_d.svzerod.pace import Pace, State
 from design.hemodynamics.zero_d.svzerod.stamps import LumpedSystem
 from design.hemodynamics.zero_d.svzerod.tables import Sampler
 from design.hemodynamics.zero_d.svzerod.terms import Moments

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import csc_array
 
 from design.hemodynamics.zero_d.svzerod.factors import LARGE, Factors, by_rank, step_linear
-from design.hemodynamics.zero_d.svzerod.pace import Pace, State
+from design.hemodynamics.zero_d.svzerod.generalised_alpha import Pace, State
 from design.hemodynamics.zero_d.svzerod.stamps import LumpedSystem
 from design.hemodynamics.zero_d.svzerod.terms import Moments
 from design.network import FloatArray, IntArray

@@ -1,4 +1,4 @@
-"""Step small nonlinear lumped equations of svZeroDSolver, many steps in one kernel."""
+"""Reduce a small nonlinear svZeroDSolver system, then yield its state after each time step."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.zero_d.svzerod.factors import Factors
+from design.hemodynamics.zero_d.svzerod.generalised_alpha import Pace, State
 from design.hemodynamics.zero_d.svzerod.march_sparse import unsettled
 from design.hemodynamics.zero_d.svzerod.newton_steps import (
     DONE,
     SINGULAR,
     march_reduced,
 )
-from design.hemodynamics.zero_d.svzerod.pace import Pace, State
 from design.hemodynamics.zero_d.svzerod.reduction import reduced_system
 from design.hemodynamics.zero_d.svzerod.stamps import LumpedSystem
 from design.hemodynamics.zero_d.svzerod.terms import Moments, joined_terms, timed_coefficients

@@ -10,7 +10,7 @@ from scipy.sparse import csc_array, csr_array
 
 from design.errors import FlowError
 from design.hemodynamics.zero_d.svzerod.factors import Factors
-from design.hemodynamics.zero_d.svzerod.pace import Pace, State
+from design.hemodynamics.zero_d.svzerod.generalised_alpha import Pace, State
 from design.hemodynamics.zero_d.svzerod.stamps import LumpedSystem
 from design.hemodynamics.zero_d.svzerod.term_values import term_values
 from design.hemodynamics.zero_d.svzerod.terms import (

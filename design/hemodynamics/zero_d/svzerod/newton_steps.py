@@ -1,4 +1,4 @@
-"""Step a reduced nonlinear lumped system by Newton's method, many steps in one kernel."""
+"""Kernel: time-step a reduced nonlinear lumped system, each step solved by Newton's method."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 
 from design.errors import FlowError
 from design.hemodynamics.zero_d.svzerod.factors import Factors
-from design.hemodynamics.zero_d.svzerod.pace import Pace
+from design.hemodynamics.zero_d.svzerod.generalised_alpha import Pace
 from design.hemodynamics.zero_d.svzerod.terms import Terms
 from design.network import FloatArray, IntArray
 

@@ -9,8 +9,8 @@ import numpy as np
 from design.errors import FlowError
 from design.hemodynamics.zero_d.svzerod.case import SvZeroDCase
 from design.hemodynamics.zero_d.svzerod.elements import CONDITIONS
+from design.hemodynamics.zero_d.svzerod.generalised_alpha import Pace, State
 from design.hemodynamics.zero_d.svzerod.march import Stepper
-from design.hemodynamics.zero_d.svzerod.pace import Pace, State
 from design.hemodynamics.zero_d.svzerod.size import MOST_CYCLES, check_size, windkessel_cycles
 from design.hemodynamics.zero_d.svzerod.system import (
     Variables,

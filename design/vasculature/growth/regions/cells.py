@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 
 from design.tissue import Tissue
 from design.vasculature.growth.points import Sampler
-from design.vasculature.growth.sample import Samples, inside
+from design.vasculature.growth.target_points import Samples, inside
 from kernels.arrays import FloatArray
 
 _ROWS = 1 << 18

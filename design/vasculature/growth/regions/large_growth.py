@@ -1,4 +1,4 @@
-"""Growth of a large tree: serial up to some thousand terminals, then region by region."""
+"""Grow a tree of 100,000+ terminals: serially to 10,000 or 2 % of them, then region by region."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from design.vasculature.growth.regions.parallel import run_in_order
 from design.vasculature.growth.regions.region_growth import grow_region
 from design.vasculature.growth.regions.split import Split, split_tree
 from design.vasculature.growth.regions.store import Store
-from design.vasculature.growth.sample import depth_first
 from design.vasculature.growth.state import refresh_all
 from design.vasculature.growth.step import derive_radii
+from design.vasculature.growth.target_points import depth_first
 from design.vasculature.growth.tree_growth import TreeGrowth
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.options import GrowthOptions

@@ -1,4 +1,4 @@
-"""Write the HTML page of a run's layers or passes."""
+"""Write the HTML page that shows a run's G-code by layers or, embedded, by strokes."""
 
 from __future__ import annotations
 

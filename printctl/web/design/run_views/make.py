@@ -1,4 +1,4 @@
-"""Write an HTML view: a run's network or layers, a recipe's tissue, in a process of `run_worker`.
+"""Entry point of the worker that writes one HTML view: a run's network, its layers, a tissue.
 
 What can't be made is said in the last line of standard error, with exit code 1.
 """

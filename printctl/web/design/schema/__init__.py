@@ -1,4 +1,4 @@
-"""Convert the recipe's pydantic models to a tree of fields, source of the recipe form.
+"""Field tree behind the recipe form: node types, units, conversion from pydantic models.
 
 Goes in: the recipe's pydantic models. Comes out: a tree of fields with units and limits. Begin
 with `walk.py`.

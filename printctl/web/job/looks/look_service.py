@@ -1,4 +1,4 @@
-"""Service behind the Job page's card Looks: records, pictures, the operator's answer."""
+"""Service behind the Job page's Looks card: inspection records, pictures, operator's answer."""
 
 from __future__ import annotations
 

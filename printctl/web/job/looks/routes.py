@@ -1,4 +1,4 @@
-"""REST routes for the looks at an observed print: records, pictures, the operator's answer."""
+"""REST routes for a print's inspections (looks): records, pictures, the operator's answer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Re-encode a look's picture as a JPEG small enough for a page."""
+"""Re-encode an inspection's picture as a JPEG small enough for a page."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from printctl.web.errors import BadRequestError
-from printctl.web.scan.growth import refuse_growth
+from printctl.web.scan.unpacked_size import refuse_growth
 from printctl.web.scan.unpacking import unpack_stack
 
 MOST = 10**10

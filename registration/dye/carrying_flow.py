@@ -1,4 +1,4 @@
-"""Solve the 0D flow of 1 µL/s that carries dye through a design, with or without closed vessels."""
+"""Choose the ends that dye enters and leaves by; solve the 1 µL/s flow that carries it."""
 
 from __future__ import annotations
 

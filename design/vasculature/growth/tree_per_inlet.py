@@ -1,4 +1,4 @@
-"""Grow a vessel tree from each inlet of a connected tissue; add inlets for places not reached."""
+"""Grow a vessel tree from each inlet of a connected tissue; add inlets for unreached regions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Keep the height of written ink over x and y, to find the highest ink under a travel move."""
+"""Height map of written ink over x and y; highest ink under a travel move."""
 
 from __future__ import annotations
 

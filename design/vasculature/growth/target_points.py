@@ -1,4 +1,4 @@
-"""Keep target points inside the tissue, in Z-order; renumber segments depth first."""
+"""Filter target points to those inside the tissue, in Z-order; renumber segments depth first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""State and step of the generalised-α method, in which svZeroDSolver's cases are marched."""
+"""Data classes of the generalised-α method: solution state, and time step with its weights."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Render vessel tubes, and the surface around them, to shaded pixels and a depth buffer."""
+"""Render a network scene: shaded tubes in a translucent surface, as pixels and depth buffer."""
 
 from __future__ import annotations
 

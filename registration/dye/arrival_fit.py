@@ -1,4 +1,4 @@
-"""Predict dye arrival times along vessels; fit unknown flow and start time to the video."""
+"""Predict dye arrival times along vessels, with unknown flow and start time fitted to a video."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small dense least squares: Levenberg's and Marquardt's damping, slopes by differences."""
+"""Solve small dense least-squares problems by Levenberg-Marquardt with numerical derivatives."""
 
 from __future__ import annotations
 
