@@ -40,6 +40,8 @@ class RootError(GrowthError):
 
 LEAST_TERMINALS: Final = 24
 """Of an organ's template, which has six trunks' ends with four terminals each at least."""
+LEAST_IN_CORTEX: Final = 48
+"""The same with eight each."""
 
 
 class CrowdedError(GrowthError):
@@ -52,11 +54,12 @@ class CrowdedError(GrowthError):
 
     def __init__(self, fit: int, asked: int, more: str = "") -> None:
         self.fit, self.asked = fit, asked
-        fewer = (
-            f"ask for {fit} or fewer, "
-            if fit >= LEAST_TERMINALS
-            else f"too few for a template ({LEAST_TERMINALS} at least), so take a larger part, "
-        )
+        least = f"{LEAST_TERMINALS} at least, a cortex {LEAST_IN_CORTEX}"
+        fewer = f"ask for {fit} or fewer, "
+        if fit < LEAST_TERMINALS:
+            fewer = f"too few for a template ({least}), so take a larger part, "
+        elif fit < LEAST_IN_CORTEX:
+            fewer = f"ask for {fit} or fewer where the template takes so few ({least}), "
         super().__init__(
             f"only {fit} of {asked} terminals fit beside the trunks{more}; {fewer}"
             "a lower clearance_mm, a smaller smallest_diameter_mm or, where that isn't given, a "

@@ -68,10 +68,9 @@ class PreparedScan:
         # The surface takes one core, and the segmentation leaves one free now and then.
         with ThreadPoolExecutor(1) as other, keep_freed_memory():
             preparing = other.submit(ModelSurface.of, model)
-            how = segmentation_options(scan, options, thinnest)
-            if scan.modality != "oct":  # which doesn't need to know what the model is
-                part = not _model_is_lumen(preparing.result(), network)
-                how = replace(how, whole_part=part)
+            # An OCT needn't know what the model is: its surface is prepared meanwhile.
+            whole = scan.modality != "oct" and not _model_is_lumen(preparing.result(), network)
+            how = replace(segmentation_options(scan, options, thinnest), whole_part=whole)
             segmentation = segment(scan, how)
         errors = scan_errors(scan, segmentation, options.walls)
         surface = preparing.result()

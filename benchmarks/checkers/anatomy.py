@@ -42,6 +42,13 @@ def kinks(net: Pieces, degrees: float, of_root: float) -> int:
     return count
 
 
+def wide_pieces(net: Pieces, of_root: float) -> NDArray[np.bool_]:
+    """Pieces (n,) wider than a part of their tree's widest: trunks, by nobody's list."""
+    radius = net.radius.mean(axis=1)
+    widest = {tree: radius[net.tree == tree].max() for tree in np.unique(net.tree).tolist()}
+    return np.asarray(radius > of_root * np.array([widest[tree] for tree in net.tree.tolist()]))
+
+
 def triangle_distance(points: FloatArray, triangles: FloatArray) -> FloatArray:
     """Distance (n,) of points from the nearest of triangles (m, 3, 3), by the nearest corners.
 

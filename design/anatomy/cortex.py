@@ -14,8 +14,9 @@ from design.anatomy.graph_trunk import LayerForest, apart_for, spread_sites
 from design.anatomy.grown import AnatomicTrees, grow_apart
 from design.anatomy.layer import Layer, below_surface, join_layer
 from design.anatomy.openness import sample_surface
+from design.anatomy.trunk_count import trunk_ends
 from design.anatomy.trunk_lines import TrunkLines, lines_of, outward, with_shares
-from design.errors import GrowthError
+from design.errors import LEAST_IN_CORTEX
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.vasculature.growth.parts import check_inlet
@@ -85,9 +86,7 @@ def grow_cortex(
         Where no trunk or tree fits.
     """
     anatomy = anatomy or CortexAnatomy()
-    ends = min(anatomy.trunk_ends, options.terminals // 8)
-    if ends < 6:
-        raise GrowthError(f"{options.terminals} terminals are too few for a cortex; ask for 48")
+    ends = trunk_ends(anatomy.trunk_ends, options.terminals, "cortex", least=LEAST_IN_CORTEX)
     check_inlet(tissue, "pial_artery", anatomy.entry_mm)
     check_one_part(tissue)
     samples = sample_surface(tissue, _SAMPLES, options.seed)

@@ -16,6 +16,7 @@ from design.anatomy.heart_trunk import LEFT, RIGHT, heart_forest, heart_layer, o
 from design.anatomy.main_branches import missing_branches
 from design.anatomy.network import curved_network
 from design.anatomy.openness import SurfaceSamples, sample_surface
+from design.anatomy.trunk_count import trunk_ends
 from design.anatomy.trunk_lines import TrunkLines, lines_of
 from design.errors import GrowthError
 from design.measures.published_radii import PublishedMatch, published_match
@@ -85,12 +86,7 @@ def grow_heart(
         Where no layer, ostium or tree fits.
     """
     anatomy = anatomy or HeartAnatomy()
-    ends = min(anatomy.trunk_ends, options.terminals // 4)
-    if ends < 6:
-        raise GrowthError(
-            f"{options.terminals} terminals are too few for two coronaries and their branches; "
-            "ask for 24 at least"
-        )
+    ends = trunk_ends(anatomy.trunk_ends, options.terminals, "heart")
     check_one_part(tissue)
     samples = sample_surface(tissue, _SAMPLES, options.seed)
     places = find_heart_places(samples, _vector(anatomy.base), _vector(anatomy.right))

@@ -14,6 +14,7 @@ from design.anatomy.grown import AnatomicTrees, grow_fitted, grow_pair
 from design.anatomy.kidney_places import KidneyPlaces, find_kidney_places
 from design.anatomy.layer import Layer, join_layer
 from design.anatomy.openness import sample_surface
+from design.anatomy.trunk_count import trunk_ends
 from design.anatomy.trunk_lines import lines_of
 from design.errors import GrowthError
 from design.network import VesselKind
@@ -80,9 +81,7 @@ def grow_kidney(
         Where no trunk or tree fits.
     """
     anatomy = anatomy or KidneyAnatomy()
-    ends = min(anatomy.trunk_ends, options.terminals // 4)
-    if ends < 6:
-        raise GrowthError(f"{options.terminals} terminals are too few for a kidney; ask for 24")
+    ends = trunk_ends(anatomy.trunk_ends, options.terminals, "kidney")
     check_one_part(tissue)
     samples = sample_surface(tissue, _SAMPLES, options.seed, cavities=False)
     volume, _ = demand_points(tissue, _VOLUME, options.seed)

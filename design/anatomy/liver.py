@@ -15,8 +15,8 @@ from design.anatomy.grown import AnatomicTrees, grow_portal
 from design.anatomy.layer import Layer, join_layer
 from design.anatomy.liver_places import LiverPlaces, find_liver_places
 from design.anatomy.openness import sample_surface
+from design.anatomy.trunk_count import trunk_ends
 from design.anatomy.trunk_lines import TrunkLines, lines_of
-from design.errors import GrowthError
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.vasculature.growth.parts import check_inlet
@@ -76,9 +76,7 @@ def grow_liver(
         Where no trunk or tree fits.
     """
     anatomy = anatomy or LiverAnatomy()
-    ends = min(anatomy.trunk_ends, options.terminals // 4)
-    if ends < 6:
-        raise GrowthError(f"{options.terminals} terminals are too few for a liver; ask for 24")
+    ends = trunk_ends(anatomy.trunk_ends, options.terminals, "liver")
     check_inlet(tissue, "porta_hepatis", anatomy.porta_mm)
     check_inlet(tissue, "vena_cava", anatomy.cava_mm)
     check_one_part(tissue)

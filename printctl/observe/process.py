@@ -14,7 +14,7 @@ from typing import Any, Final, Protocol
 
 from design.files import write_text
 from printctl.link.client import PrintClient, attach
-from printctl.link.errors import LinkError, NoLink
+from printctl.link.errors import LinkError, NoLink, Refused
 from printctl.link.find_link import alive
 from printctl.link.inserts import file_count
 from printctl.link.journalled_print import read_journal
@@ -158,8 +158,9 @@ def _assembled(job: ObservedJob, words: PrintClient) -> Observer:
 def _look(observer: Observer, told: dict[str, Any]) -> bool:
     """Look once; whatever goes wrong here pauses the print for the operator.
 
-    False where the link couldn't be told: it died meanwhile, and the next one holds the print for
-    the same look again.
+    False where it is to be made again: the link died meanwhile, and the next one holds the print
+    for the same look. What an operator approved isn't tried again once the link has refused it: the
+    print would go on at a moment that nobody chose.
     """
     try:
         if told["decision"]:
@@ -172,7 +173,7 @@ def _look(observer: Observer, told: dict[str, Any]) -> bool:
             log.info("look %d: %s: %s", record.number, record.decision, record.why)
     except LinkError as exc:
         log.warning("look %d couldn't be decided: %s", told["number"], exc)
-        return False
+        return bool(told["decision"]) and isinstance(exc, Refused)
     except Exception as exc:  # a fault of ours must not leave the needle waiting for nobody
         log.exception("look %d failed", told["number"])
         with suppress(LinkError):  # it was decided already

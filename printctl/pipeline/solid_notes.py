@@ -19,8 +19,8 @@ _MOUTH_RADII: Final = 3.0
 
 
 @dataclass(frozen=True)
-class Setting:
-    """What the notes' places are looked for in, all in the design's size.
+class ConstructDesign:
+    """Design that a construct was made from, in its own size.
 
     Attributes
     ----------
@@ -42,9 +42,9 @@ class Setting:
         return "({:.4g}, {:.4g}, {:.4g}) mm".format(*(self.scale * point).tolist())
 
 
-def no_ports_note(setting: Setting) -> str:
+def no_ports_note(design: ConstructDesign) -> str:
     """Sentence on a construct without ports: which free ends come nearest to the surface."""
-    network = setting.network
+    network = design.network
     free = np.flatnonzero(network.degree() == 1)
     text = (
         "no vessel's end opens through the tissue's surface (0 ports): the lumens are closed "
@@ -53,26 +53,26 @@ def no_ports_note(setting: Setting) -> str:
     )
     if len(free) == 0:
         return f"{text} (no vessel has a free end)"
-    depth = -setting.tissue.grid.distance(network.nodes[free])
+    depth = -design.tissue.grid.distance(network.nodes[free])
     nearest = np.argsort(depth)[:NAMED]
     named = [
-        f"vessel {_vessel_at(network, int(free[k]))} at {setting.text(network.nodes[free[k]])}, "
-        f"{setting.scale * depth[k]:.2g} mm below it"
+        f"vessel {_vessel_at(network, int(free[k]))} at {design.text(network.nodes[free[k]])}, "
+        f"{design.scale * depth[k]:.2g} mm below it"
         for k in nearest
     ]
     return f"{text}; the free ends nearest to it: {'; '.join(named)}"
 
 
-def handles_note(setting: Setting, genus: int, expected: int) -> str:
+def handles_note(design: ConstructDesign, genus: int, expected: int) -> str:
     """Sentence on handles that differ: where lumens break out, and which vessels merge.
 
     Parameters
     ----------
-    setting : Setting
+    design : ConstructDesign
     genus, expected : int
         Handles of the construct, as read back, and by the network (`design.solids.genus`).
     """
-    places = [*_broken_walls(setting), *_merged(setting)] or [
+    places = [*_broken_walls(design), *_merged(design)] or [
         "a lumen breaks through the tissue's surface beside its ends, or vessels merge that the "
         "network keeps apart; where wasn't found: compare solid.stl with network.csv"
     ]
@@ -82,9 +82,9 @@ def handles_note(setting: Setting, genus: int, expected: int) -> str:
     )
 
 
-def _broken_walls(setting: Setting) -> list[str]:
+def _broken_walls(design: ConstructDesign) -> list[str]:
     """Vessels whose wall lies beyond the tissue's surface away from their ports."""
-    network = setting.network
+    network = design.network
     start, end, r0, r1, vessel = network.pieces()
     length = np.linalg.norm(end - start, axis=1)
     steps = np.maximum(np.ceil(2 * length / np.maximum(np.minimum(r0, r1), 1e-6)), 1).astype(int)
@@ -93,16 +93,15 @@ def _broken_walls(setting: Setting) -> list[str]:
     share = (np.arange(len(piece)) - first) / steps[piece]
     place = start[piece] + share[:, None] * (end - start)[piece]
     radius = r0[piece] + share * (r1 - r0)[piece]
-    beyond = setting.tissue.grid.distance(place) + radius
-    for port in setting.ports.tolist():
+    beyond = design.tissue.grid.distance(place) + radius
+    for port in design.ports.tolist():
         away = np.linalg.norm(place - network.nodes[port], axis=1)
         beyond[away < _MOUTH_RADII * radius] = -np.inf
     worst = _worst_of_each(vessel[piece], beyond)
     if not worst:
         return []
     named = [
-        f"vessel {vessel[piece[k]]} by {setting.scale * beyond[k]:.2g} mm at "
-        f"{setting.text(place[k])}"
+        f"vessel {vessel[piece[k]]} by {design.scale * beyond[k]:.2g} mm at {design.text(place[k])}"
         for k in worst[:NAMED]
     ]
     return [
@@ -119,17 +118,17 @@ def _worst_of_each(vessel: IntArray, beyond: FloatArray) -> list[int]:
     return [int(k) for k in order[np.sort(first)]]
 
 
-def _merged(setting: Setting) -> list[str]:
+def _merged(design: ConstructDesign) -> list[str]:
     """Vessels that run into each other without a joint."""
-    pairs = collisions(setting.network)
+    pairs = collisions(design.network)
     if not pairs.count:
         return []
     order = np.argsort(pairs.gap_mm, kind="stable")
     _, first = np.unique(np.sort(pairs.vessels[order], axis=1), axis=0, return_index=True)
     worst = [int(k) for k in order[np.sort(first)]]
     named = [
-        f"{pairs.vessels[k][0]} and {pairs.vessels[k][1]} by {-setting.scale * pairs.gap_mm[k]:.3g}"
-        f" mm at {setting.text(pairs.place_mm[k])}"
+        f"{pairs.vessels[k][0]} and {pairs.vessels[k][1]} by {-design.scale * pairs.gap_mm[k]:.3g}"
+        f" mm at {design.text(pairs.place_mm[k])}"
         for k in worst[:NAMED]
     ]
     return [f"vessels merge that the network keeps apart: {', '.join(named)}{_more(worst)}"]

@@ -12,7 +12,7 @@ from kernels.arrays import IntArray
 from printctl.pipeline.built_solids import built_solids
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.solid_files import checkable, write_solids
-from printctl.pipeline.solid_notes import Setting, handles_note, no_ports_note
+from printctl.pipeline.solid_notes import ConstructDesign, handles_note, no_ports_note
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
 from printctl.recipe.growth import NamedNetwork
@@ -67,9 +67,11 @@ def _notes(context: RunContext, ports: IntArray, genus: tuple[int | None, int]) 
     wrong = None if told == expected else told
     if wrong is None and len(ports):
         return ()
-    setting = Setting(context.designed_network, context.tissue, ports, context.recipe.print_scale)
-    closed = () if len(ports) else (no_ports_note(setting),)
-    return closed if wrong is None else (*closed, handles_note(setting, wrong, expected))
+    design = ConstructDesign(
+        context.designed_network, context.tissue, ports, context.recipe.print_scale
+    )
+    closed = () if len(ports) else (no_ports_note(design),)
+    return closed if wrong is None else (*closed, handles_note(design, wrong, expected))
 
 
 def depends(context: RunContext) -> Any:

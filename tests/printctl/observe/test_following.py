@@ -9,7 +9,7 @@ from printctl.link.states import LinkState, Status
 from printctl.observe.deciding import Decider, FlowControl, Limits
 from printctl.observe.observer import Observer
 from printctl.observe.process import follow
-from printctl.observe.records import LookRecord
+from printctl.observe.records import LookRecord, save_look
 
 TOLD = {"number": 1, "mark": "end of layer 0", "done": 20, "decision": "", "insert_sha256": ""}
 
@@ -70,3 +70,24 @@ def test_a_look_that_a_dead_link_took_away_is_made_again(tmp_path, refusal):
     observer = watching(tmp_path, events, refusal)
     follow(events, observer)
     assert observer.looked == [(LinkState.LOOKING, 1.0)] * 2  # its picture counts once
+
+
+class Asking(Watching):
+    """A look's approved mend goes into a print whose link then fails or refuses to go on."""
+
+    def ask_again(self, look):
+        self.look(look)
+
+
+@pytest.mark.parametrize(
+    ("failure", "times"), [(Refused("the bed is at 12 °C"), 1), (LinkError("it died"), 2)]
+)
+def test_what_was_approved_is_tried_again_after_a_dead_link_alone(tmp_path, failure, times):
+    paused = (LinkState.PAUSED, "pause")
+    events = Events(paused, paused, paused)
+    observer = watching(tmp_path, events, failure)
+    observer.__class__ = Asking
+    record = LookRecord(1, 20, 20, "end of layer 0", 0.0, "pause", "a gap", asked="mend")
+    save_look(tmp_path, record)
+    follow(events, observer)
+    assert len(observer.looked) == times

@@ -1,4 +1,4 @@
-"""What is unclear beside a sure gap, judged by the chain along the way that was written."""
+"""Missing ink beside a sure gap is found by a hidden Markov model along the written stroke."""
 
 from __future__ import annotations
 

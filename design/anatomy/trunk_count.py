@@ -1,0 +1,36 @@
+"""Number of ends of an organ's trunk vessels, by its terminals; refuse too few terminals."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from design.errors import LEAST_TERMINALS, GrowthError
+
+_FEWEST: Final = 6
+
+
+def trunk_ends(wanted: int, terminals: int, organ: str, least: int = LEAST_TERMINALS) -> int:
+    """Return the number of trunk ends: as wanted, or what the terminals are enough for.
+
+    Parameters
+    ----------
+    wanted : int
+        By the recipe.
+    terminals : int
+    organ : str
+        For the message.
+    least : int
+        Terminals that the template takes at least: as many for each of six ends.
+
+    Raises
+    ------
+    GrowthError
+        For fewer terminals or ends.
+    """
+    ends = min(wanted, terminals * _FEWEST // least)
+    if ends < _FEWEST:
+        raise GrowthError(
+            f"{terminals} terminals and {wanted} trunk_ends are too few for a {organ}; "
+            f"ask for {least} and {_FEWEST} at least"
+        )
+    return ends
