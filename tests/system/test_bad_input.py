@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tests.system.cli import called, printctl, recipe_file
+from tests.system.cli import called, recipe_file
 
 HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
 
@@ -137,13 +137,12 @@ def test_full_disk_leaves_the_good_file(tmp_path: Path) -> None:
     coarse = {"=": "replace", "method": "fresh", "needle": "22g", "layer_um": 150, "line_um": 400}
     recipe = recipe_file(tmp_path, "planar_fresh", toolpath=coarse)
     (tmp_path / "part.gcode").write_text("a good file")
-
-    def small_files_only() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
-
-    done = printctl(
-        "toolpath", recipe, "--out", "part.gcode", cwd=tmp_path, preexec=small_files_only
-    )
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
+    try:
+        done = called("toolpath", recipe, "--out", "part.gcode", cwd=tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert done.returncode == 1, done.stderr
     assert "Traceback" not in done.stderr
     assert "too large" in done.stderr

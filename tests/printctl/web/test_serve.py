@@ -128,6 +128,7 @@ def test_what_is_loopback(host: str, truth: bool) -> None:
     assert is_loopback(host) is truth
 
 
+@pytest.mark.slow
 def test_from_another_address_everything_that_changes_is_refused(tmp_path: Path) -> None:
     secret = tmp_path / "password"
     secret.write_text("bath and needle\n")

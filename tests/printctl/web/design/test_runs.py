@@ -105,6 +105,7 @@ def test_another_server_finds_a_run_and_cancels_it(
     assert _until(service, "interrupted") == other.runs.progress("one")
 
 
+@pytest.mark.slow
 def test_a_run_that_was_killed_is_told_so(service: DesignService, workspace: Workspace) -> None:
     service.runs.start("one")
     run = _until(service, "running")
