@@ -90,9 +90,9 @@ def _coarse(**sections: Any) -> dict[str, Any]:
 
 
 def test_part_larger_than_the_printer(tmp_path: Path) -> None:
-    _network = "0,0,1,0,4,5,240,4,5,1.5,1.5,channel,0"
+    _network = "0,0,1,0,4,2.5,240,4,2.5,1.5,1.5,channel,0"
     recipe = _network_recipe(tmp_path, _network)
-    data = _coarse(tissue={"size_mm": [240, 8, 10]}, vasculature={"=": "replace",
+    data = _coarse(tissue={"size_mm": [240, 8, 5]}, vasculature={"=": "replace",
                    "network": "network.csv", "unit": "mm"})  # fmt: skip
     recipe = recipe_file(tmp_path, "planar_fresh", **data)
     words = ("greatest x of the part: 220 mm, limit 200", "place_mm", "a larger printer")
@@ -100,8 +100,8 @@ def test_part_larger_than_the_printer(tmp_path: Path) -> None:
 
 
 def test_more_ink_than_the_syringe_holds(tmp_path: Path) -> None:
-    recipe = _network_recipe(tmp_path, "0,0,1,0,4,5,40,4,5,1.5,1.5,channel,0")
-    data = _coarse(tissue={"size_mm": [40, 8, 10]}, vasculature={"=": "replace",
+    recipe = _network_recipe(tmp_path, "0,0,1,0,4,2.5,40,4,2.5,1.5,1.5,channel,0")
+    data = _coarse(tissue={"size_mm": [40, 8, 5]}, vasculature={"=": "replace",
                    "network": "network.csv", "unit": "mm"})  # fmt: skip
     recipe = recipe_file(tmp_path, "planar_fresh", **data)
     _refused(recipe, tmp_path, 3, "µL", "1000", "syringe", command=("toolpath",))

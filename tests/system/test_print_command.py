@@ -62,9 +62,7 @@ def test_simulated_port_needs_no_set_up(tmp_path: Path) -> None:
 def test_refused_job_never_reaches_the_printer(tmp_path: Path) -> None:
     path = tmp_path / "bad.gcode"
     path.write_text("G90\nM82\nG92 X0 Y0 Z0 E0\nG28\nG1 X999 F600\n")
-    done = called(
-        "print", path, "--printer", "generic_marlin", "--port", "simulated", cwd=tmp_path
-    )
+    done = called("print", path, "--printer", "generic_marlin", "--port", "simulated", cwd=tmp_path)
     assert done.returncode == 3, done.stderr
     assert "homing" in done.stderr
     assert "line 5" in done.stderr

@@ -28,9 +28,7 @@ class Dead:
         """There is nothing to detach from."""
 
 
-def test_a_dead_station_keeps_no_core_busy(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_dead_station_keeps_no_core_busy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its last word was read thousands of times a second, from a journal that grew."""
     monkeypatch.setattr(following, "attach", lambda folder: Dead())
     monkeypatch.setattr(following, "LOOK_AGAIN_S", 60.0)
