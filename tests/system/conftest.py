@@ -43,7 +43,7 @@ def planar_recipe(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def planar_run(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, planar_recipe: Path
 ) -> Path:
-    """Folder of that recipe, run once through the command line; by `make test-slow` in a process."""
+    """Folder of that recipe, run once through the command line, nightly in a process."""
     folder, words = tmp_path_factory.mktemp("planar"), ("run", planar_recipe, "--out", "run")
     if any("listed_kernels" in getattr(item, "fixturenames", ()) for item in request.session.items):
         store = {"PRINTCTL_CACHE": str(request.getfixturevalue("listed_kernels"))}
