@@ -166,4 +166,6 @@ def test_a_run_that_never_began_says_its_last_words(
     (folder / PROGRESS).write_text(
         json.dumps({"event": "begin", "time": 1.0, "pid": 2**22 + 5, "stages": [], "until": ""})
     )
-    assert "the disk is full" in service.runs.progress("one").message
+    found = service.runs.progress("one")
+    assert found.state == "interrupted"
+    assert "process is gone: printctl: the disk is full" in found.message
