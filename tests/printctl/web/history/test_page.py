@@ -61,6 +61,7 @@ def rows(page) -> list[str]:
     return page.locator(".ph-list tbody tr a").all_inner_texts()
 
 
+@pytest.mark.slow
 def test_list_is_searched_and_turned_by_pages(browser, served):
     page = opened(browser, f"{served[0]}/history")
     page.wait_for_selector("text=61 prints")

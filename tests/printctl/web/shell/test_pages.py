@@ -94,6 +94,7 @@ def test_escape_twice_stops_from_within_a_dialog_while_the_server_hangs(
             server.go_on()
 
 
+@pytest.mark.slow
 def test_logged_out_the_page_asks_for_the_password(served: Any, browser: Any) -> None:
     server, _ = served
     page = logged_in(browser.new_context(), f"{server.url}/job")
