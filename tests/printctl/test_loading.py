@@ -55,6 +55,17 @@ ON_DEMAND = (
 )
 
 
+@pytest.fixture(scope="module")
+def loaded_so_far() -> list[set[str]]:
+    """Modules that one new process has after importing each of `STEPS` in turn."""
+    lines = ["import sys"]
+    for step in STEPS:
+        lines += [*(f"import {module}" for module in step), "print(*sys.modules)"]
+    command = [sys.executable, "-c", "\n".join(lines)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return [set(line.split()) for line in done.stdout.splitlines()]
+
+
 def loaded_by(*modules: str) -> set[str]:
     """Modules that a new process has after importing some."""
     lines = [*(f"import {module}" for module in modules), "import sys", "print(*sys.modules)"]
@@ -77,20 +88,25 @@ BEGUN = (
     *PAGES,
 )
 """Stations, links, their clients, the stop process, recipes, a command's help, the server."""
+STEPS = (
+    ("printctl.link", "printctl.gate", "printctl.cli.status"),
+    BEGUN,
+    ("printctl.cli.run", "printctl.cli.toolpath"),
+)
+"""What all of them together don't load, none of them does."""
 
 
-def test_processes_begin_without_kernels_meshes_and_figures():
-    """What all of them together don't load, none of them does."""
-    assert not loaded_by(*BEGUN) & set(HEAVY)
+def test_a_link_and_the_status_of_a_print_need_no_numpy(loaded_so_far):
+    assert "printctl.cli.status" in loaded_so_far[0]
+    assert "numpy" not in loaded_so_far[0]
 
 
-def test_a_link_and_the_status_of_a_print_need_no_numpy():
-    assert "numpy" not in loaded_by("printctl.link", "printctl.gate", "printctl.cli.status")
+def test_processes_begin_without_kernels_meshes_and_figures(loaded_so_far):
+    assert not loaded_so_far[1] & set(HEAVY)
 
 
-def test_a_recipe_is_refused_before_what_does_its_work_is_loaded():
-    loaded = loaded_by("printctl.cli.run", "printctl.cli.toolpath")
-    assert not loaded & {"numba", "manifold3d", "shapely", "skimage"}
+def test_a_recipe_is_refused_before_what_does_its_work_is_loaded(loaded_so_far):
+    assert not loaded_so_far[2] & {"numba", "manifold3d", "shapely", "skimage"}
 
 
 def test_registering_loads_no_plotting_library():

@@ -6,6 +6,7 @@ import contextlib
 import io
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -47,7 +48,10 @@ def called(*args: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(err),
         pytest.MonkeyPatch.context() as patch,
+        warnings.catch_warnings(),
     ):
+        # A simulated printer outlives its command.
+        warnings.filterwarnings("ignore", r"subprocess \d+ is still running", ResourceWarning)
         patch.setattr(sys, "argv", words)
         try:
             main()

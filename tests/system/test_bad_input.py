@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tests.system.cli import called, printctl, recipe_file
+from tests.system.cli import called, recipe_file
 
 HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
 
@@ -90,9 +90,9 @@ def _coarse(**sections: Any) -> dict[str, Any]:
 
 
 def test_part_larger_than_the_printer(tmp_path: Path) -> None:
-    _network = "0,0,1,0,4,5,240,4,5,1.5,1.5,channel,0"
+    _network = "0,0,1,0,4,2.5,240,4,2.5,1.5,1.5,channel,0"
     recipe = _network_recipe(tmp_path, _network)
-    data = _coarse(tissue={"size_mm": [240, 8, 10]}, vasculature={"=": "replace",
+    data = _coarse(tissue={"size_mm": [240, 8, 5]}, vasculature={"=": "replace",
                    "network": "network.csv", "unit": "mm"})  # fmt: skip
     recipe = recipe_file(tmp_path, "planar_fresh", **data)
     words = ("greatest x of the part: 220 mm, limit 200", "place_mm", "a larger printer")
@@ -100,8 +100,8 @@ def test_part_larger_than_the_printer(tmp_path: Path) -> None:
 
 
 def test_more_ink_than_the_syringe_holds(tmp_path: Path) -> None:
-    recipe = _network_recipe(tmp_path, "0,0,1,0,4,5,40,4,5,1.5,1.5,channel,0")
-    data = _coarse(tissue={"size_mm": [40, 8, 10]}, vasculature={"=": "replace",
+    recipe = _network_recipe(tmp_path, "0,0,1,0,4,2.5,40,4,2.5,1.5,1.5,channel,0")
+    data = _coarse(tissue={"size_mm": [40, 8, 5]}, vasculature={"=": "replace",
                    "network": "network.csv", "unit": "mm"})  # fmt: skip
     recipe = recipe_file(tmp_path, "planar_fresh", **data)
     _refused(recipe, tmp_path, 3, "µL", "1000", "syringe", command=("toolpath",))
@@ -137,13 +137,12 @@ def test_full_disk_leaves_the_good_file(tmp_path: Path) -> None:
     coarse = {"=": "replace", "method": "fresh", "needle": "22g", "layer_um": 150, "line_um": 400}
     recipe = recipe_file(tmp_path, "planar_fresh", toolpath=coarse)
     (tmp_path / "part.gcode").write_text("a good file")
-
-    def small_files_only() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
-
-    done = printctl(
-        "toolpath", recipe, "--out", "part.gcode", cwd=tmp_path, preexec=small_files_only
-    )
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
+    try:
+        done = called("toolpath", recipe, "--out", "part.gcode", cwd=tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert done.returncode == 1, done.stderr
     assert "Traceback" not in done.stderr
     assert "too large" in done.stderr

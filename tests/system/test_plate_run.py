@@ -24,7 +24,7 @@ from printctl.plates import assigned
 from printctl.preflight import SetUp, file_checks
 from printctl.recipe import load_recipe, parse_recipe
 from sim.dry_run.run import dry_run
-from tests.system.cli import ROOT, printctl
+from tests.system.cli import ROOT, called
 from tests.system.forks import FORK
 
 RECIPE: dict[str, Any] = {
@@ -75,7 +75,7 @@ def printed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("plate")
     write_network_csv(folder / "fork.csv", FORK)
     (folder / "forks.yaml").write_text(yaml.safe_dump(RECIPE))
-    done = printctl("run", "forks.yaml", "--out", "run", cwd=folder)
+    done = called("run", "forks.yaml", "--out", "run", cwd=folder)
     assert done.returncode == 0, done.stderr
     return folder / "run"
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from sim.motion.executed import ExecutedMotion
 from tests.sim_process import printer_process
-from tests.system.cli import printctl
+from tests.system.cli import called, printctl
 
 MOVES = 400
 
@@ -41,7 +41,7 @@ def test_every_line_is_executed_once(tmp_path: Path) -> None:
 
 def test_port_that_goes_away_ends_with_the_last_line_known(tmp_path: Path) -> None:
     with printer_process(tmp_path, "--exit-on-hangup", "--fault", "unplug@200") as port:
-        done = printctl(
+        done = called(
             "print", _job(tmp_path), "--printer", "generic_marlin", "--port", port, "--yes",
             cwd=tmp_path,
         )  # fmt: skip
@@ -52,7 +52,7 @@ def test_port_that_goes_away_ends_with_the_last_line_known(tmp_path: Path) -> No
 
 
 def test_simulated_port_needs_no_set_up(tmp_path: Path) -> None:
-    done = printctl(
+    done = called(
         "print", _job(tmp_path), "--printer", "generic_marlin", "--port", "simulated", cwd=tmp_path
     )
     assert done.returncode == 0, done.stderr
@@ -62,9 +62,7 @@ def test_simulated_port_needs_no_set_up(tmp_path: Path) -> None:
 def test_refused_job_never_reaches_the_printer(tmp_path: Path) -> None:
     path = tmp_path / "bad.gcode"
     path.write_text("G90\nM82\nG92 X0 Y0 Z0 E0\nG28\nG1 X999 F600\n")
-    done = printctl(
-        "print", path, "--printer", "generic_marlin", "--port", "simulated", cwd=tmp_path
-    )
+    done = called("print", path, "--printer", "generic_marlin", "--port", "simulated", cwd=tmp_path)
     assert done.returncode == 3, done.stderr
     assert "homing" in done.stderr
     assert "line 5" in done.stderr

@@ -15,7 +15,6 @@ from sim.motion.executed import ExecutedMotion
 from tests.printctl.link.layered import HEADER, START, layered
 from tests.sim_process import printer_process
 from tests.system.cli import called as in_this_process
-from tests.system.cli import printctl
 
 PRINTER = load(Printer, "generic_marlin")
 DATA = layered(4, 60)
@@ -74,7 +73,7 @@ def test_rest_of_a_print_that_was_reset_is_printed_by_its_own_command(
     rest = Path(plan["file"])
     assert plan["command"].startswith(f"printctl print {rest} ")
     assert plan["command"].endswith(f"--start {TIP}")
-    done = printctl("print", rest, "--port", "simulated", *given, cwd=tmp_path)
+    done = in_this_process("print", rest, "--port", "simulated", *given, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     motion = ExecutedMotion.load(tmp_path / "job.rest.gcode.print" / "executed.npz")
     foreseen = dry_run(DATA, PRINTER, START).executed

@@ -82,11 +82,10 @@ class Follower:
     def _hear_all(self) -> None:
         while not self._ended.is_set():
             station = self._station or self._found()
-            if station is None:
-                with self._changed:
-                    self._changed.wait_for(self._is_there, LOOK_AGAIN_S)
-                continue
-            self._hear_one(station)
+            if station is not None:
+                self._hear_one(station)
+            with self._changed:  # one that was killed is found again at once, with its last word
+                self._changed.wait_for(self._is_there, LOOK_AGAIN_S)
 
     def _is_there(self) -> bool:
         return self._ended.is_set() or self._station is not None

@@ -41,6 +41,7 @@ def test_many_are_compiled_and_told_once(monkeypatch, capsys, tmp_path) -> None:
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.slow
 def test_doctor_compiles_the_list(tmp_path) -> None:
     done = CliRunner().invoke(app, ["doctor", "--warm"])
     assert "2 ready" in done.output

@@ -69,7 +69,7 @@ def test_growth_adds_vessels_frame_by_frame(run: Path, tmp_path: Path) -> None:
 
 def test_a_pulse_returns_to_where_it_began(run: Path, tmp_path: Path) -> None:
     out = tmp_path / "pulse.mp4"
-    words = ["--show", "pulse", "--frames", "8", "--cycles", "2", "--width", "400"]
+    words = ["--show", "pulse", "--frames", "8", "--cycles", "2", "--width", "300"]
     done = filmed(str(run), *words, "--out", str(out))
     assert done.exit_code == 0, done.output
     film = cv2.VideoCapture(str(out))

@@ -156,15 +156,15 @@ def test_many_processes_may_write_at_once(data, tmp_path):
         "import sys; from pathlib import Path; from printctl.link.history import PrintHistory\n"
         "for k in range(10): PrintHistory().note(Path(sys.argv[1]) / f'{sys.argv[2]}-{k}')\n"
     )
-    for who in range(3):
+    for who in range(2):
         for k in range(10):
             printed(tmp_path / f"{who}-{k}", f"{who}-{k}.gcode", 1e9 + 100 * who + k)
     started = [
         subprocess.Popen([sys.executable, "-c", code, str(tmp_path), str(who)], cwd=REPO)
-        for who in range(3)
+        for who in range(2)
     ]
-    assert [process.wait(60) for process in started] == [0, 0, 0]
-    assert len(PrintHistory().entries()) == 30
+    assert [process.wait(60) for process in started] == [0, 0]
+    assert len(PrintHistory().entries()) == 20
 
 
 def test_history_that_can_not_be_written_is_told_but_disturbs_no_print(tmp_path, monkeypatch):

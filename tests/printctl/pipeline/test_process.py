@@ -9,15 +9,16 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from design.network_files.csv_format import write_network_csv
 from printctl.errors import SafetyError
 from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import parse_recipe
-from tests.kernels.record import LAYERED
+from tests.printctl.feedback.small_run import TWO, recipe_of
 
 
 def dry_run(folder: Path, **care: Any) -> dict[str, Any]:
-    named = ("schema", "name", "tissue", "vasculature", "toolpath")
-    recipe = {key: LAYERED[key] for key in named} | {"printer": {"care": care}}
+    write_network_csv(folder / "two.csv", TWO)
+    recipe = recipe_of(needle="22g", layer_um=150, line_um=400) | {"printer": {"care": care}}
     found = toolpath_recipe(
         parse_recipe(recipe, "test"), folder, folder, Console(file=io.StringIO())
     )

@@ -9,8 +9,10 @@ from typing import Any
 import pytest
 import yaml
 
+from design.network_files.csv_format import write_network_csv
 from printctl.progress_file import LEAST_S, ProgressFile
 from tests.printctl.cli.shell import Shell
+from tests.printctl.feedback.small_run import TWO, recipe_of
 
 PLANAR: dict[str, Any] = {
     "schema": 1,
@@ -76,8 +78,9 @@ def test_a_wrong_recipe_is_told_there_too(shell: Shell, tmp_path: Path) -> None:
 
 
 def test_without_a_finished_print_there_is_none_to_take(shell: Shell, tmp_path: Path) -> None:
-    toolpath = {"method": "fresh", "needle": "22g", "layer_um": 150, "line_um": 400}
-    recipe = str(_recipe(tmp_path, toolpath=toolpath))
+    write_network_csv(tmp_path / "two.csv", TWO)
+    small = recipe_of(needle="22g", layer_um=150, line_um=400)
+    recipe = str(_recipe(tmp_path, **small))
     code, _, err = shell(recipe, "--out", str(tmp_path / "r"), "--printed")
     assert code == 4
     assert "no finished print of part.gcode" in err

@@ -16,7 +16,7 @@ from printctl.preflight.shaft_map import read_written_arrays
 from printctl.set_up import HeadLoading
 from sim.dry_run.run import dry_run
 from tests.design.toolpath.shapes import random_tree
-from tests.slower import first_of
+from tests.slower import first_of, first_rows
 
 NEEDLE = (0.31, 0.31, 0.0)
 """Outer diameter, its tip's, and the height of its cone."""
@@ -52,10 +52,12 @@ def test_the_checker_flags_nothing_that_a_plan_of_a_tree_doesnt_tell(seed: int) 
     assert found.summary()["written_pieces"] > len(net.vessel_nodes)
 
 
-@pytest.mark.parametrize("seed", first_of(range(4)))
-def test_bundles_pass_the_checker_but_for_what_the_plan_tells(seed: int) -> None:
+@pytest.mark.parametrize(
+    ("seed", "size_mm"), first_rows([(0, 12.0), (0, 20.0), (1, 20.0), (2, 20.0), (3, 20.0)])
+)
+def test_bundles_pass_the_checker_but_for_what_the_plan_tells(seed: int, size_mm: float) -> None:
     options = replace(EmbeddedOptions(), open_joints=99)
-    net = random_tree(5 + 2 * seed, 20.0, seed, 0.3)
+    net = random_tree(5 + 2 * seed, size_mm, seed, 0.3)
     made = bundled(net, np.full(net.vessel_count, 1.2 * float(net.radius.max())))
     assert not made.is_plain
     plan = plan_embedded(made, options)

@@ -22,7 +22,7 @@ from sim.families.registry import simulated_printer
 from tests.printctl.link.protocols import made_protocol
 from tests.printctl.link.sim_transport import SimTransport
 from tests.sim_process import printer_process
-from tests.system.cli import printctl
+from tests.system.cli import called
 
 MARLIN = load(Printer, "generic_marlin")
 REAL = {
@@ -164,14 +164,14 @@ def test_command_shows_differences_writes_the_profile_and_leaves_a_used_port_alo
                 query_settings(port, MARLIN)
         finally:
             owner.close()
-        done = printctl(
+        done = called(
             "profiles", "probe", "--port", port, "--profile", "old.yaml", "--write", "new.yaml",
             "--json", cwd=tmp_path,
         )  # fmt: skip
         assert done.returncode == 1, done.stderr
         told = json.loads(done.stdout)
         assert [row["key"] for row in told["rows"] if not row["same"]] == ["steps_per_mm.e"]
-        again = printctl("profiles", "probe", "--port", port, "--profile", "new.yaml", cwd=tmp_path)
+        again = called("profiles", "probe", "--port", port, "--profile", "new.yaml", cwd=tmp_path)
         assert again.returncode == 0, again.stdout + again.stderr
         assert "DIFFERS" not in again.stdout
-    assert printctl("profiles", "check", "new.yaml", cwd=tmp_path).returncode == 0
+    assert called("profiles", "check", "new.yaml", cwd=tmp_path).returncode == 0

@@ -1,40 +1,39 @@
-"""Fuzzing of the REST API by its own description: no server errors.
-
-Half a minute long, so it runs with `make test-browser`, beside the tests that want Chromium.
-"""
+"""Fuzzing of the REST API by its own description: no server errors."""
 
 from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
 from printctl.link import LinkError
 from printctl.station import attach
-from tests.printctl.web.serving import Process, server_process
+from tests.printctl.web.serving import PAGE, Served
+from tests.printctl.web.serving import served as made
 from tests.slower import first_of
-
-pytestmark = pytest.mark.browser
 
 
 @pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Any:
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    """The app behind its guard, in this process: a server's costs as much as all requests."""
     workspace = tmp_path_factory.mktemp("api") / "workspace"
-    with server_process(workspace, "--sim-speed", "0") as server:
-        yield server
+    yield made(workspace, sim_speed=0.0)
     with contextlib.suppress(LinkError):  # what was sent may have connected the simulated printer
         attach(workspace / "station").close()
 
 
+def by_token(served: Served) -> dict[str, str]:
+    return {"Authorization": f"Bearer {served.gate.token}"}
+
+
 @pytest.mark.parametrize("examples", first_of([2, 30]))
-def test_no_request_by_the_description_is_a_server_error(served: Process, examples: int) -> None:
+def test_no_request_by_the_description_is_a_server_error(served: Served, examples: int) -> None:
     schemathesis = pytest.importorskip("schemathesis")
     hypothesis = pytest.importorskip("hypothesis")
-    token = {"Authorization": f"Bearer {served.token}"}
-    schema = schemathesis.openapi.from_url(f"{served.url}/api/v1/openapi.json", headers=token)
+    schema = schemathesis.openapi.from_dict(served.app.openapi())
     failed: list[str] = []
     answered: Counter[int] = Counter()
     operations = [found.ok() for found in schema.get_all_operations()]
@@ -50,7 +49,7 @@ def test_no_request_by_the_description_is_a_server_error(served: Process, exampl
         )
         @hypothesis.given(case=operation.as_strategy())
         def send(case: Any) -> None:
-            answer = case.call(headers=token, timeout=30)
+            answer = case.call(base_url=PAGE, headers=by_token(served), app=served.guard)
             answered[answer.status_code] += 1
             if answer.status_code >= 500:
                 failed.append(f"{operation.method} {case.path} {case.body!r}: {answer.text[:200]}")
@@ -64,12 +63,9 @@ def test_no_request_by_the_description_is_a_server_error(served: Process, exampl
     assert answered[401] == 0
 
 
-def test_the_description_is_whole(served: Process, tmp_path: Path) -> None:
+def test_the_description_is_whole(served: Served) -> None:
     """Each route has a summary, an answer for refusals, and no name twice."""
-    import httpx
-
-    token = {"Authorization": f"Bearer {served.token}"}
-    described = httpx.get(f"{served.url}/api/v1/openapi.json", headers=token).json()
+    described = served.client().get("/api/v1/openapi.json", headers=by_token(served)).json()
     operations = [
         (f"{method} {path}", one)
         for path, item in described["paths"].items()

@@ -17,9 +17,11 @@ from pathlib import Path
 
 import pytest
 
+from printctl.cli import serve as cli_serve
 from printctl.errors import UsageError
 from printctl.web.listening import bind
 from printctl.web.serve import check
+from printctl.web.server_register import Running
 from printctl.web.settings import ServeSettings, is_loopback
 from tests.printctl.web.serving import ROOT, Process, server_process
 
@@ -128,6 +130,17 @@ def test_what_is_loopback(host: str, truth: bool) -> None:
     assert is_loopback(host) is truth
 
 
+def test_without_tls_what_that_means_is_said_and_the_password_isnt(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    settings = ServeSettings(tmp_path, "0.0.0.0", password="bath and needle")
+    cli_serve._tell(settings, Running("http://0.0.0.0:80", 1, "token", "", 0.0))
+    said = capsys.readouterr().err
+    assert "no TLS" in said
+    assert "bath and needle" not in said
+
+
+@pytest.mark.slow
 def test_from_another_address_everything_that_changes_is_refused(tmp_path: Path) -> None:
     secret = tmp_path / "password"
     secret.write_text("bath and needle\n")

@@ -15,6 +15,8 @@ from playwright.sync_api import expect
 
 from design.network_files.csv_format import write_network_csv
 from printctl.recipe.starter import STARTER
+from printctl.run_folder.manifest import Manifest, StageRecord
+from printctl.web.design.run_views import views
 from printctl.web.design.yaml_text import read_text
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import LOOKS, serious, shown
@@ -24,6 +26,12 @@ from tests.system.forks import FORK, of_fork
 
 pytestmark = pytest.mark.browser
 _LONG_MS = 240_000
+STAND_IN = """<!doctype html><html lang="en"><head><title>Stand-in</title></head><body><script>
+addEventListener("message", (event) => { document.body.dataset.told = event.data.view; });
+document.body.dataset.state = "ready";
+</script></body></html>"""
+"""In place of a network in 3D, which costs ten seconds of a core to draw."""
+_ASK = "fetch('/api/v1/runs').then(() => 'reached', () => 'refused')"
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +57,23 @@ def made(workspace: Path) -> Path:
     done = printctl("run", str(recipe), "--out", str(folder), "--until", "lumens", cwd=workspace)
     assert done.returncode == 0, done.stderr
     return folder
+
+
+@pytest.fixture(scope="module")
+def two(workspace: Path) -> tuple[str, str]:
+    """Two runs whose pages of the network are there already."""
+    names = ("left", "right")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(views, "_make", lambda sort, run, page: page.write_text(STAND_IN))
+        for name in names:
+            (workspace / "recipes" / f"{name}.yaml").write_text(of_fork(STARTER.read_text()))
+            folder = workspace / "runs" / name
+            folder.mkdir(parents=True)
+            grown = StageRecord("key", {}, {"vessels": 3}, 1.0, 1.0)
+            Manifest(folder, {"recipe": {}}, {"vasculature": grown}).save()
+            write_network_csv(folder / "network.csv", FORK)
+            views.network_page(folder, workspace / ".printctl" / "pages")
+    return names
 
 
 def test_the_page_invites_to_a_recipe_that_is_begun_and_mended(
@@ -97,6 +122,23 @@ def test_a_recipe_is_begun_and_made(served: Process, browser: Any) -> None:
     assert serious(page) == []
 
 
+def test_networks_beside_each_other_are_shut_in_and_hear_of_each_others_view(
+    served: Process, browser: Any, two: tuple[str, str]
+) -> None:
+    page = shown(browser, f"{served.url}/design?recipe=left&tab=compare")
+    for name in two:
+        inside = page.frame_locator(f'iframe[title="Network of {name}"]')
+        inside.locator("body[data-state=ready]").wait_for()
+    frames = [page.query_selector(f'iframe[title="Network of {name}"]') for name in two]
+    one, other = (frame.content_frame() for frame in frames)
+    assert one.evaluate("origin") == "null"
+    assert one.evaluate(_ASK) == "refused"
+    one.evaluate("parent.postMessage({ printctl: 'view', view: [1, 2] }, '*')")
+    other.locator("body[data-told='1,2']").wait_for()
+    assert one.locator("body[data-told]").count() == 0
+
+
+@pytest.mark.slow
 def test_a_design_is_seen(served: Process, browser: Any, made: Path) -> None:
     page = shown(browser, f"{served.url}/design?recipe=one&tab=look")
     page.get_by_text("Ink needed").wait_for()
@@ -116,6 +158,7 @@ def test_a_design_is_seen(served: Process, browser: Any, made: Path) -> None:
     assert serious(page) == []
 
 
+@pytest.mark.slow
 def test_networks_that_are_compared_turn_together(
     served: Process, browser: Any, made: Path
 ) -> None:
@@ -142,14 +185,14 @@ def _differ(one: bytes, other: bytes) -> float:
     return float(ImageStat.Stat(ImageChops.difference(*seen)).mean[0])
 
 
+@pytest.mark.slow
 def test_an_embedded_page_cant_reach_ours(served: Process, browser: Any, made: Path) -> None:
     page = shown(browser, f"{served.url}/design?recipe=one&tab=look")
     inside = page.frame_locator("iframe").first  # it is loaded anew once the theme is known
     inside.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)
     frame = page.query_selector("iframe[src]").content_frame()
     assert frame.evaluate("origin") == "null"
-    asked = "fetch('/api/v1/runs').then(() => 'reached', () => 'refused')"
-    assert frame.evaluate(asked) == "refused"
+    assert frame.evaluate(_ASK) == "refused"
 
 
 @pytest.mark.slow
@@ -167,14 +210,14 @@ def test_the_page_fits_small_screens(
 
 
 def test_a_file_is_imported_and_chosen_in_the_form(
-    served: Process, browser: Any, workspace: Path, made: Path, tmp_path: Path
+    served: Process, browser: Any, workspace: Path, tmp_path: Path
 ) -> None:
     given = STARTER.read_text().replace(
         "\n  design: planar_four_vessel", " {network: missing.csv, unit: mm}#"
     )
     (workspace / "recipes" / "given.yaml").write_text(given)
     vessels = tmp_path / "vessels.csv"
-    vessels.write_text((made / "network.csv").read_text())
+    write_network_csv(vessels, FORK)
     page = shown(browser, f"{served.url}/design?recipe=given")
     page.get_by_text(re.compile("^given: 1 to mend")).wait_for()
     page.get_by_role("button", name="Import").click()

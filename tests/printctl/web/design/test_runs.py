@@ -105,6 +105,7 @@ def test_another_server_finds_a_run_and_cancels_it(
     assert _until(service, "interrupted") == other.runs.progress("one")
 
 
+@pytest.mark.slow
 def test_a_run_that_was_killed_is_told_so(service: DesignService, workspace: Workspace) -> None:
     service.runs.start("one")
     run = _until(service, "running")
@@ -165,4 +166,6 @@ def test_a_run_that_never_began_says_its_last_words(
     (folder / PROGRESS).write_text(
         json.dumps({"event": "begin", "time": 1.0, "pid": 2**22 + 5, "stages": [], "until": ""})
     )
-    assert "the disk is full" in service.runs.progress("one").message
+    found = service.runs.progress("one")
+    assert found.state == "interrupted"
+    assert "process is gone: printctl: the disk is full" in found.message

@@ -47,12 +47,9 @@ def _hostile(folder: Path) -> None:
 
 def opened(browser, url: str, size: str = "desk", dark: bool = False):
     width, height = SIZES[size]
-    context = browser.new_context(
-        viewport={"width": width, "height": height},
-        color_scheme="dark" if dark else "light",
-        accept_downloads=True,
-    )
-    page = context.new_page()
+    page = browser.contexts[0].new_page()  # of the profile that has the pages' libraries
+    page.set_viewport_size({"width": width, "height": height})
+    page.emulate_media(color_scheme="dark" if dark else "light")
     page.set_default_timeout(20_000)
     page.goto(url)
     page.wait_for_selector(".ph-card")
@@ -64,6 +61,7 @@ def rows(page) -> list[str]:
     return page.locator(".ph-list tbody tr a").all_inner_texts()
 
 
+@pytest.mark.slow
 def test_list_is_searched_and_turned_by_pages(browser, served):
     page = opened(browser, f"{served[0]}/history")
     page.wait_for_selector("text=61 prints")

@@ -13,13 +13,22 @@ from printctl.web.job.service import JobService
 from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
 from tests.printctl.web.live import jobs
+from tests.slower import first_rows
 
 SQUARES = jobs.squares(1)
 
 
 @pytest.mark.parametrize(
     ("largest", "content", "made"),
-    [(len(SQUARES), SQUARES, 1), (len(SQUARES) - 1, SQUARES, 0), (100, b"\0", 0), (100, None, 0)],
+    first_rows(
+        [
+            (len(SQUARES), SQUARES, 1),
+            (len(SQUARES) - 1, SQUARES, 0),
+            (100, None, 0),
+            (100, b"\0", 0),
+        ],
+        3,
+    ),
 )
 def test_it_is_made_unless_it_is_very_large(
     largest: int, content: bytes | None, made: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

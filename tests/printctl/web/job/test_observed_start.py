@@ -115,6 +115,7 @@ def test_a_print_from_the_page_is_looked_at_and_after_a_resume_as_well(
     ]
 
 
+@pytest.mark.slow
 def test_nothing_moves_where_the_observer_cannot_be_started(service, station, order):
     folder = service.core.workspace.root / "runs" / "observed"
     broken = replace(order.device, source="/nowhere/look {out}")
@@ -123,7 +124,11 @@ def test_nothing_moves_where_the_observer_cannot_be_started(service, station, or
     with pytest.raises(ObserverError, match=r"/nowhere/look isn't there.*Nothing was moved"):
         service.start(OPERATOR, JOB, said, WORDS)
     assert service.heard(JOB) is None
-    (folder / ORDER).unlink()
+
+
+def test_nothing_moves_where_nobody_says_how_to_observe(service, station, order):
+    said = ready(service, JOB)
+    (service.core.workspace.root / "runs" / "observed" / ORDER).unlink()
     with pytest.raises(ConflictError, match="make the run anew"):
         service.start(OPERATOR, JOB, said, WORDS)
     assert service.heard(JOB) is None

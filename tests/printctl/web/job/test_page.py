@@ -86,6 +86,7 @@ def test_a_job_is_uploaded_checked_printed_held_and_cancelled_by_clicks(
     assert (workspace / "jobs" / "zigzag.gcode.print" / "record.json").is_file()
 
 
+@pytest.mark.slow
 def test_a_job_out_of_bounds_is_refused_with_the_reason(
     served: tuple[Process, Path], browser: Any, tmp_path: Path
 ) -> None:

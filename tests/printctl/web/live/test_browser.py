@@ -16,6 +16,7 @@ from PIL import Image
 from tests.printctl.web.live import jobs
 from tests.printctl.web.live.page import application
 from tests.printctl.web.shell.browsers import serious
+from tests.slower import first_of
 
 NASTY = jobs.HEAD + b";<img src=x onerror=alert(1)>\nG1 X5 F600\n"
 
@@ -76,7 +77,7 @@ def executed(page: Any, commands: int) -> None:
     page.wait_for_timeout(1500)
 
 
-@pytest.mark.parametrize("plain", ["false", "true"])
+@pytest.mark.parametrize("plain", first_of(["false", "true"]))
 def test_a_job_as_planned_is_seen_at_once(page: Any, address: str, plain: str) -> None:
     opened(page, f"{address}/job/squares?plain={plain}")
     assert page.evaluate("view.flat") == (plain == "true")

@@ -35,30 +35,32 @@ def operator(browser: Browser) -> Iterator[BrowserContext]:
 
 
 @pytest.fixture(scope="module")
-def pages() -> dict[tuple[int, int, str], Page]:
-    """Those that are open: to load one takes seconds of a core."""
+def pages() -> dict[str, Page]:
+    """Those that are open: to load one takes seconds of a core, and so does each beside it."""
     return {}
 
 
 @pytest.fixture
-def visit(
-    operator: BrowserContext, url: str, pages: dict[tuple[int, int, str], Page]
-) -> Iterator[Open]:
-    """Open the page as the operator; the tests share server, printer and pages."""
+def visit(operator: BrowserContext, url: str, pages: dict[str, Page]) -> Iterator[Open]:
+    """Open the page as the operator; the tests share server, printer and page."""
     wrong: list[str] = []
 
     def note(error: object) -> None:
         wrong.append(str(error))
 
-    def open_page(width: int = 1400, height: int = 1000, scheme: str = "light") -> Page:
-        known = pages.get((width, height, scheme))
-        page = known or operator.new_page()
+    def open_page(
+        width: int = 1400, height: int = 1000, scheme: str = "light", name: str = "shared"
+    ) -> Page:
+        known = pages.get(name)
+        page = pages[name] = known or operator.new_page()
         page.on("pageerror", note)
+        page.set_viewport_size({"width": width, "height": height})
+        was_dark = page.evaluate("matchMedia('(prefers-color-scheme: dark)').matches")
+        page.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
         if known is None:
-            pages[width, height, scheme] = page
-            page.set_viewport_size({"width": width, "height": height})
-            page.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
             page.goto(f"{url.rstrip('/')}/printer")
+        elif was_dark != (scheme == "dark"):
+            page.reload()  # colours that fade from one theme to the other have too little contrast
         expect(page.get_by_role("heading", name="Connection")).to_be_visible(timeout=30_000)
         return page
 
@@ -228,7 +230,7 @@ def test_wizard_of_a_syringe_sets_zero_and_purges(visit: Open) -> None:
 
 @pytest.mark.slow
 def test_wizard_of_weighing_makes_a_job_and_reads_the_balance(visit: Open) -> None:
-    page = connected(visit(1300, 1000))  # one of its own: the dialogs before it have scrolled
+    page = connected(visit(name="weighing"))  # the dialogs before it have scrolled the other
     page.get_by_role("button", name="Start: Flow by weight").click()
     page.get_by_role("button", name="Make the test's G-code").click()
     expect(page.get_by_text("file~calibrate_weigh_")).to_be_visible(timeout=20_000)
@@ -263,7 +265,7 @@ def test_page_is_accessible_and_fits(visit: Open, size: dict[str, int], scheme: 
     [("Say what is mounted", "Home", "New macro"), ("Change the syringe",), ("Start: Level",)],
 )
 def test_dialogs_are_accessible(visit: Open, openers: tuple[str, ...]) -> None:
-    page = connected(visit(820, 1180))
+    page = connected(visit(820, 1180, name="dialogs"))
     for opener in openers:
         page.get_by_role("button", name=opener).first.click()
         assert serious_in_dialog(page) == []

@@ -94,6 +94,7 @@ def test_escape_twice_stops_from_within_a_dialog_while_the_server_hangs(
             server.go_on()
 
 
+@pytest.mark.slow
 def test_logged_out_the_page_asks_for_the_password(served: Any, browser: Any) -> None:
     server, _ = served
     page = logged_in(browser.new_context(), f"{server.url}/job")
@@ -112,6 +113,7 @@ def test_without_any_answer_the_page_says_to_cut_the_power(served: Any, browser:
     )
 
 
+@pytest.mark.slow
 def test_all_browsers_see_the_same_holder_of_the_controls(served: Any, browser: Any) -> None:
     server, _ = served
     pages = [
@@ -143,7 +145,7 @@ def test_axe_finds_nothing_serious(
     assert serious(page) == []
 
 
-@pytest.mark.parametrize("way", first_of(PAGES, 2))
+@pytest.mark.parametrize("way", first_of(PAGES))
 def test_the_frame_fits_is_large_enough_to_touch_and_passes_axe(
     served: Any, browser: Any, way: str
 ) -> None:
