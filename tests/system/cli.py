@@ -7,7 +7,6 @@ import io
 import subprocess
 import sys
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +20,7 @@ SHARED = ROOT.parent / "shared"
 
 
 def printctl(
-    *args: str | Path,
-    cwd: Path,
-    preexec: Callable[[], None] | None = None,
-    env: dict[str, str] | None = None,
+    *args: str | Path, cwd: Path, env: dict[str, str] | None = None
 ) -> subprocess.CompletedProcess[str]:
     """Run ``printctl`` with ``args`` in ``cwd`` (and ``env``); never longer than twenty minutes."""
     return subprocess.run(
@@ -35,7 +31,6 @@ def printctl(
         text=True,
         timeout=1200,
         check=False,
-        preexec_fn=preexec,
     )
 
 
