@@ -209,7 +209,7 @@ class Observer:
             done=look.done,
             job_line=look.job_line,
             mark=look.mark,
-            at=begun,
+            at=max(begun, self.begun),  # a clock that was set back meanwhile
             decision=kind.value,
             why=why,
             found=found,
@@ -247,14 +247,23 @@ class Observer:
             done, left, left_mm = self._inserted(look, decision)
             if done:
                 self._amend(look, f"{decision.why}{left}", left_mm)
-                self.link.resume()
+                self._resume(look)
             else:
                 then = "it can't be mended from here: resume goes on without, stop ends it"
                 self._amend(look, f"{decision.why}{left}; approved, but {then}", asked="")
         elif answer == "go_on":
-            self.link.resume()
+            self._resume(look)
         elif answer == "stop":
             self.link.stop()
+
+    def _resume(self, look: Look) -> None:
+        """Go on as the operator has said; say so where the link has to wait for something else."""
+        try:
+            self.link.resume()
+        except Refused as exc:
+            record = self._kept(look.number)
+            log.warning("look %d: not gone on: %s", look.number, exc)
+            self._amend(look, f"{record.why if record else ''}; not gone on yet: {exc}")
 
     def _amend(self, look: Look, why: str, left_mm: float | None = None, **changes: Any) -> None:
         """Say on a look's record what came of its decision, and what it left where that is new."""

@@ -23,6 +23,9 @@ from printctl.observe.records import LOG, OBSERVER_LOCK, ORDER, READY
 
 _READY_LIMIT_S: Final = 300.0
 """Loading takes some seconds; a camera's first picture has a limit of its own."""
+_END_LIMIT_S: Final = 10.0
+"""For an observer that is told to end: a picture that it judges isn't left at once."""
+_BY_FORCE: Final = getattr(signal, "SIGKILL", signal.SIGTERM)
 _WITHOUT: Final = "print without the recipe's section observe"
 
 
@@ -70,7 +73,9 @@ def start_observer(folder: Path, remedy: str = _WITHOUT) -> None:
 def ensure_observer(folder: Path) -> None:
     """Start an observer for a print in ``folder`` that is to go on, if it is one with looks.
 
-    Nothing happens where an observer is at work.
+    Nothing happens where an observer is at work for a living link. One that still waits for its
+    device while its link is dead would end behind that, perhaps once the print goes on: it is ended
+    now, and another one started.
 
     Raises
     ------
@@ -79,8 +84,11 @@ def ensure_observer(folder: Path) -> None:
     """
     if not has_looks(folder) or not (folder / ORDER).is_file():
         return
-    if not stays_alive(folder, OBSERVER_LOCK):
-        start_observer(folder, f"go on without by `printctl resume {folder} --unobserved`")
+    if stays_alive(folder, OBSERVER_LOCK):
+        if alive(folder):
+            return
+        _end_at_last(folder)
+    start_observer(folder, f"go on without by `printctl resume {folder} --unobserved`")
 
 
 def has_looks(folder: Path) -> bool:
@@ -98,9 +106,21 @@ def end_idle_observer(folder: Path) -> None:
         _end(pid)
 
 
-def _end(pid: int) -> None:
-    with contextlib.suppress(OSError):
-        os.kill(pid, signal.SIGTERM)
+def _end_at_last(folder: Path) -> None:
+    """End the observer in a folder: it ends its device's program first, if it can."""
+    pid, limit = _ready_pid(folder), time.monotonic() + _END_LIMIT_S
+    _end(pid)
+    while alive(folder, OBSERVER_LOCK):
+        if time.monotonic() > limit:
+            _end(pid, _BY_FORCE)
+            return
+        time.sleep(0.05)
+
+
+def _end(pid: int, how: signal.Signals = signal.SIGTERM) -> None:
+    if pid:
+        with contextlib.suppress(OSError):
+            os.kill(pid, how)
 
 
 def _ready_pid(folder: Path) -> int:
