@@ -26,7 +26,7 @@ from printctl.observe.records import OBSERVER_LOCK
 signal.signal(signal.SIGTERM, _leave)
 folder = Path(sys.argv[1])
 with hold_folder(folder, OBSERVER_LOCK):
-    acquire(DeviceSettings("command", f"sh {folder}/scan.sh {{out}}"), folder / "picture", 0.0)
+    acquire(DeviceSettings("command", f"sh {folder}/scan.sh {{out}}"), folder / "picture")
 """
 
 
