@@ -177,8 +177,9 @@ class LookBook:
         insert is this look's as well, so that nobody puts in another for the same gap.
         """
         number = max(self._decided, default=0) + 1
-        standing = [one for one in self._inserts.values() if one[0].after == done]
-        self._inserts |= {number: one for one in standing}
+        for insert, texts in list(self._inserts.values()):
+            if insert.after == done:
+                self._inserts[number] = insert, texts
         self.current = Look(number, done, mark, layer, time.time(), limit_s)
         return self.current
 
