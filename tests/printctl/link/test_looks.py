@@ -234,6 +234,17 @@ def test_pause_decided_in_a_look_takes_inserts_until_the_operator_goes_on(tmp_pa
     assert written(made, park) == written(foreseen, park)
 
 
+@pytest.mark.parametrize(("park", "goes"), [((51.0, 51.0, 10.1), 0), ((51.0, 51.0, 40.0), 2)])
+def test_a_needle_isnt_parked_in_the_part(tmp_path, park, goes):
+    transport, care = fresh(), replace(EVERY_LAYER, look_park_mm=park)
+    status = observed(layered(2, 12), tmp_path, transport, Observer(), care)
+    assert status.state is LinkState.DONE, status
+    there = np.isclose(transport.printer.executed().end, park).all(axis=1)
+    assert there.sum() == goes
+    alarms = read_journal(tmp_path / "journal.log").alarms
+    assert bool(alarms) is not bool(goes)
+
+
 def test_what_was_inserted_in_a_pause_is_told_where_it_is_looked_again(tmp_path, monkeypatch):
     data, transport, add = layered(2, 12), fresh(), Journal.add
     observer = Observer(decides=lambda number: LookDecision.PAUSE)
