@@ -247,23 +247,24 @@ class Observer:
             done, left, left_mm = self._inserted(look, decision)
             if done:
                 self._amend(look, f"{decision.why}{left}", left_mm)
-                self._resume(look)
+                self.go_on(look.number)
             else:
                 then = "it can't be mended from here: resume goes on without, stop ends it"
                 self._amend(look, f"{decision.why}{left}; approved, but {then}", asked="")
         elif answer == "go_on":
-            self._resume(look)
+            self.go_on(look.number)
         elif answer == "stop":
             self.link.stop()
 
-    def _resume(self, look: Look) -> None:
-        """Go on as the operator has said; say so where the link has to wait for something else."""
+    def go_on(self, number: int) -> None:
+        """Resume as the operator has said; say so where the link waits for something else first."""
         try:
             self.link.resume()
         except Refused as exc:
-            record = self._kept(look.number)
-            log.warning("look %d: not gone on: %s", look.number, exc)
-            self._amend(look, f"{record.why if record else ''}; not gone on yet: {exc}")
+            record, said = self._kept(number), f"; not gone on yet: {exc}"
+            log.warning("look %d%s", number, said)
+            if record is not None and said not in record.why:
+                amend_look(self.folder, replace(record, why=record.why + said))
 
     def _amend(self, look: Look, why: str, left_mm: float | None = None, **changes: Any) -> None:
         """Say on a look's record what came of its decision, and what it left where that is new."""

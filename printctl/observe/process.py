@@ -175,7 +175,10 @@ def _look(observer: Observer, told: dict[str, Any]) -> bool:
     try:
         if told["decision"]:
             if told["decision"] == "pause" and _asked(observer, told["number"]):
-                observer.ask_again(look_of(told, observer))
+                if told["insert_sha256"]:  # it was approved, and is in the job already
+                    observer.go_on(told["number"])
+                else:
+                    observer.ask_again(look_of(told, observer))
         elif told["insert_sha256"]:  # an observer put it in and died before it said so
             observer.link.look_done(told["number"], "go_on", "mended by an observer that died")
         else:

@@ -104,3 +104,13 @@ def test_what_was_approved_is_tried_again_after_a_dead_link_alone(tmp_path, fail
     save_look(tmp_path, record)
     follow(events, observer, lambda: events.now)
     assert len(observer.looked) == times
+
+
+def test_an_approved_mend_that_is_in_the_job_is_gone_on_with_and_not_planned_again(tmp_path):
+    events = Events((LinkState.PAUSED, "pause"))
+    observer = watching(tmp_path, events)
+    observer.go_on = lambda number: observer.looked.append(f"gone on from {number}")
+    save_look(tmp_path, LookRecord(1, 20, 20, "end", 0.0, "pause", "a gap", asked="mend"))
+    look = {**TOLD, "decision": "pause", "insert_sha256": "1f"}
+    follow(events, observer, lambda: Status(LinkState.PAUSED, look=look))
+    assert observer.looked == ["gone on from 1"]
