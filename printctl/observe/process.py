@@ -124,12 +124,20 @@ def follow(events: StatusEvents, observer: Observer, now: Callable[[], Status]) 
     for heard in events.events():
         if not _is_new(held_look(heard), made):
             continue
-        look = held_look(now())
+        look = held_look(_current(heard, now))
         if look is None or not _is_new(look, made):
             continue
         observer.remember(look["number"])
         if _look(observer, look):
             made.add(look["number"])
+
+
+def _current(heard: Status, now: Callable[[], Status]) -> Status:
+    """Status as it is; as it was ``heard`` of a link that is too busy to answer."""
+    try:
+        return now()
+    except LinkError:
+        return heard
 
 
 def _is_new(look: dict[str, Any] | None, made: set[int]) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from printctl.link.errors import LinkError, Refused
+from printctl.link.errors import LinkError, NoLink, Refused
 from printctl.link.states import LinkState, Status
 from printctl.observe.deciding import Decider, FlowControl, Limits
 from printctl.observe.observer import Observer
@@ -83,6 +83,17 @@ def test_a_look_that_is_over_isnt_made_for_what_was_said_meanwhile(tmp_path, sta
     now = [Status(LinkState.LOOKING, look=TOLD), Status(state, look=look)]
     follow(events, observer, lambda: now.pop(0) if len(now) > 1 else now[0])
     assert len(observer.looked) == 1  # the motors may move by now
+
+
+def test_a_link_that_is_too_busy_to_answer_is_believed_as_heard(tmp_path):
+    events = Events((LinkState.LOOKING, ""))
+    observer = watching(tmp_path, events)
+
+    def now():
+        raise NoLink("it doesn't answer")
+
+    follow(events, observer, now)
+    assert observer.looked == [(LinkState.LOOKING, 1.0)]
 
 
 class Asking(Watching):
