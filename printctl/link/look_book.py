@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -179,7 +179,7 @@ class LookBook:
         number = max(self._decided, default=0) + 1
         for insert, texts in list(self._inserts.values()):
             if insert.after == done:
-                self._inserts[number] = insert, texts
+                self._inserts[number] = replace(insert, look=number), texts
         self.current = Look(number, done, mark, layer, time.time(), limit_s)
         return self.current
 

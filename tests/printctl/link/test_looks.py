@@ -270,10 +270,12 @@ def test_what_was_inserted_in_a_pause_is_told_where_it_is_looked_again(tmp_path,
         if status.state is LinkState.LOOKING and status.look["number"] == 2:
             with pytest.raises(Refused, match="has an insert of"):
                 again.insert(2, [*patch(data, 0), "G4 P0"])
+            again.insert(2, patch(data, 0))
 
     again.seen_by = tries
     status = observed(data, tmp_path, transport, again, resume=True)
     assert status.state is LinkState.DONE, status
+    assert (again.answers[0]["event"], again.answers[0]["look"]) == ("inserted", 2)
     told = [one.look for one in again.seen if one.state is LinkState.LOOKING]
     assert [one["number"] for one in told] == [2, 3]
     assert [one["insert_sha256"] for one in told] == [insert.sha256, ""]
