@@ -18,7 +18,7 @@ from printctl.link.care import Care
 from printctl.link.detached_process import spawn
 from printctl.link.errors import LinkError
 from printctl.link.find_link import alive, has_ended, stays_alive
-from printctl.link.record import load_record
+from printctl.link.record import RECORD, load_record
 from printctl.observe.records import LOG, OBSERVER_LOCK, ORDER, READY
 
 _READY_LIMIT_S: Final = 300.0
@@ -51,7 +51,9 @@ def start_observer(folder: Path, remedy: str = _WITHOUT) -> None:
         When it can't observe; nothing has moved then.
     """
     if stays_alive(folder, OBSERVER_LOCK):
-        raise ObserverError(f"an observer is at work in {folder} already; end its print first")
+        if not _is_left_over(folder):
+            raise ObserverError(f"an observer is at work in {folder} already; end its print first")
+        _end_at_last(folder)
     ready = folder / READY
     ready.unlink(missing_ok=True)
     try:
@@ -73,9 +75,7 @@ def start_observer(folder: Path, remedy: str = _WITHOUT) -> None:
 def ensure_observer(folder: Path) -> None:
     """Start an observer for a print in ``folder`` that is to go on, if it is one with looks.
 
-    Nothing happens where an observer is at work for a living link. One that still waits for its
-    device while its link is dead would end behind that, perhaps once the print goes on: it is ended
-    now, and another one started.
+    Nothing happens where an observer is at work.
 
     Raises
     ------
@@ -84,11 +84,8 @@ def ensure_observer(folder: Path) -> None:
     """
     if not has_looks(folder) or not (folder / ORDER).is_file():
         return
-    if stays_alive(folder, OBSERVER_LOCK):
-        if alive(folder):
-            return
-        _end_at_last(folder)
-    start_observer(folder, f"go on without by `printctl resume {folder} --unobserved`")
+    if not stays_alive(folder, OBSERVER_LOCK) or _is_left_over(folder):
+        start_observer(folder, f"go on without by `printctl resume {folder} --unobserved`")
 
 
 def has_looks(folder: Path) -> bool:
@@ -104,6 +101,18 @@ def end_idle_observer(folder: Path) -> None:
     pid = _ready_pid(folder)
     if pid and not alive(folder) and alive(folder, OBSERVER_LOCK):
         _end(pid)
+
+
+def _is_left_over(folder: Path) -> bool:
+    """Whether an observer's link has begun and is gone: the observer still waits for its device.
+
+    It would end behind that, perhaps once the print goes on.
+    """
+    try:
+        begun = (folder / RECORD).stat().st_mtime_ns > (folder / READY).stat().st_mtime_ns
+    except OSError:
+        return False
+    return begun and not alive(folder)
 
 
 def _end_at_last(folder: Path) -> None:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
+from printctl.link.errors import LinkError
 from printctl.link.find_link import alive
 from printctl.link.process import hold_folder
+from printctl.link.record import RECORD
 from printctl.observe import starting
 from printctl.observe.records import OBSERVER_LOCK, ORDER, READY
 
@@ -43,28 +45,49 @@ def scanning(tmp_path: Path):
         assert process.poll() is None
         time.sleep(0.02)
     yield tmp_path
-    process.kill()
+    process.terminate()  # its device's program with it
     process.wait()
 
 
-@pytest.mark.parametrize("link", ["dead", "alive"])
+@pytest.mark.parametrize("link", ["awaited", "alive", "dead"])
 def test_an_observer_is_replaced_once_its_link_is_dead(scanning, monkeypatch, link):
     started = list[bool]()
     monkeypatch.setattr(starting, "has_looks", lambda _: True)
     monkeypatch.setattr(
         starting, "start_observer", lambda folder, _: started.append(alive(folder, OBSERVER_LOCK))
     )
+    _begin(scanning, seconds_after_ready=-1 if link == "awaited" else 1)
+    with hold_folder(scanning) if link == "alive" else nullcontext():
+        starting.ensure_observer(scanning)
+    assert started == [True] * (link == "dead")
+
+
+def test_a_left_over_observer_is_ended_with_its_devices_program(scanning, monkeypatch):
     program = int((scanning / "program").read_text())
-    if link == "alive":
-        with hold_folder(scanning):
-            starting.ensure_observer(scanning)
-        assert not started
-        os.kill(program, 0)
-        os.killpg(os.getpgid(program), signal.SIGKILL)
-        return
-    starting.ensure_observer(scanning)
-    assert started == [False]
+    free = list[bool]()
+
+    def spawned(*_):
+        free.append(not alive(scanning, OBSERVER_LOCK))
+        raise LinkError("far enough")
+
+    monkeypatch.setattr(starting, "spawn", spawned)
+    _begin(scanning, seconds_after_ready=-1)
+    with pytest.raises(starting.ObserverError, match="at work"):
+        starting.start_observer(scanning)
+    os.kill(program, 0)
+    _begin(scanning, seconds_after_ready=1)
+    with pytest.raises(starting.ObserverError, match="far enough"):
+        starting.start_observer(scanning)
+    assert free == [True]
     assert _gone(program)
+
+
+def _begin(folder: Path, seconds_after_ready: float) -> None:
+    """Leave a link's record as of a print that began before or after the observer was ready."""
+    ready, record = folder / READY, folder / RECORD
+    record.touch()
+    at = ready.stat().st_mtime + seconds_after_ready
+    os.utime(record, (at, at))
 
 
 def _gone(pid: int) -> bool:
