@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -33,7 +34,7 @@ with hold_folder(folder, OBSERVER_LOCK):
 
 
 @pytest.fixture
-def scanning(tmp_path: Path):
+def scanning(tmp_path: Path) -> Iterator[Path]:
     """An observer whose device's program takes long; its folder."""
     (tmp_path / ORDER).touch()
     (tmp_path / "scan.sh").write_text(f"echo $$ >{tmp_path}/program.new\n"
@@ -50,7 +51,9 @@ def scanning(tmp_path: Path):
 
 
 @pytest.mark.parametrize("link", ["awaited", "alive", "dead"])
-def test_an_observer_is_replaced_once_its_link_is_dead(scanning, monkeypatch, link):
+def test_an_observer_is_replaced_once_its_link_is_dead(
+    scanning: Path, monkeypatch: pytest.MonkeyPatch, link: str
+) -> None:
     started = list[bool]()
     monkeypatch.setattr(starting, "has_looks", lambda _: True)
     monkeypatch.setattr(
@@ -62,11 +65,13 @@ def test_an_observer_is_replaced_once_its_link_is_dead(scanning, monkeypatch, li
     assert started == [True] * (link == "dead")
 
 
-def test_a_left_over_observer_is_ended_with_its_devices_program(scanning, monkeypatch):
+def test_a_left_over_observer_is_ended_with_its_devices_program(
+    scanning: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     program = int((scanning / "program").read_text())
     free = list[bool]()
 
-    def spawned(*_):
+    def spawned(*_: object) -> None:
         free.append(not alive(scanning, OBSERVER_LOCK))
         raise LinkError("far enough")
 
