@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -171,8 +171,15 @@ class LookBook:
         self._inserts = {one.look: (one, _texts(one)) for one in inserts}
 
     def begin(self, done: int, mark: str, layer: int, limit_s: float) -> Look:
-        """Take notice that a look begins: the one after the last that was decided."""
+        """Take notice that a look begins: the one after the last that was decided.
+
+        Where the print wasn't gone on with since an insert (it died in the pause of that look), the
+        insert is this look's as well, so that nobody puts in another for the same gap.
+        """
         number = max(self._decided, default=0) + 1
+        for insert, texts in list(self._inserts.values()):
+            if insert.after == done:
+                self._inserts[number] = replace(insert, look=number), texts
         self.current = Look(number, done, mark, layer, time.time(), limit_s)
         return self.current
 

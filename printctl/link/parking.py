@@ -57,16 +57,20 @@ class Parking:
     def place(self, park: Park | None) -> Park | None:
         """Return where ``park`` is as the job counts here; None for straight above.
 
-        None as well where nobody can tell how the job counts: an alarm says so.
+        None as well where nobody can tell how the job counts, or where the needle would come down
+        into the part: an alarm says so.
         """
         if park is None:
             return None
         at = self.channel.logbook.progress.modal()
         try:
             x, y, z = self.inserting.shift_mm()
-            self.inserting.reach  # noqa: B018 (raises where it can't be told)
+            reach = self.inserting.reach
         except LinkError as exc:
             self._not_parked(str(exc))
+            return None
+        if park[2] < reach.top_mm and reach.is_inside(*park):
+            self._not_parked(f"{park} mm is within what the job writes; give a place beside it")
             return None
         if at.x is None or at.y is None or at.z is None:
             self._not_parked("the job's text doesn't say where the needle stands")

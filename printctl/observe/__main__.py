@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import signal
 import sys
 from pathlib import Path
 
@@ -24,6 +25,7 @@ def main() -> int:
     if said.detach:
         detach(said.folder / LOG, "printctl.observe")
     ignore_signals()
+    signal.signal(signal.SIGTERM, _leave)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     try:
         observe(said.folder)
@@ -32,6 +34,11 @@ def main() -> int:
         print(" ".join(str(exc).split()), file=sys.stderr)
         return 1
     return 0
+
+
+def _leave(*_: object) -> None:
+    """End as a program does that has come to its end: what it has started is ended, too."""
+    sys.exit(1)
 
 
 if __name__ == "__main__":

@@ -209,7 +209,7 @@ class Observer:
             done=look.done,
             job_line=look.job_line,
             mark=look.mark,
-            at=begun,
+            at=max(begun, self.begun),  # a clock that was set back meanwhile
             decision=kind.value,
             why=why,
             found=found,
@@ -247,14 +247,24 @@ class Observer:
             done, left, left_mm = self._inserted(look, decision)
             if done:
                 self._amend(look, f"{decision.why}{left}", left_mm)
-                self.link.resume()
+                self.go_on(look.number)
             else:
                 then = "it can't be mended from here: resume goes on without, stop ends it"
                 self._amend(look, f"{decision.why}{left}; approved, but {then}", asked="")
         elif answer == "go_on":
-            self.link.resume()
+            self.go_on(look.number)
         elif answer == "stop":
             self.link.stop()
+
+    def go_on(self, number: int) -> None:
+        """Resume as the operator has said; say so where the link waits for something else first."""
+        try:
+            self.link.resume()
+        except Refused as exc:
+            record, said = self._kept(number), f"; not gone on yet: {exc}"
+            log.warning("look %d%s", number, said)
+            if record is not None and said not in record.why:
+                amend_look(self.folder, replace(record, why=record.why + said))
 
     def _amend(self, look: Look, why: str, left_mm: float | None = None, **changes: Any) -> None:
         """Say on a look's record what came of its decision, and what it left where that is new."""

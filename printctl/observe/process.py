@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -94,7 +94,7 @@ def observe(folder: Path) -> None:
         write_text(folder / READY, f"{os.getpid()}\n")
         _await_print(folder)
         with attach(folder) as words, attach(folder) as events:
-            follow(events, _assembled(job, words))
+            follow(events, _assembled(job, words), lambda: words.status)
 
 
 def _await_print(folder: Path) -> None:
@@ -114,16 +114,34 @@ def _await_print(folder: Path) -> None:
     raise NoLink(f"no print began in {folder} within {_BEGIN_LIMIT_S:g} s")
 
 
-def follow(events: StatusEvents, observer: Observer) -> None:
-    """Look at each look once, from when the needle is held, until the print is over."""
-    made: set[int] = set()  # what was said before a look ended is heard after it
-    for status in events.events():
-        look = held_look(status)
-        if look is None or look["number"] in made:
+def follow(events: StatusEvents, observer: Observer, now: Callable[[], Status]) -> None:
+    """Look at each look once, from when the needle is held, until the print is over.
+
+    What was said while a look was made is heard behind it, when the motors may move again: so
+    ``now``, the print's status as it is, has the last word.
+    """
+    made: set[int] = set()
+    for heard in events.events():
+        if not _is_new(held_look(heard), made):
+            continue
+        look = held_look(_current(heard, now))
+        if look is None or not _is_new(look, made):
             continue
         observer.remember(look["number"])
         if _look(observer, look):
             made.add(look["number"])
+
+
+def _current(heard: Status, now: Callable[[], Status]) -> Status:
+    """Status as it is; as it was ``heard`` of a link that is too busy to answer."""
+    try:
+        return now()
+    except LinkError:
+        return heard
+
+
+def _is_new(look: dict[str, Any] | None, made: set[int]) -> bool:
+    return look is not None and look["number"] not in made
 
 
 def held_look(status: Status) -> dict[str, Any] | None:
@@ -145,7 +163,7 @@ def _assembled(job: ObservedJob, words: PrintClient) -> Observer:
         folder=folder,
         link=LinkWords(words),
         acquire=lambda look, out: acquire(
-            order.device, out, time.time(), job.region(look) if order.oct else None
+            order.device, out, job.region(look) if order.oct else None
         ),
         judge=job.judge,
         mend_lines=job.mend_lines,
@@ -165,7 +183,10 @@ def _look(observer: Observer, told: dict[str, Any]) -> bool:
     try:
         if told["decision"]:
             if told["decision"] == "pause" and _asked(observer, told["number"]):
-                observer.ask_again(look_of(told, observer))
+                if told["insert_sha256"]:  # it was approved, and is in the job already
+                    observer.go_on(told["number"])
+                else:
+                    observer.ask_again(look_of(told, observer))
         elif told["insert_sha256"]:  # an observer put it in and died before it said so
             observer.link.look_done(told["number"], "go_on", "mended by an observer that died")
         else:

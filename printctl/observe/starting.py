@@ -18,11 +18,14 @@ from printctl.link.care import Care
 from printctl.link.detached_process import spawn
 from printctl.link.errors import LinkError
 from printctl.link.find_link import alive, has_ended, stays_alive
-from printctl.link.record import load_record
+from printctl.link.record import RECORD, load_record
 from printctl.observe.records import LOG, OBSERVER_LOCK, ORDER, READY
 
 _READY_LIMIT_S: Final = 300.0
 """Loading takes some seconds; a camera's first picture has a limit of its own."""
+_END_LIMIT_S: Final = 10.0
+"""For an observer that is told to end: a picture that it judges isn't left at once."""
+_BY_FORCE: Final = getattr(signal, "SIGKILL", signal.SIGTERM)
 _WITHOUT: Final = "print without the recipe's section observe"
 
 
@@ -48,7 +51,9 @@ def start_observer(folder: Path, remedy: str = _WITHOUT) -> None:
         When it can't observe; nothing has moved then.
     """
     if stays_alive(folder, OBSERVER_LOCK):
-        raise ObserverError(f"an observer is at work in {folder} already; end its print first")
+        if not _is_left_over(folder):
+            raise ObserverError(f"an observer is at work in {folder} already; end its print first")
+        _end_at_last(folder)
     ready = folder / READY
     ready.unlink(missing_ok=True)
     try:
@@ -79,7 +84,7 @@ def ensure_observer(folder: Path) -> None:
     """
     if not has_looks(folder) or not (folder / ORDER).is_file():
         return
-    if not stays_alive(folder, OBSERVER_LOCK):
+    if not stays_alive(folder, OBSERVER_LOCK) or _is_left_over(folder):
         start_observer(folder, f"go on without by `printctl resume {folder} --unobserved`")
 
 
@@ -98,9 +103,33 @@ def end_idle_observer(folder: Path) -> None:
         _end(pid)
 
 
-def _end(pid: int) -> None:
-    with contextlib.suppress(OSError):
-        os.kill(pid, signal.SIGTERM)
+def _is_left_over(folder: Path) -> bool:
+    """Whether an observer's link has begun and is gone: the observer still waits for its device.
+
+    It would end behind that, perhaps once the print goes on.
+    """
+    try:
+        begun = (folder / RECORD).stat().st_mtime_ns > (folder / READY).stat().st_mtime_ns
+    except OSError:
+        return False
+    return begun and not alive(folder)
+
+
+def _end_at_last(folder: Path) -> None:
+    """End the observer in a folder: it ends its device's program first, if it can."""
+    pid, limit = _ready_pid(folder), time.monotonic() + _END_LIMIT_S
+    _end(pid)
+    while alive(folder, OBSERVER_LOCK):
+        if time.monotonic() > limit:
+            _end(pid, _BY_FORCE)
+            return
+        time.sleep(0.05)
+
+
+def _end(pid: int, how: signal.Signals = signal.SIGTERM) -> None:
+    if pid:
+        with contextlib.suppress(OSError):
+            os.kill(pid, how)
 
 
 def _ready_pid(folder: Path) -> int:

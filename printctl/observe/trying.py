@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 import shutil
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -35,10 +34,10 @@ def try_device(order: ObserverOrder, folder: Path) -> None:
     _try_frame(order)
     device = order.device
     if device.kind == "camera":
-        picture = acquire(device, emptied_look_folder(folder, EMPTY) / "picture", time.time())
+        picture = acquire(device, emptied_look_folder(folder, EMPTY) / "picture")
         open_view(picture, order, 0.0, 0.0)
     elif device.kind == "simulated" and not order.oct:
-        acquire(_before_any_motion(device), emptied_look_folder(folder, EMPTY) / "picture", 0.0)
+        acquire(_before_any_motion(device), emptied_look_folder(folder, EMPTY) / "picture")
     elif device.kind == "folder" and not Path(device.source).is_dir():
         raise DeviceError(
             f"folder {device.source} isn't there; the device's program writes into it (a command "

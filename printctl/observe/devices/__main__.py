@@ -1,7 +1,11 @@
-"""Acquire one picture: `python -m printctl.observe.devices SETTINGS OUT SINCE`; prints its path."""
+"""Acquire one picture: `python -m printctl.observe.devices SETTINGS OUT`; prints its path.
+
+Of a folder the files that were there before are told on standard input.
+"""
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
@@ -17,12 +21,14 @@ from printctl.observe.devices.settings import DeviceSettings
 
 def main() -> int:
     """Acquire; 1 and one line on stderr where it can't."""
-    settings, out, since = DeviceSettings.from_json(sys.argv[1]), Path(sys.argv[2]), sys.argv[3]
+    settings, out = DeviceSettings.from_json(sys.argv[1]), Path(sys.argv[2])
     try:
         if settings.kind == "camera":
             picture = take_picture(settings, out)
         elif settings.kind == "folder":
-            picture = keep_file(await_file(Path(settings.source), float(since)), out)
+            told = json.load(sys.stdin).items()
+            before = {name: (int(at), int(size)) for name, (at, size) in told}
+            picture = keep_file(await_file(Path(settings.source), before), out)
         elif settings.kind == "command":
             picture = run_command(settings.source, out)
         else:

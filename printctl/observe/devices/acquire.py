@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -10,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from printctl.errors import PrintctlError
+from printctl.observe.devices.files import files_in
 from printctl.observe.devices.settings import DeviceSettings
 
 Place = tuple[float, float, float]
@@ -20,18 +22,14 @@ class DeviceError(PrintctlError):
     """A device gave no picture: it is missing, refuses, or hangs."""
 
 
-def acquire(
-    settings: DeviceSettings, out: Path, since: float, region: Region | None = None
-) -> Path:
-    """Take one picture or volume.
+def acquire(settings: DeviceSettings, out: Path, region: Region | None = None) -> Path:
+    """Take one picture or volume; of a folder a file that isn't in it yet.
 
     Parameters
     ----------
     settings : DeviceSettings
     out : Path
         File to write, without suffix: the device's own format decides.
-    since : float, s since 1970
-        Of a folder only files count that are newer.
     region : (low, high), each (x, y, z), mm, optional
         Box of the printer's frame that is looked at: a simulated OCT scans no more than that.
 
@@ -48,10 +46,10 @@ def acquire(
     if region is not None and settings.kind == "simulated":
         low, high = (",".join(f"{value:.4f}" for value in corner) for corner in region)
         settings = replace(settings, extra={**settings.extra, "low": low, "high": high})
-    command = [sys.executable, "-m", "printctl.observe.devices", settings.to_json(), str(out)]
+    before = _files_before(settings)
     process = subprocess.Popen(
-        [*command, f"{since:.3f}"],
-        stdin=subprocess.DEVNULL,
+        [sys.executable, "-m", "printctl.observe.devices", settings.to_json(), str(out)],
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -59,7 +57,7 @@ def acquire(
         start_new_session=True,
     )
     try:
-        said, why = process.communicate(timeout=settings.limit_s)
+        said, why = process.communicate(before, timeout=settings.limit_s)
     except subprocess.TimeoutExpired as exc:
         raise DeviceError(
             f"the {settings.kind} gave no picture within {settings.limit_s:g} s; is it connected, "
@@ -71,6 +69,16 @@ def acquire(
         last = why.strip().splitlines()
         raise DeviceError(last[-1] if last else f"the {settings.kind} failed without a word")
     return Path(said.strip().splitlines()[-1])
+
+
+def _files_before(settings: DeviceSettings) -> str:
+    """What is in a device's folder before its picture is waited for, as JSON."""
+    if settings.kind != "folder":
+        return ""
+    try:
+        return json.dumps(files_in(Path(settings.source)))
+    except (OSError, ValueError) as exc:
+        raise DeviceError(str(exc)) from exc
 
 
 def _end(process: subprocess.Popen[str]) -> None:

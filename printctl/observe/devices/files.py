@@ -15,6 +15,8 @@ from printctl.observe.devices.settings import DeviceSettings
 _STILL_S: Final = 0.5
 """A file that hasn't grown for so long is whole."""
 _LOOK_S: Final = 0.1
+Listing = dict[str, tuple[int, int]]
+"""Names of files, with the time of each (ns, by whatever clock) and its size."""
 _SIDECARS: Final = (".json", ".yaml", ".yml")
 """Endings of what a scan's file is described by (`registration.readers.sidecar`)."""
 _BESIDE: Final = frozenset({*_SIDECARS, ".txt", ".xml", ".log", ".csv", ".tmp", ".part"})
@@ -49,8 +51,8 @@ def keep_file(taken: Path, out: Path) -> Path:
     return Path(shutil.copyfile(taken, out.with_suffix(taken.suffix)))
 
 
-def await_file(folder: Path, since: float) -> Path:
-    """Wait for a new file in a folder, until it grows no more; the caller limits the time.
+def files_in(folder: Path) -> Listing:
+    """List a folder's pictures and volumes with the time and size of each.
 
     Raises
     ------
@@ -59,27 +61,38 @@ def await_file(folder: Path, since: float) -> Path:
     """
     if not folder.is_dir():
         raise ValueError(f"folder {folder} isn't there; let the device's program write into it")
-    size, at = -1, time.monotonic()
-    newest: Path | None = None
+    listed: Listing = {}
+    for one in folder.iterdir():
+        if not one.name.startswith(".") and one.suffix.lower() not in _BESIDE and one.is_file():
+            known = one.stat()
+            listed[one.name] = (known.st_mtime_ns, known.st_size)
+    return listed
+
+
+def await_file(folder: Path, before: Listing) -> Path:
+    """Wait for a new file in a folder, until it grows no more; the caller limits the time.
+
+    Parameters
+    ----------
+    folder : Path
+    before : dict
+        What was there before, of `files_in`: the clock that dates the files may be another
+        computer's.
+
+    Raises
+    ------
+    ValueError
+        When the folder isn't there.
+    """
+    found, at = ("", (0, 0)), time.monotonic()
     while True:
-        latest = _newest(folder, since)
-        now = latest.stat().st_size if latest is not None else -1
-        if latest is None or latest != newest or now != size:
-            newest, size, at = latest, now, time.monotonic()
-        elif size > 0 and time.monotonic() - at >= _STILL_S:
-            return latest
+        new = files_in(folder).items() - before.items()
+        latest = max(new, key=lambda one: (one[1], one[0]), default=("", (0, 0)))
+        if latest != found:
+            found, at = latest, time.monotonic()
+        elif found[1][1] > 0 and time.monotonic() - at >= _STILL_S:
+            return folder / found[0]
         time.sleep(_LOOK_S)
-
-
-def _newest(folder: Path, since: float) -> Path | None:
-    files = [
-        one
-        for one in folder.iterdir()
-        if one.is_file() and not one.name.startswith(".") and one.suffix.lower() not in _BESIDE
-    ]
-    dated = [(one.stat().st_mtime, one) for one in files]
-    new = [pair for pair in dated if pair[0] >= since]
-    return max(new)[1] if new else None
 
 
 def run_command(words: str, out: Path) -> Path:

@@ -2,27 +2,40 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 
 import pytest
 
 from printctl.observe.devices import DeviceError, DeviceSettings, acquire, picture_of
+from printctl.observe.devices.files import files_in
 
 HANGS = f"{sys.executable} -c 'import time; time.sleep(60)'"
 
 
-def test_a_new_file_of_a_folder_is_kept_with_the_look(tmp_path):
+@pytest.mark.parametrize("ahead_s", [0.0, 3600.0, -3600.0])
+def test_a_new_file_of_a_folder_is_kept_with_the_look(tmp_path, monkeypatch, ahead_s):
     folder, look = tmp_path / "scans", tmp_path / "0001"
     folder.mkdir()
     look.mkdir()
-    (folder / "old.png").write_bytes(b"old")
-    since = time.time() + 0.01
-    time.sleep(0.02)
-    (folder / "new.TIF").write_bytes(b"new")
-    (folder / "new.json").write_text('{"voxel_mm": [0.01, 0.01, 0.01]}')
-    (folder / "new.log").write_text("written last")
-    found = acquire(DeviceSettings("folder", str(folder)), look / "picture", since)
+
+    def write(name, data):
+        (folder / name).write_bytes(data)
+        dated = time.time() + ahead_s  # by the clock of the device's computer
+        os.utime(folder / name, (dated, dated))
+
+    write("old.png", b"old")
+
+    def listed_then_written(path):
+        listed = files_in(path)
+        write("new.json", b'{"voxel_mm": [0.01, 0.01, 0.01]}')
+        write("new.TIF", b"new")
+        write("new.log", b"written last")
+        return listed
+
+    monkeypatch.setattr(sys.modules[acquire.__module__], "files_in", listed_then_written)
+    found = acquire(DeviceSettings("folder", str(folder)), look / "picture")
     assert found == look / "picture.TIF"
     assert found.read_bytes() == b"new"
     assert sorted(one.name for one in look.iterdir()) == ["picture.TIF", "picture.json"]
@@ -32,7 +45,7 @@ def test_a_new_file_of_a_folder_is_kept_with_the_look(tmp_path):
 
 def test_a_command_writes_the_file(tmp_path):
     words = f"{sys.executable} -c \"open('{{out}}.png', 'w').write('x')\""
-    found = acquire(DeviceSettings("command", words), tmp_path / "picture", 0.0)
+    found = acquire(DeviceSettings("command", words), tmp_path / "picture")
     assert found == tmp_path / "picture.png"
 
 
@@ -42,7 +55,7 @@ def test_what_a_command_writes_beside_its_file_isnt_taken(tmp_path):
         "import sys\nfor end in ('.json', '.raw'): open(sys.argv[1] + end, 'w').write('x')\n"
     )
     words = f"{sys.executable} {program} {{out}}"
-    found = acquire(DeviceSettings("command", words), tmp_path / "picture", 0.0)
+    found = acquire(DeviceSettings("command", words), tmp_path / "picture")
     assert found == tmp_path / "picture.raw"
 
 
@@ -57,4 +70,4 @@ def test_what_a_command_writes_beside_its_file_isnt_taken(tmp_path):
 )
 def test_a_device_that_fails_or_hangs_is_told(tmp_path, settings, said):
     with pytest.raises(DeviceError, match=said):
-        acquire(settings, tmp_path / "picture", 0.0)
+        acquire(settings, tmp_path / "picture")

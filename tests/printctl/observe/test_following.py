@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from printctl.link.errors import LinkError, Refused
+from printctl.link.errors import LinkError, NoLink, Refused
 from printctl.link.states import LinkState, Status
 from printctl.observe.deciding import Decider, FlowControl, Limits
 from printctl.observe.observer import Observer
@@ -52,14 +52,14 @@ def test_a_picture_is_taken_once_the_needle_is_held(tmp_path, held):
     pausing, looking = (LinkState.PAUSING, ""), (LinkState.LOOKING, "")
     events = Events(pausing, pausing, *[looking] * held, (LinkState.RESUMING, "go_on"))
     observer = watching(tmp_path, events)
-    follow(events, observer)
+    follow(events, observer, lambda: events.now)
     assert observer.looked == [(LinkState.LOOKING, 1.0)]
 
 
 def test_a_look_that_was_decided_by_another_isnt_made(tmp_path):
     events = Events((LinkState.PAUSING, ""), (LinkState.PAUSED, "pause"))
     observer = watching(tmp_path, events)
-    follow(events, observer)
+    follow(events, observer, lambda: events.now)
     assert observer.looked == []
 
 
@@ -68,8 +68,32 @@ def test_a_look_that_a_dead_link_took_away_is_made_again(tmp_path, refusal):
     first, second = (LinkState.LOOKING, ""), (LinkState.LOOKING, "")
     events = Events(first, (LinkState.PAUSING, ""), second, second)
     observer = watching(tmp_path, events, refusal)
-    follow(events, observer)
+    follow(events, observer, lambda: events.now)
     assert observer.looked == [(LinkState.LOOKING, 1.0)] * 2  # its picture counts once
+
+
+@pytest.mark.parametrize(
+    ("state", "decision"), [(LinkState.PAUSED, "pause"), (LinkState.PRINTING, "")]
+)
+def test_a_look_that_is_over_isnt_made_for_what_was_said_meanwhile(tmp_path, state, decision):
+    looking = (LinkState.LOOKING, "")
+    events = Events(*[looking] * 4)
+    observer = watching(tmp_path, events, *[Refused("decided before: pause")] * 4)
+    look = {**TOLD, "decision": decision} if decision else None
+    now = [Status(LinkState.LOOKING, look=TOLD), Status(state, look=look)]
+    follow(events, observer, lambda: now.pop(0) if len(now) > 1 else now[0])
+    assert len(observer.looked) == 1  # the motors may move by now
+
+
+def test_a_link_that_is_too_busy_to_answer_is_believed_as_heard(tmp_path):
+    events = Events((LinkState.LOOKING, ""))
+    observer = watching(tmp_path, events)
+
+    def now():
+        raise NoLink("it doesn't answer")
+
+    follow(events, observer, now)
+    assert observer.looked == [(LinkState.LOOKING, 1.0)]
 
 
 class Asking(Watching):
@@ -89,5 +113,15 @@ def test_what_was_approved_is_tried_again_after_a_dead_link_alone(tmp_path, fail
     observer.__class__ = Asking
     record = LookRecord(1, 20, 20, "end of layer 0", 0.0, "pause", "a gap", asked="mend")
     save_look(tmp_path, record)
-    follow(events, observer)
+    follow(events, observer, lambda: events.now)
     assert len(observer.looked) == times
+
+
+def test_an_approved_mend_that_is_in_the_job_is_gone_on_with_and_not_planned_again(tmp_path):
+    events = Events((LinkState.PAUSED, "pause"))
+    observer = watching(tmp_path, events)
+    observer.go_on = lambda number: observer.looked.append(f"gone on from {number}")
+    save_look(tmp_path, LookRecord(1, 20, 20, "end", 0.0, "pause", "a gap", asked="mend"))
+    look = {**TOLD, "decision": "pause", "insert_sha256": "1f"}
+    follow(events, observer, lambda: Status(LinkState.PAUSED, look=look))
+    assert observer.looked == ["gone on from 1"]

@@ -273,6 +273,35 @@ def test_an_approval_that_cant_be_carried_out_is_told(tmp_path, monkeypatch):
     assert not record.asked
 
 
+@pytest.mark.parametrize("word", ["approve", "go_on"])
+def test_that_a_link_doesnt_go_on_by_an_answer_is_told(tmp_path, monkeypatch, word):
+    bench = Bench(tmp_path, mode="ask", gaps=(GAP,))
+    monkeypatch.setattr(bench.link, "look_done", _answering(bench, word))
+    monkeypatch.setattr(bench.link, "resume", _refusing("a change of syringe is to be told"))
+    bench.observer.look(LOOK)
+    (record,) = read_looks(tmp_path)
+    assert "a change of syringe is to be told" in record.why
+    assert [one[0] for one in bench.link.said] == ["pause", "insert"][: 1 + (word == "approve")]
+
+
+def _refusing(why):
+    def refuse():
+        raise Refused(why)
+
+    return refuse
+
+
+def test_looks_belong_to_their_print_when_the_clock_is_set_back(tmp_path):
+    bench = Bench(tmp_path, ratio=0.8)
+    now = bench.observer.clock()
+    bench.observer.begun, bench.observer.clock = now, lambda: now - 3600.0
+    bench.observer.look(LOOK)
+    other = bench.another()
+    other.begun = now
+    other.remember(2)
+    assert other.decider.control.flow == bench.observer.decider.control.flow != 1.0
+
+
 def test_what_an_earlier_print_left_is_no_part_of_this_one(tmp_path):
     Bench(tmp_path, ratio=0.8).observer.look(LOOK)
     (tmp_path / "looks" / "0001" / "picture.tif").touch()

@@ -1,0 +1,107 @@
+"""Starting observers: one whose link is dead makes room for another, with its device's program."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import nullcontext
+from pathlib import Path
+
+import pytest
+
+from printctl.link.errors import LinkError
+from printctl.link.find_link import alive
+from printctl.link.process import hold_folder
+from printctl.link.record import RECORD
+from printctl.observe import starting
+from printctl.observe.records import OBSERVER_LOCK, ORDER, READY
+
+_OBSERVER = """
+import signal, sys
+from pathlib import Path
+from printctl.link.process import hold_folder
+from printctl.observe.__main__ import _leave
+from printctl.observe.devices import DeviceSettings, acquire
+from printctl.observe.records import OBSERVER_LOCK
+signal.signal(signal.SIGTERM, _leave)
+folder = Path(sys.argv[1])
+with hold_folder(folder, OBSERVER_LOCK):
+    acquire(DeviceSettings("command", f"sh {folder}/scan.sh {{out}}"), folder / "picture")
+"""
+
+
+@pytest.fixture
+def scanning(tmp_path: Path) -> Iterator[Path]:
+    """An observer whose device's program takes long; its folder."""
+    (tmp_path / ORDER).touch()
+    (tmp_path / "scan.sh").write_text(f"echo $$ >{tmp_path}/program.new\n"
+                                      f"mv {tmp_path}/program.new {tmp_path}/program\n"
+                                      "sleep 600\n")  # fmt: skip
+    process = subprocess.Popen([sys.executable, "-c", _OBSERVER, str(tmp_path)])
+    (tmp_path / READY).write_text(f"{process.pid}\n")
+    while not (tmp_path / "program").exists():
+        assert process.poll() is None
+        time.sleep(0.02)
+    yield tmp_path
+    process.terminate()  # its device's program with it
+    process.wait()
+
+
+@pytest.mark.parametrize("link", ["awaited", "alive", "dead"])
+def test_an_observer_is_replaced_once_its_link_is_dead(
+    scanning: Path, monkeypatch: pytest.MonkeyPatch, link: str
+) -> None:
+    started = list[bool]()
+    monkeypatch.setattr(starting, "has_looks", lambda _: True)
+    monkeypatch.setattr(
+        starting, "start_observer", lambda folder, _: started.append(alive(folder, OBSERVER_LOCK))
+    )
+    _begin(scanning, seconds_after_ready=-1 if link == "awaited" else 1)
+    with hold_folder(scanning) if link == "alive" else nullcontext():
+        starting.ensure_observer(scanning)
+    assert started == [True] * (link == "dead")
+
+
+def test_a_left_over_observer_is_ended_with_its_devices_program(
+    scanning: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = int((scanning / "program").read_text())
+    free = list[bool]()
+
+    def spawned(*_: object) -> None:
+        free.append(not alive(scanning, OBSERVER_LOCK))
+        raise LinkError("far enough")
+
+    monkeypatch.setattr(starting, "spawn", spawned)
+    _begin(scanning, seconds_after_ready=-1)
+    with pytest.raises(starting.ObserverError, match="at work"):
+        starting.start_observer(scanning)
+    os.kill(program, 0)
+    _begin(scanning, seconds_after_ready=1)
+    with pytest.raises(starting.ObserverError, match="far enough"):
+        starting.start_observer(scanning)
+    assert free == [True]
+    assert _gone(program)
+
+
+def _begin(folder: Path, seconds_after_ready: float) -> None:
+    """Leave a link's record as of a print that began before or after the observer was ready."""
+    ready, record = folder / READY, folder / RECORD
+    record.touch()
+    at = ready.stat().st_mtime + seconds_after_ready
+    os.utime(record, (at, at))
+
+
+def _gone(pid: int) -> bool:
+    """Whether a process ends soon: it is ended behind the one that has started it."""
+    limit = time.monotonic() + 10.0
+    while time.monotonic() < limit:
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.02)
+    return False
