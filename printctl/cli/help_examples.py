@@ -191,7 +191,7 @@ MANUAL: Final[Mapping[str, Manual]] = {
     "observe looks": Manual(("printctl observe looks runs/my_run",)),
     "observe answer": Manual(
         (
-            "printctl observe answer runs/my_run approve",
+            "printctl observe answer runs/my_run approve --look 3",
             "printctl observe answer runs/my_run go_on",
         )
     ),

@@ -48,8 +48,8 @@ def looks(run: RunArg, as_json: JsonFlag = False) -> None:
     if last.asked and waits and held_for(read_print(folder).status, last.number):
         print_lines(
             f"look {last.number} asks to {proposal_words(last)}: see "
-            f"{look_folder(folder, last.number)}, then `printctl observe answer RUN approve` (or "
-            "go_on, stop)"
+            f"{look_folder(folder, last.number)}, then `printctl observe answer RUN approve --look "
+            f"{last.number}` (or go_on, stop)"
         )
 
 
@@ -78,6 +78,15 @@ def answer(
             show_default=False,
         ),
     ],
+    look: Annotated[
+        int | None,
+        typer.Option(
+            "--look",
+            min=1,
+            help="The look that is meant: refused if another one asks by now.",
+            show_default="the last one",
+        ),
+    ] = None,
 ) -> None:
     """Answer the last look of a print that waits for the operator's word.
 
@@ -89,6 +98,10 @@ def answer(
     try:
         if not found:
             raise ValueError(f"nobody has looked at the print in {folder}")
+        if look not in (None, found[-1].number):
+            raise ValueError(
+                f"look {look} isn't the last, which is look {found[-1].number}; nothing was done"
+            )
         _refuse_unheld(read_print(folder).status, found[-1])
         refuse_unheard(folder)
         answer_look(folder, found[-1].number, word)

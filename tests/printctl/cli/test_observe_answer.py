@@ -21,8 +21,13 @@ def test_an_answer_is_taken_once_and_none_when_the_print_went_on(tmp_path, capsy
             with pytest.raises(UsageError, match="is no answer"):
                 answer(folder, word)
         looks(folder)
-        assert "look 1 asks to" in capsys.readouterr().out
-        answer(folder, "go_on")
+        said = capsys.readouterr().out
+        assert "look 1 asks to" in said
+        assert "approve --look 1`" in said
+        with pytest.raises(UsageError, match="look 2 isn't the last, which is look 1"):
+            answer(folder, "approve", 2)
+        assert answer_of(folder, 1) is None
+        answer(folder, "go_on", 1)
         looks(folder)
         said = capsys.readouterr().out
         assert "answered: go_on" in said
