@@ -191,7 +191,7 @@ def _gaps(
             certain = needed * (_EDGES_RATE if told.template.by_edges else 1.0)
             gaps, unclear = find_gaps(
                 look.present, clear, look.inferred, look.ways, told.noise, options.gap_mm, certain,
-                around,
+                around, told.faint and told is look.bath,
             )  # fmt: skip
             if told.template.slant > ASIDE:
                 angle = angle_of(look.seen)
@@ -216,7 +216,7 @@ def _gaps(
                     for gap in gaps
                     if is_bare(gap, look.ways, look.seen, shown, told, near, why)
                 ]
-            if told is look.bath and look.work.is_log and told.template.filled:
+            if told is look.bath and look.work.is_log and told.template.filled and not told.faint:
                 gaps = _with_ends(gaps, look, told, clear)
             found += gaps
             why[unclear] = int(Unseen.UNCLEAR)

@@ -121,12 +121,15 @@ class WindowNoise:
         Standard deviation that stands for the tails, too.
     bath : float
         Of bath, over the shortest window that matters; 0 where it isn't known.
+    bath_long : (length, spread), mm and presence
+        Of bath over a longer window; (0, 0) where it isn't known.
     """
 
     length_mm: FloatArray
     middle: float
     spread: FloatArray
     bath: float
+    bath_long: tuple[float, float] = (0.0, 0.0)
 
     def p_value(self, mean: float, length_mm: float) -> float:
         """Chance of so low a mean over a stretch, by noise."""
@@ -141,7 +144,16 @@ class WindowNoise:
     def can_tell(self, length_mm: float, p_needed: float) -> bool:
         """Whether a gap of that length would be found, nineteen times in twenty."""
         spread = float(np.interp(length_mm, self.length_mm, self.spread))
-        return bool(-ndtri(p_needed) * spread + 1.64 * self.bath < 0.9 * self.middle)
+        bath = self._bath_over(length_mm)
+        return bool(-ndtri(p_needed) * spread + 1.64 * bath < 0.9 * self.middle)
+
+    def _bath_over(self, length_mm: float) -> float:
+        """Standard deviation of bath over a stretch."""
+        long_mm, long = self.bath_long
+        short_mm = float(self.length_mm[min(1, len(self.length_mm) - 1)])
+        if not short_mm < long_mm:
+            return self.bath
+        return float(np.interp(length_mm, [short_mm, long_mm], [self.bath, min(long, self.bath)]))
 
 
 def window_means(
@@ -202,6 +214,31 @@ def window_noise(
         return None
     bath = 0.0 if bath_values is None else _bath_spread(bath_values, step, gap_mm)
     return WindowNoise(np.array(lengths), middle, np.minimum.accumulate(np.array(spreads)), bath)
+
+
+def averaged(values: FloatArray, good: BoolArray, run: IntArray, count: int) -> FloatArray:
+    """Means of good values over ``count`` neighbours of one run, fewer at its ends; NaN for none."""
+    n, half = len(values), count // 2
+    begin = np.concatenate([[True], run[1:] != run[:-1]])
+    first = np.maximum.accumulate(np.where(begin, np.arange(n), 0))
+    last = np.minimum.accumulate(np.where(np.append(begin[1:], True), np.arange(n), n)[::-1])[::-1]
+    low, high = np.maximum(np.arange(n) - half, first), np.minimum(np.arange(n) + half, last) + 1
+    total = np.concatenate([[0.0], np.cumsum(np.where(good, values, 0.0))])
+    number = np.concatenate([[0], np.cumsum(good)])
+    with np.errstate(invalid="ignore"):
+        return np.asarray((total[high] - total[low]) / (number[high] - number[low]))
+
+
+def without_lows(
+    values: FloatArray, good: BoolArray, ways: Ways, middle: float, length_mm: float
+) -> BoolArray:
+    """Good places whose surroundings, so long a stretch, show more ink than bath, (n,).
+
+    The scatter of faint ink would else hold the steps of what is missing, as large as ink itself.
+    """
+    count = max(1, round(length_mm / float(np.median(ways.step)))) | 1
+    around = averaged(values, good, ways.run, count)
+    return np.asarray(good & ~(around < INK * middle))
 
 
 def _bath_spread(values: FloatArray, step: float, gap_mm: float) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from registration.layer_images.presence import (
     fake_places,
     presence,
     window_noise,
+    without_lows,
 )
 from registration.layer_images.strange import grown, strange_places, strangeness, unlike_bath
 from registration.layer_images.values import (
@@ -223,20 +224,19 @@ def _by_mix(
     if template.one_sided or template.slant > ASIDE:
         why[(why == Unseen.SEEN) & _unlearned(angle, present)] = int(Unseen.FAINT)
     good = use & (why == Unseen.SEEN)
-    noise, contrast = (
-        window_noise(
-            present, _alone(ways, good), ways, fake_present, ground.gap_mm, known is not None,
-            template.by_edges,
-        ),
-        0.0,
-    )  # fmt: skip
-    faint = True
+    noise = _noise(present, good, ways, fake_present, ground, known is not None, template)
+    contrast, faint = 0.0, True
     if noise is not None:
         contrast = noise.contrast(ground.gap_mm)
-        places = max(1.0, float(ways.step[good].sum()) / ground.gap_mm)
-        faint = not noise.can_tell(ground.gap_mm, ground.rate / places)
+        needed = ground.rate / max(1.0, float(ways.step[good].sum()) / ground.gap_mm)
+        faint = not noise.can_tell(ground.gap_mm, needed)
+        if faint and not template.by_edges:
+            long = _long_bath(image, free, ground, width_px, ways, template, rng)
+            sure = without_lows(present, good, ways, noise.middle, 0.5 * LONG * ground.gap_mm)
+            again = _noise(present, sure, ways, fake_present, ground, known is not None, template)
+            noise = replace(again or noise, bath_long=long)
         odd = faint and (template.one_sided or template.by_edges)
-        if odd or (faint and not noise.can_tell(LONG * ground.gap_mm, ground.rate / places)):
+        if odd or (faint and not noise.can_tell(LONG * ground.gap_mm, needed)):
             noise = None
     look = Appearance(mix, template.terms * template.scale, template.filled, ink)
     return Told(
@@ -244,6 +244,42 @@ def _by_mix(
         unlike_bath(away, ground.free), look, bath_spread,
         _log_step(mix, ink, ground.work.is_log), ink, faint,
     )  # fmt: skip
+
+
+def _noise(
+    present: FloatArray,
+    good: BoolArray,
+    ways: Ways,
+    bath: FloatArray | None,
+    ground: Ground,
+    known: bool,
+    template: Template,
+) -> WindowNoise | None:
+    alone = _alone(ways, good)
+    return window_noise(present, alone, ways, bath, ground.gap_mm, known, template.by_edges)
+
+
+def _long_bath(
+    image: FloatImage,
+    free: Mask,
+    ground: Ground,
+    width_px: float,
+    ways: Ways,
+    template: Template,
+    rng: np.random.Generator,
+) -> tuple[float, float]:
+    """Length of a long gap and the scatter of bath over it; (0, 0) where bath is too narrow."""
+    long_mm = LONG * ground.gap_mm
+    found = fake_places(free, width_px, long_mm * ground.work.px_per_mm / 8, rng)
+    if found is None:
+        return 0.0, 0.0
+    weights, _ = template.weights(angle_of(found), None)
+    level = (found.profiles(image, width_px * ACROSS[None, :]) * weights).sum(axis=1)
+    inside = found.profiles(free, np.zeros((1, 1)), nearest=True)[:, 0] > 0
+    lines = level.reshape(-1, 8)[inside.reshape(-1, 8).all(axis=1)]
+    if len(lines) < _FEWEST:
+        return 0.0, 0.0
+    return long_mm, float(lines.mean(axis=1).std())
 
 
 def _alone(ways: Ways, use: BoolArray) -> BoolArray:
