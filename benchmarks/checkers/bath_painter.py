@@ -126,7 +126,9 @@ def random_vessels(kind: str, rng: np.random.Generator) -> list[Vessel]:
         for parent, angle in ends:
             for side in (-1, 1):
                 at = parent.points[-1]
-                turned = angle + side * float(rng.uniform(0.5, 0.9)) * (1.0 if shrink > 0.7 else 0.7)
+                turned = angle + side * float(rng.uniform(0.5, 0.9)) * (
+                    1.0 if shrink > 0.7 else 0.7
+                )
                 child = _curve(
                     (at[0], at[1]), turned, 4.0 * shrink, wide * shrink, rng, float(at[2])
                 )
@@ -265,9 +267,7 @@ class Canvas:
         return cv2.GaussianBlur(out.astype(np.float64) / 255, (0, 0), 3.0)
 
 
-def bath_texture(
-    scene: Scene, shape: tuple[int, int], rng: np.random.Generator
-) -> np.ndarray:
+def bath_texture(scene: Scene, shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
     """Relative brightness of a bath without light, noise and blur, standard deviation as told."""
     g = scene.grain_px
     if scene.bath == "grain":
@@ -292,7 +292,9 @@ def bath_texture(
         rough = _soft(shape, 3 * g, rng)
         for _ in range(int(rng.integers(0, 6))):  # dust
             at = int(rng.integers(0, shape[1])), int(rng.integers(0, shape[0]))
-            cv2.circle(rough, at, int(rng.integers(1, 4)), float(rng.normal(0, 30)), -1, cv2.LINE_AA)
+            cv2.circle(
+                rough, at, int(rng.integers(1, 4)), float(rng.normal(0, 30)), -1, cv2.LINE_AA
+            )
     rough = rough - np.median(rough)
     spread = rough.std() if scene.bath != "clear" else 1.0
     return scene.texture * rough / max(float(spread), 1e-9)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -92,10 +93,37 @@ def gaps_to_mend(
     return mend_gaps
 
 
-def unseen_path(at: HeldLook, stroke: int) -> UnseenPath:
-    """Return a whole path with the name of the vessel that it writes."""
+def unseen_paths(at: HeldLook, each: Sequence[LayerFindings]) -> tuple[UnseenPath, ...]:
+    """Return what none of a look's pictures tells of the vessels in a bath, by their names.
+
+    Parts that are no longer in every picture than tolerated aren't told of.
+    """
+    bare = set.intersection(*(set(one.bare) for one in each))
+    unseen = each[0].unseen
+    for other in each[1:]:
+        unseen = tuple(part for one in unseen for part in _shared(one, other.unseen))
+    out = [_named(at, stroke, None) for stroke in bare]
+    out += [_named(at, one.stroke, one) for one in unseen if one.stroke not in bare]
+    return tuple(sorted(out, key=lambda one: (one.gap.stroke, one.gap.from_mm)))
+
+
+def _shared(one: Gap, others: Sequence[Gap]) -> list[Gap]:
+    """What each of several stretches has in common with one."""
+    parts = []
+    for other in others:
+        begin = max(one, other, key=lambda each: each.from_mm)
+        end = min(one, other, key=lambda each: each.to_mm)
+        if other.stroke == one.stroke and begin.from_mm < end.to_mm:
+            start = replace(one, from_mm=begin.from_mm, start_mm=begin.start_mm)
+            parts.append(replace(start, to_mm=end.to_mm, end_mm=end.end_mm))
+    return parts
+
+
+def _named(at: HeldLook, stroke: int, part: Gap | None) -> UnseenPath:
+    """Return a path, or a part of one, with the name of the vessel that it writes."""
     path = at.ink.paths[stroke]
     mark = at.marks.next(MarkKind.VESSEL, int(path.command[-1]))
     name = f"vessel {mark.number}" if mark and mark.number >= 0 else f"path {stroke}"
     begin, end = ((float(one[0]), float(one[1])) for one in path.points[[0, -1]])
-    return UnseenPath(name, Gap(stroke, 0.0, path.length_mm, begin, end, 0.0, 1.0))
+    whole = Gap(stroke, 0.0, path.length_mm, begin, end, 0.0, 1.0)
+    return UnseenPath(name, part or whole, path.length_mm, bare=part is None)

@@ -66,7 +66,9 @@ def find_gaps(
     unclear = np.zeros(len(ways), dtype=np.bool_)
     found = list[Gap]()
     for smooth in levels:
-        places = Tested(present, smooth, good, inferred, ways, noise, gap_mm, p_needed / len(levels))
+        places = Tested(
+            present, smooth, good, inferred, ways, noise, gap_mm, p_needed / len(levels)
+        )
         gaps, doubtful = places.gaps(strange)
         found += gaps
         unclear |= doubtful

@@ -26,6 +26,7 @@ from registration.layer_images.seen_layer import SeenLayer
 from registration.layer_images.step_height import stepped
 from registration.layer_images.stretches import find_stretches, width_ratio
 from registration.layer_images.told import ASIDE, Told
+from registration.layer_images.unseen_ways import unseen_ways
 from registration.layer_images.values import (
     Blob,
     BoolArray,
@@ -168,6 +169,7 @@ def findings_of(
         appearance=told.appearance if told is not None and told.noise is not None else None,
         moved_px=look.work.moved_px,
         bare=bare_strokes(look, why, np.random.default_rng(29)),
+        unseen=unseen_ways(look, why, gaps, options.unseen_mm, options.false_rate),
     )
 
 
