@@ -22,6 +22,8 @@ ANSWERS: Final[tuple[Answer, ...]] = ("approve", "go_on", "stop")
 LOOKS: Final = "looks"
 _ANSWER: Final = "answer.json"
 OBSERVER_LOCK: Final = "observer.lock"
+RESUMED: Final = "observer.resumed"
+"""Left by who resumes the print, for an observer that is at work: it is to stay for the new link."""
 """Held in the print's folder while an observer is at work."""
 ORDER: Final = "observer.json"
 """What an observer is told: beside a run's G-code, and in the folder of a print."""
