@@ -179,7 +179,7 @@ class Outcome:
 
 
 def outcome(seed: int, fault: str | None) -> Outcome:
-    """Judge one print; ``told`` is found, asked, paused or missed, of a sound one sound or repair."""
+    """Judge one print: found, asked, paused or missed; a sound one: sound, repair, asked, paused."""
     begun = time.process_time()
     case = random_case(seed, fault)
     try:

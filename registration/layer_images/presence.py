@@ -7,7 +7,8 @@ counts: light that changes from place to place mustn't look like missing ink.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -151,9 +152,15 @@ class WindowNoise:
         """Standard deviation of bath over a stretch."""
         long_mm, long = self.bath_long
         short_mm = float(self.length_mm[min(1, len(self.length_mm) - 1)])
-        if not short_mm < long_mm:
+        if not short_mm < long_mm or self.bath <= 0:
             return self.bath
-        return float(np.interp(length_mm, [short_mm, long_mm], [self.bath, min(long, self.bath)]))
+        told = np.log([self.bath, min(long, self.bath)])
+        return math.exp(np.interp(math.log(length_mm), np.log([short_mm, long_mm]), told))
+
+    def at_least(self, times: float) -> WindowNoise:
+        """Return it with no less scatter of ink than so many times that of bath."""
+        bath = np.array([self._bath_over(float(length)) for length in self.length_mm])
+        return replace(self, spread=np.maximum(self.spread, times * bath))
 
 
 def window_means(
@@ -206,7 +213,7 @@ def window_noise(
             if len(ink) < _FEWEST:
                 break
             lengths.append(count * step)
-            spread = _spread(ink, np.inf if even else _PILED)
+            spread = spread_of(ink, np.inf if even else _PILED)
             spreads.append(times * spread * (1.0 + _FEW / len(ink)))
         if spreads:
             break
@@ -217,7 +224,7 @@ def window_noise(
 
 
 def averaged(values: FloatArray, good: BoolArray, run: IntArray, count: int) -> FloatArray:
-    """Means of good values over ``count`` neighbours of one run, fewer at its ends; NaN for none."""
+    """Means of good values over ``count`` neighbours of one run, fewer at ends; NaN for none."""
     n, half = len(values), count // 2
     begin = np.concatenate([[True], run[1:] != run[:-1]])
     first = np.maximum.accumulate(np.where(begin, np.arange(n), 0))
@@ -241,13 +248,37 @@ def without_lows(
     return np.asarray(good & ~(around < INK * middle))
 
 
+def rougher(
+    values: FloatArray, good: BoolArray, ways: Ways, bath: FloatArray, gap_mm: float
+) -> float:
+    """Return how much rougher lines are than bath, from a stretch to the next; 1 or more.
+
+    The needle stirs the bath along its way. Steps where ink is missing are few, and don't count.
+    """
+    step = float(np.median(ways.step))
+    count = min(4, max(1, round(gap_mm / step)))
+    total = np.concatenate([[0.0], np.cumsum(np.where(good, values, 0.0))])
+    number = np.concatenate([[0], np.cumsum(good)])
+    n = len(values) - 2 * count
+    if n < _FEWEST:
+        return 1.0
+    whole = number[2 * count :] - number[: -2 * count] == 2 * count
+    whole &= ways.run[2 * count - 1 :] == ways.run[: n + 1]
+    change = (total[2 * count :] - 2 * total[count:-count] + total[: -2 * count])[whole] / count
+    lines = bath.reshape(-1, 8)[:, : 2 * count]
+    own = lines[:, count:].mean(axis=1) - lines[:, :count].mean(axis=1)
+    if len(change) < _FEWEST:
+        return 1.0
+    return max(1.0, float(np.median(np.abs(change)) / max(np.median(np.abs(own)), 1e-9)))
+
+
 def _bath_spread(values: FloatArray, step: float, gap_mm: float) -> float:
     """Standard deviation of bath over a tolerated gap; eight places a line."""
     count = min(8, max(1, round(gap_mm / step)))
-    return _spread(values.reshape(-1, 8)[:, :count].mean(axis=1))
+    return spread_of(values.reshape(-1, 8)[:, :count].mean(axis=1))
 
 
-def _spread(values: FloatArray, most_above: float = np.inf) -> float:
+def spread_of(values: FloatArray, most_above: float = np.inf) -> float:
     """Standard deviation by the wider half, or by the tails where those are wider.
 
     What lies above the median counts up to ``most_above`` times what lies below.

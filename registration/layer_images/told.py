@@ -22,6 +22,8 @@ from registration.layer_images.presence import (
     WindowNoise,
     fake_places,
     presence,
+    rougher,
+    spread_of,
     window_noise,
     without_lows,
 )
@@ -210,11 +212,13 @@ def _by_mix(
     if fakes is not None:
         own, _ = template.weights(fakes[1], noise_across)
         fake_present = (fakes[0] * own).sum(axis=1).astype(np.float64)
+    least = 1.0
     if ways.varied:
         level = line_levels(plain, ways, use & (why == Unseen.SEEN), fake_present)
         profiles = np.asarray(profiles / level[:, None], dtype=np.float32)
         present, plain = present / level, plain / level
-        fake_present = None if fake_present is None else fake_present / float(level.min())
+        least = float(level.min())
+        fake_present = None if fake_present is None else fake_present / least
     if fakes is not None:
         inner = fakes[0][:, WITHIN]
         bath_spread = 1.4826 * float(np.median(np.abs(inner - np.median(inner))))
@@ -231,10 +235,12 @@ def _by_mix(
         needed = ground.rate / max(1.0, float(ways.step[good].sum()) / ground.gap_mm)
         faint = not noise.can_tell(ground.gap_mm, needed)
         if faint and not template.by_edges:
-            long = _long_bath(image, free, ground, width_px, ways, template, rng)
             sure = without_lows(present, good, ways, noise.middle, 0.5 * LONG * ground.gap_mm)
             again = _noise(present, sure, ways, fake_present, ground, known is not None, template)
-            noise = replace(again or noise, bath_long=long)
+            if fake_present is not None:
+                long = _long_bath(image, free, ground, width_px, template, least, rng)
+                times = rougher(present, good, ways, fake_present, ground.gap_mm)
+                noise = replace(again or noise, bath_long=long).at_least(times)
         odd = faint and (template.one_sided or template.by_edges)
         if odd or (faint and not noise.can_tell(LONG * ground.gap_mm, needed)):
             noise = None
@@ -264,11 +270,14 @@ def _long_bath(
     free: Mask,
     ground: Ground,
     width_px: float,
-    ways: Ways,
     template: Template,
+    least: float,
     rng: np.random.Generator,
 ) -> tuple[float, float]:
-    """Length of a long gap and the scatter of bath over it; (0, 0) where bath is too narrow."""
+    """Length of a long gap and the scatter of bath over it; (0, 0) where bath is too narrow.
+
+    ``least`` is the presence of the faintest line's ink, which counts as 1.
+    """
     long_mm = LONG * ground.gap_mm
     found = fake_places(free, width_px, long_mm * ground.work.px_per_mm / 8, rng)
     if found is None:
@@ -279,7 +288,7 @@ def _long_bath(
     lines = level.reshape(-1, 8)[inside.reshape(-1, 8).all(axis=1)]
     if len(lines) < _FEWEST:
         return 0.0, 0.0
-    return long_mm, float(lines.mean(axis=1).std())
+    return long_mm, spread_of(lines.mean(axis=1)) / least
 
 
 def _alone(ways: Ways, use: BoolArray) -> BoolArray:

@@ -65,11 +65,9 @@ class UnseenPath:
         """Which vessel, how much of it and where."""
         if self.bare:
             return f"{self.name} ({self.gap.length_mm:.1f} mm)"
-        (x, y), (x_end, y_end) = self.gap.start_mm, self.gap.end_mm
-        return (
-            f"{self.gap.length_mm:.1f} of {self.path_mm:.1f} mm of {self.name} (X {x:.1f} Y {y:.1f} "
-            f"to X {x_end:.1f} Y {y_end:.1f})"
-        )
+        begin, end = (f"X {x:.1f} Y {y:.1f}" for x, y in (self.gap.start_mm, self.gap.end_mm))
+        much = f"{self.gap.length_mm:.1f} of {self.path_mm:.1f} mm"
+        return f"{much} of {self.name} ({begin} to {end})"
 
 
 @dataclass(frozen=True)
