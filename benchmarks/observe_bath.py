@@ -100,7 +100,7 @@ def _stretch(fault: str, length: float, rng: np.random.Generator) -> tuple[float
     if fault == "half":
         return (length / 2, length + 1.0) if rng.random() < 0.7 else (-1.0, length / 2)
     gap = min(float(fault), length - 2 * _END_MM)
-    begin = float(rng.uniform(_END_MM, length - gap - _END_MM))
+    begin = float(rng.uniform(_END_MM, max(_END_MM, length - gap - _END_MM)))
     return begin, begin + gap
 
 
@@ -150,11 +150,7 @@ def look(case: Case) -> tuple[Decision, Evidence]:
             held.layer, ink, each[0], each[1] if len(each) > 1 else None,
             section=BeadSection(), least_gap_mm=limits.gap.least_mm, left_ul=None,
         )  # fmt: skip
-        unseen = tuple(
-            one for one in unseen_paths(held, each)
-            if one.bare or one.gap.length_mm > limits.unseen_mm
-        )  # fmt: skip
-        return replace(evidence, unseen=unseen)
+        return replace(evidence, unseen=unseen_paths(held, each, limits.unseen_mm))
 
     each = [see(case.picture(1))]
     evidence = judged(each)
@@ -179,7 +175,7 @@ class Outcome:
 
 
 def outcome(seed: int, fault: str | None) -> Outcome:
-    """Judge one print: found, asked, paused or missed; a sound one: sound, repair, asked, paused."""
+    """Judge one print: found, asked, paused or missed; a sound one sound, repair, asked, paused."""
     begun = time.process_time()
     case = random_case(seed, fault)
     try:

@@ -93,29 +93,36 @@ def gaps_to_mend(
     return mend_gaps
 
 
-def unseen_paths(at: HeldLook, each: Sequence[LayerFindings]) -> tuple[UnseenPath, ...]:
+def unseen_paths(
+    at: HeldLook, each: Sequence[LayerFindings], longest_mm: float
+) -> tuple[UnseenPath, ...]:
     """Return what none of a look's pictures tells of the vessels in a bath, by their names.
 
-    Parts that are no longer in every picture than tolerated aren't told of.
+    Where one picture tells nothing and the other shows a gap, nothing is sure either. What one of
+    two pictures shows as ink is let pass, where ``longest_mm`` or half of it at most is left.
     """
     bare = set.intersection(*(set(one.bare) for one in each))
-    unseen = each[0].unseen
-    for other in each[1:]:
-        unseen = tuple(part for one in unseen for part in _shared(one, other.unseen))
+    first, second = each[0], each[-1]
+    unseen = [*first.unseen]
+    if second is not first:
+        unseen = _shared(first.unseen, (*second.unseen, *second.gaps), longest_mm)
+        unseen += _shared(second.unseen, first.gaps, longest_mm)
     out = [_named(at, stroke, None) for stroke in bare]
     out += [_named(at, one.stroke, one) for one in unseen if one.stroke not in bare]
     return tuple(sorted(out, key=lambda one: (one.gap.stroke, one.gap.from_mm)))
 
 
-def _shared(one: Gap, others: Sequence[Gap]) -> list[Gap]:
-    """What each of several stretches has in common with one."""
-    parts = []
-    for other in others:
-        begin = max(one, other, key=lambda each: each.from_mm)
-        end = min(one, other, key=lambda each: each.to_mm)
-        if other.stroke == one.stroke and begin.from_mm < end.to_mm:
-            start = replace(one, from_mm=begin.from_mm, start_mm=begin.start_mm)
-            parts.append(replace(start, to_mm=end.to_mm, end_mm=end.end_mm))
+def _shared(each: Sequence[Gap], others: Sequence[Gap], longest_mm: float) -> list[Gap]:
+    """What stretches have in common with others, where that is long or half of one."""
+    parts = list[Gap]()
+    for one in each:
+        for other in others:
+            begin = max(one, other, key=lambda gap: gap.from_mm)
+            end = min(one, other, key=lambda gap: gap.to_mm)
+            least = min(longest_mm, 0.5 * one.length_mm)
+            if other.stroke == one.stroke and end.to_mm - begin.from_mm >= least:
+                part = replace(one, from_mm=begin.from_mm, start_mm=begin.start_mm)
+                parts.append(replace(part, to_mm=end.to_mm, end_mm=end.end_mm))
     return parts
 
 

@@ -210,8 +210,7 @@ class ObservedJob:
         """Vessels in a bath of which no picture shows more than is tolerated."""
         if at.ink.style != "embedded":
             return ()
-        limit = self.order.limits.unseen_mm
-        return tuple(one for one in unseen_paths(at, each) if one.bare or one.gap.length_mm > limit)
+        return unseen_paths(at, each, self.order.limits.unseen_mm)
 
     def _findings(self, at: HeldLook, path: Path) -> LayerFindings:
         """Findings of a picture; of the first one a drawing is left beside it."""

@@ -169,7 +169,7 @@ def findings_of(
         appearance=told.appearance if told is not None and told.noise is not None else None,
         moved_px=look.work.moved_px,
         bare=bare_strokes(look, why, np.random.default_rng(29)),
-        unseen=unseen_ways(look, why, gaps, options.unseen_mm, options.false_rate),
+        unseen=unseen_ways(look, why, gaps, options.gap_mm, options.unseen_mm, options.false_rate),
     )
 
 

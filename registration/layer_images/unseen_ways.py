@@ -7,21 +7,30 @@ from typing import Final
 import numpy as np
 
 from registration.layer_images.gaps import stretches_of
+from registration.layer_images.presence import INK
 from registration.layer_images.seen_layer import SeenLayer
 from registration.layer_images.values import BoolArray, FloatArray, Gap, IntArray, Unseen
 from registration.layer_images.ways import Ways
 
+_DOUBTED: Final = 1.5
+"""Tolerated gaps, from which on a stretch that looks bare is told of, though debris lies by."""
 _SEEN_MM: Final = 0.3
 """A seen stretch that is shorter, between two that aren't, doesn't part them."""
 
 
 def unseen_ways(
-    look: SeenLayer, why: IntArray, gaps: list[Gap], longest_mm: float, rate: float
+    look: SeenLayer,
+    why: IntArray,
+    gaps: list[Gap],
+    gap_mm: float,
+    longest_mm: float,
+    rate: float,
 ) -> tuple[Gap, ...]:
     """Return stretches longer than ``longest_mm`` in which ink might be missing untold.
 
     They have the form of gaps, with p-values of 1. Ink that is too faint for a tolerated gap, but
-    not for one of that length, isn't told of here.
+    not for one of that length, isn't told of here. Shorter ones count where ink doesn't show, and
+    only what lies around keeps them from being gaps.
 
     Parameters
     ----------
@@ -30,7 +39,8 @@ def unseen_ways(
         `Unseen`.
     gaps : list of Gap
         Found ones, of which nothing more need be told.
-    longest_mm : float, mm
+    gap_mm, longest_mm : float, mm
+        Tolerated gap; longest stretch that may go untold.
     rate : float
         False findings per sound layer.
     """
@@ -45,8 +55,11 @@ def unseen_ways(
         if inside and _length(ways, first, last) < _SEEN_MM:
             told[first : last + 1] = False
     out = []
+    doubted = (why == Unseen.UNCLEAR) & ~(look.present > INK)
     for first, last in stretches_of(~told, ways.run):
-        if _length(ways, first, last) > longest_mm:
+        own = slice(first, last + 1)
+        low_mm = float(ways.step[own][doubted[own]].sum())
+        if _length(ways, first, last) > longest_mm or low_mm > _DOUBTED * gap_mm:
             (begin, start), (end, stop) = _edge(ways, first, -0.5), _edge(ways, last, 0.5)
             out.append(Gap(int(ways.stroke[first]), begin, end, start, stop, 0.0, 1.0))
     return tuple(out)
