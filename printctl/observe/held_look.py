@@ -96,26 +96,46 @@ def gaps_to_mend(
 def unseen_paths(
     at: HeldLook, each: Sequence[LayerFindings], longest_mm: float
 ) -> tuple[UnseenPath, ...]:
-    """Return what none of a look's pictures tells of the vessels in a bath, by their names.
+    """Return what a look's pictures don't tell of the vessels in a bath, by their names.
 
-    Where one picture tells nothing and the other shows a gap, nothing is sure either. What one of
-    two pictures shows as ink is let pass, where ``longest_mm`` or half of it at most is left.
+    What one of two pictures doesn't tell counts unless the other sees half of it at least, down to
+    tolerated gaps: two pictures of faint ink know hardly more than one. Where one picture tells
+    nothing and the other shows a gap, by half of it or ``longest_mm``, nothing is sure either.
     """
     bare = set.intersection(*(set(one.bare) for one in each))
     first, second = each[0], each[-1]
-    unseen = [*first.unseen]
+    unseen = [one for one in first.unseen if second is first or not _sees(second, one)]
     if second is not first:
-        unseen = _shared(first.unseen, (*second.unseen, *second.gaps), longest_mm)
-        unseen += _shared(second.unseen, first.gaps, longest_mm)
+        unseen += [
+            one for one in second.unseen if not (_sees(first, one) or _overlaps(one, unseen))
+        ]
+        for gaps, others in ((second.gaps, first.unseen), (first.gaps, second.unseen)):
+            parts = _shared(gaps, others, longest_mm)
+            unseen += [one for one in parts if not _overlaps(one, unseen)]
     out = [_named(at, stroke, None) for stroke in bare]
     out += [_named(at, one.stroke, one) for one in unseen if one.stroke not in bare]
     return tuple(sorted(out, key=lambda one: (one.gap.stroke, one.gap.from_mm)))
 
 
-def _shared(each: Sequence[Gap], others: Sequence[Gap], longest_mm: float) -> list[Gap]:
-    """What stretches have in common with others, where that is long or half of one."""
+def _sees(picture: LayerFindings, one: Gap) -> bool:
+    """Whether a picture sees half of a stretch at least."""
+    stations = picture.stations
+    own = (stations.stroke == one.stroke) & (stations.along_mm > one.from_mm)
+    own &= (stations.along_mm < one.to_mm) & stations.seen
+    return 2 * float(stations.length_mm[own].sum()) >= one.length_mm
+
+
+def _overlaps(one: Gap, others: Sequence[Gap]) -> bool:
+    return any(
+        one.stroke == other.stroke and one.from_mm < other.to_mm and other.from_mm < one.to_mm
+        for other in others
+    )
+
+
+def _shared(gaps: Sequence[Gap], others: Sequence[Gap], longest_mm: float) -> list[Gap]:
+    """What gaps have in common with other stretches, where that is long or half of the gap."""
     parts = list[Gap]()
-    for one in each:
+    for one in gaps:
         for other in others:
             begin = max(one, other, key=lambda gap: gap.from_mm)
             end = min(one, other, key=lambda gap: gap.to_mm)
