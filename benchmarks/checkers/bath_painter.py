@@ -9,7 +9,7 @@ drifting glare; the one before also lacks what the needle stirred along its way.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -338,8 +338,3 @@ def _part(vessel: Vessel, begin: float, end: float) -> np.ndarray:
     """Points of a filament from and to, every 0.05 mm."""
     s = np.linspace(begin, end, max(2, round((end - begin) / 0.05)))
     return np.column_stack([np.interp(s, vessel.arc, vessel.points[:, c]) for c in range(3)])
-
-
-def paler(scene: Scene, contrast: float) -> Scene:
-    """The same scene with another contrast."""
-    return replace(scene, contrast=contrast)

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from registration.layer_images.ink_image import ACROSS
+from registration.layer_images.ink_image import ACROSS, Template, angle_of
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage, IntArray
 from registration.layer_images.ways import Seen, Ways
 from registration.layer_images.working import Mask
@@ -270,6 +270,32 @@ def rougher(
     if len(change) < _FEWEST:
         return 1.0
     return max(1.0, float(np.median(np.abs(change)) / max(np.median(np.abs(own)), 1e-9)))
+
+
+def long_bath(
+    image: FloatImage,
+    free: Mask,
+    long_mm: float,
+    px_per_mm: float,
+    width_px: float,
+    template: Template,
+    least: float,
+    rng: np.random.Generator,
+) -> tuple[float, float]:
+    """Return a length, mm, and the scatter of bath over it; (0, 0) where bath is too narrow.
+
+    ``least`` is the presence of the faintest line's ink, which counts as 1.
+    """
+    found = fake_places(free, width_px, long_mm * px_per_mm / 8, rng)
+    if found is None:
+        return 0.0, 0.0
+    weights, _ = template.weights(angle_of(found), None)
+    level = (found.profiles(image, width_px * ACROSS[None, :]) * weights).sum(axis=1)
+    inside = found.profiles(free, np.zeros((1, 1)), nearest=True)[:, 0] > 0
+    lines = level.reshape(-1, 8)[inside.reshape(-1, 8).all(axis=1)]
+    if len(lines) < _FEWEST:
+        return 0.0, 0.0
+    return long_mm, spread_of(lines.mean(axis=1)) / least
 
 
 def _bath_spread(values: FloatArray, step: float, gap_mm: float) -> float:

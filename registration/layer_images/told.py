@@ -21,9 +21,9 @@ from registration.layer_images.presence import (
     Sides,
     WindowNoise,
     fake_places,
+    long_bath,
     presence,
     rougher,
-    spread_of,
     window_noise,
     without_lows,
 )
@@ -238,7 +238,10 @@ def _by_mix(
             sure = without_lows(present, good, ways, noise.middle, 0.5 * LONG * ground.gap_mm)
             again = _noise(present, sure, ways, fake_present, ground, known is not None, template)
             if fake_present is not None:
-                long = _long_bath(image, free, ground, width_px, template, least, rng)
+                long = long_bath(
+                    image, free, LONG * ground.gap_mm, ground.work.px_per_mm, width_px, template,
+                    least, rng,
+                )  # fmt: skip
                 times = rougher(present, good, ways, fake_present, ground.gap_mm)
                 noise = replace(again or noise, bath_long=long).at_least(times)
         odd = faint and (template.one_sided or template.by_edges)
@@ -263,32 +266,6 @@ def _noise(
 ) -> WindowNoise | None:
     alone = _alone(ways, good)
     return window_noise(present, alone, ways, bath, ground.gap_mm, known, template.by_edges)
-
-
-def _long_bath(
-    image: FloatImage,
-    free: Mask,
-    ground: Ground,
-    width_px: float,
-    template: Template,
-    least: float,
-    rng: np.random.Generator,
-) -> tuple[float, float]:
-    """Length of a long gap and the scatter of bath over it; (0, 0) where bath is too narrow.
-
-    ``least`` is the presence of the faintest line's ink, which counts as 1.
-    """
-    long_mm = LONG * ground.gap_mm
-    found = fake_places(free, width_px, long_mm * ground.work.px_per_mm / 8, rng)
-    if found is None:
-        return 0.0, 0.0
-    weights, _ = template.weights(angle_of(found), None)
-    level = (found.profiles(image, width_px * ACROSS[None, :]) * weights).sum(axis=1)
-    inside = found.profiles(free, np.zeros((1, 1)), nearest=True)[:, 0] > 0
-    lines = level.reshape(-1, 8)[inside.reshape(-1, 8).all(axis=1)]
-    if len(lines) < _FEWEST:
-        return 0.0, 0.0
-    return long_mm, spread_of(lines.mean(axis=1)) / least
 
 
 def _alone(ways: Ways, use: BoolArray) -> BoolArray:
