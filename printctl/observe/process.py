@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -27,7 +27,7 @@ from printctl.observe.devices import acquire
 from printctl.observe.looking_at import ObservedJob
 from printctl.observe.observer import Look, Observer
 from printctl.observe.order import ObserverOrder
-from printctl.observe.records import OBSERVER_LOCK, READY, RESUMED, read_looks
+from printctl.observe.records import OBSERVER_LOCK, READY, read_looks
 from printctl.observe.trying import try_device
 from printctl.printing.journal_facts import read_journal_facts
 
@@ -92,37 +92,9 @@ def observe(folder: Path) -> None:
         job.load()
         try_device(order, folder)
         write_text(folder / READY, f"{os.getpid()}\n")
-        follow_links(folder, lambda words: _assembled(job, words))
-
-
-def follow_links(folder: Path, assembled: Callable[[PrintClient], Observer]) -> None:
-    """Wait for a print's link and follow the print, through its links that die and are followed.
-
-    A look may still be judged when its link dies and somebody resumes the print; that observer
-    stays, and makes the look again with the next link. Where nobody resumes it ends.
-
-    Parameters
-    ----------
-    folder : Path
-    assembled : callable
-        An observer that speaks to a link by a client.
-
-    Raises
-    ------
-    LinkError
-        When no print begins, or goes on.
-    """
-    while True:
         _await_print(folder)
-        with suppress(NoLink), attach(folder) as words, attach(folder) as events:
-            last = follow(events, assembled(words))
-            if last not in (LinkState.INTERRUPTED, LinkState.FAILED):  # no other can be resumed
-                return
-        try:
-            (folder / RESUMED).unlink()
-        except FileNotFoundError:
-            return
-        log.info("the link process ended; the print is being resumed: waiting for the next one")
+        with attach(folder) as words, attach(folder) as events:
+            follow(events, _assembled(job, words))
 
 
 def _await_print(folder: Path) -> None:
@@ -142,22 +114,16 @@ def _await_print(folder: Path) -> None:
     raise NoLink(f"no print began in {folder} within {_BEGIN_LIMIT_S:g} s")
 
 
-def follow(events: StatusEvents, observer: Observer) -> LinkState | None:
-    """Look at each look once, from when the needle is held, until the print is over.
-
-    Returns the state that was told last.
-    """
+def follow(events: StatusEvents, observer: Observer) -> None:
+    """Look at each look once, from when the needle is held, until the print is over."""
     made: set[int] = set()  # what was said before a look ended is heard after it
-    state = None
     for status in events.events():
-        state = status.state
         look = held_look(status)
         if look is None or look["number"] in made:
             continue
         observer.remember(look["number"])
         if _look(observer, look):
             made.add(look["number"])
-    return state
 
 
 def held_look(status: Status) -> dict[str, Any] | None:

@@ -19,7 +19,7 @@ from printctl.link.detached_process import spawn
 from printctl.link.errors import LinkError
 from printctl.link.find_link import alive, has_ended, stays_alive
 from printctl.link.record import load_record
-from printctl.observe.records import LOG, OBSERVER_LOCK, ORDER, READY, RESUMED
+from printctl.observe.records import LOG, OBSERVER_LOCK, ORDER, READY
 
 _READY_LIMIT_S: Final = 300.0
 """Loading takes some seconds; a camera's first picture has a limit of its own."""
@@ -51,7 +51,6 @@ def start_observer(folder: Path, remedy: str = _WITHOUT) -> None:
         raise ObserverError(f"an observer is at work in {folder} already; end its print first")
     ready = folder / READY
     ready.unlink(missing_ok=True)
-    (folder / RESUMED).unlink(missing_ok=True)
     try:
         pid = spawn([sys.executable, "-m", "printctl.observe", str(folder.resolve()), "--detach"])
     except LinkError as exc:
@@ -71,8 +70,7 @@ def start_observer(folder: Path, remedy: str = _WITHOUT) -> None:
 def ensure_observer(folder: Path) -> None:
     """Start an observer for a print in ``folder`` that is to go on, if it is one with looks.
 
-    An observer that is at work is told to stay: it may still judge the look in which the link died,
-    and hear of that death in the seconds before the new link is there.
+    Nothing happens where an observer is at work.
 
     Raises
     ------
@@ -81,7 +79,6 @@ def ensure_observer(folder: Path) -> None:
     """
     if not has_looks(folder) or not (folder / ORDER).is_file():
         return
-    (folder / RESUMED).touch()  # before the look at the lock: who lets go of it looks here first
     if not stays_alive(folder, OBSERVER_LOCK):
         start_observer(folder, f"go on without by `printctl resume {folder} --unobserved`")
 
