@@ -96,7 +96,7 @@ bench-firmware: $(VENV)/.ready-test
 
 # Observed prints: what is seen, frames, mends, whole prints, kills; half an hour.
 bench-observe: $(VENV)/.ready-test
-	@for name in seeing camera frames mends prints faults; do $(BIN)/python -m benchmarks.observe_$$name; done
+	@for name in seeing bath camera frames mends prints faults; do $(BIN)/python -m benchmarks.observe_$$name; done
 
 # The user guide, in site/: opens without a network. Fails on a dead link, as CI does.
 docs: $(VENV)/.ready-docs

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -92,10 +93,64 @@ def gaps_to_mend(
     return mend_gaps
 
 
-def unseen_path(at: HeldLook, stroke: int) -> UnseenPath:
-    """Return a whole path with the name of the vessel that it writes."""
+def unseen_paths(
+    at: HeldLook, each: Sequence[LayerFindings], longest_mm: float
+) -> tuple[UnseenPath, ...]:
+    """Return what a look's pictures don't tell of the vessels in a bath, by their names.
+
+    What one of two pictures doesn't tell counts unless the other sees half of it at least, down to
+    tolerated gaps: two pictures of faint ink know hardly more than one. Where one picture tells
+    nothing and the other shows a gap, by half of it or ``longest_mm``, nothing is sure either.
+    """
+    bare = set.intersection(*(set(one.bare) for one in each))
+    first, second = each[0], each[-1]
+    unseen = [one for one in first.unseen if second is first or not _sees(second, one)]
+    if second is not first:
+        unseen += [
+            one for one in second.unseen if not (_sees(first, one) or _overlaps(one, unseen))
+        ]
+        for gaps, others in ((second.gaps, first.unseen), (first.gaps, second.unseen)):
+            parts = _shared(gaps, others, longest_mm)
+            unseen += [one for one in parts if not _overlaps(one, unseen)]
+    out = [_named(at, stroke, None) for stroke in bare]
+    out += [_named(at, one.stroke, one) for one in unseen if one.stroke not in bare]
+    return tuple(sorted(out, key=lambda one: (one.gap.stroke, one.gap.from_mm)))
+
+
+def _sees(picture: LayerFindings, one: Gap) -> bool:
+    """Whether a picture sees half of a stretch at least."""
+    stations = picture.stations
+    own = (stations.stroke == one.stroke) & (stations.along_mm > one.from_mm)
+    own &= (stations.along_mm < one.to_mm) & stations.seen
+    return 2 * float(stations.length_mm[own].sum()) >= one.length_mm
+
+
+def _overlaps(one: Gap, others: Sequence[Gap]) -> bool:
+    return any(
+        one.stroke == other.stroke and one.from_mm < other.to_mm and other.from_mm < one.to_mm
+        for other in others
+    )
+
+
+def _shared(gaps: Sequence[Gap], others: Sequence[Gap], longest_mm: float) -> list[Gap]:
+    """What gaps have in common with other stretches, where that is long or half of the gap."""
+    parts = list[Gap]()
+    for one in gaps:
+        for other in others:
+            begin = max(one, other, key=lambda gap: gap.from_mm)
+            end = min(one, other, key=lambda gap: gap.to_mm)
+            least = min(longest_mm, 0.5 * one.length_mm)
+            if other.stroke == one.stroke and end.to_mm - begin.from_mm >= least:
+                part = replace(one, from_mm=begin.from_mm, start_mm=begin.start_mm)
+                parts.append(replace(part, to_mm=end.to_mm, end_mm=end.end_mm))
+    return parts
+
+
+def _named(at: HeldLook, stroke: int, part: Gap | None) -> UnseenPath:
+    """Return a path, or a part of one, with the name of the vessel that it writes."""
     path = at.ink.paths[stroke]
     mark = at.marks.next(MarkKind.VESSEL, int(path.command[-1]))
     name = f"vessel {mark.number}" if mark and mark.number >= 0 else f"path {stroke}"
     begin, end = ((float(one[0]), float(one[1])) for one in path.points[[0, -1]])
-    return UnseenPath(name, Gap(stroke, 0.0, path.length_mm, begin, end, 0.0, 1.0))
+    whole = Gap(stroke, 0.0, path.length_mm, begin, end, 0.0, 1.0)
+    return UnseenPath(name, part or whole, path.length_mm, bare=part is None)

@@ -26,7 +26,7 @@ from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError
 from printctl.observe.devices.acquire import Place, Region
 from printctl.observe.expected import ExpectedInk, expected_ink
-from printctl.observe.held_look import HeldLook, gaps_to_mend, slab, unseen_path
+from printctl.observe.held_look import HeldLook, gaps_to_mend, slab, unseen_paths
 from printctl.observe.judging import (
     evidence_of,
     figures,
@@ -207,11 +207,10 @@ class ObservedJob:
         return f"the scan has {size.words}: {wrong}"
 
     def _unseen(self, at: HeldLook, each: list[LayerFindings]) -> tuple[UnseenPath, ...]:
-        """Vessels in a bath of which no picture shows anything."""
+        """Vessels in a bath of which no picture shows more than is tolerated."""
         if at.ink.style != "embedded":
             return ()
-        strokes = set.intersection(*(set(one.bare) for one in each))
-        return tuple(unseen_path(at, stroke) for stroke in sorted(strokes))
+        return unseen_paths(at, each, self.order.limits.unseen_mm)
 
     def _findings(self, at: HeldLook, path: Path) -> LayerFindings:
         """Findings of a picture; of the first one a drawing is left beside it."""
@@ -282,6 +281,7 @@ class ObservedJob:
             width_percent=limits.width_percent,
             lumen_percent=limits.lumen_percent,
             shift_mm=max(0.5, 2 * limits.shift_mm),
+            unseen_mm=limits.unseen_mm,
         )
 
     def _lumens(self, ink: ExpectedInk, look: Look) -> tuple[Lumen, ...]:

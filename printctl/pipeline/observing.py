@@ -94,6 +94,7 @@ def _limits(part: ObservePart) -> Limits:
         width_percent=said.width_percent,
         lumen_percent=said.lumen_percent,
         shift_mm=said.shift_mm,
+        unseen_mm=said.unseen_mm,
         mend=part.mend,
     )
 

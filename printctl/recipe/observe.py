@@ -86,6 +86,11 @@ class ObserveTolerances(Part):
     gap_mm: Annotated[float, Field(ge=0.02, le=20)] = Field(
         default=0.2, description="Shorter stretches without ink."
     )
+    unseen_mm: Annotated[float, Field(ge=0.2, le=1000)] = Field(
+        default=1.5,
+        description="In a bath: stretches of a vessel, too faint or hidden to be told, that are "
+        "let pass; about longer ones the operator is asked.",
+    )
     width_percent: Annotated[float, Field(ge=1, le=100)] = Field(
         default=15.0, description="Of a line's width; what exceeds it is told, not mended."
     )

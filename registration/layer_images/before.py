@@ -26,6 +26,9 @@ MOST_PX: Final = 2.5
 _NEAR: Final = 1.4
 """Widths around fresh lines, and some pixels, that aren't ground."""
 _NEAR_PX: Final = 4.0
+_HALO: Final = 2.0
+"""Radii of a saturated spot, within which its own light is brighter than the bath's texture."""
+_HALO_PX: Final = 3.0
 
 
 def with_before(
@@ -62,7 +65,7 @@ def with_before(
     ground = _ground(work, frame, lines, written)
     floor = _floor(part, old_part) if work.is_log else None
     earlier, bad = channels_of(old_part, work.scale, floor)
-    usable = ground * (1 - (bad | work.bad).astype(np.uint8))
+    usable = ground * (1 - with_halos(bad | work.bad))
     move = camera_move(work.channels, earlier, usable)
     moved_px = move.most_px * work.scale
     if moved_px > MOST_PX:
@@ -76,6 +79,17 @@ def with_before(
         earlier=earlier,
         moved_px=moved_px,
     )
+
+
+def with_halos(saturated: BoolArray) -> Mask:
+    """Saturated spots with the light around them, (h, w) uint8: glints move with the surface."""
+    out = saturated.astype(np.uint8)
+    outlines, _ = cv2.findContours(out, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    for outline in outlines:
+        (x, y), radius = cv2.minEnclosingCircle(outline)
+        reach = round(_HALO * (radius + 1.0) + _HALO_PX)
+        cv2.circle(out, (round(x), round(y)), reach, 1, cv2.FILLED)
+    return np.asarray(out)
 
 
 def _part(picture: Image, work: Working) -> Image:

@@ -19,6 +19,8 @@ _MIDDLE: Final = np.abs(ACROSS) < 0.25
 _FLANK_INK: Final = 0.45
 """Of the flank's usual level, from which on ink is seen there."""
 _FLANK_SOME: Final = 0.15
+_NO_CRUMB: Final = 2.0
+"""Widths, from which on a gap in faint ink is longer than a crumb of the bath's brightness."""
 _MOST_UNLIKE: Final = 90
 """Percentile of a gap's core that must look like bath."""
 _LEAST_CLEAR: Final = 0.15
@@ -62,9 +64,14 @@ def is_bare(
         # Debris as bright as the bath would have to fill the slots between several older lines.
         alike = float(np.abs(told.present[rows]).max()) < BARE * told.noise.middle
     crossed = bool(ways.crossed[rows].any())
-    if alike and (told.template.by_edges or not _flanked(told, told.profiles[rows], crossed)):
+    width = float(ways.width[rows].max())
+    if told.faint and gap.length_mm > _NO_CRUMB * width:  # noise alone would show ink on a flank
+        flanked = False
+    else:
+        flanked = not told.template.by_edges and _flanked(told, told.profiles[rows], crossed)
+    if alike and not flanked:
         return True
-    around = _AROUND * float(ways.width[rows].max())
+    around = _AROUND * width
     near = (ways.along > gap.from_mm - around) & (ways.along < gap.to_mm + around)
     why[near & (ways.stroke == gap.stroke) & (why == Unseen.SEEN)] = int(Unseen.UNCLEAR)
     return False

@@ -32,6 +32,8 @@ _PRIOR_SLOPE: Final = 2e-3
 """And of its turn and scale."""
 _FAR_PX: Final = 2.0
 """Noise alone was fitted as moves of up to 27 pixels on a ground without texture."""
+_OUTLYING: Final = 2.5
+"""Spreads of what differs, from which on it hardly counts: a glint or bubble moves by itself."""
 _BETTER: Final = 0.95
 """Of the mean square difference at rest: a far move that leaves more isn't believed."""
 
@@ -181,7 +183,7 @@ def _weighted(
                                 (light.T * weight) @ rest, rcond=None)[0]  # fmt: skip
         own = rest - light @ level
         spread = 1.4826 * float(np.median(np.abs(own))) + 1e-9
-        weight = np.minimum(1.0, 2.0 * spread / np.maximum(np.abs(own), 1e-12))
+        weight = 1.0 / (1.0 + (own / (_OUTLYING * spread)) ** 2) ** 2
     a = design - light @ np.linalg.lstsq((light.T * weight) @ light + 1e-9 * np.eye(6),
                                          (light.T * weight) @ design, rcond=None)[0]  # fmt: skip
     scaled = (a.T * weight) / spread**2

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from registration.layer_images.presence import END, INK, WindowNoise
+from registration.layer_images.presence import END, INK, WindowNoise, averaged
 from registration.layer_images.values import BoolArray, FloatArray, Gap, IntArray, Unseen
 from registration.layer_images.ways import Ways
 
@@ -17,6 +18,10 @@ _HIDDEN: Final = 0.06
 _ALIKE: Final = 0.95
 _FEWEST_ALIKE: Final = 12
 _LEAST_ALIKE: Final = 0.8
+_FAINT: Final = (1.0, 2.0, 4.0, 8.0)
+"""Tolerated lengths, over which faint ink is averaged."""
+_BESIDE: Final = 1.0
+"""Widths that must be bare between sound ink and a thing that hides the rest of a gap."""
 _SMOOTH: Final = 0.4
 """Of the tolerated length, over which presence is averaged to find where a gap ends."""
 
@@ -30,6 +35,7 @@ def find_gaps(
     gap_mm: float,
     p_needed: float,
     strange: FloatArray,
+    faint: bool = False,
 ) -> tuple[list[Gap], BoolArray]:
     """Return gaps, and places whose surroundings contradict a gap there, (n,).
 
@@ -48,28 +54,120 @@ def find_gaps(
     strange : (n,) float64
         Share of each place's surroundings that is neither ink nor bath: what lies on a line there
         hides it (a needle may be as bright as the bath).
+    faint : bool
+        Whether ink is too faint for a tolerated gap: noise would cut longer ones into pieces, so
+        that several lengths are averaged over, and each is tested.
     """
-    usual = noise.middle
-    smooth = _along(present, good, ways, gap_mm)
-    low = good & (smooth < INK * usual)
+    levels = (
+        [averaged(present, good, ways.run, _count(ways, size * gap_mm)) for size in _FAINT]
+        if faint
+        else [_along(present, good, ways, gap_mm)]
+    )
     unclear = np.zeros(len(ways), dtype=np.bool_)
-    found = []
-    for first, last in stretches_of(low, ways.run):
-        rows = slice(first, last + 1)
-        begin, end = _ends(smooth, good, ways, first, last, INK * usual)
-        shown = ~inferred[rows]
-        if not shown.any() or _only_an_end(ways, rows, end - begin, gap_mm):
-            continue
-        mean = float(present[rows][shown].mean())
-        if mean < -max(0.6, 5.0 * noise.bath) * usual or strange[rows].mean() > _HIDDEN:
-            unclear[rows] = True  # neither ink nor bath
-            continue
-        p_value = noise.p_value(mean, end - begin - float(ways.step[rows][~shown].sum()))
-        if end - begin < LEAST * gap_mm or p_value > p_needed:
-            continue
-        u = float(np.hypot(ways.step[first] / np.sqrt(12), _end_noise(noise) * gap_mm))
-        found.append(_gap(ways, first, last, begin, end, u, p_value))
-    return found, unclear
+    found = list[Gap]()
+    for smooth in levels:
+        places = Tested(
+            present, smooth, good, inferred, ways, noise, gap_mm, p_needed / len(levels)
+        )
+        gaps, doubtful = places.gaps(strange)
+        found += gaps
+        unclear |= doubtful
+    return (_surest(found) if faint else found), unclear
+
+
+def _surest(gaps: list[Gap]) -> list[Gap]:
+    """Of gaps that overlap the surest one."""
+    out = list[Gap]()
+    for gap in sorted(gaps, key=lambda one: one.p_value):
+        apart = (
+            gap.stroke != one.stroke or gap.to_mm < one.from_mm or one.to_mm < gap.from_mm
+            for one in out
+        )
+        if all(apart):
+            out.append(gap)
+    return out
+
+
+@dataclass(frozen=True)
+class Tested:
+    """Places along lines, of which stretches without ink are tested; as of `find_gaps`.
+
+    Attributes
+    ----------
+    smooth : (n,) float64
+        Presence averaged over some neighbours: where it is low a gap is looked for.
+    """
+
+    present: FloatArray
+    smooth: FloatArray
+    good: BoolArray
+    inferred: BoolArray
+    ways: Ways
+    noise: WindowNoise
+    gap_mm: float
+    p_needed: float
+
+    def gaps(self, strange: FloatArray) -> tuple[list[Gap], BoolArray]:
+        """Gaps, and places that are neither ink nor bath."""
+        unclear = np.zeros(len(self.ways), dtype=np.bool_)
+        found = list[Gap]()
+        low = self.good & (self.smooth < INK * self.noise.middle)
+        for first, last in stretches_of(low, self.ways.run):
+            own = slice(first, last + 1)
+            shown = ~self.inferred[own]
+            least = -max(0.6, 5.0 * self.noise.bath) * self.noise.middle
+            if shown.any() and float(self.present[own][shown].mean()) < least:
+                unclear[own] = True
+                continue
+            parts = [(first, last)]
+            if strange[own].mean() > _HIDDEN:
+                unclear[own] = True
+                parts = self._open_parts(strange, first, last)
+            for part in parts:
+                gap = self._gap(*part)
+                if gap is not None:
+                    unclear[part[0] : part[1] + 1] = False
+                    found.append(gap)
+        return found, unclear
+
+    def _open_parts(self, strange: FloatArray, first: int, last: int) -> list[tuple[int, int]]:
+        """Return what a low stretch has between sound ink and a strange thing that hides the rest.
+
+        What lies between two strange places may be the middle of a thing as bright as the bath (a
+        needle between its edges).
+        """
+        odd = first + np.flatnonzero(strange[first : last + 1] > 0)
+        parts = []
+        for begin, end, beside in (
+            (first, int(odd[0]) - 1, first - 1),
+            (int(odd[-1]) + 1, last, last + 1),
+        ):
+            inside = 0 <= beside < len(self.ways) and self.ways.run[beside] == self.ways.run[first]
+            width = float(self.ways.width[first])
+            long = (end - begin + 1) * float(self.ways.step[first]) > _BESIDE * width
+            if inside and long and self.good[beside] and self.smooth[beside] > INK:
+                parts.append((begin, end))
+        return parts
+
+    def _gap(self, first: int, last: int) -> Gap | None:
+        """Return a stretch as a gap; None where it may be ink by chance, or a line's end."""
+        ways, noise, rows = self.ways, self.noise, slice(first, last + 1)
+        level = INK * noise.middle
+        begin, end = _ends(self.smooth, self.good, ways, first, last, level)
+        shown = ~self.inferred[rows]
+        if not shown.any() or _only_an_end(ways, rows, end - begin, self.gap_mm):
+            return None
+        told_mm = end - begin - float(ways.step[rows][~shown].sum())
+        p_value = noise.p_value(float(self.present[rows][shown].mean()), told_mm)
+        if end - begin < LEAST * self.gap_mm or p_value > self.p_needed:
+            return None
+        u = float(np.hypot(ways.step[first] / np.sqrt(12), _end_noise(noise) * self.gap_mm))
+        return _gap(ways, first, last, begin, end, u, p_value)
+
+
+def _count(ways: Ways, length_mm: float) -> int:
+    """Places in a stretch, an odd number."""
+    return max(1, round(length_mm / float(np.median(ways.step)))) | 1
 
 
 def _along(present: FloatArray, good: BoolArray, ways: Ways, gap_mm: float) -> FloatArray:

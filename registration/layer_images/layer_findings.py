@@ -26,6 +26,7 @@ from registration.layer_images.seen_layer import SeenLayer
 from registration.layer_images.step_height import stepped
 from registration.layer_images.stretches import find_stretches, width_ratio
 from registration.layer_images.told import ASIDE, Told
+from registration.layer_images.unseen_ways import unseen_ways
 from registration.layer_images.values import (
     Blob,
     BoolArray,
@@ -168,6 +169,7 @@ def findings_of(
         appearance=told.appearance if told is not None and told.noise is not None else None,
         moved_px=look.work.moved_px,
         bare=bare_strokes(look, why, np.random.default_rng(29)),
+        unseen=unseen_ways(look, why, gaps, options.gap_mm, options.unseen_mm, options.false_rate),
     )
 
 
@@ -191,7 +193,7 @@ def _gaps(
             certain = needed * (_EDGES_RATE if told.template.by_edges else 1.0)
             gaps, unclear = find_gaps(
                 look.present, clear, look.inferred, look.ways, told.noise, options.gap_mm, certain,
-                around,
+                around, told.faint and told is look.bath,
             )  # fmt: skip
             if told.template.slant > ASIDE:
                 angle = angle_of(look.seen)
@@ -216,7 +218,7 @@ def _gaps(
                     for gap in gaps
                     if is_bare(gap, look.ways, look.seen, shown, told, near, why)
                 ]
-            if told is look.bath and look.work.is_log and told.template.filled:
+            if told is look.bath and look.work.is_log and told.template.filled and not told.faint:
                 gaps = _with_ends(gaps, look, told, clear)
             found += gaps
             why[unclear] = int(Unseen.UNCLEAR)

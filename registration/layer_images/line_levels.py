@@ -14,6 +14,8 @@ _MOST: Final = 75.0
 _LEAST: Final = 0.1
 _SURE: Final = 6.0
 """Of the usual presence, and standard deviations of bath, from which on it is ink."""
+_ALIKE: Final = 1.0
+"""Widths along a line, over which bath is one: so many places tell a line's level together."""
 _FEWEST: Final = 4
 _SAME_WIDTH: Final = 0.01
 _STRAIGHT: Final = 0.9
@@ -51,11 +53,13 @@ def line_levels(
     bath : (k,) float64 or None
         Presence where there is bath alone.
     """
-    least = _LEAST if bath is None else max(_LEAST, _SURE * float(bath.std()))
+    noise = 0.0 if bath is None else float(bath.std())
     level, line = np.ones(len(ways)), lines_of(ways)
     for number in range(int(line[-1]) + 1):
         rows = line == number
         own = rows & good & ~ways.crossed
+        apart = float((ways.step[own] / (_ALIKE * ways.width[own])).sum())
+        least = max(_LEAST, _SURE * noise / np.sqrt(max(1.0, apart)))
         usual = float(np.percentile(presence[own], _MOST)) if own.sum() >= _FEWEST else 0.0
         if usual > least:
             level[rows] = np.maximum(_sloped(presence, ways.along, rows, own, usual), least)

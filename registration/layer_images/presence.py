@@ -7,14 +7,15 @@ counts: light that changes from place to place mustn't look like missing ink.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from registration.layer_images.ink_image import ACROSS
+from registration.layer_images.ink_image import ACROSS, Template, angle_of
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage, IntArray
 from registration.layer_images.ways import Seen, Ways
 from registration.layer_images.working import Mask
@@ -121,12 +122,15 @@ class WindowNoise:
         Standard deviation that stands for the tails, too.
     bath : float
         Of bath, over the shortest window that matters; 0 where it isn't known.
+    bath_long : (length, spread), mm and presence
+        Of bath over a longer window; (0, 0) where it isn't known.
     """
 
     length_mm: FloatArray
     middle: float
     spread: FloatArray
     bath: float
+    bath_long: tuple[float, float] = (0.0, 0.0)
 
     def p_value(self, mean: float, length_mm: float) -> float:
         """Chance of so low a mean over a stretch, by noise."""
@@ -141,7 +145,22 @@ class WindowNoise:
     def can_tell(self, length_mm: float, p_needed: float) -> bool:
         """Whether a gap of that length would be found, nineteen times in twenty."""
         spread = float(np.interp(length_mm, self.length_mm, self.spread))
-        return bool(-ndtri(p_needed) * spread + 1.64 * self.bath < 0.9 * self.middle)
+        bath = self._bath_over(length_mm)
+        return bool(-ndtri(p_needed) * spread + 1.64 * bath < 0.9 * self.middle)
+
+    def _bath_over(self, length_mm: float) -> float:
+        """Standard deviation of bath over a stretch."""
+        long_mm, long = self.bath_long
+        short_mm = float(self.length_mm[min(1, len(self.length_mm) - 1)])
+        if not short_mm < long_mm or self.bath <= 0:
+            return self.bath
+        told = np.log([self.bath, min(long, self.bath)])
+        return math.exp(np.interp(math.log(length_mm), np.log([short_mm, long_mm]), told))
+
+    def at_least(self, times: float) -> WindowNoise:
+        """Return it with no less scatter of ink than so many times that of bath."""
+        bath = np.array([self._bath_over(float(length)) for length in self.length_mm])
+        return replace(self, spread=np.maximum(self.spread, times * bath))
 
 
 def window_means(
@@ -194,7 +213,7 @@ def window_noise(
             if len(ink) < _FEWEST:
                 break
             lengths.append(count * step)
-            spread = _spread(ink, np.inf if even else _PILED)
+            spread = spread_of(ink, np.inf if even else _PILED)
             spreads.append(times * spread * (1.0 + _FEW / len(ink)))
         if spreads:
             break
@@ -204,13 +223,88 @@ def window_noise(
     return WindowNoise(np.array(lengths), middle, np.minimum.accumulate(np.array(spreads)), bath)
 
 
+def averaged(values: FloatArray, good: BoolArray, run: IntArray, count: int) -> FloatArray:
+    """Means of good values over ``count`` neighbours of one run, fewer at ends; NaN for none."""
+    n, half = len(values), count // 2
+    begin = np.concatenate([[True], run[1:] != run[:-1]])
+    first = np.maximum.accumulate(np.where(begin, np.arange(n), 0))
+    last = np.minimum.accumulate(np.where(np.append(begin[1:], True), np.arange(n), n)[::-1])[::-1]
+    low, high = np.maximum(np.arange(n) - half, first), np.minimum(np.arange(n) + half, last) + 1
+    total = np.concatenate([[0.0], np.cumsum(np.where(good, values, 0.0))])
+    number = np.concatenate([[0], np.cumsum(good)])
+    with np.errstate(invalid="ignore"):
+        return np.asarray((total[high] - total[low]) / (number[high] - number[low]))
+
+
+def without_lows(
+    values: FloatArray, good: BoolArray, ways: Ways, middle: float, length_mm: float
+) -> BoolArray:
+    """Good places whose surroundings, so long a stretch, show more ink than bath, (n,).
+
+    The scatter of faint ink would else hold the steps of what is missing, as large as ink itself.
+    """
+    count = max(1, round(length_mm / float(np.median(ways.step)))) | 1
+    around = averaged(values, good, ways.run, count)
+    return np.asarray(good & ~(around < INK * middle))
+
+
+def rougher(
+    values: FloatArray, good: BoolArray, ways: Ways, bath: FloatArray, gap_mm: float
+) -> float:
+    """Return how much rougher lines are than bath, from a stretch to the next; 1 or more.
+
+    The needle stirs the bath along its way. Steps where ink is missing are few, and don't count.
+    """
+    step = float(np.median(ways.step))
+    count = min(4, max(1, round(gap_mm / step)))
+    total = np.concatenate([[0.0], np.cumsum(np.where(good, values, 0.0))])
+    number = np.concatenate([[0], np.cumsum(good)])
+    n = len(values) - 2 * count
+    if n < _FEWEST:
+        return 1.0
+    whole = number[2 * count :] - number[: -2 * count] == 2 * count
+    whole &= ways.run[2 * count - 1 :] == ways.run[: n + 1]
+    change = (total[2 * count :] - 2 * total[count:-count] + total[: -2 * count])[whole] / count
+    lines = bath.reshape(-1, 8)[:, : 2 * count]
+    own = lines[:, count:].mean(axis=1) - lines[:, :count].mean(axis=1)
+    if len(change) < _FEWEST:
+        return 1.0
+    return max(1.0, float(np.median(np.abs(change)) / max(np.median(np.abs(own)), 1e-9)))
+
+
+def long_bath(
+    image: FloatImage,
+    free: Mask,
+    long_mm: float,
+    px_per_mm: float,
+    width_px: float,
+    template: Template,
+    least: float,
+    rng: np.random.Generator,
+) -> tuple[float, float]:
+    """Return a length, mm, and the scatter of bath over it; (0, 0) where bath is too narrow.
+
+    ``least`` is the presence of the faintest line's ink, which counts as 1.
+    """
+    found = fake_places(free, width_px, long_mm * px_per_mm / 8, rng)
+    if found is None:
+        return 0.0, 0.0
+    weights, _ = template.weights(angle_of(found), None)
+    level = (found.profiles(image, width_px * ACROSS[None, :]) * weights).sum(axis=1)
+    inside = found.profiles(free, np.zeros((1, 1)), nearest=True)[:, 0] > 0
+    lines = level.reshape(-1, 8)[inside.reshape(-1, 8).all(axis=1)]
+    if len(lines) < _FEWEST:
+        return 0.0, 0.0
+    return long_mm, spread_of(lines.mean(axis=1)) / least
+
+
 def _bath_spread(values: FloatArray, step: float, gap_mm: float) -> float:
     """Standard deviation of bath over a tolerated gap; eight places a line."""
     count = min(8, max(1, round(gap_mm / step)))
-    return _spread(values.reshape(-1, 8)[:, :count].mean(axis=1))
+    return spread_of(values.reshape(-1, 8)[:, :count].mean(axis=1))
 
 
-def _spread(values: FloatArray, most_above: float = np.inf) -> float:
+def spread_of(values: FloatArray, most_above: float = np.inf) -> float:
     """Standard deviation by the wider half, or by the tails where those are wider.
 
     What lies above the median counts up to ``most_above`` times what lies below.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,8 +21,11 @@ from registration.layer_images.presence import (
     Sides,
     WindowNoise,
     fake_places,
+    long_bath,
     presence,
+    rougher,
     window_noise,
+    without_lows,
 )
 from registration.layer_images.strange import grown, strange_places, strangeness, unlike_bath
 from registration.layer_images.values import (
@@ -209,11 +212,13 @@ def _by_mix(
     if fakes is not None:
         own, _ = template.weights(fakes[1], noise_across)
         fake_present = (fakes[0] * own).sum(axis=1).astype(np.float64)
+    least = 1.0
     if ways.varied:
         level = line_levels(plain, ways, use & (why == Unseen.SEEN), fake_present)
         profiles = np.asarray(profiles / level[:, None], dtype=np.float32)
         present, plain = present / level, plain / level
-        fake_present = None if fake_present is None else fake_present / float(level.min())
+        least = float(level.min())
+        fake_present = None if fake_present is None else fake_present / least
     if fakes is not None:
         inner = fakes[0][:, WITHIN]
         bath_spread = 1.4826 * float(np.median(np.abs(inner - np.median(inner))))
@@ -223,20 +228,24 @@ def _by_mix(
     if template.one_sided or template.slant > ASIDE:
         why[(why == Unseen.SEEN) & _unlearned(angle, present)] = int(Unseen.FAINT)
     good = use & (why == Unseen.SEEN)
-    noise, contrast = (
-        window_noise(
-            present, _alone(ways, good), ways, fake_present, ground.gap_mm, known is not None,
-            template.by_edges,
-        ),
-        0.0,
-    )  # fmt: skip
-    faint = True
+    noise = _noise(present, good, ways, fake_present, ground, known is not None, template)
+    contrast, faint = 0.0, True
     if noise is not None:
         contrast = noise.contrast(ground.gap_mm)
-        places = max(1.0, float(ways.step[good].sum()) / ground.gap_mm)
-        faint = not noise.can_tell(ground.gap_mm, ground.rate / places)
+        needed = ground.rate / max(1.0, float(ways.step[good].sum()) / ground.gap_mm)
+        faint = not noise.can_tell(ground.gap_mm, needed)
+        if faint and not template.by_edges:
+            sure = without_lows(present, good, ways, noise.middle, 0.5 * LONG * ground.gap_mm)
+            again = _noise(present, sure, ways, fake_present, ground, known is not None, template)
+            if fake_present is not None:
+                long = long_bath(
+                    image, free, LONG * ground.gap_mm, ground.work.px_per_mm, width_px, template,
+                    least, rng,
+                )  # fmt: skip
+                times = rougher(present, good, ways, fake_present, ground.gap_mm)
+                noise = replace(again or noise, bath_long=long).at_least(times)
         odd = faint and (template.one_sided or template.by_edges)
-        if odd or (faint and not noise.can_tell(LONG * ground.gap_mm, ground.rate / places)):
+        if odd or (faint and not noise.can_tell(LONG * ground.gap_mm, needed)):
             noise = None
     look = Appearance(mix, template.terms * template.scale, template.filled, ink)
     return Told(
@@ -244,6 +253,19 @@ def _by_mix(
         unlike_bath(away, ground.free), look, bath_spread,
         _log_step(mix, ink, ground.work.is_log), ink, faint,
     )  # fmt: skip
+
+
+def _noise(
+    present: FloatArray,
+    good: BoolArray,
+    ways: Ways,
+    bath: FloatArray | None,
+    ground: Ground,
+    known: bool,
+    template: Template,
+) -> WindowNoise | None:
+    alone = _alone(ways, good)
+    return window_noise(present, alone, ways, bath, ground.gap_mm, known, template.by_edges)
 
 
 def _alone(ways: Ways, use: BoolArray) -> BoolArray:

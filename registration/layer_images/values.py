@@ -344,6 +344,8 @@ class LayerFindings:
     bare : tuple of int
         Strokes of which nothing is seen, and nothing stands out from the bath: their ink is
         missing, or too faint.
+    unseen : tuple of Gap
+        Stretches longer than `SeeingOptions.unseen_mm` of which nothing is told, ink or gap.
     """
 
     stations: Stations
@@ -361,6 +363,7 @@ class LayerFindings:
     appearance: Appearance | None
     moved_px: float = math.nan
     bare: tuple[int, ...] = ()
+    unseen: tuple[Gap, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -377,6 +380,8 @@ class SeeingOptions:
         Farthest that the layer is looked for beside its place.
     false_rate : float
         False findings of each kind per sound layer, at most.
+    unseen_mm : float, mm
+        Longest stretch of a stroke that may go untold.
     """
 
     gap_mm: float = 0.2
@@ -384,6 +389,7 @@ class SeeingOptions:
     lumen_percent: float = 10.0
     shift_mm: float = 0.5
     false_rate: float = 2e-4
+    unseen_mm: float = 1.5
 
 
 Outlines = Sequence[FloatArray]

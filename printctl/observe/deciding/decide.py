@@ -78,6 +78,8 @@ class Limits:
         By which a lumen may be seen narrower.
     shift_mm : float, mm
         By which a layer may lie beside its place.
+    unseen_mm : float, mm
+        Stretch of a vessel in a bath that needn't be seen.
     least_seen : float
         Share of the way that must be seen for a look to count.
     unseen_looks : int
@@ -90,6 +92,7 @@ class Limits:
     width_percent: float = 15.0
     lumen_percent: float = 10.0
     shift_mm: float = 0.1
+    unseen_mm: float = 1.5
     least_seen: float = 0.5
     unseen_looks: int = 3
     mend: Mode = "ask"
@@ -276,11 +279,21 @@ class Decider:
     def _unseen(self, evidence: Evidence) -> Decision | None:
         if not evidence.unseen:
             return None
-        names = ", ".join(f"{one.name} ({one.gap.length_mm:.1f} mm)" for one in evidence.unseen)
-        gaps = self._believed(evidence)
+        bare = ", ".join(one.words for one in evidence.unseen if one.bare)
+        rest = ", ".join(one.words for one in evidence.unseen if not one.bare)
+        gaps, reasons = self._believed(evidence), list[str]()
+        if bare:
+            reasons.append(
+                f"nothing is seen of {bare}: it is missing, or too faint or deep to be told from "
+                "the bath"
+            )
+        if rest:
+            reasons.append(
+                f"not seen: {rest}; too faint, deep or hidden to tell whether ink is missing there"
+            )
         why = (
-            f"nothing is seen of {names}: it is missing, or too faint or deep to be told from the "
-            "bath; look whether it is there: approve writes it (again), go on leaves it"
+            f"{'; '.join(reasons)}; look whether it is there: approve writes it (again), go on "
+            "leaves it"
         )
         if gaps:
             way = math.fsum(gap.length_mm for gap in gaps)

@@ -41,18 +41,33 @@ class Narrowed:
 
 @dataclass(frozen=True)
 class UnseenPath:
-    """A whole path in a bath where nothing stands out from that, and nothing hides it.
+    """A path in a bath, or a part of one, of which nothing can be told.
 
     Attributes
     ----------
     name : str
         "vessel 2".
     gap : Gap
-        All of it.
+        What isn't seen of it.
+    path_mm : float, mm
+        Length of the whole path.
+    bare : bool
+        Whether that is all of it, nothing stands out from the bath there, and nothing hides it.
     """
 
     name: str
     gap: Gap
+    path_mm: float
+    bare: bool = False
+
+    @property
+    def words(self) -> str:
+        """Which vessel, how much of it and where."""
+        if self.bare:
+            return f"{self.name} ({self.gap.length_mm:.1f} mm)"
+        begin, end = (f"X {x:.1f} Y {y:.1f}" for x, y in (self.gap.start_mm, self.gap.end_mm))
+        much = f"{self.gap.length_mm:.1f} of {self.path_mm:.1f} mm"
+        return f"{much} of {self.name} ({begin} to {end})"
 
 
 @dataclass(frozen=True)
@@ -90,7 +105,7 @@ class Evidence:
     turned : str or None
         How the picture would fit the layer clearly better ("turned by 180°").
     unseen : tuple of UnseenPath
-        Those that are missing, or too faint to be told from the bath.
+        Those of which more isn't seen than is tolerated.
     """
 
     places: int

@@ -55,12 +55,24 @@ def test_a_gap_in_one_of_two_pictures_is_told_and_not_mended():
 
 
 def test_a_vessel_of_which_nothing_is_seen_is_asked_about_by_its_name():
-    whole = UnseenPath("vessel 2", Gap(7, 0.0, 6.6, (0.0, 0.0), (6.0, 0.0), 0.0, 1.0))
+    gap = Gap(7, 0.0, 6.6, (0.0, 0.0), (6.0, 0.0), 0.0, 1.0)
+    whole = UnseenPath("vessel 2", gap, 6.6, bare=True)
     found = decided(unseen=(whole,), seen_share=0.0, gaps=(GAP,))
     assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
     assert found.gaps == (GAP, whole.gap)
     assert "nothing is seen of vessel 2 (6.6 mm)" in found.why
     assert decided("tell", unseen=(whole,), seen_share=0.0).kind is DecisionKind.GO_ON
+
+
+def test_a_part_of_a_vessel_that_is_not_seen_is_asked_about_with_length_and_place():
+    part = UnseenPath("vessel 3", Gap(7, 1.0, 3.5, (1.0, 2.0), (3.5, 2.0), 0.0, 1.0), 5.0)
+    found = decided(unseen=(part,), seen_share=0.5)
+    assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
+    assert "not seen: 2.5 of 5.0 mm of vessel 3 (X 1.0 Y 2.0 to X 3.5 Y 2.0)" in found.why
+    assert found.gaps == (part.gap,)
+    told = decided("tell", unseen=(part,), seen_share=0.5)
+    assert told.kind is DecisionKind.GO_ON
+    assert "2.5 of 5.0 mm of vessel 3" in told.why
 
 
 def test_after_a_clog_a_layer_that_cannot_be_told_is_asked_about_once():

@@ -11,12 +11,13 @@ import cv2
 import numpy as np
 import pytest
 
+from printctl.link.marks import Marks
 from printctl.observe.devices import DeviceError
-from printctl.observe.held_look import slab
+from printctl.observe.held_look import HeldLook, slab, unseen_paths
 from printctl.observe.looking_at import ObservedJob, seen_where_ink_shows
 from printctl.observe.observer import Look
 from printctl.observe.records import look_folder
-from registration.layer_images import SeeingOptions
+from registration.layer_images import Gap, LayerFindings, SeeingOptions
 
 
 @pytest.mark.parametrize(
@@ -84,3 +85,41 @@ def test_the_slab_of_filaments_holds_where_they_begin() -> None:
     held = cast(Any, SimpleNamespace(ink=ink, layer=SimpleNamespace(row=rows, lines=lines)))
     middle, thick = slab(held)
     assert (middle - thick / 2, middle + thick / 2) == pytest.approx((1.8, 7.4))
+
+
+def test_what_one_picture_does_not_tell_and_the_other_shows_as_a_gap_is_asked_about() -> None:
+    def gap(begin: float, end: float) -> Gap:
+        return Gap(0, begin, end, (begin, 0.0), (end, 0.0), 0.0, 1.0)
+
+    along = np.arange(0.05, 7.0, 0.1)
+
+    def picture(
+        gaps: tuple[Gap, ...] = (), unseen: tuple[Gap, ...] = (), sees: bool = False
+    ) -> SimpleNamespace:
+        stations = SimpleNamespace(
+            stroke=np.zeros(len(along), dtype=np.int64), along_mm=along,
+            length_mm=np.full(len(along), 0.1), seen=np.full(len(along), sees),
+        )  # fmt: skip
+        return SimpleNamespace(bare=(), gaps=gaps, unseen=unseen, stations=stations)
+
+    nothing, clear = picture(unseen=(gap(0, 7),)), picture(sees=True)
+    faint, faint_gap = picture(), picture(gaps=(gap(4, 7),))
+    clear_gap = picture(gaps=(gap(4, 7),), sees=True)
+    path = SimpleNamespace(
+        points=np.array([[0.0, 0.0, 0.0], [7.0, 0.0, 0.0]]), length_mm=7.0, command=np.array([0])
+    )
+    at = SimpleNamespace(ink=SimpleNamespace(paths=(path,)), marks=Marks([]))
+    for each, told in (
+        ([nothing], [(0, 7)]),
+        ([nothing, nothing], [(0, 7)]),
+        ([nothing, faint], [(0, 7)]),
+        ([nothing, faint_gap], [(0, 7)]),
+        ([faint, nothing], [(0, 7)]),
+        ([nothing, clear], []),
+        ([nothing, clear_gap], [(4, 7)]),
+        ([clear_gap, nothing], [(4, 7)]),
+        ([clear_gap, clear_gap], []),
+        ([clear, nothing], []),
+    ):
+        found = unseen_paths(cast(HeldLook, at), cast(list[LayerFindings], each), 1.5)
+        assert [(one.gap.from_mm, one.gap.to_mm) for one in found] == told

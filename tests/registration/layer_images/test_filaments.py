@@ -86,3 +86,50 @@ def test_a_filament_that_is_missing_altogether_is_bare() -> None:
 @pytest.mark.parametrize("dark", [0.1, 0.3, 1.0])
 def test_a_filament_that_shows_is_not_bare_though_it_may_not_be_judged(dark: float) -> None:
     assert _alone(dark).bare == ()
+
+
+def _faint(
+    dark: float, seed: int, bare: tuple[float, float] | None = None, before: bool = True
+) -> LayerFindings:
+    """Findings of one faint filament of 5 mm; with glints that moved since the picture before."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[0:280, 0:380] * PX_MM
+    texture = cv2.GaussianBlur(rng.normal(size=x.shape), (0, 0), 2.0)
+    bath = np.log(140.0) + 0.05 * (x / 7.0) ** 2 + 0.02 * texture / texture.std()
+    thick = np.sqrt(np.clip(1.0 - (2.0 * (y - 2.5) / 0.4) ** 2, 0.0, 1.0))
+    low, high = bare or (9.0, 9.0)
+    ink = bath - dark * thick * ((x > 1.0) & (x < 6.0) & ~((x > low) & (x < high)))
+    pictures = []
+    for moved, logs in ((0.0, bath), (0.06, ink)):
+        glint = 400.0 * np.exp(-(((x - 5.0 - moved) ** 2 + (y - 4.5 - moved) ** 2) / 0.2**2))
+        light = cv2.GaussianBlur(np.exp(logs) + glint, (0, 0), 1.0)
+        pictures.append(np.clip(light + rng.normal(0, 1.5, x.shape), 0, 255).astype(np.uint8))
+    ends = np.array([[1.0, 2.5, -1.0]]), np.array([[6.0, 2.5, -1.0]])
+    one = np.zeros(1, dtype=np.int64)
+    lines = ExpectedLines(*ends, np.array([0.4]), one, one, np.ones(1, dtype=np.bool_))
+    return see_layer(pictures[1], Flat(), lines, before=pictures[0] if before else None)
+
+
+@pytest.mark.parametrize("bare", [(2.6, 4.1), (3.5, 6.1)], ids=["1.5 mm", "half"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_missing_ink_of_a_lone_faint_filament_is_found(
+    seed: int, bare: tuple[float, float]
+) -> None:
+    found = _faint(0.04, seed, bare)
+    (gap,) = found.gaps
+    begin, end = bare[0] - 1.0, min(bare[1] - 1.0, 5.0)
+    assert (gap.from_mm, gap.to_mm) == pytest.approx((begin, end), abs=0.3)
+
+
+@pytest.mark.parametrize("dark", [0.02, 0.04, 0.1])
+@pytest.mark.parametrize("seed", [4, 5, 6])
+@pytest.mark.parametrize("before", [True, False])
+def test_a_sound_faint_filament_has_no_gap(dark: float, seed: int, before: bool) -> None:
+    assert _faint(dark, seed, before=before).gaps == ()
+
+
+def test_what_is_too_faint_is_told_as_not_seen_over_its_whole_length() -> None:
+    found = _faint(0.006, 7, (3.5, 6.1))
+    assert found.gaps == ()
+    assert sum(one.length_mm for one in found.unseen) == pytest.approx(5.0, abs=0.2)
+    assert _faint(0.1, 7).unseen == ()

@@ -1,0 +1,87 @@
+"""Find stretches of strokes of which a picture tells nothing, long enough to hide a clog."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from registration.layer_images.gaps import stretches_of
+from registration.layer_images.presence import INK
+from registration.layer_images.seen_layer import SeenLayer
+from registration.layer_images.values import BoolArray, FloatArray, Gap, IntArray, Unseen
+from registration.layer_images.ways import Ways
+
+_DOUBTED: Final = 1.5
+"""Tolerated gaps, from which on a stretch that looks bare is told of, though debris lies by."""
+_SEEN_MM: Final = 0.3
+"""A seen stretch that is shorter, between two that aren't, doesn't part them."""
+
+
+def unseen_ways(
+    look: SeenLayer,
+    why: IntArray,
+    gaps: list[Gap],
+    gap_mm: float,
+    longest_mm: float,
+    rate: float,
+) -> tuple[Gap, ...]:
+    """Return stretches longer than ``longest_mm`` in which ink might be missing untold.
+
+    They have the form of gaps, with p-values of 1. Ink that is too faint for a tolerated gap, but
+    not for one of that length, isn't told of here. Shorter ones count where ink doesn't show, and
+    only what lies around keeps them from being gaps.
+
+    Parameters
+    ----------
+    look : SeenLayer
+    why : (n,) int64
+        `Unseen`.
+    gaps : list of Gap
+        Found ones, of which nothing more need be told.
+    gap_mm, longest_mm : float, mm
+        Tolerated gap; longest stretch that may go untold.
+    rate : float
+        False findings per sound layer.
+    """
+    ways = look.ways
+    told = (why == Unseen.SEEN) | _told_when_long(look, why, longest_mm, rate)
+    for gap in gaps:
+        own = ways.stroke == gap.stroke
+        told |= own & (ways.along > gap.from_mm) & (ways.along < gap.to_mm)
+    for first, last in stretches_of(told, ways.run):
+        inside = first > 0 and last < len(ways) - 1
+        inside = inside and ways.run[first - 1] == ways.run[first] == ways.run[last + 1]
+        if inside and _length(ways, first, last) < _SEEN_MM:
+            told[first : last + 1] = False
+    out = []
+    doubted = (why == Unseen.UNCLEAR) & ~(look.present > INK)
+    for first, last in stretches_of(~told, ways.run):
+        own = slice(first, last + 1)
+        low_mm = float(ways.step[own][doubted[own]].sum())
+        if _length(ways, first, last) > longest_mm or low_mm > _DOUBTED * gap_mm:
+            (begin, start), (end, stop) = _edge(ways, first, -0.5), _edge(ways, last, 0.5)
+            out.append(Gap(int(ways.stroke[first]), begin, end, start, stop, 0.0, 1.0))
+    return tuple(out)
+
+
+def _told_when_long(look: SeenLayer, why: IntArray, longest_mm: float, rate: float) -> BoolArray:
+    """Places too faint for short gaps, at which one of that length would be found, (n,)."""
+    bath, faint = look.bath, why == Unseen.FAINT
+    if bath is None or bath.noise is None or not bath.faint:
+        return np.zeros(len(why), dtype=np.bool_)
+    judged = faint & ~look.over_old & (bath.why == Unseen.SEEN)
+    places = max(1.0, float(look.ways.step[judged].sum()) / longest_mm)
+    return judged & bath.noise.can_tell(longest_mm, rate / places)
+
+
+def _length(ways: Ways, first: int, last: int) -> float:
+    return float(ways.step[first : last + 1].sum())
+
+
+def _edge(ways: Ways, row: int, by: float) -> tuple[float, tuple[float, float]]:
+    """Where a place begins or ends: along its stroke, and as a place, mm."""
+    far = by * float(ways.step[row])
+    ahead: FloatArray = np.array([ways.normal[row, 1], -ways.normal[row, 0]])
+    x, y = ways.point[row, :2] + far * ahead
+    return float(ways.along[row]) + far, (float(x), float(y))
