@@ -22,11 +22,6 @@ ANSWERS: Final[tuple[Answer, ...]] = ("approve", "go_on", "stop")
 LOOKS: Final = "looks"
 _ANSWER: Final = "answer.json"
 OBSERVER_LOCK: Final = "observer.lock"
-<<<<<<< HEAD
-RESUMED: Final = "observer.resumed"
-"""Left by who resumes a print, for an observer at work: it stays for the next link."""
-=======
->>>>>>> parent of fc8f5516 (Keep an observer for the next link when its look's link died and the print is being resumed)
 """Held in the print's folder while an observer is at work."""
 ORDER: Final = "observer.json"
 """What an observer is told: beside a run's G-code, and in the folder of a print."""
