@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from math import pi
+from math import inf, pi
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -116,6 +116,8 @@ class GrowthOptions:
         Least and greatest angle of each child against its parent's way on.
     flow_ratio : float
         Least flow of a child over its sibling's, 0 to 0.5.
+    widest_branch : float
+        Greatest radius of what grows from a given trunk, over the root's radius.
     penalty : DepthPenalty or function of (n, 3) to (n,), optional
         Factor on the whole cost of a trial by its branch point's place.
     stages : tuple of GrowthStage
@@ -148,6 +150,7 @@ class GrowthOptions:
     branch_angle_degrees: Angles = (0.0, 180.0)
     turn_angle_degrees: Angles = (0.0, 180.0)
     flow_ratio: float = 0.0
+    widest_branch: float = inf
     penalty: DepthPenalty | PenaltyFunction | None = None
     stages: tuple[GrowthStage, ...] = ()
 
@@ -274,6 +277,7 @@ _LIMITS = (
     ("clearance_ratio", 0.0, 10.0),
     ("length_to_radius", 0.0, 100.0),
     ("flow_ratio", 0.0, 0.5),
+    ("widest_branch", 0.01, inf),
 )
 
 _CHOICES = (

@@ -32,6 +32,8 @@ class Clearances(NamedTuple):
         Factor on the radii of a trial fork and its neighbours; see `MARGIN`.
     limits : Limits
         On angles and flows at joints.
+    branch : float
+        Widest branch over the root's radius; a given trunk may be wider.
     """
 
     grid: GridArrays
@@ -41,6 +43,7 @@ class Clearances(NamedTuple):
     length_to_radius: float
     reserve: float
     limits: Limits
+    branch: float
 
 
 class TrialBifurcation(NamedTuple):

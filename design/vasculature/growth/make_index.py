@@ -39,6 +39,7 @@ def clearances_of(tissue: Tissue, options: GrowthOptions) -> Clearances:
         options.length_to_radius,
         MARGIN,
         options.limits,
+        options.widest_branch,
     )
 
 

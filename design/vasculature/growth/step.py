@@ -142,7 +142,7 @@ def set_allowed_radius(segments: Any, index: CellIndex, room: Clearances, i: int
     free = growth_factor(
         index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, True
     )
-    s.allowed = min(depth - room.wall, free * s.radius)
+    s.allowed = min(depth - room.wall, free * s.radius, room.branch * segments[0].radius)
     return insert(index, i, s, REACH * s.radius + room.clearance)
 
 

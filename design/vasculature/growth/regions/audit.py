@@ -103,6 +103,8 @@ def measure_alone(
             index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, False
         )
         s.allowed = min(s.allowed, free * s.radius)
+        if i > 0:
+            s.allowed = min(s.allowed, room.branch * segments[0].radius)
         if left < 0 and s.radius < smallest:
             s.allowed = min(s.allowed, 0.0)
 
