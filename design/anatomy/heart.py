@@ -8,11 +8,18 @@ from typing import Final
 
 import numpy as np
 
-from design.anatomy.from_trunks import TrunkPlan
+from design.anatomy.from_trunks import DEPTH_MARGIN, TrunkPlan
 from design.anatomy.graph_trunk import LayerForest
 from design.anatomy.grown import AnatomicTrees, Trees, grow_fitted
 from design.anatomy.heart_places import FEWEST, HeartPlaces, find_heart_places
-from design.anatomy.heart_trunk import LEFT, RIGHT, heart_forest, heart_layer, ostium_above
+from design.anatomy.heart_trunk import (
+    LEFT,
+    RIGHT,
+    heart_forest,
+    heart_layer,
+    narrow_places,
+    ostium_above,
+)
 from design.anatomy.main_branches import missing_branches
 from design.anatomy.network import curved_network
 from design.anatomy.openness import SurfaceSamples, sample_surface
@@ -23,6 +30,7 @@ from design.measures.published_radii import PublishedMatch, published_match
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.units import PA_PER_MMHG
+from design.vasculature.growth.forest import likely_radius
 from design.vasculature.growth.parts import check_inlet
 from design.vasculature.growth.supply import check_one_part
 from design.vasculature.growth.territories import demand_points
@@ -35,6 +43,10 @@ NAMES: Final = ("left_coronary", "right_coronary")
 
 _SAMPLES = 12_000
 _VOLUME = 20_000
+_WIDEST_INSIDE: Final = 0.19
+"""Radius over the root's up to which a vessel may leave the epicardium's trunks for the wall and the
+septum: wider ones stay below the epicardium. Ours; with it no branch inside the wall is of the
+three widest orders."""
 _LAID: Final = 0.85
 """Of the planned trunks' length, below which it is told: smoothed they are a twentieth shorter. Of
 the length with the given pressure drop, which another drop must keep."""
@@ -86,6 +98,7 @@ def grow_heart(
         Where no layer, ostium or tree fits.
     """
     anatomy = anatomy or HeartAnatomy()
+    options = replace(options, widest_branch=_WIDEST_INSIDE)
     ends = trunk_ends(anatomy.trunk_ends, options.terminals, "heart")
     check_one_part(tissue)
     samples = sample_surface(tissue, _SAMPLES, options.seed)
@@ -95,7 +108,9 @@ def grow_heart(
     for tree, place in given.items():
         check_inlet(tissue, NAMES[tree], place)
     near = {tree: np.array(place) for tree, place in given.items() if place is not None}
-    forest, branches = heart_forest(layer, places, ends, anatomy.balance, near)
+    wide = DEPTH_MARGIN * likely_radius(tissue, options) + options.clearance_mm
+    narrow = narrow_places(tissue, layer, wide)
+    forest, branches = heart_forest(layer, places, ends, anatomy.balance, near, narrow)
     begins = {tree: _begin(forest, tree, given) for tree in given}
     ostia = {t: ostium_above(tissue, layer.points[i], places.base) for t, i in begins.items()}
     volume, _ = demand_points(tissue, _VOLUME, options.seed)
