@@ -187,9 +187,7 @@ def _extend_free(forest: LayerForest, path: IntArray) -> None:
     forest.extend(path[max(first - 1, 0) : end])
 
 
-def _epicardium(
-    layer: Layer, places: HeartPlaces, narrow: NDArray[np.bool_] | None
-) -> _Epicardium:
+def _epicardium(layer: Layer, places: HeartPlaces, narrow: NDArray[np.bool_] | None) -> _Epicardium:
     height, angle = places.height(layer.points), places.angle(layer.points)
     extent = float(np.ptp(height))
     rim = _rim(height, angle)

@@ -33,7 +33,7 @@ class Clearances(NamedTuple):
     limits : Limits
         On angles and flows at joints.
     branch : float
-        Widest branch over the root's radius; a given trunk may be wider.
+        Widest branch of a given trunk, over the root's radius; inf for no limit.
     """
 
     grid: GridArrays
@@ -70,6 +70,12 @@ class TrialBifurcation(NamedTuple):
 def kept_apart(room: Clearances, one: float, two: float) -> float:
     """Clearance between vessels of radii ``one`` and ``two``, mm."""
     return max(room.clearance, room.ratio * min(one, two))
+
+
+@scalar_jit
+def widest_of(segments: Any, room: Clearances) -> float:
+    """Radius that a branch of a given trunk may have at most, mm."""
+    return room.branch * segments[0].radius if room.branch < np.inf else np.inf
 
 
 @scalar_jit

@@ -76,6 +76,8 @@ class GrowthState:
         goal = options.terminals + (trunk.tips if given is not None and trunk is not None else 0)
         if trunk is not None:
             trunk.check(goal, options, tissue)
+        elif options.widest_branch < np.inf:
+            raise GrowthError("widest_branch limits what grows from a trunk; give one")
         fixed = options.smallest_radius_mm or 0.0
         spread = spread if fixed else 0.0
         root = fixed * spread * goal ** (1.0 / options.murray_exponent)

@@ -122,8 +122,10 @@ def nearest_segments(
     ----------
     least : float, mm
         The search ends at a segment that is nearer, which is then the only one found.
-    found, away : (k,)
+    nearest, away : (k,)
         Receive segments and distances, mm.
+    full : bool
+        Whether segments that can't grow wider are among those found.
 
     Returns
     -------

@@ -8,7 +8,7 @@ import numpy as np
 
 from design.tissue.depth import least_depth_along
 from design.tissue.grid import read
-from design.vasculature.growth.clearances import Clearances, neighbours_of
+from design.vasculature.growth.clearances import Clearances, neighbours_of, widest_of
 from design.vasculature.growth.cost import Sprout
 from design.vasculature.growth.fit import growth_factor, seven_integers
 from design.vasculature.growth.index import REACH, CellIndex, insert, nearest_segments
@@ -142,7 +142,7 @@ def set_allowed_radius(segments: Any, index: CellIndex, room: Clearances, i: int
     free = growth_factor(
         index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, True
     )
-    s.allowed = min(depth - room.wall, free * s.radius, room.branch * segments[0].radius)
+    s.allowed = min(depth - room.wall, free * s.radius, widest_of(segments, room))
     return insert(index, i, s, REACH * s.radius + room.clearance)
 
 
@@ -276,7 +276,9 @@ def grow(
         if s.since % scale.patience == 0:
             s.apart *= _RELAX
         least = s.apart * (spacing * samples.near[n])
-        size = nearest_segments(index, segments, t[0], t[1], t[2], least, nearest, away, room.branch == np.inf)
+        size = nearest_segments(
+            index, segments, t[0], t[1], t[2], least, nearest, away, room.branch == np.inf
+        )
         if size == 0 or away[0] < least:
             continue
         if s.held > 0:
