@@ -43,11 +43,9 @@ NAMES: Final = ("left_coronary", "right_coronary")
 
 _SAMPLES = 12_000
 _VOLUME = 20_000
-_WIDEST_INSIDE: Final = 0.19
-"""Radius over the root's up to which a vessel may leave the trunks for the wall or the septum: wider
-ones stay below the epicardium. Ours."""
-_LEAST_FED: Final = 8
-"""Terminals that such a vessel may feed however few there are."""
+_WIDEST_INSIDE: Final = 0.17
+"""See `GrowthOptions.widest_branch`: what is much wider than this stays below the epicardium, and
+many perforating branches serve the septum rather than a few wide ones. Ours."""
 _LAID: Final = 0.85
 """Of the planned trunks' length, below which it is told: smoothed they are a twentieth shorter. Of
 the length with the given pressure drop, which another drop must keep."""
@@ -99,7 +97,7 @@ def grow_heart(
         Where no layer, ostium or tree fits.
     """
     anatomy = anatomy or HeartAnatomy()
-    options = replace(options, widest_branch=_widest_inside(options))
+    options = replace(options, widest_branch=_WIDEST_INSIDE)
     ends = trunk_ends(anatomy.trunk_ends, options.terminals, "heart")
     check_one_part(tissue)
     samples = sample_surface(tissue, _SAMPLES, options.seed)
@@ -126,12 +124,6 @@ def grow_heart(
         *missing_branches(branches, trees),
     )
     return AnatomicTrees(trees, (VesselKind.ARTERY,) * 2, NAMES, notes)
-
-
-def _widest_inside(options: GrowthOptions) -> float:
-    """See `_WIDEST_INSIDE`; by Murray's law, where each coronary has half of the terminals."""
-    part = 2.0 * _LEAST_FED / options.terminals
-    return float(max(_WIDEST_INSIDE, part ** (1.0 / options.murray_exponent)))
 
 
 def _with_published_radii(

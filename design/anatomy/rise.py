@@ -98,24 +98,24 @@ class _Rise:
     def risen(self) -> VesselTree:
         """The tree, risen."""
         tree = self.tree
-        length = _STEEP * np.linalg.norm(tree.distal - tree.proximal, axis=1)
-        trunk = [i for i in self.order.tolist() if tree.given[i]]
-        height = self.height
-        for i in reversed(trunk):
-            if tree.parent[i] >= 0:
-                up = tree.parent[i]
-                height[up] = min(height[up], height[i] + length[i])
-        for i in trunk:
-            if tree.parent[i] >= 0:
-                height[i] = min(height[i], height[tree.parent[i]] + length[i])
-        shift = height[:, None] * self.way
-        high = height.copy()
+        change = _STEEP * np.linalg.norm(tree.distal - tree.proximal, axis=1)
+        self._slope(change)
+        height, shift = self.height.copy(), self.height[:, None] * self.way
         for i in self.order.tolist():
             up = int(tree.parent[i])
-            if not tree.given[i] and up >= 0 and high[up] > length[i]:
-                high[i] = high[up] - length[i]
-                shift[i] = (high[i] / high[up]) * shift[up]
+            if not tree.given[i] and up >= 0 and height[up] > change[i]:
+                height[i] = height[up] - change[i]
+                shift[i] = (height[i] / height[up]) * shift[up]
         return moved_tree(tree, tree.distal + shift)
+
+    def _slope(self, change: FloatArray) -> None:
+        """Lower heights until along each segment of the trunk they differ by ``change`` at most."""
+        parent, height = self.tree.parent, self.height
+        trunk = [i for i in self.order.tolist() if self.tree.given[i] and parent[i] >= 0]
+        for i in reversed(trunk):
+            height[parent[i]] = min(height[parent[i]], height[i] + change[i])
+        for i in trunk:
+            height[i] = min(height[i], height[parent[i]] + change[i])
 
     def lower(self, segments: IntArray, part: float, far: int) -> None:
         """Leave a part of the rise of the nodes that are ``far`` from any of ``segments`` at most.

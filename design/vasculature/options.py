@@ -117,8 +117,9 @@ class GrowthOptions:
     flow_ratio : float
         Least flow of a child over its sibling's, 0 to 0.5.
     widest_branch : float
-        Greatest radius of what grows from a given trunk, over the root's radius. Places whose
-        branches are as wide are reached by others, from further along the trunk.
+        Radius, over the root's, at which a branch of a given trunk takes on no more terminals
+        while the tree has less than 45 % of them: what it would have fed gets branches of its own
+        from the trunk. Later it grows with the tree.
     penalty : DepthPenalty or function of (n, 3) to (n,), optional
         Factor on the whole cost of a trial by its branch point's place.
     stages : tuple of GrowthStage

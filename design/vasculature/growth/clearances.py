@@ -33,7 +33,8 @@ class Clearances(NamedTuple):
     limits : Limits
         On angles and flows at joints.
     branch : float
-        Widest branch of a given trunk, over the root's radius; inf for no limit.
+        Widest branch of a given trunk that takes on terminals, over the root's radius; inf for no
+        limit.
     """
 
     grid: GridArrays
@@ -74,7 +75,7 @@ def kept_apart(room: Clearances, one: float, two: float) -> float:
 
 @scalar_jit
 def widest_of(segments: Any, room: Clearances) -> float:
-    """Radius that a branch of a given trunk may have at most, mm."""
+    """Radius from which on a branch of a given trunk takes on no more terminals, mm."""
     return room.branch * segments[0].radius if room.branch < np.inf else np.inf
 
 

@@ -114,7 +114,6 @@ def nearest_segments(
     least: float,
     nearest: Any,
     away: Any,
-    full: bool = True,
 ) -> int:
     """The segments nearest to a point by their axes, nearest first; those of others left out.
 
@@ -122,10 +121,8 @@ def nearest_segments(
     ----------
     least : float, mm
         The search ends at a segment that is nearer, which is then the only one found.
-    nearest, away : (k,)
+    found, away : (k,)
         Receive segments and distances, mm.
-    full : bool
-        Whether segments that can't grow wider are among those found.
 
     Returns
     -------
@@ -167,8 +164,6 @@ def nearest_segments(
                         if d < least:
                             nearest[0], away[0] = i, d
                             return 1
-                        if not full and s.full != 0:
-                            continue
                         at = size if size < room else room - 1
                         while at > 0 and away[at - 1] > d:
                             away[at] = away[at - 1]

@@ -276,10 +276,8 @@ def grow(
         if s.since % scale.patience == 0:
             s.apart *= _RELAX
         least = s.apart * (spacing * samples.near[n])
-        size = nearest_segments(
-            index, segments, t[0], t[1], t[2], least, nearest, away, room.branch == np.inf
-        )
-        if size == 0 or away[0] < least:
+        size = nearest_segments(index, segments, t[0], t[1], t[2], least, nearest, away)
+        if away[0] < least:
             continue
         if s.held > 0:
             size = drop_held(nearest, size, s.held, s.count)
