@@ -43,9 +43,6 @@ NAMES: Final = ("left_coronary", "right_coronary")
 
 _SAMPLES = 12_000
 _VOLUME = 20_000
-_WIDEST_INSIDE: Final = 0.17
-"""See `GrowthOptions.widest_branch`: what is much wider than this stays below the epicardium, and
-many perforating branches serve the septum rather than a few wide ones. Ours."""
 _LAID: Final = 0.85
 """Of the planned trunks' length, below which it is told: smoothed they are a twentieth shorter. Of
 the length with the given pressure drop, which another drop must keep."""
@@ -97,7 +94,6 @@ def grow_heart(
         Where no layer, ostium or tree fits.
     """
     anatomy = anatomy or HeartAnatomy()
-    options = replace(options, widest_branch=_WIDEST_INSIDE)
     ends = trunk_ends(anatomy.trunk_ends, options.terminals, "heart")
     check_one_part(tissue)
     samples = sample_surface(tissue, _SAMPLES, options.seed)

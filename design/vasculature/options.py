@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from math import inf, pi
+from math import pi
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -116,10 +116,6 @@ class GrowthOptions:
         Least and greatest angle of each child against its parent's way on.
     flow_ratio : float
         Least flow of a child over its sibling's, 0 to 0.5.
-    widest_branch : float
-        Radius, over the root's, at which a branch of a given trunk takes on no more terminals
-        while the tree has less than 45 % of them: what it would have fed gets branches of its own
-        from the trunk. Later it grows with the tree.
     penalty : DepthPenalty or function of (n, 3) to (n,), optional
         Factor on the whole cost of a trial by its branch point's place.
     stages : tuple of GrowthStage
@@ -152,7 +148,6 @@ class GrowthOptions:
     branch_angle_degrees: Angles = (0.0, 180.0)
     turn_angle_degrees: Angles = (0.0, 180.0)
     flow_ratio: float = 0.0
-    widest_branch: float = inf
     penalty: DepthPenalty | PenaltyFunction | None = None
     stages: tuple[GrowthStage, ...] = ()
 
@@ -279,7 +274,6 @@ _LIMITS = (
     ("clearance_ratio", 0.0, 10.0),
     ("length_to_radius", 0.0, 100.0),
     ("flow_ratio", 0.0, 0.5),
-    ("widest_branch", 0.01, inf),
 )
 
 _CHOICES = (

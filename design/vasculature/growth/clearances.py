@@ -32,9 +32,6 @@ class Clearances(NamedTuple):
         Factor on the radii of a trial fork and its neighbours; see `MARGIN`.
     limits : Limits
         On angles and flows at joints.
-    branch : float
-        Widest branch of a given trunk that takes on terminals, over the root's radius; inf for no
-        limit.
     """
 
     grid: GridArrays
@@ -44,7 +41,6 @@ class Clearances(NamedTuple):
     length_to_radius: float
     reserve: float
     limits: Limits
-    branch: float
 
 
 class TrialBifurcation(NamedTuple):
@@ -71,12 +67,6 @@ class TrialBifurcation(NamedTuple):
 def kept_apart(room: Clearances, one: float, two: float) -> float:
     """Clearance between vessels of radii ``one`` and ``two``, mm."""
     return max(room.clearance, room.ratio * min(one, two))
-
-
-@scalar_jit
-def widest_of(segments: Any, room: Clearances) -> float:
-    """Radius from which on a branch of a given trunk takes on no more terminals, mm."""
-    return room.branch * segments[0].radius if room.branch < np.inf else np.inf
 
 
 @scalar_jit

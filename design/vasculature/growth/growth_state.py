@@ -31,9 +31,6 @@ radius: with that of the former, 95 % of a folded slab lay within 7.9 mm of a lu
 _SMALL = 10_000
 """Terminals below which a tree is in the cache, however it is ordered."""
 
-_EARLY = 0.45
-"""Part of the terminals up to which branches of a given trunk are kept narrow."""
-
 ALL_AROUND = 40
 """Nearest segments considered for given points missed at first, or with a flow ratio."""
 
@@ -58,7 +55,6 @@ class GrowthState:
     indexed: int = 0
     stage: int = -1
     unreached: int = -1
-    narrow_until: int = 0
 
     @classmethod
     def open(
@@ -80,8 +76,6 @@ class GrowthState:
         goal = options.terminals + (trunk.tips if given is not None and trunk is not None else 0)
         if trunk is not None:
             trunk.check(goal, options, tissue)
-        elif options.widest_branch < np.inf:
-            raise GrowthError("widest_branch limits what grows from a trunk; give one")
         fixed = options.smallest_radius_mm or 0.0
         spread = spread if fixed else 0.0
         root = fixed * spread * goal ** (1.0 / options.murray_exponent)
@@ -109,7 +103,6 @@ class GrowthState:
             sample_penalty(tissue, options.penalty),
             given,
             trunk,
-            narrow_until=round(_EARLY * goal) if options.widest_branch < np.inf else 0,
         )
 
     @property

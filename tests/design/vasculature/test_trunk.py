@@ -1,6 +1,5 @@
 """Growth from a given artery, and in stages."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -87,25 +86,6 @@ def test_a_bent_artery_stays_where_it_is(box, bent, seed):
     assert collisions(tree_to_network(tree), 0.02, options.clearance_ratio).count == 0
     assert "stay where they are" in tree.notes[0]
     assert "in place of 0.4 mm" in tree.notes[0]
-
-
-def test_what_grows_from_a_trunk_is_kept_narrow(box, bent):
-    free = GrowthOptions(terminals=200, clearance_mm=0.02)
-    widest = []
-    for options in (free, replace(free, widest_branch=0.2)):
-        tree = grow_tree(box, options, trunk=bent)
-        assert (tree.children[:, 0] < 0).sum() == 200
-        check_flows(tree, options, box)
-        radius = tree_radii(tree)
-        widest.append(float(radius[~tree.given].max() / radius[0]))
-
-    print(widest)
-    assert widest[1] < 0.8 * widest[0]
-
-
-def test_a_widest_branch_is_refused_without_a_trunk(box):
-    with pytest.raises(GrowthError, match="give one"):
-        grow_tree(box, GrowthOptions(terminals=5, widest_branch=0.3))
 
 
 def test_a_grown_tree_is_a_trunk_too(box):
