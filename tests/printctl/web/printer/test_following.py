@@ -30,7 +30,10 @@ class Dead:
 
 def test_a_dead_station_keeps_no_core_busy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its last word was read thousands of times a second, from a journal that grew."""
-    monkeypatch.setattr(following, "attach", lambda folder: Dead())
+    elsewhere = following.attach  # servers of other tests may still follow theirs
+    monkeypatch.setattr(
+        following, "attach", lambda folder: Dead() if folder == tmp_path else elsewhere(folder)
+    )
     monkeypatch.setattr(following, "LOOK_AGAIN_S", 60.0)
     told = threading.Event()
     follower = following.Follower(tmp_path, lambda status: told.set())
