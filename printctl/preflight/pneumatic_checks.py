@@ -1,4 +1,4 @@
-"""Checks of a pneumatic head: valve states, pressure limits, writing speeds."""
+"""Checks of a pneumatic head (valve, pressure, ink, drops) and of any head's writing speeds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conditions of an oxygen problem: inlet and bath, cells, uptake, diffusion; with sources.
+"""Inputs of an oxygen problem: inlet, bath, cells, uptake, diffusion; each default's literature.
 
 Concentrations are in mM, which is nmol/µL; so flow times concentration is nmol/s, and nothing is
 converted on the way.

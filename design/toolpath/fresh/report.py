@@ -1,4 +1,4 @@
-"""Add up lengths, volumes, times and coverage of FRESH layers for the report."""
+"""Add up lengths, ink volumes, travels and coverage of FRESH layers for the report."""
 
 from __future__ import annotations
 
