@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -228,25 +230,13 @@ def _by_mix(
     if template.one_sided or template.slant > ASIDE:
         why[(why == Unseen.SEEN) & _unlearned(angle, present)] = int(Unseen.FAINT)
     good = use & (why == Unseen.SEEN)
-    noise = _noise(present, good, ways, fake_present, ground, known is not None, template)
-    contrast, faint = 0.0, True
-    if noise is not None:
-        contrast = noise.contrast(ground.gap_mm)
-        needed = ground.rate / max(1.0, float(ways.step[good].sum()) / ground.gap_mm)
-        faint = not noise.can_tell(ground.gap_mm, needed)
-        if faint and not template.by_edges:
-            sure = without_lows(present, good, ways, noise.middle, 0.5 * LONG * ground.gap_mm)
-            again = _noise(present, sure, ways, fake_present, ground, known is not None, template)
-            if fake_present is not None:
-                long = long_bath(
-                    image, free, LONG * ground.gap_mm, ground.work.px_per_mm, width_px, template,
-                    least, rng,
-                )  # fmt: skip
-                times = rougher(present, good, ways, fake_present, ground.gap_mm)
-                noise = replace(again or noise, bath_long=long).at_least(times)
-        odd = faint and (template.one_sided or template.by_edges)
-        if odd or (faint and not noise.can_tell(LONG * ground.gap_mm, needed)):
-            noise = None
+    over_long = partial(
+        long_bath, image, free, LONG * ground.gap_mm, ground.work.px_per_mm, width_px, template,
+        least, rng,
+    )  # fmt: skip
+    noise, contrast, faint = _sureness(
+        present, good, ways, fake_present, ground, known is not None, template, over_long
+    )
     look = Appearance(mix, template.terms * template.scale, template.filled, ink)
     return Told(
         image, profiles, present, plain, why, template, noise, contrast, strange,
@@ -255,7 +245,7 @@ def _by_mix(
     )  # fmt: skip
 
 
-def _noise(
+def _sureness(
     present: FloatArray,
     good: BoolArray,
     ways: Ways,
@@ -263,9 +253,28 @@ def _noise(
     ground: Ground,
     known: bool,
     template: Template,
-) -> WindowNoise | None:
-    alone = _alone(ways, good)
-    return window_noise(present, alone, ways, bath, ground.gap_mm, known, template.by_edges)
+    over_long: Callable[[], tuple[float, float]],
+) -> tuple[WindowNoise | None, float, bool]:
+    """`Told.noise`, ``contrast`` and ``faint`` of places; ``over_long`` is bath's scatter there."""
+
+    def scatter(places: BoolArray) -> WindowNoise | None:
+        alone = _alone(ways, places)
+        return window_noise(present, alone, ways, bath, ground.gap_mm, known, template.by_edges)
+
+    noise = scatter(good)
+    if noise is None:
+        return None, 0.0, True
+    contrast = noise.contrast(ground.gap_mm)
+    needed = ground.rate / max(1.0, float(ways.step[good].sum()) / ground.gap_mm)
+    if noise.can_tell(ground.gap_mm, needed):
+        return noise, contrast, False
+    if template.one_sided or template.by_edges:
+        return None, contrast, True
+    if bath is not None:
+        sure = without_lows(present, good, ways, noise.middle, 0.5 * LONG * ground.gap_mm)
+        long = replace(scatter(sure) or noise, bath_long=over_long())
+        noise = long.at_least(rougher(present, good, ways, bath, ground.gap_mm))
+    return (noise if noise.can_tell(LONG * ground.gap_mm, needed) else None), contrast, True
 
 
 def _alone(ways: Ways, use: BoolArray) -> BoolArray:

@@ -178,3 +178,8 @@ def own_strokes(motion: ExecutedMotion) -> list[tuple[float, ...]]:
 
 
 __all__ = ["EVERY_LAYER", "LinkState", "Observer", "layered", "observed", "patch"]
+
+
+def written(motion, park):
+    """Strokes across, but for the way to the parking place and back."""
+    return [one for one in own_strokes(motion) if park is None or one[3] or one[2] < 12]
