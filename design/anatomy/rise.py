@@ -72,14 +72,14 @@ class _Rise:
         Of a trunk's nodes; 0 for all others.
     way : (n, 3) float64
         Unit vectors.
-    order : (n,) int64
-        Parents before children.
+    trunk : tuple of int
+        Segments of the trunk but roots, parents before children.
     """
 
     tree: VesselTree
     height: FloatArray
     way: FloatArray
-    order: IntArray
+    trunk: tuple[int, ...]
 
     @staticmethod
     def of(tissue: Tissue, tree: VesselTree, clearance_mm: float, shallow_mm: float) -> _Rise:
@@ -93,7 +93,9 @@ class _Rise:
         deeper = -tissue.grid.distance(tree.distal[own]) - need[own]
         height[own] = np.clip(deeper, 0.0, need.max())
         way[own] = outward(tissue, tree.distal[own])
-        return _Rise(tree, height, way, downward_order(tree.children).astype(np.int64))
+        order = downward_order(tree.children)
+        trunk = order[tree.given[order] & (tree.parent[order] >= 0)]
+        return _Rise(tree, height, way, tuple(trunk.tolist()))
 
     def risen(self) -> VesselTree:
         """The tree, risen."""
@@ -101,20 +103,22 @@ class _Rise:
         change = _STEEP * np.linalg.norm(tree.distal - tree.proximal, axis=1)
         self._slope(change)
         height, shift = self.height.copy(), self.height[:, None] * self.way
-        for i in self.order.tolist():
-            up = int(tree.parent[i])
-            if not tree.given[i] and up >= 0 and height[up] > change[i]:
-                height[i] = height[up] - change[i]
-                shift[i] = (height[i] / height[up]) * shift[up]
+        higher = np.flatnonzero(height > 0).tolist()
+        while higher:
+            up = higher.pop()
+            for i in tree.children[up].tolist():
+                if i >= 0 and not tree.given[i] and height[up] > change[i]:
+                    height[i] = height[up] - change[i]
+                    shift[i] = (height[i] / height[up]) * shift[up]
+                    higher.append(i)
         return moved_tree(tree, tree.distal + shift)
 
     def _slope(self, change: FloatArray) -> None:
         """Lower heights until along each segment of the trunk they differ by ``change`` at most."""
         parent, height = self.tree.parent, self.height
-        trunk = [i for i in self.order.tolist() if self.tree.given[i] and parent[i] >= 0]
-        for i in reversed(trunk):
+        for i in reversed(self.trunk):
             height[parent[i]] = min(height[parent[i]], height[i] + change[i])
-        for i in trunk:
+        for i in self.trunk:
             height[i] = min(height[i], height[parent[i]] + change[i])
 
     def lower(self, segments: IntArray, part: float, far: int) -> None:
