@@ -73,8 +73,7 @@ def cell_rates(
         alpha = grid.alpha[vessel]
         extra = alpha * (alpha - 1.0)
         per_cell = 1.0 / grid.cell[vessel]
-        small_p = grid.small_pressure[vessel] + 1e-300
-        small_q = grid.small_flow[vessel] + 1e-300
+        small_p, small_q = grid.small_pressure[vessel] + 1e-300, grid.small_flow[vessel] + 1e-300
         # The face before the first cell is the node's.
         mass_in, face = -node_flow[2 * vessel], first + vessel
         base, stiff = grid.face_area[face], grid.face_stiffness[face]
@@ -111,8 +110,7 @@ def cell_rates(
                 u0, u1 = near_q / area0, left_q / area1
                 u = 0.5 * (u0 + u1)
                 speed = np.sqrt(stiff * (y0 + y1) * quarter_density + extra * u * u)
-                slow, fast = alpha * u - speed, alpha * u + speed
-                span = 0.5 / speed
+                slow, fast, span = alpha * u - speed, alpha * u + speed, 0.5 / speed
                 mass = (fast * near_q - slow * left_q + slow * fast * (area1 - area0)) * span
                 push0, push1 = alpha * near_q * u0 + own, alpha * left_q * u1 + far_own
                 push = (fast * push0 - slow * push1 + slow * fast * (left_q - near_q)) * span
