@@ -88,6 +88,8 @@ def _choices(annotation: Any) -> tuple[str, ...]:
 def _default(param: Any) -> str:
     if param.required:
         return "needed"
+    if isinstance(getattr(param, "show_default", None), str):
+        return f"`{param.show_default}`"
     default = param.default() if callable(param.default) else param.default
     if default in (None, False, (), []) or not getattr(param, "show_default", True):
         return ""

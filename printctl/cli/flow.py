@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import typer
 
@@ -10,60 +11,36 @@ from printctl.cli import flow_options as options
 from printctl.cli.flow_case import read_case, run_case
 from printctl.cli.flow_openbf import read_openbf, run_openbf_case
 from printctl.cli.flow_output import FlowOutput
+from printctl.cli.flow_part import SECTIONS
 from printctl.cli.network_options import SourceArg, UnitOption
+from printctl.cli.option_group import with_options, with_options_of
 from printctl.cli.options import JsonFlag, print_json, print_lines
+from printctl.cli.section_options import parameters
 
 
+@with_options(parameters(SECTIONS), "typed", dict)
+@with_options_of(options.OtherSolvers, "others")
+@with_options_of(options.Match, "match")
 def flow(
     context: typer.Context,
     network: SourceArg,
+    *,
     unit: UnitOption = None,
     out: options.OutOption = Path("flow"),
-    inlet_flow_ml_min: options.InletFlowOption = None,
-    inlet_pressure_mmhg: options.InletPressureOption = None,
-    outlet_pressure_mmhg: options.OutletPressureOption = 0.0,
-    outlet_resistance_mmhg_min_ml: options.OutletResistanceOption = None,
-    outlet_proximal_mmhg_min_ml: options.OutletProximalOption = None,
-    outlet_compliance_ml_mmhg: options.OutletComplianceOption = None,
-    outlets: options.OutletsOption = None,
-    viscosity_mpa_s: options.ViscosityOption = None,
-    density_g_cm3: options.DensityOption = None,
+    typed: dict[str, Any],
     fluid: options.FluidOption = None,
-    junction_k: options.JunctionOption = None,
     stenosis: options.StenosisOption = None,
     shear_band_dyn_cm2: options.ShearBandOption = None,
-    amplitude_ml_min: options.AmplitudeOption = None,
-    amplitude_mmhg: options.AmplitudePressureOption = None,
-    shape: options.ShapeOption = None,
-    waveform: options.WaveformOption = None,
-    period_s: options.PeriodOption = None,
-    wall_young_kpa: options.WallYoungOption = None,
-    wall_thickness_mm: options.WallThicknessOption = None,
-    profile: options.ProfileOption = "womersley",
-    steps: options.StepsOption = 100,
     svzerod: options.SvzerodOption = None,
     one_d: options.OneDFlag = False,
-    cell_mm: options.CellOption = None,
-    wall_viscosity_pa_s: options.WallViscosityOption = None,
     svoned: options.SvonedOption = None,
     three_d: options.ThreeDFlag = False,
-    edge_ratio: options.EdgeOption = None,
-    order: options.OrderOption = None,
-    check: options.CheckFlag = False,
     fillet_ratio: options.FilletOption = None,
     compare: options.CompareFlag = False,
-    along_vessel: options.AlongOption = None,
     as_printed: options.AsPrintedFlag = False,
     scanned: options.ScannedFlag = False,
-    ranks: options.RanksOption = None,
-    ranks_python: options.PythonOption = None,
-    slurm: options.SlurmOption = None,
-    slurm_set: options.SlurmSettingsOption = None,
-    svmultiphysics: options.SvmultiphysicsOption = None,
-    match_split: options.MatchFlag = False,
-    want: options.WantOption = None,
-    match_percent: options.PercentOption = None,
-    least_lumen_mm: options.LeastOption = None,
+    others: options.OtherSolvers,
+    match: options.Match,
     results: options.ResultsOption = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -84,7 +61,7 @@ def flow(
     # Loaded late: a case of svZeroDSolver needs no network, mesh or figure.
     from printctl.cli.flow_network import run_network
 
-    _say(run_network(context, network, out), as_json)
+    _say(run_network(context, network, out, others, match), as_json)
 
 
 def _say(output: FlowOutput, as_json: bool) -> None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from design.network import VesselNetwork
+from printctl.cli.flow_options import Match
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
 from printctl.errors import UsageError
@@ -16,16 +16,6 @@ from printctl.recipe.parts import FlowPart
 from printctl.recipe.space import ThreeDPart
 
 _PERCENT = 0.5
-
-
-@dataclass(frozen=True)
-class Match:
-    """What is asked for; mirrors the options."""
-
-    asked: bool
-    want: list[str] | None
-    percent: float | None
-    least_lumen_mm: float | None
 
 
 def match(
@@ -43,11 +33,11 @@ def match(
     FlowError, SolidError, UsageError, OSError
         As `steady_conditions` and `match_and_write`.
     """
-    if not how.asked:
+    if not how.match_split:
         return
     space = part.three_d or ThreeDPart()
     options = options_from(
-        _PERCENT if how.percent is None else how.percent,
+        _PERCENT if how.match_percent is None else how.match_percent,
         how.least_lumen_mm or 0.0,
         space.edge_ratio,
         max(fillet_ratio, SHARP),

@@ -7,12 +7,13 @@ from typing import Final
 
 import typer
 
-from printctl.cli.flow_match import Match, match
+from printctl.cli.flow_match import match
+from printctl.cli.flow_options import Match, OtherSolvers
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.flow_part import part_of
 from printctl.cli.flow_printed import run_as_printed
-from printctl.cli.flow_ranks import ExternalSolvers, run_external_solvers
-from printctl.cli.flow_solve import pulsatile, space, steady, waves
+from printctl.cli.flow_ranks import run_other_solvers
+from printctl.cli.flow_solve import in_space, lumped_and_waves, write_problems
 from printctl.errors import UsageError
 from printctl.flow import NPZ, CsvTables, NpzTables
 from printctl.networks import Drive, load_source
@@ -21,8 +22,15 @@ FILLET: Final = 0.5
 """Of a network that no recipe rounds."""
 
 
-def run_network(context: typer.Context, network: Path, out: Path) -> FlowOutput:
+def run_network(
+    context: typer.Context, network: Path, out: Path, others: OtherSolvers, how: Match
+) -> FlowOutput:
     """Solve and write what the options in ``context.params`` ask for.
+
+    Parameters
+    ----------
+    others, how
+        Some of these options, as one value each.
 
     Raises
     ------
@@ -43,15 +51,10 @@ def run_network(context: typer.Context, network: Path, out: Path) -> FlowOutput:
     drive = Drive(part.inlet_flow_ml_min, part.viscosity_mpa_s)
     source = load_source(network, asked["unit"], drive)
     tables = NpzTables(out / NPZ) if asked["results"] == "npz" else CsvTables(out)
-    steady(source.network, part, tables, output)
-    pulsatile(source.network, part, tables, asked["svzerod"], output)
-    waves(source.network, part, tables, asked["svoned"], output)
-    output.files = [*tables.files, *output.files]
-    space(source.network, part, out, fillet, output)
-    others = (
-        asked[key] for key in ("ranks", "ranks_python", "slurm", "slurm_set", "svmultiphysics")
-    )
-    run_external_solvers(source.network, part, ExternalSolvers(out, fillet, *others), output)
-    how = Match(*(asked[key] for key in ("match_split", "want", "match_percent", "least_lumen_mm")))
+    lumped_and_waves(source.network, part, tables, output)
+    output.files = list(tables.files)
+    write_problems(source.network, part, asked["svzerod"], asked["svoned"], output)
+    in_space(source.network, part, out, fillet, output)
+    run_other_solvers(source.network, part, out, fillet, others, output)
     match(source.network, part, out, fillet, how, output)
     return output

@@ -7,23 +7,26 @@ from pathlib import Path
 from typing import Any, Final
 
 import typer
+from pydantic import ValidationError
 
+from firmware_profiles.strict_model import StrictModel
 from printctl.cli.flow_output import FlowOutput
-from printctl.cli.flow_part import part_of
+from printctl.cli.flow_part import (
+    DRIVING,
+    ONE_D,
+    SECTIONS,
+    THREE_D,
+    part_of,
+    refuse_idle_options,
+    shear_band,
+)
 from printctl.cli.options import messages
+from printctl.cli.section_options import SectionOptions, wrong_option
 from printctl.errors import UsageError
 from printctl.flow.printed_case import PrintedCase, recipe_of, solve_as_printed
 from printctl.recipe.parts import FlowPart
-from printctl.recipe.space import ThreeDPart
-from printctl.recipe.waves import OneDPart
 
-_DRIVING: Final = (
-    "inlet_flow_ml_min", "inlet_pressure_mmhg", "outlet_pressure_mmhg",
-    "outlet_resistance_mmhg_min_ml", "outlet_proximal_mmhg_min_ml", "outlet_compliance_ml_mmhg",
-    "outlets", "viscosity_mpa_s", "density_g_cm3", "fluid", "junction_k", "stenosis",
-    "amplitude_ml_min",
-    "amplitude_mmhg", "shape", "waveform", "period_s", "wall_young_kpa", "wall_thickness_mm",
-)  # fmt: skip
+_DRIVING: Final = (*(name for group in DRIVING for name in group.fields()), "fluid", "stenosis")
 _ELSEWHERE: Final = (
     "svzerod",
     "svoned",
@@ -75,35 +78,24 @@ def _typed(context: typer.Context, key: str) -> bool:
 
 def _with_asked(part: FlowPart, asked: Mapping[str, Any]) -> FlowPart:
     """A recipe's section with the fidelities and the band that were typed."""
-    typed = {
-        key: value
-        for key, value in asked.items()
-        if key in ("cell_mm", "wall_viscosity_pa_s", "edge_ratio", "order") and value is not None
-    }
-    own: dict[str, Any] = {
-        key: typed[key] for key in ("cell_mm", "wall_viscosity_pa_s") if key in typed
-    }
-    space: dict[str, Any] = {key: typed[key] for key in ("edge_ratio", "order") if key in typed}
-    idle = [key for key in own if not asked["one_d"]] + [k for k in space if not asked["three_d"]]
-    if idle:
-        wants = "one-d" if idle[0] in own else "three-d"
-        raise UsageError(
-            f"--{idle[0].replace('_', '-')} is for --{wants}; add that, or leave it out"
-        )
+    refuse_idle_options(asked)
     if asked["one_d"] and part.pulse is None:
         raise UsageError(
             "--one-d follows a pulse, and the recipe has none; give --amplitude-ml-min, --shape "
             "or --waveform, and what else drives the flow"
         )
-    one_d = (part.one_d or OneDPart()).model_copy(update=own) if asked["one_d"] else None
-    three_d = (part.three_d or ThreeDPart()).model_copy(update=space) if asked["three_d"] else None
-    change: dict[str, Any] = {"one_d": one_d, "three_d": three_d, "compare": None}
-    if asked["shear_band_dyn_cm2"] is not None:
-        low_high = part_of({**_blank(asked), "shear_band_dyn_cm2": asked["shear_band_dyn_cm2"]})
-        change["shear_band_dyn_cm2"] = low_high.shear_band_dyn_cm2
-    return part.model_copy(update=change)
+    change = {"one_d": _asked_of(ONE_D, part.one_d, asked), "compare": None}
+    change |= {"three_d": _asked_of(THREE_D, part.three_d, asked)} | shear_band(asked)
+    try:
+        return FlowPart.model_validate(part.model_dump(exclude_unset=True) | change)
+    except ValidationError as exc:
+        raise wrong_option(exc, SECTIONS, "flow") from exc
 
 
-def _blank(asked: Mapping[str, Any]) -> dict[str, Any]:
-    """The same options, none of them given."""
-    return {key: False if value is True or value is False else None for key, value in asked.items()}
+def _asked_of(
+    group: SectionOptions, known: StrictModel | None, asked: Mapping[str, Any]
+) -> dict[str, Any] | None:
+    """The recipe's section of one fidelity with what was typed; None where it isn't asked for."""
+    if not asked[group.at[-1]]:
+        return None
+    return ({} if known is None else known.model_dump()) | group.typed(asked)

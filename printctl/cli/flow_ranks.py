@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from design.hemodynamics.three_d.ranks import rank_conditions, write_case
 from design.hemodynamics.three_d.svmultiphysics import write_svmultiphysics
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
+from printctl.cli.flow_options import OtherSolvers
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
 from printctl.flow import pulsatile_conditions, steady_conditions
@@ -25,36 +25,13 @@ from printctl.recipe.space import ThreeDPart
 CASE = "ranks"
 
 
-@dataclass(frozen=True)
-class ExternalSolvers:
-    """What is asked of other programs.
-
-    Attributes
-    ----------
-    out : Path
-    fillet_ratio : float
-    ranks : int or None
-    python : Path or None
-        With dolfinx.
-    slurm : Path or None
-        Batch script to write.
-    slurm_settings : list of str, optional
-        As `slurm_job`.
-    svmultiphysics : Path or None
-        Folder to write.
-    """
-
-    out: Path
-    fillet_ratio: float
-    ranks: int | None
-    python: Path | None
-    slurm: Path | None
-    slurm_settings: list[str] | None
-    svmultiphysics: Path | None
-
-
-def run_external_solvers(
-    network: VesselNetwork, part: FlowPart, asked: ExternalSolvers, output: FlowOutput
+def run_other_solvers(
+    network: VesselNetwork,
+    part: FlowPart,
+    out: Path,
+    fillet_ratio: float,
+    asked: OtherSolvers,
+    output: FlowOutput,
 ) -> None:
     """Do what is asked for; nothing where nothing is.
 
@@ -66,23 +43,23 @@ def run_external_solvers(
     if asked.ranks is None and asked.slurm is None and asked.svmultiphysics is None:
         return
     space = part.three_d or ThreeDPart()
-    mesh = _mesh(network, space, asked.fillet_ratio)
+    mesh = _mesh(network, space, fillet_ratio)
     if asked.svmultiphysics is not None and part.pulse is not None:
         pulse = pulsatile_conditions(part, part.pulse, Path(), network=network)
         write_svmultiphysics(asked.svmultiphysics, mesh, pulse)
         output.files.append(asked.svmultiphysics)
     if asked.ranks is None and asked.slurm is None:
         return
-    folder = asked.out / CASE
+    folder = out / CASE
     model: Any = "navier_stokes" if space.inertia else "stokes"
     conditions = steady_conditions(part, Path(), network)
     write_case(mesh, rank_conditions(mesh, conditions, model=model), folder)
     output.files.append(folder)
     if asked.slurm is not None:
-        write_slurm(asked.slurm, folder, slurm_job(asked.slurm_settings or []))
+        write_slurm(asked.slurm, folder, slurm_job(asked.slurm_set or []))
         output.files.append(asked.slurm)
     if asked.ranks is not None:
-        output.summary["ranks"] = _solved(folder, asked.ranks, asked.python)
+        output.summary["ranks"] = _solved(folder, asked.ranks, asked.ranks_python)
 
 
 def _mesh(network: VesselNetwork, part: ThreeDPart, fillet_ratio: float) -> LumenMesh:

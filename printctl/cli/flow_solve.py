@@ -13,9 +13,7 @@ from printctl.flow import (
     FlowTables,
     one_d_options,
     pulsatile_conditions,
-    solve_and_write,
-    solve_and_write_one_d,
-    solve_steady,
+    solve_section,
     steady_conditions,
 )
 from printctl.flow.fidelities import Case, solve_fidelities
@@ -23,74 +21,45 @@ from printctl.recipe.parts import FlowPart
 from printctl.recipe.waves import OneDPart
 
 
-def steady(network: VesselNetwork, part: FlowPart, tables: FlowTables, output: FlowOutput) -> None:
-    """Solve the steady flow and write its table.
-
-    Raises
-    ------
-    FlowError, UsageError, OSError
-        As `steady_conditions` and `solve_steady`.
-    """
-    _, summary = solve_steady(tables, network, steady_conditions(part, Path(), network), part)
-    output.summary |= summary
-
-
-def pulsatile(
-    network: VesselNetwork,
-    part: FlowPart,
-    tables: FlowTables,
-    svzerod: Path | None,
-    output: FlowOutput,
+def lumped_and_waves(
+    network: VesselNetwork, part: FlowPart, tables: FlowTables, output: FlowOutput
 ) -> None:
-    """Solve for the periodic state where the section asks for a pulse, and write its tables.
+    """Solve 0D and 1D flow and write their tables; see `solve_section`."""
+    with messages().status("0D flow") as status:
 
-    Raises
-    ------
-    FlowError, UsageError, OSError
-        As `pulsatile_conditions`, `solve_and_write` and `write_svzerod`.
-    """
-    if part.pulse is None:
-        return
-    conditions = pulsatile_conditions(part, part.pulse, Path(), network=network)
-    output.summary["pulsatile"] = solve_and_write(tables, network, conditions, part.pulse.steps)
-    if svzerod is not None:
-        write_svzerod(svzerod, network, conditions, part.pulse.steps)
-        output.files.append(svzerod)
+        def tell(cycle: int, change: float, _: float) -> None:
+            status.update(f"1D flow, cycle {cycle}: changed by {change:.2g} of the swing")
+
+        output.summary |= solve_section(tables, network, part, tell)[1]
 
 
-def waves(
+def write_problems(
     network: VesselNetwork,
     part: FlowPart,
-    tables: FlowTables,
+    svzerod: Path | None,
     svoned: Path | None,
     output: FlowOutput,
 ) -> None:
-    """Follow the pulse along vessels where the section asks for it, and write its tables.
+    """Write the pulsatile problem for other solvers, where it is asked for.
 
     Raises
     ------
     FlowError, UsageError, OSError
-        As `pulsatile_conditions`, `solve_and_write_one_d` and `write_svoned`.
+        As `pulsatile_conditions`, `write_svzerod` and `write_svoned`.
     """
-    if part.pulse is None:
+    if part.pulse is None or svzerod is svoned is None:
         return
     conditions = pulsatile_conditions(part, part.pulse, Path(), network=network)
-    options = one_d_options(part.one_d or OneDPart(), part.pulse.steps)
-    if part.one_d is not None:
-        with messages().status("1D flow") as status:
-
-            def tell(cycle: int, change: float) -> None:
-                status.update(f"1D flow, cycle {cycle}: changed by {change:.2g} of the swing")
-
-            output.summary["one_d"] = solve_and_write_one_d(
-                tables, network, conditions, options, tell
-            )
+    if svzerod is not None:
+        write_svzerod(svzerod, network, conditions, part.pulse.steps)
+        output.files.append(svzerod)
     if svoned is not None:
+        options = one_d_options(part.one_d or OneDPart(), part.pulse.steps)
         write_svoned(svoned, network, conditions, options)
         output.files.append(svoned)
 
 
-def space(
+def in_space(
     network: VesselNetwork, part: FlowPart, out: Path, fillet_ratio: float, output: FlowOutput
 ) -> None:
     """Resolve the flow in space and compare fidelities, as far as the section asks for it.

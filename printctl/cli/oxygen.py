@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import numpy as np
 import typer
@@ -14,7 +14,6 @@ from design.files import write_text
 from design.hemodynamics import FlowSolution, solve_flow, vessel_resistance
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
-from firmware_profiles.wrong_values import wording
 from printctl.cli.measure import tissue_around
 from printctl.cli.network_options import (
     SourceArg,
@@ -22,17 +21,29 @@ from printctl.cli.network_options import (
     TissueUnitOption,
     UnitOption,
 )
+from printctl.cli.option_group import with_options
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
-from printctl.errors import UsageError
+from printctl.cli.section_options import SectionOptions, parameters, section_values, wrong_option
 from printctl.networks import Drive, Source, load_source
 from printctl.oxygen import FIELD, SLICE, TABLE, hypoxia, solve_and_write
 from printctl.recipe.oxygen import OxygenPart
 
 NUMBERS = "oxygen.json"
+_SECTION: Final = SectionOptions(OxygenPart)
 
 
+def _part(typed: dict[str, Any]) -> OxygenPart:
+    """The options as a recipe's section, checked as it would be."""
+    try:
+        return OxygenPart(**section_values([_SECTION], typed))
+    except ValidationError as exc:
+        raise wrong_option(exc, [_SECTION], "oxygen") from exc
+
+
+@with_options(parameters([_SECTION]), "part", _part)
 def oxygen(
     network: SourceArg,
+    *,
     tissue: TissueOption = None,
     tissue_unit: TissueUnitOption = None,
     unit: UnitOption = None,
@@ -46,32 +57,7 @@ def oxygen(
     viscosity_mpa_s: Annotated[
         float | None, typer.Option("--viscosity-mpa-s", min=1e-6, help="1, or the run's own.")
     ] = None,
-    inlet_millimolar: Annotated[
-        float, typer.Option("--inlet-millimolar", help="In the medium; with air at 37 °C 0.2.")
-    ] = 0.2,
-    cells_per_ml: Annotated[
-        float, typer.Option("--cells-per-ml", help="In the tissue; assumed, count yours.")
-    ] = 1e7,
-    uptake_mol_per_cell_s: Annotated[
-        float, typer.Option("--uptake-mol-per-cell-s", help="At most; assumed, measure yours.")
-    ] = 5e-17,
-    half_millimolar: Annotated[
-        float, typer.Option("--half-millimolar", help="Where uptake is half of that.")
-    ] = 1e-3,
-    tissue_diffusivity_mm2_s: Annotated[
-        float, typer.Option("--tissue-diffusivity-mm2-s", help="Of oxygen in tissue at 37 °C.")
-    ] = 2e-3,
-    threshold_millimolar: Annotated[
-        float, typer.Option("--threshold-millimolar", help="Below it tissue is hypoxic.")
-    ] = 0.01,
-    bath_millimolar: Annotated[
-        float | None,
-        typer.Option("--bath-millimolar", help="At the tissue's surface; else nothing passes."),
-    ] = None,
-    spacing_um: Annotated[float | None, typer.Option("--spacing-um", help="Of the grid.")] = None,
-    grid_cells: Annotated[
-        int, typer.Option("--grid-cells", help="About so many, without --spacing-um.")
-    ] = 1_000_000,
+    part: OxygenPart,
     as_json: JsonFlag = False,
 ) -> None:
     """Oxygen in vessels and tissue: what is hypoxic, what is left at the outlets.
@@ -82,17 +68,6 @@ def oxygen(
     given = inlet_flow_ml_min is not None or viscosity_mpa_s is not None
     drive = Drive(inlet_flow_ml_min or 0.25, viscosity_mpa_s or 1.0)
     source = load_source(network, unit, drive)
-    part = _part(
-        inlet_millimolar=inlet_millimolar,
-        cells_per_ml=cells_per_ml,
-        uptake_mol_per_cell_s=uptake_mol_per_cell_s,
-        half_millimolar=half_millimolar,
-        tissue_diffusivity_mm2_s=tissue_diffusivity_mm2_s,
-        threshold_millimolar=threshold_millimolar,
-        bath_millimolar=bath_millimolar,
-        spacing_um=spacing_um,
-        grid_cells=grid_cells,
-    )
     flow = None if given else known_flow(source)
     if flow is None:
         flow = solve_flow(source.network, drive.conditions())
@@ -111,16 +86,6 @@ def oxygen(
 
 def _report_progress(fraction: float, note: str = "") -> None:
     messages().print(f"solving at {note} ...")
-
-
-def _part(**given: Any) -> OxygenPart:
-    """The options as a recipe's section, checked as it would be."""
-    try:
-        return OxygenPart(**given)
-    except ValidationError as exc:
-        first = exc.errors()[0]
-        option = "--" + ".".join(map(str, first["loc"])).replace("_", "-")
-        raise UsageError(f"{option}: {wording(first)} (is {first['input']!r})") from exc
 
 
 def known_flow(source: Source) -> FlowSolution | None:

@@ -1,13 +1,14 @@
 """Solve a network's 0D, 1D and 3D flow as a recipe asks, as designed or printed; write the files.
 
 Goes in: a recipe's flow section and a network. Comes out: solutions, tables and pictures. Begin
-with `conditions.py`.
+with `solve.py`.
 """
 
 from printctl.flow.conditions import pulsatile_conditions, steady_conditions
-from printctl.flow.one_d import ONE_D, ONE_D_WAVES, one_d_options, solve_and_write_one_d
-from printctl.flow.outputs import PULSES, WAVES, read_waves, solve_and_write
-from printctl.flow.steady import TABLE, solve_steady
+from printctl.flow.one_d import ONE_D, ONE_D_WAVES, one_d_options
+from printctl.flow.outputs import PULSES, WAVES, read_waves
+from printctl.flow.solve import solve_section
+from printctl.flow.steady import TABLE
 from printctl.flow.tables import NPZ, CsvTables, FlowTables, NpzTables
 
 __all__ = [
@@ -23,8 +24,6 @@ __all__ = [
     "one_d_options",
     "pulsatile_conditions",
     "read_waves",
-    "solve_and_write",
-    "solve_and_write_one_d",
-    "solve_steady",
+    "solve_section",
     "steady_conditions",
 ]

@@ -30,9 +30,15 @@ class OxygenPart(Part):
     half_millimolar: Annotated[float, Field(ge=1e-6, le=100)] = Field(
         default=1e-3, description="Where uptake is half of that (Michaelis-Menten)."
     )
-    tissue_diffusivity_mm2_s: Diffusivity = 2e-3
-    medium_diffusivity_mm2_s: Diffusivity = 3e-3
-    sherwood: Annotated[float, Field(ge=0.1, le=1000)] = 48.0 / 11.0
+    tissue_diffusivity_mm2_s: Diffusivity = Field(
+        default=2e-3, description="Of oxygen in tissue at 37 °C."
+    )
+    medium_diffusivity_mm2_s: Diffusivity = Field(
+        default=3e-3, description="Of oxygen in the medium at 37 °C."
+    )
+    sherwood: Annotated[float, Field(ge=0.1, le=1000)] = Field(
+        default=48.0 / 11.0, description="Of what passes from the medium to the vessel's wall."
+    )
     threshold_millimolar: Concentration = Field(
         default=0.01, description="Tissue below it counts as hypoxic."
     )
@@ -42,4 +48,6 @@ class OxygenPart(Part):
     spacing_um: Annotated[float, Field(ge=1, le=10_000)] | None = Field(
         default=None, description="Of the grid; without it, about grid_cells cells."
     )
-    grid_cells: Annotated[int, Field(ge=1000, le=40_000_000)] = 1_000_000
+    grid_cells: Annotated[int, Field(ge=1000, le=40_000_000)] = Field(
+        default=1_000_000, description="About so many, without spacing_um."
+    )

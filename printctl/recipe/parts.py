@@ -54,23 +54,29 @@ class SupplyPart(Part):
 class FlowPart(Part):
     """How the network is perfused."""
 
-    viscosity_mpa_s: Annotated[float, Field(gt=0, le=1000)] = 1.0
+    viscosity_mpa_s: Annotated[float, Field(gt=0, le=1000)] = Field(
+        default=1.0, description="Of a Newtonian fluid."
+    )
     viscosity: FluidPart | None = Field(
         default=None, description="Of a fluid with more than one; in place of viscosity_mpa_s."
     )
     density_g_cm3: Annotated[float, Field(ge=0.1, le=20)] = Field(
         default=1.06, description="Of pulses, 3D flow, losses and Reynolds numbers."
     )
-    inlet_flow_ml_min: Annotated[float, Field(gt=0, le=10_000)] = 0.25
+    inlet_flow_ml_min: Annotated[float, Field(gt=0, le=10_000)] = Field(
+        default=0.25, description="Mean, of all inlets together."
+    )
     inlet_pressure_mmhg: Annotated[float, Field(ge=-1000, le=1e6)] | None = Field(
-        default=None, description="In place of inlet_flow_ml_min."
+        default=None, description="Mean; in place of inlet_flow_ml_min."
     )
     supplies: tuple[SupplyPart, ...] = Field(
         default=(),
         max_length=1000,
         description="Of trees that don't hang on the inlet above: lymph, or a second circuit.",
     )
-    outlet_pressure_mmhg: Annotated[float, Field(ge=-100, le=1000)] = 0.0
+    outlet_pressure_mmhg: Annotated[float, Field(ge=-100, le=1000)] = Field(
+        default=0.0, description="At every outlet, or behind what lies there."
+    )
     outlet: PulseOutlet | None = Field(
         default=None, description="A resistance behind every outlet, or a Windkessel."
     )

@@ -15,11 +15,15 @@ Resistance = Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)]
 class PulseOutlet(StrictModel):
     """What lies behind every outlet: a resistance, or with a compliance a Windkessel."""
 
-    resistance_mmhg_min_ml: Resistance
+    resistance_mmhg_min_ml: Resistance = Field(
+        description="Behind every outlet; of a Windkessel, the distal one."
+    )
     proximal_mmhg_min_ml: Resistance | None = Field(
         default=None, description="Of a Windkessel, before its compliance."
     )
-    compliance_ml_mmhg: Annotated[float, Field(gt=0, le=1e6)] | None = None
+    compliance_ml_mmhg: Annotated[float, Field(gt=0, le=1e6)] | None = Field(
+        default=None, description="Of a Windkessel."
+    )
 
     @model_validator(mode="after")
     def _whole(self) -> PulseOutlet:
@@ -58,11 +62,13 @@ class PulsePart(StrictModel):
     wall_thickness_mm: Annotated[float, Field(gt=0, le=100)] | None = Field(
         default=None, description="Of free tubes, where the lumens aren't in thick gel."
     )
-    profile: Literal["womersley", "poiseuille"] = "womersley"
+    profile: Literal["womersley", "poiseuille"] = Field(
+        default="womersley", description="Of the pulse's velocity."
+    )
     outlet: PulseOutlet | None = Field(
         default=None, description="Of the pulse alone; flow.outlet holds for steady flow, too."
     )
-    steps: Annotated[int, Field(ge=8, le=10_000)] = 100
+    steps: Annotated[int, Field(ge=8, le=10_000)] = Field(default=100, description="Of a cycle.")
 
     @model_validator(mode="after")
     def _one_wave(self) -> PulsePart:

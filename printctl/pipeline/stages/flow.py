@@ -9,24 +9,10 @@ import numpy as np
 
 from design.hemodynamics import scaled_flow
 from design.network_files.vtp import write_network_vtp
-from printctl.flow import (
-    ONE_D,
-    ONE_D_WAVES,
-    PULSES,
-    TABLE,
-    WAVES,
-    CsvTables,
-    one_d_options,
-    pulsatile_conditions,
-    solve_and_write,
-    solve_and_write_one_d,
-    solve_steady,
-)
+from printctl.flow import CsvTables, solve_section
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
-from printctl.recipe.pulse import PulsePart
-from printctl.recipe.waves import OneDPart
 from printctl.run_folder.artefacts import NETWORK
 
 PICTURE = "network.vtp"
@@ -37,48 +23,29 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
 
     All in the print's size, at the design's wall shear.
     """
-    network, driven, driven_by = context.network, context.conditions, context.recipe.flow
-    solution, summary = solve_steady(CsvTables(context.folder), network, driven, driven_by)
+    recipe, tables = context.recipe, CsvTables(context.folder)
+    solution, summary = solve_section(
+        tables,
+        context.network,
+        recipe.flow,
+        lambda number, change, goal: report(_periodic(change, goal), f"1D, cycle {number}"),
+        steady=context.conditions,
+        folder=context.recipe_folder,
+        print_scale=recipe.print_scale,
+    )
     values = {"flow_ul_s": solution.flow, "wall_shear_pa": solution.wall_shear}
-    write_network_vtp(context.folder / PICTURE, network, values)
+    write_network_vtp(context.folder / PICTURE, context.network, values)
     summary["inlet_flow_ml_min"] = summary["inflow_ml_min"]
-    if context.recipe.print_scale != 1:
-        summary["print_scale"] = context.recipe.print_scale
+    if recipe.print_scale != 1:
+        summary["print_scale"] = recipe.print_scale
         summary["scaled"] = scale_to_print(context, summary)
-    written = [TABLE, PICTURE]
-    if driven_by.pulse is not None:
-        summary["pulsatile"] = pulses(context, driven_by.pulse)
-        written += [PULSES, WAVES]
-        if driven_by.one_d is not None:
-            summary["one_d"] = waves(context, driven_by.pulse, driven_by.one_d, report)
-            written += [ONE_D, ONE_D_WAVES]
-    return summary, written
+    return summary, [*(file.name for file in tables.files), PICTURE]
 
 
-def pulses(context: RunContext, pulse: PulsePart) -> dict[str, Any]:
-    """The periodic state that the recipe asks for, in the print's size."""
-    recipe = context.recipe
-    conditions = pulsatile_conditions(
-        recipe.flow, pulse, context.recipe_folder, recipe.print_scale, context.network
-    )
-    return solve_and_write(CsvTables(context.folder), context.network, conditions, pulse.steps)
-
-
-def waves(context: RunContext, pulse: PulsePart, part: OneDPart, report: Report) -> dict[str, Any]:
-    """The same along the vessels, in the print's size."""
-    recipe = context.recipe
-    conditions = pulsatile_conditions(
-        recipe.flow, pulse, context.recipe_folder, recipe.print_scale, context.network
-    )
-    options = one_d_options(part, pulse.steps)
-
-    def tell(cycle: int, change: float) -> None:
-        done = min(1.0, np.log(change) / np.log(options.tolerance)) if change > 0.0 else 1.0
-        report(max(0.0, float(done)), f"1D, cycle {cycle}")
-
-    return solve_and_write_one_d(
-        CsvTables(context.folder), context.network, conditions, options, tell
-    )
+def _periodic(change: float, goal: float) -> float:
+    """How far 1D flow is on its way to being periodic, 0 to 1."""
+    done = min(1.0, float(np.log(change) / np.log(goal))) if change > 0.0 else 1.0
+    return max(0.0, done)
 
 
 def scale_to_print(context: RunContext, summary: dict[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,175 @@
+"""Command-line options made from fields of a recipe's sections, and sections from what was typed.
+
+Fields that are numbers, words, flags or files become options; help and default are the field's.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import types
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+import typer
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+from firmware_profiles.wrong_values import wording
+from printctl.errors import UsageError
+from printctl.recipe.marks import FILE
+
+
+@dataclass(frozen=True)
+class SectionOptions:
+    """Options that stand for the fields of one section.
+
+    Attributes
+    ----------
+    model : type of BaseModel
+    at : tuple of str
+        Keys that lead to it in the section that the command makes.
+    prefix : str
+        Before each field's name.
+    renamed : mapping of str to str
+        Options named otherwise than their field, by field.
+    panel : str
+        Heading that they stand under in the help; the common one where it is empty.
+    """
+
+    model: type[BaseModel]
+    at: tuple[str, ...] = ()
+    prefix: str = ""
+    renamed: Mapping[str, str] = field(default_factory=dict)
+    panel: str = ""
+
+    def fields(self) -> dict[str, str]:
+        """Name of each option's field, by the option's name as a Python word."""
+        return {
+            self.renamed.get(key, self.prefix + key): key
+            for key, info in self.model.model_fields.items()
+            if _kind(info) is not None
+        }
+
+    def typed(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+        """Values of the fields whose options were given, by field.
+
+        Raises
+        ------
+        UsageError
+            For a file that isn't there.
+        """
+        given = {name: asked[name] for name in self.fields() if asked[name] is not None}
+        return {self.fields()[name]: _value(name, value) for name, value in given.items()}
+
+
+def parameters(groups: Sequence[SectionOptions]) -> list[inspect.Parameter]:
+    """The sections' options, as typer takes them of a command's signature; all may be left out."""
+    names = {key: name for group in groups for name, key in group.fields().items() if "_" in key}
+    return [
+        _parameter(name, group.model.model_fields[key], group.panel, names)
+        for group in groups
+        for name, key in group.fields().items()
+    ]
+
+
+def section_values(groups: Sequence[SectionOptions], asked: Mapping[str, Any]) -> dict[str, Any]:
+    """What was typed, as a recipe's section would say it.
+
+    Raises
+    ------
+    UsageError
+        For a file that isn't there.
+    """
+    section: dict[str, Any] = {}
+    for group in groups:
+        typed, place = group.typed(asked), section
+        for key in group.at if typed else ():
+            place = place.setdefault(key, {})
+        place |= typed
+    return section
+
+
+def wrong_option(exc: ValidationError, groups: Sequence[SectionOptions], what: str) -> UsageError:
+    """The first thing that is wrong with a section, said of the option that stands for it.
+
+    Parameters
+    ----------
+    what : str
+        Named where no single option is wrong.
+    """
+    first = exc.errors()[0]
+    place = tuple(map(str, first["loc"]))
+    for group in groups:
+        names = {key: name for name, key in group.fields().items()}
+        if place[:-1] == group.at and place and place[-1] in names:
+            return UsageError(
+                f"{option(names[place[-1]])}: {wording(first)} (is {first['input']!r})"
+                if first["type"] != "missing"
+                else f"{option(names[place[-1]])} {wording(first)}"
+            )
+    return UsageError(f"{'.'.join(place) or what}: {wording(first)}")
+
+
+def option(name: str) -> str:
+    """An option as it is typed, of its name as a Python word."""
+    return "--" + name.replace("_", "-")
+
+
+def _parameter(
+    name: str, info: FieldInfo, panel: str, names: Mapping[str, str]
+) -> inspect.Parameter:
+    kind, default = _kind(info), info.get_default(call_default_factory=True)
+    typed = option(name)
+    if kind is bool and default:
+        typed = f"{typed}/--no-{typed[2:]}"
+    shown = "" if info.is_required() or default in (None, False) else _shown(default)
+    said = typer.Option(
+        typed,
+        help=_with_options(info.description or "", names),
+        show_default=shown or False,
+        rich_help_panel=panel or None,
+    )
+    return inspect.Parameter(
+        name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=None,
+        annotation=Annotated[kind | None, said],
+    )
+
+
+def _with_options(words: str, names: Mapping[str, str]) -> str:
+    """A field's description, naming options where it names fields."""
+    return re.sub(r"\w+", lambda one: option(names[one[0]]) if one[0] in names else one[0], words)
+
+
+def _shown(default: Any) -> str:
+    return f"{default:g}" if isinstance(default, float) else str(default)
+
+
+def _kind(info: FieldInfo) -> Any:
+    """Type of the option that stands for a field; None for what no single word says."""
+    kind = _simple(info.annotation)
+    return Path if kind is str and info.json_schema_extra == FILE else kind
+
+
+def _simple(annotation: Any) -> Any:
+    origin, args = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _simple(args[0])
+    if origin in (Union, types.UnionType):
+        members = [one for one in args if one is not type(None)]
+        return _simple(members[0]) if len(members) == 1 else None
+    if origin is Literal:
+        return annotation if isinstance(args[0], str) else type(args[0])
+    return annotation if annotation in (bool, float, int, str) else None
+
+
+def _value(name: str, value: Any) -> Any:
+    if not isinstance(value, Path):
+        return value
+    if not value.is_file():
+        raise UsageError(f"{option(name)} {value} isn't there, or no file; check the path")
+    return str(value.resolve())
