@@ -1,4 +1,4 @@
-"""Find the rounding step of a G-code file's E, and the path length that averages the error out."""
+"""Find the rounding step of a G-code file's E, and the path length over which it averages out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Number of ends of an organ's trunk vessels, by its terminals; refuse too few terminals."""
+"""Limit the number of an organ's trunk ends by its number of terminals; refuse too few."""
 
 from __future__ import annotations
 

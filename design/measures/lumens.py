@@ -1,4 +1,4 @@
-"""Compute the distance of points to the nearest lumen wall, by a tree of boxes over vessels."""
+"""Compute the distance of points to the nearest lumen wall, with a bounding-box tree of vessels."""
 
 from __future__ import annotations
 

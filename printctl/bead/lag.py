@@ -1,4 +1,4 @@
-"""Choose the pressure lag for a prediction: the user's value, else the ink profile's, else 0 s."""
+"""Choose the pressure lag: the user's, or the ink's for this syringe and needle, or 0 s."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl give-up`: mark an interrupted print as abandoned."""
+"""`printctl give-up`: mark an interrupted print as ended, so that its printer can be used again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poll Klipper for other clients' changes: end the print if shifted, reset heaters and speed."""
+"""Poll Klipper for other clients' changes: a shift ends the print; heaters and speed are reset."""
 
 from __future__ import annotations
 

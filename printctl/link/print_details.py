@@ -1,4 +1,4 @@
-"""Add gauge readings, inspection, pending pause or reload, dead-man's time to a print's status."""
+"""Add to a print's status: gauges, inspection, pending pause or reload, dead-man's time left."""
 
 from __future__ import annotations
 

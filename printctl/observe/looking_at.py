@@ -1,4 +1,4 @@
-"""Evaluate pictures of a held print against the ink its G-code should have laid; plan the mend."""
+"""Compare pictures of a held print with the ink expected from its G-code; plan the mend."""
 
 from __future__ import annotations
 

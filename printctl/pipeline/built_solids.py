@@ -1,4 +1,4 @@
-"""Build all solids of a run's recipe from its tissue and network, with fiducial dimples."""
+"""Build a run's solids from the tissue and network in its folder, with fiducial dimples."""
 
 from __future__ import annotations
 

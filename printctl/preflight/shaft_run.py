@@ -1,4 +1,4 @@
-"""Check a simulated embedded job for collisions of the needle's shaft with written ink."""
+"""Run the needle shaft check on a simulated embedded job, with its map and mounted needles."""
 
 from __future__ import annotations
 

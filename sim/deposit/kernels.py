@@ -1,4 +1,4 @@
-"""Kernels of the deposit model: select writing blocks, paint beads into voxels."""
+"""Number unbroken written paths of motion blocks; paint lines and strands in voxels (compiled)."""
 
 from __future__ import annotations
 

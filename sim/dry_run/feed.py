@@ -1,4 +1,4 @@
-"""Run G-code through the simulated planner at a serial link's rate: duration, starved motion."""
+"""Run G-code through the planner at serial speed: duration, and moves that arrive too late."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measure a lumen's widest open circle and open area between printed lines (compiled)."""
+"""Measure a lumen section's largest open circle and open area between printed lines (compiled)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find the translator of a printer's program files that aren't G-code.
+"""Find the translator to G-code of a firmware family whose files are in another language.
 
 A family's folder may hold ``reading.py``, whose ``translate`` puts a file in another language into
 the words of G-code.

@@ -1,4 +1,4 @@
-"""Compute the 1D solver's initial state, and extremes to expect, from a periodic 0D solution."""
+"""Compute the 1D solver's initial state and limiter thresholds from a periodic 0D solution."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exempt strands of one wide vessel from each other's shaft rules; report them as one vessel.
+"""Drop needle shaft rules between strands that form one wide vessel; report them as one vessel.
 
 Of vessels written as one filament each all this changes nothing.
 """

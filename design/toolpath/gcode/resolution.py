@@ -1,4 +1,4 @@
-"""Derive limits from a printer: shortest move, ink's distance from lumens, longest infill joint."""
+"""Derive from a printer: shortest move, ink's clearance from lumens, longest infill joint."""
 
 from __future__ import annotations
 

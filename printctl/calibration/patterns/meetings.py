@@ -1,4 +1,4 @@
-"""Calibration patterns for contact: comb of gaps, branch joints, bridges between pillars."""
+"""Calibration patterns of lines that touch or nearly do: comb of gaps, branch joints, bridges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bracket smallest open gap, least joint overlap and longest bridge by values tried in a print."""
+"""Bracket the smallest open gap, least joint overlap and longest bridge from a printed pattern."""
 
 from __future__ import annotations
 

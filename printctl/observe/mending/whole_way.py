@@ -1,4 +1,7 @@
-"""Find an insert's first move with the needle's shaft in ink (bath); cut that patch around it."""
+"""Find an insert's first move with the needle shaft in ink; leave that spot out of the mend.
+
+For embedded prints only; `plan.py` calls it.
+"""
 
 from __future__ import annotations
 

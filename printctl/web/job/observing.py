@@ -1,4 +1,4 @@
-"""Load a run's observer order for a print from the Job page; start its observer before it."""
+"""Prepare a run's camera or OCT inspection for a print from the Job page; start its observer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write a weighing or backlash test, fit calibration readings, write a measured profile copy."""
+"""Write weighing or backlash tests, fit their readings, save the result as a profile copy."""
 
 from __future__ import annotations
 

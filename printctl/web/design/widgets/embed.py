@@ -1,4 +1,4 @@
-"""Show a run's HTML pages in frames with the page's theme; turn 3D views side by side together."""
+"""Show a run's HTML pages in frames with the page's theme; rotate adjacent 3D views together."""
 
 from __future__ import annotations
 
