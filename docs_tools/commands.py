@@ -89,7 +89,8 @@ def _default(param: Any) -> str:
     if param.required:
         return "needed"
     if isinstance(getattr(param, "show_default", None), str):
-        return f"`{param.show_default}`"
+        shown = param.show_default
+        return shown if " " in shown else f"`{shown}`"
     default = param.default() if callable(param.default) else param.default
     if default in (None, False, (), []) or not getattr(param, "show_default", True):
         return ""

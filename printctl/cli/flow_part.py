@@ -86,7 +86,7 @@ def refuse_idle_options(asked: Mapping[str, Any]) -> None:
     """
     for key, other in _NEED.items():
         # An option that may be given again is an empty list where it isn't given.
-        if asked[key] not in (None, False, [], ()) and not asked[other]:
+        if asked[key] not in (None, [], ()) and not asked[other]:
             raise UsageError(
                 f"{option(key)} is for {option(other)}; add that, or leave {option(key)} out"
             )

@@ -67,7 +67,7 @@ class SectionOptions:
 
 def parameters(groups: Sequence[SectionOptions]) -> list[inspect.Parameter]:
     """The sections' options, as typer takes them of a command's signature; all may be left out."""
-    names = {key: name for group in groups for name, key in group.fields().items() if "_" in key}
+    names = {key: name for group in groups for name, key in group.fields().items() if name == key}
     return [
         _parameter(name, group.model.model_fields[key], group.panel, names)
         for group in groups
@@ -102,15 +102,14 @@ def wrong_option(exc: ValidationError, groups: Sequence[SectionOptions], what: s
     """
     first = exc.errors()[0]
     place = tuple(map(str, first["loc"]))
-    for group in groups:
-        names = {key: name for name, key in group.fields().items()}
-        if place[:-1] == group.at and place and place[-1] in names:
-            return UsageError(
-                f"{option(names[place[-1]])}: {wording(first)} (is {first['input']!r})"
-                if first["type"] != "missing"
-                else f"{option(names[place[-1]])} {wording(first)}"
-            )
-    return UsageError(f"{'.'.join(place) or what}: {wording(first)}")
+    options = {
+        (*group.at, key): option(name) for group in groups for name, key in group.fields().items()
+    }
+    if place not in options:
+        return UsageError(f"{'.'.join(place) or what}: {wording(first)}")
+    if first["type"] == "missing":
+        return UsageError(f"{options[place]} {wording(first)}; give it")
+    return UsageError(f"{options[place]}: {wording(first)} (is {first['input']!r})")
 
 
 def option(name: str) -> str:
@@ -125,7 +124,8 @@ def _parameter(
     typed = option(name)
     if kind is bool and default:
         typed = f"{typed}/--no-{typed[2:]}"
-    shown = "" if info.is_required() or default in (None, False) else _shown(default)
+    hidden = info.is_required() or default is None or kind is bool
+    shown = "" if hidden else _shown(default)
     said = typer.Option(
         typed,
         help=_with_options(info.description or "", names),
@@ -142,7 +142,9 @@ def _parameter(
 
 def _with_options(words: str, names: Mapping[str, str]) -> str:
     """A field's description, naming options where it names fields."""
-    return re.sub(r"\w+", lambda one: option(names[one[0]]) if one[0] in names else one[0], words)
+    return re.sub(
+        r"\w+_\w+", lambda one: option(names[one[0]]) if one[0] in names else one[0], words
+    )
 
 
 def _shown(default: Any) -> str:

@@ -61,7 +61,7 @@ class FlowPart(Part):
         default=None, description="Of a fluid with more than one; in place of viscosity_mpa_s."
     )
     density_g_cm3: Annotated[float, Field(ge=0.1, le=20)] = Field(
-        default=1.06, description="Of pulses, 3D flow, losses and Reynolds numbers."
+        default=1.06, description="Of pulses, 3D flow, losses, Reynolds numbers; g/cm³."
     )
     inlet_flow_ml_min: Annotated[float, Field(gt=0, le=10_000)] = Field(
         default=0.25, description="Mean, of all inlets together."

@@ -95,8 +95,8 @@ def test_a_broken_json_file_is_told_of_as_such(tmp_path: Path) -> None:
     [
         (("--period-s", "1"), "--period-s is for pulsatile flow"),
         (("--amplitude-ml-min", "0.1"), "give period_s"),
-        (("--amplitude-ml-min", "0.1", "--period-s", "-1"), "period_s"),
-        (("--shape", "heart", "--period-s", "1"), "'ejection' or 'roller_pump'"),
+        (("--amplitude-ml-min", "0.1", "--period-s", "-1"), "--period-s: must be above 0"),
+        (("--shape", "heart", "--period-s", "1"), "'roller_pump'"),
         (("--svzerod", "x.json"), "--svzerod writes a pulsatile problem"),
         ((*SINE, "--svzerod", "x.json"), "no Womersley impedance"),
         (("--waveform", "wave.csv"), "line 3: '' is no number"),

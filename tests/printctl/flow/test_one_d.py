@@ -50,7 +50,7 @@ def test_waves_leave_tables_and_the_case_for_another_solver(fork: Path) -> None:
         (("--one-d",), "--one-d follows a pulse"),
         ((*SINE, "--one-d"), "wall_young_kpa"),
         ((*SINE, *GEL, "--cell-mm", "1"), "--cell-mm is for --one-d"),
-        ((*SINE, *GEL, "--one-d", "--cell-mm", "-1"), "cell_mm"),
+        ((*SINE, *GEL, "--one-d", "--cell-mm", "-1"), "--cell-mm: must be above"),
         (("--svoned", "x.in"), "--svoned writes a pulsatile problem"),
         ((*SINE, *GEL, "--svoned", "x.in", "--one-d", "--wall-viscosity-pa-s", "5"), "no viscous"),
     ],

@@ -133,7 +133,7 @@ def test_wrong_options_have_a_message_each(fork: Path) -> None:
         (("--match-split", "--want", "2,0.2", "--want", "3,0.2"), "sum to 6.66667"),
         (("--edge-ratio", "0.5"), "--edge-ratio is for --three-d"),
         (("--along-vessel", "1"), "--along-vessel is for --compare"),
-        (("--three-d", "--edge-ratio", "3"), "three_d.edge_ratio"),
+        (("--three-d", "--edge-ratio", "3"), "--edge-ratio: must be at most 1 (is 3.0)"),
         (("--compare",), "give three_d, one_d or compare.lattice, too"),
         (("--ranks-python", "python3"), "--ranks-python is for --ranks"),
     ):

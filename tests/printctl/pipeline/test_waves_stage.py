@@ -9,8 +9,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from printctl.flow import ONE_D, ONE_D_WAVES
-from printctl.pipeline.stages.flow import waves
+from printctl.flow import ONE_D, ONE_D_WAVES, TABLE, steady_conditions
+from printctl.pipeline.stages.flow import work
 from printctl.recipe.parts import FlowPart
 from tests.design.hemodynamics.networks import network_of
 
@@ -22,16 +22,18 @@ def test_a_print_twice_the_size_carries_eight_times_the_flow(tmp_path: Path) -> 
             "one_d": {},
         }
     )
-    assert flow.pulse is not None
-    assert flow.one_d is not None
     told: list[tuple[float, str]] = []
     context: Any = SimpleNamespace(
         recipe=SimpleNamespace(flow=flow, print_scale=2.0),
         recipe_folder=Path(),
         folder=tmp_path,
         network=network_of([[0, 0, 0], [20, 0, 0]], [(0, 1)], 0.8),
+        conditions=steady_conditions(flow),
+        bars=SimpleNamespace(remark=lambda *_: None),
     )
-    found = waves(context, flow.pulse, flow.one_d, cast(Any, lambda *said: told.append(said)))
+    summary, files = work(context, cast(Any, lambda *said: told.append(said)))
+    found = summary["one_d"]
+    assert files[0] == TABLE
     assert found["inlet_flow_mean_ml_min"] == pytest.approx(8 * 0.25)
     assert (tmp_path / ONE_D).is_file()
     # Twenty samples and the columns' names.
