@@ -31,22 +31,13 @@ SvzerodOption = Annotated[
     Path | None,
     typer.Option("--svzerod", help="Write the pulsatile problem for svZeroDSolver, too."),
 ]
-OneDFlag = Annotated[
-    bool, typer.Option("--one-d", help="Follow the pulse's waves along the vessels, too.")
-]
 SvonedOption = Annotated[
     Path | None,
     typer.Option("--svoned", help="Write the pulsatile problem for svOneDSolver, too."),
 ]
-ThreeDFlag = Annotated[
-    bool, typer.Option("--three-d", help="Resolve the flow in the lumens' space, too.")
-]
 FilletOption = Annotated[
     float | None,
     typer.Option("--fillet-ratio", help="Of 3D: fillet over the thinnest vessel's radius."),
-]
-CompareFlag = Annotated[
-    bool, typer.Option("--compare", help="Fidelities side by side, each against the ideal.")
 ]
 AsPrintedFlag = Annotated[
     bool,

@@ -10,7 +10,13 @@ import yaml
 from pydantic import ValidationError
 
 from firmware_profiles.yaml_file import read_yaml
-from printctl.cli.section_options import SectionOptions, option, section_values, wrong_option
+from printctl.cli.section_options import (
+    SectionOptions,
+    needs_another,
+    option,
+    section_values,
+    wrong_option,
+)
 from printctl.errors import UsageError
 from printctl.recipe.fluids import LossPart
 from printctl.recipe.parts import FlowPart
@@ -22,12 +28,25 @@ _STEADY: Final = "Fluid, inlets and outlets"
 PULSE: Final = SectionOptions(
     PulsePart, ("pulse",), renamed={"table": "waveform"}, panel="Pulsatile flow"
 )
-ONE_D: Final = SectionOptions(OneDPart, ("one_d",), panel="With --one-d")
+ONE_D: Final = SectionOptions(
+    OneDPart,
+    ("one_d",),
+    panel="Waves (1D)",
+    flag="Follow the pulse's waves along the vessels, too.",
+)
 THREE_D: Final = SectionOptions(
-    ThreeDPart, ("three_d",), renamed={"steps": "three_d_steps"}, panel="With --three-d"
+    ThreeDPart,
+    ("three_d",),
+    renamed={"steps": "three_d_steps"},
+    panel="In space (3D)",
+    flag="Resolve the flow in the lumens' space, too.",
 )
 COMPARE: Final = SectionOptions(
-    ComparePart, ("compare",), renamed={"points": "compare_points"}, panel="With --compare"
+    ComparePart,
+    ("compare",),
+    renamed={"points": "compare_points"},
+    panel="Comparison",
+    flag="Fidelities side by side, each against the ideal.",
 )
 DRIVING: Final = (
     SectionOptions(FlowPart, panel=_STEADY),
@@ -40,13 +59,9 @@ SECTIONS: Final = (*DRIVING, ONE_D, THREE_D, COMPARE)
 
 _WAVES: Final = ("amplitude_ml_min", "amplitude_mmhg", "shape", "waveform")
 _GIVE_WAVE: Final = "give --amplitude-ml-min, --amplitude-mmhg, --shape or --waveform"
-_FLAGS: Final = ("one_d", "three_d", "compare")
 _IN_SPACE: Final = ("three_d", "match_split", "ranks", "slurm", "svmultiphysics")
 """Options that solve in the lumens' space, which fillets round."""
 _NEED: Final = {
-    **dict.fromkeys(ONE_D.fields(), "one_d"),
-    **dict.fromkeys(THREE_D.fields(), "three_d"),
-    **dict.fromkeys(COMPARE.fields(), "compare"),
     "ranks_python": "ranks",
     "slurm_set": "slurm",
     **dict.fromkeys(("want", "match_percent", "least_lumen_mm"), "match_split"),
@@ -66,9 +81,6 @@ def part_of(asked: Mapping[str, Any]) -> FlowPart:
     _refuse_without_wave(asked, waves)
     refuse_idle_options(asked)
     section = section_values(SECTIONS, asked) | _fluid(asked["fluid"]) | shear_band(asked)
-    for flag in _FLAGS:
-        if asked[flag]:
-            section.setdefault(flag, {})
     if asked["stenosis"]:
         section.setdefault("losses", {})["stenoses"] = _stenoses(asked["stenosis"])
     try:
@@ -87,9 +99,7 @@ def refuse_idle_options(asked: Mapping[str, Any]) -> None:
     for key, other in _NEED.items():
         # An option that may be given again is an empty list where it isn't given.
         if asked[key] not in (None, [], ()) and not asked[other]:
-            raise UsageError(
-                f"{option(key)} is for {option(other)}; add that, or leave {option(key)} out"
-            )
+            raise needs_another(key, other)
     if asked["fillet_ratio"] is not None and not any(asked[key] for key in _IN_SPACE):
         raise UsageError(
             "--fillet-ratio rounds the lumens that 3D flow is solved in; give --three-d, "

@@ -96,6 +96,7 @@ def _asked_of(
     group: SectionOptions, known: StrictModel | None, asked: Mapping[str, Any]
 ) -> dict[str, Any] | None:
     """The recipe's section of one fidelity with what was typed; None where it isn't asked for."""
+    typed = group.typed(asked)
     if not asked[group.at[-1]]:
         return None
-    return ({} if known is None else known.model_dump()) | group.typed(asked)
+    return ({} if known is None else known.model_dump()) | typed

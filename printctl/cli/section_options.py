@@ -37,6 +37,9 @@ class SectionOptions:
         Options named otherwise than their field, by field.
     panel : str
         Heading that they stand under in the help; the common one where it is empty.
+    flag : str
+        Help of an option, named like the section, without which the section is left out and its
+        other options are refused; empty where there is none.
     """
 
     model: type[BaseModel]
@@ -44,6 +47,7 @@ class SectionOptions:
     prefix: str = ""
     renamed: Mapping[str, str] = field(default_factory=dict)
     panel: str = ""
+    flag: str = ""
 
     def fields(self) -> dict[str, str]:
         """Name of each option's field, by the option's name as a Python word."""
@@ -59,20 +63,27 @@ class SectionOptions:
         Raises
         ------
         UsageError
-            For a file that isn't there.
+            For a file that isn't there, or an option without the section's flag.
         """
         given = {name: asked[name] for name in self.fields() if asked[name] is not None}
+        if given and self.flag and not asked[self.at[-1]]:
+            raise needs_another(next(iter(given)), self.at[-1])
         return {self.fields()[name]: _value(name, value) for name, value in given.items()}
 
 
 def parameters(groups: Sequence[SectionOptions]) -> list[inspect.Parameter]:
     """The sections' options, as typer takes them of a command's signature; all may be left out."""
     names = {key: name for group in groups for name, key in group.fields().items() if name == key}
-    return [
-        _parameter(name, group.model.model_fields[key], group.panel, names)
-        for group in groups
-        for name, key in group.fields().items()
-    ]
+    made = []
+    for group in groups:
+        if group.flag:
+            said = typer.Option(option(group.at[-1]), help=group.flag, rich_help_panel=group.panel)
+            made.append(_keyword(group.at[-1], Annotated[bool, said], False))
+        made += [
+            _parameter(name, group.model.model_fields[key], group.panel, names)
+            for name, key in group.fields().items()
+        ]
+    return made
 
 
 def section_values(groups: Sequence[SectionOptions], asked: Mapping[str, Any]) -> dict[str, Any]:
@@ -81,12 +92,13 @@ def section_values(groups: Sequence[SectionOptions], asked: Mapping[str, Any]) -
     Raises
     ------
     UsageError
-        For a file that isn't there.
+        As `SectionOptions.typed`.
     """
     section: dict[str, Any] = {}
     for group in groups:
         typed, place = group.typed(asked), section
-        for key in group.at if typed else ():
+        begun = typed or (group.flag and asked[group.at[-1]])
+        for key in group.at if begun else ():
             place = place.setdefault(key, {})
         place |= typed
     return section
@@ -112,6 +124,11 @@ def wrong_option(exc: ValidationError, groups: Sequence[SectionOptions], what: s
     return UsageError(f"{options[place]}: {wording(first)} (is {first['input']!r})")
 
 
+def needs_another(name: str, other: str) -> UsageError:
+    """The refusal of an option that does nothing without another one."""
+    return UsageError(f"{option(name)} is for {option(other)}; add that, or leave it out")
+
+
 def option(name: str) -> str:
     """An option as it is typed, of its name as a Python word."""
     return "--" + name.replace("_", "-")
@@ -132,11 +149,12 @@ def _parameter(
         show_default=shown or False,
         rich_help_panel=panel or None,
     )
+    return _keyword(name, Annotated[kind | None, said], None)
+
+
+def _keyword(name: str, annotation: Any, default: Any) -> inspect.Parameter:
     return inspect.Parameter(
-        name,
-        inspect.Parameter.KEYWORD_ONLY,
-        default=None,
-        annotation=Annotated[kind | None, said],
+        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
     )
 
 

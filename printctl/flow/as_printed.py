@@ -144,17 +144,12 @@ class OpenPart:
     def steady(self, conditions: FlowConditions) -> FlowConditions:
         """The design's conditions with this part's numbers."""
         number = {int(v): k for k, v in enumerate(self.vessel)}
-        narrow = tuple(
-            replace(each, vessel=number[each.vessel])
-            for each in conditions.losses.stenoses
-            if each.vessel in number
-        )
         return replace(
             conditions,
             behind=self._of_nodes(conditions.behind),
             outlet_flow_ul_s=self._of_nodes(conditions.outlet_flow_ul_s),
             supplies=self._supplies(conditions.supplies),
-            losses=replace(conditions.losses, stenoses=narrow),
+            losses=conditions.losses.in_part(number),
         )
 
     def pulsatile(self, conditions: PulsatileConditions) -> PulsatileConditions:

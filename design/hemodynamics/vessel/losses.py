@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -80,6 +81,13 @@ class Losses:
     def any(self) -> bool:
         """Whether there are some."""
         return self.junction > 0.0 or bool(self.stenoses)
+
+    def in_part(self, number: Mapping[int, int]) -> Losses:
+        """The losses in a part of the network, whose vessels have the numbers of ``number``."""
+        kept = (each for each in self.stenoses if each.vessel in number)
+        return replace(
+            self, stenoses=tuple(replace(each, vessel=number[each.vessel]) for each in kept)
+        )
 
 
 @dataclass(frozen=True)
