@@ -33,6 +33,11 @@ class Edges(NamedTuple):
     balance: NDArray[np.int64]
     of_face: NDArray[np.int64]
 
+    def sides(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Sides of faces, edge by edge, (3 m,), and where those of each edge begin, (e,)."""
+        first = np.concatenate([[0], np.cumsum(self.uses)[:-1]])
+        return np.argsort(self.of_face, kind="stable"), first
+
     @property
     def open(self) -> int:
         """Edges with an odd number of faces."""
@@ -46,11 +51,12 @@ class Edges(NamedTuple):
 
 def edges_of(faces: NDArray[np.integer]) -> Edges:
     """Edges of ``faces`` (m, 3)."""
-    ways = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
+    one = faces.ravel().astype(np.int64)
+    two = faces[:, [1, 2, 0]].ravel().astype(np.int64)
     size = int(faces.max(initial=0)) + 1
-    low, high = ways.min(axis=1), ways.max(axis=1)
+    low, high = np.minimum(one, two), np.maximum(one, two)
     keys, of_face, uses = np.unique(low * size + high, return_inverse=True, return_counts=True)
-    upward = np.where(ways[:, 0] < ways[:, 1], 1, -1)
+    upward = np.where(one < two, 1, -1)
     balance = np.bincount(of_face, weights=upward, minlength=len(keys)).astype(np.int64)
     ends = np.stack([keys // size, keys % size], axis=1)
     return Edges(ends, uses, balance, of_face)

@@ -10,7 +10,14 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from design.errors import TissueError
-from design.tissue.closed import FaceArray, FloatArray, enclosed_volume, face_areas, format_points
+from design.tissue.closed import (
+    FaceArray,
+    FloatArray,
+    edges_of,
+    enclosed_volume,
+    face_areas,
+    format_points,
+)
 from design.tissue.shells import enclosures, neighbours, shells_of
 
 
@@ -24,7 +31,7 @@ def agree(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, int]:
     TissueError
         When that can't be done (a Möbius strip).
     """
-    one, two, alike = neighbours(faces)
+    one, two, alike = neighbours(edges_of(faces))
     if alike.all():
         return faces, 0
     count, patch = _components(len(faces), one[alike], two[alike])

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from design.errors import TissueError
 from design.geometry import build_triangle_tree
 from design.geometry.surface import Surface
-from design.tissue.closed import FaceArray, FloatArray, edges_of, enclosed_volume
+from design.tissue.closed import Edges, FaceArray, FloatArray, edges_of, enclosed_volume
 from design.tissue.crossing_faces import crossing_faces
 from design.tissue.depth import winding_number
 from design.tissue.manifolds import manifold_of, surface_of
@@ -27,12 +27,10 @@ _MOST = 2000
 
 
 def neighbours(
-    faces: FaceArray,
+    edges: Edges,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
     """Pairs of faces at edges that have two, and whether they agree on what is outside."""
-    edges = edges_of(faces)
-    order = np.argsort(edges.of_face, kind="stable")
-    first = np.concatenate([[0], np.cumsum(edges.uses)[:-1]])
+    order, first = edges.sides()
     pair = edges.uses == 2
     one, two = order[first[pair]] // 3, order[first[pair] + 1] // 3
     return one, two, edges.balance[pair] == 0
@@ -44,10 +42,13 @@ def shells_of(points: FloatArray, faces: FaceArray) -> NDArray[np.int64]:
     Joined across edges with two faces; pieces that aren't closed so also where shells touch in an
     edge, across which those faces are joined that have the solid between them.
     """
-    one, two, _ = neighbours(faces)
+    edges = edges_of(faces)
+    one, two, _ = neighbours(edges)
     piece = _joined(len(faces), one, two)
-    here, there = _around_shared_edges(points, faces)
-    loose = _not_closed(faces, piece)
+    here, there = _around_shared_edges(points, faces, edges)
+    if not len(here):
+        return piece
+    loose = _not_closed(edges, piece)
     both = loose[piece[here]] & loose[piece[there]]
     if not both.any():
         return piece
@@ -61,9 +62,8 @@ def _joined(count: int, one: NDArray[np.int64], two: NDArray[np.int64]) -> NDArr
     return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
-def _not_closed(faces: FaceArray, piece: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _not_closed(edges: Edges, piece: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Whether each piece has an edge with an odd number of its own faces."""
-    edges = edges_of(faces)
     own = edges.of_face * (int(piece.max()) + 1) + np.repeat(piece, 3)
     sides, uses = np.unique(own, return_counts=True)
     loose = np.zeros(int(piece.max()) + 1, dtype=np.bool_)
@@ -72,11 +72,11 @@ def _not_closed(faces: FaceArray, piece: NDArray[np.int64]) -> NDArray[np.bool_]
 
 
 def _around_shared_edges(
-    points: FloatArray, faces: FaceArray
+    points: FloatArray, faces: FaceArray, edges: Edges
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Pairs of faces with solid between them, at edges of four faces and more."""
     pairs: list[tuple[int, int]] = []
-    for face, upward, _ in _shared_edges(points, faces):
+    for face, upward, _ in _shared_edges(points, faces, edges):
         # Begin where most are closed: what is open then is closed later on.
         begin = 1 + int(np.argmin(np.cumsum(np.where(upward, -1, 1))))
         waiting: list[int] = []
@@ -92,7 +92,7 @@ def _around_shared_edges(
 def _walls_back_to_back(points: FloatArray, faces: FaceArray) -> NDArray[np.int64]:
     """Faces that lie on others which look the other way, at edges of four faces and more."""
     walls = list[int]()
-    for face, upward, angle in _shared_edges(points, faces):
+    for face, upward, angle in _shared_edges(points, faces, edges_of(faces)):
         same = np.abs(np.angle(np.exp(1j * (angle - np.roll(angle, 1))))) < _SAME_ANGLE
         opposite = upward != np.roll(upward, 1)
         walls += face[same & opposite].tolist() + np.roll(face, 1)[same & opposite].tolist()
@@ -100,17 +100,18 @@ def _walls_back_to_back(points: FloatArray, faces: FaceArray) -> NDArray[np.int6
 
 
 def _shared_edges(
-    points: FloatArray, faces: FaceArray
+    points: FloatArray, faces: FaceArray, edges: Edges
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.bool_], FloatArray]]:
     """Around each edge of four faces and more: faces by angle, if they pass it upwards, angles.
 
     Seen along the edge, a face that passes it upwards has its solid on the clockwise side, one that
     passes it downwards on the other.
     """
-    edges = edges_of(faces)
-    order = np.argsort(edges.of_face, kind="stable")
-    first = np.concatenate([[0], np.cumsum(edges.uses)[:-1]])
-    for edge in np.flatnonzero((edges.uses > 2) & (edges.balance == 0)).tolist():
+    shared = np.flatnonzero((edges.uses > 2) & (edges.balance == 0)).tolist()
+    if not shared:
+        return
+    order, first = edges.sides()
+    for edge in shared:
         sides = order[first[edge] : first[edge] + edges.uses[edge]]
         face, corner = sides // 3, sides % 3
         low, high = edges.ends[edge]
