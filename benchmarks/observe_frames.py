@@ -2,26 +2,32 @@
 
 Arguments: COUNT and the first SEED. Each camera gets a lens by a board (corners by the checker's
 own projection, 0.06 px noise), an insert made with errors, a picture of it, ties to the printer
-(crosses touched to 20 µm, or printed lines, each laid to 20 µm, that are found in the picture), and
+(crosses touched to 20 µm, or printed squares or a frame, each line laid to 20 µm, found in the
+picture), and
 a bump of 100 µm with marks hidden. Tips are found apart, by a lone camera or by two. Truth is the
 checker's (`checkers/dish_camera.py`, `checkers/needle_camera.py`).
 """
 
 from __future__ import annotations
 
+import re
 import sys
+import tempfile
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
 
 from benchmarks.checkers.dish_camera import Made, Optics, Scene, aimed, developed, photograph
 from benchmarks.checkers.needle_camera import Needle, rough_ground, with_needle
 from benchmarks.machine import print_rows, row
 from firmware_profiles import load
 from firmware_profiles.dishes import Dish
+from printctl.cli.main import app
 from registration.camera_frame import (
     CameraFrame,
     PrintedLine,
@@ -111,13 +117,8 @@ def framed(rig: Rig, lens: Lens, by: str, rng: np.random.Generator, seed: int) -
     """Frame by touched crosses (20 µm) or by printed lines found in the picture."""
     z = float(rig.target[2])
     lines = []
-    if by == "printed":
-        low, high = rig.target[:2] - 15, rig.target[:2] + 15
-        corners = [(low[0], high[1]), (low[0], low[1]), (high[0], low[1]), (high[0], high[1])]
-        lines = [
-            (np.array(a), np.array(b))
-            for a, b in zip(corners, corners[1:] + corners[:1], strict=True)
-        ]
+    if by != "touched":
+        lines = _frame_sides(rig) if by == "frame" else _squares(rig)
         laid = [(np.array(line), rng.normal(0, 0.02, 2)) for line in lines]
         flat = [tuple(_on_plate(rig, end) for end in line + off) for line, off in laid]
         rig.scene = replace(rig.scene, lines=[(a, b, 0.4) for a, b in flat])
@@ -137,6 +138,47 @@ def framed(rig: Rig, lens: Lens, by: str, rng: np.random.Generator, seed: int) -
     asked = [PrintedLine((*a, z), (*b, z), 0.4) for a, b in lines]
     points = find_crossings(image, first.view, asked)
     return fit_frame(marks, rig.insert, lens, Ties(printed=points, z_mm=z, u_z_mm=0.1), now)
+
+
+def _frame_sides(rig: Rig) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Sides of a square of 30 mm."""
+    low, high = rig.target[:2] - 15, rig.target[:2] + 15
+    corners = [(low[0], high[1]), (low[0], low[1]), (high[0], low[1]), (high[0], high[1])]
+    around = zip(corners, corners[1:] + corners[:1], strict=True)
+    return [(np.array(a), np.array(b)) for a, b in around]
+
+
+def _squares(rig: Rig) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The straight lines that `printctl calibrate pattern squares` writes, by its G-code."""
+    at = ",".join(f"{value:.3f}" for value in rig.target)
+    with tempfile.TemporaryDirectory() as folder:
+        job = Path(folder) / "squares.gcode"
+        words = (
+            "--needle",
+            "22g",
+            "--width",
+            "0.4",
+            "--dish",
+            "petri_60mm",
+            "--at",
+            at,
+            "-o",
+            str(job),
+        )
+        done = CliRunner().invoke(app, ["calibrate", "pattern", "squares", *words, "-o", str(job)])
+        if done.exit_code != 0:
+            raise SystemExit(done.output)
+        tip, pushed, lines = np.zeros(3), 0.0, []
+        for text in job.read_text().splitlines():
+            words_of = dict(re.findall(r"([A-Z])(-?[\d.]+)", text.split(";")[0]))
+            if words_of.pop("G", "") not in ("0", "1"):
+                continue
+            there = np.array([float(words_of.get(a, b)) for a, b in zip("XYZ", tip, strict=True)])
+            plunger = float(words_of.get("E", pushed))
+            if plunger > pushed and np.linalg.norm(there[:2] - tip[:2]) > 1:
+                lines.append((tip[:2].copy(), there[:2].copy()))
+            tip, pushed = there, plunger
+    return lines
 
 
 def _on_plate(rig: Rig, place: np.ndarray) -> np.ndarray:
@@ -257,11 +299,13 @@ def _known(optics: Optics, rng: np.random.Generator) -> CameraFrame:
 
 def main(count: int, first: int = 0) -> list[dict[str, Any]]:
     """All rows; cameras take turns with the ways of tying and making."""
-    ways = (("touched", "engraved"), ("printed", "engraved"), ("printed", "fdm"))
+    ways = (
+        ("touched", "engraved"), ("squares", "engraved"), ("frame", "engraved"), ("squares", "fdm"),
+    )  # fmt: skip
     found: dict[Any, list[tuple[np.ndarray, np.ndarray]]] = {way: [] for way in ways}
     noticed, passed, failed = [], [], []
     for seed in range(first, first + count):
-        by, process = ways[seed % 3]
+        by, process = ways[seed % 4]
         rng = np.random.default_rng([seed, 26])
         rig = random_rig(rng, process)
         try:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 import typer
 
 from design.files import write_text
 from design.toolpath.gcode import GcodeOptions, save_gcode, write_gcode
-from firmware_profiles import Ink, Needle, Printer, Syringe, load
+from firmware_profiles import Dish, Ink, Needle, Printer, Syringe, load
 from printctl.calibration.patterns import (
+    COLUMNS,
     Bead,
     LineSeries,
     Pattern,
@@ -25,6 +27,7 @@ from printctl.calibration.patterns import (
     sheet_svg,
     sheet_text,
     spiral_pattern,
+    squares_pattern,
 )
 from printctl.cli import calibrate_pattern_options as options
 from printctl.cli import set_up_options as mounting
@@ -47,8 +50,12 @@ _OWN = {
     "joint": {"speed", "overlaps"},
     "bridge": {"speed", "spans", "height"},
     "comb": {"speed", "gaps"},
+    "squares": {"speed", "across"},
 }
 """Options of each pattern alone."""
+_ACROSS_MM: Final = 50.0
+_CLEAR_MM: Final = 1.5
+"""Between needle and dish."""
 
 
 def pattern(
@@ -79,10 +86,12 @@ def pattern(
     overlaps: options.Overlaps = "-1.5,-1,-0.5,0,0.5,1",
     spans: options.Spans = "1,2,3,4,6",
     height: options.Height = 2.0,
+    across: options.Across = None,
 ) -> None:
     """Write a calibration print: G-code, a drawing, a sheet to type widths into.
 
-    It is printed with `printctl print`; `printctl calibrate widths` reads it.
+    It is printed with `printctl print`; `printctl calibrate widths` reads it, and of squares
+    `printctl observe frame --printed`.
     """
     _refuse_others(context, name)
     place = three_numbers(at, "--at")
@@ -90,7 +99,7 @@ def pattern(
     wide = load(Needle, needle).inner_mm if width is None else width
     bead = _bead(wide, layer, bath is not None if round_bead is None else round_bead, ink)
     own = _Own(speeds, flow_factors, length, repeats, steps, speed, turns, pitch, gaps, overlaps,
-               spans, height)  # fmt: skip
+               spans, height, _across(across, dish, needle))  # fmt: skip
     machine, material = load(Printer, printer), load(Ink, ink)
     _refuse_air(machine)
     named = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
@@ -99,7 +108,7 @@ def pattern(
     _write(
         _Job(
             output,
-            WrittenPattern(_made(name, bead, own), used),
+            WrittenPattern(_made(name, bead, own), used, place),
             set_for,
             place,
             load(Syringe, syringe),
@@ -123,6 +132,7 @@ class _Own:
     overlaps: str
     spans: str
     height: float
+    across: float
 
 
 def _made(name: str, bead: Bead, own: _Own) -> Pattern:
@@ -136,6 +146,8 @@ def _made(name: str, bead: Bead, own: _Own) -> Pattern:
         return joint_pattern(bead, numbers_of(own.overlaps, "--overlaps"), own.speed)
     if name == "bridge":
         return bridge_pattern(bead, numbers_of(own.spans, "--spans"), own.height, own.speed)
+    if name == "squares":
+        return squares_pattern(bead, own.across, own.speed)
     return comb_pattern(bead, _gaps(own.gaps, bead.width_mm), own.speed)
 
 
@@ -226,7 +238,8 @@ def _write(job: _Job) -> None:
     base = job.path
     save_gcode(base, base.with_suffix(".map.npz"), [gcode])
     write_text(base.with_suffix(".json"), job.written.as_text())
-    write_text(base.with_suffix(".csv"), sheet_text(job.written))
+    if made.name in COLUMNS:
+        write_text(base.with_suffix(".csv"), sheet_text(job.written))
     write_text(base.with_suffix(".svg"), sheet_svg(job.written))
     _tell(job, made, gcode.line_count, run.duration_s)
 
@@ -240,10 +253,25 @@ def _tell(job: _Job, made: Pattern, lines: int, seconds: float) -> None:
             "above it (--bath or --round for filaments in a bath)",
             markup=False,
         )
-    beside = ", ".join(str(job.path.with_suffix(end)) for end in _BESIDE)
+    ends = _BESIDE if made.name in COLUMNS else (".svg", ".json")
+    reads = (
+        "the sheet to fill in, and what `printctl calibrate widths` needs to read them or a picture"
+        if made.name in COLUMNS
+        else "and what `printctl observe frame --printed` needs"
+    )
     print_lines(
         f"{job.path}: {lines} lines, {seconds:.0f} s, {x:.1f} x {y:.1f} mm; put the tip to {start} "
         f"and print it with --start {start}",
-        f"{beside}: what is where, the sheet to fill in, and what `printctl calibrate widths` "
-        "needs to read them or a picture",
+        f"{', '.join(str(job.path.with_suffix(end)) for end in ends)}: what is where, {reads}",
     )
+
+
+def _across(said: float | None, dish: str | None, needle: str) -> float:
+    """Diameter of the squares' circle, mm."""
+    if said is not None:
+        return said
+    if dish is None:
+        return _ACROSS_MM
+    inside = load(Dish, dish)
+    clear = load(Needle, needle).outer_mm + 2 * _CLEAR_MM
+    return min(inside.inner_x_mm, inside.inner_y_mm) - clear

@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 import typer
 
 Name = Annotated[
-    Literal["lines", "spiral", "joint", "bridge", "comb"],
-    typer.Argument(help="lines, spiral, joint, bridge or comb.", show_default=False),
+    Literal["lines", "spiral", "joint", "bridge", "comb", "squares"],
+    typer.Argument(help="lines, spiral, joint, bridge, comb or squares.", show_default=False),
 ]
 Output = Annotated[
     Path,
@@ -55,4 +55,10 @@ Overlaps = Annotated[
     str, typer.Option("--overlaps", help="Of joints, radii beyond the trunk's surface.")
 ]
 Spans = Annotated[str, typer.Option("--spans", help="Of bridges, mm.")]
+Across = Annotated[
+    float | None,
+    typer.Option(
+        "--across", help="Of the squares' circle, mm; --dish less the needle and 3 mm, 50 if not."
+    ),
+]
 Height = Annotated[float, typer.Option("--height", help="Of the bridges' pillars, mm.", min=0.1)]

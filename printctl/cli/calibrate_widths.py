@@ -11,7 +11,7 @@ import typer
 
 from design.files import write_bytes, write_text
 from firmware_profiles import Ink, load
-from printctl.calibration.patterns import WrittenPattern, read_pattern
+from printctl.calibration.patterns import COLUMNS, WrittenPattern, read_pattern
 from printctl.calibration.widths import (
     Answer,
     GivenValues,
@@ -110,7 +110,13 @@ def _pattern(file: Path, named: Path | None) -> WrittenPattern:
                 f"{named} isn't there: name the file that `printctl calibrate pattern` wrote "
                 "beside the G-code (--pattern)"
             )
-    return read_pattern(named)
+    written = read_pattern(named)
+    if written.pattern.name not in COLUMNS:
+        raise UsageError(
+            f"{named} is a pattern of {written.pattern.name}, which ties a camera to the printer "
+            "and has no widths to read; use printctl observe frame --printed"
+        )
+    return written
 
 
 def _name(written: WrittenPattern) -> str:

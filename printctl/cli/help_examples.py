@@ -184,7 +184,7 @@ MANUAL: Final[Mapping[str, Manual]] = {
             "printctl observe frame seen.png --lens camera.yaml --insert insert/insert.yaml "
             "--touched left=66.7,100.1,4.2 --touched right=133.3,99.9,4.2 -o frame.yaml",
             "printctl observe frame seen.png --lens camera.yaml --insert insert/insert.yaml "
-            "--printed lines.json --printed-at 88,88,5 --at 100,100,4.2 -o frame.yaml",
+            "--printed squares.json --at 100,100,4.2 -o frame.yaml",
         )
     ),
     "observe check": Manual(("printctl observe check now.png --frame frame.yaml",), REFUSED),

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Final
 
+import numpy as np
 import typer
 
 from printctl.calibration.patterns import read_pattern
@@ -52,10 +54,7 @@ def frame(
     printed: Annotated[
         Path | None,
         typer.Option("--printed", help="A print in the dish instead: the .json of `calibrate "
-                     "pattern`; its frame's lines are looked for."),
-    ] = None,
-    printed_at: Annotated[
-        str | None, typer.Option("--printed-at", metavar="X,Y,Z", help="Its --at.")
+                     "pattern squares`; its lines are looked for."),
     ] = None,
     at: Annotated[
         str, typer.Option("--at", metavar="X,Y,Z", help="Insert's middle and its marks' height, "
@@ -101,7 +100,7 @@ def frame(
     )  # fmt: skip
     now = datetime.now(UTC)
     if printed is not None:
-        lines = _lines(printed, printed_at)
+        lines = _lines(printed)
         first = fit_frame(marks, drawn, optics, ties, now)
         crossings = find_crossings(images[0], first.view, lines)
         ties = Ties(printed=crossings, z_mm=z, u_z_mm=u_z_mm, at_mm=(x, y), bath=bath)
@@ -136,17 +135,20 @@ def _touch(word: str, u_mm: float) -> Touch:
     return Touch(name, x, y, z[0] if z else None, max(u_mm, 1e-4))
 
 
-def _lines(path: Path, at: str | None) -> list[PrintedLine]:
-    """The four sides of a calibration pattern's frame, printer's frame."""
+def _lines(path: Path) -> list[PrintedLine]:
+    """The straight lines of a calibration pattern's squares or frame, printer's frame."""
+    written = read_pattern(path)
+    pattern, at = written.pattern, written.at_mm
     if at is None:
-        raise UsageError("--printed needs --printed-at X,Y,Z: the --at of `calibrate pattern`")
-    x, y, z = three_numbers(at, "--printed-at")
-    pattern = read_pattern(path).pattern
+        raise UsageError(
+            f"{path} doesn't say where it was printed: a former printctl wrote it; write and print "
+            "the pattern again (printctl calibrate pattern squares)"
+        )
+    corner = np.array([at[0] - pattern.size_mm[0] / 2, at[1] - pattern.size_mm[1] / 2, at[2]])
     found = []
-    for stroke in pattern.of_role("frame"):
-        for a, b in zip(stroke.points[:-1], stroke.points[1:], strict=True):
-            ends = [(x + float(p[0]), y + float(p[1]), z + float(p[2])) for p in (a, b)]
-            found.append(PrintedLine(ends[0], ends[1], pattern.bead.width_mm))
+    for stroke in pattern.of_role("side", "frame"):
+        ends = (stroke.points + corner).tolist()
+        found += [PrintedLine(tuple(a), tuple(b), pattern.bead.width_mm) for a, b in pairwise(ends)]
     return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -22,8 +23,9 @@ FloatArray = NDArray[np.float64]
 _ROWS: Final = 160
 """Profiles across a line."""
 _ENDS: Final = 0.08
-_TURNS: Final = np.linspace(-0.06, 0.06, 41)
-"""Slopes against the expected direction that are tried."""
+_TURN: Final = 0.06
+_TURN_STEP_MM: Final = 0.075
+"""Largest slope against the expected direction that is tried, and steps of a line's end."""
 _LEAST_CLEAR: Final = 6.0
 """Of the best place's response over the deviation of the others."""
 _LEAST_GOOD: Final = 0.5
@@ -138,7 +140,7 @@ def _found(
     strip = cv2.remap(grey, pixels[..., 0], pixels[..., 1], cv2.INTER_CUBIC,
                       borderMode=cv2.BORDER_REPLICATE)  # fmt: skip
     ridge = _ridges(strip.astype(np.float64), line.width_mm / step)
-    at, slope, clear, sign = _best(ridge, share, aside)
+    at, slope, clear, sign = _best(ridge, share, aside, float(np.hypot(*along[:2])))
     if clear < _LEAST_CLEAR:
         raise PictureError(
             f"printed line {number} isn't seen within {reach_mm:g} mm of where it should lie "
@@ -159,13 +161,13 @@ def _ridges(strip: FloatArray, width: float) -> FloatArray:
 
 
 def _best(
-    ridge: FloatArray, share: FloatArray, aside: FloatArray
+    ridge: FloatArray, share: FloatArray, aside: FloatArray, length_mm: float
 ) -> tuple[float, float, float, float]:
     """Offset in the middle and slope (mm over the length) of the clearest line; how clear; sign."""
     columns, step = np.arange(ridge.shape[1]), aside[1] - aside[0]
     most = (0.0, 0.0, 0.0, 0.0)
-    length = 25.0
-    for turn in _TURNS * length:
+    half = math.ceil(_TURN * length_mm / _TURN_STEP_MM)
+    for turn in _TURN_STEP_MM * np.arange(-half, half + 1):
         shift = (share - 0.5) * turn / step
         base = np.floor(shift).astype(np.int64)
         part = shift - base

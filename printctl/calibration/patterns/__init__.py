@@ -1,4 +1,4 @@
-"""Calibration prints (lines, spiral, joint, bridge, comb) and sheets for their measurements.
+"""Calibration prints (lines, spiral, joint, bridge, comb, squares) and sheets to measure them.
 
 Goes in: printer, ink, needle and speeds. Comes out: a test print, its drawing, a sheet to fill in.
 Begin with `plan.py`.
@@ -9,6 +9,7 @@ from printctl.calibration.patterns.lines import LineSeries, lines_pattern, spira
 from printctl.calibration.patterns.meetings import bridge_pattern, comb_pattern, joint_pattern
 from printctl.calibration.patterns.plan import Bead, Pattern, PatternName, Question, Stroke
 from printctl.calibration.patterns.sheet import sheet_svg
+from printctl.calibration.patterns.squares import squares_pattern
 from printctl.calibration.patterns.table import (
     CLEAR,
     COLUMNS,
@@ -41,5 +42,6 @@ __all__ = [
     "sheet_text",
     "speed_at",
     "spiral_pattern",
+    "squares_pattern",
     "width_row",
 ]

@@ -42,10 +42,20 @@ class PatternSetUp:
 
 @dataclass(frozen=True)
 class WrittenPattern:
-    """A pattern with what it was written with."""
+    """A pattern with what it was written with.
+
+    Attributes
+    ----------
+    pattern : Pattern
+    mounted : PatternSetUp
+    at_mm : (x, y, z) or None
+        Printer's place of the frame's middle, at the height of the lines; files of before don't say
+        it.
+    """
 
     pattern: Pattern
     mounted: PatternSetUp
+    at_mm: tuple[float, float, float] | None = None
 
     @property
     def number(self) -> int:
@@ -97,6 +107,7 @@ def _text(written: WrittenPattern, more: dict[str, Any] | None = None) -> str:
         "mounted": asdict(written.mounted),
         "bead": asdict(pattern.bead),
         "size_mm": _rounded(pattern.size_mm),
+        **({} if written.at_mm is None else {"at_mm": _rounded(written.at_mm)}),
         "strokes": [
             {
                 "number": stroke.number,
@@ -137,4 +148,7 @@ def _read(data: dict[str, Any]) -> WrittenPattern:
     )
     x, y = data["size_mm"]
     pattern = Pattern(data["name"], Bead(**data["bead"]), (x, y), tuple(strokes), questions)
-    return WrittenPattern(pattern, PatternSetUp(**data["mounted"]))
+    at = data.get("at_mm")
+    if at is not None:
+        at = (float(at[0]), float(at[1]), float(at[2]))
+    return WrittenPattern(pattern, PatternSetUp(**data["mounted"]), at)

@@ -1,9 +1,9 @@
 """Data classes of a calibration pattern: bead, strokes, questions; draw its inked frame.
 
 Coordinates are the pattern's own, mm: origin at the lower left corner of its frame, x and y as the
-printer's, z from the height of its lines. The frame is drawn in ink: the left and the bottom side
-whole, of the right and the top one the halves that meet. Four straight sides give a picture its
-scale and its perspective; the missing halves say which way up it is.
+printer's, z from the height of its lines. The frame, which all but squares have, is drawn in ink:
+the left and the bottom side whole, of the right and the top one the halves that meet. Four straight
+sides give a picture its scale and its perspective; the missing halves say which way up it is.
 """
 
 from __future__ import annotations
@@ -19,8 +19,10 @@ from firmware_profiles.bead import BeadSection
 from firmware_profiles.bead_shape import BeadShape
 
 FloatArray = NDArray[np.float64]
-PatternName = Literal["lines", "spiral", "joint", "bridge", "comb"]
-Role = Literal["frame", "line", "step", "spiral", "trunk", "branch", "tooth", "pillar", "bridge"]
+PatternName = Literal["lines", "spiral", "joint", "bridge", "comb", "squares"]
+Role = Literal[
+    "frame", "line", "step", "spiral", "trunk", "branch", "tooth", "pillar", "bridge", "side"
+]
 MARGIN_MM: Final = 3.0
 """Between the frame and all else."""
 

@@ -91,6 +91,8 @@ def _labels(pattern: Pattern) -> Iterator[str]:
 
 
 def _scales(pattern: Pattern) -> Iterator[str]:
+    if not pattern.of_role("frame"):
+        return
     x, y = pattern.size_mm
     yield f'<text x="0" y="6">frame {x:.3f} mm along x (middle of the ink)</text>'
     yield f'<text x="-4" y="0" transform="rotate(-90 -4 0)">{y:.3f} mm along y</text>'
@@ -103,4 +105,7 @@ def _legend(written: WrittenPattern) -> Iterator[str]:
     yield f"printctl calibrate pattern {pattern.name}, no. {written.number}; drawn {_SCALE:g}:1"
     yield f"{what}, {bead.width_mm:g} mm wide at flow 1; dots: where each stroke begins"
     yield f"{mounted.ink}, needle {mounted.needle}, syringe {mounted.syringe}, {mounted.printer}"
-    yield "The frame is printed too: have all of it in the picture."
+    if pattern.of_role("frame"):
+        yield "The frame is printed too: have all of it in the picture."
+    else:
+        yield f"{pattern.size_mm[0]:g} mm across; for printctl observe frame --printed."

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 import yaml
 from typer.testing import CliRunner, Result
 
+from benchmarks.checkers.dish_camera import photograph
+from firmware_profiles import Printer, load
+from printctl.calibration.patterns import Pattern, PatternSetUp, WrittenPattern, read_pattern
 from printctl.cli.main import app
 from printctl.errors import UsageError
 from registration.camera_frame import read_frame, write_frame, write_insert
 from registration.errors import PictureError
 from registration.lens import write_lens
+from sim.dry_run.run import dry_run
 from tests.registration.camera_frame import scene
 
 
@@ -61,6 +67,48 @@ def test_a_frame_is_fitted_and_checked(tmp_path: Path) -> None:
     assert not json.loads(done.stdout)["holds"]
     with pytest.raises(UsageError, match="isn't CROSS=X,Y or CROSS=X,Y,Z"):
         observe(*words, "--touched", "left")
+
+
+@pytest.mark.parametrize("pattern", ["squares", "lines"])
+def test_a_camera_is_tied_to_a_print_as_its_files_say(pattern: str, tmp_path: Path) -> None:
+    x, y, z = scene.TARGET
+    job = tmp_path / "job.gcode"
+    words = f"--needle 22g --width 0.4 --dish petri_35mm --at {x},{y},{z} -o {job}".split()
+    if pattern == "lines":
+        words += ["--length", "12", "--speeds", "4", "--flow-factors", "1"]
+    done = CliRunner().invoke(app, ["calibrate", "pattern", pattern, *words])
+    assert done.exit_code == 0, done.output
+    lines = [(a - scene.TARGET[:2], b - scene.TARGET[:2], 0.4) for a, b in _written(job)]
+    seen, lens, insert, out = (tmp_path / n for n in ("s.png", "l.yaml", "i.yaml", "f.yaml"))
+    inked = replace(scene.SCENE, lines=lines)
+    assert cv2.imwrite(str(seen), photograph(scene.optics(), scene.made(), inked, 1))
+    write_lens(lens, scene.lens())
+    write_insert(insert, scene.insert())
+    given = ("--lens", lens, "--insert", insert, "--at", f"{x + 0.5},{y - 0.4},{z}", "-o", out)
+    told = json.loads(
+        observe("frame", seen, *given, "--printed", job.with_suffix(".json"), "--json").stdout
+    )
+    assert told["tied"] == "printed"
+    off = read_frame(out).to_printer(scene.optics().pixels(scene.TARGET[None]), z) - [x, y]
+    assert abs(off).max() < 0.02
+    old = tmp_path / "old.json"
+    old.write_text(WrittenPattern(*_parts(job.with_suffix(".json"))).as_text())
+    with pytest.raises(UsageError, match="doesn't say where it was printed"):
+        observe("frame", seen, *given, "--printed", old)
+
+
+def _written(job: Path) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Ends of all straight lines that a job writes."""
+    run = dry_run(job.read_bytes(), load(Printer, "generic_marlin"), tuple(scene.TARGET))
+    ends = np.vstack([run.program.start[None, :3], run.program.target[:, :3]])
+    pushed = np.diff(run.program.plunger, prepend=0) > 0
+    rows = np.flatnonzero(pushed & (np.linalg.norm(np.diff(ends, axis=0), axis=1) > 0))
+    return [(ends[row, :2], ends[row + 1, :2]) for row in rows]
+
+
+def _parts(path: Path) -> tuple[Pattern, PatternSetUp]:
+    written = read_pattern(path)
+    return written.pattern, written.mounted
 
 
 def test_a_tip_that_isnt_there_is_not_found(tmp_path: Path) -> None:
