@@ -122,8 +122,8 @@ def _about(
 ) -> tuple[tuple[float, float, float], float]:
     """Insert's middle with its marks' height, and that height's standard uncertainty, mm.
 
-    A print without --at lies in the insert's middle, and its camera, seen from aside, tells how much
-    higher the marks are.
+    A print without --at lies in the insert's middle, and a camera that looks from aside tells how
+    much higher the marks are.
     """
     if at is not None:
         x, y, z = three_numbers(at, "--at")

@@ -39,7 +39,11 @@ class DesignRead:
 
 
 def read_design(
-    model: Path, network: Path | None, lumens: bool | None, unit: LengthUnit, printed_in: Path | None
+    model: Path,
+    network: Path | None,
+    lumens: bool | None,
+    unit: LengthUnit,
+    printed_in: Path | None,
 ) -> DesignRead:
     """Read a design; ``lumens`` None takes what a run's print leaves to be scanned.
 
