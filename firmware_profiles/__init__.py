@@ -13,7 +13,7 @@ from firmware_profiles.facts import Facts, Span
 from firmware_profiles.filament_support import supported_diameter_mm, weight_in_bath_n_m3
 from firmware_profiles.file_controller import FileController
 from firmware_profiles.heads import MOST_HEADS, Head, Offset
-from firmware_profiles.load import load, read_keys, shipped
+from firmware_profiles.load import load, read_keys, shipped, shipped_text
 from firmware_profiles.materials import Bath, Ink, MeasuredLag
 from firmware_profiles.plates import Plate
 from firmware_profiles.printers import Axes, Printer
@@ -50,6 +50,7 @@ __all__ = [
     "profile_doubts",
     "read_keys",
     "shipped",
+    "shipped_text",
     "steady_flow",
     "supported_diameter_mm",
     "wall_stress_pa",

@@ -75,6 +75,17 @@ def _read(path: Path) -> Any:
         raise ProfileError(f"{path} isn't YAML: {exc}") from exc
 
 
+def shipped_text(model: type[Facts], name: str) -> str:
+    """Text of a shipped profile's file, with its comments.
+
+    Raises
+    ------
+    ProfileError
+        When there is no such profile.
+    """
+    return _shipped_path(model, name).read_text(encoding="utf-8")
+
+
 def _shipped_path(model: type[Facts], name: str) -> Path:
     names = shipped(model)
     if name not in names:

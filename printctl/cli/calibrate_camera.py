@@ -57,8 +57,10 @@ def board(
             "wide (4 wanted); raise --dpi or --square-mm"
         )
     picture = board_picture(asked, dpi)
+    # A square is a whole number of dots, so the file's dots differ a little from the printer's.
+    true_dpi = 25.4 * picture.shape[1] / ((asked.columns + 2) * square_mm)
     with atomic_replacement(out) as draft:
-        Image.fromarray(picture).save(draft, "PNG", dpi=(dpi, dpi))
+        Image.fromarray(picture).save(draft, "PNG", dpi=(true_dpi, true_dpi))
     messages().print(f"wrote {out}: print it at 100 %", markup=False)
 
 

@@ -10,7 +10,7 @@ import typer
 from firmware_profiles import Printer, load
 from printctl.calibration import Estimate, fit_offset
 from printctl.calibration.results import offset_result, split_touches
-from printctl.cli.calibrate_files import write_changed
+from printctl.cli.calibrate_files import MeasuredValue, write_measured
 from printctl.cli.calibrate_options import Csv, Write, print_estimates, read_csv_argument
 from printctl.cli.options import JsonFlag
 from printctl.errors import UsageError
@@ -30,8 +30,8 @@ def offset(
 ) -> None:
     """Offset of a needle: CSV with needle (two names), x_mm, y_mm and z_mm of touch-offs.
 
-    With --printer it is the offset of a head: the first needle is the first head's, the other
-    --head's, and both touched the same mark. --write writes the profile with it.
+    With --printer it is the offset of a head: the needle of the first row is the first head's, the
+    other --head's, and both touched the same mark. --write writes the profile with it.
     """
     if write is not None and printer is None:
         raise UsageError("--write needs the profile that is to be mended; give --printer")
@@ -73,5 +73,6 @@ def _of_head(
     heads[number]["offset_mm"] = {
         axis: round(one.value, 4) for axis, one in zip("xyz", estimates, strict=True)
     }
-    widest = max(estimates, key=lambda one: one.high - one.low)
-    write_changed(write, printer, f"heads.{number}.offset_mm", heads, widest)
+    told = ", ".join(f"{axis} {one.text()}" for axis, one in zip("xyz", estimates, strict=True))
+    measured = MeasuredValue(heads, f"{told}, 95 %")
+    write_measured(write, printer, {f"heads.{number}.offset_mm": measured})

@@ -9,7 +9,11 @@ import typer
 
 LayerOption = Annotated[
     int | None,
-    typer.Option("--layer", min=1, help="G-code: layer or pass shown first, or drawn; the middle."),
+    typer.Option(
+        "--layer",
+        min=1,
+        help="G-code: layer or pass shown first, or drawn, counted from 1; the middle.",
+    ),
 ]
 GcodePrinterOption = Annotated[
     str | None,

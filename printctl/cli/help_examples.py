@@ -121,7 +121,9 @@ MANUAL: Final[Mapping[str, Manual]] = {
     ),
     "ports": Manual(("printctl ports", "printctl ports --find"), REACHES),
     "profiles": Manual(("printctl profiles", "printctl profiles check mine.yaml")),
-    "profiles show": Manual(("printctl profiles show", "printctl profiles show generic_marlin")),
+    "profiles show": Manual(
+        ("printctl profiles show", "printctl profiles show generic_marlin --write mine.yaml")
+    ),
     "profiles check": Manual(
         ("printctl profiles check mine.yaml",), {1: "it mustn't be used as it is"}
     ),

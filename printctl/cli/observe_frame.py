@@ -33,6 +33,9 @@ from registration.lens.decode import decoded
 
 _T95: Final = 1.96
 _MISFIT_PX: Final = 1.0
+_U_Z_MM: Final = 0.2
+_U_Z_OF_PRINT_MM: Final = 5.0
+"""How far the marks may lie above or below a print whose --at wasn't given."""
 
 
 def frame(
@@ -57,12 +60,16 @@ def frame(
                      "pattern squares`; its lines are looked for."),
     ] = None,
     at: Annotated[
-        str, typer.Option("--at", metavar="X,Y,Z", help="Insert's middle and its marks' height, "
-                          "printer's frame, about; touched crosses tell it better.")
-    ] = "0,0,0",
+        str | None,
+        typer.Option("--at", metavar="X,Y,Z", help="Insert's middle and its marks' height, "
+                     "printer's frame, about; touched crosses tell it better. If not given, where "
+                     "the print lies, or 0,0,0."),
+    ] = None,
     u_z_mm: Annotated[
-        float, typer.Option("--u-z-mm", help="Standard uncertainty of --at's Z.", min=0.001)
-    ] = 0.2,
+        float | None,
+        typer.Option("--u-z-mm", help="Standard uncertainty of --at's Z; 0.2 if not given.",
+                     min=0.001),
+    ] = None,
     measured: Annotated[
         str | None,
         typer.Option("--measured", metavar="MM[,U]", help="Measured from the left to the right "
@@ -92,22 +99,50 @@ def frame(
             for image, path in zip(images, pictures, strict=True)
         ]
     )
-    x, y, z = three_numbers(at, "--at")
+    lines = [] if printed is None else _lines(printed)
+    (x, y, z), u_z = _about(at, u_z_mm, lines)
     bath = None if bath_surface_z_mm is None else Bath(surface_z_mm=bath_surface_z_mm, index=index)
     ties = Ties(
         touches=[_touch(word, u_touch_mm) for word in touched or []],
-        z_mm=z, u_z_mm=u_z_mm, at_mm=(x, y), bath=bath,
+        z_mm=z, u_z_mm=u_z, at_mm=(x, y), bath=bath,
     )  # fmt: skip
     now = datetime.now(UTC)
-    if printed is not None:
-        lines = _lines(printed)
+    if lines:
         first = fit_frame(marks, drawn, optics, ties, now)
         crossings = find_crossings(images[0], first.view, lines)
-        ties = Ties(printed=crossings, z_mm=z, u_z_mm=u_z_mm, at_mm=(x, y), bath=bath)
+        ties = Ties(printed=crossings, z_mm=z, u_z_mm=u_z, at_mm=(x, y), bath=bath)
     found = fit_frame(marks, drawn, optics, ties, now)
     write_frame(out, found)
-    _tell(found, marks, optics, drawn, as_json)
+    _tell(found, marks, optics, drawn, as_json, _height_note(found, ties))
     messages().print(f"wrote {out}", markup=False)
+
+
+def _about(
+    at: str | None, u_z_mm: float | None, lines: list[PrintedLine]
+) -> tuple[tuple[float, float, float], float]:
+    """Insert's middle with its marks' height, and that height's standard uncertainty, mm.
+
+    A print without --at lies in the insert's middle, and a camera that looks from aside tells how
+    much higher the marks are.
+    """
+    if at is not None:
+        x, y, z = three_numbers(at, "--at")
+        return (x, y, z), u_z_mm or _U_Z_MM
+    if not lines:
+        return (0.0, 0.0, 0.0), u_z_mm or _U_Z_MM
+    ends = np.array([end for line in lines for end in (line.begin, line.end)])
+    x, y, z = (ends.min(axis=0) + ends.max(axis=0)).tolist()
+    return (x / 2, y / 2, z / 2), u_z_mm or _U_Z_OF_PRINT_MM
+
+
+def _height_note(found: CameraFrame, ties: Ties) -> list[str]:
+    off = found.middle_mm[2] - ties.z_mm
+    if found.tied != "printed" or abs(off) < 3 * ties.u_z_mm:
+        return []
+    return [
+        f"the marks seem to lie {off:+.1f} mm from --at's Z ({ties.z_mm:g} ± {ties.u_z_mm:g} mm), "
+        "and the frame is a compromise of both: leave --at out, or give the marks' height"
+    ]
 
 
 def _measured(drawn: Insert, said: str | None) -> Insert:
@@ -152,8 +187,9 @@ def _lines(path: Path) -> list[PrintedLine]:
     return found
 
 
-def _tell(found: CameraFrame, marks: SeenMarks, lens: Lens, drawn: Insert, as_json: bool) -> None:
-    notes = []
+def _tell(
+    found: CameraFrame, marks: SeenMarks, lens: Lens, drawn: Insert, as_json: bool, notes: list[str]
+) -> None:
     if lens.covariance is None:
         notes.append(
             "the lens file doesn't say how well its numbers are known; fit it to five pictures of "

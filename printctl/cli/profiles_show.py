@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from design.files import write_text
 from firmware_profiles import (
     Bath,
     Dish,
@@ -21,8 +22,10 @@ from firmware_profiles import (
     load,
     read_keys,
     shipped,
+    shipped_text,
 )
-from printctl.cli.options import JsonFlag, print_json, print_lines
+from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.errors import UsageError
 
 KINDS: dict[str, type[Facts]] = {
     "printer": Printer,
@@ -49,12 +52,18 @@ def show(
     name: Annotated[
         str | None, typer.Argument(help="Show one profile whole: its shipped name or a .yaml file.")
     ] = None,
+    write: Annotated[
+        Path | None,
+        typer.Option("--write", help="Copy the shipped profile to this new file, to correct it."),
+    ] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """List the shipped profiles, or show one with its source.
 
     `printctl profiles NAME` is short for it. A file of your own is shown with its defaults.
     """
+    if write is not None:
+        _copy(name, write)
     profiles = _all() if name is None else _one(name)
     if as_json:
         print_json(profiles)
@@ -64,6 +73,25 @@ def show(
             print_lines(f"{kind:<8} {entry:<18} {facts['name']}{_sizes(kind, facts)}")
             if name is not None:
                 print_lines(*(f"  {key}: {value}" for key, value in facts.items()))
+
+
+def _copy(name: str | None, to: Path) -> None:
+    """Write a shipped profile to a file of the user's.
+
+    Raises
+    ------
+    UsageError
+        When the file is there already, isn't called .yaml, or nothing shipped is named.
+    """
+    if to.suffix not in (".yaml", ".yml"):
+        raise UsageError(f"--write {to}: a profile's file ends in .yaml")
+    if to.exists():
+        raise UsageError(f"--write {to}: it is there already; name a new file")
+    if name is None or name.endswith((".yaml", ".yml")):
+        raise UsageError("--write copies a shipped profile: name one of `printctl profiles`")
+    kind, _ = find_profile(name)
+    write_text(to, shipped_text(KINDS[kind], name))
+    messages().print(f"wrote {to}: give it in place of {name}", markup=False)
 
 
 def _sizes(kind: str, facts: dict[str, Any]) -> str:

@@ -42,7 +42,7 @@ def register(
     model: ModelOption,
     out: OutOption,
     network: NetworkOption = None,
-    lumens: LumensFlag = False,
+    lumens: LumensFlag = None,
     unit: ModelUnit = "mm",
     scan_said: ScanOptions,
     datums: DatumsOption = None,

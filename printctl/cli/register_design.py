@@ -12,6 +12,7 @@ from design.solids import Solid, read_solid
 from design.units import LengthUnit
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import LUMEN, NETWORK, SOLID
+from printctl.run_folder.manifest import Manifest
 
 
 @dataclass(frozen=True)
@@ -38,9 +39,13 @@ class DesignRead:
 
 
 def read_design(
-    model: Path, network: Path | None, lumens: bool, unit: LengthUnit, printed_in: Path | None
+    model: Path,
+    network: Path | None,
+    lumens: bool | None,
+    unit: LengthUnit,
+    printed_in: Path | None,
 ) -> DesignRead:
-    """Read a design.
+    """Read a design; ``lumens`` None takes what a run's print leaves to be scanned.
 
     Raises
     ------
@@ -53,10 +58,12 @@ def read_design(
 
 
 def _surface(
-    model: Path, network: Path | None, lumens: bool, unit: LengthUnit
+    model: Path, network: Path | None, lumens: bool | None, unit: LengthUnit
 ) -> tuple[Solid, Path]:
     """Surface of the design in mm, and where its network is."""
     if model.is_dir():
+        if lumens is None:
+            lumens = Manifest.load(model).is_embedded
         surface = read_solid(model / (LUMEN if lumens else SOLID), unit="mm")
         beside = model / NETWORK
     elif model.is_file():

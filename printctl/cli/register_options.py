@@ -18,7 +18,13 @@ NetworkOption = Annotated[
     typer.Option("--network", help="network.csv in mm; else the one beside the model."),
 ]
 LumensFlag = Annotated[
-    bool, typer.Option("--lumens", help="With a run folder: only its lumens were scanned.")
+    bool | None,
+    typer.Option(
+        "--lumens/--whole",
+        help="With a run folder: only its lumens were scanned, or the whole part. If not given, "
+        "the lumens of an embedded print, the whole part of FRESH layers.",
+        show_default=False,
+    ),
 ]
 ModelUnit = Annotated[LengthUnit, typer.Option("--unit", help="Unit of an STL model.")]
 PrintOption = Annotated[

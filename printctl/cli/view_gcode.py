@@ -82,6 +82,12 @@ def view_gcode(
     written: dict[str, Path] = {}
     if png is not None:
         outline = None if outlines is None else outlines.at(layer)
+        if outline is not None and not outline.rings:
+            raise UsageError(
+                f"layer {layer + 1}, {job.layers.z_mm[layer]:g} mm high, lies above or below "
+                f"{settings.model}; check --place {settings.place} (its Z: the part's origin in "
+                "the printer's frame), or take another --layer"
+            )
         write_bytes(
             png, draw_layer(job, layer, colouring, settings.width, settings.palette, outline)
         )

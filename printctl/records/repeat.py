@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,11 +20,14 @@ from printctl.link.origin import digest_of, profile_digest, version
 from printctl.link.ports import list_ports
 from printctl.records.errors import RecordsError
 from printctl.records.evidence import Evidence, evidence
+from printctl.records.manifest import MANIFEST
 from printctl.records.plain_zip import blocks_of, read_members
 from printctl.records.verify import verify_bundle
 from printctl.run_folder.manifest import digest_file
 
 MAP: Final = ".map.npz"
+_RECIPE: Final = "recipe.json"
+_PROFILES: Final = "profiles/"
 _SORTS: Final[dict[str, type[Facts]]] = {
     "printer": Printer,
     "needle": Needle,
@@ -85,7 +88,7 @@ def plan_repeat(entry: PrintEntry, bundle: Path | None = None) -> RepeatPlan:
     ----------
     entry : PrintEntry
     bundle : Path, optional
-        Where to take the G-code from when its file is gone.
+        Where to take the G-code, recipe and profiles from when they aren't here.
 
     Raises
     ------
@@ -93,12 +96,15 @@ def plan_repeat(entry: PrintEntry, bundle: Path | None = None) -> RepeatPlan:
         When the bytes that were printed aren't there any more.
     """
     record = evidence(entry)
-    gcode = record.gcode or _in_bundle(entry, bundle)
+    filed = None if record.gcode else _in_bundle(entry, bundle)
+    gcode = record.gcode or filed
     if gcode is None:
         raise RecordsError(
             f"print {entry.id} can't be repeated exactly: {record.missing[0]}; give its bundle "
             "(--bundle FILE.zip), or make the job anew from its recipe"
         )
+    if filed is not None:
+        record = _with_filed(record, filed)
     differences, unknown = list(_differences(record)), list(_unknown(record))
     return RepeatPlan(
         entry, gcode, record.gcode is None, tuple(differences), tuple(unknown), _set_up(record)
@@ -143,6 +149,24 @@ def _in_bundle(entry: PrintEntry, bundle: Path | None) -> Path | None:
     if verified.manifest.print.sha256 != entry.sha256:
         raise RecordsError(f"{bundle} is of another G-code than print {entry.id}")
     return bundle if any(f.path == "job.gcode" for f in verified.manifest.files) else None
+
+
+def _with_filed(record: Evidence, bundle: Path) -> Evidence:
+    """Add the recipe and profiles of a whole bundle to what this machine knows of the print."""
+    files: dict[str, Any] = {}
+    with bundle.open("rb") as stream:
+        for member in read_members(stream):
+            if member.name in (_RECIPE, MANIFEST) or member.name.startswith(_PROFILES):
+                files[member.name] = json.loads(b"".join(blocks_of(stream, member)))
+    profiles = {
+        name.removeprefix(_PROFILES).removesuffix(".json"): values
+        for name, values in files.items()
+        if name.startswith(_PROFILES)
+    }
+    by = files[MANIFEST]["versions"].get("printed by")
+    facts = {"recipe": files.get(_RECIPE, {}), "profiles": profiles}
+    job = {"printer": profiles.get("printer"), "printctl": by}
+    return replace(record, facts=record.facts or facts, job=record.job or job)
 
 
 def entry_of_bundle(bundle: Path) -> PrintEntry:
@@ -213,7 +237,7 @@ def _changed(
 
 def _unknown(record: Evidence) -> Iterator[str]:
     if "printer" not in record.profiles:
-        yield "which values the printer's profile had (the journal is of an older version)"
+        yield "which values the printer's profile had (its journal or bundle doesn't say)"
     if not record.profiles.keys() & {"needle", "syringe", "ink", "bath"}:
         yield "which needle, syringe, ink and bath were used (the job wasn't made by a run here)"
 

@@ -70,6 +70,12 @@ class Manifest:
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return Manifest(folder)
 
+    @property
+    def is_embedded(self) -> bool:
+        """Whether the run's print writes vessels in a bath, so that only lumens can be scanned."""
+        toolpath = self.facts.get("recipe", {}).get("toolpath") or {}
+        return bool(toolpath.get("method") == "embedded")
+
     def save(self) -> None:
         """Write the manifest."""
         stages = {name: vars(record) for name, record in self.stages.items()}

@@ -39,6 +39,7 @@ def test_the_tip_stands_as_much_farther_as_the_carriage_less_far(tmp_path: Path)
     assert printer.heads[0].offset_mm.mm == (0, 0, 0)
     assert printer.heads[1].raises == "M280 P1 S90"
     assert "heads.1.offset_mm measured by printctl calibrate" in printer.source
+    assert all(f"{axis} {value}" in printer.source for axis, value in (("x", 39.9), ("z", -0.3)))
 
 
 def test_without_a_printer_it_is_the_difference_of_two_needles(tmp_path: Path) -> None:

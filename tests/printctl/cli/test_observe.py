@@ -84,13 +84,15 @@ def test_a_camera_is_tied_to_a_print_as_its_files_say(pattern: str, tmp_path: Pa
     assert cv2.imwrite(str(seen), photograph(scene.optics(), scene.made(), inked, 1))
     write_lens(lens, scene.lens())
     write_insert(insert, scene.insert())
-    given = ("--lens", lens, "--insert", insert, "--at", f"{x + 0.5},{y - 0.4},{z}", "-o", out)
-    told = json.loads(
-        observe("frame", seen, *given, "--printed", job.with_suffix(".json"), "--json").stdout
-    )
+    given = ("--lens", lens, "--insert", insert, "-o", out)
+    print_of = ("--printed", job.with_suffix(".json"), "--json")
+    told = json.loads(observe("frame", seen, *given, *print_of).stdout)
     assert told["tied"] == "printed"
     off = read_frame(out).to_printer(scene.optics().pixels(scene.TARGET[None]), z) - [x, y]
     assert abs(off).max() < 0.02
+    low = observe("frame", seen, *given, *print_of, "--at", f"{x + 0.5},{y - 0.4},{z - 1.5}")
+    doubted = any("from --at's Z" in note for note in json.loads(low.stdout)["notes"])
+    assert doubted == (pattern == "squares")  # a small frame tells no height
     old = tmp_path / "old.json"
     old.write_text(WrittenPattern(*_parts(job.with_suffix(".json"))).as_text())
     with pytest.raises(UsageError, match="doesn't say where it was printed"):

@@ -137,6 +137,10 @@ def test_the_models_outline_goes_onto_a_picture_and_a_page(tmp_path: Path, shell
     model = ("--model", "part.stl", "--unit", "mm")
     code, _, _ = shell("view", "part.gcode", "--png", "a.png", *model, "--place", "0,-0.1,0")
     assert code == 0
+    code, _, err = shell("view", "part.gcode", "--png", "b.png", *model, "--place", "0,-0.1,1")
+    assert code == 2
+    assert "layer 2" in err
+    assert "--place 0,-0.1,1" in err
     code, _, _ = shell("view", "part.gcode", "--no-open", *model, "--place", "0,-0.1,0")
     assert code == 0
     page = (tmp_path / "part.view.html").read_text()

@@ -60,6 +60,20 @@ def test_changed_gcode_is_refused_and_its_bundle_brings_it_back(tmp_path):
     assert entry_of_bundle(bundle).id == entry.id
 
 
+def test_a_bundle_from_another_machine_tells_its_profiles_and_set_up(tmp_path):
+    entry = printed(tmp_path / "run")
+    with_run(tmp_path / "run")
+    bundle = tmp_path / "away" / "out.zip"
+    bundle.parent.mkdir()
+    write_bundle(bundle, entry, lab_key())
+    here = plan_repeat(entry)
+    away = plan_repeat(entry_of_bundle(bundle), bundle)
+    assert away.bundle
+    assert away.unknown == () == here.unknown
+    assert away.differences == here.differences
+    assert away.set_up == here.set_up
+
+
 def test_damaged_or_foreign_bundle_is_refused(tmp_path):
     entry, bundle = printed(tmp_path / "run"), tmp_path / "out.zip"
     write_bundle(bundle, entry, lab_key())

@@ -1,0 +1,39 @@
+"""`printctl register --model RUN`: holds a scan against what the run's print leaves to be seen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from design.network_files.csv_format import write_network_csv
+from design.solids import write_stl
+from printctl.cli.register_design import read_design
+from printctl.run_folder.artefacts import LUMEN, NETWORK, SOLID
+from printctl.run_folder.manifest import Manifest
+from tests.registration.geometry.shapes import construct, network
+
+
+@pytest.mark.parametrize(
+    ("method", "lumens", "whole"),
+    [
+        ("embedded", None, False),
+        ("fresh", None, True),
+        (None, None, True),
+        ("embedded", False, True),
+        ("fresh", True, False),
+    ],
+)
+def test_of_an_embedded_print_the_lumens_are_scanned(
+    tmp_path: Path, method: str | None, lumens: bool | None, whole: bool
+) -> None:
+    part, inside = construct(), construct()
+    inside = type(inside)(inside.vertices / 2, inside.faces)
+    write_stl(tmp_path / SOLID, part)
+    write_stl(tmp_path / LUMEN, inside)
+    write_network_csv(tmp_path / NETWORK, network())
+    if method is not None:
+        Manifest(tmp_path, {"recipe": {"toolpath": {"method": method}}}).save()
+    surface = read_design(tmp_path, None, lumens, "mm", None).surface
+    wanted = part if whole else inside
+    assert surface.vertices.max() == pytest.approx(wanted.vertices.max(), abs=1e-3)
