@@ -132,8 +132,8 @@ class ObservedJob:
             )
             ink = expected_ink(held, job)
             layer = ink_to_judge(ink, look.before, look.done)
-            if ink.style == "layered" and self._last is not None:
-                layer = with_mends(layer, ink, self._last.mended)
+            if self._last is not None:
+                layer = with_mends(layer, ink, self._last.mended, look.before)
             since = ink.command[layer.row] >= look.before
             lumens = self._lumens(ink, look)
             self._last = HeldLook(look, held, job.flow, ink, layer, lumens, since, job.marks)

@@ -106,9 +106,12 @@ def test_what_one_picture_does_not_tell_and_the_other_shows_as_a_gap_is_asked_ab
     faint, faint_gap = picture(), picture(gaps=(gap(4, 7),))
     clear_gap = picture(gaps=(gap(4, 7),), sees=True)
     path = SimpleNamespace(
-        points=np.array([[0.0, 0.0, 0.0], [7.0, 0.0, 0.0]]), length_mm=7.0, command=np.array([0])
+        at=lambda along: np.column_stack([along, 0 * along, 0 * along]), length_mm=7.0,
+        command=np.array([0]),
+    )  # fmt: skip
+    at = SimpleNamespace(
+        ink=SimpleNamespace(paths=(path,)), marks=Marks([]), layer=SimpleNamespace(mended=())
     )
-    at = SimpleNamespace(ink=SimpleNamespace(paths=(path,)), marks=Marks([]))
     for each, told in (
         ([nothing], [(0, 7)]),
         ([nothing, nothing], [(0, 7)]),
@@ -126,7 +129,7 @@ def test_what_one_picture_does_not_tell_and_the_other_shows_as_a_gap_is_asked_ab
     for scanned, told_of in ((False, 1), (True, 0)):
         order = SimpleNamespace(oct=scanned, limits=SimpleNamespace(unseen_mm=1.5))
         bath = SimpleNamespace(
-            ink=SimpleNamespace(paths=(path,), style="embedded"), marks=Marks([])
+            ink=SimpleNamespace(paths=(path,), style="embedded"), marks=at.marks, layer=at.layer
         )
         seen = ObservedJob._unseen(
             cast(Any, SimpleNamespace(order=order)), cast(Any, bath), [nothing]
