@@ -332,8 +332,8 @@ class ObservedJob:
         at.mended = tuple(
             Mended(
                 one.gap.path,
-                one.gap.from_mm,
-                one.gap.to_mm,
+                float(one.gap.from_mm),
+                float(one.gap.to_mm),
                 tries_of(one.gap, at.layer.mended) + 1,
             )
             for one in mend.patches

@@ -29,6 +29,7 @@ _OVER = 0.85
 """Of the mean width: lines whose middles are nearer lie over each other."""
 DETOUR = 1.25
 """Way along a line over the distance of two of its places, from which on it has turned back."""
+_ROUNDED_MM = 1e-6
 _DEEPER = 0.5
 """Of a width, from which on places lie at different depths."""
 _WIDER = 1.15
@@ -100,11 +101,17 @@ class Ways:
         reach = _OVER * float(self.width.max())
         one, other = cKDTree(at).query_pairs(reach, output_type="ndarray").T
         apart = np.linalg.norm(at[one] - at[other], axis=1)
-        along = np.abs(self.along[one] - self.along[other])
-        same = (self.run[one] == self.run[other]) & (along < DETOUR * apart)
+        along = np.abs(self._from_above[one] - self._from_above[other])
+        same = (self.run[one] == self.run[other]) & (along <= DETOUR * apart + _ROUNDED_MM)
         over = (apart < _OVER * 0.5 * (self.width[one] + self.width[other])) & ~same
         out[one[over]] = out[other[over]] = True
         return out
+
+    @cached_property
+    def _from_above(self) -> FloatArray:
+        """Way along all lines as seen from above, (n,), mm: a steep one hasn't turned back."""
+        steps = np.linalg.norm(np.diff(self.point[:, :2], axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(steps)])
 
     def moved(self, by_mm: FloatArray) -> Ways:
         """Return the same, moved by (2,) mm."""
