@@ -22,4 +22,4 @@ def test_a_steep_line_does_not_cross_itself() -> None:
 
 
 def test_a_line_that_turns_back_above_itself_does() -> None:
-    assert _crossed((0, 0, 0), (3, 0, 3), (0, 0, 6)) == 1.0
+    assert _crossed((0, 0, 0), (3, 0, 3), (0, 0, 6)) > 0.95
