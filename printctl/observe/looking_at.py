@@ -21,7 +21,7 @@ from kernels.arrays import FloatArray
 from printctl.link.job import Job, load_job
 from printctl.link.journalled_print import read_journal
 from printctl.link.record import JOURNAL
-from printctl.observe.deciding.evidence import UnseenPath
+from printctl.observe.deciding.evidence import SURE, UnseenPath
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError
 from printctl.observe.devices.acquire import Place, Region
@@ -33,6 +33,7 @@ from printctl.observe.judging import (
     ink_to_judge,
     narrowed_lumens,
     nothing_seen,
+    shift_of,
 )
 from printctl.observe.lumen_areas import lumens_at
 from printctl.observe.mending import HeldPrint, Voids, checked_mend
@@ -352,10 +353,13 @@ def seen_where_ink_shows(
 
     Where most of a layer is missing, its lines fit older ones beside them as well as their own
     place, and gaps would be told of bath where none should be written. What lies within tolerance
-    would show in the bath between older lines, if it lay there.
+    would show in the bath between older lines, if it lay there. A lone line whose end is missing
+    fits best moved along itself: a move that isn't sure excuses no missing ink.
     """
     findings = see(options)
-    if not findings.coverage >= _SHOWN:
+    moved_mm, u_mm = shift_of(findings)
+    unsure = moved_mm > tolerated_mm >= moved_mm - SURE * u_mm
+    if unsure or not findings.coverage >= _SHOWN:
         return see(replace(options, shift_mm=tolerated_mm))
     return findings
 

@@ -9,6 +9,7 @@ import numpy as np
 from registration.layer_images.gaps import stretches_of
 from registration.layer_images.presence import INK
 from registration.layer_images.seen_layer import SeenLayer
+from registration.layer_images.standing_ink import standing_ink
 from registration.layer_images.values import BoolArray, FloatArray, Gap, IntArray, Unseen
 from registration.layer_images.ways import Ways
 
@@ -29,7 +30,7 @@ def unseen_ways(
     """Return stretches longer than ``longest_mm`` in which ink might be missing untold.
 
     They have the form of gaps, with p-values of 1. Ink that is too faint for a tolerated gap, but
-    not for one of that length, isn't told of here. Shorter ones count where ink doesn't show, and
+    not for one of that length, isn't told of here, nor is what plainly shows older filaments' ink. Shorter ones count where ink doesn't show, and
     only what lies around keeps them from being gaps.
 
     Parameters
@@ -46,6 +47,8 @@ def unseen_ways(
     """
     ways = look.ways
     told = (why == Unseen.SEEN) | _told_when_long(look, why, longest_mm, rate)
+    standing, lacking = standing_ink(look, why, np.random.default_rng(31))
+    told |= standing
     for gap in gaps:
         own = ways.stroke == gap.stroke
         told |= own & (ways.along > gap.from_mm) & (ways.along < gap.to_mm)
@@ -55,7 +58,7 @@ def unseen_ways(
         if inside and _length(ways, first, last) < _SEEN_MM:
             told[first : last + 1] = False
     out = []
-    doubted = (why == Unseen.UNCLEAR) & ~(look.present > INK)
+    doubted = ((why == Unseen.UNCLEAR) & ~(look.present > INK)) | lacking
     for first, last in stretches_of(~told, ways.run):
         own = slice(first, last + 1)
         low_mm = float(ways.step[own][doubted[own]].sum())
