@@ -288,6 +288,7 @@ class ObservedJob:
             lumen_percent=limits.lumen_percent,
             shift_mm=max(0.5, 2 * limits.shift_mm),
             unseen_mm=limits.unseen_mm,
+            round_lines=self.order.embedded and not self.order.oct,
         )
 
     def _lumens(self, ink: ExpectedInk, look: Look) -> tuple[Lumen, ...]:
