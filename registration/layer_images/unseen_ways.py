@@ -15,6 +15,8 @@ from registration.layer_images.ways import Ways
 
 _DOUBTED: Final = 1.5
 """Tolerated gaps, from which on a stretch that looks bare is told of, though debris lies by."""
+_LACKING: Final = 1.25
+"""The same where bath shows beside what hides the rest, as at a joint with older ink."""
 _SEEN_MM: Final = 0.3
 """A seen stretch that is shorter, between two that aren't, doesn't part them."""
 
@@ -48,7 +50,7 @@ def unseen_ways(
     ways = look.ways
     told = (why == Unseen.SEEN) | _told_when_long(look, why, longest_mm, rate)
     standing, lacking = standing_ink(look, why, np.random.default_rng(31))
-    told |= standing
+    told = (told | standing) & ~(lacking & ~(look.present > INK))
     for gap in gaps:
         own = ways.stroke == gap.stroke
         told |= own & (ways.along > gap.from_mm) & (ways.along < gap.to_mm)
@@ -58,11 +60,13 @@ def unseen_ways(
         if inside and _length(ways, first, last) < _SEEN_MM:
             told[first : last + 1] = False
     out = []
-    doubted = ((why == Unseen.UNCLEAR) & ~(look.present > INK)) | lacking
+    doubted = (why == Unseen.UNCLEAR) & ~(look.present > INK)
     for first, last in stretches_of(~told, ways.run):
         own = slice(first, last + 1)
         low_mm = float(ways.step[own][doubted[own]].sum())
-        if _length(ways, first, last) > longest_mm or low_mm > _DOUBTED * gap_mm:
+        lacking_mm = float(ways.step[own][lacking[own] & ~(look.present[own] > INK)].sum())
+        doubt = low_mm > _DOUBTED * gap_mm or lacking_mm > _LACKING * gap_mm
+        if _length(ways, first, last) > longest_mm or doubt:
             (begin, start), (end, stop) = _edge(ways, first, -0.5), _edge(ways, last, 0.5)
             out.append(Gap(int(ways.stroke[first]), begin, end, start, stop, 0.0, 1.0))
     return tuple(out)

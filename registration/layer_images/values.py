@@ -383,7 +383,8 @@ class SeeingOptions:
     unseen_mm : float, mm
         Longest stretch of a stroke that may go untold.
     round_lines : bool
-        Whether lines are as high as wide: a camera that looks aslant sees them wider than flat ones.
+        Whether lines are as high as wide: a camera that looks aslant sees them wider than flat
+        ones.
     """
 
     gap_mm: float = 0.2

@@ -86,3 +86,14 @@ def test_a_short_filament_that_plainly_shows_is_not_asked_about() -> None:
 def test_a_short_filament_that_lacks_ink_is_not_passed(bare: tuple[float, float]) -> None:
     found = _seen([*OLDER, SHORT], [0, 1, 2], [False, False, True], bare)
     assert found.gaps or found.unseen or found.bare
+
+
+@pytest.mark.parametrize("bare_mm", [0.0, 0.3, 0.4])
+def test_bath_between_a_filaments_end_and_the_older_one_it_joins_is_not_passed(
+    bare_mm: float,
+) -> None:
+    rim = 1.15 + 0.25
+    joining: Piece = (3.5, 3.4, 3.5, 1.15, 0.4, 0.8)
+    end = 3.4 - rim
+    found = _seen([*OLDER, joining], [0, 1, 2], [False, False, True], (end - bare_mm, end + 0.2))
+    assert bool(found.gaps or found.unseen) == (bare_mm > 0)

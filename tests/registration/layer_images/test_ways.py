@@ -12,9 +12,7 @@ def _crossed(*points: tuple[float, float, float]) -> float:
     """Share of a line's places over which it lies itself."""
     at = np.array(points)
     count = np.arange(len(at) - 1)
-    lines = ExpectedLines(
-        at[:-1], at[1:], np.full(len(count), 0.4), count, 0 * count, count >= 0
-    )
+    lines = ExpectedLines(at[:-1], at[1:], np.full(len(count), 0.4), count, 0 * count, count >= 0)
     return float(lay_ways(lines, 0.05).crossed.mean())
 
 
