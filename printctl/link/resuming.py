@@ -35,7 +35,7 @@ def resumable(folder: Path, sha256: str) -> JournalledPrint:
     if end is not None and (end["position_known"] or history.state is not LinkState.FAILED):
         raise Refused(
             f"the print in {folder} has ended ({history.state.value}: {history.message}); it "
-            "can't be gone on with, print it anew"
+            f"can't be gone on with: {_remedy(history)}"
         )
     if history.stopping:
         raise Refused(
@@ -60,3 +60,9 @@ def resumable(folder: Path, sha256: str) -> JournalledPrint:
             "differs); give that file, or print anew in another folder"
         )
     return history
+
+
+def _remedy(history: JournalledPrint) -> str:
+    """What is left to do with a print that has ended."""
+    whole = history.state is LinkState.DONE
+    return "print it anew" if whole else "`printctl recover` writes its rest, or print it anew"

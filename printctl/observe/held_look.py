@@ -15,7 +15,7 @@ from printctl.observe.deciding.thin import Thin
 from printctl.observe.expected import ExpectedInk
 from printctl.observe.mending import HeldPrint
 from printctl.observe.mending.gap import Gap as MendGap
-from printctl.observe.mends_again import LayerInk, Mended
+from printctl.observe.mends_again import LayerInk, Mended, mended_of
 from printctl.observe.observer import Look
 from printctl.observe.scan_place import ScanSize
 from registration.layer_images import Gap, LayerFindings, Lumen
@@ -100,7 +100,8 @@ def unseen_paths(
 
     What one of two pictures doesn't tell counts unless the other sees half of it at least, down to
     tolerated gaps: two pictures of faint ink know hardly more than one. Where one picture tells
-    nothing and the other shows a gap, by half of it or ``longest_mm``, nothing is sure either.
+    nothing and the other shows a gap, by half of it or ``longest_mm``, nothing is sure either. Of
+    mends only those count of which nothing is seen: the operator was asked about the faint ones.
     """
     bare = set.intersection(*(set(one.bare) for one in each))
     first, second = each[0], each[-1]
@@ -113,6 +114,7 @@ def unseen_paths(
             parts = _shared(gaps, others, longest_mm)
             unseen += [one for one in parts if not _overlaps(one, unseen)]
     out = [_named(at, stroke, None) for stroke in bare]
+    unseen = [one for one in unseen if mended_of(one.stroke, at.layer.mended) is None]
     out += [_named(at, one.stroke, one) for one in unseen if one.stroke not in bare]
     return tuple(sorted(out, key=lambda one: (one.gap.stroke, one.gap.from_mm)))
 
@@ -147,10 +149,14 @@ def _shared(gaps: Sequence[Gap], others: Sequence[Gap], longest_mm: float) -> li
 
 
 def _named(at: HeldLook, stroke: int, part: Gap | None) -> UnseenPath:
-    """Return a path, or a part of one, with the name of the vessel that it writes."""
-    path = at.ink.paths[stroke]
+    """Return a path, a part of one or a mend in it, with the name of the vessel that it writes."""
+    mended = mended_of(stroke, at.layer.mended)
+    number = mended.path if mended else stroke
+    path = at.ink.paths[number]
     mark = at.marks.next(MarkKind.VESSEL, int(path.command[-1]))
-    name = f"vessel {mark.number}" if mark and mark.number >= 0 else f"path {stroke}"
-    begin, end = ((float(one[0]), float(one[1])) for one in path.points[[0, -1]])
-    whole = Gap(stroke, 0.0, path.length_mm, begin, end, 0.0, 1.0)
+    name = f"vessel {mark.number}" if mark and mark.number >= 0 else f"path {number}"
+    low, high = (mended.from_mm, mended.to_mm) if mended else (0.0, path.length_mm)
+    name = f"the mend in {name}" if mended else name
+    begin, end = ((float(x), float(y)) for x, y, _ in path.at(np.array([low, high])))
+    whole = Gap(number, low, high, begin, end, 0.0, 1.0)
     return UnseenPath(name, part or whole, path.length_mm, bare=part is None)

@@ -108,7 +108,7 @@ def evidence_of(
     thin = _thin(findings, ink, layer, section)
     if again is not None:
         thin = seen_twice(thin, _thin(again, ink, layer, section))
-    shift, u = _shift(findings)
+    shift, u = shift_of(findings)
     return Evidence(
         places=findings.places,
         gaps=gaps_of_job(findings.gaps, layer.mended),
@@ -232,8 +232,11 @@ def _supply(
     )
 
 
-def _shift(findings: LayerFindings) -> tuple[float, float]:
-    """Length of the shift and its standard uncertainty along itself, mm; infinite where unknown."""
+def shift_of(findings: LayerFindings) -> tuple[float, float]:
+    """Return the length of the shift and its standard uncertainty along itself, mm.
+
+    The uncertainty is infinite where no shift was found.
+    """
     way = np.array([findings.shift.dx_mm, findings.shift.dy_mm])
     length = float(np.linalg.norm(way))
     if not math.isfinite(length):

@@ -21,7 +21,7 @@ from kernels.arrays import FloatArray
 from printctl.link.job import Job, load_job
 from printctl.link.journalled_print import read_journal
 from printctl.link.record import JOURNAL
-from printctl.observe.deciding.evidence import UnseenPath
+from printctl.observe.deciding.evidence import SURE, UnseenPath
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError
 from printctl.observe.devices.acquire import Place, Region
@@ -33,6 +33,7 @@ from printctl.observe.judging import (
     ink_to_judge,
     narrowed_lumens,
     nothing_seen,
+    shift_of,
 )
 from printctl.observe.lumen_areas import lumens_at
 from printctl.observe.mending import HeldPrint, Voids, checked_mend
@@ -132,8 +133,8 @@ class ObservedJob:
             )
             ink = expected_ink(held, job)
             layer = ink_to_judge(ink, look.before, look.done)
-            if ink.style == "layered" and self._last is not None:
-                layer = with_mends(layer, ink, self._last.mended)
+            if self._last is not None:
+                layer = with_mends(layer, ink, self._last.mended, look.before)
             since = ink.command[layer.row] >= look.before
             lumens = self._lumens(ink, look)
             self._last = HeldLook(look, held, job.flow, ink, layer, lumens, since, job.marks)
@@ -287,6 +288,7 @@ class ObservedJob:
             lumen_percent=limits.lumen_percent,
             shift_mm=max(0.5, 2 * limits.shift_mm),
             unseen_mm=limits.unseen_mm,
+            round_lines=self.order.embedded and not self.order.oct,
         )
 
     def _lumens(self, ink: ExpectedInk, look: Look) -> tuple[Lumen, ...]:
@@ -332,8 +334,8 @@ class ObservedJob:
         at.mended = tuple(
             Mended(
                 one.gap.path,
-                one.gap.from_mm,
-                one.gap.to_mm,
+                float(one.gap.from_mm),
+                float(one.gap.to_mm),
                 tries_of(one.gap, at.layer.mended) + 1,
             )
             for one in mend.patches
@@ -352,10 +354,13 @@ def seen_where_ink_shows(
 
     Where most of a layer is missing, its lines fit older ones beside them as well as their own
     place, and gaps would be told of bath where none should be written. What lies within tolerance
-    would show in the bath between older lines, if it lay there.
+    would show in the bath between older lines, if it lay there. A lone line whose end is missing
+    fits best moved along itself: a move that isn't sure excuses no missing ink.
     """
     findings = see(options)
-    if not findings.coverage >= _SHOWN:
+    moved_mm, u_mm = shift_of(findings)
+    unsure = moved_mm > tolerated_mm >= moved_mm - SURE * u_mm
+    if unsure or not findings.coverage >= _SHOWN:
         return see(replace(options, shift_mm=tolerated_mm))
     return findings
 

@@ -1,8 +1,8 @@
 """Treat mended gaps as fresh ink of their original paths when the next picture is judged.
 
 A mend may fail as a line does: the needle is still clogged, the ink doesn't stick. At the next
-look, if little lies above by then, the gap's part of its path counts as fresh ink, in place of the
-lines that mended it, which overlap what was sound.
+look, in layers if little lies above by then, the gap's part of its path counts as fresh ink, in
+place of the lines that mended it, which overlap what was sound.
 """
 
 from __future__ import annotations
@@ -68,24 +68,25 @@ class LayerInk:
     mended: tuple[Mended, ...] = ()
 
 
-def with_mends(layer: LayerInk, ink: ExpectedInk, mended: Sequence[Mended]) -> LayerInk:
-    """Return a layer in which gaps mended since the last look are fresh, as far as it has them.
+def with_mends(
+    layer: LayerInk, ink: ExpectedInk, mended: Sequence[Mended], before: int
+) -> LayerInk:
+    """Return ink in which gaps mended at the last look are fresh, as far as they can be seen.
 
     Parameters
     ----------
     layer : LayerInk
-        Of a layered print.
     ink : ExpectedInk
     mended : sequence of Mended
+    before : int
+        Command at which the last look held the print: its mend follows.
     """
-    stroke, level = layer.lines.stroke, layer.lines.end[:, 2]
-    own = tuple(one for one in mended if _is_bare(ink.paths[one.path].points[0, 2], layer, ink))
+    own = tuple(one for one in mended if _is_open(one, layer, ink))
     if not own:
         return layer
-    levels = [ink.paths[one.path].points[0, 2] for one in own]
     cut = {one.path for one in own}
-    kept = ~np.isin(stroke, sorted(cut))
-    kept &= ~(ink.inserted[layer.row] & (level > min(levels) - _LEVEL_MM))
+    kept = ~np.isin(layer.lines.stroke, sorted(cut))
+    kept &= ~(ink.inserted[layer.row] & _mended_again(own, layer, ink, before))
     parts = [_some(layer, kept)]
     for path in sorted(cut):
         gaps = [MendGap(one.path, one.from_mm, one.to_mm) for one in own if one.path == path]
@@ -100,6 +101,23 @@ def with_mends(layer: LayerInk, ink: ExpectedInk, mended: Sequence[Mended]) -> L
         }
     )
     return LayerInk(lines, np.concatenate([part.row for part in parts]), own)
+
+
+def _mended_again(
+    own: Sequence[Mended], layer: LayerInk, ink: ExpectedInk, before: int
+) -> NDArray[np.bool_]:
+    """Which lines are where those lie that mended these gaps: in layers, from their level up."""
+    if ink.style == "embedded":
+        return np.asarray(ink.command[layer.row] >= before)
+    levels = [ink.paths[one.path].points[0, 2] for one in own]
+    return np.asarray(layer.lines.end[:, 2] > min(levels) - _LEVEL_MM)
+
+
+def _is_open(one: Mended, layer: LayerInk, ink: ExpectedInk) -> bool:
+    """Whether a mend can be seen; in a bath older ink above it hides no more than of a vessel."""
+    if ink.style == "embedded":
+        return True
+    return _is_bare(float(ink.paths[one.path].points[0, 2]), layer, ink)
 
 
 def _is_bare(z_mm: float, layer: LayerInk, ink: ExpectedInk) -> bool:
@@ -134,14 +152,19 @@ def _part(
     return LayerInk(lines, row)
 
 
+def mended_of(stroke: int, mended: Sequence[Mended]) -> Mended | None:
+    """Return the mended gap that a stroke stands for; None for one of the job's own paths."""
+    return None if stroke < _FIRST else mended[stroke - _FIRST]
+
+
 def gaps_of_job(gaps: Sequence[Gap], mended: Sequence[Mended]) -> tuple[Gap, ...]:
     """Return gaps on the job's own paths, those in mends included."""
     own_gaps = []
     for gap in gaps:
-        if gap.stroke < _FIRST:
+        one = mended_of(gap.stroke, mended)
+        if one is None:
             own_gaps.append(gap)
             continue
-        one = mended[gap.stroke - _FIRST]
         low, high = one.from_mm + gap.from_mm, one.from_mm + gap.to_mm
         own_gaps.append(replace(gap, stroke=one.path, from_mm=low, to_mm=min(high, one.to_mm)))
     return tuple(own_gaps)

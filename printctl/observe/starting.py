@@ -72,10 +72,15 @@ def start_observer(folder: Path, remedy: str = _WITHOUT) -> None:
     raise ObserverError(_refusal(f"it wasn't ready after {_READY_LIMIT_S:g} s", remedy))
 
 
-def ensure_observer(folder: Path) -> None:
+def ensure_observer(folder: Path) -> bool:
     """Start an observer for a print in ``folder`` that is to go on, if it is one with looks.
 
     Nothing happens where an observer is at work.
+
+    Returns
+    -------
+    bool
+        Whether one was started.
 
     Raises
     ------
@@ -83,9 +88,11 @@ def ensure_observer(folder: Path) -> None:
         When none can be started.
     """
     if not has_looks(folder) or not (folder / ORDER).is_file():
-        return
-    if not stays_alive(folder, OBSERVER_LOCK) or _is_left_over(folder):
-        start_observer(folder, f"go on without by `printctl resume {folder} --unobserved`")
+        return False
+    if stays_alive(folder, OBSERVER_LOCK) and not _is_left_over(folder):
+        return False
+    start_observer(folder, f"go on without by `printctl resume {folder} --unobserved`")
+    return True
 
 
 def has_looks(folder: Path) -> bool:

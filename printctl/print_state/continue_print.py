@@ -69,8 +69,7 @@ def continue_print(
         )
     if changed and status.ended:
         _refuse_unchanged(folder)
-    if not (status.ended or unobserved):
-        ensure_observer(folder)
+    started = not (status.ended or unobserved) and ensure_observer(folder)
     with restart(folder, port, unobserved) if status.ended else attach(folder) as client:
         if status.ended and client.status.state is not LinkState.PAUSED:
             if changed and not client.status.ended:
@@ -80,8 +79,17 @@ def continue_print(
                 )
             return client.status
         change = new_syringe_of(client, syringe, plunger_mm) if changed else None
-        client.resume(change, unchanged)
+        if not awaits_observer(client.status, started):
+            client.resume(change, unchanged)
         return client.status
+
+
+def awaits_observer(status: Status, started: bool) -> bool:
+    """Whether the look that a print is held for is made by an observer that was ``started`` now.
+
+    Its picture would be taken of a print that goes on, with the needle in the view.
+    """
+    return started and status.state is LinkState.LOOKING
 
 
 def _refuse_unchanged(folder: Path) -> None:

@@ -23,9 +23,9 @@ _LEAST_MM, _LEAST_WIDTHS = 1.0, 3.0
 _MIDDLE: Final = np.linspace(-0.3, 0.3, 7)
 _SIDE: Final = np.linspace(0.8, 1.2, 5)
 """Of a width, where the bath beside is looked at."""
-_TOGETHER: Final = 8
+TOGETHER: Final = 8
 """Places of a line that is laid over bath."""
-_STANDS_OUT: Final = 4.0
+STANDS_OUT: Final = 4.0
 """Standard deviations of bath."""
 _MOST: Final = 0.25
 """Of a stroke, that may stand out by chance, or because of what crosses it."""
@@ -50,7 +50,7 @@ def bare_strokes(look: SeenLayer, why: IntArray, rng: np.random.Generator) -> tu
     fakes = fake_places(look.masks.free, width_px, step_px, rng) if unseen else None
     if fakes is None:
         return ()
-    usual = _together(_over_sides(look.flat, fakes, np.full(len(fakes.at), width_px)))
+    usual = _together(over_sides(look.flat, fakes, np.full(len(fakes.at), width_px)))
     spread = 1.4826 * np.median(np.abs(usual), axis=0) + 1e-9
     for stroke in unseen:
         own = np.flatnonzero((ways.stroke == stroke) & open_bath)
@@ -59,13 +59,13 @@ def bare_strokes(look: SeenLayer, why: IntArray, rng: np.random.Generator) -> tu
         if float(ways.step[own].sum()) < least:
             continue
         here = Seen(look.seen.at[own], look.seen.across[own], look.seen.along[own])
-        level = _together(_over_sides(look.flat, here, ways.width[own])) / spread
-        if (np.abs(level) > _STANDS_OUT).any(axis=1).mean() <= _MOST:
+        level = _together(over_sides(look.flat, here, ways.width[own])) / spread
+        if (np.abs(level) > STANDS_OUT).any(axis=1).mean() <= _MOST:
             out.append(int(stroke))
     return tuple(out)
 
 
-def _over_sides(image: FloatImage, seen: Seen, width: FloatArray) -> FloatArray:
+def over_sides(image: FloatImage, seen: Seen, width: FloatArray) -> FloatArray:
     """Each channel in the middle of places less what is beside them, (n, c)."""
     sides = np.concatenate([-_SIDE, _SIDE])
     parts = []
@@ -78,5 +78,5 @@ def _over_sides(image: FloatImage, seen: Seen, width: FloatArray) -> FloatArray:
 
 def _together(level: FloatArray) -> FloatArray:
     """Means of neighbours that are together as many as a laid line's places, (k, c)."""
-    count = max(1, len(level) // _TOGETHER)
+    count = max(1, len(level) // TOGETHER)
     return np.array([part.mean(axis=0) for part in np.array_split(level, count)])

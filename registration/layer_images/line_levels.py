@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage, IntArray
 from registration.layer_images.ways import Seen, Ways
@@ -23,6 +24,9 @@ _STRAIGHT: Final = 0.9
 _NEAR: Final = 0.25
 """Of a line's level: ink that its slope is learned from."""
 _ROUNDS: Final = 4
+_WIDER: Final = 1.3
+_RIM: Final = 0.3
+"""Of a line's width, by which the blur of a wider one's rim reaches into it."""
 
 
 def lines_of(ways: Ways) -> IntArray:
@@ -55,15 +59,30 @@ def line_levels(
     """
     noise = 0.0 if bath is None else float(bath.std())
     level, line = np.ones(len(ways)), lines_of(ways)
+    alone = good & ~ways.crossed & ~_in_wider(ways, line)
     for number in range(int(line[-1]) + 1):
         rows = line == number
-        own = rows & good & ~ways.crossed
+        own = rows & alone
         apart = float((ways.step[own] / (_ALIKE * ways.width[own])).sum())
         least = max(_LEAST, _SURE * noise / np.sqrt(max(1.0, apart)))
         usual = float(np.percentile(presence[own], _MOST)) if own.sum() >= _FEWEST else 0.0
         if usual > least:
             level[rows] = np.maximum(_sloped(presence, ways.along, rows, own, usual), least)
     return level
+
+
+def _in_wider(ways: Ways, line: IntArray) -> BoolArray:
+    """Return places at a line's end that lie in a wider line which it joins, (n,)."""
+    out = np.zeros(len(ways), dtype=np.bool_)
+    at = ways.point[:, :2]
+    reach = float(ways.width.max())
+    one, other = cKDTree(at).query_pairs(reach, output_type="ndarray").T
+    for thin, wide in ((one, other), (other, one)):
+        apart = np.linalg.norm(at[thin] - at[wide], axis=1)
+        inside = apart < 0.5 * ways.width[wide] + _RIM * ways.width[thin]
+        wider = ways.width[wide] > _WIDER * ways.width[thin]
+        out[thin[inside & wider & (line[thin] != line[wide])]] = True
+    return out
 
 
 def _sloped(

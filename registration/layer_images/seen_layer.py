@@ -104,7 +104,7 @@ def seen_at_shift(
     """Learn ink over the bath and over older ink, presence and widths at one shift."""
     by = np.array([shift.dx_mm, shift.dy_mm])
     masks, moved = Masks.of(lines, frame, work, by), ways.moved(by)
-    seen = Seen.of(moved, frame)
+    seen = Seen.of(moved, frame, options.round_lines)
     drawn = np.maximum(masks.fresh, masks.old)
     sides = Sides.of(seen, ways, drawn, work.px_per_mm)
     width_px = float(np.median(ways.width)) * work.px_per_mm

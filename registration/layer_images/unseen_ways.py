@@ -9,11 +9,14 @@ import numpy as np
 from registration.layer_images.gaps import stretches_of
 from registration.layer_images.presence import INK
 from registration.layer_images.seen_layer import SeenLayer
+from registration.layer_images.standing_ink import standing_ink
 from registration.layer_images.values import BoolArray, FloatArray, Gap, IntArray, Unseen
 from registration.layer_images.ways import Ways
 
 _DOUBTED: Final = 1.5
 """Tolerated gaps, from which on a stretch that looks bare is told of, though debris lies by."""
+_LACKING: Final = 1.25
+"""The same where bath shows beside what hides the rest, as at a joint with older ink."""
 _SEEN_MM: Final = 0.3
 """A seen stretch that is shorter, between two that aren't, doesn't part them."""
 
@@ -29,8 +32,8 @@ def unseen_ways(
     """Return stretches longer than ``longest_mm`` in which ink might be missing untold.
 
     They have the form of gaps, with p-values of 1. Ink that is too faint for a tolerated gap, but
-    not for one of that length, isn't told of here. Shorter ones count where ink doesn't show, and
-    only what lies around keeps them from being gaps.
+    not for one of that length, isn't told of here, nor is what plainly shows older filaments' ink.
+    Shorter ones count where ink doesn't show, and only what lies around keeps them from being gaps.
 
     Parameters
     ----------
@@ -46,6 +49,8 @@ def unseen_ways(
     """
     ways = look.ways
     told = (why == Unseen.SEEN) | _told_when_long(look, why, longest_mm, rate)
+    standing, lacking = standing_ink(look, why, np.random.default_rng(31))
+    told = (told | standing) & ~(lacking & ~(look.present > INK))
     for gap in gaps:
         own = ways.stroke == gap.stroke
         told |= own & (ways.along > gap.from_mm) & (ways.along < gap.to_mm)
@@ -59,7 +64,9 @@ def unseen_ways(
     for first, last in stretches_of(~told, ways.run):
         own = slice(first, last + 1)
         low_mm = float(ways.step[own][doubted[own]].sum())
-        if _length(ways, first, last) > longest_mm or low_mm > _DOUBTED * gap_mm:
+        lacking_mm = float(ways.step[own][lacking[own] & ~(look.present[own] > INK)].sum())
+        doubt = low_mm > _DOUBTED * gap_mm or lacking_mm > _LACKING * gap_mm
+        if _length(ways, first, last) > longest_mm or doubt:
             (begin, start), (end, stop) = _edge(ways, first, -0.5), _edge(ways, last, 0.5)
             out.append(Gap(int(ways.stroke[first]), begin, end, start, stop, 0.0, 1.0))
     return tuple(out)

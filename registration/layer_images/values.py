@@ -382,6 +382,9 @@ class SeeingOptions:
         False findings of each kind per sound layer, at most.
     unseen_mm : float, mm
         Longest stretch of a stroke that may go untold.
+    round_lines : bool
+        Whether lines are as high as wide: a camera that looks aslant sees them wider than flat
+        ones.
     """
 
     gap_mm: float = 0.2
@@ -390,6 +393,7 @@ class SeeingOptions:
     shift_mm: float = 0.5
     false_rate: float = 2e-4
     unseen_mm: float = 1.5
+    round_lines: bool = False
 
 
 Outlines = Sequence[FloatArray]

@@ -29,6 +29,9 @@ _OVER = 0.85
 """Of the mean width: lines whose middles are nearer lie over each other."""
 DETOUR = 1.25
 """Way along a line over the distance of two of its places, from which on it has turned back."""
+_ROUNDED_MM = 1e-6
+_ALONG_RAY = 0.2
+"""Sine of a line's angle to the ray that shows it, below which it is seen end on."""
 _DEEPER = 0.5
 """Of a width, from which on places lie at different depths."""
 _WIDER = 1.15
@@ -100,15 +103,53 @@ class Ways:
         reach = _OVER * float(self.width.max())
         one, other = cKDTree(at).query_pairs(reach, output_type="ndarray").T
         apart = np.linalg.norm(at[one] - at[other], axis=1)
-        along = np.abs(self.along[one] - self.along[other])
-        same = (self.run[one] == self.run[other]) & (along < DETOUR * apart)
+        along = np.abs(self._from_above[one] - self._from_above[other])
+        same = (self.run[one] == self.run[other]) & (along <= DETOUR * apart + _ROUNDED_MM)
         over = (apart < _OVER * 0.5 * (self.width[one] + self.width[other])) & ~same
         out[one[over]] = out[other[over]] = True
         return out
 
+    @cached_property
+    def _from_above(self) -> FloatArray:
+        """Way along all lines as seen from above, (n,), mm: a steep one hasn't turned back."""
+        steps = np.linalg.norm(np.diff(self.point[:, :2], axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
     def moved(self, by_mm: FloatArray) -> Ways:
         """Return the same, moved by (2,) mm."""
         return replace(self, point=self.point + np.append(by_mm, 0.0))
+
+
+def _to_the_rim(ways: Ways, frame: Frame, left: FloatArray) -> FloatArray:
+    """Directions, (n, 3), from round lines' middles to the rims that a frame shows on their left.
+
+    They are at right angles to the line and to the ray through its middle.
+    """
+    h = 0.5 * ways.width[:, None]
+    columns = [
+        (frame.to_pixels(ways.point + h * axis) - frame.to_pixels(ways.point - h * axis)) / (2 * h)
+        for axis in np.eye(3)
+    ]
+    by_place = np.stack(columns, axis=2)  # (n, 2, 3), px/mm
+    ray = np.cross(by_place[:, 0], by_place[:, 1])
+    ray *= np.where(ray[:, 2:] < 0, -1.0, 1.0)
+    rim = np.cross(ray, _ahead(ways))
+    size = np.linalg.norm(rim, axis=1, keepdims=True)
+    told = size > _ALONG_RAY * np.linalg.norm(ray, axis=1, keepdims=True)
+    return np.asarray(np.where(told, rim / np.maximum(size, 1e-12), left))
+
+
+def _ahead(ways: Ways) -> FloatArray:
+    """Directions of lines in space, (n, 3), unit vectors."""
+    ahead = np.column_stack([ways.normal[:, 1], -ways.normal[:, 0], np.zeros(len(ways))])
+    step = np.diff(ways.point, axis=0)
+    flat = np.linalg.norm(step[:, :2], axis=1)
+    same = (np.diff(ways.piece) == 0) & (flat > 1e-9)
+    slope = np.where(same, step[:, 2] / np.maximum(flat, 1e-9), 0.0)
+    ahead[:-1, 2] = slope
+    last = np.append(~same, True)
+    ahead[1:, 2] = np.where(last[1:], slope, ahead[1:, 2])
+    return np.asarray(ahead / np.linalg.norm(ahead, axis=1, keepdims=True))
 
 
 def check_lines(lines: ExpectedLines) -> None:
@@ -213,9 +254,15 @@ class Seen:
     along: FloatArray
 
     @staticmethod
-    def of(ways: Ways, frame: Frame) -> Seen:
-        """Look up where a frame shows places (its lens is straight over a width)."""
+    def of(ways: Ways, frame: Frame, round_lines: bool = False) -> Seen:
+        """Look up where a frame shows places (its lens is straight over a width).
+
+        Of ``round_lines`` the rim is where rays touch them: seen aslant they are wider than a flat
+        line of their width.
+        """
         left = np.column_stack([ways.normal, np.zeros(len(ways))])
+        if round_lines:
+            left = _to_the_rim(ways, frame, left)
         ahead = np.column_stack([ways.normal[:, 1], -ways.normal[:, 0], np.zeros(len(ways))])
         h = 0.5 * ways.width[:, None]
         middle = frame.to_pixels(ways.point)

@@ -165,7 +165,7 @@ def _true_widths(
     is_light: bool,
 ) -> tuple[FloatArray, float, float, Shade | None]:
     """Widths from widths at half level, and the uncertainty of all, relative and absolute."""
-    typical = float(np.median(expected_mm[good]))
+    typical = _middle_value(expected_mm[good])
     edge_px = _EDGE_PX if is_light else _EDGE_VOXEL
     if not template.filled:
         return wide, 0.08, edge_px * px_mm, None
@@ -186,6 +186,11 @@ def _true_widths(
     thin = _THIN if shade.per_mm * typical < _THIN_INK else 0.0
     common = math.hypot(common, _SLANTED * template.slant, thin)
     return width, common, edge_px * px_mm, shade
+
+
+def _middle_value(values: FloatArray) -> float:
+    """Return the upper median: one of the values, so that it lies beside itself at least."""
+    return float(np.partition(values, len(values) // 2)[len(values) // 2])
 
 
 def _doubt(shade: Shade) -> float:

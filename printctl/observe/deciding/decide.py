@@ -155,7 +155,7 @@ class Decider:
         if not stopping and evidence.turned is None:
             self.control.learn(evidence.flow)
         longest = max((gap.length_mm for gap in self._believed(evidence)), default=0.0)
-        self.layers.failed |= stopping or longest > _CLOG_MM
+        self.layers.failed |= stopping or bool(longest > _CLOG_MM)  # a NumPy one can't be saved
         return self._as_allowed(self._wanted(evidence), evidence)
 
     def _wanted(self, evidence: Evidence) -> Decision:

@@ -11,7 +11,12 @@ from printctl.link.marks import MarkKind
 from printctl.link.recovering import Recovery
 from printctl.link.states import LinkState, Status
 from printctl.observe.starting import ensure_observer
-from printctl.print_state.continue_print import continue_print, new_syringe_of, restart
+from printctl.print_state.continue_print import (
+    awaits_observer,
+    continue_print,
+    new_syringe_of,
+    restart,
+)
 from printctl.print_state.give_up import give_up
 from printctl.printing.recovery import planned, write_rest
 from printctl.web.controls import Principal
@@ -81,9 +86,10 @@ class PrintCommands:
             if status.state in _GOING and not status.waits_for:
                 return status
             if not status.ended:
-                ensure_observer(folder)
+                started = ensure_observer(folder)
                 change = new_syringe_of(client, syringe or None, plunger_mm) if changed else None
-                client.resume(change, unchanged)
+                if not awaits_observer(client.status, started):
+                    client.resume(change, unchanged)
                 return client.status
         return continue_print(
             folder, syringe=syringe or None, plunger_mm=plunger_mm, unchanged=unchanged

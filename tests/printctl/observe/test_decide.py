@@ -1,7 +1,8 @@
 """Decisions by their rules and modes."""
 
+import json
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -52,6 +53,14 @@ def test_a_gap_in_one_of_two_pictures_is_told_and_not_mended():
     found = decided(gaps=(GAP,), second=())
     assert (found.kind, found.gaps) == (DecisionKind.GO_ON, ())
     assert "1 gap, 1.00 mm in all, in one of two pictures alone" in found.why
+
+
+def test_what_is_remembered_of_a_mend_that_failed_can_be_saved():
+    """Ends of a gap in a mend were NumPy's: the look's record wasn't written."""
+    decider = Decider(Limits(mend="mend"))
+    gap = replace(GAP, from_mm=np.float64(0.0), to_mm=np.float64(3.0))
+    assert decider.decide(evidence(gaps=(gap,))).kind is DecisionKind.MEND
+    assert json.loads(json.dumps(asdict(decider.layers)))["failed"] is True
 
 
 def test_a_vessel_of_which_nothing_is_seen_is_asked_about_by_its_name():

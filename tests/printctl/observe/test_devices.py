@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
 import sys
 import time
+from contextlib import suppress
 
 import pytest
 
+from printctl.link.find_link import has_ended
 from printctl.observe.devices import DeviceError, DeviceSettings, acquire, picture_of
 from printctl.observe.devices.files import files_in
 
@@ -71,3 +75,38 @@ def test_what_a_command_writes_beside_its_file_isnt_taken(tmp_path):
 def test_a_device_that_fails_or_hangs_is_told(tmp_path, settings, said):
     with pytest.raises(DeviceError, match=said):
         acquire(settings, tmp_path / "picture")
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="a process isn't told of its parent's end")
+def test_a_devices_program_ends_with_a_killed_observer(tmp_path):
+    """It was left behind: two scans at once, once another observer looked."""
+    program, began = tmp_path / "scan.py", tmp_path / "pid"
+    program.write_text(
+        "import os, sys, time\n"
+        "open(sys.argv[1], 'w').write(str(os.getpid()))\n"
+        "os.rename(sys.argv[1], sys.argv[2])\ntime.sleep(120)\n"
+    )
+    words = f"{sys.executable} {program} {tmp_path / 'draft'} {began} {{out}}"
+    observing = (
+        "from pathlib import Path; from printctl.observe.devices import *; "
+        f"acquire(DeviceSettings('command', {words!r}), Path({str(tmp_path / 'picture')!r}))"
+    )
+    observer = subprocess.Popen([sys.executable, "-c", observing])
+    try:
+        await_true(began.is_file)
+    finally:
+        observer.kill()
+        observer.wait()
+    scanner = int(began.read_text())
+    try:
+        await_true(lambda: has_ended(scanner))
+    finally:
+        with suppress(ProcessLookupError):
+            os.kill(scanner, signal.SIGKILL)
+
+
+def await_true(tells):
+    limit = time.monotonic() + 30
+    while not tells():
+        assert time.monotonic() < limit
+        time.sleep(0.05)

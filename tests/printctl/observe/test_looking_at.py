@@ -21,23 +21,25 @@ from registration.layer_images import Gap, LayerFindings, SeeingOptions
 
 
 @pytest.mark.parametrize(
-    ("shift_mm", "coverage", "searched_mm"),
+    ("shift_mm", "u_mm", "coverage", "searched_mm"),
     [
-        (0.05, 0.95, [0.5]),
-        (0.05, 0.1, [0.5, 0.1]),
-        (0.3, 0.95, [0.5]),
-        (0.3, 0.16, [0.5, 0.1]),
-        (0.3, float("nan"), [0.5, 0.1]),
+        (0.05, 0.01, 0.95, [0.5]),
+        (0.05, 0.01, 0.1, [0.5, 0.1]),
+        (0.3, 0.01, 0.95, [0.5]),
+        (0.3, 0.2, 0.95, [0.5, 0.1]),  # a lone line whose end is missing, moved along itself
+        (0.3, 0.01, 0.16, [0.5, 0.1]),
+        (0.3, 0.01, float("nan"), [0.5, 0.1]),
     ],
 )
-def test_a_layer_that_little_ink_shows_is_looked_at_again_within_tolerance(
-    shift_mm, coverage, searched_mm
+def test_a_shift_that_isnt_sure_is_looked_at_again_within_tolerance(
+    shift_mm, u_mm, coverage, searched_mm
 ):
     searched = []
 
     def see(options):
         searched.append(options.shift_mm)
-        shift = SimpleNamespace(dx_mm=0.0, dy_mm=min(shift_mm, options.shift_mm))
+        moved = min(shift_mm, options.shift_mm)
+        shift = SimpleNamespace(dx_mm=0.0, dy_mm=moved, covariance_mm2=u_mm**2 * np.eye(2))
         return SimpleNamespace(shift=shift, coverage=coverage)
 
     found = seen_where_ink_shows(see, SeeingOptions(shift_mm=0.5), 0.1)
@@ -106,9 +108,12 @@ def test_what_one_picture_does_not_tell_and_the_other_shows_as_a_gap_is_asked_ab
     faint, faint_gap = picture(), picture(gaps=(gap(4, 7),))
     clear_gap = picture(gaps=(gap(4, 7),), sees=True)
     path = SimpleNamespace(
-        points=np.array([[0.0, 0.0, 0.0], [7.0, 0.0, 0.0]]), length_mm=7.0, command=np.array([0])
+        at=lambda along: np.column_stack([along, 0 * along, 0 * along]), length_mm=7.0,
+        command=np.array([0]),
+    )  # fmt: skip
+    at = SimpleNamespace(
+        ink=SimpleNamespace(paths=(path,)), marks=Marks([]), layer=SimpleNamespace(mended=())
     )
-    at = SimpleNamespace(ink=SimpleNamespace(paths=(path,)), marks=Marks([]))
     for each, told in (
         ([nothing], [(0, 7)]),
         ([nothing, nothing], [(0, 7)]),
@@ -126,7 +131,7 @@ def test_what_one_picture_does_not_tell_and_the_other_shows_as_a_gap_is_asked_ab
     for scanned, told_of in ((False, 1), (True, 0)):
         order = SimpleNamespace(oct=scanned, limits=SimpleNamespace(unseen_mm=1.5))
         bath = SimpleNamespace(
-            ink=SimpleNamespace(paths=(path,), style="embedded"), marks=Marks([])
+            ink=SimpleNamespace(paths=(path,), style="embedded"), marks=at.marks, layer=at.layer
         )
         seen = ObservedJob._unseen(
             cast(Any, SimpleNamespace(order=order)), cast(Any, bath), [nothing]

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from printctl.link.inserts import Insert
 from printctl.link.job import parse_job
+from printctl.link.marks import Marks
 from printctl.observe.expected import expected_ink
+from printctl.observe.held_look import unseen_paths
 from printctl.observe.judging import ink_to_judge
 from printctl.observe.mending import Gap as MendGap
 from printctl.observe.mending import HeldPrint, plan_mend
@@ -22,6 +25,7 @@ from tests.printctl.observe.mending.small_jobs import (
     PRINTER,
     SYRINGE,
     JobText,
+    bath_job,
     line_area_mm2,
 )
 
@@ -58,7 +62,7 @@ def looked(mark, low=2.0, high=4.0):
     held = held_at(job, mark)
     ink = expected_ink(held, job)
     layer = ink_to_judge(ink, before, held.done)
-    return ink, layer, with_mends(layer, ink, [Mended(3, low, high)])
+    return ink, layer, with_mends(layer, ink, [Mended(3, low, high)], before)
 
 
 @pytest.mark.parametrize("mark", [5, 6])
@@ -95,3 +99,38 @@ def test_tries_are_counted_where_gaps_overlap():
     assert tries_of(MendGap(3, 3.5, 5.0), mended) == 2
     assert tries_of(MendGap(3, 4.0, 5.0), mended) == 0
     assert tries_of(MendGap(4, 2.0, 4.0), mended) == 0
+
+
+def test_a_mend_in_a_bath_is_looked_at_again():
+    """A clog that lasted into the mend of a vessel was never told."""
+    text = bath_job([(100, 100, 5), (106, 100, 5)], [(100, 104, 6), (106, 104, 6)])
+    job = parse_job("\n".join([*text.lines, "M400"]).encode(), "small", PRINTER)
+    done = job.marks.all[0].index
+    held = HeldPrint(job.lines, done, PRINTER, SYRINGE, INK, NEEDLE, "embedded")
+    mend = plan_mend(held, [MendGap(0, 2.0, 4.0)])
+    grown = job.grown(Insert(1, held.done, mend.lines))
+    whole = HeldPrint(grown.lines, len(grown), PRINTER, SYRINGE, INK, NEEDLE, "embedded")
+    ink = expected_ink(whole, grown)
+    layer = ink_to_judge(ink, held.done, whole.done)
+    again = with_mends(layer, ink, [Mended(0, 2.0, 4.0)], held.done)
+    lines, row = again.lines, again.lines.stroke >= 1_000_000
+    assert lines.fresh[row].all()
+    assert lines.start[row][0, :2] == pytest.approx([102, 100])
+    assert lines.end[row][-1, :2] == pytest.approx([104, 100])
+    assert lines.fresh.sum() == layer.lines.fresh.sum() + row.sum()
+    assert not ink.inserted[again.row].any()
+
+
+def test_a_mend_of_which_nothing_is_seen_is_asked_about_by_its_vessel():
+    path = SimpleNamespace(
+        at=lambda along: np.column_stack([along, 0 * along, 0 * along]),
+        length_mm=7.0, command=np.array([0]),
+    )  # fmt: skip
+    layer = SimpleNamespace(mended=(Mended(0, 2.0, 5.0),))
+    at = SimpleNamespace(ink=SimpleNamespace(paths=(path,)), marks=Marks([]), layer=layer)
+    faint = Gap(1_000_000, 0.0, 3.0, (2, 0), (5, 0), 0.0, 1.0)
+    seen = SimpleNamespace(bare=(1_000_000,), gaps=(), unseen=(faint,), stations=None)
+    (told,) = unseen_paths(at, [seen], 1.5)
+    assert told.words == "the mend in path 0 (3.0 mm)"
+    assert (told.gap.stroke, told.gap.from_mm, told.gap.to_mm) == (0, 2.0, 5.0)
+    assert unseen_paths(at, [SimpleNamespace(**{**vars(seen), "bare": ()})], 1.5) == ()

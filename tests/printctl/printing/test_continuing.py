@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from printctl.errors import PrintctlError
 from printctl.link.care import Care
-from printctl.link.errors import PortMissing
+from printctl.link.errors import PortMissing, Refused
 from printctl.link.journal import Journal
 from printctl.link.marks import MarkKind
 from printctl.link.record import JOURNAL, LinkRecord
+from printctl.link.resuming import resumable
 from printctl.link.states import LinkState
 from printctl.observe.records import ORDER, READY
 from printctl.observe.starting import ObserverError
 from printctl.print_state.continue_print import continue_print
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.test_stop_in_waits import JOB
+
+module = sys.modules[continue_print.__module__]
 
 
 def broken_off(folder: Path, wanted: str, **care) -> None:
@@ -63,3 +69,34 @@ def test_a_print_without_looks_asks_for_no_observer(tmp_path):
     (tmp_path / ORDER).write_text("{}")
     with pytest.raises(PortMissing):
         continue_print(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("state", "started", "resumed"),
+    [
+        (LinkState.LOOKING, True, 0),  # else its picture is of a print that goes on
+        (LinkState.LOOKING, False, 1),
+        (LinkState.PAUSED, True, 1),
+    ],
+)
+def test_a_new_observer_makes_the_look_that_the_print_is_held_for(
+    tmp_path, monkeypatch, state, started, resumed
+):
+    asked = []
+    client = SimpleNamespace(
+        status=SimpleNamespace(state=state, waits_for="a decision", ended=False),
+        resume=lambda *said: asked.append(said),
+    )
+    monkeypatch.setattr(module, "attach", lambda _: nullcontext(client))
+    monkeypatch.setattr(module, "ensure_observer", lambda _: started)
+    assert continue_print(tmp_path) is client.status
+    assert len(asked) == resumed
+
+
+def test_of_a_print_that_failed_the_way_to_its_rest_is_told(tmp_path):
+    broken_off(tmp_path, "")
+    journal = Journal(tmp_path / JOURNAL)
+    journal.add("end", state="failed", message="disk full", done=30, position_known=True)
+    journal.close()
+    with pytest.raises(Refused, match="`printctl recover` writes its rest"):
+        resumable(tmp_path, parse_job(JOB.encode(), "a.gcode").sha256)

@@ -23,16 +23,18 @@ class Flat:
         return np.asarray(points_mm)[:, :2] / PX_MM
 
 
-def _look(bare: dict[int, tuple[float, float]] | None = None) -> LayerFindings:
+def _look(
+    bare: dict[int, tuple[float, float]] | None = None, end: FloatArray = END
+) -> LayerFindings:
     """Findings of a picture in which some filaments are bare from and to, mm along them."""
     rng = np.random.default_rng(3)
     y, x = np.mgrid[0:280, 0:320] * PX_MM
     texture = cv2.GaussianBlur(rng.normal(size=x.shape), (0, 0), 2.0)
     logs = np.log(140.0) + 0.02 * texture[..., None] / texture.std() * np.ones(3)
     hues = np.array([[0.2, 0.7, 1.0], [0.25, 0.75, 1.0], [0.3, 0.8, 1.0]])  # haze takes colour away
-    for number, (begin, end) in enumerate(zip(START[:, :2], END[:, :2], strict=True)):
-        length = float(np.linalg.norm(end - begin))
-        way = (end - begin) / length
+    for number, (begin, stop) in enumerate(zip(START[:, :2], END[:, :2], strict=True)):
+        length = float(np.linalg.norm(stop - begin))
+        way = (stop - begin) / length
         along = (x - begin[0]) * way[0] + (y - begin[1]) * way[1]
         across = (x - begin[0]) * way[1] - (y - begin[1]) * way[0]
         thick = np.sqrt(np.clip(1.0 - (2.0 * across / WIDTH[number]) ** 2, 0.0, 1.0))
@@ -41,7 +43,7 @@ def _look(bare: dict[int, tuple[float, float]] | None = None) -> LayerFindings:
         logs -= DARK[number] * (thick * own)[..., None] * hues[number]
     light = cv2.GaussianBlur(np.exp(logs), (0, 0), 1.0) + rng.normal(0, 1.0, logs.shape)
     count = np.arange(3)
-    lines = ExpectedLines(START, END, WIDTH, count, count, np.ones(3, dtype=np.bool_))
+    lines = ExpectedLines(START, end, WIDTH, count, count, np.ones(3, dtype=np.bool_))
     return see_layer(np.clip(light, 0, 255).astype(np.uint8), Flat(), lines)
 
 
@@ -50,6 +52,16 @@ def test_sound_filaments_of_all_depths_are_seen() -> None:
     assert found.gaps == ()
     assert found.seen_share > 0.95
     assert found.coverage > 0.95
+
+
+def test_a_faint_filament_that_leads_steeply_down_is_ink() -> None:
+    """It was taken for one that turns back over itself, so that its level wasn't learned."""
+    steep = END - [[0, 0, 0], [0, 0, 0], [0, 0, 4]]
+    found = _look(end=steep)
+    assert found.gaps == ()
+    assert found.coverage > 0.95
+    (gap,) = _look({2: (1.5, 2.3)}, steep).gaps
+    assert gap.stroke == 2
 
 
 @pytest.mark.parametrize("number", [0, 1, 2])
