@@ -19,6 +19,8 @@ _NEAREST: Final = 0.02
 """Of the way from the pinhole to the tip: what is nearer is out of the picture."""
 _KNOTS: Final = 60
 _SHIFT: Final = 4
+_FINE: Final = 4
+"""Dots of the drawing along a pixel."""
 _STRIPES: Final = ((1.0, 0.45), (0.85, 0.8), (0.55, 1.0), (0.18, 1.7))
 """Share of the needle's width, and brightness over its own: round steel has a bright line."""
 _AROUND: Final = 32
@@ -31,8 +33,9 @@ def add_needle(
 
     Notes
     -----
-    Its axis is vertical. Its tip's rim is a circle that is seen from above, its shaft the outline
-    of circles up the axis. It is blurred as a whole, though less near its tip in truth.
+    Its axis is vertical, and it is the outline of circles up the axis. Its end looks downwards, so
+    a camera above sees no more of it than the near half of its rim. It is blurred as a whole,
+    though less near its tip in truth.
     """
     height, width = taken.shape[:2]
     high = camera.eye_mm[2] - tip_mm[2]
@@ -43,14 +46,10 @@ def add_needle(
     if not _in_view(rings.reshape(-1, 2), width, height):
         return
     for number, (share, bright) in enumerate(_STRIPES):
-        mask = np.zeros((height, width), np.uint8)
         shaft = _rings(camera, tip_mm, z, share * needle.outer_mm / 2)
-        for near, far in itertools.pairwise(shaft):
-            _fill(mask, np.concatenate([near, far]))
+        hulls = [np.concatenate(pair) for pair in itertools.pairwise(shaft)]
+        mask = _filled(hulls, (height, width))
         _blend(taken, mask, needle.brightness * bright, needle.defocus_px if number == 0 else 1.0)
-    mask = np.zeros((height, width), np.uint8)
-    _fill(mask, rings[0])
-    _blend(taken, mask, 0.3 * needle.brightness, 0.7)
 
 
 def _rings(camera: Camera, tip_mm: FloatArray, z_mm: FloatArray, radius_mm: float) -> FloatArray:
@@ -68,14 +67,31 @@ def _in_view(pixels: FloatArray, width: int, height: int) -> bool:
     return bool((high > 0).all() and low[0] < width and low[1] < height)
 
 
-def _fill(mask: NDArray[np.uint8], pixels: FloatArray) -> None:
-    """Fill the hull of pixels; far outside of the picture nothing is drawn."""
-    height, width = mask.shape
-    limit = 3.0 * max(height, width)
-    if not np.isfinite(pixels).all() or np.abs(pixels).max() > limit:
-        return
-    hull = cv2.convexHull(np.round(pixels * 2**_SHIFT).astype(np.int32))
-    cv2.fillConvexPoly(mask, hull, 255, cv2.LINE_AA, _SHIFT)
+def _filled(hulls: list[FloatArray], shape: tuple[int, int]) -> NDArray[np.uint8]:
+    """Share of each pixel that lies in a hull of pixels; what lies far outside isn't drawn.
+
+    OpenCV fills the pixels that an outline touches, too, which would make a needle a pixel wider:
+    it is drawn finer.
+    """
+    mask = np.zeros(shape, np.uint8)
+    limit = 3.0 * max(shape)
+    near = [one for one in hulls if np.isfinite(one).all() and np.abs(one).max() <= limit]
+    if not near:
+        return mask
+    reach = np.concatenate(near)
+    low = np.clip(np.floor(reach.min(axis=0)).astype(int) - 1, 0, None)
+    high = np.clip(np.ceil(reach.max(axis=0)).astype(int) + 2, None, shape[::-1])
+    columns, rows = high - low
+    if columns <= 0 or rows <= 0:
+        return mask
+    fine = np.zeros((_FINE * rows, _FINE * columns), np.uint8)
+    for pixels in near:
+        corners = (pixels - low + 0.5) * _FINE - 0.5
+        hull = cv2.convexHull(np.round(corners * 2**_SHIFT).astype(np.int32))
+        cv2.fillConvexPoly(fine, hull, 255, cv2.LINE_8, _SHIFT)
+    box = cv2.resize(fine, (int(columns), int(rows)), interpolation=cv2.INTER_AREA)
+    mask[low[1] : high[1], low[0] : high[0]] = box
+    return mask
 
 
 def _blend(taken: SingleArray, mask: NDArray[np.uint8], grey: float, blur_px: float) -> None:

@@ -243,3 +243,20 @@ def test_granules_lie_still_while_the_ink_rises():
         ink = laid_as_is(strands, "layered", layer_mm=0.1)
         pictures.append(paint(ink, camera, grainy, 1)[:50].astype(np.float32))
     assert np.corrcoef(pictures[0].ravel(), pictures[1].ravel())[0, 1] > 0.98
+
+
+def test_needle_is_as_wide_as_it_is_and_its_end_looks_away_from_the_camera():
+    upright = CAMERA.model_copy(
+        update={"tilt_deg": 40, "tilt_towards_deg": 90, "turn_deg": 0, "distortion": (0,) * 5}
+    )
+    look = NeedleLook(outer_mm=0.8, tip_mm=(50, 40, 1), brightness=20, defocus_px=0)
+    bare = PLAIN.model_copy(update={"needle": look})
+    picture = paint(nothing_laid(), upright, bare, 1).astype(float)
+    tip, end, up = upright.pixels(np.array([[50, 40, 1], [50, 40, 1.4], [50, 40, 2.0]]))
+    rim = np.linspace(0, 2 * np.pi, 720)
+    ring = np.column_stack([50 + 0.4 * np.cos(rim), 40 + 0.4 * np.sin(rim), np.full(720, 2.0)])
+    row = picture[round(up[1])]
+    assert (row < 55).sum() == pytest.approx(np.ptp(upright.pixels(ring)[:, 0]), abs=1.1)
+    assert picture[round(tip[1]), round(tip[0])] == pytest.approx(
+        picture[round(end[1]), round(end[0])], abs=10
+    )
