@@ -99,6 +99,7 @@ def test_a_piece_that_may_be_slid_says_along_which_axis() -> None:
     assert any("its place along x" in doubt for doubt in found.doubts)
 
 
+@pytest.mark.slow
 def test_a_symmetric_design_names_the_turns_that_nothing_tells() -> None:
     part = block()
     found, _ = aligned(part, surface_points(part, 20_000, 5), tilted(UPRIGHT, 5))
@@ -134,6 +135,7 @@ def test_a_face_that_the_others_outvote_is_named(construct: Solid) -> None:
     assert "flat faces that face low z are off the design by +29" in found.doubts[0]
 
 
+@pytest.mark.slow
 def test_a_ragged_face_does_not_pull_the_pose(construct: Solid) -> None:
     points = surface_points(construct, 20_000, 8)
     top = points[:, 2] > 2.95

@@ -88,6 +88,7 @@ def test_a_line_told_moves_sections_and_has_its_own_error():
         np.testing.assert_allclose(change, 2 * (wall - usual))
 
 
+@pytest.mark.slow
 def test_walls_that_shine_across_the_light_alone_move_by_half_of_what_the_line_allows():
     scan = shining(0.2, across_light=True)
     rough = replace(scan, field=replace(scan.field, faint_mm=0.003))

@@ -80,6 +80,7 @@ def test_half_the_flow_is_late_where_the_flow_is_given(steady: Path) -> None:
     assert "too late" in found["reasons"][0]
 
 
+@pytest.mark.slow
 def test_a_network_agrees_with_the_independent_simulator(tmp_path: Path) -> None:
     report = planar_report(tmp_path)
     late = np.abs(report.late_s())

@@ -97,6 +97,7 @@ def test_inlets_and_outlets_have_arrows_within_the_picture() -> None:
     assert dark > 100
 
 
+@pytest.mark.slow
 def test_arrows_turn_with_the_flow() -> None:
     options = PictureOptions(width=400)
     ahead = np.ones(NETWORK.vessel_count)
