@@ -188,6 +188,7 @@ def test_a_damaged_file_is_not_read(tmp_path: Path, damage: Callable[[bytes], by
     assert read_whole(tmp_path / "other.nbc") is None, "another kernel's"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "damage",
     [

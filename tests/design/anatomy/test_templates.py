@@ -352,6 +352,7 @@ def with_shell(outer: trimesh.Trimesh, inner: trimesh.Trimesh) -> Tissue:
     return tissue_from_surface(both.vertices, both.faces)
 
 
+@pytest.mark.slow
 def test_a_closed_cavity_is_no_hilum():
     cavity = trimesh.creation.icosphere(3, 7.0)
     cavity.invert()

@@ -44,6 +44,7 @@ def _assert_solid(solid: Solid) -> None:
     assert np.array_equal(solid.vertices.astype(np.float32).astype(float), solid.vertices)
 
 
+@pytest.mark.slow
 def test_a_vessel_in_pieces_is_filled_like_a_whole_one() -> None:
     """Ends of two pieces that face each other seem to leave a ball no room between them."""
     ends = np.array([[-4.0, 3.0, 0.0], [-4.0, -3.0, 0.0], [4.0, 0.0, 0.0]])
