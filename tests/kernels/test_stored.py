@@ -259,6 +259,7 @@ def test_a_script_is_compiled_each_time(tmp_path: Path) -> None:
         assert _python(tmp_path, SCRIPT) == "True"
 
 
+@pytest.mark.slow
 def test_a_global_changed_between_two_signatures_is_not_kept(tmp_path: Path) -> None:
     (tmp_path / "scaled.py").write_text(
         "from kernels import jit\nX = 1\n@jit\ndef k(x):\n    return x * X\n"

@@ -75,6 +75,7 @@ def test_a_part_lands_however_it_lies(construct: Solid, rotation: FloatArray, la
     assert found.lay.startswith(lay)
 
 
+@pytest.mark.slow
 def test_a_mirrored_part_is_refused_however_it_lies(construct: Solid) -> None:
     points = surface_points(construct, 20_000, 2) * [-1, 1, 1]
     with pytest.raises(AlignmentError, match="mirror image"):
@@ -127,6 +128,7 @@ def test_a_face_that_is_off_never_leaves_a_pose_sure(construct: Solid, off_mm: f
     assert found.ambiguous
 
 
+@pytest.mark.slow
 def test_a_face_that_the_others_outvote_is_named(construct: Solid) -> None:
     points = surface_points(construct, 20_000, 7)
     points[points[:, 2] < 0.05, 2] -= 0.29

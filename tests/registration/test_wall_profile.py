@@ -51,6 +51,7 @@ def profile(line_mm: float, uniform: bool = True) -> WallProfile | None:
     return wall_profile(traces(scan), scan)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line_mm", first_of([0.4, 0.1]))
 @pytest.mark.parametrize("uniform", first_of([True, False]))
 def test_the_mean_surface_is_found_under_a_bright_line(line_mm: float, uniform: bool):

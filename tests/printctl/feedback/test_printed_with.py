@@ -19,14 +19,13 @@ from printctl.run_folder.artefacts import NUMBERS
 from printctl.run_folder.manifest import Manifest
 from tests.printctl.cli.shell import Shell
 from tests.printctl.feedback.lab import Lab
-from tests.printctl.feedback.small_run import TWO, recipe_of, registered, run
+from tests.printctl.feedback.small_run import TWO, recipe_of, registered, run, small_run
 
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a registered run, `plain`, of a printer whose parts shrink and close in."""
-    folder = tmp_path_factory.mktemp("feedback")
-    run(folder, "plain", recipe_of())
+    folder = small_run(tmp_path_factory)
     registered(folder / "plain", Lab(network=TWO, spread_mm=-0.05))
     return folder
 

@@ -146,6 +146,7 @@ def test_a_wrong_place_of_one_picture_is_refused() -> None:
         locate_tip(wrong, OUTER)
 
 
+@pytest.mark.slow
 def test_pictures_of_coded_light_are_measured_in_light() -> None:
     rng = np.random.default_rng(8)
     camera, at = optics(), PLACES[0]

@@ -71,6 +71,7 @@ def test_from_the_top_x_is_to_the_right_and_y_is_up() -> None:
     assert c[1] < a[1]
 
 
+@pytest.mark.slow
 def test_few_colours_make_a_small_file() -> None:
     small = picture(palette=True)
     assert len(small) < 0.7 * len(picture())

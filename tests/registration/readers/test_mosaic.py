@@ -70,6 +70,7 @@ def test_tiles_find_their_places(tmp_path: Path) -> None:
     assert "4 scans fused (tiles), 4 overlaps; moved by up to" in found.notes[-1]
 
 
+@pytest.mark.slow
 def test_parts_of_a_voxel_are_found(tmp_path: Path) -> None:
     parts = [((0, 0, 0), (60, 90, 60), (0, 0, 0)), ((0.4, 1.3, 35.7), (58, 86, 60), (0, 0, 37))]
     found = read_mosaic(listed(tmp_path, "tiles", parts, noise=100.0))
