@@ -101,7 +101,7 @@ def test_host_killed_about_a_record_streams_the_insert_once(tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize("park", [(20.0, 30.0, 40.0), (20.0, 30.0, 5.0)])
-@pytest.mark.parametrize("last", first_of([0, 11, 29, *range(2, 40, 9), *range(1, 40, 3)], 3))
+@pytest.mark.parametrize("last", first_of([0, 11, 29, 2, 20, 38, *range(1, 40, 3)], 3))
 def test_parked_needle_is_led_back_after_a_kill_as_well(tmp_path, last, park):
     data, transport = layered(2, 12), fresh()
     care = replace(EVERY_LAYER, look_park_mm=park)
