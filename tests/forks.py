@@ -2,7 +2,8 @@
 
 To import and collect all tests takes twenty seconds of a core, and pytest-xdist does it in each
 worker. Here it is done once, and each worker is a fork of what was collected. A file is the unit of
-work, as with ``--dist loadfile``; files are handed out in the order of the collection. Tests in a
+work, as with ``--dist loadfile``; files are handed out in the order of the collection, but a worker
+ends a folder before it begins another. Tests in a
 browser have workers of their own, ``--browsers`` of them, until they are done; a file of them that
 failed beside others is tried once more at the end, alone. A worker that dies fails the test it was
 at; a new one does the rest.
@@ -101,6 +102,7 @@ class _Worker:
     line: Connection
     browser: bool
     current: str = ""
+    folder: str = ""
     left: dict[str, int] = field(default_factory=dict)
     """Tests that it was given and hasn't ended, with the number of their group."""
 
@@ -168,8 +170,7 @@ class _Loop:
 
     def _take(self, worker: _Worker, kind: str, said: Any) -> None:
         if kind == "next":
-            queue = self.pages if worker.browser else self.plain
-            number = queue.popleft() if queue else None
+            number = self._next(worker)
             worker.left |= {} if number is None else {i.nodeid: number for i in self.groups[number]}
             worker.line.send(number)
         elif kind == "begin":
@@ -181,6 +182,25 @@ class _Loop:
             del worker.left[said]
             worker.current = ""
             self._report(said)
+
+    def _next(self, worker: _Worker) -> int | None:
+        """Choose a file: of the worker's own folder, else of a folder where no other is at work.
+
+        Files of a folder load the same kernels and libraries, and compile those that are missing.
+        """
+        queue = self.pages if worker.browser else self.plain
+        if not queue:
+            return None
+        others = {one.folder for one in self.workers if one is not worker}
+        own = [k for k in queue if self._folder(k) == worker.folder]
+        free = [k for k in queue if self._folder(k) not in others]
+        number = (own or free or queue)[0]
+        queue.remove(number)
+        worker.folder = self._folder(number)
+        return number
+
+    def _folder(self, number: int) -> str:
+        return str(self.groups[number][0].path.parent)
 
     def _report(self, name: str) -> None:
         """Tell pytest of a test that has ended, unless it is to be tried again."""

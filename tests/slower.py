@@ -26,5 +26,5 @@ def first_rows(rows: Iterable[tuple[Any, ...]], keep: int = 1) -> list[Any]:
 
 
 def examples(most: int) -> int:
-    """How many examples hypothesis tries: a fifth of the most but ten, all by `make test-slow`."""
-    return most if "PRINTCTL_NIGHTLY" in os.environ else max(most // 5, min(most, 10))
+    """How many examples hypothesis tries: a tenth of the most but ten, all by `make test-slow`."""
+    return most if "PRINTCTL_NIGHTLY" in os.environ else max(most // 10, min(most, 10))

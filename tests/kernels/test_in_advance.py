@@ -42,6 +42,7 @@ def _make_older(folder: Path) -> None:
         os.utime(file, (1, 1))
 
 
+@pytest.mark.slow
 def test_a_second_kind_of_arguments_is_missing_alone(rows: list[NeededKernel]) -> None:
     with compiling(rows[:1], ()):
         pass

@@ -188,6 +188,7 @@ def test_a_damaged_file_is_not_read(tmp_path: Path, damage: Callable[[bytes], by
     assert read_whole(tmp_path / "other.nbc") is None, "another kernel's"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "damage",
     [
@@ -258,6 +259,7 @@ def test_a_script_is_compiled_each_time(tmp_path: Path) -> None:
         assert _python(tmp_path, SCRIPT) == "True"
 
 
+@pytest.mark.slow
 def test_a_global_changed_between_two_signatures_is_not_kept(tmp_path: Path) -> None:
     (tmp_path / "scaled.py").write_text(
         "from kernels import jit\nX = 1\n@jit\ndef k(x):\n    return x * X\n"

@@ -58,21 +58,22 @@ ON_DEMAND = (
 @pytest.fixture(scope="module")
 def loaded_so_far() -> list[set[str]]:
     """Modules that one new process has after importing each of `STEPS` in turn."""
+    return _loaded(STEPS)
+
+
+@pytest.fixture(scope="module")
+def loaded_for_work() -> list[set[str]]:
+    """The same for each of `WORK`."""
+    return _loaded(WORK)
+
+
+def _loaded(steps: tuple[tuple[str, ...], ...]) -> list[set[str]]:
     lines = ["import sys"]
-    for step in STEPS:
+    for step in steps:
         lines += [*(f"import {module}" for module in step), "print(*sys.modules)"]
     command = [sys.executable, "-c", "\n".join(lines)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     return [set(line.split()) for line in done.stdout.splitlines()]
-
-
-def loaded_by(*modules: str) -> set[str]:
-    """Modules that a new process has after importing some."""
-    lines = [*(f"import {module}" for module in modules), "import sys", "print(*sys.modules)"]
-    done = subprocess.run(
-        [sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, check=True
-    )
-    return set(done.stdout.split())
 
 
 BEGUN = (
@@ -94,6 +95,12 @@ STEPS = (
     ("printctl.cli.run", "printctl.cli.toolpath"),
 )
 """What all of them together don't load, none of them does."""
+WORK = (
+    ("design.solids",),
+    ("design.solids; design.solids.lumen_solid",),
+    ("printctl.cli.register_work",),
+    ("design.hemodynamics.three_d",),
+)
 
 
 def test_a_link_and_the_status_of_a_print_need_no_numpy(loaded_so_far):
@@ -109,9 +116,12 @@ def test_a_recipe_is_refused_before_what_does_its_work_is_loaded(loaded_so_far):
     assert not loaded_so_far[2] & {"numba", "manifold3d", "shapely", "skimage"}
 
 
-def test_registering_loads_no_plotting_library():
-    loaded = loaded_by("printctl.cli.register_work")
-    assert not loaded & {"matplotlib", "reportlab", "jinja2", "scipy.stats"}
+def test_registering_loads_no_plotting_library(loaded_for_work):
+    assert not loaded_for_work[2] & {"matplotlib", "reportlab", "jinja2", "scipy.stats"}
+
+
+def test_the_engine_of_3d_flow_is_loaded_only_when_it_is_needed(loaded_for_work):
+    assert "ngsolve" not in loaded_for_work[3]
 
 
 def _begun_with(words: list[str], ends: bool) -> set[str]:
@@ -140,8 +150,9 @@ def test_the_live_views_process_and_the_simulated_printers_run_without_numba(wor
     assert any(not _begun_with(words, ends) & needless for _ in range(2))
 
 
-def test_a_name_on_demand_brings_what_it_needs():
-    assert "manifold3d" in loaded_by("design.solids; design.solids.lumen_solid")
+def test_a_name_on_demand_brings_what_it_needs(loaded_for_work):
+    assert "manifold3d" not in loaded_for_work[0]
+    assert "manifold3d" in loaded_for_work[1]
 
 
 @pytest.mark.parametrize("package", ON_DEMAND)

@@ -79,6 +79,7 @@ def test_a_pose_is_off_by_its_residuals_where_two_poses_differ() -> None:
     assert deviation_where_different(mine, mine) == 0.0
 
 
+@pytest.mark.slow
 def test_walls_of_unknown_errors_prove_no_mirror_image(construct: Solid) -> None:
     points, _ = placed(surface_points(construct, 60_000, 1) * [-1, 1, 1], 7, np.ones(3))
     unknown = replace(ScanErrors.of_blur(0.03), level_mm=float("nan"))

@@ -75,6 +75,7 @@ def test_a_part_lands_however_it_lies(construct: Solid, rotation: FloatArray, la
     assert found.lay.startswith(lay)
 
 
+@pytest.mark.slow
 def test_a_mirrored_part_is_refused_however_it_lies(construct: Solid) -> None:
     points = surface_points(construct, 20_000, 2) * [-1, 1, 1]
     with pytest.raises(AlignmentError, match="mirror image"):
@@ -99,6 +100,7 @@ def test_a_piece_that_may_be_slid_says_along_which_axis() -> None:
     assert any("its place along x" in doubt for doubt in found.doubts)
 
 
+@pytest.mark.slow
 def test_a_symmetric_design_names_the_turns_that_nothing_tells() -> None:
     part = block()
     found, _ = aligned(part, surface_points(part, 20_000, 5), tilted(UPRIGHT, 5))
@@ -126,6 +128,7 @@ def test_a_face_that_is_off_never_leaves_a_pose_sure(construct: Solid, off_mm: f
     assert found.ambiguous
 
 
+@pytest.mark.slow
 def test_a_face_that_the_others_outvote_is_named(construct: Solid) -> None:
     points = surface_points(construct, 20_000, 7)
     points[points[:, 2] < 0.05, 2] -= 0.29
@@ -134,6 +137,7 @@ def test_a_face_that_the_others_outvote_is_named(construct: Solid) -> None:
     assert "flat faces that face low z are off the design by +29" in found.doubts[0]
 
 
+@pytest.mark.slow
 def test_a_ragged_face_does_not_pull_the_pose(construct: Solid) -> None:
     points = surface_points(construct, 20_000, 8)
     top = points[:, 2] > 2.95

@@ -102,6 +102,7 @@ def test_bulge_is_found_where_it_is_with_its_size() -> None:
     assert defect.seen
 
 
+@pytest.mark.slow
 def test_one_sided_bulge_is_told_by_its_wall() -> None:
     pocket = hole((4.5, 1.2, 1.3), (4.5, 1.2 - 0.06, 1.3), 0.25)
     (defect,) = findings(block(extra=pocket, noise=NOISE / 2)).defects
@@ -168,6 +169,7 @@ def test_bubble_in_the_gel_leads_nowhere_and_is_no_leak() -> None:
     assert findings(block(extra=bubble, noise=NOISE)).defects == ()
 
 
+@pytest.mark.slow
 def test_a_print_wider_all_over_has_no_defect() -> None:
     wider = lambda v, along: np.full_like(along, 0.03)  # noqa: E731
     found = findings(block(wider, noise=NOISE))
@@ -175,6 +177,7 @@ def test_a_print_wider_all_over_has_no_defect() -> None:
     assert found.vessels[CHANNEL].error_percent == pytest.approx(12, abs=1)
 
 
+@pytest.mark.slow
 def test_threshold_grows_with_the_noise() -> None:
     faint = hump(WIDE, 3.0, 0.012, 0.25)
     quiet, loud = (find_changes(traces(block(faint, noise=n)), 1.0) for n in (0.001, 0.02))

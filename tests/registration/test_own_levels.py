@@ -21,6 +21,7 @@ from registration.segmentation import GelField, Segmentation, Strength
 from registration.segmentation.mesh import surface_mesh
 from registration.uncertainty import ScanErrors, section_errors
 from tests.registration.parts import lumens, solid
+from tests.slower import first_rows
 
 RADIUS, BLUR, VOXEL = 0.15, 0.03, 0.025
 GAP = 1.5 * BLUR
@@ -95,7 +96,9 @@ def test_the_row_is_of_short_vessels_with_whole_sections():
     assert mean(before[MIDDLE]) == pytest.approx(2 * RADIUS, abs=0.1 * BLUR)
 
 
-@pytest.mark.parametrize(("gel", "liquid"), [(0.9, 0.0), (1.0, -0.05), (0.92, -0.03), (1.06, 0.0)])
+@pytest.mark.parametrize(
+    ("gel", "liquid"), first_rows([(0.92, -0.03), (1.06, 0.0), (0.9, 0.0), (1.0, -0.05)], 2)
+)
 def test_walls_lie_halfway_between_their_own_levels(gel: float, liquid: float):
     right = mean(gauged(scanned(1.0, 0.0))[1][MIDDLE])
     before, after = gauged(scanned(gel, liquid))

@@ -51,6 +51,7 @@ def profile(line_mm: float, uniform: bool = True) -> WallProfile | None:
     return wall_profile(traces(scan), scan)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line_mm", first_of([0.4, 0.1]))
 @pytest.mark.parametrize("uniform", first_of([True, False]))
 def test_the_mean_surface_is_found_under_a_bright_line(line_mm: float, uniform: bool):
@@ -88,6 +89,7 @@ def test_a_line_told_moves_sections_and_has_its_own_error():
         np.testing.assert_allclose(change, 2 * (wall - usual))
 
 
+@pytest.mark.slow
 def test_walls_that_shine_across_the_light_alone_move_by_half_of_what_the_line_allows():
     scan = shining(0.2, across_light=True)
     rough = replace(scan, field=replace(scan.field, faint_mm=0.003))

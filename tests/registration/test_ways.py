@@ -55,6 +55,7 @@ def with_bubble(scan: Segmentation, x: float, y: float, z: float, radius: float)
     return replace(scan, strength=Strength(signal, 0.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", first_of([1.05, 1.3]))
 def test_what_a_bubble_shades_may_be_gel(place: float) -> None:
     """A bubble afloat in a lumen, and one that rests at its ceiling."""
@@ -122,6 +123,7 @@ def test_longest_ways_that_are_all_real_stand_out_still() -> None:
     assert score[:7000].max() < 6
 
 
+@pytest.mark.slow
 def test_a_wide_way_is_gauged_about_its_middle(monkeypatch: pytest.MonkeyPatch) -> None:
     """Though the cheapest path runs along a side of it."""
     aside = np.array([0.12, 0.0, 0.0])

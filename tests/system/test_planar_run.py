@@ -58,7 +58,7 @@ def written_height(run: Path) -> float:
         way = np.linalg.norm((moved["end"] - moved["start"])[:, :2], axis=1)
         writes = (moved["plunger_end"] > moved["plunger_start"]) & (way > 0.2)
         levels = np.unique(np.round(moved["end"][writes, 2], 3))
-    return float(levels[-1] - levels[0] + 0.06)
+    return float(levels[-1] - levels[0] + np.median(np.diff(levels)))
 
 
 def test_verdict_passes_with_reasons(planar_report: dict[str, Any]) -> None:

@@ -27,6 +27,7 @@ def test_a_heart_gets_another_pressure_drop_where_that_is_nearer_to_published_ra
     assert any("pressure_drop_mmhg was taken as" in note for note in made.notes) == (factor != 1.0)
 
 
+@pytest.mark.slow
 def test_another_drop_that_costs_main_branches_is_not_taken(monkeypatch):
     """A heart of 80 mm lost 29 % of its trunks to radii nearer to the published ones."""
     matches = iter([PublishedMatch(2.0, 1.1), PublishedMatch(0.9, 1.0)])

@@ -162,6 +162,7 @@ def test_a_closed_loop_keeps_its_volume() -> None:
     assert np.ptp(found["V_LV:CLH"]) > 30.0
 
 
+@pytest.mark.slow
 def test_a_heart_steps_alike_reduced_and_by_sparse_factors(monkeypatch: pytest.MonkeyPatch) -> None:
     """One kernel steps small systems by their nonlinear part; SciPy solves large ones whole."""
     reduced = run_svzerod(case_of(_loop(cycles=1)))

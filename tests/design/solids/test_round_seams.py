@@ -62,6 +62,7 @@ def test_a_crowds_fillet_is_that_of_a_junction_alone() -> None:
     assert both == pytest.approx(2.0 * one, rel=0.1)
 
 
+@pytest.mark.slow
 def test_loops_with_crowds_keep_their_genus() -> None:
     for network in (ladder(), lattice(2, 1.2, 0.3, TURN)):
         solid = lumen_solid(network, fillet_ratio=0.5, tolerance_mm=0.004)

@@ -44,6 +44,7 @@ def _assert_solid(solid: Solid) -> None:
     assert np.array_equal(solid.vertices.astype(np.float32).astype(float), solid.vertices)
 
 
+@pytest.mark.slow
 def test_a_vessel_in_pieces_is_filled_like_a_whole_one() -> None:
     """Ends of two pieces that face each other seem to leave a ball no room between them."""
     ends = np.array([[-4.0, 3.0, 0.0], [-4.0, -3.0, 0.0], [4.0, 0.0, 0.0]])
@@ -305,7 +306,7 @@ def test_no_triangle_crosses_another(ratio: float) -> None:
     arms = np.concatenate([3.0 * np.eye(3), -3.0 * np.eye(3)]) @ TURN.T
     cross = channels([[0, 0, 0], *arms], [(0, k) for k in range(1, 7)], 0.4)
     for network in (FORK, crowd, cross):
-        assert _crossings(lumen_solid(network, fillet_ratio=ratio, tolerance_mm=0.01)) == 0
+        assert _crossings(lumen_solid(network, fillet_ratio=ratio, tolerance_mm=0.02)) == 0
 
 
 def test_the_search_for_crossings_finds_them() -> None:

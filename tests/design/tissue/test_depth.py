@@ -49,13 +49,14 @@ def judged(tissue, start, end, radius):
 
 def test_capsules_are_judged_exactly_where_a_slit_is_thinner_than_a_cell(slit):
     assert slit.grid.spacing_mm > 0.05
-    start, end, radius = capsules_near(slit, 20_000)
+    start, end, radius = capsules_near(slit, 8_000)
     expected = judged(slit, start, end, radius)
     assert expected.any()
     assert not expected.all()
     np.testing.assert_array_equal(slit.grid.capsule_inside(start, end, radius), expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [pytest.param("biventricle_svv.stl", marks=pytest.mark.slow), "gyrus_patch_fsaverage5.stl"],
@@ -82,8 +83,8 @@ def test_the_capsule_that_a_read_once_let_out_is_outside():
 
 def test_bounds_of_depth_hold_everywhere(slit):
     rng = np.random.default_rng(3)
-    near = capsules_near(slit, 5_000)[0]
-    points = np.concatenate([near, rng.uniform(-2, 14, (5_000, 3))])
+    near = capsules_near(slit, 1_500)[0]
+    points = np.concatenate([near, rng.uniform(-2, 14, (1_500, 3))])
     corners = slit.surface.vertices[slit.surface.faces]
     tree = surface_tree(corners)
     away = to_surface(points, points, np.full(len(points), 30.0), tree, corners[tree.order])
@@ -97,7 +98,7 @@ def test_bounds_of_depth_hold_everywhere(slit):
 
 
 def test_winding_number_agrees_with_a_checker(slit):
-    points = np.concatenate(list(capsules_near(slit, 3_000)[:2]))
+    points = np.concatenate(list(capsules_near(slit, 1_000)[:2]))
     tree = build_triangle_tree(slit.surface.vertices, slit.surface.faces)
     mine = [winding_number(tree, *p) for p in points]
     np.testing.assert_array_equal(
@@ -156,7 +157,7 @@ def test_segment_through_a_triangle_has_distance_zero():
 
 def test_segment_distance_of_a_surface_is_the_least_of_its_triangles(slit):
     tree = build_triangle_tree(slit.surface.vertices, slit.surface.faces)
-    start, end, _ = capsules_near(slit, 200, seed=4)
+    start, end, _ = capsules_near(slit, 60, seed=4)
     for a, b in zip(start, end, strict=True):
         each = [segment_triangle(*a, *b, t) for t in tree.triangles]
         assert segment_distance(tree, *a, *b, np.inf) == min(each)

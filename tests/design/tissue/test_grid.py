@@ -22,6 +22,7 @@ def random_points(tissue, count, seed=0):
     return np.random.default_rng(seed).uniform(low - 1, high + 1, (count, 3))
 
 
+@pytest.mark.slow
 def test_hollow_sphere_keeps_its_cavity_outside(hollow):
     points = random_points(hollow, 20_000)
     away = np.linalg.norm(points, axis=1)
@@ -39,6 +40,7 @@ def test_distance_of_hollow_sphere_is_that_of_two_spheres(hollow):
     np.testing.assert_allclose(hollow.grid.distance(points)[near], expected[near], atol=0.05)
 
 
+@pytest.mark.slow
 def test_torus_keeps_its_hole_outside():
     tissue = tissue_of(surfaces.torus())
     points = random_points(tissue, 20_000)

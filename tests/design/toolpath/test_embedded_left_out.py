@@ -116,6 +116,7 @@ def test_what_is_written_of_a_crowded_tree_crosses_nothing(seed):
     assert crossings(plan.toolpath, net, options.needle_outer_mm / 2) == set()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", first_of(range(6), 2))
 def test_no_network_is_crossed_once_vessels_may_be_left_out(seed):
     net, (outer, tip, cone) = random_network(seed)

@@ -121,6 +121,7 @@ def test_the_checker_of_joints_finds_a_missing_overlap():
     assert bodies(plain) > 1
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(12), deadline=None, derandomize=True)
 @given(
     seed=st.integers(0, 10_000),

@@ -132,6 +132,7 @@ def test_most_lines_are_written_without_a_travel_between(plan):
     assert 0 < report.lifted < 0.03 * report.lines
 
 
+@pytest.mark.slow
 def test_same_input_gives_the_same_moves(plan):
     again = fresh_toolpath(as_solid(planar_block()), FreshOptions())
     assert np.array_equal(again.end, plan.toolpath.end)

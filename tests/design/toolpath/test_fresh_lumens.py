@@ -46,8 +46,8 @@ def test_edge_of_upright_lumens_is_the_lines_edge(drilled, walls, angle):
         assert free.area <= np.pi * (diameter / 2 + FEW_UM) ** 2 * 0.999
 
 
-@pytest.mark.parametrize("tilt_deg", first_of([75, 30, 15, 45, 60], 2))
-@pytest.mark.parametrize("open_ends", [False, True])
+@pytest.mark.parametrize("tilt_deg", first_of([75, 30, 15, 45, 60]))
+@pytest.mark.parametrize("open_ends", first_of([True, False]))
 def test_round_sides_of_lines_hardly_stand_in_a_slanted_lumen(tilt_deg, open_ends):
     """A line is all that is within r of a flat band at mid-layer, r half its height.
 

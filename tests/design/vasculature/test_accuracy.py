@@ -81,6 +81,7 @@ def accuracies(grown, low, high):
     return np.array(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("low", "high", "median"), first_rows([(1, 6, 0.6), (6, 12, 0.9), (12, 99, 0.95)])
 )

@@ -73,6 +73,7 @@ def painted(written: WrittenPattern) -> list[Painted]:
     ]
 
 
+@pytest.mark.slow
 def test_widths_are_those_of_the_board_where_axes_and_lens_are_wrong(tmp_path: Path) -> None:
     words = ("--speeds", "2,8", "--flow-factors", "0.9,1.2", "--round", "--width", "0.3")
     assert calibrate("pattern", "lines", *words, "--needle", "25g",

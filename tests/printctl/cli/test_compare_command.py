@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 from pypdf import PdfReader
 
+from printctl.cli import compare as command
 from printctl.link.journal import encode
 from printctl.link.record import JOURNAL
 from printctl.run_folder.artefacts import JOURNAL_FOLDER
 from registration.report.pdf import library
 from tests.printctl.cli.shell import Shell
 
+DRAWN_FOR = ("test_a_run_and", "test_a_pdf_on", "test_a_gauge_study")
+"""Tests that look at drawings."""
 DESIGN = "a" * 64
 DESIGNED_UM = (400.0, 500.0, 600.0)
 
@@ -27,6 +30,12 @@ def shell(
 ) -> Shell:
     monkeypatch.chdir(tmp_path)
     return Shell(monkeypatch, capsys, "compare")
+
+
+@pytest.fixture(autouse=True)
+def _not_drawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not request.node.name.startswith(DRAWN_FOR):
+        monkeypatch.setattr(command, "comparison_figures", lambda _: {})
 
 
 def registration(errors_um: tuple[float, ...], design: str = DESIGN) -> dict[str, Any]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from rich.console import Console
 
 from design.network import VesselNetwork
@@ -15,6 +17,7 @@ from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import parse_recipe
 from printctl.run_folder.artefacts import NUMBERS
 from printctl.run_folder.manifest import Manifest, StageRecord, digest_file
+from tests.made_once import made_once
 from tests.printctl.feedback.lab import Lab
 
 TWO = VesselNetwork.from_segments(
@@ -48,6 +51,19 @@ def run(folder: Path, name: str, data: dict[str, Any]) -> dict[str, Any]:
     write_network_csv(folder / "two.csv", TWO)
     recipe = parse_recipe(data, f"{name}.yaml")
     return toolpath_recipe(recipe, folder, folder / name, Console(quiet=True))
+
+
+def small_run(factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with that recipe's run, `plain`: a copy of the first worker's."""
+
+    def make() -> Path:
+        folder = factory.mktemp("small_run")
+        run(folder, "plain", recipe_of())
+        return folder
+
+    return Path(
+        shutil.copytree(made_once(factory, "small_run", make), factory.mktemp("copy") / "runs")
+    )
 
 
 def registered(run_folder: Path, lab: Lab) -> None:

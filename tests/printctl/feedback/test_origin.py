@@ -13,14 +13,13 @@ from printctl.feedback import NO_ORIGIN, ORIGIN, keep_origin, read_print
 from printctl.run_folder.artefacts import NETWORK, NUMBERS
 from printctl.run_folder.manifest import MANIFEST, Manifest, StageRecord, digest_file, of_simulator
 from tests.printctl.feedback.lab import Lab
-from tests.printctl.feedback.small_run import TWO, recipe_of, registered, run
+from tests.printctl.feedback.small_run import TWO, registered, small_run
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run as far as its G-code, registered."""
-    folder = tmp_path_factory.mktemp("origin")
-    run(folder, "plain", recipe_of())
+    folder = small_run(tmp_path_factory)
     registered(folder / "plain", Lab(network=TWO))
     return folder / "plain"
 

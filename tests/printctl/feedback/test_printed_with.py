@@ -19,14 +19,13 @@ from printctl.run_folder.artefacts import NUMBERS
 from printctl.run_folder.manifest import Manifest
 from tests.printctl.cli.shell import Shell
 from tests.printctl.feedback.lab import Lab
-from tests.printctl.feedback.small_run import TWO, recipe_of, registered, run
+from tests.printctl.feedback.small_run import TWO, recipe_of, registered, run, small_run
 
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a registered run, `plain`, of a printer whose parts shrink and close in."""
-    folder = tmp_path_factory.mktemp("feedback")
-    run(folder, "plain", recipe_of())
+    folder = small_run(tmp_path_factory)
     registered(folder / "plain", Lab(network=TWO, spread_mm=-0.05))
     return folder
 
@@ -171,14 +170,22 @@ def test_what_does_not_fit_is_refused(
         printed(first, "bad", bad)
 
 
-def test_too_thin_a_wall_is_refused(first: Path, made: dict[str, Any]) -> None:
-    """0.45 mm between 0.6 and 1.0 mm: each 0.12 wider and 0.12 nearer leaves less than a line."""
+def with_thin_wall(made: dict[str, Any]) -> dict[str, Any]:
+    """0.45 mm between 0.6 and 1.0 mm: each 0.12 wider and 0.12 nearer."""
     offsets = [(0, 140), (1, 140), (2, -140), (3, -140)]
-    bad = made | {
+    return made | {
         "nodes": [{"node": node, "offset_um": [0, um, 0]} for node, um in offsets],
         "radial": {"offset_um": 60.0},
     }
-    printed(first, "near", bad)
+
+
+@pytest.mark.slow
+def test_a_wall_of_a_line_is_thick_enough(first: Path, made: dict[str, Any]) -> None:
+    printed(first, "near", with_thin_wall(made))
+
+
+def test_a_wall_of_less_than_a_line_is_refused(first: Path, made: dict[str, Any]) -> None:
+    bad = with_thin_wall(made)
     with pytest.raises(ToolpathError, match="um of wall between them"):
         printed(first, "near", bad, line_um=320)
 
@@ -220,15 +227,16 @@ def test_a_print_with_the_recipes_own_numbers_is_composed_with(first: Path) -> N
         (["plain", "--out", "a.yaml", "--depth-standard", " "], 2, "is empty"),
         (["plain", "--out", "a.yaml", "--without-vessel", "7"], 2, "vessels 0 to 1"),
         (["plain", "plain", "--out", "a.yaml"], 2, "counts once"),
-        (["neutral", "--out", "a.yaml"], 2, "has no registration.json"),
+        (["bare", "--out", "a.yaml"], 2, "has no registration.json"),
         ([".", "--out", "a.yaml"], 2, "has no registration.json"),
     ],
 )
 def test_wrong_use_ends_in_a_message(
-    first: Path, made: dict[str, Any], shell: Shell, said: list[str], code: int, says: str
+    first: Path, shell: Shell, said: list[str], code: int, says: str
 ) -> None:
-    if said[0] == "neutral" and not (first / "neutral").exists():
-        printed(first, "neutral", made)
+    if said[0] == "bare" and not (first / "bare").exists():
+        shutil.copytree(first / "plain", first / "bare")
+        (first / "bare" / NUMBERS).unlink()
     found, _, err = shell(*said)
     assert found == code
     assert says in err

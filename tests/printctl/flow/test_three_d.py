@@ -27,6 +27,7 @@ from printctl.recipe.space import ComparePart, ThreeDPart
 from registration.report.flow_figures import comparison_figure
 from tests.design.hemodynamics.networks import network_of
 from tests.printctl.flow.test_flow import SINE
+from tests.slower import first_of
 from tests.system.cli import called as printctl
 
 pytest.importorskip("ngsolve")
@@ -174,7 +175,7 @@ def test_deviations_from_the_ideal_are_told_in_units_and_parts() -> None:
     assert len(midpoints(NETWORK).vessel) == 3
 
 
-@pytest.mark.parametrize("times", [1, 6])
+@pytest.mark.parametrize("times", first_of([1, 6]))
 def test_the_figure_draws_every_fidelity(times: int) -> None:
     rng = np.random.default_rng(times)
     line = {

@@ -24,6 +24,7 @@ from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import PRINTER, START, Script, layered, played
 from tests.printctl.link.sim_transport import SimTransport
 from tests.printctl.link.simulated_transport import HostDiedError
+from tests.slower import first_of
 
 WATCHED = WatchedGauge(query="M871", regex=r"Force: ([-+.\d]+) N", unit="N", high=12.5, every_s=0.5)
 WATCHING = PRINTER.model_copy(update={"watch": (WATCHED,), "extra_commands": ("M871",)})
@@ -150,7 +151,7 @@ def test_a_question_that_the_firmware_doesn_t_know_ends_before_the_first_line(tm
     assert (status.state, status.lines_done) == (LinkState.FAILED, 0)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", first_of(range(6), 2))
 def test_noisy_lines_with_questions_between_lose_and_double_nothing(tmp_path, seed):
     transport = transport_of(
         [[0, 1.0]], rng=np.random.default_rng(seed), noise=0.0004, drop_ok=0.005
@@ -160,7 +161,7 @@ def test_noisy_lines_with_questions_between_lose_and_double_nothing(tmp_path, se
     assert_moved_as_foreseen(transport)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", first_of(range(8), 3))
 def test_a_host_that_dies_among_its_questions_goes_on_exactly(tmp_path, seed):
     rng, clock = np.random.default_rng(seed), VirtualClock()
     transport = transport_of([[0, 1.0]], clock=clock)

@@ -22,6 +22,7 @@ from tests.printctl.link.jobs import parse_job, with_codes
 from tests.printctl.link.journals import journal_in
 from tests.printctl.link.sim_transport import SimTransport
 from tests.printctl.link.simulated import HEADER, PRINTER, START, gcode, printed, same_motion, wire
+from tests.slower import first_of
 
 
 def test_printer_executes_the_file_as_the_dry_run_foresaw(tmp_path):
@@ -125,7 +126,7 @@ def test_controlled_stop_leaves_the_bath(tmp_path):
     assert np.array_equal(motion.end[-1, :2], motion.start[-1, :2])
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", first_of(range(10), 3))
 def test_noise_lost_oks_and_delays_neither_lose_nor_double_a_line(tmp_path, seed):
     data = gcode(400)
     transport = wire(seed=seed, noise=0.0004, drop_ok=0.002, delay=0.002)

@@ -33,19 +33,20 @@ with hold_folder(folder, OBSERVER_LOCK):
 """
 
 
-@pytest.fixture
-def scanning(tmp_path: Path) -> Iterator[Path]:
-    """An observer whose device's program takes long; its folder."""
-    (tmp_path / ORDER).touch()
-    (tmp_path / "scan.sh").write_text(f"echo $$ >{tmp_path}/program.new\n"
-                                      f"mv {tmp_path}/program.new {tmp_path}/program\n"
-                                      "sleep 600\n")  # fmt: skip
-    process = subprocess.Popen([sys.executable, "-c", _OBSERVER, str(tmp_path)])
-    (tmp_path / READY).write_text(f"{process.pid}\n")
-    while not (tmp_path / "program").exists():
+@pytest.fixture(scope="module")
+def scanning(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Folder of an observer whose device's program takes long, until the last test ends it."""
+    folder = tmp_path_factory.mktemp("scanning")
+    (folder / ORDER).touch()
+    (folder / "scan.sh").write_text(f"echo $$ >{folder}/program.new\n"
+                                    f"mv {folder}/program.new {folder}/program\n"
+                                    "sleep 600\n")  # fmt: skip
+    process = subprocess.Popen([sys.executable, "-c", _OBSERVER, str(folder)])
+    (folder / READY).write_text(f"{process.pid}\n")
+    while not (folder / "program").exists():
         assert process.poll() is None
         time.sleep(0.02)
-    yield tmp_path
+    yield folder
     process.terminate()  # its device's program with it
     process.wait()
 

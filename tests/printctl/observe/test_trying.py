@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
+import pytest
 import yaml
 
+from printctl.observe import __main__ as starting
 from printctl.observe.deciding import Limits
 from printctl.observe.devices import DeviceSettings
 from printctl.observe.order import ObserverOrder
@@ -55,7 +57,9 @@ def test_a_simulated_camera_shows_no_ink_of_the_print_before(
     assert np.ptp(cv2.GaussianBlur(seen, (0, 0), 3)) < 40
 
 
-def test_a_refusal_of_several_lines_is_told_in_one(tmp_path: Path) -> None:
+def test_a_refusal_of_several_lines_is_told_in_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     frame = tmp_path / "cut.yaml"
     frame.write_text("printer_to_scan: [[1, 2")
     job = tmp_path / "job.gcode"
@@ -65,10 +69,10 @@ def test_a_refusal_of_several_lines_is_told_in_one(tmp_path: Path) -> None:
         needle="fresh_150um", embedded=False, oct=True, frame=str(frame),
         device=DeviceSettings("command", "true {out}"), limits=Limits(),
     ).save(tmp_path)  # fmt: skip
-    done = subprocess.run(
-        [sys.executable, "-m", "printctl.observe", str(tmp_path)],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    (said,) = done.stderr.splitlines()
+    for name in ("ignore_signals", "signal"):  # of a process of its own
+        monkeypatch.setattr(starting, name, Mock())
+    monkeypatch.setattr(sys, "argv", ["printctl.observe", str(tmp_path)])
+    assert starting.main() == 1
+    (said,) = capsys.readouterr().err.splitlines()
     assert str(frame) in said
     assert "four rows of four numbers" in said

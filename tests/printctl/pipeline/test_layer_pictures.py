@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from lxml import etree
 
 from design.solids import block_solid
@@ -50,6 +51,7 @@ def test_layers_at_the_middle_are_shown(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_the_first_layer_is_drawn_under_the_designs_outline_too(tmp_path: Path) -> None:
     path = tmp_path / "part.gcode"
     path.write_bytes(gcode([ROWS] * 4))

@@ -13,6 +13,7 @@ from benchmarks.checkers import near_pairs, read_network, total_volume
 from printctl.errors import RecipeError
 from printctl.pipeline.run import design_recipe
 from printctl.recipe import parse_recipe
+from tests.slower import first_of
 
 LOOPS = {"grow": "closed_loop", "terminals": 12}
 FOREST = {
@@ -33,7 +34,7 @@ def volume(folder: Path, vessels: dict[str, Any]) -> float:
     return float(total_volume(network))
 
 
-@pytest.mark.parametrize("vessels", [LOOPS, FOREST], ids=["loops", "forest"])
+@pytest.mark.parametrize("vessels", first_of([FOREST, LOOPS]), ids=["forest", "loops"])
 def test_polish_lowers_the_volume_of_all_trees(tmp_path: Path, vessels: dict[str, Any]) -> None:
     plain = volume(tmp_path / "plain", vessels)
     assert volume(tmp_path / "polished", vessels | {"polish": True}) < 0.97 * plain

@@ -26,15 +26,27 @@ def dry_run(folder: Path, **care: Any) -> dict[str, Any]:
     return summary
 
 
+SAID = {"viability_source": "our protocol"}
+REFUSED = r"print time, of what the cells have.*our protocol"
+
+
 def test_a_print_longer_than_its_cells_have_is_refused(tmp_path: Path) -> None:
-    said = {"viability_source": "our protocol"}
-    long = dry_run(tmp_path, viability_min=1000, **said)
+    with pytest.raises(SafetyError, match=REFUSED):
+        dry_run(tmp_path, viability_min=0.5, **SAID)
+
+
+@pytest.mark.slow
+def test_a_print_as_long_as_half_its_cells_time_is_taken_as_long_as_twice_refused(
+    tmp_path: Path,
+) -> None:
+    long = dry_run(tmp_path, viability_min=1000, **SAID)
     assert long["time_the_cells_have"] == "1000 min (our protocol)"
     minutes = long["print_time_s"] / 60
     assert long["changes_of_syringe"] == 0
     assert minutes > 0.5
-    with pytest.raises(SafetyError, match=r"print time, of what the cells have.*our protocol"):
-        dry_run(tmp_path, viability_min=minutes / 2, **said)
+    dry_run(tmp_path, viability_min=2 * minutes, **SAID)
+    with pytest.raises(SafetyError, match=REFUSED):
+        dry_run(tmp_path, viability_min=minutes / 2, **SAID)
 
 
 @pytest.mark.slow

@@ -26,6 +26,7 @@ from printctl.pipeline.stages import toolpath as stage
 from printctl.preflight import written_arrays
 from printctl.preflight.shaft import shaft_checks
 from printctl.recipe import parse_recipe
+from tests.slower import first_of
 from tests.system.cli import called, printctl
 
 HIGH, LOW = [(1, 3, 4), (9, 3, 4)], [(5, 1, 2), (5, 5, 2)]
@@ -164,7 +165,7 @@ class NoReport:
     passes: int = 2
 
 
-@pytest.mark.parametrize("allowed", [0, 1])
+@pytest.mark.parametrize("allowed", first_of([0, 1]))
 def test_a_run_refuses_what_its_recipe_doesnt_allow(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, allowed: int
 ) -> None:

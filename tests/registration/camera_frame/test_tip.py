@@ -106,6 +106,7 @@ def test_an_end_is_found_to_a_part_of_a_pixel_though_light_falls_off_along_the_n
     assert np.sqrt(np.linalg.eigvalsh(seen.covariance_px2)).max() < 0.2
 
 
+@pytest.mark.slow
 def test_one_camera_and_four_places_find_it_within_the_stated_uncertainty() -> None:
     tip = locate_tip(seen(), OUTER)
     off = tip.offset_mm - OFFSET
@@ -145,6 +146,7 @@ def test_a_wrong_place_of_one_picture_is_refused() -> None:
         locate_tip(wrong, OUTER)
 
 
+@pytest.mark.slow
 def test_pictures_of_coded_light_are_measured_in_light() -> None:
     rng = np.random.default_rng(8)
     camera, at = optics(), PLACES[0]

@@ -54,6 +54,7 @@ def test_interval_of_the_prints_own_spread_covers_it() -> None:
     assert 0.92 <= covered / 400 <= 0.985
 
 
+@pytest.mark.slow
 def test_prints_alike_under_a_noisy_scanner_have_no_spread_of_their_own() -> None:
     """Pooled over vessels, noise that some have below 0 makes up for what others have above."""
     random = np.random.default_rng(3)

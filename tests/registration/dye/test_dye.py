@@ -80,6 +80,7 @@ def test_half_the_flow_is_late_where_the_flow_is_given(steady: Path) -> None:
     assert "too late" in found["reasons"][0]
 
 
+@pytest.mark.slow
 def test_a_network_agrees_with_the_independent_simulator(tmp_path: Path) -> None:
     report = planar_report(tmp_path)
     late = np.abs(report.late_s())
@@ -144,6 +145,7 @@ def test_a_film_too_short_leaves_vessels_unseen_not_blocked(tmp_path: Path) -> N
     assert dye_verdict(report, 40.0)["outcome"] == "undecided"
 
 
+@pytest.mark.slow
 def test_a_closure_that_dye_has_just_come_to_is_not_called_open(tmp_path: Path) -> None:
     report = planar_report(tmp_path, [Occlusion(5, 0.5, seep_ul_s=0.25)])
     assert report.vessels[5].patency in ("blocked", "not seen")

@@ -131,6 +131,7 @@ def _filmed(folder: Path, camera: DyeCamera) -> DyeReport:
     return measure_dye(path, read_marks(folder / "marks.yaml"), NETWORK)
 
 
+@pytest.mark.slow
 def test_notes_say_what_three_and_four_marks_leave_open(tmp_path: Path) -> None:
     film = DyeFilm(5.0, 6.0, 1.0, dataclasses.replace(TILTED, tilt_deg=30.0), Dye(), Disturbance())
     path = filmed(tmp_path, NETWORK, PLANAR_FLOW, CORNERS, film)

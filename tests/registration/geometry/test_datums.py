@@ -74,6 +74,7 @@ def test_position_is_told_from_the_datums_and_not_from_the_best_fit() -> None:
     assert zone(by_axis, "axis", "vessel 0").zone_um == pytest.approx(100, abs=2)
 
 
+@pytest.mark.slow
 def test_interval_of_each_datums_place_is_given() -> None:
     there = scene(segmented(noise_mm=0.006))
     places = frame(there, *read_datums(["face -z", "axis 1", "inlet 1"])).places

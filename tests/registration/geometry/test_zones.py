@@ -81,6 +81,7 @@ def test_intervals_hold_the_truth_under_noise() -> None:
     assert len(missed) <= 4, missed
 
 
+@pytest.mark.slow
 def test_noise_makes_a_flat_zone_larger_and_its_interval_reaches_zero() -> None:
     noisy = zone(printed(0.006), "cylindricity", "vessel 2")
     assert noisy.zone_um > 5

@@ -13,6 +13,7 @@ from benchmarks.observe_before import expected, look
 from registration.errors import PictureError
 from registration.layer_images import Unseen, see_layer
 from registration.layer_images.earlier_view import camera_move
+from tests.slower import first_of
 
 SEEN = 4
 """A translucent stack whose layers add enough density."""
@@ -42,7 +43,7 @@ def test_a_sound_translucent_layer_has_no_gap() -> None:
     assert not findings.gaps
 
 
-@pytest.mark.parametrize("kind", ["opaque", "matte"])
+@pytest.mark.parametrize("kind", first_of(["opaque", "matte"]))
 def test_ink_that_adds_no_density_is_not_seen_over_itself(kind: str) -> None:
     findings = look(stack(SEEN, kind, gaps=2))
     assert findings.seen_share == 0.0
@@ -105,7 +106,7 @@ def test_a_move_is_found_to_a_small_part_of_a_pixel(move: tuple[float, float]) -
     assert found.matrix @ middle - middle[:2] == pytest.approx(move, abs=0.05)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", first_of(range(4)))
 def test_an_even_ground_tells_no_move(seed: int) -> None:
     """Noise alone was fitted, by up to 27 px, and the picture of the empty dish not used."""
     rng = np.random.default_rng(seed)

@@ -6,11 +6,12 @@ import pytest
 
 from registration.layer_images.before import with_halos
 from registration.layer_images.earlier_view import camera_move
+from tests.slower import first_of
 
 SIZE = 260
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+@pytest.mark.parametrize("seed", first_of([1, 2, 3, 4]))
 @pytest.mark.parametrize("texture", [0.004, 0.02])
 def test_drifting_glints_do_not_pull_the_camera(seed: int, texture: float) -> None:
     rng = np.random.default_rng(seed)

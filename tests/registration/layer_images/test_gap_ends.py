@@ -4,10 +4,11 @@ import pytest
 from registration.layer_images import see_layer
 from registration.layer_images.gap_ends import Bead
 from tests.registration.layer_images.painted import Scene, expected
+from tests.slower import first_of
 
 
 @pytest.mark.parametrize("round_ends", [False, True])
-@pytest.mark.parametrize("kind", ["opaque", "absorbing"])
+@pytest.mark.parametrize("kind", first_of(["opaque", "absorbing"]))
 def test_a_gap_is_as_long_as_its_line_is_bare(kind: str, round_ends: bool) -> None:
     planted = ((0, 1.0, 1.3), (0, 2.2, 2.8), (1, 0.8, 1.5))
     painted = Scene(3, kind, "waves", 0.5).paint(planted, round_ends=round_ends)

@@ -35,9 +35,9 @@ WALL = [(k, 0.0, m, 4.0, m) for k in range(3) for m in (0.15, 0.45, 0.75)]
     ("pieces", "inner"),
     [
         (area(1, 10), 4),
-        (area(3, 10), 24),
+        pytest.param(area(3, 10), 24, marks=pytest.mark.slow),
         (WALL, 7),
-        (area(2, 4, 0.8), 5),
+        pytest.param(area(2, 4, 0.8), 5, marks=pytest.mark.slow),
         (area(3, 4, 0.8), 9),
     ],
     ids=["area", "areas", "wall", "two crossing", "lattice"],

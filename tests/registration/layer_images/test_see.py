@@ -17,9 +17,10 @@ from registration.layer_images import (
 )
 from registration.scan import Scan
 from tests.registration.layer_images.painted import Scene, both, expected
+from tests.slower import first_of, first_rows
 
 
-@pytest.mark.parametrize("kind", ["opaque", "absorbing"])
+@pytest.mark.parametrize("kind", first_of(["absorbing", "opaque"]))
 def test_widths_ratio_and_shift_lie_in_their_intervals(kind: str) -> None:
     painted = Scene(21, kind).paint(ratio=0.85, shift=(0.05, -0.08))
     findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
@@ -67,7 +68,7 @@ def test_a_blob_is_found_where_no_ink_should_be() -> None:
     assert np.hypot(*(np.array(findings.blobs[0].at_mm) - corner)) < 0.15
 
 
-@pytest.mark.parametrize(("ratio", "share"), [(1.0, 1.0), (1.35, 0.72)])
+@pytest.mark.parametrize(("ratio", "share"), first_rows([(1.35, 0.72), (1.0, 1.0)]))
 def test_a_lumen_between_lines_is_measured(ratio: float, share: float) -> None:
     rows = np.array([0.0, 0.75])  # two lines of 0.35 mm, 0.4 mm apart
     start = np.column_stack([np.full(2, 10.5), 21.6 + rows])
@@ -105,7 +106,7 @@ def test_lines_over_older_ink_are_not_seen_without_a_sign() -> None:
     assert (findings.stations.why == Unseen.OLD_INK).all()
 
 
-@pytest.mark.parametrize("colour", [0, 1])
+@pytest.mark.parametrize("colour", first_of([0, 1]))
 def test_the_picture_before_takes_texture_away(colour: int) -> None:
     scene = Scene((26, 24)[colour], contrast=0.25)
     painted, empty = scene.paint(((1, 1.0, 1.4),)), scene.paint(((-1, 0, 0),), ratio=1e-6)
@@ -166,6 +167,7 @@ def test_the_overlay_shows_a_narrowed_lumen_red() -> None:
     assert np.median(colours[:, 2] - colours[:, :2].max(axis=1)) > 150
 
 
+@pytest.mark.slow
 def test_the_same_picture_tells_the_same() -> None:
     painted = Scene(29).paint(((1, 1.0, 1.6),))
     one, two = (see_layer(painted.picture, painted.frame, expected(painted.plan)) for _ in range(2))
@@ -210,7 +212,7 @@ class Plain:
         return np.where(points_mm[:, :1] > 8, np.nan, 50.0 * points_mm[:, :2])
 
 
-@pytest.mark.parametrize("kind", ["noise", "black", "white", "holes"])
+@pytest.mark.parametrize("kind", first_of(["noise", "holes", "black", "white"], 2))
 def test_pictures_without_a_layer_tell_nothing_and_break_nothing(kind: str) -> None:
     noise = np.random.default_rng(1).normal(100, 5, (200, 420))
     pictures = {

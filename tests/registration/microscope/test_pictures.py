@@ -25,6 +25,7 @@ from registration.microscope import (
 )
 from registration.microscope.ink_absorption import Shade
 from tests.registration.microscope.rendered import Camera, Painted, paint, view_of
+from tests.slower import first_of
 
 SIZE = (16.0, 13.0)
 WIDTHS = {1: 0.22, 2: 0.30, 3: 0.26, 4: 0.40}
@@ -69,7 +70,7 @@ CAMERAS = [
 ]
 
 
-@pytest.mark.parametrize("camera", CAMERAS)
+@pytest.mark.parametrize("camera", first_of(CAMERAS))
 def test_widths_come_back_from_a_picture(camera: Camera, tmp_path: Path) -> None:
     picture = read_picture(saved(tmp_path, paint(drawn(), camera, SIZE, seed=3)))
     view = find_view(picture, target())

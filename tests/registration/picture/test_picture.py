@@ -71,6 +71,7 @@ def test_from_the_top_x_is_to_the_right_and_y_is_up() -> None:
     assert c[1] < a[1]
 
 
+@pytest.mark.slow
 def test_few_colours_make_a_small_file() -> None:
     small = picture(palette=True)
     assert len(small) < 0.7 * len(picture())
@@ -97,6 +98,7 @@ def test_inlets_and_outlets_have_arrows_within_the_picture() -> None:
     assert dark > 100
 
 
+@pytest.mark.slow
 def test_arrows_turn_with_the_flow() -> None:
     options = PictureOptions(width=400)
     ahead = np.ones(NETWORK.vessel_count)

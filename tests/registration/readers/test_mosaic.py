@@ -15,6 +15,7 @@ from registration import ScanOverrides, read_scan, write_scan_tiff
 from registration.errors import ScanFileError
 from registration.readers.mosaic import is_mosaic, read_mosaic
 from tests.registration.readers.crafted import scan
+from tests.slower import first_of
 
 VOXEL = (0.02, 0.03, 0.03)
 SHAPE = (60, 90, 100)
@@ -69,6 +70,7 @@ def test_tiles_find_their_places(tmp_path: Path) -> None:
     assert "4 scans fused (tiles), 4 overlaps; moved by up to" in found.notes[-1]
 
 
+@pytest.mark.slow
 def test_parts_of_a_voxel_are_found(tmp_path: Path) -> None:
     parts = [((0, 0, 0), (60, 90, 60), (0, 0, 0)), ((0.4, 1.3, 35.7), (58, 86, 60), (0, 0, 37))]
     found = read_mosaic(listed(tmp_path, "tiles", parts, noise=100.0))
@@ -78,6 +80,7 @@ def test_parts_of_a_voxel_are_found(tmp_path: Path) -> None:
     assert np.abs(off).mean() < 0.06 * scene().std()
 
 
+@pytest.mark.slow
 def test_without_settling_the_list_would_blur(tmp_path: Path) -> None:
     path = listed(tmp_path, "tiles", TILES)
     path.write_text(path.read_text().replace("settle_um: 300", "settle_um: 0"))
@@ -85,7 +88,7 @@ def test_without_settling_the_list_would_blur(tmp_path: Path) -> None:
     assert "left as listed" in found.notes[-1]
 
 
-@pytest.mark.parametrize("kind", ["depth", "layers"])
+@pytest.mark.parametrize("kind", first_of(["depth", "layers"]))
 def test_depths_are_fused(tmp_path: Path, kind: str) -> None:
     parts = [((0, 0, 0), (30, 90, 100), (0, 0, 0)), ((20, 0, 0), (40, 90, 100), (23, 2, -2))]
     found = read_mosaic(listed(tmp_path, kind, parts))

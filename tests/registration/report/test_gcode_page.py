@@ -24,6 +24,7 @@ from registration.report.gcode import page as page_module
 from registration.report.gcode.bands import band_outlines
 from registration.report.gcode.chunks import pack_job
 from registration.report.gcode.colouring import colourings
+from tests.slower import first_of
 
 from .gcode_sample import WRITE, layered_job, make_job, passes_job
 
@@ -184,7 +185,7 @@ def test_pieces_of_two_colours_overlap_only_within_the_turn():
     assert not (left & right).any()
 
 
-@pytest.mark.parametrize("key", ["width", "kind", "speed", "order"])
+@pytest.mark.parametrize("key", first_of(["width", "kind", "speed", "order"], 2))
 def test_picture_of_a_layer_has_the_size_that_is_asked_for(key):
     job = layered_job()
     (colouring,) = (c for c in colourings(job) if c.key == key)

@@ -29,7 +29,7 @@ from design.hemodynamics.waveforms import Constant, Sine, shape
 from design.network import FloatArray
 from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.one_d.linear import Tube, node_pressures
-from tests.slower import first_of
+from tests.slower import first_of, first_rows
 
 LOOP = network_of(
     [[0, 0, 0], [400, 0, 0], [600, 200, 0], [600, -150, 0], [900, 0, 0], [1200, 0, 0]],
@@ -45,10 +45,12 @@ def phasor(wave: FloatArray) -> complex:
 
 @pytest.mark.parametrize(
     ("outlet", "load"),
-    [
-        (ResistanceOutlet(0.02), lambda w: 1 / 0.02),
-        (WindkesselOutlet(0.01, 20.0, 0.05), lambda w: 1 / (0.01 + 1 / (1j * w * 20.0 + 20.0))),
-    ],
+    first_rows(
+        [
+            (WindkesselOutlet(0.01, 20.0, 0.05), lambda w: 1 / (0.01 + 1 / (1j * w * 20.0 + 20.0))),
+            (ResistanceOutlet(0.02), lambda w: 1 / 0.02),
+        ]
+    ),
 )
 @pytest.mark.parametrize("viscous", first_of([2e3, 0.0]))
 def test_small_waves_in_a_loop_are_those_of_linear_theory(outlet, load, viscous) -> None:  # type: ignore[no-untyped-def]

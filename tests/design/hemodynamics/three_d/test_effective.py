@@ -35,6 +35,7 @@ def test_a_pipe_resists_as_poiseuille_says_and_loses_nothing_at_its_ends() -> No
     assert found.network.radius == pytest.approx(network.radius, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_pipe_wider_than_drawn_has_the_wider_radius() -> None:
     """The lumen is that of 0.5 mm; the network says 0.45."""
     network = network_of([[0, 0, 0], [0, 0, 4.0]], [(0, 1)], 0.45)

@@ -79,6 +79,7 @@ def test_a_bend_has_the_volume_of_a_quarter_torus() -> None:
     assert mesh_volume(mesh) == pytest.approx(0.5 * np.pi**2 * 2.0 * 0.4**2, rel=2e-4)
 
 
+@pytest.mark.slow
 def test_curved_faces_lie_on_the_wall_in_the_mean() -> None:
     network = bent(60)
     mesh = lumen_mesh(network)

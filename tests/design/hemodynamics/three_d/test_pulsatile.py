@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.slower import first_rows
+
 pytest.importorskip("ngsolve", reason='the extra "flow3d" isn\'t installed')
 
 from design.errors import FlowError
@@ -37,7 +39,9 @@ def _pulse(period: float, **more: object) -> PulsatileConditions:
     return PulsatileConditions(MU, Sine(4.0, 2.0, period), profile="womersley", **more)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("period", "alpha", "error"), [(50.0, 0.1825, 5e-4), (0.1, 4.08, 1e-3)])
+@pytest.mark.parametrize(
+    ("period", "alpha", "error"), first_rows([(0.1, 4.08, 1e-3), (50.0, 0.1825, 5e-4)])
+)
 def test_harmonics_are_womersleys(period: float, alpha: float, error: float) -> None:
     """The slow one is Poiseuille's law at every time, which 0D has."""
     found = solve_harmonics(pipe(2, 3, RADIUS, LENGTH), _pulse(period), STOKES, Stepping(steps=16))

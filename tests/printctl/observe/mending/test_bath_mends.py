@@ -5,6 +5,7 @@ import pytest
 
 from printctl.observe.mending import Gap, Voids, check_mend, plan_mend, written_paths
 from tests.printctl.observe.mending.small_jobs import bath_job
+from tests.slower import first_of
 
 DEEP = [(100, 100, 5), (106, 100, 5.5), (112, 102, 5)]
 ABOVE = [(103, 97, 8), (103, 103, 8)]
@@ -81,7 +82,7 @@ def test_vessels_that_the_job_writes_are_no_voids_and_others_are():
     assert check_mend(held, mend.lines, [gap], voids).passed
 
 
-@pytest.mark.parametrize("upwards", [True, False])
+@pytest.mark.parametrize("upwards", first_of([True, False]))
 def test_a_needle_never_comes_down_through_the_upright_ink_that_it_mends(upwards):
     upright = [(100, 100, 4), (100, 100, 9)]
     held = bath_job(upright if upwards else upright[::-1]).held()  # held straight above it

@@ -209,6 +209,7 @@ def test_the_page_fits_small_screens(
         page.close()
 
 
+@pytest.mark.slow
 def test_a_file_is_imported_and_chosen_in_the_form(
     served: Process, browser: Any, workspace: Path, tmp_path: Path
 ) -> None:

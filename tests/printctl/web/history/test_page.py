@@ -98,6 +98,7 @@ def test_hostile_text_is_shown_as_text(browser, served):
     assert page.title() == "History · printctl"
 
 
+@pytest.mark.slow
 def test_print_is_compared_filed_and_made_ready_again(browser, served, tmp_path):
     url, folder = served
     page = opened(browser, f"{url}/history")

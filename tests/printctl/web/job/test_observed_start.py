@@ -93,6 +93,7 @@ def order(core, tmp_path) -> ObserverOrder:
     return made
 
 
+@pytest.mark.slow
 def test_a_print_from_the_page_is_looked_at_and_after_a_resume_as_well(
     service, station, order, tmp_path
 ):

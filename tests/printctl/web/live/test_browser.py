@@ -84,7 +84,7 @@ def test_a_job_as_planned_is_seen_at_once(page: Any, address: str, plain: str) -
     assert coloured(picture(page)) > 0.05
 
 
-@pytest.mark.parametrize("plain", ["false", "true"])
+@pytest.mark.parametrize("plain", first_of(["false", "true"]))
 def test_only_what_was_executed_is_drawn_as_written(page: Any, address: str, plain: str) -> None:
     opened(page, f"{address}/job/squares?live=true&plain={plain}")
     page.evaluate("view.options.ahead = 0")
@@ -181,7 +181,7 @@ def test_without_serious_findings_of_axe(page: Any, address: str) -> None:
 MEND = {"look": 3, "written": True, "strokes": [[[2, 2, 0.2], [8, 2, 0.2], [8, 6, 0.2]]]}
 
 
-@pytest.mark.parametrize("plain", ["false", "true"])
+@pytest.mark.parametrize("plain", first_of(["false", "true"]))
 def test_mends_are_drawn_where_they_lie_and_unlike_the_job(
     page: Any, address: str, plain: str
 ) -> None:

@@ -153,6 +153,7 @@ def test_console_shows_replies_and_refusals_and_remembers(visit: Open) -> None:
     expect(line).to_have_value("M115")
 
 
+@pytest.mark.slow
 def test_another_browser_sees_what_is_typed_as_text_and_moves_nothing(
     visit: Open, browser: Browser, url: str
 ) -> None:

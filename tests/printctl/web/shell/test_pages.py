@@ -49,6 +49,12 @@ def logged_in(profile: Any, url: str) -> Any:
     return page
 
 
+@pytest.fixture(scope="module")
+def printer_page(served: tuple[Process, Path], browser: Any) -> Any:
+    """One page for tests that don't mind what others did to it: to load one costs seconds."""
+    return shown(browser, f"{served[0].url}/printer", viewport=WIDE)
+
+
 def banner(page: Any) -> str:
     return str(page.text_content("#pc-stopped p"))
 
@@ -103,16 +109,6 @@ def test_logged_out_the_page_asks_for_the_password(served: Any, browser: Any) ->
     page.wait_for_selector("#password")
 
 
-def test_without_any_answer_the_page_says_to_cut_the_power(served: Any, browser: Any) -> None:
-    server, _ = served
-    page = shown(browser, f"{server.url}/printer")
-    page.route("**/stop", lambda route: route.abort())
-    page.click("#pc-stop")
-    page.wait_for_function(
-        "document.querySelector('#pc-stopped p').textContent.includes('CUT THE PRINTER')"
-    )
-
-
 @pytest.mark.slow
 def test_all_browsers_see_the_same_holder_of_the_controls(served: Any, browser: Any) -> None:
     server, _ = served
@@ -147,9 +143,10 @@ def test_axe_finds_nothing_serious(
 
 @pytest.mark.parametrize("way", first_of(PAGES))
 def test_the_frame_fits_is_large_enough_to_touch_and_passes_axe(
-    served: Any, browser: Any, way: str
+    served: Any, browser: Any, printer_page: Any, way: str
 ) -> None:
-    page = shown(browser, f"{served[0].url}{way}", viewport=WIDE)
+    here = way == "/printer"
+    page = printer_page if here else shown(browser, f"{served[0].url}{way}", viewport=WIDE)
     page.wait_for_timeout(500)
     assert serious(page) == []
     assert page.locator("h1").count() == 1
@@ -189,8 +186,8 @@ def test_the_theme_is_remembered(served: Any, browser: Any) -> None:
     assert page.evaluate("document.documentElement.dataset.theme") == "dark"
 
 
-def test_a_script_that_slips_into_a_page_does_not_run(served: Any, browser: Any) -> None:
-    page = shown(browser, f"{served[0].url}/printer")
+def test_a_script_that_slips_into_a_page_does_not_run(browser: Any, printer_page: Any) -> None:
+    page = printer_page
     page.evaluate(
         """() => {
           const place = document.createElement("div");
@@ -203,6 +200,15 @@ def test_a_script_that_slips_into_a_page_does_not_run(served: Any, browser: Any)
     )
     page.wait_for_timeout(300)
     assert page.evaluate("window.slipped") is None
+
+
+def test_without_any_answer_the_page_says_to_cut_the_power(browser: Any, printer_page: Any) -> None:
+    page = printer_page
+    page.route("**/stop", lambda route: route.abort())
+    page.click("#pc-stop")
+    page.wait_for_function(
+        "document.querySelector('#pc-stopped p').textContent.includes('CUT THE PRINTER')"
+    )
 
 
 @pytest.mark.slow

@@ -77,6 +77,7 @@ def test_bounds_are_kept_and_told() -> None:
         match_split(network, FAST, options=replace(COARSE, least_radius_mm=0.45))
 
 
+@pytest.mark.slow
 def test_the_reduced_model_is_brought_to_the_target_at_once() -> None:
     """With the resistances of 3D held, the next radii have the wanted flows to rounding."""
     network = _fork()
