@@ -43,6 +43,11 @@ _BLOCK_STATIONS: Final = 6
 """Fewest in a reading; neighbours share noise."""
 _SHARED: Final = 0.1
 """Share of the places that are so sure: what all share is in the doubt of each of them."""
+_BATH_LOOK: Final = 0.12
+"""Relative standard uncertainty of filament sections in a look into a bath, beyond what their
+picture says: of a simulated camera that shares no code with printctl widths scattered by 6 %."""
+_BATH_ALWAYS: Final = 0.05
+"""The same of all looks at a print: its ink's edges look wider or narrower than they are."""
 _BELOW: Final = 3
 """Levels below the judged one that may show through."""
 _LEVEL_MM: Final = 1e-3
@@ -273,9 +278,11 @@ def _flow(
     common = u_common * np.abs(slope / np.maximum(u, 1e-12) * stations.expected_mm[told]) / ratio
     known = float(np.nan_to_num(common.mean(), nan=0.0, posinf=0.0))
     means = mean(ratio)
-    return FlowBlocks(
-        mean(time), means, np.hypot(scatter, known * means), mean(ink.factor[row]), known
-    )
+    u_block = np.hypot(scatter, known * means)
+    if ink.style == "embedded":
+        u_block = np.hypot(u_block, _BATH_LOOK * math.sqrt(len(means)) * means)
+        known = math.hypot(known, _BATH_ALWAYS)
+    return FlowBlocks(mean(time), means, u_block, mean(ink.factor[row]), known)
 
 
 def _blocks(time_s: FloatArray, length_mm: FloatArray) -> IntArray:
