@@ -77,8 +77,13 @@ def clear_trunks(
     tree = _Branches(lines, laid.points, radius, options.murray_exponent)
     gone = np.zeros(len(radius), dtype=np.bool_)
     gone[found.outside] = True
+    stuck: list[tuple[int, int]] = []
     for a, b in found.pairs.tolist():
         if not (later and tree.fork_later(a, b)):
+            stuck.append((a, b))
+    for a, b in stuck:
+        # What was joined on elsewhere, or feeds more by it, is judged once it is laid anew.
+        if not tree.touched[[a, b]].any():
             gone[a if radius[a] < radius[b] else b] = True
     order, lines = in_order(TrunkLines(tree.points, tree.parent, tree.tree, tree.share))
     gone = np.append(gone, np.zeros(len(order) - len(gone), dtype=np.bool_))
