@@ -25,7 +25,7 @@ from design.vasculature.growth.grow import SPREADS
 from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
-from design.vasculature.treemath import tree_radii
+from design.vasculature.treemath import downward_order, tree_radii
 from kernels.arrays import FloatArray
 
 DEPTH_MARGIN = 1.03
@@ -108,7 +108,31 @@ def grow_from_plan(
             break
         # Which trunk feeds what differs a little from one growth to the next.
         radius = RADIUS_MARGIN * grown
+    if plan.exactly and plan.branches:
+        trees = tuple(without_marks(tree, smooth.points, thin.points) for tree in trees)
     return trees, smooth
+
+
+def without_marks(tree: VesselTree, trunks: FloatArray, planned: FloatArray) -> VesselTree:
+    trunk = {row.tobytes() for row in trunks}
+    other = {row.tobytes() for row in planned} - trunk
+    given = tree.given.copy()
+    off = np.zeros(len(given), dtype=np.bool_)
+    for i in downward_order(tree.children)[::-1].tolist():
+        if not given[i]:
+            continue
+        end = tree.distal[i].tobytes()
+        if end in other:
+            off[i] = True
+        elif end not in trunk:
+            below = [c for c in tree.children[i].tolist() if c >= 0 and given[c]]
+            off[i] = len(below) == 1 and off[below[0]]
+    from design.anatomy.perforators import LOG
+    rr = tree_radii(tree)
+    first = np.flatnonzero(off & ~off[np.maximum(tree.parent, 0)])
+    LOG("unmarked", off.sum(), "of", given.sum(), "perforators", len(first), "radius/root", np.round(np.sort(rr[first] / rr[0])[::-1], 2).tolist())
+    LOG("terminals", np.sort(tree.terminals[first])[::-1].tolist(), "of", int(tree.terminals[0]))
+    return replace(tree, given=given & ~off)
 
 
 def trunk_radii(lines: TrunkLines, trees: Sequence[VesselTree]) -> FloatArray:

@@ -8,13 +8,21 @@ from typing import Final
 
 import numpy as np
 
-from design.anatomy.from_trunks import TrunkPlan
+from design.anatomy.from_trunks import DEPTH_MARGIN, TrunkPlan
 from design.anatomy.graph_trunk import LayerForest
 from design.anatomy.grown import AnatomicTrees, Trees, grow_fitted
 from design.anatomy.heart_places import FEWEST, HeartPlaces, find_heart_places
-from design.anatomy.heart_trunk import LEFT, RIGHT, heart_forest, heart_layer, ostium_above
+from design.anatomy.heart_trunk import (
+    LEFT,
+    RIGHT,
+    heart_forest,
+    heart_layer,
+    narrow_places,
+    ostium_above,
+)
 from design.anatomy.main_branches import missing_branches
 from design.anatomy.network import curved_network
+from design.anatomy.perforators import with_perforators
 from design.anatomy.openness import SurfaceSamples, sample_surface
 from design.anatomy.trunk_count import trunk_ends
 from design.anatomy.trunk_lines import TrunkLines, lines_of
@@ -23,6 +31,7 @@ from design.measures.published_radii import PublishedMatch, published_match
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.units import PA_PER_MMHG
+from design.vasculature.growth.forest import likely_radius
 from design.vasculature.growth.parts import check_inlet
 from design.vasculature.growth.supply import check_one_part
 from design.vasculature.growth.territories import demand_points
@@ -95,11 +104,19 @@ def grow_heart(
     for tree, place in given.items():
         check_inlet(tissue, NAMES[tree], place)
     near = {tree: np.array(place) for tree, place in given.items() if place is not None}
-    forest, branches = heart_forest(layer, places, ends, anatomy.balance, near)
+    wide = DEPTH_MARGIN * likely_radius(tissue, options) + options.clearance_mm
+    import os
+    narrow = narrow_places(tissue, layer, wide) if os.environ.get('HV_NARROW') else None
+    forest, branches = heart_forest(layer, places, ends, anatomy.balance, near, narrow)
     begins = {tree: _begin(forest, tree, given) for tree in given}
     ostia = {t: ostium_above(tissue, layer.points[i], places.base) for t, i in begins.items()}
     volume, _ = demand_points(tissue, _VOLUME, options.seed)
-    plan = TrunkPlan(lines_of(forest, ostia, volume), anatomy.trunk_depth_mm)
+    import os
+    if os.environ.get("HV_PERF"):
+        plan = TrunkPlan(lines_of(forest, ostia, volume), anatomy.trunk_depth_mm,
+            branches=lambda lines, radius: with_perforators(tissue, lines, radius, volume, options))
+    else:
+        plan = TrunkPlan(lines_of(forest, ostia, volume), anatomy.trunk_depth_mm)
     trees = grow_fitted(tissue, plan, options)
     if anatomy.published_radii:
         trees = _with_published_radii(trees, tissue, plan, options)
