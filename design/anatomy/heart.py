@@ -76,7 +76,8 @@ class HeartAnatomy:
     right_ostium_mm: Place | None = None
     trunk_ends: int = 600
     trunk_depth_mm: float = 0.3
-    balance: float = 0.25
+    import os
+    balance: float = float(os.environ.get('HV_BAL','0.25'))
     published_radii: bool = False
 
 

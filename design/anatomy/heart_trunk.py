@@ -31,6 +31,9 @@ _CIRCUMFLEX_ENDS = np.radians(35.0)
 _POSTERIOR_ENDS = 0.72
 """Part of the way from base to apex that the posterior interventricular branch goes."""
 
+import os
+_COARSE = eval(os.environ.get("HV_COARSE", "(1.0,)"))
+
 _WAYPOINT = np.radians(30.0)
 
 _DEEP = 0.95
@@ -155,7 +158,10 @@ def heart_forest(
         MainBranch("posterior descending branch", RIGHT, layer.points[posterior]),
     )
     taken = layer.points[np.flatnonzero(forest.parent > -2)]
-    forest.join(spread_sites(layer.points, 3 * ends, taken))
+    sites = spread_sites(layer.points, 3 * ends, taken)
+    for coarse in _COARSE:
+        forest.apart = coarse * apart_for(layer, ends)
+        forest.join(sites)
     return forest, branches
 
 

@@ -1,43 +1,56 @@
-"""Plan branches that dive from a heart's epicardial trunks into wall and septum."""
+"""Plan branches that dive from a heart's epicardial trunks into its septum and thick walls."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from design.anatomy.trunk_lines import TrunkLines, with_shares
+from design.anatomy.layer import Layer, join_layer
+from design.anatomy.trunk_lines import TrunkLines, outward, with_shares
+from design.geometry.polyline import arc_lengths, places_along
 from design.tissue import Tissue
 from design.vasculature.options import GrowthOptions
 from kernels.arrays import BoolArray, FloatArray, IntArray
 
-NARROW: Final = 0.2
-"""Radius over the root's below which a perforator stays: what is wider is a trunk, and belongs below
-the epicardium."""
-
-import os
 
 def LOG(*a):
     if os.environ.get("HV_LOG"):
         with open(os.environ["HV_LOG"], "a") as f:
             print(*a, file=f)
 
-_FILLED: Final = float(os.environ.get("HV_FILL","0.5"))
-"""Of what so wide a perforator could feed: part that it is planned for."""
 
-_TRIED: Final = 80
-_PIECES: Final = 4
+NARROW: Final = 0.2
+"""Radius over the root's that a perforator is to stay below: what is wider is a trunk, and belongs
+below the epicardium. Ours."""
+
+_FILLED: Final = float(os.environ.get("HV_FILL", "0.25"))
+"""Of what a perforator as wide as that feeds: part that each is planned for. Those that get more
+than their share stay below it, then."""
+
+_TRIED: Final = int(os.environ.get("HV_TRIED", "60"))
+"""Places of trunks, the nearest first, from which a perforator is tried."""
+
+_WIDER: Final = 1.2
+"""Radius of a trunk over that of what leaves it, at least."""
+
 _ROOM: Final = 1.3
+"""Clear way about a perforator over what radii and clearance ask for."""
 
+_BETWEEN: Final = 3.0
+"""Way between two perforators' beginnings, and from its own within which a trunk is near, over
+their radii."""
 
-@dataclass(frozen=True)
-class _Lines:
-    """Lines as they grow, with places along all pieces."""
+_STEP: Final = 1.0
+"""Of a perforator's radius: places of vessels that are compared lie so far apart."""
 
-    points: list[FloatArray]
-    parent: list[int]
+_PIECES, _BENDS = 6, 12
+_PLACES: Final = 6000
 
 
 def with_perforators(
@@ -47,119 +60,191 @@ def with_perforators(
     volume: FloatArray,
     options: GrowthOptions,
 ) -> tuple[TrunkLines, FloatArray]:
-    """The lines with branches to places far from all of them, each narrow; and all radii.
+    """The lines with branches to the places that are farthest from all of them; and all radii.
 
-    Each goes straight from a place of a trunk to one of tissue that is farthest from all lines,
-    until all is as near as the edge of a cube that such a branch may feed.
+    Each leaves a trunk by itself and feeds a small part, as septal perforators do, so that none is
+    as wide as a trunk. There are as many as bring all tissue as near as the edge of a cube that
+    one is planned for.
+
+    Parameters
+    ----------
+    lines, radius : TrunkLines, (n,) float64, mm
+        Trunks, laid.
+    volume : (k, 3) float64, mm
+        Points all over the tissue.
     """
-    root = float(radius.max())
-    limit = _FILLED * NARROW**options.murray_exponent
-    trees = np.unique(lines.tree)
-    part = {t: lines.share[(lines.tree == t) & (lines.parent < 0)].sum() for t in trees.tolist()}
-    apart = (limit * min(part.values()) * tissue.volume_mm3) ** (1.0 / 3.0)
-    narrow = root * (limit * min(part.values())) ** (1.0 / options.murray_exponent)
-    away, near = cKDTree(lines.points).query(volume)
-    clear = options.clearance_mm
-    deep = -tissue.grid.distance(volume)
-    site_ok = deep > narrow + clear
-    starts = _Starts(tissue, lines, radius, narrow, options)
+    root, power = float(radius.max()), 1.0 / options.murray_exponent
+    inlets = lines.parent < 0
+    part = _FILLED * NARROW**options.murray_exponent * float(lines.share[inlets].min())
+    near_mm = float(np.cbrt(part * tissue.volume_mm3))
+    room = _Room(tissue, lines, radius, root * part**power, options.clearance_mm)
+    deep = volume[-tissue.grid.distance(volume) >= room.need_mm]
+    ways = _Ways.through(tissue, deep[:_PLACES], 0.7 * room.need_mm, lines.points)
     failed = 0
-    while True:
-        site = int(np.argmax(np.where(site_ok, away, 0.0)))
-        if away[site] < apart or not site_ok[site]:
-            break
-        path = starts.path_to(volume[site])
+    while (site := int(np.argmax(ways.away))) >= 0 and ways.away[site] > near_mm:
+        path = room.path_to(ways, site)
         if path is None:
             failed += 1
-            site_ok[np.linalg.norm(volume - volume[site], axis=1) < 0.5 * apart] = False
-            continue
-        away = np.minimum(away, np.linalg.norm(volume - path[-1], axis=1))
-        for n in range(1, len(path)):
-            away = np.minimum(away, _from_piece(volume, path[n - 1], path[n]))
-    whole = starts.whole()
-    LOG("perforators", starts.count, "failed", failed, "apart", apart, "narrow", narrow)
-    whole = with_shares(whole, volume)
-    count = len(lines.parent)
-    own = root * whole.share[count:] ** (1.0 / options.murray_exponent)
-    LOG("perforator radii/root by tree", np.round(np.sort(own[::_PIECES] / root)[::-1][:12], 3))
+            ways.leave(site, 0.5 * near_mm)
+        else:
+            ways.take(path)
+    whole = with_shares(room.lines(), volume)
+    own = root * whole.share[len(radius) :] ** power
+    LOG("perforators", len(own) // _PIECES, "failed", failed, "apart", near_mm, room.why, np.round(np.sort(own[::_PIECES] / root)[::-1][:12], 3))
     return whole, np.concatenate([radius, own])
 
 
-def _from_piece(points: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
-    along = b - a
-    t = np.clip((points - a) @ along / max(float(along @ along), 1e-30), 0.0, 1.0)
-    found: FloatArray = np.linalg.norm(points - a - t[:, None] * along, axis=1)
-    return found
+@dataclass
+class _Ways:
+    """Places all over the tissue, and ways from one to the next that don't leave it.
+
+    Attributes
+    ----------
+    layer : Layer
+        The places with their links.
+    away : (n,) float64, mm
+        Way of each from the nearest vessel.
+    """
+
+    layer: Layer
+    away: FloatArray
+    _graph: csr_matrix
+
+    @staticmethod
+    def through(
+        tissue: Tissue, places: FloatArray, depth_mm: float, vessels: FloatArray
+    ) -> _Ways:
+        layer = join_layer(tissue, places, depth_mm)
+        graph = csr_matrix((layer.length, layer.to, layer.first), shape=(len(layer.points),) * 2)
+        ways = _Ways(layer, np.full(len(layer.points), np.inf), graph)
+        ways.take(vessels)
+        ways.away[~np.isfinite(ways.away)] = 0.0
+        return ways
+
+    def take(self, vessels: FloatArray) -> None:
+        """Let vessels run through places (k, 3)."""
+        near = np.unique(cKDTree(self.layer.points).query(vessels)[1])
+        far = dijkstra(self._graph, indices=near, min_only=True)
+        self.away = np.minimum(self.away, far)
+
+    def leave(self, place: int, near_mm: float) -> None:
+        """Give up what is as near to a place."""
+        far = np.linalg.norm(self.layer.points - self.layer.points[place], axis=1)
+        self.away[far < near_mm] = 0.0
+
+    def from_place(self, place: int) -> tuple[FloatArray, IntArray]:
+        """Way (n,), mm, of all from one, and the place before each on it."""
+        way, before = dijkstra(self._graph, indices=place, return_predecessors=True)
+        return way, before
 
 
-class _Starts:
-    def __init__(self, tissue, lines, radius, narrow, options):
-        self.tissue, self.lines, self.radius = tissue, lines, radius
-        self.narrow, self.options = narrow, options
-        child = lines.child_count()
-        self.free = (lines.parent >= 0) & (child == 1) & (lines.parent[np.maximum(lines.parent, 0)] >= 0)
-        self.free &= radius >= 1.2 * narrow
-        self.points = lines.points.copy()
-        ends = np.flatnonzero(lines.parent >= 0)
-        self.a, self.b = lines.points[lines.parent[ends]], lines.points[ends]
-        self.r = radius[ends]
-        self.more_points, self.more_parent, self.more_tree = [], [], []
-        self.count = 0
+@dataclass
+class _Room:
+    """What is laid so far, and where there is room for more."""
 
-    def path_to(self, site):
-        away = np.linalg.norm(self.points - site, axis=1)
-        cost = np.where(self.free, away, np.inf)
+    tissue: Tissue
+    trunks: TrunkLines
+    radius: FloatArray
+    narrow_mm: float
+    clearance_mm: float
+    points: list[FloatArray] = field(default_factory=list)
+    parent: list[int] = field(default_factory=list)
+    why: dict = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        lines = self.trunks
+        below = np.flatnonzero(lines.parent >= 0)
+        begin, end = lines.points[lines.parent[below]], lines.points[below]
+        self._places, row = _along(begin, end, _STEP * self.narrow_mm)
+        self._wide = self.radius[below][row]
+        inlet = lines.parent < 0
+        self._free = ~inlet & ~inlet[np.maximum(lines.parent, 0)] & (lines.child_count() == 1)
+        self._free &= self.radius >= _WIDER * self.narrow_mm
+
+    @property
+    def need_mm(self) -> float:
+        """Depth that a perforator's axis needs."""
+        return self.narrow_mm + _ROOM * self.clearance_mm
+
+    def path_to(self, ways: _Ways, site: int) -> FloatArray | None:
+        """Places of a perforator from a trunk to a place, which is laid; None without room."""
+        points = ways.layer.points
+        way, before = ways.from_place(site)
+        hop, near = cKDTree(points).query(self.trunks.points)
+        cost = np.where(self._free, way[near] + 2.0 * hop, np.inf)
         for start in np.argsort(cost)[:_TRIED].tolist():
-            if not np.isfinite(cost[start]):
-                break
-            path = self.points[start] + np.linspace(0.0, 1.0, _PIECES + 1)[:, None] * (site - self.points[start])
-            if self._fits(start, path):
-                self._take(start, path)
-                return path
+            if np.isfinite(cost[start]):
+                line = [self.trunks.points[start]]
+                here = int(near[start])
+                while here != site:
+                    line.append(points[here])
+                    here = int(before[here])
+                path = self._smooth(np.array([*line, points[site]]))
+                if self._fits(start, path):
+                    self._lay(start, path)
+                    return path
         return None
 
-    def _fits(self, start, path):
-        o = self.options
-        r = self.narrow
-        skip = 3.0 * (self.radius[start] + r)
-        length = np.linalg.norm(path[-1] - path[0])
-        n = max(2, int(np.ceil(length / (0.5 * r))))
-        at = np.linspace(0.0, 1.0, n)
-        pts = path[0] + at[:, None] * (path[-1] - path[0])
-        pts = pts[at * length > self.radius[start]]
-        if not len(pts) or (-self.tissue.grid.distance(pts) < r + _ROOM * o.clearance_mm).any():
-            return False
-        pts = pts[at[-len(pts):] * length > skip]
-        if not len(pts):
-            return False
-        for p in pts:
-            along = self.b - self.a
-            t = np.clip(((p - self.a) * along).sum(1) / np.maximum((along * along).sum(1), 1e-30), 0, 1)
-            d = np.linalg.norm(p - self.a - t[:, None] * along, axis=1)
-            if (d < _ROOM * (r + self.r + o.clearance_mm)).any():
-                return False
-        return True
+    def _smooth(self, line: FloatArray) -> FloatArray:
+        """A line in a few pieces, made smooth, that keeps away from the surface as far as it can."""
+        path = places_along(line, way := arc_lengths(line), np.linspace(0.0, way[-1], _PIECES + 1))
+        for _ in range(_BENDS):
+            path[1:-1] = 0.5 * path[1:-1] + 0.25 * (path[:-2] + path[2:])
+            lack = np.maximum(self.need_mm + self.tissue.grid.distance(path[1:-1]), 0.0)
+            path[1:-1] -= 1.1 * lack[:, None] * outward(self.tissue, path[1:-1])
+        return path
 
-    def _take(self, start, path):
-        base = len(self.points) if False else None
-        first = len(self.lines.points) + len(self.more_points)
-        for n in range(1, len(path)):
-            self.more_parent.append(start if n == 1 else first + n - 2)
-            self.more_points.append(path[n])
-            self.more_tree.append(int(self.lines.tree[start]))
-        # No other begins just beside it.
-        close = np.linalg.norm(self.points - self.points[start], axis=1) < 3.0 * self.narrow
-        self.free[close] = False
-        self.a = np.concatenate([self.a, path[:-1]])
-        self.b = np.concatenate([self.b, path[1:]])
-        self.r = np.concatenate([self.r, np.full(len(path) - 1, self.narrow)])
-        self.count += 1
+    def _fits(self, start: int, path: FloatArray) -> bool:
+        places, _ = _along(path[:-1], path[1:], _STEP * self.narrow_mm)
+        begin, near = np.linalg.norm(places - path[0], axis=1), float(self.radius[start])
+        deep = -self.tissue.grid.distance(places[begin > near])
+        if not len(deep) or (deep < self.need_mm).any():
+            self.why["out"] = self.why.get("out", 0) + 1
+            return False
+        own = _BETWEEN * (near + self.narrow_mm)
+        others = np.linalg.norm(self._places - path[0], axis=1) > own
+        far = places[begin > own]
+        if not len(far):
+            return True
+        gap = cKDTree(far).query(self._places[others])[0]
+        clear = _ROOM * (self.narrow_mm + self._wide[others] + self.clearance_mm)
+        ok = bool((gap > clear).all())
+        if not ok: self.why["near"] = self.why.get("near", 0) + 1
+        return ok
 
-    def whole(self):
-        l = self.lines
-        return TrunkLines(
-            np.concatenate([l.points, np.array(self.more_points).reshape(-1, 3)]),
-            np.concatenate([l.parent, np.array(self.more_parent, dtype=np.int64)]),
-            np.concatenate([l.tree, np.array(self.more_tree, dtype=np.int64)]),
-            np.zeros(len(l.parent) + len(self.more_parent)),
-        )
+    def _lay(self, start: int, path: FloatArray) -> None:
+        first = len(self.trunks.parent) + len(self.points)
+        self.parent += [start, *range(first, first + len(path) - 2)]
+        self.points += list(path[1:])
+        places, _ = _along(path[:-1], path[1:], _STEP * self.narrow_mm)
+        self._places = np.concatenate([self._places, places])
+        self._wide = np.concatenate([self._wide, np.full(len(places), self.narrow_mm)])
+        beside = np.linalg.norm(self.trunks.points - path[0], axis=1)
+        self._free[beside < _BETWEEN * self.narrow_mm] = False
+
+    def lines(self) -> TrunkLines:
+        """Trunks and perforators, these last; shares aren't measured."""
+        own = self.trunks
+        tree = list(own.tree)
+        for above in self.parent:
+            tree.append(tree[above])
+        points = np.concatenate([own.points, np.array(self.points).reshape(-1, 3)])
+        parent = np.concatenate([own.parent, np.array(self.parent, dtype=np.int64)])
+        return TrunkLines(points, parent, np.array(tree, dtype=np.int64), np.zeros(len(parent)))
+
+
+def _along(begin: FloatArray, end: FloatArray, step_mm: float) -> tuple[FloatArray, IntArray]:
+    """Places (k, 3) along pieces, so far apart at most, and each one's piece."""
+    count = np.ceil(np.linalg.norm(end - begin, axis=1) / step_mm).astype(np.int64) + 1
+    row = np.repeat(np.arange(len(count)), count)
+    number = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    part = (number / np.maximum(count - 1, 1)[row])[:, None]
+    return begin[row] + part * (end - begin)[row], row
+
+
+def _from_piece(points: FloatArray, begin: FloatArray, end: FloatArray) -> FloatArray:
+    """Distance (n,) of points from a straight piece."""
+    way = end - begin
+    part = np.clip((points - begin) @ way / max(float(way @ way), 1e-30), 0.0, 1.0)
+    found: FloatArray = np.linalg.norm(points - begin - part[:, None] * way, axis=1)
+    return found
