@@ -63,7 +63,9 @@ class TrunkPlan:
     keep : function of (n, 3) to (n, 3), optional
         Brings nodes back to a zone, after they were brought to their depth.
     branches : function of lines and radii to both, optional
-        Adds trunks that leave the laid ones.
+        Adds branches that leave the laid trunks.
+    branches_are_trunks : bool
+        Whether they count as trunks in the grown trees.
     each : tuple of GrowthOptions
         Of each tree, where all of them serve the whole tissue; else they share it.
     tries : int
@@ -76,6 +78,7 @@ class TrunkPlan:
     wider: float = WIDER
     keep: Callable[[FloatArray], FloatArray] | None = None
     branches: Callable[[TrunkLines, FloatArray], tuple[TrunkLines, FloatArray]] | None = None
+    branches_are_trunks: bool = True
     each: tuple[GrowthOptions, ...] = ()
     tries: int = len(SPREADS)
 
@@ -108,31 +111,27 @@ def grow_from_plan(
             break
         # Which trunk feeds what differs a little from one growth to the next.
         radius = RADIUS_MARGIN * grown
-    if plan.exactly and plan.branches:
-        trees = tuple(without_marks(tree, smooth.points, thin.points) for tree in trees)
+    if not plan.branches_are_trunks:
+        trees = tuple(_with_trunks(tree, smooth.points, thin.points) for tree in trees)
     return trees, smooth
 
 
-def without_marks(tree: VesselTree, trunks: FloatArray, planned: FloatArray) -> VesselTree:
-    trunk = {row.tobytes() for row in trunks}
-    other = {row.tobytes() for row in planned} - trunk
+def _with_trunks(tree: VesselTree, trunks: FloatArray, planned: FloatArray) -> VesselTree:
+    """The tree with only those segments ``given`` that lie between nodes of trunks (n, 3).
+
+    The given ones lie between all ``planned`` nodes (m, 3). A piece that was parted belongs to
+    what its end does.
+    """
+    trunk = {place.tobytes() for place in trunks}
+    other = {place.tobytes() for place in planned} - trunk
     given = tree.given.copy()
-    off = np.zeros(len(given), dtype=np.bool_)
     for i in downward_order(tree.children)[::-1].tolist():
-        if not given[i]:
-            continue
         end = tree.distal[i].tobytes()
-        if end in other:
-            off[i] = True
-        elif end not in trunk:
-            below = [c for c in tree.children[i].tolist() if c >= 0 and given[c]]
-            off[i] = len(below) == 1 and off[below[0]]
-    from design.anatomy.perforators import LOG
-    rr = tree_radii(tree)
-    first = np.flatnonzero(off & ~off[np.maximum(tree.parent, 0)])
-    LOG("unmarked", off.sum(), "of", given.sum(), "perforators", len(first), "radius/root", np.round(np.sort(rr[first] / rr[0])[::-1], 2).tolist())
-    LOG("terminals", np.sort(tree.terminals[first])[::-1].tolist(), "of", int(tree.terminals[0]))
-    return replace(tree, given=given & ~off)
+        if not given[i] or end in trunk:
+            continue
+        below = [child for child in tree.children[i].tolist() if child >= 0 and tree.given[child]]
+        given[i] = end not in other and any(given[child] for child in below)
+    return replace(tree, given=given)
 
 
 def trunk_radii(lines: TrunkLines, trees: Sequence[VesselTree]) -> FloatArray:

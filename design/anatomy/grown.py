@@ -201,11 +201,9 @@ def _attempts(
         try:
             return fitted(trees)
         except CrowdedError as failed:
-            from design.anatomy.perforators import LOG; LOG("ATTEMPT", attempt, failed)
             best, error = max((best or failed, failed), key=lambda one: one.fit), failed
             room += failed.fit < _NEARLY * failed.asked
         except GrowthError as failed:
-            from design.anatomy.perforators import LOG; LOG("ATTEMPT", attempt, failed)
             error = failed
             room += 1
     if best is not None:

@@ -31,8 +31,9 @@ _CIRCUMFLEX_ENDS = np.radians(35.0)
 _POSTERIOR_ENDS = 0.72
 """Part of the way from base to apex that the posterior interventricular branch goes."""
 
-import os
-_COARSE = eval(os.environ.get("HV_COARSE", "(1.0,)"))
+_COARSE = (4.0, 2.0, 1.0)
+"""Distances of side branches, over the last: the longest branches come first, so that a main branch
+parts into some nearly as wide, not into many narrow ones along one long way."""
 
 _WAYPOINT = np.radians(30.0)
 
@@ -133,7 +134,8 @@ def heart_forest(
     epi = _epicardium(layer, places, narrow)
     front, back = places.grooves
     back += 2 * np.pi
-    forest = LayerForest(layer, balance, layer.length.copy(), apart_for(layer, ends))
+    apart = apart_for(layer, ends)
+    forest = LayerForest(layer, balance, layer.length.copy(), apart)
     apex = int(np.argmin(epi.height))
     begin = {LEFT: front + _LEFT_OF_GROOVE, RIGHT: front - _RIGHT_OF_GROOVE}
     for tree, place in (ostia or {}).items():
@@ -160,7 +162,7 @@ def heart_forest(
     taken = layer.points[np.flatnonzero(forest.parent > -2)]
     sites = spread_sites(layer.points, 3 * ends, taken)
     for coarse in _COARSE:
-        forest.apart = coarse * apart_for(layer, ends)
+        forest.apart = coarse * apart
         forest.join(sites)
     return forest, branches
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -13,27 +12,21 @@ from scipy.spatial import cKDTree
 
 from design.anatomy.layer import Layer, join_layer
 from design.anatomy.trunk_lines import TrunkLines, outward, with_shares
+from design.errors import GrowthError
 from design.geometry.polyline import arc_lengths, places_along
 from design.tissue import Tissue
 from design.vasculature.options import GrowthOptions
-from kernels.arrays import BoolArray, FloatArray, IntArray
-
-
-def LOG(*a):
-    if os.environ.get("HV_LOG"):
-        with open(os.environ["HV_LOG"], "a") as f:
-            print(*a, file=f)
-
+from kernels.arrays import FloatArray, IntArray
 
 NARROW: Final = 0.2
 """Radius over the root's that a perforator is to stay below: what is wider is a trunk, and belongs
 below the epicardium. Ours."""
 
-_FILLED: Final = float(os.environ.get("HV_FILL", "0.25"))
+_FILLED: Final = 0.25
 """Of what a perforator as wide as that feeds: part that each is planned for. Those that get more
 than their share stay below it, then."""
 
-_TRIED: Final = int(os.environ.get("HV_TRIED", "60"))
+_TRIED: Final = 60
 """Places of trunks, the nearest first, from which a perforator is tried."""
 
 _WIDER: Final = 1.2
@@ -50,7 +43,19 @@ _STEP: Final = 1.0
 """Of a perforator's radius: places of vessels that are compared lie so far apart."""
 
 _PIECES, _BENDS = 6, 12
+"""Straight pieces of a perforator, and rounds in which it is made smooth."""
+
+_LINKED: Final = 0.7
+"""Of the depth that a perforator needs, what ways have between their places."""
+
 _PLACES: Final = 6000
+"""Of the tissue, between which ways are found."""
+
+_FINE: Final = 8.0
+"""Places along a perforator for each such distance that it serves."""
+
+_LEAST_FED: Final = 12
+"""Terminals that a perforator is planned for at least."""
 
 
 def with_perforators(
@@ -73,24 +78,26 @@ def with_perforators(
     volume : (k, 3) float64, mm
         Points all over the tissue.
     """
-    root, power = float(radius.max()), 1.0 / options.murray_exponent
-    inlets = lines.parent < 0
-    part = _FILLED * NARROW**options.murray_exponent * float(lines.share[inlets].min())
+    power = 1.0 / options.murray_exponent
+    roots = lines.share[lines.parent < 0]
+    root = float(radius.max() / roots.max() ** power)
+    part = _FILLED * NARROW**options.murray_exponent * float(roots.min())
+    part = max(part, _LEAST_FED / options.terminals)
     near_mm = float(np.cbrt(part * tissue.volume_mm3))
     room = _Room(tissue, lines, radius, root * part**power, options.clearance_mm)
     deep = volume[-tissue.grid.distance(volume) >= room.need_mm]
-    ways = _Ways.through(tissue, deep[:_PLACES], 0.7 * room.need_mm, lines.points)
-    failed = 0
+    try:
+        ways = _Ways.through(tissue, deep[:_PLACES], _LINKED * room.need_mm, lines.points)
+    except GrowthError:
+        return lines, radius  # too thin for any
     while (site := int(np.argmax(ways.away))) >= 0 and ways.away[site] > near_mm:
         path = room.path_to(ways, site)
         if path is None:
-            failed += 1
             ways.leave(site, 0.5 * near_mm)
         else:
-            ways.take(path)
+            ways.take(_along(path[:-1], path[1:], near_mm / _FINE)[0])
     whole = with_shares(room.lines(), volume)
     own = root * whole.share[len(radius) :] ** power
-    LOG("perforators", len(own) // _PIECES, "failed", failed, "apart", near_mm, room.why, np.round(np.sort(own[::_PIECES] / root)[::-1][:12], 3))
     return whole, np.concatenate([radius, own])
 
 
@@ -111,9 +118,14 @@ class _Ways:
     _graph: csr_matrix
 
     @staticmethod
-    def through(
-        tissue: Tissue, places: FloatArray, depth_mm: float, vessels: FloatArray
-    ) -> _Ways:
+    def through(tissue: Tissue, places: FloatArray, depth_mm: float, vessels: FloatArray) -> _Ways:
+        """Places of a tissue, at least so deep, their ways from vessels (k, 3) measured.
+
+        Raises
+        ------
+        GrowthError
+            When too few hang together.
+        """
         layer = join_layer(tissue, places, depth_mm)
         graph = csr_matrix((layer.length, layer.to, layer.first), shape=(len(layer.points),) * 2)
         ways = _Ways(layer, np.full(len(layer.points), np.inf), graph)
@@ -149,7 +161,6 @@ class _Room:
     clearance_mm: float
     points: list[FloatArray] = field(default_factory=list)
     parent: list[int] = field(default_factory=list)
-    why: dict = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         lines = self.trunks
@@ -186,8 +197,9 @@ class _Room:
         return None
 
     def _smooth(self, line: FloatArray) -> FloatArray:
-        """A line in a few pieces, made smooth, that keeps away from the surface as far as it can."""
-        path = places_along(line, way := arc_lengths(line), np.linspace(0.0, way[-1], _PIECES + 1))
+        """A line in a few pieces, made smooth, as far from the surface as it needs if it can be."""
+        way = arc_lengths(line)
+        path = places_along(line, way, np.linspace(0.0, way[-1], _PIECES + 1))
         for _ in range(_BENDS):
             path[1:-1] = 0.5 * path[1:-1] + 0.25 * (path[:-2] + path[2:])
             lack = np.maximum(self.need_mm + self.tissue.grid.distance(path[1:-1]), 0.0)
@@ -195,11 +207,11 @@ class _Room:
         return path
 
     def _fits(self, start: int, path: FloatArray) -> bool:
+        """Whether a perforator lies in the tissue, clear of all that it doesn't begin beside."""
         places, _ = _along(path[:-1], path[1:], _STEP * self.narrow_mm)
         begin, near = np.linalg.norm(places - path[0], axis=1), float(self.radius[start])
         deep = -self.tissue.grid.distance(places[begin > near])
         if not len(deep) or (deep < self.need_mm).any():
-            self.why["out"] = self.why.get("out", 0) + 1
             return False
         own = _BETWEEN * (near + self.narrow_mm)
         others = np.linalg.norm(self._places - path[0], axis=1) > own
@@ -208,11 +220,10 @@ class _Room:
             return True
         gap = cKDTree(far).query(self._places[others])[0]
         clear = _ROOM * (self.narrow_mm + self._wide[others] + self.clearance_mm)
-        ok = bool((gap > clear).all())
-        if not ok: self.why["near"] = self.why.get("near", 0) + 1
-        return ok
+        return bool((gap > clear).all())
 
     def _lay(self, start: int, path: FloatArray) -> None:
+        """Lay a perforator, so that no other begins just beside it."""
         first = len(self.trunks.parent) + len(self.points)
         self.parent += [start, *range(first, first + len(path) - 2)]
         self.points += list(path[1:])
@@ -240,11 +251,3 @@ def _along(begin: FloatArray, end: FloatArray, step_mm: float) -> tuple[FloatArr
     number = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
     part = (number / np.maximum(count - 1, 1)[row])[:, None]
     return begin[row] + part * (end - begin)[row], row
-
-
-def _from_piece(points: FloatArray, begin: FloatArray, end: FloatArray) -> FloatArray:
-    """Distance (n,) of points from a straight piece."""
-    way = end - begin
-    part = np.clip((points - begin) @ way / max(float(way @ way), 1e-30), 0.0, 1.0)
-    found: FloatArray = np.linalg.norm(points - begin - part[:, None] * way, axis=1)
-    return found

@@ -83,12 +83,8 @@ def fitted_trees(
     done = tuple(with_flow(tree, flow) for tree in done)
     if shallow_mm is not None:
         done = risen_trees(tissue, done, mm, shallow_mm, partial(_costly, tissue, mm, ratio))
-    from design.anatomy.perforators import LOG
-    import time
-    t0 = time.process_time()
-    for round_ in range(AGAIN):
+    for _ in range(AGAIN):
         done, bad = curve_trees(tissue, _sunk(tissue, done, mm, ratio), mm, ratio, least)
-        LOG("fit", round_, "terminals", sum(int(t.terminals[0]) for t in done), "bad", len(bad[0]), len(bad[1]), "kinks", kinks(done), "cpu", time.process_time()-t0)
         least = SECOND
         if not _any(bad):
             final = trimmed(done, terminals)
