@@ -82,9 +82,9 @@ def clear_trunks(
         if not (later and tree.fork_later(a, b)):
             stuck.append((a, b))
     for a, b in stuck:
-        # What was joined on elsewhere, or feeds more by it, is judged once it is laid anew.
-        if not tree.touched[[a, b]].any():
-            gone[a if radius[a] < radius[b] else b] = True
+        thinner = a if radius[a] < radius[b] else b
+        # What feeds more by now, as another branch was joined on it, is judged once laid anew.
+        gone[thinner] |= tree.radius[thinner] <= radius[thinner]
     order, lines = in_order(TrunkLines(tree.points, tree.parent, tree.tree, tree.share))
     gone = np.append(gone, np.zeros(len(order) - len(gone), dtype=np.bool_))
     dropped, gone, radius = tree.dropped[order], gone[order], tree.radius[order]
