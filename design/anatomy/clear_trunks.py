@@ -20,8 +20,8 @@ _SPACING = 1.25
 """Room between trunks over what their radii and clearance ask for."""
 
 _ENOUGH = 0.5
-"""Depth over the radius below which a trunk counts as out of the tissue; what lacks a little is sunk
-once its radius is known."""
+"""Depth over the radius below which a trunk counts as out of the tissue; what lacks a little is
+sunk once its radius is known."""
 
 _SHORT = 1.0
 """Length over the radius from which on a piece that leaves the tissue is parted in two."""
