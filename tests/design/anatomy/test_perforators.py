@@ -58,7 +58,7 @@ def test_few_terminals_get_few_perforators(box):
 
 def test_without_room_there_are_none(box):
     lines, volume = trunk_along_the_top(box)
-    radius = 80.0 * lines.share ** (1 / 2.5)
+    radius = 300.0 * lines.share ** (1 / 2.5)
     whole, _ = with_perforators(box, lines, radius, volume, OPTIONS)
     assert len(whole.parent) == len(lines.parent)
 
