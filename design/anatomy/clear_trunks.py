@@ -19,13 +19,6 @@ _STUB = 4
 _SPACING = 1.25
 """Room between trunks over what their radii and clearance ask for."""
 
-_ENOUGH = 0.5
-"""Depth over the radius below which a trunk counts as out of the tissue; what lacks a little is
-sunk once its radius is known."""
-
-_SHORT = 1.0
-"""Length over the radius from which on a piece that leaves the tissue is parted in two."""
-
 _FORK = 6.0
 """Way from a fork to where its two branches are too near, over their radii, within which they fork
 later rather than one is left away."""
@@ -59,7 +52,7 @@ def clear_trunks(
     """Lines and radii with less in each other's way; None where nothing is.
 
     Two branches that are too near just after their fork fork a node later. Of other pairs the
-    thinner is left away with all below it, as is what leaves the tissue even in short pieces.
+    thinner is left away with all below it, as is what leaves the tissue.
 
     Parameters
     ----------
@@ -83,10 +76,7 @@ def clear_trunks(
         return None
     tree = _Branches(lines, laid.points, radius, options.murray_exponent)
     gone = np.zeros(len(radius), dtype=np.bool_)
-    for node in found.outside.tolist():
-        # A chord may cut a groove that shorter ones follow.
-        deep = -tissue.grid.distance(laid.points[node, None])[0] > _ENOUGH * radius[node]
-        gone[node] = not (later and deep and tree.part(node))
+    gone[found.outside] = True
     stuck: list[tuple[int, int]] = []
     for a, b in found.pairs.tolist():
         if not (later and tree.fork_later(a, b)):
@@ -149,38 +139,21 @@ class _Branches:
         heir = int(self.child[main])
         if self.touched[heir]:
             return True
-        node = self._between(main, heir)
+        node = len(self.parent)
+        for name in ("points", "laid"):
+            places = getattr(self, name)
+            middle = 0.5 * (places[main] + places[heir])
+            setattr(self, name, np.append(places, middle[None], axis=0))
+        for name, value in (("parent", main), ("count", 1), ("child", heir)):
+            setattr(self, name, np.append(getattr(self, name), value))
+        for name in ("tree", "share", "radius", "touched", "dropped"):
+            values = getattr(self, name)
+            setattr(self, name, np.append(values, values[heir]))
+        self.parent[heir] = node
         self._join_on(node, branch)
         self._carry(main, branch)
         self.touched[[fork, main, branch, heir, node]] = True
         return True
-
-    def part(self, node: int) -> bool:
-        """Part the piece that ends at a node in two, unless it is short; whether it could be."""
-        above = int(self.parent[node])
-        length = float(np.linalg.norm(self.laid[node] - self.laid[above]))
-        long = bool(length > _SHORT * self.radius[node])
-        if long and not self.touched[[node, above]].any():
-            middle = self._between(above, node)
-            self.touched[[node, above, middle]] = True
-        return long
-
-    def _between(self, above: int, below: int) -> int:
-        """Put a node midway between one and its child."""
-        node = len(self.parent)
-        for name in ("points", "laid"):
-            places = getattr(self, name)
-            middle = 0.5 * (places[above] + places[below])
-            setattr(self, name, np.append(places, middle[None], axis=0))
-        for name, value in (("parent", above), ("count", 1), ("child", below)):
-            setattr(self, name, np.append(getattr(self, name), value))
-        for name in ("tree", "share", "radius", "touched", "dropped"):
-            values = getattr(self, name)
-            setattr(self, name, np.append(values, values[below]))
-        self.parent[below] = node
-        if self.child[above] == below:
-            self.child[above] = node
-        return node
 
     def _join_on(self, main: int, branch: int) -> None:
         """Let the branch leave from ``main``, without its first node where that is no fork."""
@@ -225,8 +198,9 @@ def _clashes(
     clear = _SPACING * options.clearance_mm
     near = collisions(network, clear, _SPACING * options.clearance_ratio)
     pairs = piece[near.vessels] if near.count else np.empty((0, 2), dtype=np.int64)
+    # What lacks a little is sunk once its radius is known.
     inside = tissue.grid.capsule_inside(
-        lines.points[lines.parent[piece]], lines.points[piece], _ENOUGH * radius[piece]
+        lines.points[lines.parent[piece]], lines.points[piece], 0.5 * radius[piece]
     )
     enters = lines.parent[lines.parent[piece]] < 0
     return _Clashes(pairs, piece[~inside & ~enters])

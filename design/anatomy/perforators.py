@@ -22,7 +22,7 @@ NARROW: Final = 0.2
 """Radius over the root's that a perforator is to stay below: what is wider is a trunk, and belongs
 below the epicardium. Ours."""
 
-_FILLED: Final = 0.15
+_FILLED: Final = 0.25
 """Of what a perforator as wide as that feeds: part that each is planned for. Those that get more
 than their share stay below it, then."""
 
@@ -54,7 +54,7 @@ _PLACES: Final = 6000
 _FINE: Final = 8.0
 """Places along a perforator for each such distance that it serves."""
 
-_LEAST_FED: Final = 8
+_LEAST_FED: Final = 12
 """Terminals that a perforator is planned for at least."""
 
 

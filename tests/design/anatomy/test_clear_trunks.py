@@ -22,17 +22,6 @@ def tissue() -> Tissue:
     return tissue_from_surface(shape.vertices, shape.faces)
 
 
-def notched() -> tuple[np.ndarray, np.ndarray]:
-    """A block of 40 × 20 × 20 mm with a groove of 3 mm across its top, 8 mm wide."""
-    section = [(0, 0), (40, 0), (40, 20), (24, 20), (20, 17), (16, 20), (0, 20)]
-    front, back = ([(x, y, z) for x, z in section] for y in (0, 20))
-    fan = [(4, k % 7, (k + 1) % 7) for k in range(5, 10)]
-    caps = [*fan, *((7 + a, 7 + c, 7 + b) for a, b, c in fan)]
-    pairs = [(k, (k + 1) % 7) for k in range(7)]
-    sides = [t for a, b in pairs for t in ((b, a, a + 7), (b, a + 7, b + 7))]
-    return np.array([*front, *back], dtype=float), np.array([*caps, *sides])
-
-
 def forked(degrees: float, steps: int = 12) -> tuple[TrunkLines, np.ndarray]:
     """A stem along x in the block's middle that forks into two, a millimetre from node to node."""
     low, high = tissue().bounds
@@ -149,17 +138,3 @@ def test_a_thin_branch_in_the_way_does_not_take_the_wide_one_that_was_joined_on_
     ends = after.points[after.child_count() == 0].tolist()
     assert points[4].tolist() in ends
     assert points[5].tolist() in ends
-
-
-def test_a_chord_across_a_groove_is_parted_rather_than_left_away():
-    """A heart's circumflex ended where one piece cut the bottom of its groove."""
-    shape = tissue_from_surface(*notched())
-    points = np.array([[5, 10, 18], [9, 10, 18.5], [14, 10, 18.5], [26, 10, 18.5], [35, 10, 18.5]])
-    lines = TrunkLines(points.astype(float), np.arange(5) - 1, np.zeros(5, int), np.ones(5))
-    radius = np.full(5, 0.8)
-    found = clear_trunks(shape, lines, lines, radius, OPTIONS)
-    assert found is not None
-    after, wide = found
-    assert after.points[after.child_count() == 0].tolist() == [[35.0, 10.0, 18.5]]
-    np.testing.assert_allclose(after.points[3], [20.0, 10.0, 18.5])
-    assert wide.tolist() == [0.8] * 6
