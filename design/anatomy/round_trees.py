@@ -96,9 +96,6 @@ def fitted_trees(
             # Most spare terminals go, and what that bends or widens is mended.
             done = _spared(done, terminals)
             bad = misfits(tissue, done, mm, ratio)
-        if _dear(done, *bad).any():
-            done = push_apart(tissue, done, mm, ratio)
-            bad = misfits(tissue, done, mm, ratio)
         given = np.concatenate([tree.given for tree in done])
         # Trunks that reach out are sunk deeper next time.
         done = without_collisions(done, bad[0], bad[1][~given[bad[1]]])
