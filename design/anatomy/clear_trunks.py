@@ -77,9 +77,14 @@ def clear_trunks(
     tree = _Branches(lines, laid.points, radius, options.murray_exponent)
     gone = np.zeros(len(radius), dtype=np.bool_)
     gone[found.outside] = True
+    stuck: list[tuple[int, int]] = []
     for a, b in found.pairs.tolist():
         if not (later and tree.fork_later(a, b)):
-            gone[a if radius[a] < radius[b] else b] = True
+            stuck.append((a, b))
+    for a, b in stuck:
+        thinner = a if radius[a] < radius[b] else b
+        # What feeds more by now, as another branch was joined on it, is judged once laid anew.
+        gone[thinner] |= tree.radius[thinner] <= radius[thinner]
     order, lines = in_order(TrunkLines(tree.points, tree.parent, tree.tree, tree.share))
     gone = np.append(gone, np.zeros(len(order) - len(gone), dtype=np.bool_))
     dropped, gone, radius = tree.dropped[order], gone[order], tree.radius[order]

@@ -25,7 +25,7 @@ from design.vasculature.growth.grow import SPREADS
 from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
-from design.vasculature.treemath import tree_radii
+from design.vasculature.treemath import downward_order, tree_radii
 from kernels.arrays import FloatArray
 
 DEPTH_MARGIN = 1.03
@@ -63,7 +63,9 @@ class TrunkPlan:
     keep : function of (n, 3) to (n, 3), optional
         Brings nodes back to a zone, after they were brought to their depth.
     branches : function of lines and radii to both, optional
-        Adds trunks that leave the laid ones.
+        Adds branches that leave the laid trunks.
+    branches_are_trunks : bool
+        Whether they count as trunks in the grown trees.
     each : tuple of GrowthOptions
         Of each tree, where all of them serve the whole tissue; else they share it.
     tries : int
@@ -76,6 +78,7 @@ class TrunkPlan:
     wider: float = WIDER
     keep: Callable[[FloatArray], FloatArray] | None = None
     branches: Callable[[TrunkLines, FloatArray], tuple[TrunkLines, FloatArray]] | None = None
+    branches_are_trunks: bool = True
     each: tuple[GrowthOptions, ...] = ()
     tries: int = len(SPREADS)
 
@@ -108,7 +111,27 @@ def grow_from_plan(
             break
         # Which trunk feeds what differs a little from one growth to the next.
         radius = RADIUS_MARGIN * grown
+    if not plan.branches_are_trunks:
+        trees = tuple(_with_trunks(tree, smooth.points, thin.points) for tree in trees)
     return trees, smooth
+
+
+def _with_trunks(tree: VesselTree, trunks: FloatArray, planned: FloatArray) -> VesselTree:
+    """The tree with only those segments ``given`` that lie between nodes of trunks (n, 3).
+
+    The given ones lie between all ``planned`` nodes (m, 3). A piece that was parted belongs to
+    what its end does.
+    """
+    trunk = {place.tobytes() for place in trunks}
+    other = {place.tobytes() for place in planned} - trunk
+    given = tree.given.copy()
+    for i in downward_order(tree.children)[::-1].tolist():
+        end = tree.distal[i].tobytes()
+        if not given[i] or end in trunk:
+            continue
+        below = [child for child in tree.children[i].tolist() if child >= 0 and tree.given[child]]
+        given[i] = end not in other and any(given[child] for child in below)
+    return replace(tree, given=given)
 
 
 def trunk_radii(lines: TrunkLines, trees: Sequence[VesselTree]) -> FloatArray:

@@ -8,14 +8,22 @@ from typing import Final
 
 import numpy as np
 
-from design.anatomy.from_trunks import TrunkPlan
+from design.anatomy.from_trunks import DEPTH_MARGIN, TrunkPlan
 from design.anatomy.graph_trunk import LayerForest
 from design.anatomy.grown import AnatomicTrees, Trees, grow_fitted
 from design.anatomy.heart_places import FEWEST, HeartPlaces, find_heart_places
-from design.anatomy.heart_trunk import LEFT, RIGHT, heart_forest, heart_layer, ostium_above
+from design.anatomy.heart_trunk import (
+    LEFT,
+    RIGHT,
+    heart_forest,
+    heart_layer,
+    narrow_places,
+    ostium_above,
+)
 from design.anatomy.main_branches import missing_branches
 from design.anatomy.network import curved_network
 from design.anatomy.openness import SurfaceSamples, sample_surface
+from design.anatomy.perforators import with_perforators
 from design.anatomy.trunk_count import trunk_ends
 from design.anatomy.trunk_lines import TrunkLines, lines_of
 from design.errors import GrowthError
@@ -23,6 +31,7 @@ from design.measures.published_radii import PublishedMatch, published_match
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.units import PA_PER_MMHG
+from design.vasculature.growth.forest import likely_radius
 from design.vasculature.growth.parts import check_inlet
 from design.vasculature.growth.supply import check_one_part
 from design.vasculature.growth.territories import demand_points
@@ -30,6 +39,9 @@ from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 
 Place = tuple[float, float, float]
+
+_DROPS: Final = 2
+"""Other pressure drops that are tried at most."""
 
 NAMES: Final = ("left_coronary", "right_coronary")
 
@@ -67,7 +79,7 @@ class HeartAnatomy:
     right_ostium_mm: Place | None = None
     trunk_ends: int = 600
     trunk_depth_mm: float = 0.3
-    balance: float = 0.25
+    balance: float = 0.5
     published_radii: bool = False
 
 
@@ -95,11 +107,18 @@ def grow_heart(
     for tree, place in given.items():
         check_inlet(tissue, NAMES[tree], place)
     near = {tree: np.array(place) for tree, place in given.items() if place is not None}
-    forest, branches = heart_forest(layer, places, ends, anatomy.balance, near)
+    wide = DEPTH_MARGIN * likely_radius(tissue, options) + options.clearance_mm
+    narrow = narrow_places(tissue, layer, wide)
+    forest, branches = heart_forest(layer, places, ends, anatomy.balance, near, narrow)
     begins = {tree: _begin(forest, tree, given) for tree in given}
     ostia = {t: ostium_above(tissue, layer.points[i], places.base) for t, i in begins.items()}
     volume, _ = demand_points(tissue, _VOLUME, options.seed)
-    plan = TrunkPlan(lines_of(forest, ostia, volume), anatomy.trunk_depth_mm)
+    plan = TrunkPlan(
+        lines_of(forest, ostia, volume),
+        anatomy.trunk_depth_mm,
+        branches=lambda lines, radius: with_perforators(tissue, lines, radius, volume, options),
+        branches_are_trunks=False,
+    )
     trees = grow_fitted(tissue, plan, options)
     if anatomy.published_radii:
         trees = _with_published_radii(trees, tissue, plan, options)
@@ -120,19 +139,22 @@ def _with_published_radii(
     Trees that don't fit then, lack trunks or are farther from the table aren't taken: there are
     some already, so that vessels that find no room aren't tried again from other random numbers.
     """
+    once, least = replace(plan, tries=1), _LAID * _trunks_mm(trees)
     match = _published_match(trees)
-    if match.factor == 1.0:
-        return trees
-    drop = options.pressure_drop_pa / match.factor**4
-    once = replace(plan, tries=1)
-    try:
-        other = grow_fitted(tissue, once, replace(options, pressure_drop_pa=drop))
-    except GrowthError:
-        return trees
-    # Wider trunks that cost many branches aren't worth nearer figures.
-    whole = _trunks_mm(other) > _LAID * _trunks_mm(trees)
-    nearer = _published_match(other).farthest_sd < match.farthest_sd
-    return other if whole and nearer else trees
+    for _ in range(_DROPS):
+        if match.factor == 1.0:
+            break
+        drop = trees[0].pressure_drop_pa / match.factor**4
+        try:
+            other = grow_fitted(tissue, once, replace(options, pressure_drop_pa=drop))
+        except GrowthError:
+            break
+        # Wider trunks that cost many branches aren't worth nearer figures.
+        found = _published_match(other)
+        if _trunks_mm(other) <= least or found.farthest_sd >= match.farthest_sd:
+            break
+        trees, match = other, found
+    return trees
 
 
 def _published_match(trees: Sequence[VesselTree]) -> PublishedMatch:

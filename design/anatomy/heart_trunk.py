@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.anatomy.graph_trunk import LayerForest, apart_for, cheapest_path, spread_sites
 from design.anatomy.heart_places import HeartPlaces
@@ -30,7 +31,17 @@ _CIRCUMFLEX_ENDS = np.radians(35.0)
 _POSTERIOR_ENDS = 0.72
 """Part of the way from base to apex that the posterior interventricular branch goes."""
 
+_COARSE = (4.0, 2.0, 1.0)
+"""Distances of side branches, over the last: the longest branches come first, so that a main branch
+parts into some nearly as wide, not into many narrow ones along one long way."""
+
 _WAYPOINT = np.radians(30.0)
+
+_DEEP = 0.95
+"""Of a depth, what a place must have."""
+
+_NARROW = 6.0
+"""Cost of a main branch's way where the wall has no room for it, over that elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -43,15 +54,17 @@ class _Epicardium:
     ring: FloatArray
     extent: float
     radius: FloatArray
+    cost: FloatArray
 
     def at_ring(self, angle: float) -> int:
         """The place in the atrioventricular groove at an angle."""
         off = np.abs(wrapped(self.angle - angle)) * np.maximum(self.radius, 1e-9)
-        return int(np.argmin(off + 2.0 * np.abs(self.height - self.ring)))
+        away = off + 2.0 * np.abs(self.height - self.ring)
+        return int(np.argmin(away + (self.cost - 1.0) * 0.05 * self.extent))
 
     def along_ring(self, begin: float, end: float) -> IntArray:
         """Places from one angle to another through the groove, the way the angles go."""
-        weight = 1.0 + 25.0 * np.abs(self.height - self.ring) / self.extent
+        weight = self.cost * (1.0 + 25.0 * np.abs(self.height - self.ring) / self.extent)
         steps = max(1, round(abs(end - begin) / _WAYPOINT))
         stops = [self.at_ring(angle) for angle in np.linspace(begin, end, steps + 1)]
         return joined_paths(self.layer, weight, stops)
@@ -59,7 +72,8 @@ class _Epicardium:
     def along_groove(self, start: int, angle: float, end: int) -> IntArray:
         """Places from ``start`` down a groove to ``end``."""
         off = np.abs(wrapped(self.angle - angle)) * self.radius
-        return cheapest_path(self.layer, 1.0 + 25.0 * off / self.extent, start, end)
+        weight = self.cost * (1.0 + 25.0 * off / self.extent)
+        return cheapest_path(self.layer, weight, start, end)
 
 
 def wrapped(angle: FloatArray) -> FloatArray:
@@ -88,12 +102,20 @@ def heart_layer(
     return join_layer(tissue, points[deep], 0.5 * depth_mm)
 
 
+def narrow_places(tissue: Tissue, layer: Layer, depth_mm: float) -> NDArray[np.bool_]:
+    """Places (n,) of the layer below which the tissue isn't so deep."""
+    deeper = depth_mm + tissue.grid.distance(layer.points)
+    below = layer.points - deeper[:, None] * outward(tissue, layer.points)
+    return np.asarray(-tissue.grid.distance(below) < _DEEP * depth_mm)
+
+
 def heart_forest(
     layer: Layer,
     places: HeartPlaces,
     ends: int,
     balance: float,
     ostia: dict[int, FloatArray] | None = None,
+    narrow: NDArray[np.bool_] | None = None,
 ) -> tuple[LayerForest, tuple[MainBranch, ...]]:
     """Left and right coronary over the epicardium, with so many ends together; main branches.
 
@@ -104,13 +126,16 @@ def heart_forest(
     ----------
     ostia : of LEFT and RIGHT, (3,) float64, mm, optional
         Where the coronaries begin, in place of the found ones.
+    narrow : (n,) bool, optional
+        Places of the layer that main branches go round, as far as that isn't much longer.
     """
     if ends < 6:
         raise GrowthError(f"{ends} trunk ends are too few for two coronaries; ask for 6 at least")
-    epi = _epicardium(layer, places)
+    epi = _epicardium(layer, places, narrow)
     front, back = places.grooves
     back += 2 * np.pi
-    forest = LayerForest(layer, balance, layer.length.copy(), apart_for(layer, ends))
+    apart = apart_for(layer, ends)
+    forest = LayerForest(layer, balance, layer.length.copy(), apart)
     apex = int(np.argmin(epi.height))
     begin = {LEFT: front + _LEFT_OF_GROOVE, RIGHT: front - _RIGHT_OF_GROOVE}
     for tree, place in (ostia or {}).items():
@@ -135,7 +160,10 @@ def heart_forest(
         MainBranch("posterior descending branch", RIGHT, layer.points[posterior]),
     )
     taken = layer.points[np.flatnonzero(forest.parent > -2)]
-    forest.join(spread_sites(layer.points, 3 * ends, taken))
+    sites = spread_sites(layer.points, 3 * ends, taken)
+    for coarse in _COARSE:
+        forest.apart = coarse * apart
+        forest.join(sites)
     return forest, branches
 
 
@@ -167,13 +195,14 @@ def _extend_free(forest: LayerForest, path: IntArray) -> None:
     forest.extend(path[max(first - 1, 0) : end])
 
 
-def _epicardium(layer: Layer, places: HeartPlaces) -> _Epicardium:
+def _epicardium(layer: Layer, places: HeartPlaces, narrow: NDArray[np.bool_] | None) -> _Epicardium:
     height, angle = places.height(layer.points), places.angle(layer.points)
     extent = float(np.ptp(height))
     rim = _rim(height, angle)
     along = layer.points - places.middle
     radius = np.linalg.norm(along - np.outer(along @ places.base, places.base), axis=1)
-    return _Epicardium(layer, height, angle, rim - _BELOW_RING * extent, extent, radius)
+    cost = np.ones(len(height)) if narrow is None else np.where(narrow, _NARROW, 1.0)
+    return _Epicardium(layer, height, angle, rim - _BELOW_RING * extent, extent, radius, cost)
 
 
 def _rim(height: FloatArray, angle: FloatArray, sectors: int = 36) -> FloatArray:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from design.anatomy.curves import STRAIGHT, Lines, curve_tree, main_children, turns
 from design.anatomy.prune_terminals import trimmed, with_flow, without_collisions
+from design.anatomy.push_apart import push_apart
 from design.anatomy.rise import risen_trees
 from design.anatomy.sink import sink_trunk
 from design.errors import GrowthError
@@ -44,6 +45,8 @@ JOINT_RESERVE = 0.95
 shrink, and joints reach less far, when the terminals to spare go."""
 _CHEAP = 0.002
 """Of the terminals, which may go for a vessel that lies in a rising trunk's way."""
+_PUSHES = 3
+"""Rounds in which vessels that feed many are pushed apart rather than taken away."""
 _STUCK = 3
 """Rounds that mend nothing, after which curves are left as they are."""
 
@@ -106,10 +109,16 @@ def fitted_trees(
 def _costly(tissue: Tissue, mm: float, ratio: float, trees: Trees) -> IntArray:
     """Pairs too near that would cost more than a few terminals. What reaches out is sunk next."""
     pairs, _ = misfits(tissue, trees, mm, ratio)
+    both = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    return np.unique(both[_dear(trees, pairs, both[:0, 0])])
+
+
+def _dear(trees: Trees, pairs: list[list[int]], out: IntArray) -> NDArray[np.bool_]:
+    """Which pairs, and then which segments that reach out, would cost more than a few terminals."""
     fed = np.concatenate([tree.terminals for tree in trees])
     both = np.array(pairs, dtype=np.int64).reshape(-1, 2)
     few = _CHEAP * sum(int(tree.terminals[0]) for tree in trees)
-    return np.unique(both[fed[both].min(axis=1) > few])
+    return np.concatenate([fed[both].min(axis=1), fed[out]]) > few
 
 
 def _risen(tissue: Tissue, trees: Trees, mm: float, ratio: float, shallow_mm: float) -> Trees:
@@ -139,9 +148,13 @@ def _sunk(tissue: Tissue, trees: Trees, clearance_mm: float, clearance_ratio: fl
     """Trees whose trunks lie deep enough, without what then doesn't fit."""
     for left in range(AGAIN - 1, -1, -1):
         trees = tuple(sink_trunk(tissue, tree, clearance_mm) for tree in trees)
-        pairs, out = misfits(tissue, trees, clearance_mm, clearance_ratio)
-        if not _any((pairs, out)):
+        bad = misfits(tissue, trees, clearance_mm, clearance_ratio)
+        if left >= AGAIN - _PUSHES and _dear(trees, *bad).any():
+            trees = push_apart(tissue, trees, clearance_mm, clearance_ratio)
+            bad = misfits(tissue, trees, clearance_mm, clearance_ratio)
+        if not _any(bad):
             break
+        pairs, out = bad
         # A trunk that still reaches out is sunk further, rather than taken away with its branches.
         trunk = np.concatenate([tree.given for tree in trees])
         trees = without_collisions(trees, pairs, out if left == 0 else out[~trunk[out]])

@@ -14,6 +14,9 @@ from design.network import FloatArray, VesselKind, VesselNetwork
 _FACTORS: Final = np.exp(0.02 * np.arange(1, 26))
 """Tried upwards and downwards: to 1.65 and 0.61, pressure drops of a seventh and the sevenfold."""
 
+_FURTHER: Final = 6
+"""Factors that are tried after the first that fits: trees grown anew differ a little."""
+
 _FEWEST_ORDERS: Final = 4
 
 
@@ -27,7 +30,7 @@ class PublishedMatch:
         Distance of the figure farthest from its published mean, in standard deviations; infinite
         where too few orders are judged.
     factor : float
-        On all radii, nearest to 1, that would bring every figure within one standard deviation.
+        On all radii, near to 1, that would bring every figure within one standard deviation.
     """
 
     farthest_sd: float
@@ -63,12 +66,13 @@ def published_match(network: VesselNetwork, name: str) -> PublishedMatch:
     ours = _farthest_sd(table, forest, length, wide)
     if ours <= 1.0 or not np.isfinite(ours):
         return PublishedMatch(ours, 1.0)
-    best, least = 1.0, ours
+    best, least, further = 1.0, ours, _FURTHER
     for factor in np.column_stack([_FACTORS, 1.0 / _FACTORS]).ravel().tolist():
         off = _farthest_sd(table, forest, length, factor * wide)
         if off < least:
             best, least = factor, off
-        if off <= 1.0:
+        further -= least <= 1.0
+        if further < 0:
             break
     return PublishedMatch(ours, best)
 

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from design.anatomy import clear_trunks as clear_trunks_module
 from design.anatomy.clear_trunks import clear_trunks
 from design.anatomy.trunk_lines import TrunkLines
 from design.errors import GrowthError
@@ -120,3 +121,20 @@ def test_branches_that_fork_at_once_move_on_too():
     assert after.child_count().max() == 2
     below = after.parent[1:]
     assert (wide[1:] <= wide[below] * (1 + 1e-9)).all()
+
+
+def test_a_thin_branch_in_the_way_does_not_take_the_wide_one_that_was_joined_on_it(monkeypatch):
+    """A heart's circumflex was laid along 14 % of its way: the rest hung on a twig that went."""
+    wide = [[12, 0, 0], [22, 3, 0], [22, -3, 0]]
+    thin = [[11.8, 0.4, 0], [13, 4, 0], [14, 8, 0]]
+    points = np.array([[0, 0, 0], [5, 0, 0], [10, 0, 0], *wide, *thin], dtype=float)
+    parent = np.array([-1, 0, 1, 2, 3, 3, 2, 6, 7])
+    share = np.array([1.0, 1.0, 1.0, 0.9, 0.5, 0.4, 0.1, 0.1, 0.1])
+    lines = TrunkLines(points, parent, np.zeros(9, int), share)
+    radius = np.array([1.0, 1.0, 1.0, 0.9, 0.7, 0.6, 0.1, 0.1, 0.1])
+    found = clear_trunks_module._Clashes(np.array([[4, 6], [3, 6]]), np.empty(0, dtype=np.int64))
+    monkeypatch.setattr(clear_trunks_module, "_clashes", lambda *_: found)
+    after, _ = clear_trunks(tissue(), lines, lines, radius, OPTIONS)
+    ends = after.points[after.child_count() == 0].tolist()
+    assert points[4].tolist() in ends
+    assert points[5].tolist() in ends

@@ -28,10 +28,22 @@ def test_a_heart_gets_another_pressure_drop_where_that_is_nearer_to_published_ra
 
 
 @pytest.mark.slow
+def test_a_drop_that_comes_nearer_is_corrected_once_more(monkeypatch):
+    """A heart was 0.2 sd off with the drop that should have brought it within."""
+    first, then = PublishedMatch(2.0, 1.1), PublishedMatch(1.2, 1.05)
+    matches = iter([first, then, PublishedMatch(0.9, 1.0)])
+    monkeypatch.setattr("design.anatomy.heart.published_match", lambda *_: next(matches))
+    few = replace(HEART, terminals=40)
+    made = grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
+    wanted = HEART.pressure_drop_pa / (1.1 * 1.05) ** 4
+    assert [tree.pressure_drop_pa for tree in made.trees] == pytest.approx([wanted] * 2)
+
+
+@pytest.mark.slow
 def test_another_drop_that_costs_main_branches_is_not_taken(monkeypatch):
     """A heart of 80 mm lost 29 % of its trunks to radii nearer to the published ones."""
     matches = iter([PublishedMatch(2.0, 1.1), PublishedMatch(0.9, 1.0)])
-    lengths = iter([80.0, 100.0, 100.0])
+    lengths = iter([100.0, 80.0, 100.0])
     monkeypatch.setattr("design.anatomy.heart.published_match", lambda *_: next(matches))
     monkeypatch.setattr("design.anatomy.heart._trunks_mm", lambda _: next(lengths))
     few = replace(HEART, terminals=40)
