@@ -89,5 +89,5 @@ def test_forks_too_narrow_for_their_radii_lose_no_branch():
     tissue = tissue_from_surface(shape.vertices, shape.faces)
     crowded = replace(HEART, terminals=160, pressure_drop_pa=970.0, seed=3)
     made = grow_heart(tissue, crowded, HeartAnatomy(trunk_ends=40))
-    assert trunk_length(made.trees) > 320.0
+    assert trunk_length(made.trees) > 300.0
     assert not any("were left out" in note for note in made.notes)
