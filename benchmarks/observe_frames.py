@@ -3,9 +3,8 @@
 Arguments: COUNT and the first SEED. Each camera gets a lens by a board (corners by the checker's
 own projection, 0.06 px noise), an insert made with errors, a picture of it, ties to the printer
 (crosses touched to 20 µm, or printed squares or a frame, each line laid to 20 µm, found in the
-picture), and
-a bump of 100 µm with marks hidden. Tips are found apart, by a lone camera or by two. Truth is the
-checker's (`checkers/dish_camera.py`, `checkers/needle_camera.py`).
+picture), and a bump of 100 µm with marks hidden. Tips are found apart, by a lone camera or by two.
+Truth is the checker's (`checkers/dish_camera.py`, `checkers/needle_camera.py`).
 """
 
 from __future__ import annotations
@@ -153,19 +152,8 @@ def _squares(rig: Rig) -> list[tuple[np.ndarray, np.ndarray]]:
     at = ",".join(f"{value:.3f}" for value in rig.target)
     with tempfile.TemporaryDirectory() as folder:
         job = Path(folder) / "squares.gcode"
-        words = (
-            "--needle",
-            "22g",
-            "--width",
-            "0.4",
-            "--dish",
-            "petri_60mm",
-            "--at",
-            at,
-            "-o",
-            str(job),
-        )
-        done = CliRunner().invoke(app, ["calibrate", "pattern", "squares", *words, "-o", str(job)])
+        words = f"--needle 22g --width 0.4 --dish petri_60mm --at {at} -o {job}".split()
+        done = CliRunner().invoke(app, ["calibrate", "pattern", "squares", *words])
         if done.exit_code != 0:
             raise SystemExit(done.output)
         tip, pushed, lines = np.zeros(3), 0.0, []

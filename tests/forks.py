@@ -3,9 +3,9 @@
 To import and collect all tests takes twenty seconds of a core, and pytest-xdist does it in each
 worker. Here it is done once, and each worker is a fork of what was collected. A file is the unit of
 work, as with ``--dist loadfile``; files are handed out in the order of the collection, but a worker
-ends a folder before it begins another. Tests in a
-browser have workers of their own, ``--browsers`` of them, until they are done; a file of them that
-failed beside others is tried once more at the end, alone. A worker that dies fails the test it was
+ends a folder before it begins another. Tests in a browser have workers of their own,
+``--browsers`` of them, until they are done; a file of them that failed beside others is tried once
+more at the end, alone. A worker that dies fails the test it was
 at; a new one does the rest.
 """
 

@@ -47,6 +47,7 @@ def flow(
     input file of svZeroDSolver (.json) is stepped through its cycles instead, one of openBF
     (.yaml) is solved as waves.
     """
+    # What isn't handed on is read from the context, by the options' names.
     case = read_case(network)
     if case is not None:
         _say(run_case(context, case, network, out), as_json)

@@ -30,11 +30,11 @@ def listed_kernels(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def planar_recipe(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The shipped planar recipe; in CI with few layers and lines, a 24th of the voxels."""
+    """The shipped planar recipe; in CI with few layers and lines, a 14th of the voxels."""
     coarse: dict[str, Any] = {
         "toolpath": {"layer_um": 100, "line_um": 250},
-        "scan": {"voxel_um": [80, 80, 36]},
-        "registration": {"diameter_tolerance_percent": 25},
+        "scan": {"voxel_um": [60, 60, 36]},
+        "registration": {"diameter_tolerance_percent": 20},
     }
     changes = {} if "PRINTCTL_NIGHTLY" in os.environ else coarse
     return recipe_file(tmp_path_factory.mktemp("recipe"), "planar_fresh", **changes)
