@@ -148,7 +148,8 @@ def _read(data: dict[str, Any]) -> WrittenPattern:
     )
     x, y = data["size_mm"]
     pattern = Pattern(data["name"], Bead(**data["bead"]), (x, y), tuple(strokes), questions)
-    at = data.get("at_mm")
-    if at is not None:
-        at = (float(at[0]), float(at[1]), float(at[2]))
-    return WrittenPattern(pattern, PatternSetUp(**data["mounted"]), at)
+    mounted = PatternSetUp(**data["mounted"])
+    if data.get("at_mm") is None:
+        return WrittenPattern(pattern, mounted)
+    at_x, at_y, at_z = map(float, data["at_mm"])
+    return WrittenPattern(pattern, mounted, (at_x, at_y, at_z))

@@ -23,8 +23,8 @@ def squares_pattern(bead: Bead, across_mm: float, speed_mm_s: float) -> Pattern:
     """Squares in a circle, and a line beyond each side: straight lines that don't meet.
 
     Each line of ink lies off by some 20 µm of its own, so what a camera is tied to by four sides of
-    a small square is off by that, and by more where it is prolonged. Sixteen lines as far apart as
-    the dish lets them bring it below that everywhere in the dish.
+    a small square is off by that, and by more where it is prolonged. Sixteen lines (fewer in a
+    small dish) as far apart as the dish lets them bring it below that everywhere in the dish.
 
     Parameters
     ----------

@@ -200,6 +200,9 @@ def test_a_pattern_s_file_that_was_changed_is_refused(tmp_path: Path) -> None:
         path.write_text(text)
         with pytest.raises(UsageError, match=says):
             read_pattern(path)
+    path.write_text(json.dumps(said | {"at_mm": [1, 2]}))
+    with pytest.raises(UsageError, match="isn't whole"):
+        read_pattern(path)
     del said["strokes"]
     path.write_text(json.dumps(said))
     with pytest.raises(UsageError, match="isn't whole"):
