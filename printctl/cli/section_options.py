@@ -67,7 +67,9 @@ class SectionOptions:
         """
         given = {name: asked[name] for name in self.fields() if asked[name] is not None}
         if given and self.flag and not asked[self.at[-1]]:
-            raise needs_another(next(iter(given)), self.at[-1])
+            first = next(iter(given))
+            word = f"no_{first}" if given[first] is False else first
+            raise needs_another(word, self.at[-1])
         return {self.fields()[name]: _value(name, value) for name, value in given.items()}
 
 

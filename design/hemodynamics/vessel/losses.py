@@ -115,8 +115,9 @@ def loss_terms(
     Raises
     ------
     FlowError
-        For a stenosis in no vessel, or longer than its vessel.
+        For a stenosis in no vessel, or stenoses longer than their vessel.
     """
+    _check(network, losses.stenoses)
     head = 0.5 * density / (np.pi * radius**2) ** 2
     meets = network.degree() >= 3
     first, last = network.vessel_nodes.T
@@ -124,7 +125,6 @@ def loss_terms(
     back = losses.junction * np.where(meets[last], head, 0.0)
     viscous = np.zeros(network.vessel_count)
     for each in losses.stenoses:
-        _check(network, each)
         v, share = each.vessel, each.diameter_share
         whole, narrow = 2.0 * radius[v], 2.0 * radius[v] * share
         apparent = 0.83 * each.length_mm + 1.64 * narrow
@@ -134,15 +134,19 @@ def loss_terms(
     return LossTerms(viscous, forth, back)
 
 
-def _check(network: VesselNetwork, stenosis: Stenosis) -> None:
-    if not 0 <= stenosis.vessel < network.vessel_count:
-        raise FlowError(
-            f"a stenosis is in vessel {stenosis.vessel}, and the network has 0 to "
-            f"{network.vessel_count - 1}"
-        )
-    length = float(network.lengths()[stenosis.vessel])
-    if stenosis.length_mm > length:
-        raise FlowError(
-            f"the stenosis in vessel {stenosis.vessel} is {stenosis.length_mm:g} mm long, and the "
-            f"vessel {length:g} mm"
-        )
+def _check(network: VesselNetwork, stenoses: tuple[Stenosis, ...]) -> None:
+    whole = network.lengths()
+    narrow: dict[int, float] = {}
+    for each in stenoses:
+        if not 0 <= each.vessel < network.vessel_count:
+            raise FlowError(
+                f"a stenosis is in vessel {each.vessel}, and the network has 0 to "
+                f"{network.vessel_count - 1}"
+            )
+        narrow[each.vessel] = narrow.get(each.vessel, 0.0) + each.length_mm
+    for vessel, length in narrow.items():
+        if length > whole[vessel]:
+            raise FlowError(
+                f"the stenosis in vessel {vessel} is {length:g} mm long (several count together), "
+                f"and the vessel {whole[vessel]:g} mm"
+            )

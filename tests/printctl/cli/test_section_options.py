@@ -99,7 +99,7 @@ def test_what_one_word_can_not_say_is_no_option() -> None:
         (("--depth-mm", "0"), "--depth-mm: must be above 0 (is 0.0)"),
         (("--bath", "--warmth-c", "90"), "--warmth-c: must be at most 60 (is 90.0)"),
         (("--warmth-c", "30"), "--warmth-c is for --bath; add that, or leave it out"),
-        (("--no-stirred",), "--stirred is for --bath"),
+        (("--no-stirred",), "--no-stirred is for --bath"),
         (("--colours", "no.csv"), "--colours no.csv isn't there, or no file"),
         (("--colour", "green"), "'blue'"),
     ],
