@@ -75,7 +75,7 @@ class SectionOptions:
 
 def parameters(groups: Sequence[SectionOptions]) -> list[inspect.Parameter]:
     """The sections' options, as typer takes them of a command's signature; all may be left out."""
-    names = {key: name for group in groups for name, key in group.fields().items() if name == key}
+    names = _plain_names(groups)
     made = []
     for group in groups:
         if group.flag:
@@ -120,7 +120,8 @@ def wrong_option(exc: ValidationError, groups: Sequence[SectionOptions], what: s
         (*group.at, key): option(name) for group in groups for name, key in group.fields().items()
     }
     if place not in options:
-        return UsageError(f"{'.'.join(place) or what}: {wording(first)}")
+        said = _with_options(wording(first), _plain_names(groups))
+        return UsageError(f"{'.'.join(place) or what}: {said}")
     if first["type"] == "missing":
         return UsageError(f"{options[place]} {wording(first)}; give it")
     return UsageError(f"{options[place]}: {wording(first)} (is {first['input']!r})")
@@ -160,8 +161,13 @@ def _keyword(name: str, annotation: Any, default: Any) -> inspect.Parameter:
     )
 
 
+def _plain_names(groups: Sequence[SectionOptions]) -> dict[str, str]:
+    """Options, by their fields, that are named like these."""
+    return {key: name for group in groups for name, key in group.fields().items() if name == key}
+
+
 def _with_options(words: str, names: Mapping[str, str]) -> str:
-    """A field's description, naming options where it names fields."""
+    """A field's description or refusal, naming options where it names fields."""
     return re.sub(
         r"\w+_\w+", lambda one: option(names[one[0]]) if one[0] in names else one[0], words
     )

@@ -94,7 +94,7 @@ def test_a_broken_json_file_is_told_of_as_such(tmp_path: Path) -> None:
     ("options", "words"),
     [
         (("--period-s", "1"), "--period-s is for pulsatile flow"),
-        (("--amplitude-ml-min", "0.1"), "give period_s"),
+        (("--amplitude-ml-min", "0.1"), "give --period-s"),
         (("--amplitude-ml-min", "0.1", "--period-s", "-1"), "--period-s: must be above 0"),
         (("--shape", "heart", "--period-s", "1"), "'roller_pump'"),
         (("--svzerod", "x.json"), "--svzerod writes a pulsatile problem"),

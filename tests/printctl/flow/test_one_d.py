@@ -48,7 +48,7 @@ def test_waves_leave_tables_and_the_case_for_another_solver(fork: Path) -> None:
     ("options", "words"),
     [
         (("--one-d",), "--one-d follows a pulse"),
-        ((*SINE, "--one-d"), "wall_young_kpa"),
+        ((*SINE, "--one-d"), "--wall-young-kpa"),
         ((*SINE, *GEL, "--cell-mm", "1"), "--cell-mm is for --one-d"),
         ((*SINE, *GEL, "--one-d", "--cell-mm", "-1"), "--cell-mm: must be above"),
         (("--svoned", "x.in"), "--svoned writes a pulsatile problem"),
