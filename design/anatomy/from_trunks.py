@@ -25,7 +25,7 @@ from design.vasculature.growth.grow import SPREADS
 from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
-from design.vasculature.treemath import downward_order, tree_radii
+from design.vasculature.treemath import tree_radii
 from kernels.arrays import FloatArray
 
 DEPTH_MARGIN = 1.03
@@ -66,6 +66,8 @@ class TrunkPlan:
         Adds branches that leave the laid trunks.
     branches_are_trunks : bool
         Whether they count as trunks in the grown trees.
+    widest_branch : float
+        See `Trunk`, where they don't.
     each : tuple of GrowthOptions
         Of each tree, where all of them serve the whole tissue; else they share it.
     tries : int
@@ -79,6 +81,7 @@ class TrunkPlan:
     keep: Callable[[FloatArray], FloatArray] | None = None
     branches: Callable[[TrunkLines, FloatArray], tuple[TrunkLines, FloatArray]] | None = None
     branches_are_trunks: bool = True
+    widest_branch: float = np.inf
     each: tuple[GrowthOptions, ...] = ()
     tries: int = len(SPREADS)
 
@@ -105,33 +108,24 @@ def grow_from_plan(
         whole, wide = plan.branches(smooth, radius) if plan.branches else (smooth, radius)
         thin = thinned(whole, STRAIGHTER * wide)
         roots = _pervading(thin, wide, whole, plan) if plan.each else roots_of(thin, wide, options)
+        if not plan.branches_are_trunks:
+            roots = [_kept_narrow(root, smooth.points, plan.widest_branch) for root in roots]
         trees = grow_forest(tissue, roots, attempts=plan.tries)
         grown = trunk_radii(smooth, trees)
         if left == 0 or (grown <= radius).all():
             break
         # Which trunk feeds what differs a little from one growth to the next.
         radius = RADIUS_MARGIN * grown
-    if not plan.branches_are_trunks:
-        trees = tuple(_with_trunks(tree, smooth.points, thin.points) for tree in trees)
     return trees, smooth
 
 
-def _with_trunks(tree: VesselTree, trunks: FloatArray, planned: FloatArray) -> VesselTree:
-    """The tree with only those segments ``given`` that lie between nodes of trunks (n, 3).
-
-    The given ones lie between all ``planned`` nodes (m, 3). A piece that was parted belongs to
-    what its end does.
-    """
-    trunk = {place.tobytes() for place in trunks}
-    other = {place.tobytes() for place in planned} - trunk
-    given = tree.given.copy()
-    for i in downward_order(tree.children)[::-1].tolist():
-        end = tree.distal[i].tobytes()
-        if not given[i] or end in trunk:
-            continue
-        below = [child for child in tree.children[i].tolist() if child >= 0 and tree.given[child]]
-        given[i] = end not in other and any(given[child] for child in below)
-    return replace(tree, given=given)
+def _kept_narrow(root: RootSpec, trunks: FloatArray, widest: float) -> RootSpec:
+    """The root, with all that doesn't end at a node of trunks (n, 3) planned as branches."""
+    assert root.trunk is not None
+    nodes = {place.tobytes() for place in trunks}
+    planned = np.array([place.tobytes() not in nodes for place in root.trunk.distal])
+    trunk = replace(root.trunk, planned=planned, widest_branch=widest)
+    return replace(root, trunk=trunk)
 
 
 def trunk_radii(lines: TrunkLines, trees: Sequence[VesselTree]) -> FloatArray:

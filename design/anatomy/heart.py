@@ -47,6 +47,9 @@ NAMES: Final = ("left_coronary", "right_coronary")
 
 _SAMPLES = 12_000
 _VOLUME = 20_000
+import os
+_WIDEST=float(os.environ.get("HW","0.19"))
+_LEAST_FED=int(os.environ.get("HF","8"))
 _LAID: Final = 0.85
 """Of the planned trunks' length, below which it is told: smoothed they are a twentieth shorter. Of
 the length with the given pressure drop, which another drop must keep."""
@@ -118,6 +121,7 @@ def grow_heart(
         anatomy.trunk_depth_mm,
         branches=lambda lines, radius: with_perforators(tissue, lines, radius, volume, options),
         branches_are_trunks=False,
+        widest_branch=_widest_branch(options),
     )
     trees = grow_fitted(tissue, plan, options)
     if anatomy.published_radii:
@@ -131,6 +135,12 @@ def grow_heart(
     return AnatomicTrees(trees, (VesselKind.ARTERY,) * 2, NAMES, notes)
 
 
+def _widest_branch(options: GrowthOptions) -> float:
+    """See `NARROW`; by Murray's law, where each coronary has half of the terminals."""
+    part = 2.0 * _LEAST_FED / options.terminals
+    return float(max(_WIDEST, part ** (1.0 / options.murray_exponent)))
+
+
 def _with_published_radii(
     trees: Trees, tissue: Tissue, plan: TrunkPlan, options: GrowthOptions
 ) -> Trees:
@@ -141,20 +151,31 @@ def _with_published_radii(
     """
     once, least = replace(plan, tries=1), _LAID * _trunks_mm(trees)
     match = _published_match(trees)
+    factor = match.factor
     for _ in range(_DROPS):
-        if match.factor == 1.0:
+        if factor == 1.0:
             break
-        drop = trees[0].pressure_drop_pa / match.factor**4
-        try:
-            other = grow_fitted(tissue, once, replace(options, pressure_drop_pa=drop))
-        except GrowthError:
-            break
+        drop = trees[0].pressure_drop_pa / factor**4
+        other = _grown_with(tissue, once, replace(options, pressure_drop_pa=drop))
+        print('DBG', match, factor, other and (_published_match(other), _trunks_mm(other)), least, file=open('/tmp/dbg','a'))
         # Wider trunks that cost many branches aren't worth nearer figures.
+        if other is None or _trunks_mm(other) <= least:
+            factor = factor**0.5
+            continue
         found = _published_match(other)
-        if _trunks_mm(other) <= least or found.farthest_sd >= match.farthest_sd:
-            break
-        trees, match = other, found
+        if found.farthest_sd >= match.farthest_sd:
+            factor = factor**0.5
+            continue
+        trees, match, factor = other, found, found.factor
     return trees
+
+
+def _grown_with(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees | None:
+    """Trees, or None where they don't fit."""
+    try:
+        return grow_fitted(tissue, plan, options)
+    except GrowthError:
+        return None
 
 
 def _published_match(trees: Sequence[VesselTree]) -> PublishedMatch:

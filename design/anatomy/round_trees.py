@@ -45,7 +45,7 @@ JOINT_RESERVE = 0.95
 shrink, and joints reach less far, when the terminals to spare go."""
 _CHEAP = 0.002
 """Of the terminals, which may go for a vessel that lies in a rising trunk's way."""
-_PUSHES = 3
+_PUSHES = 4
 """Rounds in which vessels that feed many are pushed apart rather than taken away."""
 _STUCK = 3
 """Rounds that mend nothing, after which curves are left as they are."""
@@ -146,10 +146,12 @@ def _any(bad: Misfits) -> bool:
 
 def _sunk(tissue: Tissue, trees: Trees, clearance_mm: float, clearance_ratio: float) -> Trees:
     """Trees whose trunks lie deep enough, without what then doesn't fit."""
+    pushes = _PUSHES
     for left in range(AGAIN - 1, -1, -1):
         trees = tuple(sink_trunk(tissue, tree, clearance_mm) for tree in trees)
         bad = misfits(tissue, trees, clearance_mm, clearance_ratio)
-        if left >= AGAIN - _PUSHES and _dear(trees, *bad).any():
+        if pushes and _dear(trees, *bad).any():
+            pushes -= 1
             trees = push_apart(tissue, trees, clearance_mm, clearance_ratio)
             bad = misfits(tissue, trees, clearance_mm, clearance_ratio)
         if not _any(bad):

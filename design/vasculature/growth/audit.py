@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from design.tissue.depth import least_depth_along
-from design.vasculature.growth.clearances import Clearances, neighbours_of
+from design.vasculature.growth.clearances import Clearances, neighbours_of, widest_of
 from design.vasculature.growth.fit import growth_factor, seven_integers
 from design.vasculature.growth.index import REACH, CellIndex
 from design.vasculature.growth.joints import limit_children, limit_smaller_child
@@ -66,12 +66,12 @@ def measure_changed(
         free = growth_factor(
             index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, True
         )
-        s.allowed = min(s.allowed, free * s.radius)
+        s.allowed = min(s.allowed, free * s.radius, widest_of(segments, room, i))
         if left < 0 and s.radius < smallest:
             s.allowed = min(s.allowed, 0.0)
     for i in range(count):
         if segments[i].given != 0:
-            segments[i].allowed = np.inf
+            segments[i].allowed = widest_of(segments, room, i)
 
 
 @jit

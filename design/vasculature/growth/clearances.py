@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from design.tissue.arrays import GridArrays
+from design.vasculature.growth.state import TRUNK
 from design.vasculature.limits import Limits
 from kernels import scalar_jit
 
@@ -32,6 +33,9 @@ class Clearances(NamedTuple):
         Factor on the radii of a trial fork and its neighbours; see `MARGIN`.
     limits : Limits
         On angles and flows at joints.
+    widest_branch : float
+        Of a given trunk, over the root's radius: one as wide takes on no more terminals; inf for
+        no limit.
     """
 
     grid: GridArrays
@@ -41,6 +45,7 @@ class Clearances(NamedTuple):
     length_to_radius: float
     reserve: float
     limits: Limits
+    widest_branch: float
 
 
 class TrialBifurcation(NamedTuple):
@@ -67,6 +72,14 @@ class TrialBifurcation(NamedTuple):
 def kept_apart(room: Clearances, one: float, two: float) -> float:
     """Clearance between vessels of radii ``one`` and ``two``, mm."""
     return max(room.clearance, room.ratio * min(one, two))
+
+
+@scalar_jit
+def widest_of(segments: Any, room: Clearances, i: int) -> float:
+    """Radius from which on segment ``i`` takes on no more terminals, mm; inf for a trunk's."""
+    if segments[i].given == TRUNK or not room.widest_branch < np.inf:
+        return np.inf
+    return room.widest_branch * segments[0].radius
 
 
 @scalar_jit

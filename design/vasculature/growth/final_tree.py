@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from design.tissue import Tissue
 from design.vasculature.growth.points import LEAST_FLOW
 from design.vasculature.growth.settling import follow_radii
-from design.vasculature.growth.state import Segments, refresh_all, spread_down
+from design.vasculature.growth.state import TRUNK, Segments, refresh_all, spread_down
 from design.vasculature.growth.step import Scale
 from design.vasculature.growth.territories import demand_points, points_for, territory_demand
 from design.vasculature.growth.trunk import Trunk
@@ -126,7 +126,7 @@ def final_arrays(
         s["parent"].copy(),
         np.column_stack([s["left"], s["right"]]),
         None if equal else s["flow"].copy(),
-        s["given"] != 0,
+        s["given"] == TRUNK,
         flow,
         drop,
         () if trunk is None else (_note(s, tissue, trunk),),

@@ -31,6 +31,10 @@ radius: with that of the former, 95 % of a folded slab lay within 7.9 mm of a lu
 _SMALL = 10_000
 """Terminals below which a tree is in the cache, however it is ordered."""
 
+import os
+_EARLY = float(os.environ.get("HE","0.45"))
+"""Part of the terminals up to which a given trunk's branches are kept narrow."""
+
 ALL_AROUND = 40
 """Nearest segments considered for given points missed at first, or with a flow ratio."""
 
@@ -55,6 +59,7 @@ class GrowthState:
     indexed: int = 0
     stage: int = -1
     unreached: int = -1
+    narrow_until: int = 0
 
     @classmethod
     def open(
@@ -103,6 +108,7 @@ class GrowthState:
             sample_penalty(tissue, options.penalty),
             given,
             trunk,
+            narrow_until=round(_EARLY * goal) if trunk and trunk.widest_branch < np.inf else 0,
         )
 
     @property

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from design.tissue import Tissue
 from design.vasculature.growth.clearances import MARGIN, Clearances
 from design.vasculature.growth.index import CellIndex, empty_index
@@ -39,6 +41,7 @@ def clearances_of(tissue: Tissue, options: GrowthOptions) -> Clearances:
         options.length_to_radius,
         MARGIN,
         options.limits,
+        np.inf,
     )
 
 

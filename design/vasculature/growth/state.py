@@ -44,13 +44,16 @@ load, spend : see `growth.cost`; length : mm; flow : over the mean terminal's; p
 left, right : -1 for none (right alone where a given trunk bends); terminals : downstream, 0 for a
 vessel of another tree (kept behind all the tree's own); p and d : ends, mm; radius : of the
 finished tree as predicted, mm; allowed : largest radius that tissue and neighbours leave, mm;
-full : 1 where this segment or one above it can't grow wider; given : 1 for a trunk's segment, which
-stays where it is; by_* : derivatives of the cost; thick : viscosity over μ, read only where the
+full : 1 where this segment or one above it can't grow wider; given : `TRUNK` or `PLANNED` for a
+segment that stays where it is, else 0; by_* : derivatives of the cost; thick : viscosity over μ, read only where the
 law has a haematocrit; audited : radius with which a large tree's audit measured its room, mm, 0
 where it hasn't been (`growth.regions.audit`).
 """
 
 Segments = NDArray[np.void]
+
+TRUNK, PLANNED = 1, 2
+"""What is given: a trunk's segment, or one of a branch planned to leave it."""
 
 
 @scalar_jit

@@ -8,7 +8,7 @@ import numpy as np
 
 from design.tissue.depth import least_depth_along
 from design.tissue.grid import read
-from design.vasculature.growth.clearances import Clearances, neighbours_of
+from design.vasculature.growth.clearances import Clearances, neighbours_of, widest_of
 from design.vasculature.growth.cost import Sprout
 from design.vasculature.growth.fit import growth_factor, seven_integers
 from design.vasculature.growth.index import REACH, CellIndex, insert, nearest_segments
@@ -133,7 +133,7 @@ def set_allowed_radius(segments: Any, index: CellIndex, room: Clearances, i: int
     """Derive how wide segment ``i`` may grow and list it; False when the index is full."""
     s = segments[i]
     if s.given != 0:
-        s.allowed = np.inf
+        s.allowed = widest_of(segments, room, i)
         return insert(index, i, s, REACH * s.radius + room.clearance)
     parent, sibling, left, right = neighbours_of(segments, i)
     skip = seven_integers(i, parent, sibling, left, right, -1, -1)
@@ -142,7 +142,7 @@ def set_allowed_radius(segments: Any, index: CellIndex, room: Clearances, i: int
     free = growth_factor(
         index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, True
     )
-    s.allowed = min(depth - room.wall, free * s.radius)
+    s.allowed = min(depth - room.wall, free * s.radius, widest_of(segments, room, i))
     return insert(index, i, s, REACH * s.radius + room.clearance)
 
 

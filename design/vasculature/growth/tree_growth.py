@@ -163,7 +163,7 @@ class TreeGrowth(GrowthState):
             status, first = grow(
                 self.segments,
                 self.index,
-                self.room._replace(reserve=self._reserve()),
+                self.room._replace(reserve=self._reserve(), widest_branch=self._widest_branch()),
                 self.options.law,
                 self.scale,
                 self.penalty,
@@ -173,14 +173,19 @@ class TreeGrowth(GrowthState):
                 min(self._pause_at(), goal),
             )
             # Points in the order of a curve fail together: a whole lot of them must.
-            if self.given is None and self.progress["since"][0] > max(_PATIENCE, len(samples.at)):
+            stuck = self.progress["since"][0] > max(_PATIENCE, len(samples.at))
+            if stuck and self.terminals < self.narrow_until:
+                self.narrow_until, status = 0, FULL_INDEX
+                self.progress["since"] = 0
+            elif stuck and self.given is None:
                 raise out_of_room_error(
                     self.terminals, self.options, self.scale, self.room, _PATIENCE
                 )
 
     def _pause_at(self) -> int:
         """Terminals at which growth pauses, unless the index is full before."""
-        return 2 * self.indexed
+        double, wide = 2 * self.indexed, self.narrow_until
+        return min(double, wide) if self.terminals < wide else double
 
     def _pause(self, status: int) -> None:
         """What is due before growth goes on."""
@@ -197,6 +202,7 @@ class TreeGrowth(GrowthState):
         # By the limits of the audit: those that a later stage sets for its own joints would close
         # the earlier ones'.
         room = clearances_of(self.tissue, self.options.mildest())
+        room = room._replace(widest_branch=self._widest_branch())
         if self.progress["careful"][0]:
             # The audit has measured all but what was pruned since.
             measure_changed(self.segments, self.count, self.index, room, 0.0, True)
@@ -239,6 +245,11 @@ class TreeGrowth(GrowthState):
         self.unreached = len(missing) + len(freed)
         order = [self.random.permutation(some) for some in (missing, freed)]
         return given.samples(np.concatenate(order))
+
+    def _widest_branch(self) -> float:
+        """Radius, over the root's, at which a branch takes on no more terminals now."""
+        early = self.terminals < self.narrow_until
+        return self.trunk.widest_branch if self.trunk is not None and early else np.inf
 
     def _reserve(self) -> float:
         """How much wider than predicted trial forks must be able to grow."""

@@ -10,10 +10,10 @@ from design.errors import GrowthError
 from design.network import VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.growth.points import named_points
-from design.vasculature.growth.state import Segments, refresh_all
+from design.vasculature.growth.state import PLANNED, TRUNK, Segments, refresh_all
 from design.vasculature.options import GrowthOptions, Law
 from design.vasculature.tree import VesselTree
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 
 TOLERANCE = 0.25
 """How far a polyline may be straightened, over its vessel's mean radius."""
@@ -36,6 +36,12 @@ class Trunk:
         As it was given.
     moved_mm : float, mm
         Furthest that straightening moved a point of the axes.
+    planned : (n,) bool, optional
+        Segments that stay too, but belong to branches of the trunk.
+    widest_branch : float
+        Radius, over the root's, at which a branch takes on no more terminals while the tree has
+        less than 45 % of them: others leave the trunk for what it would have fed. Later it grows
+        with the tree.
     """
 
     proximal: FloatArray
@@ -45,6 +51,8 @@ class Trunk:
     flow: FloatArray
     root_radius_mm: float
     moved_mm: float
+    planned: BoolArray | None = None
+    widest_branch: float = np.inf
 
     @property
     def tips(self) -> int:
@@ -92,7 +100,8 @@ class Trunk:
         own["length"] = np.linalg.norm(self.distal - self.proximal, axis=1)
         own["parent"], own["flow"], own["thick"] = self.parent, self.flow, 1.0
         own["left"], own["right"] = self.children.T
-        own["given"], own["allowed"] = 1, np.inf
+        own["allowed"] = np.inf
+        own["given"] = TRUNK if self.planned is None else np.where(self.planned, PLANNED, TRUNK)
         refresh_all(segments, len(own), law)
 
 

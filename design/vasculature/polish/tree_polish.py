@@ -96,6 +96,7 @@ class Bench:
             joint_limits(
                 options.branch_angle_degrees, options.turn_angle_degrees, options.flow_ratio
             ),
+            np.inf,
         )
         flow = tree.terminal_flow_ul_s * int(tree.terminals[0])
         bench = cls(
