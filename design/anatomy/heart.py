@@ -47,9 +47,11 @@ NAMES: Final = ("left_coronary", "right_coronary")
 
 _SAMPLES = 12_000
 _VOLUME = 20_000
-import os
-_WIDEST=float(os.environ.get("HW","0.19"))
-_LEAST_FED=int(os.environ.get("HF","8"))
+_WIDEST: Final = 0.17
+"""Radius over the root's at which branches of the epicardium's trunks take on no more terminals
+while there are few: they may still widen to a fifth, where a trunk begins. Ours."""
+_LEAST_FED: Final = 4
+"""Terminals that such a branch may feed however few there are."""
 _LAID: Final = 0.85
 """Of the planned trunks' length, below which it is told: smoothed they are a twentieth shorter. Of
 the length with the given pressure drop, which another drop must keep."""
@@ -136,7 +138,7 @@ def grow_heart(
 
 
 def _widest_branch(options: GrowthOptions) -> float:
-    """See `NARROW`; by Murray's law, where each coronary has half of the terminals."""
+    """See `_WIDEST`; by Murray's law, where each coronary has half of the terminals."""
     part = 2.0 * _LEAST_FED / options.terminals
     return float(max(_WIDEST, part ** (1.0 / options.murray_exponent)))
 
@@ -157,7 +159,6 @@ def _with_published_radii(
             break
         drop = trees[0].pressure_drop_pa / factor**4
         other = _grown_with(tissue, once, replace(options, pressure_drop_pa=drop))
-        print('DBG', match, factor, other and (_published_match(other), _trunks_mm(other)), least, file=open('/tmp/dbg','a'))
         # Wider trunks that cost many branches aren't worth nearer figures.
         if other is None or _trunks_mm(other) <= least:
             factor = factor**0.5

@@ -47,6 +47,8 @@ _CHEAP = 0.002
 """Of the terminals, which may go for a vessel that lies in a rising trunk's way."""
 _PUSHES = 4
 """Rounds in which vessels that feed many are pushed apart rather than taken away."""
+_CLEAR = 1.06
+"""Clearance that these get, over that asked for: curves need some of it."""
 _STUCK = 3
 """Rounds that mend nothing, after which curves are left as they are."""
 
@@ -149,11 +151,10 @@ def _sunk(tissue: Tissue, trees: Trees, clearance_mm: float, clearance_ratio: fl
     pushes = _PUSHES
     for left in range(AGAIN - 1, -1, -1):
         trees = tuple(sink_trunk(tissue, tree, clearance_mm) for tree in trees)
-        bad = misfits(tissue, trees, clearance_mm, clearance_ratio)
-        if pushes and _dear(trees, *bad).any():
+        if pushes and _dear(trees, *misfits(tissue, trees, clearance_mm, clearance_ratio, _CLEAR)).any():
             pushes -= 1
-            trees = push_apart(tissue, trees, clearance_mm, clearance_ratio)
-            bad = misfits(tissue, trees, clearance_mm, clearance_ratio)
+            trees = push_apart(tissue, trees, clearance_mm, clearance_ratio, _CLEAR)
+        bad = misfits(tissue, trees, clearance_mm, clearance_ratio)
         if not _any(bad):
             break
         pairs, out = bad

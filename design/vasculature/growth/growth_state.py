@@ -31,8 +31,7 @@ radius: with that of the former, 95 % of a folded slab lay within 7.9 mm of a lu
 _SMALL = 10_000
 """Terminals below which a tree is in the cache, however it is ordered."""
 
-import os
-_EARLY = float(os.environ.get("HE","0.45"))
+_EARLY = 0.45
 """Part of the terminals up to which a given trunk's branches are kept narrow."""
 
 ALL_AROUND = 40
