@@ -109,7 +109,7 @@ def grow_from_plan(
         thin = thinned(whole, STRAIGHTER * wide)
         roots = _pervading(thin, wide, whole, plan) if plan.each else roots_of(thin, wide, options)
         if not plan.branches_are_trunks:
-            roots = [_kept_narrow(root, smooth.points, plan.widest_branch) for root in roots]
+            roots = [kept_narrow(root, smooth.points, plan.widest_branch) for root in roots]
         trees = grow_forest(tissue, roots, attempts=plan.tries)
         grown = trunk_radii(smooth, trees)
         if left == 0 or (grown <= radius).all():
@@ -119,7 +119,7 @@ def grow_from_plan(
     return trees, smooth
 
 
-def _kept_narrow(root: RootSpec, trunks: FloatArray, widest: float) -> RootSpec:
+def kept_narrow(root: RootSpec, trunks: FloatArray, widest: float) -> RootSpec:
     """The root, with all that doesn't end at a node of trunks (n, 3) planned as branches."""
     assert root.trunk is not None
     nodes = {place.tobytes() for place in trunks}

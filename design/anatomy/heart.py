@@ -148,8 +148,9 @@ def _with_published_radii(
 ) -> Trees:
     """Trees as they are where their radii are the published ones, else grown with another drop.
 
-    Trees that don't fit then, lack trunks or are farther from the table aren't taken: there are
-    some already, so that vessels that find no room aren't tried again from other random numbers.
+    Trees that don't fit then, lack trunks or are farther from the table aren't taken; half of the
+    change is tried then. There are some already, so that vessels that find no room aren't tried
+    again from other random numbers.
     """
     once, least = replace(plan, tries=1), _LAID * _trunks_mm(trees)
     match = _published_match(trees)
@@ -159,15 +160,12 @@ def _with_published_radii(
             break
         drop = trees[0].pressure_drop_pa / factor**4
         other = _grown_with(tissue, once, replace(options, pressure_drop_pa=drop))
+        found = match if other is None else _published_match(other)
         # Wider trunks that cost many branches aren't worth nearer figures.
-        if other is None or _trunks_mm(other) <= least:
+        if other is None or _trunks_mm(other) <= least or found.farthest_sd >= match.farthest_sd:
             factor = factor**0.5
-            continue
-        found = _published_match(other)
-        if found.farthest_sd >= match.farthest_sd:
-            factor = factor**0.5
-            continue
-        trees, match, factor = other, found, found.factor
+        else:
+            trees, match, factor = other, found, found.factor
     return trees
 
 

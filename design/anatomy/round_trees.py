@@ -151,7 +151,10 @@ def _sunk(tissue: Tissue, trees: Trees, clearance_mm: float, clearance_ratio: fl
     pushes = _PUSHES
     for left in range(AGAIN - 1, -1, -1):
         trees = tuple(sink_trunk(tissue, tree, clearance_mm) for tree in trees)
-        if pushes and _dear(trees, *misfits(tissue, trees, clearance_mm, clearance_ratio, _CLEAR)).any():
+        if (
+            pushes
+            and _dear(trees, *misfits(tissue, trees, clearance_mm, clearance_ratio, _CLEAR)).any()
+        ):
             pushes -= 1
             trees = push_apart(tissue, trees, clearance_mm, clearance_ratio, _CLEAR)
         bad = misfits(tissue, trees, clearance_mm, clearance_ratio)

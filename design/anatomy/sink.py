@@ -29,17 +29,9 @@ def sink_trunk(tissue: Tissue, tree: VesselTree, clearance_mm: float) -> VesselT
     keep their other end. Radii are derived anew.
     """
     for _ in range(ROUNDS):
-        radius = tree_radii(tree)
-        own = np.flatnonzero(tree.given & (tree.parent >= 0))
-        wide = _WIDER * radius + clearance_mm
-        inside = tissue.grid.capsule_inside(tree.proximal[own], tree.distal[own], wide[own])
-        out = own[~inside]
+        tree, out, wide = _bent(tissue, tree, clearance_mm)
         if not len(out):
             return tree
-        length = np.linalg.norm(tree.distal[out] - tree.proximal[out], axis=1)
-        if (long := out[length > _SHORT * wide[out]]).size:
-            tree = with_bends(tree, long)
-            continue
         # A node is named by the segment that ends there.
         need = np.zeros(len(tree.parent))
         nodes = np.concatenate([out, tree.parent[out]])
@@ -51,6 +43,22 @@ def sink_trunk(tissue: Tissue, tree: VesselTree, clearance_mm: float) -> VesselT
         moved[nodes] -= (_A_LITTLE * short)[:, None] * outward(tissue, points)
         tree = moved_tree(tree, moved)
     return tree
+
+
+def _bent(
+    tissue: Tissue, tree: VesselTree, clearance_mm: float
+) -> tuple[VesselTree, IntArray, FloatArray]:
+    """The tree, long trunk pieces that reach out bent; which ones do; room that each needs, mm."""
+    while True:
+        own = np.flatnonzero(tree.given & (tree.parent >= 0))
+        wide = _WIDER * tree_radii(tree) + clearance_mm
+        inside = tissue.grid.capsule_inside(tree.proximal[own], tree.distal[own], wide[own])
+        out = own[~inside]
+        length = np.linalg.norm(tree.distal[out] - tree.proximal[out], axis=1)
+        long = out[length > _SHORT * wide[out]]
+        if not len(long):
+            return tree, out, wide
+        tree = with_bends(tree, long)
 
 
 def with_bends(tree: VesselTree, segments: IntArray) -> VesselTree:

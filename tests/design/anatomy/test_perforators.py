@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from design.anatomy.from_trunks import _with_trunks
+from design.anatomy.from_trunks import kept_narrow, roots_of
 from design.anatomy.perforators import NARROW, with_perforators
 from design.anatomy.trunk_lines import TrunkLines, with_shares
 from design.tissue import block
+from design.vasculature.growth.forest import grow_forest
 from design.vasculature.growth.territories import demand_points
 from design.vasculature.options import GrowthOptions
-from design.vasculature.treemath import tree_from_topology
 from tests.design.tissue.kept import kept_tissue
 
 OPTIONS = GrowthOptions(terminals=4000, clearance_mm=0.1, murray_exponent=2.5)
@@ -63,26 +63,19 @@ def test_without_room_there_are_none(box):
     assert len(whole.parent) == len(lines.parent)
 
 
-def test_perforators_are_no_trunks_once_grown():
+def test_perforators_stay_but_are_no_trunks_once_grown(box):
     """Else they would be raised to the epicardium."""
-    trunk = np.array([[0.0, 0, 0], [10.0, 0, 0], [20.0, 0, 0]])
-    planned = np.concatenate([trunk, [[10.0, 0, -8.0]]])
-    # The perforator was parted by a branch halfway down, the trunk's first piece by one at 4.
-    begin = np.array([[0, 0, 0], [4, 0, 0], [10, 0, 0], [10, 0, 0], [10, 0, -4]], dtype=float)
-    end = np.array([[4, 0, 0], [10, 0, 0], [20, 0, 0], [10, 0, -4], [10, 0, -8]], dtype=float)
-    side_begin, side_end = end[[0, 3]], end[[0, 3]] + [0.0, 3.0, 0.0]
-    parent = np.array([-1, 0, 1, 1, 3, 0, 3], dtype=np.int32)
-    children = np.array([[1, 5], [2, 3], [-1, -1], [4, 6], [-1, -1], [-1, -1], [-1, -1]])
-    tree = tree_from_topology(
-        np.concatenate([begin, side_begin]),
-        np.concatenate([end, side_end]),
-        parent,
-        children.astype(np.int32),
-        flow_ul_s=5.0,
-        pressure_drop_pa=20.0,
-        murray_exponent=2.5,
-        viscosity_pa_s=4e-3,
-        given=np.arange(7) < 5,
-    )
-    kept = _with_trunks(tree, trunk, planned).given
-    assert kept.tolist() == [True, True, True, False, False, False, False]
+    trunk = np.array([[1.0, 10, 17], [20.0, 10, 17], [40.0, 10, 17]])
+    points = np.concatenate([trunk, [[20.0, 10, 9.0], [20.0, 10, 4.0]]])
+    parent = np.array([-1, 0, 1, 1, 3])
+    lines = TrunkLines(points, parent, np.zeros(5, int), np.ones(5))
+    (root,) = roots_of(lines, np.full(5, 0.5), GrowthOptions(terminals=150))
+    narrow = kept_narrow(root, trunk, 0.2)
+    assert narrow.trunk.planned.tolist() == [False, False, True, True]
+    (tree,) = grow_forest(box, [narrow])
+    heights = tree.distal[tree.given, 2]
+    np.testing.assert_allclose(heights, 17.0, atol=1e-9)
+    ends = [places.tobytes() for places in tree.distal]
+    assert all(place.tobytes() in ends for place in points[1:])
+    (whole,) = grow_forest(box, [root])
+    assert whole.distal[whole.given, 2].min() == 4.0

@@ -1,5 +1,6 @@
 """Growth from a given artery, and in stages."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from design.vasculature import (
     tree_radii,
     tree_to_network,
 )
+from design.vasculature.growth.forest import RootSpec, grow_forest
 from design.vasculature.growth.trunk import straighten_line, trunk_of
 from design.vasculature.polish import PolishOptions, polish
 from tests.design.geometry.oracles import segment_segment
@@ -86,6 +88,20 @@ def test_a_bent_artery_stays_where_it_is(box, bent, seed):
     assert collisions(tree_to_network(tree), 0.02, options.clearance_ratio).count == 0
     assert "stay where they are" in tree.notes[0]
     assert "in place of 0.4 mm" in tree.notes[0]
+
+
+def test_a_trunks_branches_are_narrower_where_early_ones_are_kept_so(box, bent):
+    options = GrowthOptions(terminals=200, clearance_mm=0.02)
+    widest = []
+    for most in (np.inf, 0.35):
+        trunk = replace(trunk_of(bent), widest_branch=most)
+        (tree,) = grow_forest(box, [RootSpec(options, trunk=trunk)])
+        assert (tree.children[:, 0] < 0).sum() == 200
+        check_flows(tree, options, box)
+        radius = tree_radii(tree)
+        widest.append(float(radius[~tree.given].max() / radius[0]))
+    assert widest[0] > 0.65
+    assert widest[1] < 0.5
 
 
 def test_a_grown_tree_is_a_trunk_too(box):
