@@ -52,11 +52,7 @@ def test_a_smallest_diameter_is_named_as_it_leaves_no_pressure_drop_to_choose() 
 
 
 def test_too_few_terminals_and_too_few_trunk_ends_are_told_apart() -> None:
-    with pytest.raises(
-        GrowthError, match=r"^3 terminals are too few .*; ask for 24 at least$"
-    ):
+    with pytest.raises(GrowthError, match=r"^3 terminals are too few .*; ask for 24 at least$"):
         trunk_ends(600, 3, "heart")
-    with pytest.raises(
-        GrowthError, match=r"^5 trunk_ends are too few .*; ask for 6 at least$"
-    ):
+    with pytest.raises(GrowthError, match=r"^5 trunk_ends are too few .*; ask for 6 at least$"):
         trunk_ends(5, 400, "heart")
