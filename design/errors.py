@@ -10,6 +10,7 @@
     │   ├── WideTrunkError      a template's trunk too wide for the wall it runs in
     │   └── CrowdedError        fewer terminals fit than were asked for
     ├── FlowError               no inlet, no outlet, isolated part
+    │   └── FlowInputError      a waveform, or losses, that the user gave wrongly
     ├── SolidError              a surface that isn't watertight
     └── ToolpathError           vessel thinner than the needle, empty path
 """
@@ -95,6 +96,10 @@ class CrowdedError(GrowthError):
 
 class FlowError(DesignError):
     """A flow problem without a solution."""
+
+
+class FlowInputError(FlowError):
+    """A waveform, stenosis or loss that was given wrongly, or not for this network."""
 
 
 class SolidError(DesignError):
