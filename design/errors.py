@@ -7,14 +7,17 @@
     ├── NetworkError            NaN, self-intersection, zero length or radius, bad file
     ├── GrowthError             a tree that can't be grown as asked
     │   ├── RootError           a root where no trunk fits
+    │   ├── WideTrunkError      a template's trunk too wide for the wall it runs in
     │   └── CrowdedError        fewer terminals fit than were asked for
     ├── FlowError               no inlet, no outlet, isolated part
+    │   └── FlowInputError      a waveform, or losses, that the user gave wrongly
     ├── SolidError              a surface that isn't watertight
     └── ToolpathError           vessel thinner than the needle, empty path
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 
@@ -38,6 +41,20 @@ class RootError(GrowthError):
     """A root where no trunk fits: another one may do."""
 
 
+class WideTrunkError(GrowthError):
+    """A template's trunk is wider than the wall that it runs in.
+
+    Attributes
+    ----------
+    drop_factor : float
+        On the pressure drop, with which the trunk would have room.
+    """
+
+    def __init__(self, message: str, drop_factor: float) -> None:
+        self.drop_factor = drop_factor
+        super().__init__(message)
+
+
 LEAST_TERMINALS: Final = 24
 """Of an organ's template, which has six trunks' ends with four terminals each at least."""
 LEAST_IN_CORTEX: Final = 48
@@ -52,23 +69,37 @@ class CrowdedError(GrowthError):
     fit, asked : int
     """
 
-    def __init__(self, fit: int, asked: int, more: str = "") -> None:
-        self.fit, self.asked = fit, asked
-        least = f"{LEAST_TERMINALS} at least, a cortex {LEAST_IN_CORTEX}"
-        fewer = f"ask for {fit} or fewer, "
-        if fit < LEAST_TERMINALS:
-            fewer = f"too few for a template ({least}), so take a larger part, "
-        elif fit < LEAST_IN_CORTEX:
-            fewer = f"ask for {fit} or fewer where the template takes so few ({least}), "
+    def __init__(self, fit: int, asked: int, more: str = "", fewer: str = "") -> None:
+        self.fit, self.asked, self.more = fit, asked, more
         super().__init__(
             f"only {fit} of {asked} terminals fit beside the trunks{more}; {fewer}"
-            "a lower clearance_mm, a smaller smallest_diameter_mm or, where that isn't given, a "
-            "higher pressure_drop_mmhg (radii fall by its fourth root)"
+            "take a lower clearance_mm, a smaller smallest_diameter_mm or, where that isn't given, "
+            "a higher pressure_drop_mmhg (radii fall by its fourth root)"
         )
+
+    def with_fewer(self, tried: Sequence[int], least: int, grown: bool = False) -> CrowdedError:
+        """The same, with what came of growing as many as were ``tried``, the last one ``grown``.
+
+        Parameters
+        ----------
+        least : int
+            That the template takes.
+        """
+        if grown:
+            fewer = f"ask for {tried[-1]} terminals, which were tried and fit, or "
+        elif tried:
+            fewer = f"fewer don't fit either ({' and '.join(map(str, tried))} were tried): "
+        else:
+            fewer = f"the template takes {least} at least: take a larger part, "
+        return CrowdedError(self.fit, self.asked, self.more, fewer)
 
 
 class FlowError(DesignError):
     """A flow problem without a solution."""
+
+
+class FlowInputError(FlowError):
+    """A waveform, stenosis or loss that was given wrongly, or not for this network."""
 
 
 class SolidError(DesignError):

@@ -18,7 +18,7 @@ HEAD: Final = """# Commands
 
 Made from the commands' own help by `make docs`; `printctl COMMAND --help` says the same. Exit codes
 are 0 done, 1 failed, 2 wrong use, 3 a safety check refused, 4 the printer failed. Results go to
-stdout, all else to stderr.
+stdout, all else to stderr. An option that takes one value is given once.
 
 `printctl --install-completion` makes the shell complete commands, options, profile names and files.
 """

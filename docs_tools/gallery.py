@@ -2,7 +2,7 @@
 
 Each example runs as a user would run it; its picture is drawn by `printctl view --png`, its figures
 come from its report.json. What takes longer than `AT_MOST_S` keeps the picture and the figures that
-it had.
+it had. A print that is refused is shown as designed, with the reason.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ PICTURES: Final = ROOT / "docs" / "images" / "gallery"
 FIGURES: Final = PICTURES / "figures.json"
 RUNS: Final = ROOT / "runs" / "gallery"
 AT_MOST_S: Final = 420
+_DESIGNED: Final = "measures"
+"""Last stage before anything is printed."""
 HEAD: Final = """# Gallery
 
 The shipped examples, run by `make gallery` as they stand: on the simulated printer and scanner, so
@@ -44,10 +46,14 @@ def make(path: Path) -> dict[str, Any]:
     subprocess.TimeoutExpired
         When it takes longer than `AT_MOST_S`.
     subprocess.CalledProcessError
-        When it fails otherwise than by a print that doesn't pass.
+        When it fails otherwise than by a print that is refused or doesn't pass.
     """
     folder = RUNS / path.stem
     done = _printctl("run", path, "--out", folder, "--json")
+    refused = ""
+    if done.returncode > 1 or not done.stdout:
+        refused = _last_words(done.stderr)
+        done = _printctl("run", path, "--out", folder, "--json", "--until", _DESIGNED)
     if done.returncode > 1 or not done.stdout:
         raise subprocess.CalledProcessError(done.returncode, path.stem, done.stdout, done.stderr)
     report = json.loads(done.stdout)
@@ -58,10 +64,13 @@ def make(path: Path) -> dict[str, Any]:
         "--colour", "deviation" if scanned else "radius",
     )  # fmt: skip
     drawn.check_returncode()
-    return {
-        "figures": figures(report),
-        "made": f"{datetime.now(tz=UTC):%Y-%m-%d}",
-    }
+    known = {"figures": figures(report), "made": f"{datetime.now(tz=UTC):%Y-%m-%d}"}
+    return known | ({"refused": refused} if refused else {})
+
+
+def _last_words(text: str) -> str:
+    """What a command that failed says last, on one line."""
+    return " ".join(text.rpartition("printctl: ")[2].split())
 
 
 def figures(report: Mapping[str, Any]) -> dict[str, str]:
@@ -116,6 +125,8 @@ def _section(path: Path, known: Mapping[str, Any] | None) -> str:
     parts += [f"![{path.stem}: vessels in colour](images/gallery/{path.stem}.png)", ""]
     parts += ["| " + " | ".join(names) + " |", "|" + "---|" * len(names)]
     parts += ["| " + " | ".join(known["figures"][name] for name in names) + " |", ""]
+    if "refused" in known:
+        parts += [f"Shown as designed; the print is refused: {known['refused']}", ""]
     parts += [
         f"`printctl run examples/{path.name}`; made {known['made']}.",
         "",

@@ -34,6 +34,8 @@ _WORDS: Final = {
     "string_too_short": "must have at least {min_length} characters",
     "too_long": "must have at most {max_length} entries",
     "too_short": "must have at least {min_length} entries",
+    "union_tag_invalid": "{discriminator} is {tag!r}; it must be one of {expected_tags}",
+    "union_tag_not_found": "{discriminator} is missing",
 }
 
 

@@ -17,6 +17,7 @@ CODES: tuple[tuple[str, str, int], ...] = (
     ("printctl.link.errors", "Refused", 1),
     ("printctl.link.errors", "LinkError", 4),
     ("firmware_profiles", "ProfileError", 2),
+    ("design.errors", "FlowInputError", 2),
     ("design.errors", "DesignError", 1),
     ("registration.judging.tolerance", "ToleranceError", 2),
     ("registration.errors", "RegistrationError", 1),
@@ -34,4 +35,8 @@ def message_and_code(exc: Exception) -> tuple[str, int] | None:
         # What no module that is loaded defines can't have been raised.
         if module in sys.modules and isinstance(exc, getattr(sys.modules[module], name)):
             return str(exc), code
+    if isinstance(exc, NotADirectoryError | FileExistsError):
+        return f"{exc.filename} is a file, or lies in one; give a folder's name", 2
+    if isinstance(exc, IsADirectoryError):
+        return f"{exc.filename} is a folder; give a file's name", 2
     return (explain(exc).message, 1) if isinstance(exc, OSError | MemoryError) else None

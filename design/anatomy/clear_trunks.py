@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.anatomy.trunk_lines import TrunkLines, in_order, without
-from design.errors import GrowthError
+from design.errors import WideTrunkError
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.collisions.collide import collisions
@@ -22,6 +22,9 @@ _SPACING = 1.25
 _FORK = 6.0
 """Way from a fork to where its two branches are too near, over their radii, within which they fork
 later rather than one is left away."""
+
+_NARROWER = 2.0
+"""On the pressure drop, tried where no trunk fits; radii fall by a sixth."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,7 @@ def clear_trunks(
 
     Raises
     ------
-    GrowthError
+    WideTrunkError
         Where a tree has no trunk left.
     """
     found = _clashes(tissue, laid, wider * radius, options)
@@ -225,8 +228,9 @@ def _whole_branches(lines: TrunkLines, gone: NDArray[np.bool_]) -> NDArray[np.bo
             gone[stub] = True
     trees = np.unique(lines.tree[~gone & (lines.parent >= 0)])
     if gone[lines.parent < 0].any() or len(trees) < len(np.unique(lines.tree)):
-        raise GrowthError(
-            "the trunks don't fit with the radii they would have; ask for fewer terminals or a "
-            "higher pressure_drop_mmhg"
+        raise WideTrunkError(
+            "the trunks don't fit with the radii they would have; give a higher pressure_drop_mmhg "
+            "or, where smallest_diameter_mm is given, a smaller one or fewer terminals",
+            _NARROWER,
         )
     return gone

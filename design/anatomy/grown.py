@@ -12,7 +12,7 @@ from design.anatomy.from_trunks import WIDER, TrunkPlan, grow_from_plan
 from design.anatomy.prune_terminals import with_flow
 from design.anatomy.round_trees import SPARE, fitted_trees
 from design.anatomy.side_by_side import Companion, side_by_side, tube_options
-from design.errors import CrowdedError, GrowthError
+from design.errors import CrowdedError, GrowthError, WideTrunkError
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.tissue.demand import Demand
@@ -193,6 +193,8 @@ def _attempts(
             if best is not None:
                 error = failed
                 break
+            if isinstance(failed, WideTrunkError):
+                raise
             raise GrowthError(
                 f"{failed}. For the {asked.terminals} terminals asked for, {asked.clearance_mm:g} "
                 f"mm apart, {settings.terminals} are grown {settings.clearance_mm:.3g} mm apart: "
@@ -204,6 +206,8 @@ def _attempts(
             best, error = max((best or failed, failed), key=lambda one: one.fit), failed
             room += failed.fit < _NEARLY * failed.asked
         except GrowthError as failed:
+            if best is None and isinstance(failed, WideTrunkError):
+                raise  # neither room nor terminals to spare help
             error = failed
             room += 1
     if best is not None:

@@ -26,7 +26,7 @@ from design.anatomy.openness import SurfaceSamples, sample_surface
 from design.anatomy.perforators import with_perforators
 from design.anatomy.trunk_count import trunk_ends
 from design.anatomy.trunk_lines import TrunkLines, lines_of
-from design.errors import GrowthError
+from design.errors import GrowthError, WideTrunkError
 from design.measures.published_radii import PublishedMatch, published_match
 from design.network import VesselKind
 from design.tissue import Tissue
@@ -42,6 +42,12 @@ Place = tuple[float, float, float]
 
 _DROPS: Final = 2
 """Other pressure drops that are tried at most."""
+
+_NARROWER: Final = 3
+"""Times that the drop is raised at most, where trunks are too wide for the wall."""
+
+_HIGHEST: Final = 7.0
+"""Pressure drop that is chosen at most, over the given one; as in `published_match`."""
 
 NAMES: Final = ("left_coronary", "right_coronary")
 
@@ -103,6 +109,22 @@ def grow_heart(
         Where no layer, ostium or tree fits.
     """
     anatomy = anatomy or HeartAnatomy()
+    free = anatomy.published_radii and options.smallest_radius_mm is None
+    narrower = options
+    for left in range(_NARROWER, -1, -1):
+        try:
+            made = _grow(tissue, narrower, anatomy)
+            break
+        except WideTrunkError as error:
+            drop = narrower.pressure_drop_pa * error.drop_factor
+            if not (free and left and drop <= _HIGHEST * options.pressure_drop_pa):
+                raise
+            narrower = replace(narrower, pressure_drop_pa=drop)
+    return replace(made, notes=(*made.notes, *_drop_note(made.trees[0], options, narrower)))
+
+
+def _grow(tissue: Tissue, options: GrowthOptions, anatomy: HeartAnatomy) -> AnatomicTrees:
+    """The coronaries with the options' pressure drop, or another nearer to published radii."""
     ends = trunk_ends(anatomy.trunk_ends, options.terminals, "heart")
     check_one_part(tissue)
     samples = sample_surface(tissue, _SAMPLES, options.seed)
@@ -130,7 +152,6 @@ def grow_heart(
         trees = _with_published_radii(trees, tissue, plan, options)
     notes = (
         *_notes(samples, places, ostia),
-        *_drop_note(trees[0], options),
         *_left_out_note(plan.lines, trees),
         *missing_branches(branches, trees),
     )
@@ -182,15 +203,19 @@ def _published_match(trees: Sequence[VesselTree]) -> PublishedMatch:
     return published_match(curved_network(trees, kinds), "coronary")
 
 
-def _drop_note(tree: VesselTree, options: GrowthOptions) -> tuple[str, ...]:
-    """What is said of a pressure drop that was changed for published radii."""
+def _drop_note(
+    tree: VesselTree, options: GrowthOptions, narrower: GrowthOptions
+) -> tuple[str, ...]:
+    """What is said of a pressure drop that was changed for thin walls or for published radii."""
     ours, before = tree.pressure_drop_pa, options.pressure_drop_pa
     if abs(ours / before - 1.0) < 1e-9:
         return ()
+    why = "with it diameters and lengths are nearest to those of Kassab et al. 1993"
+    if ours >= narrower.pressure_drop_pa > before:
+        why = "wider trunks don't fit in the wall"
     return (
         f"pressure_drop_mmhg was taken as {ours / PA_PER_MMHG:.3g} instead of "
-        f"{before / PA_PER_MMHG:.3g}: with it diameters and lengths are nearest to those of "
-        "Kassab et al. 1993",
+        f"{before / PA_PER_MMHG:.3g}: {why}",
     )
 
 

@@ -142,7 +142,8 @@ def _grooves(angle: FloatArray, wall: FloatArray) -> tuple[float, float]:
         steps = [(_SECTORS // 2 + side * n - (side < 0)) % _SECTORS for n in range(_SECTORS // 3)]
         thick = [n for n in range(2, len(steps)) if mean[steps[n]] > middle]
         clear = np.ptp(mean) > 0.25 * wall.mean()
-        angles.append(side * (2 * np.pi / _SECTORS * thick[0] if thick and clear else np.pi / 3))
+        widest = thick[0] if thick else len(steps)
+        angles.append(side * (2 * np.pi / _SECTORS * widest if clear else np.pi / 3))
     return angles[0], angles[1]
 
 

@@ -12,7 +12,7 @@ from design.anatomy.curves import STRAIGHT, Lines, curve_tree, main_children, tu
 from design.anatomy.prune_terminals import trimmed, with_flow, without_collisions
 from design.anatomy.push_apart import push_apart
 from design.anatomy.rise import risen_trees
-from design.anatomy.sink import sink_trunk
+from design.anatomy.sink import check_trunks, sink_trunk
 from design.errors import GrowthError
 from design.tissue import Tissue
 from design.vasculature.collisions.collide import collisions
@@ -46,7 +46,7 @@ shrink, and joints reach less far, when the terminals to spare go."""
 _CHEAP = 0.002
 """Of the terminals, which may go for a vessel that lies in a rising trunk's way."""
 _PUSHES = 4
-"""Rounds in which vessels that feed many are pushed apart rather than taken away."""
+"""Rounds at most in which vessels that feed many are pushed apart rather than taken away."""
 _CLEAR = 1.06
 """Clearance that these get, over that asked for: curves need some of it."""
 _STUCK = 3
@@ -78,6 +78,8 @@ def fitted_trees(
     ------
     GrowthError
         When too many terminals don't fit.
+    WideTrunkError
+        When trunks that feed many are too wide for the wall.
     """
     mm, ratio = clearance_mm, clearance_ratio
     done, least = _sunk(tissue, tuple(trees), mm, ratio), STRAIGHT
@@ -163,6 +165,8 @@ def _sunk(tissue: Tissue, trees: Trees, clearance_mm: float, clearance_ratio: fl
         pairs, out = bad
         # A trunk that still reaches out is sunk further, rather than taken away with its branches.
         trunk = np.concatenate([tree.given for tree in trees])
+        if left == 0:
+            check_trunks(tissue, trees, out[trunk[out]], clearance_mm)
         trees = without_collisions(trees, pairs, out if left == 0 else out[~trunk[out]])
     return trees
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.anatomy.trunk_lines import outward
+from design.errors import WideTrunkError
 from design.tissue import Tissue
+from design.units import PA_PER_MMHG
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_from_topology, tree_radii
 from kernels.arrays import BoolArray, FloatArray, IntArray
@@ -20,6 +23,12 @@ enough."""
 _A_LITTLE = 1.02
 _WIDER = 1.01
 """Radii that are made room for, over those that the tree has: curves change them a little."""
+_MANY = 0.3
+"""Of all terminals: more than can be grown to spare elsewhere (`grown.py`)."""
+_MARGIN = 1.1
+"""Pressure drop that is advised, over that which is just enough."""
+_ACROSS = 11
+"""Places across a wall where its depth is looked up."""
 
 
 def sink_trunk(tissue: Tissue, tree: VesselTree, clearance_mm: float) -> VesselTree:
@@ -118,3 +127,42 @@ def _derived(
         given=given,
     )
     return replace(derived, notes=tree.notes)
+
+
+def check_trunks(
+    tissue: Tissue, trees: Sequence[VesselTree], out: IntArray, clearance_mm: float
+) -> None:
+    """Raise if trunk pieces, numbered on, that reach ``out`` of the tissue feed too many terminals.
+
+    Such a piece is too wide for the wall, wherever it is moved.
+
+    Raises
+    ------
+    WideTrunkError
+    """
+    fed = np.concatenate([tree.terminals for tree in trees])[out]
+    total = sum(int(tree.terminals[0]) for tree in trees)
+    out, fed = out[fed > _MANY * total], fed[fed > _MANY * total]
+    if not len(out):
+        return
+    end = np.concatenate([tree.distal for tree in trees])[out]
+    radius = _WIDER * np.concatenate([tree_radii(tree) for tree in trees])[out]
+    # What was sunk may lie beyond the middle of the wall.
+    across = np.linspace(-0.5, 0.5, _ACROSS)[:, None, None] * radius[:, None] * outward(tissue, end)
+    far = tissue.grid.distance((end + across).reshape(-1, 3)).reshape(_ACROSS, -1)
+    deep = -far.min(axis=0) - clearance_mm
+    part = deep / radius
+    worst = int(np.argmin(part))
+    # A piece's end may have room where its middle hasn't.
+    narrower = min(1.0 / _WIDER, max(float(part[worst]), 0.1))
+    factor = _MARGIN * narrower**-4
+    drop = factor * trees[0].pressure_drop_pa / PA_PER_MMHG
+    x, y, z = end[worst]
+    raise WideTrunkError(
+        f"a trunk {2 * radius[worst]:.3g} mm wide, which feeds {fed[worst]} of {total} terminals, "
+        f"doesn't fit in the wall near ({x:.4g}, {y:.4g}, {z:.4g}) mm: beside clearance_mm there's "
+        f"room for {2 * max(float(deep[worst]), 0.0):.3g} mm; give a pressure_drop_mmhg of "
+        f"{drop:.2g} or more (radii fall by its fourth root), where smallest_diameter_mm is given "
+        "a smaller one, or inlets where the wall is thicker",
+        factor,
+    )

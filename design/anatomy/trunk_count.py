@@ -27,10 +27,14 @@ def trunk_ends(wanted: int, terminals: int, organ: str, least: int = LEAST_TERMI
     GrowthError
         For fewer terminals or ends.
     """
-    ends = min(wanted, terminals * _FEWEST // least)
-    if ends < _FEWEST:
+    if terminals < least:
         raise GrowthError(
-            f"{terminals} terminals and {wanted} trunk_ends are too few for a {organ}; "
-            f"ask for {least} and {_FEWEST} at least"
+            f"{terminals} terminals are too few for the template of a {organ}; "
+            f"ask for {least} at least"
         )
-    return ends
+    if wanted < _FEWEST:
+        raise GrowthError(
+            f"{wanted} trunk_ends are too few for the template of a {organ}; "
+            f"ask for {_FEWEST} at least"
+        )
+    return min(wanted, terminals * _FEWEST // least)

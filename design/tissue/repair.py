@@ -142,26 +142,35 @@ def _untangle(work: _Work, unit: str) -> None:
         if len(crossing) == 0:
             break
         middles = work.points[work.faces[crossing]].mean(axis=1)
-        if attempt == _ROUNDS - 1 or len(crossing) > _PATCH_SHARE * len(work.faces):
-            raise TissueError(
-                f"mesh passes through itself: {len(crossing)} of {len(work.faces)} faces meet "
-                f"others of their own shell ({format_points(middles)}); too many to replace "
-                "safely; mend it there and try again"
-            )
         places.append(middles)
+        if attempt == _ROUNDS - 1 or len(crossing) > _PATCH_SHARE * len(work.faces):
+            raise _entangled(work, middles)
         around = np.isin(work.faces, np.unique(work.faces[crossing])).any(axis=1)
         if attempt:
             around = np.isin(work.faces, np.unique(work.faces[around])).any(axis=1)
-        work.points, work.faces, _ = fill_holes(work.points, work.faces[~around])
-        work.points, work.faces = merge_vertices(work.points, work.faces)
+        try:
+            patched = fill_holes(work.points, work.faces[~around])[:2]
+            work.points, work.faces = merge_vertices(*patched)
+            check_closed(work.points, work.faces)
+        except TissueError as error:
+            # The holes are ours: what is wrong with the mesh are the faces that were there.
+            raise _entangled(work, np.concatenate(places)) from error
         replaced += int(around.sum())
-        check_closed(work.points, work.faces)
     if replaced:
         work.did(
             replaced,
             f"faces replaced where the surface passed through itself, "
             f"{format_points(np.concatenate(places))}",
         )
+
+
+def _entangled(work: _Work, middles: FloatArray) -> TissueError:
+    return TissueError(
+        f"mesh passes through itself: {len(middles)} of {len(work.faces)} faces meet others of "
+        f"their own shell ({format_points(middles)}), too many or too large to be replaced "
+        "safely; make it one solid there with a mesh editor (a remesh, or a union with itself) "
+        "and try again"
+    )
 
 
 def _own_crossings(work: _Work) -> NDArray[np.int64]:

@@ -12,6 +12,7 @@ from typing import Any, Final
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from printctl.cli.command_behaviour import with_common_behaviour
 from printctl.cli.completion import matching_words, with_profiles
 from printctl.cli.help_examples import with_manual
 from printctl.cli.summaries import summary
@@ -111,7 +112,7 @@ class LazyGroup(TyperGroup):
             alone.command(cmd_name, context_settings=CALLED_WITH.get(cmd_name))(loaded)
             command = typer.main.get_command(alone)
         command.name = cmd_name
-        return with_profiles(with_manual(command, cmd_name))
+        return with_common_behaviour(with_profiles(with_manual(command, cmd_name)))
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help, with each command's summary."""

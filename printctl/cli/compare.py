@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from design.files import write_text
-from printctl.cli.options import JsonFlag, print_json, print_lines
+from printctl.cli.options import JsonFlag, folder_to_write, print_json, print_lines
 from printctl.cli.pdf_option import PdfFlag
 from printctl.comparing import NewLimits, PrintNames, read_folders
 from printctl.errors import UsageError
@@ -41,7 +41,12 @@ def compare_prints(
             show_default=False,
         ),
     ],
-    out: Annotated[Path, typer.Option("--out", help="Folder for the files.", show_default=False)],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", callback=folder_to_write, help="Folder for the files.", show_default=False
+        ),
+    ],
     prints: Annotated[
         str | None,
         typer.Option(

@@ -8,7 +8,15 @@ from typing import Annotated, Any
 import typer
 
 from printctl.cli.kernels_ready import have_kernels
-from printctl.cli.options import JsonFlag, RecipeArg, messages, print_json, print_lines, print_note
+from printctl.cli.options import (
+    JsonFlag,
+    RecipeArg,
+    folder_to_write,
+    messages,
+    print_json,
+    print_lines,
+    print_note,
+)
 from printctl.errors import UsageError
 from printctl.pipeline.names import DESIGN_NAMES, names_until
 from printctl.pipeline.run import design_recipe
@@ -26,7 +34,12 @@ UntilOption = Annotated[
 
 def design(
     recipe: RecipeArg,
-    out: Annotated[Path, typer.Option("--out", help="Folder for the files.", show_default=False)],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", callback=folder_to_write, help="Folder for the files.", show_default=False
+        ),
+    ],
     until: UntilOption = None,
     as_json: JsonFlag = False,
 ) -> None:

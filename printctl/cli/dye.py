@@ -17,7 +17,7 @@ from design.units import UL_S_PER_ML_MIN
 from printctl.cli.calibrate_options import CameraFile
 from printctl.cli.dye_predict import FrontOptions, predict_front
 from printctl.cli.network_options import UnitOption
-from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NETWORK
 from registration.dye import (
@@ -40,7 +40,12 @@ def dye(
         Path,
         typer.Option("--model", help="A run folder, or its network.csv in mm.", show_default=False),
     ],
-    out: Annotated[Path, typer.Option("--out", help="Folder for the files.", show_default=False)],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", callback=folder_to_write, help="Folder for the files.", show_default=False
+        ),
+    ],
     video: Annotated[
         Path | None,
         typer.Argument(help="Film of dye run through the part (docs/dye.md).", show_default=False),

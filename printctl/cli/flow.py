@@ -14,7 +14,7 @@ from printctl.cli.flow_output import FlowOutput
 from printctl.cli.flow_part import SECTIONS
 from printctl.cli.network_options import SourceArg, UnitOption
 from printctl.cli.option_group import with_options, with_options_of
-from printctl.cli.options import JsonFlag, print_json, print_lines
+from printctl.cli.options import JsonFlag, print_json, print_lines, print_note
 from printctl.cli.section_options import parameters
 
 
@@ -63,6 +63,8 @@ def flow(
 
 
 def _say(output: FlowOutput, as_json: bool) -> None:
+    for note in output.summary.get("notes", ()):
+        print_note(f"note: {note}")
     if as_json:
         print_json(output.summary)
         return
@@ -73,6 +75,8 @@ def _lines(before: str, values: dict[str, object]) -> list[str]:
     """A line a number, the names of groups before theirs."""
     lines: list[str] = []
     for key, value in values.items():
+        if key == "notes":
+            continue  # said as messages
         if isinstance(value, dict):
             lines += _lines(f"{before}{key} ", value)
         elif isinstance(value, int | float):

@@ -21,6 +21,7 @@ _PERCENT = 0.5
 def match(
     network: VesselNetwork,
     part: FlowPart,
+    space: ThreeDPart,
     out: Path,
     fillet_ratio: float,
     how: Match,
@@ -35,7 +36,6 @@ def match(
     """
     if not how.match_split:
         return
-    space = part.three_d or ThreeDPart()
     options = options_from(
         _PERCENT if how.match_percent is None else how.match_percent,
         how.least_lumen_mm or 0.0,

@@ -10,7 +10,7 @@ import typer
 from printctl.cli.flow_match import match
 from printctl.cli.flow_options import Match, OtherSolvers
 from printctl.cli.flow_output import FlowOutput
-from printctl.cli.flow_part import part_of
+from printctl.cli.flow_part import part_of, space_of
 from printctl.cli.flow_printed import run_as_printed
 from printctl.cli.flow_ranks import run_other_solvers
 from printctl.cli.flow_solve import in_space, lumped_and_waves, write_problems
@@ -55,6 +55,7 @@ def run_network(
     output.files = list(tables.files)
     write_problems(source.network, part, asked["svzerod"], asked["svoned"], output)
     in_space(source.network, part, out, fillet, output)
-    run_other_solvers(source.network, part, out, fillet, others, output)
-    match(source.network, part, out, fillet, how, output)
+    space = space_of(asked)
+    run_other_solvers(source.network, part, space, out, fillet, others, output)
+    match(source.network, part, space, out, fillet, how, output)
     return output

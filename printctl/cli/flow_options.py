@@ -8,8 +8,13 @@ from typing import Annotated, Literal
 
 import typer
 
+from printctl.cli.options import folder_to_write
+
 OutOption = Annotated[
-    Path, typer.Option("--out", help="Folder for the tables; made where it isn't.")
+    Path,
+    typer.Option(
+        "--out", callback=folder_to_write, help="Folder for the tables; made where it isn't."
+    ),
 ]
 FluidOption = Annotated[
     Path | None,

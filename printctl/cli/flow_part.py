@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Final
 
-import yaml
 from pydantic import ValidationError
 
-from firmware_profiles.yaml_file import read_yaml
+from printctl.cli.flow_words import fluid_section, numbers, stenoses
 from printctl.cli.section_options import (
     SectionOptions,
     needs_another,
@@ -67,6 +65,12 @@ _NEED: Final = {
     **dict.fromkeys(("want", "match_percent", "least_lumen_mm"), "match_split"),
 }
 """Options that mean nothing without another one."""
+_OTHERS: Final = SectionOptions(ThreeDPart, renamed=THREE_D.renamed)
+_TAKEN: Final[Mapping[str, tuple[str, ...]]] = {
+    "edge_ratio": ("match_split", "ranks", "slurm", "svmultiphysics"),
+    "inertia": ("match_split", "ranks", "slurm"),
+}
+"""Options of --three-d that others who solve in space take, too."""
 
 
 def part_of(asked: Mapping[str, Any]) -> FlowPart:
@@ -80,13 +84,55 @@ def part_of(asked: Mapping[str, Any]) -> FlowPart:
     waves = any(asked[key] is not None for key in _WAVES)
     _refuse_without_wave(asked, waves)
     refuse_idle_options(asked)
-    section = section_values(SECTIONS, asked) | _fluid(asked["fluid"]) | shear_band(asked)
+    section = (
+        section_values(SECTIONS, _with_own_space(asked))
+        | fluid_section(asked["fluid"])
+        | shear_band(asked)
+    )
     if asked["stenosis"]:
-        section.setdefault("losses", {})["stenoses"] = _stenoses(asked["stenosis"])
+        section.setdefault("losses", {})["stenoses"] = stenoses(asked["stenosis"])
     try:
         return FlowPart(**section)
     except ValidationError as exc:
         raise wrong_option(exc, SECTIONS, "pulsatile flow" if waves else "flow") from exc
+
+
+def space_of(asked: Mapping[str, Any]) -> ThreeDPart:
+    """What was typed of lumens in space, for those that don't solve as --three-d does.
+
+    Raises
+    ------
+    UsageError
+        For a value out of bounds.
+    """
+    try:
+        return ThreeDPart(**_OTHERS.typed(asked))
+    except ValidationError as exc:
+        raise wrong_option(exc, [_OTHERS], "3D flow") from exc
+
+
+def _with_own_space(asked: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The options without those of --three-d that are given for another who solves in space.
+
+    Raises
+    ------
+    UsageError
+        For an option of --three-d that the others don't take.
+    """
+    solving = [name for name in _IN_SPACE if asked[name]]
+    if asked["three_d"] or not solving:
+        return asked
+    takes = [name for name, by in _TAKEN.items() if set(solving) & set(by)]
+    typed = [name for name in THREE_D.fields() if asked[name] is not None]
+    for name in typed:
+        if name not in takes:
+            word = f"no_{name}" if asked[name] is False else name
+            raise UsageError(
+                f"{option(word)} is for --three-d; {option(solving[0])} takes "
+                f"{' and '.join(map(option, takes))} alone. Add --three-d to solve here, too, or "
+                "leave it out"
+            )
+    return {**asked, **dict.fromkeys(typed)}
 
 
 def refuse_idle_options(asked: Mapping[str, Any]) -> None:
@@ -134,37 +180,4 @@ def shear_band(asked: Mapping[str, Any]) -> dict[str, Any]:
     text = asked["shear_band_dyn_cm2"]
     if text is None:
         return {}
-    return {"shear_band_dyn_cm2": _numbers(text, "--shear-band-dyn-cm2", "LOW,HIGH", 2)}
-
-
-def _fluid(path: Any) -> dict[str, Any]:
-    if path is None:
-        return {}
-    try:
-        values = read_yaml(Path(path).read_text(encoding="utf-8"))
-    except OSError as exc:
-        raise UsageError(f"--fluid {path} can't be read: {exc.strerror}; check the path") from exc
-    except (yaml.YAMLError, UnicodeDecodeError) as exc:
-        raise UsageError(f"{path} isn't YAML: {exc}; write model: carreau and its numbers") from exc
-    if not isinstance(values, dict):
-        raise UsageError(f"{path} names no fluid; write model: carreau and its numbers")
-    return {"viscosity": values}
-
-
-def _stenoses(texts: list[str]) -> list[dict[str, Any]]:
-    stenoses = []
-    for text in texts:
-        vessel, share, length = _numbers(text, "--stenosis", "VESSEL,SHARE,MM", 3)
-        number = int(vessel) if vessel.is_integer() else vessel
-        stenoses.append({"vessel": number, "diameter_share": share, "length_mm": length})
-    return stenoses
-
-
-def _numbers(text: str, name: str, form: str, count: int) -> tuple[float, ...]:
-    try:
-        numbers = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        numbers = ()
-    if len(numbers) != count:
-        raise UsageError(f"{name} {text!r} isn't {form}; write numbers with commas between")
-    return numbers
+    return {"shear_band_dyn_cm2": numbers(text, "--shear-band-dyn-cm2", "LOW,HIGH", 2)}

@@ -28,6 +28,7 @@ CASE = "ranks"
 def run_other_solvers(
     network: VesselNetwork,
     part: FlowPart,
+    space: ThreeDPart,
     out: Path,
     fillet_ratio: float,
     asked: OtherSolvers,
@@ -42,7 +43,6 @@ def run_other_solvers(
     """
     if asked.ranks is None and asked.slurm is None and asked.svmultiphysics is None:
         return
-    space = part.three_d or ThreeDPart()
     mesh = _mesh(network, space, fillet_ratio)
     if asked.svmultiphysics is not None and part.pulse is not None:
         pulse = pulsatile_conditions(part, part.pulse, Path(), network=network)

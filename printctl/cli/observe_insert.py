@@ -10,7 +10,7 @@ import typer
 from design.solids.stl import write_stl
 from firmware_profiles import load
 from firmware_profiles.dishes import Dish
-from printctl.cli.options import JsonFlag, messages, print_json
+from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json
 from printctl.errors import UsageError
 from registration.camera_frame import (
     design_insert,
@@ -27,7 +27,9 @@ _DPI: Final = 1200
 
 def insert(
     dish: Annotated[str, typer.Option("--dish", help="Dish profile: shipped name or .yaml file.")],
-    out: Annotated[Path, typer.Option("--out", help="Folder to write to.")],
+    out: Annotated[
+        Path, typer.Option("--out", callback=folder_to_write, help="Folder to write to.")
+    ],
     made: Annotated[
         str, typer.Option("--made", help="How it is made: fdm, resin, paper or engraved.")
     ] = "fdm",

@@ -92,6 +92,20 @@ def two_numbers(text: str, option: str) -> tuple[float, float]:
     return low, high
 
 
+def folder_to_write(folder: Path | None) -> Path | None:
+    """Return the folder of an --out, which may be there or not.
+
+    Raises
+    ------
+    UsageError
+        Where it is a file, or lies in one.
+    """
+    for place in () if folder is None else (folder, *folder.parents):
+        if place.exists() and not place.is_dir():
+            raise UsageError(f"--out {folder}: {place} is a file; give a folder's name")
+    return folder
+
+
 def refuse_input_as_output(out: Path | None, *inputs: Path) -> None:
     """Refuse to write over a file that the command reads.
 

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 from printctl.cli.option_group import with_options_of
-from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
 from printctl.cli.scan_options import ScanFile, ScanOptions
 from printctl.pipeline.overlay_files import HTML, summary_lines, write_overlay
 from printctl.pipeline.overlaying import chosen_layers, overlay_scan
@@ -30,7 +30,12 @@ def overlay(
         Path,
         typer.Option("--model", help="Run folder of a print in layers.", show_default=False),
     ],
-    out: Annotated[Path, typer.Option("--out", help="Folder for the files.", show_default=False)],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", callback=folder_to_write, help="Folder for the files.", show_default=False
+        ),
+    ],
     pose: Annotated[
         Path | None,
         typer.Option(

@@ -22,7 +22,7 @@ from printctl.cli.network_options import (
     UnitOption,
 )
 from printctl.cli.option_group import with_options
-from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
 from printctl.cli.section_options import SectionOptions, parameters, section_values, wrong_option
 from printctl.networks import Drive, Source, load_source
 from printctl.oxygen import FIELD, SLICE, TABLE, hypoxia, solve_and_write
@@ -48,7 +48,10 @@ def oxygen(
     tissue_unit: TissueUnitOption = None,
     unit: UnitOption = None,
     out: Annotated[
-        Path, typer.Option("--out", help="Folder for the files; made where it isn't.")
+        Path,
+        typer.Option(
+            "--out", callback=folder_to_write, help="Folder for the files; made where it isn't."
+        ),
     ] = Path("oxygen"),
     inlet_flow_ml_min: Annotated[
         float | None,

@@ -8,11 +8,17 @@ from typing import Annotated
 import typer
 
 from design.units import LengthUnit
+from printctl.cli.options import folder_to_write
 
 ModelOption = Annotated[
     Path, typer.Option("--model", help="A run folder, or the design's STL.", show_default=False)
 ]
-OutOption = Annotated[Path, typer.Option("--out", help="Folder for the files.", show_default=False)]
+OutOption = Annotated[
+    Path,
+    typer.Option(
+        "--out", callback=folder_to_write, help="Folder for the files.", show_default=False
+    ),
+]
 NetworkOption = Annotated[
     Path | None,
     typer.Option("--network", help="network.csv in mm; else the one beside the model."),

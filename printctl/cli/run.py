@@ -14,6 +14,7 @@ from printctl.cli.options import (
     JsonFlag,
     RecipeArg,
     YesFlag,
+    folder_to_write,
     messages,
     print_json,
     print_lines,
@@ -31,7 +32,13 @@ from printctl.records.verdict import outcome
 from printctl.run_folder.artefacts import HTML, PDF
 
 OutOption = Annotated[
-    Path | None, typer.Option("--out", help="Run folder; runs/NAME by default.", show_default=False)
+    Path | None,
+    typer.Option(
+        "--out",
+        callback=folder_to_write,
+        help="Run folder; runs/NAME by default.",
+        show_default=False,
+    ),
 ]
 UntilOption = Annotated[
     str | None,

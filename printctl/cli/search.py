@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
 from printctl.search import SearchResult, load_search, run_search
 from printctl.search.results import write_results
 from printctl.search.slurm import slurm_workers
@@ -21,7 +21,12 @@ def search(
     ],
     out: Annotated[
         Path,
-        typer.Option("--out", help="Folder; what it knows is kept.", show_default=False),
+        typer.Option(
+            "--out",
+            callback=folder_to_write,
+            help="Folder; what it knows is kept.",
+            show_default=False,
+        ),
     ],
     workers: Annotated[
         int | None,

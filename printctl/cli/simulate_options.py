@@ -9,11 +9,14 @@ from typing import Annotated
 import typer
 
 from design.units import LengthUnit
+from printctl.cli.options import folder_to_write
 
 OutOption = Annotated[
     Path | None,
     typer.Option(
-        "--out", help="Folder for what will lie in the bath: tables, a time line, voxels."
+        "--out",
+        callback=folder_to_write,
+        help="Folder for what will lie in the bath: tables, a time line, voxels.",
     ),
 ]
 LagOption = Annotated[

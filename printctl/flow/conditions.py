@@ -46,7 +46,8 @@ def steady_conditions(
     by_flow = part.inlet_pressure_mmhg is None
     behind: Mapping[int, Outlet] = {}
     if network is not None:
-        every = None if part.outlet is None else outlet_of(part.outlet, _distal(part))
+        said = part.every_outlet
+        every = None if said is None else outlet_of(said, _distal(part))
         outlets = _outlets(part, every, folder, network, 1.0)
         nodes = network.outlets().tolist()
         if outlets is not None:
@@ -135,11 +136,11 @@ def pulsatile_conditions(
     ------
     UsageError
         For a table whose mean isn't the recipe's, or a table of outlets that isn't one.
-    FlowError, OSError
+    FlowInputError, OSError
         For a table that is no waveform, or can't be read.
     """
     volume = print_scale**3
-    every = outlet_of(part.outlet or pulse.outlet, _distal(part), volume)
+    every = outlet_of(part.every_outlet, _distal(part), volume)
     outlets = None if network is None else _outlets(part, every, folder, network, volume)
     return PulsatileConditions(
         viscosity_pa_s=part.viscosity_mpa_s * 1e-3,

@@ -25,8 +25,8 @@ PULSES, WAVES = "flow_pulsatile.csv", "flow_waves.csv"
 
 def solve_and_write(
     tables: FlowTables, network: VesselNetwork, conditions: PulsatileConditions, steps: int
-) -> dict[str, Any]:
-    """Find the periodic state, write `PULSES` and `WAVES`, return the summary.
+) -> tuple[dict[str, Any], dict[str, FloatArray]]:
+    """Find the periodic state, write `PULSES` and `WAVES`; return the summary and the waves.
 
     Raises
     ------
@@ -39,8 +39,9 @@ def solve_and_write(
     summary = pulsatile_summary(network, solution, conditions)
     question_pressure(summary["pressure_max_mmhg"] * PA_PER_MMHG)
     tables.put(PULSES, pulsatile_table(network, solution, conditions))
-    tables.put(WAVES, end_waves(network, solution, conditions, steps))
-    return summary
+    waves = end_waves(network, solution, conditions, steps)
+    tables.put(WAVES, waves)
+    return summary, waves
 
 
 def read_waves(path: Path) -> dict[str, FloatArray]:

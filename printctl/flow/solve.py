@@ -8,6 +8,7 @@ from typing import Any
 
 from design.hemodynamics import FlowConditions, FlowSolution
 from design.network import VesselNetwork
+from printctl.flow.backflow import pulse_notes, steady_notes
 from printctl.flow.conditions import pulsatile_conditions, steady_conditions
 from printctl.flow.one_d import one_d_options, solve_and_write_one_d
 from printctl.flow.outputs import solve_and_write
@@ -29,7 +30,7 @@ def solve_section(
     folder: Path = Path(),
     print_scale: float = 1.0,
 ) -> tuple[FlowSolution, dict[str, Any]]:
-    """Return the steady solution, and the summary of all that was solved.
+    """Return the steady solution, and the summary of all that was solved, with notes if any.
 
     Parameters
     ----------
@@ -47,11 +48,13 @@ def solve_section(
     """
     driven = steady or steady_conditions(part, folder, network)
     solution, summary = solve_steady(tables, network, driven, part)
+    notes = steady_notes(network, solution, driven)
     if part.pulse is None:
-        return solution, summary
+        return solution, summary | _said(notes)
     steps = part.pulse.steps
     conditions = pulsatile_conditions(part, part.pulse, folder, print_scale, network)
-    summary["pulsatile"] = solve_and_write(tables, network, conditions, steps)
+    summary["pulsatile"], waves = solve_and_write(tables, network, conditions, steps)
+    notes += pulse_notes(waves)
     if part.one_d is not None:
         options = one_d_options(part.one_d, steps)
         summary["one_d"] = solve_and_write_one_d(
@@ -61,4 +64,8 @@ def solve_section(
             options,
             lambda number, change: cycle(number, change, options.tolerance),
         )
-    return solution, summary
+    return solution, summary | _said(notes)
+
+
+def _said(notes: list[str]) -> dict[str, list[str]]:
+    return {"notes": notes} if notes else {}

@@ -13,6 +13,8 @@ from design.anatomy.kidney import KidneyAnatomy, grow_kidney
 from design.anatomy.liver import LiverAnatomy, grow_liver
 from design.anatomy.presets import PRESETS
 from design.anatomy.shares import uneven_notes
+from design.anatomy.tried_fewer import grow_or_advise
+from design.errors import LEAST_IN_CORTEX, LEAST_TERMINALS
 from design.hemodynamics import FlowConditions, balance
 from design.network import VesselKind
 from design.tissue import Tissue
@@ -90,7 +92,12 @@ def anatomic_trees(context: RunContext, part: GrownNetwork) -> AnatomicTrees:
         options = replace(options, murray_exponent=preset.murray_exponent)
     if "pressure_drop_mmhg" not in own:
         options = replace(options, pressure_drop_pa=preset.pressure_drop_mmhg * PA_PER_MMHG)
-    trees = _grown(context.tissue, options, anatomy, "pressure_drop_mmhg" not in own)
+    free = "pressure_drop_mmhg" not in own
+    trees = grow_or_advise(
+        lambda count: _grown(context.tissue, replace(options, terminals=count), anatomy, free),
+        options.terminals,
+        LEAST_IN_CORTEX if anatomy.template == "cortex" else LEAST_TERMINALS,
+    )
     # A heart's coronaries share the tissue; of other organs each tree serves all of it.
     ends, flow = terminals_of(trees.trees if anatomy.template == "heart" else trees.trees[:1])
     tissue = replace(context.tissue, demand=trees.demand or context.tissue.demand)

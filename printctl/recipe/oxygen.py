@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from printctl.recipe.parts import Part
 
@@ -51,3 +51,9 @@ class OxygenPart(Part):
     grid_cells: Annotated[int, Field(ge=1000, le=40_000_000)] = Field(
         default=1_000_000, description="About so many, without spacing_um."
     )
+
+    @model_validator(mode="after")
+    def _one_size(self) -> OxygenPart:
+        if self.spacing_um is not None and "grid_cells" in self.model_fields_set:
+            raise ValueError("give spacing_um or grid_cells, and not both: either sets the other")
+        return self

@@ -106,6 +106,11 @@ class FlowPart(Part):
         default=None, description="Fidelities side by side, each against the ideal."
     )
 
+    @property
+    def every_outlet(self) -> PulseOutlet | None:
+        """What lies behind every outlet, wherever it is said; in steady flow and in pulses."""
+        return self.outlet or (None if self.pulse is None else self.pulse.outlet)
+
     @model_validator(mode="after")
     def _one_of_each(self) -> FlowPart:
         given = self.model_fields_set
@@ -137,6 +142,13 @@ class FlowPart(Part):
             raise ValueError("amplitude_mmhg needs inlet_pressure_mmhg")
         if self.pulse.outlet is not None and (self.outlet or self.outlets):
             raise ValueError("give outlet or outlets, or pulse.outlet, and not both")
+        swing = self.pulse.amplitude_ml_min
+        if swing is not None and swing > self.inlet_flow_ml_min:
+            raise ValueError(
+                f"amplitude_ml_min is {swing:g} and inlet_flow_ml_min {self.inlet_flow_ml_min:g}: "
+                "the flow would go back out of the inlet; lower the one, raise the other, or drive "
+                "the inlet by pressure"
+            )
         if self.viscosity is not None or self.losses != LossPart():
             raise ValueError(
                 "a pulse is solved with viscosity_mpa_s and no losses; leave viscosity and losses "

@@ -66,7 +66,7 @@ class PulsePart(StrictModel):
         default="womersley", description="Of the pulse's velocity."
     )
     outlet: PulseOutlet | None = Field(
-        default=None, description="Of the pulse alone; flow.outlet holds for steady flow, too."
+        default=None, description="The same as flow.outlet, for steady flow, too; one may be given."
     )
     steps: Annotated[int, Field(ge=8, le=10_000)] = Field(default=100, description="Of a cycle.")
 

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from design.errors import FlowError
+from design.errors import FlowInputError
 from design.network import FloatArray, VesselNetwork
 
 EXPANSION: Final = 1.52
@@ -43,12 +43,12 @@ class Stenosis:
 
     def __post_init__(self) -> None:
         if not 0.1 <= self.diameter_share <= 1.0:
-            raise FlowError(
+            raise FlowInputError(
                 f"the stenosis in vessel {self.vessel} leaves {self.diameter_share:g} of its "
                 "diameter; give 0.1 to 1"
             )
         if not (np.isfinite(self.length_mm) and self.length_mm > 0.0):
-            raise FlowError(
+            raise FlowInputError(
                 f"the stenosis in vessel {self.vessel} is {self.length_mm:g} mm long; give a "
                 "length above 0"
             )
@@ -75,7 +75,7 @@ class Losses:
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.junction <= 100.0:
-            raise FlowError(f"the junctions' K is {self.junction:g}; give 0 to 100")
+            raise FlowInputError(f"the junctions' K is {self.junction:g}; give 0 to 100")
 
     @property
     def any(self) -> bool:
@@ -114,7 +114,7 @@ def loss_terms(
 
     Raises
     ------
-    FlowError
+    FlowInputError
         For a stenosis in no vessel, or stenoses longer than their vessel.
     """
     _check(network, losses.stenoses)
@@ -139,14 +139,14 @@ def _check(network: VesselNetwork, stenoses: tuple[Stenosis, ...]) -> None:
     narrow: dict[int, float] = {}
     for each in stenoses:
         if not 0 <= each.vessel < network.vessel_count:
-            raise FlowError(
+            raise FlowInputError(
                 f"a stenosis is in vessel {each.vessel}, and the network has 0 to "
                 f"{network.vessel_count - 1}"
             )
         narrow[each.vessel] = narrow.get(each.vessel, 0.0) + each.length_mm
     for vessel, length in narrow.items():
         if length > whole[vessel]:
-            raise FlowError(
+            raise FlowInputError(
                 f"the stenosis in vessel {vessel} is {length:g} mm long (several count together), "
                 f"and the vessel {whole[vessel]:g} mm"
             )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from design.errors import FlowError
+from design.errors import FlowInputError
 from design.hemodynamics.waveforms.waveform import Interpolation, Tabulated
 
 
@@ -32,7 +32,7 @@ def read_waveform(
 
     Raises
     ------
-    FlowError
+    FlowInputError
         A missing column, an empty or unreadable cell, samples that are no waveform.
     OSError
         When the file can't be read.
@@ -41,23 +41,25 @@ def read_waveform(
         with path.open(encoding="utf-8-sig", newline="") as handle:
             rows = list(csv.DictReader(handle))
     except (UnicodeDecodeError, csv.Error) as exc:
-        raise FlowError(f"{path} isn't a CSV file: {exc}") from exc
+        raise FlowInputError(f"{path} isn't a CSV file: {exc}") from exc
     for name in ("time_s", column):
         if not rows or name not in rows[0]:
-            raise FlowError(f"{path} has no column {name}; its first line names time_s,{column}")
+            raise FlowInputError(
+                f"{path} has no column {name}; its first line names time_s,{column}"
+            )
     time = [_cell(path, k, row["time_s"]) for k, row in enumerate(rows, 2)]
     value = [_cell(path, k, row[column]) for k, row in enumerate(rows, 2)]
     try:
         return Tabulated(np.array(time), scale * np.array(value), period_s, interpolation)
-    except FlowError as exc:
-        raise FlowError(f"{path}: {exc}") from exc
+    except FlowInputError as exc:
+        raise FlowInputError(f"{path}: {exc}") from exc
 
 
 def _cell(path: Path, line: int, text: str | None) -> float:
     try:
         return float(text or "")
     except ValueError as exc:
-        raise FlowError(
+        raise FlowInputError(
             f"{path}, line {line}: {text!r} is no number; fill the missing sample in, or leave "
             "the line out"
         ) from exc

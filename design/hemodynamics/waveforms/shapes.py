@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from design.errors import FlowError
+from design.errors import FlowInputError
 from design.hemodynamics.waveforms.waveform import Tabulated, check_period
 from design.network import FloatArray
 
@@ -41,11 +41,11 @@ def shape(name: str, mean: float, period_s: float) -> Tabulated:
 
     Raises
     ------
-    FlowError
+    FlowInputError
         For an unknown name, or an impossible period.
     """
     if name not in SHAPES:
-        raise FlowError(f"there is no waveform {name!r}; choose one of {', '.join(SHAPES)}")
+        raise FlowInputError(f"there is no waveform {name!r}; choose one of {', '.join(SHAPES)}")
     phase = np.arange(_SAMPLES) / _SAMPLES
     value = SHAPES[name](phase)
     return Tabulated(phase * check_period(period_s), mean * value / value.mean(), period_s)

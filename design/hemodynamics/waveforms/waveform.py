@@ -7,7 +7,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from design.errors import FlowError
+from design.errors import FlowInputError
 from design.network import FloatArray
 
 Interpolation = Literal["linear", "spline"]
@@ -82,7 +82,7 @@ class Tabulated:
 
     Raises
     ------
-    FlowError
+    FlowInputError
         Fewer than two samples, a missing (NaN) sample, times that don't rise, a period that
         isn't above 0 or is shorter than the samples, a cycle that doesn't close.
     """
@@ -99,7 +99,7 @@ class Tabulated:
         closed = period_s is None or abs(period_s - (time[-1] - time[0])) < _CLOSES * period_s
         self._period = check_period(float(time[-1] - time[0]) if period_s is None else period_s)
         if time[-1] - time[0] > self._period * (1.0 + _CLOSES):
-            raise FlowError(
+            raise FlowInputError(
                 f"the waveform's samples span {time[-1] - time[0]:g} s, more than its period "
                 f"{self._period:g} s; give one cycle, or the right period"
             )
@@ -135,11 +135,11 @@ def check_period(period_s: float) -> float:
 
     Raises
     ------
-    FlowError
+    FlowInputError
         When it isn't above 0.
     """
     if not (np.isfinite(period_s) and period_s > 0.0):
-        raise FlowError(f"the waveform's period is {period_s:g} s; give one above 0")
+        raise FlowInputError(f"the waveform's period is {period_s:g} s; give one above 0")
     return float(period_s)
 
 
@@ -153,13 +153,13 @@ def common_period(waveforms: tuple[Waveform, ...]) -> float | None:
 
     Raises
     ------
-    FlowError
+    FlowInputError
         When they differ.
     """
     periods = [w.period_s for w in waveforms if w.period_s is not None]
     for period in periods[1:]:
         if abs(period - periods[0]) > _CLOSES * periods[0]:
-            raise FlowError(
+            raise FlowInputError(
                 f"waveforms have periods {periods[0]:g} and {period:g} s; give all the same one"
             )
     return periods[0] if periods else None
@@ -167,21 +167,21 @@ def common_period(waveforms: tuple[Waveform, ...]) -> float | None:
 
 def _check_samples(time: FloatArray, value: FloatArray) -> None:
     if time.ndim != 1 or time.shape != value.shape:
-        raise FlowError(
+        raise FlowInputError(
             f"the waveform has {time.size} times and {value.size} values; give a value each"
         )
     if len(time) < 2:
-        raise FlowError(f"the waveform has {len(time)} samples; give at least two")
+        raise FlowInputError(f"the waveform has {len(time)} samples; give at least two")
     missing = np.flatnonzero(~(np.isfinite(time) & np.isfinite(value)))
     if len(missing):
-        raise FlowError(
+        raise FlowInputError(
             f"sample {int(missing[0]) + 1} of the waveform is missing ({len(missing)} of "
             f"{len(time)}); fill it in, or leave its time out"
         )
     back = np.flatnonzero(np.diff(time) <= 0.0)
     if len(back):
         k = int(back[0])
-        raise FlowError(
+        raise FlowInputError(
             f"the waveform's times don't rise: {time[k + 1]:g} s follows {time[k]:g} s (sample "
             f"{k + 2}); sort them and drop repeated ones"
         )
@@ -190,7 +190,7 @@ def _check_samples(time: FloatArray, value: FloatArray) -> None:
 def _check_closed(value: FloatArray) -> None:
     gap, swing = abs(value[-1] - value[0]), float(np.ptp(value))
     if gap > 1e-3 * max(swing, _CLOSES * float(np.abs(value).max())):
-        raise FlowError(
+        raise FlowInputError(
             f"the waveform ends at {value[-1]:g} and began at {value[0]:g}, so its cycle doesn't "
             "close; repeat the first sample at the end, or give the period"
         )
@@ -198,7 +198,7 @@ def _check_closed(value: FloatArray) -> None:
 
 def _finite(name: str, value: float) -> None:
     if not np.isfinite(value):
-        raise FlowError(f"the waveform's {name} is {value}; give a number")
+        raise FlowInputError(f"the waveform's {name} is {value}; give a number")
 
 
 def _periodic_spline(time_s: FloatArray, value: FloatArray) -> Any:

@@ -35,6 +35,8 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     )
     values = {"flow_ul_s": solution.flow, "wall_shear_pa": solution.wall_shear}
     write_network_vtp(context.folder / PICTURE, context.network, values)
+    for note in summary.get("notes", ()):
+        context.bars.remark("flow", note)
     summary["inlet_flow_ml_min"] = summary["inflow_ml_min"]
     if recipe.print_scale != 1:
         summary["print_scale"] = recipe.print_scale

@@ -33,9 +33,13 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
 def depends(context: RunContext) -> Any:
     """The section, the steady flow's, the user's outlets, and the scale."""
     part, recipe = context.recipe.oxygen, context.recipe
+    outlet = recipe.flow.every_outlet
     return [
         None if part is None else part.model_dump(mode="json"),
-        recipe.flow.model_dump(mode="json", exclude={"pulse", "one_d"}),
+        {
+            **recipe.flow.model_dump(mode="json", exclude={"pulse", "one_d"}),
+            "outlet": outlet and outlet.model_dump(mode="json"),
+        },
         context.outlets_digest,
         recipe.print_scale,
     ]

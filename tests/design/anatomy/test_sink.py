@@ -17,13 +17,9 @@ def grooved():
     fan = np.array([[0, i + 1, i] for i in range(1, 6)])
     around = np.arange(7)
     after = np.roll(around, -1)
-    sides = np.concatenate(
-        [
-            np.column_stack([around, after, after + 7]),
-            np.column_stack([around, after + 7, around + 7]),
-        ]
-    )
-    faces = np.concatenate([fan, fan[:, ::-1] + 7, sides])
+    side = np.column_stack([around, after, after + 7])
+    other = np.column_stack([around, after + 7, around + 7])
+    faces = np.concatenate([fan, fan[:, ::-1] + 7, side, other])
     return kept_tissue(Surface(np.concatenate([front, back]), faces))
 
 

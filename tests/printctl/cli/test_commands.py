@@ -28,6 +28,17 @@ def test_every_command_can_be_asked_for_help(name):
     assert f" {name} " in result.output
 
 
+@pytest.mark.parametrize("name", ["flow", "oxygen", "register"])
+def test_names_of_options_are_whole_in_a_terminal_of_80_columns(name: str) -> None:
+    """--outlet-resistance-mmhg-min… was what the help told."""
+    narrow = {"COLUMNS": "80", "TERMINAL_WIDTH": "80"}
+    said = CliRunner().invoke(app, [name, "--help"], env=narrow).output
+    for param in LazyGroup().get_command(None, name).params:
+        names = [*param.opts, *param.secondary_opts]
+        assert all(name in said for name in names if name.startswith("-"))
+    assert max(map(len, said.splitlines())) <= 80
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_summary_is_what_the_command_says_of_itself(name: str) -> None:
     module, attribute = COMMANDS[name].split(":")

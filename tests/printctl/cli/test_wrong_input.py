@@ -51,6 +51,11 @@ from printctl.cli.main import main
             "line 2 of the G-code has",
         ),
         ("view nul.gcode --printer generic_marlin", 2, "line 2 of the G-code has a NUL"),
+        ("run r.yaml --out cube.stl", 2, "--out cube.stl: cube.stl is a file; give a folder's"),
+        ("simulate a.gcode --out cube.stl/x", 2, "--out cube.stl/x: cube.stl is a file"),
+        ("slice cube.stl --unit mm --out cube.stl/a.gcode", 2, "is a file, or lies in one"),
+        ("slice cube.stl --unit mm --unit um --out a.gcode", 2, "--unit is given twice, and"),
+        ("calibrate weigh bad.csv --write a --write a --write b", 2, "--write is given 3 times"),
         ("ports --printer nope", 2, "no printer profile 'nope'"),
     ],
 )

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from design.errors import FlowError
 from design.hemodynamics import Pries1994, WindkesselOutlet
+from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
 from printctl.cli.flow_case import read_case
 from printctl.errors import UsageError
@@ -125,6 +126,20 @@ def test_a_windkessel_is_converted_and_scaled_with_the_print() -> None:
     assert made.distal == pytest.approx(4 * PA_PER_MMHG / UL_S_PER_ML_MIN / 8)
     assert made.compliance == pytest.approx(10 / PA_PER_MMHG * 8)
     assert made.distal_pa == pytest.approx(1333.22)
+
+
+def test_an_outlet_of_the_pulse_holds_for_steady_flow_as_flow_outlet_does() -> None:
+    """The mean of the pulse had a resistance behind it, and the steady flow hadn't."""
+    kind = tree = np.zeros(1, dtype=np.int64)
+    nodes = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 5.0]])
+    network = VesselNetwork.from_segments(nodes, np.array([[0, 1]]), np.array([0.5]), kind, tree)
+    wave = {"amplitude_ml_min": 0.1, "period_s": 1}
+    outlet = {"resistance_mmhg_min_ml": 4}
+    one = FlowPart.model_validate({"pulse": wave, "outlet": outlet})
+    other = FlowPart.model_validate({"pulse": {**wave, "outlet": outlet}})
+    loads = [steady_conditions(part, network=network).behind for part in (one, other)]
+    assert loads[0] == loads[1]
+    assert loads[0][1].resistance == pytest.approx(4 * PA_PER_MMHG / UL_S_PER_ML_MIN)
 
 
 def test_half_a_windkessel_and_two_waves_are_refused() -> None:

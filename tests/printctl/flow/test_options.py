@@ -103,8 +103,40 @@ def test_a_band_of_wall_shear_gets_a_verdict(fork: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
+        (("--outlet-pressure-mmhg", "10"), "the flow goes backwards, in at outlets"),
+        (("--amplitude-mmhg", "9", "--period-s", "1"), "back out of the inlets for 31% of the"),
+        (("--outlets", "high.csv"), "flow enters by 1 of 2 outlets (node 3)"),
+        ((), ""),
+    ],
+)
+def test_flow_that_goes_backwards_is_told(fork: Path, options: tuple[str, ...], words: str) -> None:
+    (fork / "high.csv").write_text("node,pressure_mmhg\n2,0\n3,6\n")
+    call = ("flow", "fork.csv", "--unit", "mm", "--inlet-pressure-mmhg", "5", *options, "--json")
+    done = printctl(*call, cwd=fork)
+    assert done.returncode == 0
+    assert words in done.stderr
+    notes = json.loads(done.stdout).get("notes", [])
+    assert bool(notes) == bool(words)
+    assert all(note in done.stderr for note in notes)
+
+
+def test_ranks_take_what_is_said_of_elements_and_inertia(fork: Path) -> None:
+    """They were refused as options of --three-d; a batch script needs no program of others."""
+    call = ("--slurm", "job.sh", "--slurm-set", "ntasks=2", "--no-inertia", "--edge-ratio")
+    cells = []
+    for ratio in ("0.9", "0.7"):
+        found = _flow(fork, *call, ratio)
+        assert "three_d" not in found
+        case = fork / "flow" / "ranks"
+        assert json.loads((case / "case.json").read_text())["model"] == "stokes"
+        cells.append((case / "tets.npy").stat().st_size)
+    assert cells[1] > cells[0]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
         (("--inlet-pressure-mmhg", "5", "--inlet-flow-ml-min", "1"), "and not both"),
-        (("--inlet-pressure-mmhg", "1e6"), "above 100000: is the network in another unit"),
         (("--inlet-pressure-mmhg", "5", *SINE), "goes with --amplitude-mmhg"),
         (("--amplitude-mmhg", "5", "--period-s", "1"), "needs --inlet-pressure-mmhg"),
         (("--shear-band-dyn-cm2", "5"), "isn't LOW,HIGH"),
@@ -112,9 +144,16 @@ def test_a_band_of_wall_shear_gets_a_verdict(fork: Path) -> None:
         (("--stenosis", "1,0.3"), "isn't VESSEL,SHARE,MM"),
         (("--stenosis", "7,0.3,1"), "the network has 0 to 2"),
         (("--stenosis", "1,0.3,3", "--stenosis", "1,0.5,3"), "6 mm long (several count together)"),
-        (("--fluid", "ink.yaml"), "viscosity"),
+        (("--fluid", "ink.yaml"), "--fluid ink.yaml: 'model' is 'honey'; it must be one of"),
+        (("--fluid", "odd.yaml"), "--fluid odd.yaml: rest_mpa_s is no key here"),
+        (("--fluid", "torn.yaml"), "--fluid torn.yaml isn't YAML"),
+        (("--stenosis", "1.5,0.3,1"), "--stenosis 1.5,0.3,1: vessel must be a whole number"),
+        (("--amplitude-ml-min", "0.3", "--period-s", "1"), "would go back out of the inlet"),
+        (("--ranks", "2", "--order", "3"), "--ranks takes --edge-ratio and --inertia alone"),
+        (("--ranks", "2", "--edge-ratio", "7"), "--edge-ratio: must be at most 1"),
+        (("--slurm", "j.sh", "--check"), "--check is for --three-d; --slurm takes"),
         (("--fluid", "no.yaml"), "no.yaml"),
-        (("--fluid", "empty.yaml"), "names no fluid"),
+        (("--fluid", "empty.yaml"), "--fluid empty.yaml names no fluid"),
         (("--fluid", "blood.yaml", *SINE), "a pulse is solved with --viscosity-mpa-s"),
         (("--fluid", "blood.yaml", "--viscosity-mpa-s", "2"), "viscosity or --viscosity-mpa-s"),
         (("--outlets", "short.csv"), "outlet 3 has no condition"),
@@ -137,6 +176,8 @@ def test_what_cannot_be_meant_ends_in_one_message(
     for name, text in (
         ("blood.yaml", "model: carreau\n"),
         ("ink.yaml", "model: honey\n"),
+        ("odd.yaml", "model: carreau\nrest_mpa_s: 3\n"),
+        ("torn.yaml", "[1,2\n"),
         ("empty.yaml", "\n"),
         ("short.csv", "vessel,pressure_mmhg\n1,0\n"),
         ("wrong.csv", "node,pressure_mmhg\n1,0\n"),
@@ -163,12 +204,16 @@ def test_networks_that_carry_no_flow_are_refused_by_vessel(
     fork: Path, rows: tuple[str, ...], words: str
 ) -> None:
     (fork / "fork.csv").write_text(HEAD + "".join(rows))
-    _refused(fork, words)
+    _refused(fork, words, code=1)
 
 
-def _refused(folder: Path, words: str, *options: str) -> None:
+def test_a_pressure_that_nothing_stands_is_questioned(fork: Path) -> None:
+    _refused(fork, "is the network in another unit", "--inlet-pressure-mmhg", "1e6", code=1)
+
+
+def _refused(folder: Path, words: str, *options: str, code: int = 2) -> None:
     done = printctl("flow", "fork.csv", "--unit", "mm", *options, cwd=folder)
-    assert done.returncode in (1, 2), done.stdout
+    assert done.returncode == code, done.stdout
     assert "Traceback" not in done.stderr
     assert words in done.stderr
     assert done.stdout == ""

@@ -88,10 +88,12 @@ def test_the_report_says_what_it_rests_on(folder: Path) -> None:
         (("--cells-per-ml", "-1"), "--cells-per-ml"),
         (("--spacing-um", "1"), "raise the spacing"),
         (("--tissue", "none.stl"), "none.stl"),
+        (("--spacing-um", "200", "--grid-cells", "2000"), "--spacing-um or --grid-cells"),
     ],
 )
 def test_what_makes_no_sense_is_refused(folder: Path, options: tuple[str, ...], words: str) -> None:
-    given = {"--tissue": "cube.stl", "--tissue-unit": "mm", options[0]: options[1]}
+    given = {"--tissue": "cube.stl", "--tissue-unit": "mm"}
+    given |= dict(zip(options[::2], options[1::2], strict=True))
     flat = [word for pair in given.items() for word in pair]
     done = printctl("oxygen", "fork.csv", "--unit", "mm", *flat, cwd=folder)
     assert done.returncode != 0
@@ -131,6 +133,9 @@ def test_the_stage_depends_on_section_flow_and_scale(tmp_path: Path) -> None:
     assert one != told(oxygen={}, print_scale=2)
     wave = {"pulse": {"amplitude_ml_min": 0.1, "period_s": 1}}
     assert one == told(oxygen={}, flow=wave)
+    behind = {"outlet": {"resistance_mmhg_min_ml": 4}}
+    assert told(oxygen={}, flow=behind) == told(oxygen={}, flow={"pulse": wave["pulse"] | behind})
+    assert one != told(oxygen={}, flow=behind)
 
 
 def test_a_misspelt_key_is_refused() -> None:
