@@ -107,7 +107,7 @@ def _derived(
     tree: VesselTree,
     proximal: FloatArray,
     distal: FloatArray,
-    parent: IntArray,
+    parent: NDArray[np.int32],
     children: NDArray[np.int32],
     relative_flow: FloatArray,
     given: BoolArray,

@@ -46,8 +46,8 @@ vessel of another tree (kept behind all the tree's own); p and d : ends, mm; rad
 finished tree as predicted, mm; allowed : largest radius that tissue and neighbours leave, mm;
 full : 1 where this segment or one above it can't grow wider; given : `TRUNK` or `PLANNED` for a
 segment that stays where it is, else 0; by_* : derivatives of the cost; thick : viscosity over μ,
-read only where the law has a haematocrit; audited : radius with which a large tree's audit measured its room, mm, 0
-where it hasn't been (`growth.regions.audit`).
+read only where the law has a haematocrit; audited : radius with which a large tree's audit measured
+its room, mm, 0 where it hasn't been (`growth.regions.audit`).
 """
 
 Segments = NDArray[np.void]
