@@ -200,7 +200,7 @@ class World:
         if self.watch is not None:
             self.watch.grow(self.job.marks, self.done, len(lines))
 
-    def look_done(self, look: int, decision: str, why: str) -> None:
+    def look_done(self, look: int, decision: str, why: str, again: bool = False) -> None:
         """Note the decision; the operator clears a clogged needle and approves what is asked."""
         self.decisions.append(f"{decision}: {why}")
         asked = read_looks(self.folder)[-1].asked

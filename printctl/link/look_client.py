@@ -58,8 +58,12 @@ class LookClient:
         self.connection.send("insert", look=look, lines=list(lines), why=why, flow=flow)
         return self._answer("inserted", look)
 
-    def decide(self, look: int, decision: LookDecision, why: str = "") -> dict[str, Any]:
+    def decide(
+        self, look: int, decision: LookDecision, why: str = "", again: bool = False
+    ) -> dict[str, Any]:
         """End a look; return what is in the journal of it.
+
+        With ``again`` it failed: after the pause it is made again, once at a place.
 
         Raises
         ------
@@ -68,7 +72,7 @@ class LookClient:
         LinkError
             When the print ends first.
         """
-        self.connection.send("look_done", look=look, decision=str(decision), why=why)
+        self.connection.send("look_done", look=look, decision=str(decision), why=why, again=again)
         return self._answer("looked", look)
 
     def _answer(self, event: str, look: int) -> dict[str, Any]:

@@ -61,15 +61,18 @@ class LookRequests:
         why: str,
         done: Callable[[Answer], None],
         refused: Callable[[str], None],
+        again: bool = False,
     ) -> None:
         """Ask for a look to end; see `insert` for ``done`` and ``refused``.
+
+        With ``again`` it failed, and is made again when the print goes on.
 
         Raises
         ------
         Refused
             For another look than the one that is going on, or where it was decided otherwise.
         """
-        self._say(LookWord(look, (), decision, why, done, refused))
+        self._say(LookWord(look, (), decision, why, done, refused, again=again))
 
     def _say(self, word: LookWord) -> None:
         if self._logbook.status.ended:

@@ -48,6 +48,8 @@ class Watch:
         When somebody was last heard of; any thread may set it.
     reload_at, reload_heads : tuple of int
         As in `Care`.
+    unobserved : bool
+        Whether the print goes on without an observer; any thread may set it.
     """
 
     def __init__(
@@ -63,7 +65,7 @@ class Watch:
         self.reload_at, self.reload_heads = care.reload_at, care.reload_heads
         self._seen = self._looked = -1
         self._look_due, self._looked_at = math.inf, Written()
-        self._look_again = False
+        self._look_again = self.unobserved = False
         self._places = LookPlaces([], [], [])
         if care.looks_by_writing:
             within = bool(care.look_every_mm or care.look_every_written_s)
@@ -144,7 +146,7 @@ class Watch:
         self._count_to_look(now)
 
     def look_again(self) -> None:
-        """Have the look made that the host before had begun here, and that nobody has decided."""
+        """Have the look made here that nobody has decided, or that failed."""
         self._look_again = True
 
     def grow(self, marks: Marks, after: int, count: int) -> None:

@@ -103,8 +103,8 @@ class PrintLink(Protocol):
     ) -> object:
         """Put lines into the job where it is held, and correct the flow of its rest."""
 
-    def look_done(self, look: int, decision: str, why: str) -> None:
-        """End a look: ``go_on``, ``pause`` or ``stop``."""
+    def look_done(self, look: int, decision: str, why: str, again: bool = False) -> None:
+        """End a look: ``go_on``, ``pause`` or ``stop``; ``again`` where it failed."""
 
     def resume(self) -> None:
         """Go on after a pause."""
@@ -172,7 +172,7 @@ class Observer:
         except DeviceError as exc:
             record = self._record(look, DecisionKind.PAUSE, f"nothing seen: {exc}", {}, begun)
             save_look(self.folder, record)
-            self.link.look_done(look.number, "pause", record.why)
+            self.link.look_done(look.number, "pause", record.why, again=True)
             return record
         decision = self._decided(judged)
         found = _with_left(judged.found, math.fsum(gap.length_mm for gap in decision.gaps))
@@ -184,6 +184,21 @@ class Observer:
         save_look(self.folder, record)
         self._act(look, decision)
         return self._kept(look.number) or record
+
+    def note_failure(self, look: Look, why: str) -> None:
+        """Keep a record of a look that failed: what is written there wasn't looked at.
+
+        Raises
+        ------
+        OSError
+            When it can't be written.
+        """
+        kept = self._kept(look.number)
+        if kept is not None:
+            amend_look(self.folder, replace(kept, why=f"{kept.why}; {why}", asked=""))
+            return
+        self.remember(look.number)
+        save_look(self.folder, self._record(look, DecisionKind.PAUSE, why, {}, self.clock()))
 
     def _decided(self, judged: Judged) -> Decision:
         self.decider.control.put_in_force(judged.flow)

@@ -78,6 +78,8 @@ class Observer:
     resumes: bool = True
     seen_by: Callable[[Status], None] = lambda status: None
     flows: dict[int, float] = field(default_factory=dict)
+    fails: tuple[int, ...] = ()
+    unobserved: bool = False
 
     def status(self, status: Status) -> None:
         self.seen.append(status)
@@ -93,7 +95,7 @@ class Observer:
             if decision is not None:
                 self.decide(number, decision)
         elif status.state is LinkState.PAUSED and self.resumes:
-            streamer.resume()
+            streamer.resume(unobserved=self.unobserved)
 
     def insert(self, number: int, lines: list[str]) -> None:
         assert self.streamer is not None
@@ -103,8 +105,9 @@ class Observer:
     def decide(self, number: int, decision: LookDecision) -> None:
         assert self.streamer is not None
         self.streamer.look_done(
-            number, decision, "looked at", self.answers.append, self.refusals.append
-        )
+            number, decision, "looked at", self.answers.append, self.refusals.append,
+            number in self.fails,
+        )  # fmt: skip
 
     @property
     def states(self) -> list[LinkState]:

@@ -41,8 +41,8 @@ class FakeLink:
             raise Refused("the gate says no")
         self.said.append(("insert", look, tuple(lines), flow))
 
-    def look_done(self, look, decision, why):
-        self.said.append((decision, look))
+    def look_done(self, look, decision, why, again=False):
+        self.said.append((decision, look, *["again"] * again))
 
     def resume(self):
         self.said.append(("resume",))
@@ -151,7 +151,26 @@ def test_a_refused_insert_pauses(tmp_path):
 def test_a_device_that_hangs_pauses(tmp_path):
     bench = Bench(tmp_path, hangs=True)
     assert "no picture" in bench.observer.look(LOOK).why
-    assert bench.link.said == [("pause", 1)]
+    assert bench.link.said == [("pause", 1, "again")]
+
+
+def test_a_look_that_failed_is_recorded_and_leaves_the_control_as_it_was(tmp_path):
+    bench = Bench(tmp_path, ratio=0.7)
+    before = bench.observer.look(LOOK)
+    again = replace(LOOK, number=2, done=200, before=100)
+    bench.observer.decider.control.log_flow = 9.0  # decided, but not to be saved
+    bench.observer.note_failure(again, "the observer failed: the disk is full")
+    failed = read_looks(tmp_path)[-1]
+    assert (failed.decision, failed.judged) == ("pause", False)
+    assert failed.control == before.control
+
+
+def test_the_failure_of_a_look_that_was_recorded_is_added_to_it(tmp_path):
+    bench = Bench(tmp_path)
+    kept = bench.observer.look(LOOK)
+    bench.observer.note_failure(LOOK, "the observer failed")
+    (record,) = read_looks(tmp_path)
+    assert record.why == f"{kept.why}; the observer failed"
 
 
 @pytest.mark.parametrize(
@@ -170,7 +189,7 @@ def test_an_asked_operator_has_the_word(tmp_path, monkeypatch, word, said):
 
 
 def _answering(bench, word):
-    def look_done(look, decision, why):
+    def look_done(look, decision, why, again=False):
         bench.link.said.append((decision, look))
         answer_look(bench.folder, look, word)
 
