@@ -60,6 +60,11 @@ class Looks:
         if history.looked:
             now = self.channel.wiring.clock.now()
             watch.looked(now, int(history.looked[-1]["done"]))
+        for one in history.inserts:
+            end = one.after + len(one.lines)
+            looked = any(int(each["done"]) == end for each in history.looked)
+            if one.again and done <= end and not looked:
+                watch.look_behind(end)
         undecided = history.look is not None and int(history.look["done"]) == done
         if undecided or _still_paused(history, done):
             watch.look_again()
@@ -136,7 +141,10 @@ class Looks:
     def _place(self, done: int) -> tuple[str, int]:
         """What ended there, in words, and the layer that ended last."""
         marks = self.channel.logbook.progress.job.marks
-        here = ", ".join(str(mark) for mark in marks.here(done)) or "end of a line within a layer"
+        usual = "end of a line within a layer"
+        if self.pauses.watch.is_behind_insert(done):
+            usual = "end of what was inserted"
+        here = ", ".join(str(mark) for mark in marks.here(done)) or usual
         layer = marks.last(MarkKind.LAYER, done)
         return here, -1 if layer is None else layer.number
 

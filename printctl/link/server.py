@@ -7,7 +7,7 @@ several), ``resume`` (with ``change``, the fields of `NewSyringe`, or ``unchange
 which is answered by ``{"event": "reply", "command": ..., "lines": [...]}``.
 
 While the state is ``looking`` (``look`` of the status says which): ``insert`` (with ``look``,
-``lines``, ``why``, perhaps ``flow``), answered by ``{"event": "inserted", "look", "after", "count",
+``lines``, ``why``, perhaps ``flow``; ``again`` for another look behind them), answered by ``{"event": "inserted", "look", "after", "count",
 "sha256", "flow"}`` once it is in the journal; and ``look_done`` (with ``look``, ``decision``:
 go_on, pause, stop; ``why``; ``again`` where it failed), answered by ``{"event": "looked", "look",
 "decision", "why"}``. Saying one of them again gives the same answer.
@@ -117,6 +117,7 @@ class Server(SocketServer):
             partial(self.post, guest),
             partial(self._refuse, guest),
             perhaps_number(request, "flow"),
+            flag(request, "again"),
         )
 
     def _do_look_done(self, guest: ClientPlace, request: dict[str, Any]) -> None:

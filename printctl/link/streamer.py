@@ -128,9 +128,10 @@ class Streamer:
         done: Callable[[Answer], None],
         refused: Callable[[str], None],
         flow: float | None = None,
+        again: bool = False,
     ) -> None:
         """Ask for lines to be put into the job; see `LookRequests.insert`."""
-        self.parts.look_requests.insert(look, lines, why, done, refused, flow)
+        self.parts.look_requests.insert(look, lines, why, done, refused, flow, again)
 
     def look_done(
         self,

@@ -49,10 +49,15 @@ class LinkWords:
     client: PrintClient
 
     def insert(
-        self, look: int, lines: Sequence[str], why: str, flow: float | None = None
+        self,
+        look: int,
+        lines: Sequence[str],
+        why: str,
+        flow: float | None = None,
+        again: bool = False,
     ) -> object:
-        """Put lines into the job, and correct the flow of its rest."""
-        return self.client.looks.insert(look, lines, why, flow)
+        """Put lines into the job, and correct the flow of its rest; ``again``: look behind them."""
+        return self.client.looks.insert(look, lines, why, flow, again)
 
     def look_done(self, look: int, decision: str, why: str, again: bool = False) -> None:
         """End a look; one that failed is made ``again`` when the print goes on."""

@@ -118,9 +118,7 @@ def _depth_of(frame: HeightFrame, z_mm: float, shape: tuple[int, ...]) -> FloatA
     return np.asarray(rest / inverse[2, 2])
 
 
-def _speckle_less(
-    volume: NDArray[np.generic], scale: str, unmeasured: BoolArray
-) -> FloatImage:
+def _speckle_less(volume: NDArray[np.generic], scale: str, unmeasured: BoolArray) -> FloatImage:
     """Linear intensity averaged over neighbouring voxels that were measured."""
     out = np.empty(volume.shape, dtype=np.float32)
     size = (_SPECKLE, _SPECKLE)

@@ -87,9 +87,7 @@ def _opened(mask: BoolArray, size: tuple[int, int]) -> BoolArray:
     """Pixels within rectangles (rows, columns) that are all set."""
     kernel, (high, wide) = np.ones(size, np.uint8), size
     flags = mask.astype(np.uint8)
-    whole = cv2.erode(
-        flags, kernel, anchor=(0, 0), borderType=cv2.BORDER_CONSTANT, borderValue=0.0
-    )
+    whole = cv2.erode(flags, kernel, anchor=(0, 0), borderType=cv2.BORDER_CONSTANT, borderValue=0.0)
     # OpenCV's own opening moves by a pixel where a kernel has an even side.
     spread = cv2.dilate(
         whole, kernel, anchor=(wide - 1, high - 1), borderType=cv2.BORDER_CONSTANT, borderValue=0.0

@@ -79,6 +79,7 @@ class Observer:
     seen_by: Callable[[Status], None] = lambda status: None
     flows: dict[int, float] = field(default_factory=dict)
     fails: tuple[int, ...] = ()
+    looks_behind: tuple[int, ...] = ()
     unobserved: bool = False
 
     def status(self, status: Status) -> None:
@@ -100,7 +101,8 @@ class Observer:
     def insert(self, number: int, lines: list[str]) -> None:
         assert self.streamer is not None
         told = self.answers.append, self.refusals.append
-        self.streamer.insert(number, lines, "a gap", *told, self.flows.get(number))
+        self.streamer.insert(number, lines, "a gap", *told, self.flows.get(number),
+                             number in self.looks_behind)  # fmt: skip
 
     def decide(self, number: int, decision: LookDecision) -> None:
         assert self.streamer is not None

@@ -18,7 +18,7 @@ from tests.printctl.link.simulated_transport import HostDiedError
 
 def failing(*numbers: int, **more: object) -> Observer:
     """An observer whose looks of these numbers fail."""
-    decision = {number: LookDecision.PAUSE for number in numbers}
+    decision = dict.fromkeys(numbers, LookDecision.PAUSE)
     return Observer(
         decides=lambda number: decision.get(number, LookDecision.GO_ON), fails=numbers, **more
     )

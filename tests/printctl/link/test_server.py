@@ -50,7 +50,7 @@ class Spy:
     def alive(self) -> None:
         self.requests.append("alive")
 
-    def insert(self, look, lines, why, done, refused, flow=None) -> None:
+    def insert(self, look, lines, why, done, refused, flow=None, again=False) -> None:
         self.requests.append(f"insert {look} {len(lines)} {flow}")
 
     def look_done(self, look, decision, why, done, refused, again=False) -> None:
