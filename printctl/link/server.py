@@ -7,10 +7,11 @@ several), ``resume`` (with ``change``, the fields of `NewSyringe`, or ``unchange
 which is answered by ``{"event": "reply", "command": ..., "lines": [...]}``.
 
 While the state is ``looking`` (``look`` of the status says which): ``insert`` (with ``look``,
-``lines``, ``why``, perhaps ``flow``; ``again`` for another look behind them), answered by ``{"event": "inserted", "look", "after", "count",
-"sha256", "flow"}`` once it is in the journal; and ``look_done`` (with ``look``, ``decision``:
-go_on, pause, stop; ``why``; ``again`` where it failed), answered by ``{"event": "looked", "look",
-"decision", "why"}``. Saying one of them again gives the same answer.
+``lines``, ``why``, perhaps ``flow``, and ``again`` for another look behind them), answered by
+``{"event": "inserted", "look", "after", "count", "sha256", "flow"}`` once it is in the journal; and
+``look_done`` (with ``look``, ``decision``: go_on, pause, stop; ``why``; ``again`` where it failed),
+answered by ``{"event": "looked", "look", "decision", "why"}``. Saying one of them again gives the
+same answer.
 """
 
 from __future__ import annotations
