@@ -2,7 +2,8 @@
 
 Rules, in their order; the first that holds decides:
 
-0. the picture fits the layer better turned or mirrored: pause; nothing in it lies where it seems;
+0. the picture fits the layer better turned, mirrored or far moved: pause; nothing in it lies where
+   it seems;
 1. the layer lies beside its place by more than tolerance (skipped steps): stop where the shift grew
    since the last look, else pause; no ink laid later could lie right;
 2. no ink comes out any more (clog, empty syringe): pause;
@@ -230,10 +231,15 @@ class Decider:
     def _turned(self, evidence: Evidence) -> Decision | None:
         if evidence.turned is None:
             return None
+        cause = "check the device's axes and observe.frame"
+        if evidence.turned.startswith("moved"):
+            cause = (
+                "motors have lost steps, or the dish or the device has moved (check the print, then "
+                "observe.frame)"
+            )
         return Decision(
             DecisionKind.PAUSE,
-            f"the picture fits the layer better {evidence.turned}: check the device's axes and "
-            "observe.frame; nothing is mended by it",
+            f"the picture fits the layer better {evidence.turned}: {cause}; nothing is mended by it",
         )
 
     def _shifted(self, evidence: Evidence) -> Decision | None:

@@ -94,6 +94,32 @@ def test_a_turned_or_mirrored_volume_is_told(turn, said) -> None:  # type: ignor
     assert better_turned(picture, frame, volume.lines) == said
 
 
+TREE = [(0, 0.0, 0.0, 4.0, 0.0), (0, 4.0, 0.0, 4.0, 2.0), (0, 4.0, 2.0, 6.0, 2.0)]
+
+
+@pytest.mark.parametrize(
+    ("pieces", "margin_mm"), [(STAIRS, 1.5), (TREE, 1.5), (area(3, 4, 0.8), 3.0)]
+)
+@pytest.mark.parametrize("off", [(1.0, 0.0), (0.0, -1.0), (0.7, 0.9)])
+def test_a_moved_layer_is_no_turned_one(pieces, margin_mm, off) -> None:  # type: ignore[no-untyped-def]
+    """A print that lay 1 mm aside was said to have x and y exchanged."""
+    volume = painted(pieces, margin_mm=margin_mm)
+    to_scan = volume.to_scan.copy()
+    to_scan[:2, 3] -= off  # the frame expects the lines there
+    picture, frame = replace(volume, to_scan=to_scan).picture()
+    said = better_turned(picture, frame, volume.lines)
+    assert said == f"moved by {off[0]:+.1f} mm along x and {off[1]:+.1f} mm along y"
+
+
+@pytest.mark.parametrize("off", [0.0, 0.3])
+def test_a_layer_near_its_place_is_let_be(off: float) -> None:
+    volume = painted(area(3, 4, 0.8), [(9, -1.0, 9.0), (10, -1.0, 9.0)])
+    to_scan = volume.to_scan.copy()
+    to_scan[0, 3] -= off
+    picture, frame = replace(volume, to_scan=to_scan).picture()
+    assert better_turned(picture, frame, volume.lines) is None
+
+
 def test_a_symmetric_layer_tells_nothing_of_a_turn() -> None:
     volume = painted(SINGLE, [(0, -1.0, 9.0)])
     picture, frame = volume.picture()
