@@ -35,10 +35,10 @@ _TOLD: Final = (Unseen.FAINT, Unseen.UNCLEAR, Unseen.GLARE)
 
 def standing_ink(
     look: SeenLayer, why: IntArray, rng: np.random.Generator
-) -> tuple[BoolArray, BoolArray]:
-    """Return the places over the bath, (n,), that plainly show ink, and those that lack older ink.
+) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """Return the places over the bath, (n,), that plainly show ink, lack it, or lie in a glint.
 
-    Lacking are places of a line that shows it elsewhere.
+    Lacking are places that show none of the older ink, of a line that shows it elsewhere.
 
     Parameters
     ----------
@@ -48,31 +48,30 @@ def standing_ink(
     rng : Generator
     """
     ways = look.ways
-    out, lacking = np.zeros((2, len(why)), dtype=np.bool_)
+    out, lacking, glints = np.zeros((3, len(why)), dtype=np.bool_)
     open_bath = (np.isin(why, _TOLD) | (why == Unseen.SEEN)) & ~look.over_old
     if not np.isin(why[open_bath], _TOLD).any():
-        return out, lacking
+        return out, lacking, glints
     level, spread, both = _levels(look, rng)
     if spread is None:
-        return out, lacking
+        return out, lacking, glints
     older, own = _older_level(look), _own_level(look, why, level)
     darker = min(float(one.sum()) for one in (older, own, np.zeros(1)) if one is not None) < 0
     glints = _near_glints(look, darker)
     for first, last in stretches_of(open_bath, ways.run):
         rows = np.arange(first, last + 1)
         for part in np.array_split(rows, max(1, round(len(rows) / TOGETHER))):
-            mean, clear = level[part].mean(axis=0), not glints[part].any()
+            mean, least = level[part].mean(axis=0), both[part].mean(axis=0)
+            clear = not glints[part].any()
+            for kind, value in ((older, mean if clear else least), (own, least)):
+                if kind is not None and (clear or darker):
+                    stands = float(np.abs(value / spread).max()) > STANDS_OUT
+                    out[part] |= stands and _is_alike(value, kind)
             if older is not None:
-                stands = float(np.abs(mean / spread).max()) > STANDS_OUT
-                out[part] = stands and _is_alike(mean, older)
                 share = float(mean @ older / (older @ older))
                 lacking[part] = clear and _OTHERWISE < share < _LACKING
-            if own is not None and (clear or darker):
-                least = both[part].mean(axis=0)
-                stands = float(np.abs(least / spread).max()) > STANDS_OUT
-                out[part] |= stands and _is_alike(least, own)
         lacking[rows] &= bool(out[rows].any())
-    return out, lacking
+    return out, lacking, glints
 
 
 def _levels(

@@ -50,8 +50,8 @@ def unseen_ways(
         False findings per sound layer.
     """
     ways = look.ways
-    told = (why == Unseen.SEEN) | _told_when_long(look, why, longest_mm, rate)
-    standing, lacking = standing_ink(look, why, np.random.default_rng(31))
+    standing, lacking, glints = standing_ink(look, why, np.random.default_rng(31))
+    told = (why == Unseen.SEEN) | (_told_when_long(look, why, longest_mm, rate) & ~glints)
     told = (told | standing) & ~(lacking & ~(look.present > INK))
     for gap in gaps:
         own = ways.stroke == gap.stroke

@@ -237,10 +237,10 @@ class Decider:
                 "motors have lost steps, or the dish or the device has moved (check the print, then "
                 "observe.frame)"
             )
-        return Decision(
-            DecisionKind.PAUSE,
-            f"the picture fits the layer better {evidence.turned}: {cause}; nothing is mended by it",
+        why = (
+            f"the picture fits the layer better {evidence.turned}: {cause}; nothing is mended by it"
         )
+        return Decision(DecisionKind.PAUSE, why)
 
     def _shifted(self, evidence: Evidence) -> Decision | None:
         shift, u = evidence.shift_mm, evidence.u_shift_mm

@@ -103,7 +103,7 @@ TREE = [(0, 0.0, 0.0, 4.0, 0.0), (0, 4.0, 0.0, 4.0, 2.0), (0, 4.0, 2.0, 6.0, 2.0
 @pytest.mark.parametrize("off", [(1.0, 0.0), (0.0, -1.0), (0.7, 0.9)])
 def test_a_moved_layer_is_no_turned_one(pieces, margin_mm, off) -> None:  # type: ignore[no-untyped-def]
     """A print that lay 1 mm aside was said to have x and y exchanged."""
-    volume = painted(pieces, margin_mm=margin_mm)
+    volume = painted(pieces, margin_mm=2.0)
     to_scan = volume.to_scan.copy()
     to_scan[:2, 3] -= off  # the frame expects the lines there
     picture, frame = replace(volume, to_scan=to_scan).picture()
