@@ -97,7 +97,8 @@ def _moved_words(off_px: FloatArray, frame: Frame, lines: ExpectedLines) -> str:
     middle = lines.start[lines.fresh].mean(axis=0)
     places = middle + np.vstack([np.zeros(3), np.eye(3)[:2]])
     origin, *ends = frame.to_pixels(places)
-    x, y = np.linalg.solve(np.column_stack([one - origin for one in ends]), off_px)
+    axes = np.column_stack([one - origin for one in ends])
+    x, y = np.round(np.linalg.solve(axes, off_px), 1) + 0.0  # no -0.0
     return f"moved by {x:+.1f} mm along x and {y:+.1f} mm along y"
 
 

@@ -234,13 +234,10 @@ class Decider:
         cause = "check the device's axes and observe.frame"
         if evidence.turned.startswith("moved"):
             cause = (
-                "motors have lost steps, or the dish or the device has moved (check the print, then "
-                "observe.frame)"
+                "motors have lost steps, or dish or device have moved: check both, then the frame"
             )
-        why = (
-            f"the picture fits the layer better {evidence.turned}: {cause}; nothing is mended by it"
-        )
-        return Decision(DecisionKind.PAUSE, why)
+        fits = f"the picture fits the layer better {evidence.turned}"
+        return Decision(DecisionKind.PAUSE, f"{fits}: {cause}; nothing is mended by it")
 
     def _shifted(self, evidence: Evidence) -> Decision | None:
         shift, u = evidence.shift_mm, evidence.u_shift_mm

@@ -97,11 +97,9 @@ def test_a_turned_or_mirrored_volume_is_told(turn, said) -> None:  # type: ignor
 TREE = [(0, 0.0, 0.0, 4.0, 0.0), (0, 4.0, 0.0, 4.0, 2.0), (0, 4.0, 2.0, 6.0, 2.0)]
 
 
-@pytest.mark.parametrize(
-    ("pieces", "margin_mm"), [(STAIRS, 1.5), (TREE, 1.5), (area(3, 4, 0.8), 3.0)]
-)
+@pytest.mark.parametrize("pieces", [STAIRS, TREE, area(3, 4, 0.8)])
 @pytest.mark.parametrize("off", [(1.0, 0.0), (0.0, -1.0), (0.7, 0.9)])
-def test_a_moved_layer_is_no_turned_one(pieces, margin_mm, off) -> None:  # type: ignore[no-untyped-def]
+def test_a_moved_layer_is_no_turned_one(pieces: list[Piece], off: tuple[float, float]) -> None:
     """A print that lay 1 mm aside was said to have x and y exchanged."""
     volume = painted(pieces, margin_mm=2.0)
     to_scan = volume.to_scan.copy()
