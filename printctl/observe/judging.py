@@ -132,6 +132,7 @@ def evidence_of(
         way_mm=float(stations.length_mm.sum()),
         coverage=findings.coverage,
         level_mm=_level(layer, ink),
+        faint_share=findings.faint_share,
     )
 
 

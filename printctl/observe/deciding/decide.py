@@ -179,6 +179,11 @@ class Decider:
                 return decision
         any_seen = evidence.seen_share >= _ANY
         seen = "as expected, within tolerance" if any_seen else "nothing was seen"
+        if not any_seen and evidence.faint_share >= _ANY:
+            seen = (
+                f"ink shows on {evidence.faint_share:.0%}, too grainy or faint for gaps of "
+                f"{self.limits.gap.least_mm:g} mm: longer ones alone are told"
+            )
         if any_seen and self._hardly_seen(evidence):
             seen = f"only {evidence.seen_share:.0%} was seen; that is {seen}"
         if evidence.stretches:

@@ -74,6 +74,25 @@ def test_a_cropped_volume_gives_the_same_picture() -> None:
     assert {gap.stroke for gap in found.gaps} == {0, 1, 2}
 
 
+@pytest.mark.parametrize("bare", [False, True])
+def test_ink_in_coarse_speckle_shows_though_short_gaps_are_not_told(bare: bool) -> None:
+    """Grain of 0.2 mm: nothing was seen of sound lines."""
+    rng = np.random.default_rng(99)
+    volume = painted(SINGLE[:1], [(0, -1.0, 9.0)] if bare else [], seed=0)
+    wave = rng.normal(size=(2, *volume.voxels.shape)).astype(np.float32)
+    for part in wave:
+        for k in range(len(part)):
+            part[k] = cv2.GaussianBlur(part[k], (0, 0), 3.0)
+        part /= part.std()
+    speckle = (wave**2).sum(axis=0) / 2
+    middle = np.stack([cv2.medianBlur(plane, 5) for plane in volume.voxels])
+    voxels = (np.where(middle > 300, 1500.0, 125.0) * speckle).clip(0, 65_535).astype(np.uint16)
+    found = replace(volume, voxels=voxels).look()
+    assert found.seen_share == 0.0
+    assert found.gaps == ()
+    assert found.faint_share == pytest.approx(0.0 if bare else 1.0, abs=0.05)
+
+
 STAIRS = [(0, 0.0, 0.3 * k, 3.0 - 0.25 * k, 0.3 * k) for k in range(10)]
 
 
