@@ -50,17 +50,26 @@ def unmeasured_pixels(part: Image) -> BoolArray:
     shape = part.shape[:2]
     if np.issubdtype(part.dtype, np.floating):
         return np.zeros(shape, dtype=np.bool_)
-    values = part if part.ndim == 3 else part[:, :, None]
-    beside = (values[:, 1:] == values[:, :-1]).all(axis=2).astype(np.uint8)
-    below = (values[1:] == values[:-1]).all(axis=2).astype(np.uint8)
+    channels = [part] if part.ndim == 2 else list(np.moveaxis(part, 2, 0))
+    beside = _all([one[:, 1:] == one[:, :-1] for one in channels])
+    below = _all([one[1:] == one[:-1] for one in channels])
     long, short = (
         (_in_runs(beside, (1, count - 1), shape), _in_runs(below, (count - 1, 1), shape))
         for count in (_RUN, _BLOCK)
     )
     out = long[0] | long[1] | _opened(short[0] & short[1], (_BLOCK, _BLOCK))
-    ceiling = next(one for one in _CEILINGS if one >= values.max())
-    out &= ~(values >= _SATURATED * ceiling).all(axis=2)
+    if not out.any():
+        return out
+    ceiling = next(one for one in _CEILINGS if one >= part.max())
+    out &= ~_all([one >= _SATURATED * ceiling for one in channels])
     return np.zeros_like(out) if _is_common(out) else out
+
+
+def _all(each: list[BoolArray]) -> BoolArray:
+    out = each[0]
+    for one in each[1:]:
+        out = out & one
+    return out
 
 
 def measured_alone(part: Image, unmeasured: BoolArray) -> Image:
@@ -73,10 +82,10 @@ def measured_alone(part: Image, unmeasured: BoolArray) -> Image:
     return out
 
 
-def _in_runs(same: NDArray[np.uint8], size: tuple[int, int], shape: tuple[int, int]) -> BoolArray:
+def _in_runs(same: BoolArray, size: tuple[int, int], shape: tuple[int, int]) -> BoolArray:
     """Pixels of runs in which so many neighbours in turn are equal, (h, w)."""
     out = np.zeros(shape, dtype=np.bool_)
-    runs = _opened(same > 0, size)
+    runs = _opened(same, size)
     high, wide = runs.shape
     out[:high, :wide] |= runs
     out[shape[0] - high :, shape[1] - wide :] |= runs
