@@ -189,7 +189,14 @@ class World:
 
     # --- what the observer asks of a link ------------------------------------------------------
 
-    def insert(self, look: int, lines: Sequence[str], why: str, flow: float | None = None) -> None:
+    def insert(
+        self,
+        look: int,
+        lines: Sequence[str],
+        why: str,
+        flow: float | None = None,
+        again: bool = False,
+    ) -> None:
         """Let the job grow, and journal it."""
         wanted = self.job.flow if flow is None else flow
         insert = Insert(look, self.done, tuple(line.encode() for line in lines), why, wanted)
@@ -199,8 +206,10 @@ class World:
         self.job = self.job.grown(insert)
         if self.watch is not None:
             self.watch.grow(self.job.marks, self.done, len(lines))
+            if again:
+                self.watch.look_behind(self.done + len(lines))
 
-    def look_done(self, look: int, decision: str, why: str) -> None:
+    def look_done(self, look: int, decision: str, why: str, again: bool = False) -> None:
         """Note the decision; the operator clears a clogged needle and approves what is asked."""
         self.decisions.append(f"{decision}: {why}")
         asked = read_looks(self.folder)[-1].asked

@@ -43,7 +43,7 @@ def published_match(network: VesselNetwork, name: str) -> PublishedMatch:
     The figures are all judged orders' diameters, lengths and slenderness and the ratios between
     orders (`compare_orders`). The factor is 1 where they are within one published standard
     deviation. Where no factor brings them within, it is the one whose farthest figure is nearest.
-    Factors with which fewer orders are judged aren't taken: an order isn't within by being left out.
+    Factors with which fewer orders are judged aren't taken: no order is within by being left out.
     A network of fewer than four judged orders keeps its radii: few vessels in a small phantom
     aren't an organ's.
 

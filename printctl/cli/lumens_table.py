@@ -84,7 +84,7 @@ def _row(row: Numbers | None) -> str:
             f"  {'':>6}{'mm':>10}{'mm':>11}{'mm':>9}{'µm off':>9}{'%':>10}{'%':>9}{'%':>7}"
         )
     stepped = row["stepped"]
-    layer = "–" if row["layer"] is None else str(row["layer"])
+    layer = "–" if row["layer"] is None else str(row["layer"] + 1)
     return (
         f"  {row['lumen']:>6}{row['designed_mm']:>10.3f}{row['narrowest_mm']:>11.3f}"
         f"{stepped['narrowest_mm']:>9.3f}{row['diameter_error_median_um']:>+9.1f}"
@@ -97,7 +97,7 @@ def _closed(rows: list[Numbers]) -> Iterator[str]:
     for row in rows:
         layers = sorted({*row["closed_layers"], *row["stepped"]["closed_layers"]})
         if layers:
-            yield f"CLOSED lumen {row['lumen']} in layer {_spans(layers)}"
+            yield f"CLOSED lumen {row['lumen']} in layer {_spans([k + 1 for k in layers])}"
         elif row["closed"] or row["stepped"]["closed"]:
             here = row if row["closed"] else row["stepped"]
             yield f"NOT WRITTEN THROUGH vessel {row['lumen']}, at {_at(here['at_mm'])} mm"
@@ -118,7 +118,7 @@ def _leaks(leaks: list[Numbers]) -> Iterator[str]:
     for leak in leaks:
         into = leak["into"] if leak["into"] == "outside" else f"tree {leak['into']}"
         at = _at(leak["at_mm"])
-        yield f"LEAK from tree {leak['tree']} into {into} in layer {leak['layer']} at {at} mm"
+        yield f"LEAK from tree {leak['tree']} into {into} in layer {leak['layer'] + 1} at {at} mm"
 
 
 def _merges(merges: list[Numbers]) -> Iterator[str]:

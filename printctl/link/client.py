@@ -101,7 +101,12 @@ class PrintClient:
         """
         self._connection.ask("reload", head=head)
 
-    def resume(self, change: NewSyringe | None = None, unchanged: bool = False) -> None:
+    def resume(
+        self,
+        change: NewSyringe | None = None,
+        unchanged: bool = False,
+        unobserved: bool = False,
+    ) -> None:
         """Go on after a pause; `PrintRequests.resume` says what may be told.
 
         Raises
@@ -109,7 +114,10 @@ class PrintClient:
         Refused
         """
         self._connection.ask(
-            "resume", change=asdict(change) if change else None, unchanged=unchanged
+            "resume",
+            change=asdict(change) if change else None,
+            unchanged=unchanged,
+            unobserved=unobserved,
         )
 
     def alive(self) -> None:

@@ -112,7 +112,7 @@ class Inserting:
         if word.flow is not None:
             check_factor(word.flow, place, name)
         flow = progress.job.flow if word.flow is None else word.flow
-        insert = Insert(word.look, done, lines, word.why, flow)
+        insert = Insert(word.look, done, lines, word.why, flow, word.again and bool(lines))
         grown = progress.job.grown(insert)
         if word.flow is not None:
             check_flow(progress.job, grown, place, name)
@@ -128,6 +128,8 @@ class Inserting:
         progress.grow(grown)
         self.watch.grow(progress.job.marks, done, len(lines))
         self.watch.plan(*plan)
+        if insert.again:
+            self.watch.look_behind(done + len(lines))
         channel.wiring.protocol.grow(progress.job.lines)
         self.book.insert(insert, word.lines)
         return insert_answer(insert)

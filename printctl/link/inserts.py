@@ -30,6 +30,8 @@ class Insert:
     why : str
     flow : float
         Behind them the job's moves that write push so many times what its file says.
+    again : bool
+        Whether another look is made once they are written.
     """
 
     look: int
@@ -37,6 +39,7 @@ class Insert:
     lines: tuple[bytes, ...]
     why: str = ""
     flow: float = 1.0
+    again: bool = False
 
     @property
     def sha256(self) -> str:
@@ -48,7 +51,8 @@ class Insert:
         """As the journal has it."""
         lines = [line.decode("ascii") for line in self.lines]
         told = {"look": self.look, "after": self.after, "why": self.why, "flow": self.flow}
-        return {**told, "sha256": self.sha256, "lines": lines}
+        again = {"again": True} if self.again else {}
+        return {**told, **again, "sha256": self.sha256, "lines": lines}
 
     @staticmethod
     def from_record(record: Mapping[str, Any]) -> Insert:
@@ -60,6 +64,7 @@ class Insert:
             lines=lines,
             why=str(record.get("why", "")),
             flow=float(record.get("flow", 1.0)),
+            again=bool(record.get("again", False)),
         )
 
 

@@ -68,6 +68,9 @@ class LookWord:
     flow : float or None
         With an insert: what moves that write push from there on, over what the file says; None
         for as before.
+    again : bool
+        With a pause: the look failed, and is made again when the print goes on. With an insert:
+        another look is made once its lines are written.
     """
 
     look: int
@@ -77,6 +80,7 @@ class LookWord:
     done: Callable[[Answer], None]
     refused: Callable[[str], None]
     flow: float | None = None
+    again: bool = False
 
 
 class LookBook:
@@ -190,6 +194,11 @@ class LookBook:
     def decided(self, number: int) -> bool:
         """Whether a look was decided."""
         return number in self._decided
+
+    def failed_before(self, look: Look) -> bool:
+        """Whether the look before this one, at the same place, failed as well."""
+        record = self._decided.get(look.number - 1, {})
+        return bool(record.get("again")) and int(record["done"]) == look.done
 
     def insert(self, insert: Insert, texts: tuple[str, ...]) -> None:
         """Take notice of an insert, sent as ``texts``."""

@@ -26,7 +26,12 @@ class LookClient:
     connection: Connection
 
     def insert(
-        self, look: int, lines: Sequence[str], why: str = "", flow: float | None = None
+        self,
+        look: int,
+        lines: Sequence[str],
+        why: str = "",
+        flow: float | None = None,
+        again: bool = False,
     ) -> dict[str, Any]:
         """Put lines into the job where the print is held for a look.
 
@@ -41,6 +46,8 @@ class LookClient:
         flow : float, optional
             What the job's moves that write push from there on, by what the file says: 1.1 for a
             tenth more. ``lines`` may be empty with it.
+        again : bool
+            Another look is made once the lines are written.
 
         Returns
         -------
@@ -55,11 +62,17 @@ class LookClient:
         LinkError
             When the print ends first.
         """
-        self.connection.send("insert", look=look, lines=list(lines), why=why, flow=flow)
+        self.connection.send(
+            "insert", look=look, lines=list(lines), why=why, flow=flow, again=again
+        )
         return self._answer("inserted", look)
 
-    def decide(self, look: int, decision: LookDecision, why: str = "") -> dict[str, Any]:
+    def decide(
+        self, look: int, decision: LookDecision, why: str = "", again: bool = False
+    ) -> dict[str, Any]:
         """End a look; return what is in the journal of it.
+
+        With ``again`` it failed: after the pause it is made again, once at a place.
 
         Raises
         ------
@@ -68,7 +81,7 @@ class LookClient:
         LinkError
             When the print ends first.
         """
-        self.connection.send("look_done", look=look, decision=str(decision), why=why)
+        self.connection.send("look_done", look=look, decision=str(decision), why=why, again=again)
         return self._answer("looked", look)
 
     def _answer(self, event: str, look: int) -> dict[str, Any]:

@@ -31,6 +31,7 @@ class LookRequests:
         done: Callable[[Answer], None],
         refused: Callable[[str], None],
         flow: float | None = None,
+        again: bool = False,
     ) -> None:
         """Ask for lines to be put into the job where the print is held.
 
@@ -46,13 +47,15 @@ class LookRequests:
             Told the answer once the lines are in the journal, or why they aren't.
         flow : float, optional
             What the job's moves that write push from there on, by what the file says.
+        again : bool
+            Another look is made once the lines are written.
 
         Raises
         ------
         Refused
             For another look than the one that is going on, or for a second, different insert.
         """
-        self._say(LookWord(look, tuple(lines), None, why, done, refused, flow))
+        self._say(LookWord(look, tuple(lines), None, why, done, refused, flow, again))
 
     def decide(
         self,
@@ -61,15 +64,18 @@ class LookRequests:
         why: str,
         done: Callable[[Answer], None],
         refused: Callable[[str], None],
+        again: bool = False,
     ) -> None:
         """Ask for a look to end; see `insert` for ``done`` and ``refused``.
+
+        With ``again`` it failed, and is made again when the print goes on.
 
         Raises
         ------
         Refused
             For another look than the one that is going on, or where it was decided otherwise.
         """
-        self._say(LookWord(look, (), decision, why, done, refused))
+        self._say(LookWord(look, (), decision, why, done, refused, again=again))
 
     def _say(self, word: LookWord) -> None:
         if self._logbook.status.ended:

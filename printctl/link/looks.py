@@ -27,12 +27,13 @@ OBSERVER = "the observer"
 
 @dataclass(frozen=True)
 class _Ending:
-    """How a look ends: decision, reason, whose; and whether the syringe is to be changed."""
+    """How a look ends: decision, reason, whose; whether a syringe is changed, or it failed."""
 
     decision: LookDecision
     why: str
     by: str
     changing: bool = False
+    again: bool = False
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,11 @@ class Looks:
         if history.looked:
             now = self.channel.wiring.clock.now()
             watch.looked(now, int(history.looked[-1]["done"]))
+        for one in history.inserts:
+            end = one.after + len(one.lines)
+            looked = any(int(each["done"]) == end for each in history.looked)
+            if one.again and done <= end and not looked:
+                watch.look_behind(end)
         undecided = history.look is not None and int(history.look["done"]) == done
         if undecided or _still_paused(history, done):
             watch.look_again()
@@ -66,7 +72,7 @@ class Looks:
     def at_mark(self) -> None:
         """Do what is due after the lines that were taken; nothing is in flight."""
         progress, watch = self.channel.logbook.progress, self.pauses.watch
-        if watch.due(self.channel.wiring.clock.now(), progress.done) is DueTask.LOOK:
+        while watch.due(self.channel.wiring.clock.now(), progress.done) is DueTask.LOOK:
             self.look()
         if progress.done < len(progress.job):
             self.pauses.at_mark()
@@ -95,12 +101,18 @@ class Looks:
             pauses.queue.add(Request.STOP, by=ending.by)
             raise StopRequested
         self._leave_look(at, park, look, ending)
+        if self._is_made_again(look, ending) and not pauses.watch.unobserved:
+            pauses.watch.look_again()
+
+    def _is_made_again(self, look: Look, ending: _Ending) -> bool:
+        """Whether a look that failed is made once more; one that failed twice isn't."""
+        return ending.again and not self.inserting.book.failed_before(look)
 
     def _leave_look(self, at: Modal, park: Park | None, look: Look, ending: _Ending) -> None:
         """Come back above the job's place; go on, or stay for the operator."""
         pauses = self.pauses
         goes_on = ending.decision is LookDecision.GO_ON
-        words = "returning to where the print was left" if goes_on else _paused_words(look, ending)
+        words = "returning to where the print was left" if goes_on else self._paused(look, ending)
         if goes_on or park is not None:
             state = LinkState.RESUMING if goes_on else LinkState.PAUSING
             self.channel.logbook.enter(state, words)
@@ -117,10 +129,22 @@ class Looks:
             words = f"paused: {pauses.change.words()}"
         pauses.wait_and_come_back(at, words)
 
+    def _paused(self, look: Look, ending: _Ending) -> str:
+        """What the operator is told of a pause that came of a look."""
+        then = "goes on"
+        if self._is_made_again(look, ending):
+            then = "makes this look again (with --unobserved it goes on without)"
+        elif ending.again:
+            then = "goes on without this look"
+        return f"paused at {_name(look)}: {ending.why}; `printctl resume RUN` {then}"
+
     def _place(self, done: int) -> tuple[str, int]:
         """What ended there, in words, and the layer that ended last."""
         marks = self.channel.logbook.progress.job.marks
-        here = ", ".join(str(mark) for mark in marks.here(done)) or "end of a line within a layer"
+        usual = "end of a line within a layer"
+        if self.pauses.watch.is_behind_insert(done):
+            usual = "end of what was inserted"
+        here = ", ".join(str(mark) for mark in marks.here(done)) or usual
         layer = marks.last(MarkKind.LAYER, done)
         return here, -1 if layer is None else layer.number
 
@@ -150,7 +174,8 @@ class Looks:
         word = self.inserting.answer_all(at)
         if word is None or word.decision is None:
             return None
-        ending = _Ending(word.decision, word.why, OBSERVER)
+        failed = word.again and word.decision is LookDecision.PAUSE
+        ending = _Ending(word.decision, word.why, OBSERVER, again=failed)
         look = self.inserting.book.current
         if look is not None:
             self._decide(look, ending)
@@ -160,7 +185,7 @@ class Looks:
     def _nobody_decided(self) -> _Ending:
         limit = self.pauses.watch.care.look_limit_s
         why = f"nobody decided within {limit:g} s (look_limit_s): the observer hangs or is gone"
-        return _Ending(LookDecision.PAUSE, why, "the link")
+        return _Ending(LookDecision.PAUSE, why, "the link", again=True)
 
     def _decide(self, look: Look, ending: _Ending) -> None:
         """Write a decision down, once; an alarm where a person must know of it."""
@@ -176,7 +201,8 @@ class Looks:
 
     def _record(self, look: Look, ending: _Ending) -> dict[str, object]:
         told = {"decision": str(ending.decision), "why": ending.why, "by": ending.by}
-        return {"look": look.number, "done": look.done, **told}
+        failed = {"again": True} if ending.again else {}
+        return {"look": look.number, "done": look.done, **told, **failed}
 
 
 def _still_paused(history: JournalledPrint, done: int) -> bool:
@@ -208,7 +234,3 @@ def _asked(request: Request | None) -> _Ending | None:
 
 def _name(look: Look) -> str:
     return f"look {look.number} at the {look.mark}"
-
-
-def _paused_words(look: Look, ending: _Ending) -> str:
-    return f"paused at {_name(look)}: {ending.why}; `printctl resume RUN` goes on"

@@ -37,7 +37,7 @@ class Mark:
         Command lines before it.
     kind : MarkKind
     number : int
-        Of the layer or vessel that ended; -1 where the file doesn't say.
+        Of the layer or vessel that ended, from 0; -1 where the file doesn't say.
     """
 
     index: int
@@ -46,7 +46,9 @@ class Mark:
 
     def __str__(self) -> str:
         what = "reload point" if self.kind is MarkKind.RELOAD else f"end of {self.kind}"
-        return f"{what} {self.number}" if self.number >= 0 else what
+        # People and slicers' views count layers from 1; vessels have a network's numbers.
+        number = self.number + (self.kind is MarkKind.LAYER)
+        return f"{what} {number}" if self.number >= 0 else what
 
 
 _KIND: Final = {
@@ -73,9 +75,15 @@ class MarkReader:
         if begun is None:
             return
         if self._layers_begun:  # the first layer's beginning is no end
-            number = begun[1] or begun[2]
-            self.found.append(Mark(index, MarkKind.LAYER, int(number) - 1 if number else -1))
+            self.found.append(Mark(index, MarkKind.LAYER, _ended_before(begun)))
         self._layers_begun += 1
+
+
+def _ended_before(begun: re.Match[bytes]) -> int:
+    """Layer that ends where a slicer's begins, from 0: Cura counts from 0, Simplify3D from 1."""
+    if begun[1]:
+        return max(int(begun[1]) - 1, -1)
+    return max(int(begun[2]) - 2, -1) if begun[2] else -1
 
 
 class Marks:

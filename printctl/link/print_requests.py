@@ -103,7 +103,12 @@ class PrintRequests:
         head = {} if after is not MarkKind.RELOAD else {"head": self._reload_head}
         self._logbook.record("wanted", after=after or "", **head)
 
-    def resume(self, change: NewSyringe | None = None, unchanged: bool = False) -> None:
+    def resume(
+        self,
+        change: NewSyringe | None = None,
+        unchanged: bool = False,
+        unobserved: bool = False,
+    ) -> None:
         """Ask to go on after a pause; takes back a pause that is still waited for.
 
         Parameters
@@ -112,6 +117,8 @@ class PrintRequests:
             What was put in, in a pause for a change of syringe.
         unchanged : bool
             The syringe wasn't changed after all.
+        unobserved : bool
+            A look that failed isn't made again.
 
         Raises
         ------
@@ -133,6 +140,7 @@ class PrintRequests:
             )
         if paused:  # later, a second word would belong to the next change
             self._new_syringe = change, unchanged
+        self._watch.unobserved = unobserved
         self._queue.add(Request.RESUME)
 
     def alive(self) -> None:

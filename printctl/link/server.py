@@ -2,15 +2,16 @@
 
 Besides what every command socket knows (`printctl.link.command_socket`) a client may request
 ``stop``, ``pause`` (with ``after``: layer, vessel or nothing), ``reload`` (with ``head``, of
-several), ``resume`` (with ``change``, the fields of `NewSyringe`, or ``unchanged``), ``alive``, and
-``command`` (with ``text``), which is answered by
-``{"event": "reply", "command": ..., "lines": [...]}``.
+several), ``resume`` (with ``change``, the fields of `NewSyringe`, or ``unchanged``; with
+``unobserved`` a look that failed isn't made again), ``alive``, and ``command`` (with ``text``),
+which is answered by ``{"event": "reply", "command": ..., "lines": [...]}``.
 
 While the state is ``looking`` (``look`` of the status says which): ``insert`` (with ``look``,
-``lines``, ``why``, perhaps ``flow``), answered by ``{"event": "inserted", "look", "after", "count",
-"sha256", "flow"}`` once it is in the journal; and ``look_done`` (with ``look``, ``decision``:
-go_on, pause, stop; ``why``), answered by ``{"event": "looked", "look", "decision", "why"}``. Saying
-one of them again gives the same answer.
+``lines``, ``why``, perhaps ``flow``, and ``again`` for another look behind them), answered by
+``{"event": "inserted", "look", "after", "count", "sha256", "flow"}`` once it is in the journal; and
+``look_done`` (with ``look``, ``decision``: go_on, pause, stop; ``why``; ``again`` where it failed),
+answered by ``{"event": "looked", "look", "decision", "why"}``. Saying one of them again gives the
+same answer.
 """
 
 from __future__ import annotations
@@ -94,7 +95,8 @@ class Server(SocketServer):
     def _do_resume(self, guest: ClientPlace, request: dict[str, Any]) -> None:
         change = perhaps_object(request, "change")
         unchanged = flag(request, "unchanged")
-        self.streamer.resume(NewSyringe(**change) if change else None, unchanged)
+        unobserved = flag(request, "unobserved")
+        self.streamer.resume(NewSyringe(**change) if change else None, unchanged, unobserved)
 
     def _do_alive(self, guest: ClientPlace, request: dict[str, Any]) -> None:
         self.streamer.alive()
@@ -116,13 +118,15 @@ class Server(SocketServer):
             partial(self.post, guest),
             partial(self._refuse, guest),
             perhaps_number(request, "flow"),
+            flag(request, "again"),
         )
 
     def _do_look_done(self, guest: ClientPlace, request: dict[str, Any]) -> None:
         done, refused = partial(self.post, guest), partial(self._refuse, guest)
         decision = one_of(request, "decision", LookDecision)
         why = text(request, "why", "")
-        self.streamer.look_done(whole(request, "look"), decision, why, done, refused)
+        again = flag(request, "again")
+        self.streamer.look_done(whole(request, "look"), decision, why, done, refused, again)
 
     def _refuse(self, guest: ClientPlace, why: str) -> None:
         self.post(guest, {"event": "refused", "message": why, "error": Refused.__name__})

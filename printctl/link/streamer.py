@@ -111,9 +111,14 @@ class Streamer:
         """Ask for a change of syringe; see `PrintRequests.reload`."""
         self._requests.reload(head)
 
-    def resume(self, change: NewSyringe | None = None, unchanged: bool = False) -> None:
+    def resume(
+        self,
+        change: NewSyringe | None = None,
+        unchanged: bool = False,
+        unobserved: bool = False,
+    ) -> None:
         """Ask to go on after a pause; see `PrintRequests.resume`."""
-        self._requests.resume(change, unchanged)
+        self._requests.resume(change, unchanged, unobserved)
 
     def insert(
         self,
@@ -123,9 +128,10 @@ class Streamer:
         done: Callable[[Answer], None],
         refused: Callable[[str], None],
         flow: float | None = None,
+        again: bool = False,
     ) -> None:
         """Ask for lines to be put into the job; see `LookRequests.insert`."""
-        self.parts.look_requests.insert(look, lines, why, done, refused, flow)
+        self.parts.look_requests.insert(look, lines, why, done, refused, flow, again)
 
     def look_done(
         self,
@@ -134,9 +140,10 @@ class Streamer:
         why: str,
         done: Callable[[Answer], None],
         refused: Callable[[str], None],
+        again: bool = False,
     ) -> None:
         """Ask for a look to end; see `LookRequests.decide`."""
-        self.parts.look_requests.decide(look, decision, why, done, refused)
+        self.parts.look_requests.decide(look, decision, why, done, refused, again)
 
     def alive(self) -> None:
         """Confirm that somebody is there."""

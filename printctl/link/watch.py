@@ -48,6 +48,8 @@ class Watch:
         When somebody was last heard of; any thread may set it.
     reload_at, reload_heads : tuple of int
         As in `Care`.
+    unobserved : bool
+        Whether the print goes on without an observer; any thread may set it.
     """
 
     def __init__(
@@ -63,7 +65,8 @@ class Watch:
         self.reload_at, self.reload_heads = care.reload_at, care.reload_heads
         self._seen = self._looked = -1
         self._look_due, self._looked_at = math.inf, Written()
-        self._look_again = False
+        self._look_again = self.unobserved = False
+        self._look_behind = -1
         self._places = LookPlaces([], [], [])
         if care.looks_by_writing:
             within = bool(care.look_every_mm or care.look_every_written_s)
@@ -140,12 +143,22 @@ class Watch:
     def looked(self, now: float, done: int) -> None:
         """Take notice that a look after ``done`` lines was decided."""
         self._looked, self._look_again = done, False
+        if done >= self._look_behind:
+            self._look_behind = -1
         self._looked_at = self._places.at(done)
         self._count_to_look(now)
 
     def look_again(self) -> None:
-        """Have the look made that the host before had begun here, and that nobody has decided."""
+        """Have the look made here that nobody has decided, or that failed."""
         self._look_again = True
+
+    def look_behind(self, done: int) -> None:
+        """Have a look made after ``done`` lines, where an insert ends."""
+        self._look_behind = done
+
+    def is_behind_insert(self, done: int) -> bool:
+        """Whether a look is due after ``done`` lines since an insert ends there."""
+        return done == self._look_behind
 
     def grow(self, marks: Marks, after: int, count: int) -> None:
         """Take notice that ``count`` lines were put into the job behind the first ``after``."""
@@ -168,7 +181,7 @@ class Watch:
 
     def _wants_look(self, now: float, done: int, kinds: set[MarkKind]) -> bool:
         """Whether a look is due after ``done`` lines, where marks of these kinds stand."""
-        if self._look_again:
+        if self._look_again or self.is_behind_insert(done):
             return True
         if done == self._looked:
             return False
@@ -183,7 +196,9 @@ class Watch:
         if now >= self._look_due:
             marks += [self.marks.next(kind, first) for kind in MarkKind]
         far = self._places.next_due(first, self._looked_at, self.care)
-        return [mark.index for mark in marks if mark is not None] + ([] if far is None else [far])
+        ends = [self._look_behind] if self._look_behind >= first else []
+        ends += [] if far is None else [far]
+        return [mark.index for mark in marks if mark is not None] + ends
 
     def _wanted(self, now: float, first: int) -> list[Mark | None]:
         marks = [self.marks.next(self.after, first)] if self.after else []

@@ -59,7 +59,8 @@ class LumenCheck:
             )
         if self.leaks:
             ways = [
-                f"tree {leak.tree} into {_into(leak)} in layer {leak.layer}" for leak in self.leaks
+                f"tree {leak.tree} into {_into(leak)} in layer {leak.layer + 1}"
+                for leak in self.leaks
             ]
             parts.append(f"leaking: {list_names(ways)}")
         if parts:

@@ -15,7 +15,7 @@ from printctl.observe.deciding.thin import Thin
 from printctl.observe.expected import ExpectedInk
 from printctl.observe.mending import HeldPrint
 from printctl.observe.mending.gap import Gap as MendGap
-from printctl.observe.mends_again import LayerInk, Mended, mended_of
+from printctl.observe.mends_again import LayerInk, mended_of
 from printctl.observe.observer import Look
 from printctl.observe.scan_place import ScanSize
 from registration.layer_images import Gap, LayerFindings, Lumen
@@ -41,8 +41,9 @@ class HeldLook:
         Of the grown job.
     found : dict
         Findings of the pictures judged so far.
-    mended : tuple of Mended
-        Gaps that are written again from here.
+    mends_alone : bool
+        Whether nothing but mends was written since the last look: they alone are judged, among the
+        ink that it was about.
     turned : str or None
         How the last picture would fit the layer clearly better.
     size : ScanSize or None
@@ -58,7 +59,7 @@ class HeldLook:
     since: NDArray[np.bool_]
     marks: Marks
     found: dict[Path, LayerFindings] = field(default_factory=dict)
-    mended: tuple[Mended, ...] = ()
+    mends_alone: bool = False
     turned: str | None = None
     size: ScanSize | None = None
 

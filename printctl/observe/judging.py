@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -131,6 +132,7 @@ def evidence_of(
         way_mm=float(stations.length_mm.sum()),
         coverage=findings.coverage,
         level_mm=_level(layer, ink),
+        faint_share=findings.faint_share,
     )
 
 
@@ -153,6 +155,12 @@ def nothing_seen() -> Evidence:
     none = np.zeros(0)
     supply = InkSupply(SupplyState.UNKNOWN, 0.0, None, 0)
     return Evidence(1, (), None, supply, FlowBlocks(none, none, none, none), 0.0)
+
+
+def without_rest(evidence: Evidence) -> Evidence:
+    """Return what a look at mends alone tells: gaps, lumens and shift."""
+    nothing = nothing_seen()
+    return replace(evidence, flow=nothing.flow, supply=nothing.supply, thin=(), seem_thin=())
 
 
 def figures(findings: LayerFindings, evidence: Evidence) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from hashlib import blake2b
 from pathlib import Path
@@ -34,15 +34,24 @@ from printctl.observe.judging import (
     narrowed_lumens,
     nothing_seen,
     shift_of,
+    without_rest,
 )
 from printctl.observe.lumen_areas import lumens_at
 from printctl.observe.mending import HeldPrint, Voids, checked_mend
 from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.mending.gap import NotMended
-from printctl.observe.mends_again import MOST_TRIES, Mended, tries_of, with_mends
+from printctl.observe.mends_again import (
+    MOST_TRIES,
+    Mended,
+    last_mends,
+    of_mends,
+    tries_of,
+    unseen_words,
+    with_mends,
+)
 from printctl.observe.observer import Judged, Look, MendLines
 from printctl.observe.order import ObserverOrder
-from printctl.observe.records import DRAWN
+from printctl.observe.records import DRAWN, read_looks
 from printctl.observe.scan_place import ScanSize
 from printctl.observe.view_before import picture_before
 from printctl.observe.views import open_view, read_picture
@@ -132,12 +141,17 @@ class ObservedJob:
                 "embedded" if self.order.embedded else "layered",
             )
             ink = expected_ink(held, job)
-            layer = ink_to_judge(ink, look.before, look.done)
-            if self._last is not None:
-                layer = with_mends(layer, ink, self._last.mended, look.before)
-            since = ink.command[layer.row] >= look.before
-            lumens = self._lumens(ink, look)
-            self._last = HeldLook(look, held, job.flow, ink, layer, lumens, since, job.marks)
+            mended, before = last_mends(read_looks(self.folder, self.begun), look)
+            alone = bool(mended) and not _is_written(ink, look)
+            judged = replace(look, before=before) if alone else look
+            layer = ink_to_judge(ink, judged.before, look.done)
+            layer = with_mends(layer, ink, mended, look.before)
+            since = ink.command[layer.row] >= judged.before
+            lumens = self._lumens(ink, judged)
+            self._last = HeldLook(
+                judged, held, job.flow, ink, layer, lumens, since, job.marks,
+                mends_alone=alone and bool(layer.mended),
+            )  # fmt: skip
         return self._last
 
     def region(self, look: Look) -> Region:
@@ -172,8 +186,11 @@ class ObservedJob:
             first = self._findings(at, picture)
         except PictureError as exc:
             nothing = replace(nothing_seen(), turned=at.turned)
-            return Judged(nothing, {"seen_share": 0.0, "not_seen": str(exc)}, at.flow)
+            none = {"seen_share": 0.0, "not_seen": str(exc), "about_from": at.look.before}
+            return Judged(nothing, none, at.flow)
         second = None if again is None else self._findings(at, again)
+        if at.mends_alone:
+            first, second = of_mends(first), None if second is None else of_mends(second)
         limits = self.order.limits
         evidence = evidence_of(
             at.layer,
@@ -187,13 +204,17 @@ class ObservedJob:
         )
         unseen = self._unseen(at, [one for one in (first, second) if one is not None])
         evidence = replace(evidence, turned=at.turned, unseen=unseen)
-        found = figures(first, evidence)
+        if at.mends_alone:  # of the rest the last look has told
+            evidence = without_rest(evidence)
+        found = {**figures(first, evidence), "about_from": at.look.before}
         if at.size and first.seen_share < self.order.limits.least_seen:
             found["not_seen"] = self._size_words(at.size)
             # A scanner tells heights: what it doesn't see isn't hidden by older ink.
             evidence = replace(evidence, over_old_share=0.0)
         elif at.size:
             self._size = at.size
+        if words := unseen_words(first, at.layer.mended):
+            found["not_seen"] = words
         return Judged(evidence, found, at.flow)
 
     def _size_words(self, size: ScanSize) -> str:
@@ -331,7 +352,7 @@ class ObservedJob:
         wanted = [one for one in wanted if one not in given_up]
         mend, _ = checked_mend(at.held, wanted, voids)
         mend = replace(mend, left=(*mend.left, *(_given_up(one) for one in given_up)))
-        at.mended = tuple(
+        mended = tuple(
             Mended(
                 one.gap.path,
                 float(one.gap.from_mm),
@@ -344,7 +365,13 @@ class ObservedJob:
         for said in mend.sentences():
             log.info("look %d: %s", look.number, said)
         lines = tuple(line.decode("ascii") for line in mend.lines)
-        return MendLines(lines, mend.left_words(), sum(one.length_mm for one in mend.left))
+        left_mm = sum(one.length_mm for one in mend.left)
+        return MendLines(lines, mend.left_words(), left_mm, tuple(map(asdict, mended)))
+
+
+def _is_written(ink: ExpectedInk, look: Look) -> bool:
+    """Whether the job wrote anything since the look before."""
+    return bool((ink.between(look.before, look.done) & ~ink.inserted).any())
 
 
 def seen_where_ink_shows(

@@ -2,7 +2,8 @@
 
 A mend may fail as a line does: the needle is still clogged, the ink doesn't stick. At the next
 look, in layers if little lies above by then, the gap's part of its path counts as fresh ink, in
-place of the lines that mended it, which overlap what was sound.
+place of the lines that mended it, which overlap what was sound. Sound ink beside it ends with a
+round tip at the gap, and some of it is judged with a short gap, which has too few places alone.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from numpy.typing import NDArray
 from printctl.observe.expected import ExpectedInk
 from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.mending.laid_ink import LaidInk, sound_spans, stretch_of
-from registration.layer_images import ExpectedLines, Gap, Stations
+from printctl.observe.observer import Look
+from printctl.observe.records import LookRecord
+from registration.layer_images import ExpectedLines, Gap, LayerFindings, Stations
 
 IntArray = NDArray[np.int64]
 
@@ -26,6 +29,9 @@ _FIRST: Final = 1_000_000
 """Number of the stroke that stands for the first mended gap: no job has so many paths."""
 _LEVEL_MM: Final = 1e-3
 _SAME_MM: Final = 0.05
+_SHORT_MM: Final = 1.5
+_BESIDE_MM: Final = 0.6
+"""Of a path, to either side of a gap below `_SHORT_MM`, that is judged with it."""
 _BEGUN: Final = 0.5
 """Way above a level over the level's own, below which most of it lies bare."""
 
@@ -47,6 +53,20 @@ class Mended:
     from_mm: float
     to_mm: float
     tries: int = 1
+
+    @property
+    def begin_mm(self) -> float:
+        """Where the stroke that stands for it begins, along the path."""
+        return max(0.0, self.from_mm - self._beside_mm)
+
+    @property
+    def end_mm(self) -> float:
+        """Where that ends, if the path goes on for so long."""
+        return self.to_mm + self._beside_mm
+
+    @property
+    def _beside_mm(self) -> float:
+        return _BESIDE_MM if self.to_mm - self.from_mm < _SHORT_MM else 0.0
 
 
 @dataclass(frozen=True)
@@ -89,11 +109,18 @@ def with_mends(
     kept &= ~(ink.inserted[layer.row] & _mended_again(own, layer, ink, before))
     parts = [_some(layer, kept)]
     for path in sorted(cut):
-        gaps = [MendGap(one.path, one.from_mm, one.to_mm) for one in own if one.path == path]
-        for span in sound_spans(ink.paths[path], gaps):
-            parts.append(_part(ink, path, *span, number=path, fresh=False))
+        gaps = [MendGap(one.path, one.begin_mm, one.end_mm) for one in own if one.path == path]
+        fresh = bool(layer.lines.fresh[layer.lines.stroke == path].any())
+        for low, high in sound_spans(ink.paths[path], gaps):
+            # Lines are drawn with round ends.
+            tip = 0.5 * float(ink.width_mm[ink.stroke == path].max())
+            begin = low + tip * (low > 0.0)
+            end = high - tip * (high < ink.paths[path].length_mm)
+            if end - begin > _SAME_MM:
+                parts.append(_part(ink, path, begin, end, number=path, fresh=fresh))
     for k, one in enumerate(own):
-        parts.append(_part(ink, one.path, one.from_mm, one.to_mm, number=_FIRST + k, fresh=True))
+        end = min(one.end_mm, ink.paths[one.path].length_mm)
+        parts.append(_part(ink, one.path, one.begin_mm, end, number=_FIRST + k, fresh=True))
     lines = ExpectedLines(
         **{
             item.name: np.concatenate([getattr(part.lines, item.name) for part in parts])
@@ -165,9 +192,40 @@ def gaps_of_job(gaps: Sequence[Gap], mended: Sequence[Mended]) -> tuple[Gap, ...
         if one is None:
             own_gaps.append(gap)
             continue
-        low, high = one.from_mm + gap.from_mm, one.from_mm + gap.to_mm
-        own_gaps.append(replace(gap, stroke=one.path, from_mm=low, to_mm=min(high, one.to_mm)))
+        low, high = one.begin_mm + gap.from_mm, one.begin_mm + gap.to_mm
+        high = high if one.end_mm > one.to_mm else min(high, one.to_mm)
+        if min(high, one.to_mm) - max(low, one.from_mm) > _SAME_MM:
+            own_gaps.append(replace(gap, stroke=one.path, from_mm=low, to_mm=high))
     return tuple(own_gaps)
+
+
+def of_mends(findings: LayerFindings) -> LayerFindings:
+    """Return findings on mends alone."""
+    gaps = tuple(one for one in findings.gaps if one.stroke >= _FIRST)
+    bare = tuple(stroke for stroke in findings.bare if stroke >= _FIRST)
+    return replace(findings, gaps=gaps, bare=bare, unseen=(), stretches=())
+
+
+def unseen_words(findings: LayerFindings, mended: Sequence[Mended]) -> str:
+    """Say how much of what was mended isn't seen, where that is half of it or more; else empty."""
+    stations, unseen_mm = findings.stations, 0.0
+    for k, one in enumerate(mended):
+        along = stations.along_mm + one.begin_mm
+        own = (stations.stroke == _FIRST + k) & (along > one.from_mm) & (along < one.to_mm)
+        unseen_mm += float(stations.length_mm[own & ~stations.seen].sum())
+    whole_mm = sum(one.to_mm - one.from_mm for one in mended)
+    if not mended or 2 * unseen_mm < whole_mm:
+        return ""
+    return f"{unseen_mm:.2f} of {whole_mm:.2f} mm that were mended can't be seen: look yourself"
+
+
+def last_mends(looks: Sequence[LookRecord], look: Look) -> tuple[tuple[Mended, ...], int]:
+    """Return what the last look that was judged had written again, and since when it judged."""
+    earlier = [one for one in looks if one.judged and one.done < look.done]
+    if not earlier:
+        return (), 0
+    found = earlier[-1].found
+    return tuple(Mended(**one) for one in found.get("mended", ())), int(found.get("about_from", 0))
 
 
 def without_mends(stations: Stations) -> Stations:

@@ -88,23 +88,35 @@ class MendLines:
     left : str
         What isn't mended by them, and why; empty for nothing.
     left_mm : float, mm
+    mended : tuple of dict
+        Gaps that they write again (`printctl.observe.mends_again.Mended`), which are looked at
+        once more.
     """
 
     lines: tuple[str, ...] = ()
     left: str = ""
     left_mm: float = 0.0
+    mended: tuple[dict[str, Any], ...] = ()
 
 
 class PrintLink(Protocol):
     """What the observer asks of a print's link."""
 
     def insert(
-        self, look: int, lines: Sequence[str], why: str, flow: float | None = None
+        self,
+        look: int,
+        lines: Sequence[str],
+        why: str,
+        flow: float | None = None,
+        again: bool = False,
     ) -> object:
-        """Put lines into the job where it is held, and correct the flow of its rest."""
+        """Put lines into the job where it is held, and correct the flow of its rest.
 
-    def look_done(self, look: int, decision: str, why: str) -> None:
-        """End a look: ``go_on``, ``pause`` or ``stop``."""
+        With ``again`` another look is made once they are written.
+        """
+
+    def look_done(self, look: int, decision: str, why: str, again: bool = False) -> None:
+        """End a look: ``go_on``, ``pause`` or ``stop``; ``again`` where it failed."""
 
     def resume(self) -> None:
         """Go on after a pause."""
@@ -172,7 +184,7 @@ class Observer:
         except DeviceError as exc:
             record = self._record(look, DecisionKind.PAUSE, f"nothing seen: {exc}", {}, begun)
             save_look(self.folder, record)
-            self.link.look_done(look.number, "pause", record.why)
+            self.link.look_done(look.number, "pause", record.why, again=True)
             return record
         decision = self._decided(judged)
         found = _with_left(judged.found, math.fsum(gap.length_mm for gap in decision.gaps))
@@ -184,6 +196,21 @@ class Observer:
         save_look(self.folder, record)
         self._act(look, decision)
         return self._kept(look.number) or record
+
+    def note_failure(self, look: Look, why: str) -> None:
+        """Keep a record of a look that failed: what is written there wasn't looked at.
+
+        Raises
+        ------
+        OSError
+            When it can't be written.
+        """
+        kept = self._kept(look.number)
+        if kept is not None:
+            amend_look(self.folder, replace(kept, why=f"{kept.why}; {why}", asked=""))
+            return
+        self.remember(look.number)
+        save_look(self.folder, self._record(look, DecisionKind.PAUSE, why, {}, self.clock()))
 
     def _decided(self, judged: Judged) -> Decision:
         self.decider.control.put_in_force(judged.flow)
@@ -308,11 +335,20 @@ class Observer:
         if not mend.lines and decision.factor is None:
             return not gaps, left, mend.left_mm  # thin lines are no reason to stop
         try:
-            self.link.insert(look.number, mend.lines, decision.why, decision.factor)
+            self._note_mended(look, mend)
+            again = bool(mend.mended)
+            self.link.insert(look.number, mend.lines, decision.why, decision.factor, again)
         except Refused as exc:
             log.warning("look %d: %s", look.number, exc)
             return False, f"; the link refused the mend: {exc}", 0.0
         return True, left, mend.left_mm
+
+    def _note_mended(self, look: Look, mend: MendLines) -> None:
+        """Keep with a look's record what its mend writes again: another observer looks there."""
+        record = self._kept(look.number)
+        if record is not None and mend.mended:
+            found = {**record.found, "mended": list(mend.mended)}
+            amend_look(self.folder, replace(record, found=found))
 
 
 def _with_left(found: dict[str, Any], left_mm: float) -> dict[str, Any]:

@@ -49,14 +49,19 @@ class LinkWords:
     client: PrintClient
 
     def insert(
-        self, look: int, lines: Sequence[str], why: str, flow: float | None = None
+        self,
+        look: int,
+        lines: Sequence[str],
+        why: str,
+        flow: float | None = None,
+        again: bool = False,
     ) -> object:
-        """Put lines into the job, and correct the flow of its rest."""
-        return self.client.looks.insert(look, lines, why, flow)
+        """Put lines into the job, and correct the flow of its rest; ``again``: look behind them."""
+        return self.client.looks.insert(look, lines, why, flow, again)
 
-    def look_done(self, look: int, decision: str, why: str) -> None:
-        """End a look."""
-        self.client.looks.decide(look, LookDecision(decision), why)
+    def look_done(self, look: int, decision: str, why: str, again: bool = False) -> None:
+        """End a look; one that failed is made ``again`` when the print goes on."""
+        self.client.looks.decide(look, LookDecision(decision), why, again)
 
     def resume(self) -> None:
         """Go on after a pause."""
@@ -197,8 +202,11 @@ def _look(observer: Observer, told: dict[str, Any]) -> bool:
         return bool(told["decision"]) and isinstance(exc, Refused)
     except Exception as exc:  # a fault of ours must not leave the needle waiting for nobody
         log.exception("look %d failed", told["number"])
+        why = f"the observer failed: {exc}"
+        with suppress(OSError):  # of a full disk
+            observer.note_failure(look_of(told, observer), why)
         with suppress(LinkError):  # it was decided already
-            observer.link.look_done(told["number"], "pause", f"the observer failed: {exc}")
+            observer.link.look_done(told["number"], "pause", why, again=True)
     return True
 
 
@@ -209,11 +217,11 @@ def _asked(observer: Observer, number: int) -> bool:
 
 
 def look_of(told: dict[str, Any], observer: Observer) -> Look:
-    """Return a look as the status tells it, with where the one before was."""
+    """Return a look as the status tells it, with where the last one that was judged was."""
     positions = read_journal(observer.folder / JOURNAL).positions
     done = int(told["done"])
     looks = read_looks(observer.folder, observer.begun)
-    earlier = [one.done for one in looks if one.done < done]
+    earlier = [one.done for one in looks if one.judged and one.done < done]
     return Look(
         number=int(told["number"]),
         done=done,

@@ -73,6 +73,11 @@ class LookRecord:
     control: dict[str, Any] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 
+    @property
+    def judged(self) -> bool:
+        """Whether a picture was judged; False of a look that failed."""
+        return "seen_share" in self.found
+
 
 def look_folder(print_folder: Path, number: int) -> Path:
     """Folder of a look, made if it is missing."""

@@ -30,7 +30,8 @@ def picture_before(folder: Path, begun: float, look: Look, now: Path) -> Path | 
     now : Path
         The picture that is to be judged, of the same kind.
     """
-    own = [one for one in read_looks(folder, begun) if one.number < look.number]
+    looks = read_looks(folder, begun)
+    own = [one for one in looks if one.judged and one.number < look.number]
     if (own[-1].done if own else 0) != look.before:
         return None
     number, latest = (own[-1].number, math.inf) if own else (EMPTY, begun)

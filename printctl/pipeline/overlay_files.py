@@ -46,7 +46,7 @@ def write_overlay(
         write_bytes(folder / picture_name(layer), pictures[layer])
         report((done + 1) / len(chosen), f"layer {layer}")
     layers = [overlay_dict(overlay.numbers[k], overlay.status[k]) for k in chosen]
-    data = {**data, **_facts(overlay), "layers": layers}
+    data = {**data, **_facts(overlay, chosen), "layers": layers}
     write_text(folder / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
     write_text(folder / CSV, overlay_csv(layers))
     write_overlay_html(folder / HTML, _page(overlay, layers, data), layers, pictures)
@@ -81,8 +81,9 @@ def _shown(overlay: Overlay, k: int) -> tuple[float, float]:
     return black, max(own, black + _DIMMEST * (brightest - black), black + 1e-9)
 
 
-def _facts(overlay: Overlay) -> dict[str, Any]:
-    """What holds for all layers."""
+def _facts(overlay: Overlay, chosen: Sequence[int]) -> dict[str, Any]:
+    """What holds for all layers, and how many of the chosen ones were what."""
+    status = [overlay.status[k] for k in chosen]
     return {
         "pose": {
             "said": overlay.pose.said,
@@ -95,15 +96,15 @@ def _facts(overlay: Overlay) -> dict[str, Any]:
         "least_mm2": overlay.limits.least_mm2,
         "least_width_um": 1e3 * overlay.limits.least_width_mm,
         "layer_count": len(overlay.numbers),
-        "under_way": _under_way(overlay),
-        "status_counts": {str(one): overlay.status.count(one) for one in LayerStatus},
+        "under_way": _under_way(overlay, chosen),
+        "status_counts": {str(one): status.count(one) for one in LayerStatus},
         "notes": [*overlay.run.notes, *overlay.scan.notes],
     }
 
 
-def _under_way(overlay: Overlay) -> dict[str, int] | None:
-    """Layer and last written line of the layer that was being written."""
-    for one, status in zip(overlay.numbers, overlay.status, strict=True):
+def _under_way(overlay: Overlay, chosen: Sequence[int]) -> dict[str, int] | None:
+    """Layer and last written line of the chosen layer that was being written."""
+    for one, status in ((overlay.numbers[k], overlay.status[k]) for k in chosen):
         if status == LayerStatus.UNDER_WAY:
             return {"layer": one.layer.number, "line": int(one.layer.line[-1])}
     return None
@@ -118,7 +119,9 @@ def summary_lines(data: dict[str, Any]) -> list[str]:
     head = "No gap and no blob" if not bad else f"{len(bad)} layer{_s(len(bad))} to look at"
     if not judged:
         head = "Nothing of these layers to judge"
-    lines = [head, f"Of {data['layer_count']} layers: {', '.join(parts)}."]
+    count, total = len(data["layers"]), data["layer_count"]
+    these = f"{count} of {total}" if count < total else f"{total}"
+    lines = [head, f"Of {these} layers: {', '.join(parts)}."]
     if data["under_way"] is not None:
         last = data["under_way"]
         lines.append(f"Layer {last['layer']} is written up to line {last['line']} of the G-code.")

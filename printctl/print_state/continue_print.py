@@ -80,7 +80,7 @@ def continue_print(
             return client.status
         change = new_syringe_of(client, syringe, plunger_mm) if changed else None
         if not awaits_observer(client.status, started):
-            client.resume(change, unchanged)
+            client.resume(change, unchanged, unobserved)
         return client.status
 
 

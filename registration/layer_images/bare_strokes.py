@@ -67,13 +67,20 @@ def bare_strokes(look: SeenLayer, why: IntArray, rng: np.random.Generator) -> tu
 
 def over_sides(image: FloatImage, seen: Seen, width: FloatArray) -> FloatArray:
     """Each channel in the middle of places less what is beside them, (n, c)."""
-    sides = np.concatenate([-_SIDE, _SIDE])
+    return over_each_side(image, seen, width).mean(axis=0)
+
+
+def over_each_side(image: FloatImage, seen: Seen, width: FloatArray) -> FloatArray:
+    """Each channel in the middle of places less what is on the right and left, (2, n, c)."""
     parts = []
     for c in range(image.shape[2]):
         channel = np.ascontiguousarray(image[:, :, c])
         middle = seen.profiles(channel, width[:, None] * _MIDDLE).mean(axis=1)
-        parts.append(middle - seen.profiles(channel, width[:, None] * sides).mean(axis=1))
-    return np.stack(parts, axis=1).astype(np.float64)
+        parts.append(
+            [middle - seen.profiles(channel, w * width[:, None] * _SIDE).mean(axis=1)
+             for w in (-1.0, 1.0)]
+        )  # fmt: skip
+    return np.stack(parts, axis=2).astype(np.float64)
 
 
 def _together(level: FloatArray) -> FloatArray:

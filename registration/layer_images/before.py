@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Final
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from registration.errors import PictureError
 from registration.layer_images.earlier_view import CameraMove, camera_move
+from registration.layer_images.unmeasured import measured_alone, unmeasured_pixels
 from registration.layer_images.values import BoolArray, ExpectedLines, FloatArray, Image
 from registration.layer_images.working import (
     Mask,
@@ -23,6 +25,7 @@ from registration.layer_images.working import (
 
 MOST_PX: Final = 2.5
 """A camera that moved by more was touched: its picture before isn't used."""
+_MOVED: Final = 2 * math.ceil(MOST_PX) + 1
 _NEAR: Final = 1.4
 """Widths around fresh lines, and some pixels, that aren't ground."""
 _NEAR_PX: Final = 4.0
@@ -62,7 +65,10 @@ def with_before(
             "take both with the same camera and settings"
         )
     part, old_part = (_part(one, work) for one in (picture, before))
-    ground = _ground(work, frame, lines, written)
+    unmeasured = unmeasured_pixels(old_part)
+    old_part = measured_alone(old_part, unmeasured)
+    lost = _binned_near(unmeasured, work)
+    ground = _ground(work, frame, lines, written) * (1 - lost)
     floor = _floor(part, old_part) if work.is_log else None
     earlier, bad = channels_of(old_part, work.scale, floor)
     usable = ground * (1 - with_halos(bad | work.bad))
@@ -76,6 +82,7 @@ def with_before(
         work,
         channels=np.concatenate([work.channels, work.channels - earlier], axis=2),
         bad=work.bad | bad,
+        hidden=work.hidden | (lost > 0),
         earlier=earlier,
         moved_px=moved_px,
     )
@@ -90,6 +97,14 @@ def with_halos(saturated: BoolArray) -> Mask:
         reach = round(_HALO * (radius + 1.0) + _HALO_PX)
         cv2.circle(out, (round(x), round(y)), reach, 1, cv2.FILLED)
     return np.asarray(out)
+
+
+def _binned_near(unmeasured: BoolArray, work: Working) -> Mask:
+    """Working pixels not measured before, and those within a camera's move, (h, w) uint8."""
+    near = cv2.dilate(unmeasured.astype(np.uint8), np.ones((_MOVED,) * 2, np.uint8))
+    size = work.shape[1::-1]
+    hit = cv2.resize(255 * near, size, interpolation=cv2.INTER_AREA) > 0
+    return np.asarray(hit, dtype=np.uint8)
 
 
 def _part(picture: Image, work: Working) -> Image:

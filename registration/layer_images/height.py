@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.errors import PictureError
-from registration.layer_images.values import ExpectedLines, FloatArray, FloatImage
+from registration.layer_images.unmeasured import unmeasured_scans
+from registration.layer_images.values import BoolArray, ExpectedLines, FloatArray, FloatImage
 from registration.layer_images.working import drawn_lines
 from registration.scan import Scan
 
@@ -63,7 +64,8 @@ def height_map(
 
     The first channel is the mean intensity (logarithm) of the layer's own slab, the second the
     height of what first sends light back, mm above the layer's middle and no farther from it than
-    two thicknesses. What lies between is half of ink and bath of the slab.
+    two thicknesses. What lies between is half of ink and bath of the slab. A-scans of one value
+    alone weren't measured: NaN.
 
     Parameters
     ----------
@@ -94,12 +96,15 @@ def height_map(
             f"the layer at z {middle_z_mm:g} mm lies at depth {level.mean():.0f} of a volume of "
             f"{deepest + 1} voxels; check the scan's frame"
         )
-    volume = _speckle_less(scan.volume, scan.scale)
+    unmeasured = unmeasured_scans(scan.volume)
+    volume = _speckle_less(scan.volume, scan.scale, unmeasured)
     slab = _slab_mean(volume, level, half)
+    slab[unmeasured] = np.nan
     bath, ink = _bath_and_ink(slab, frame, float(1.0 / np.sqrt(dx * dy)), lines)
     bright = np.log(slab + np.float32(_FLOOR * max(bath, ink) + 1e-6))
     edge = np.float32(bath + _EDGE * (ink - bath))
     height = (_surface(volume, depth_per_mm < 0, edge) - level) / depth_per_mm
+    height[unmeasured] = np.nan
     most = _FARTHEST * thickness_mm
     return np.stack([bright, np.clip(height, -most, most).astype(np.float32)], axis=2), frame
 
@@ -113,12 +118,16 @@ def _depth_of(frame: HeightFrame, z_mm: float, shape: tuple[int, ...]) -> FloatA
     return np.asarray(rest / inverse[2, 2])
 
 
-def _speckle_less(volume: NDArray[np.generic], scale: str) -> FloatImage:
-    """Linear intensity averaged over neighbouring voxels."""
+def _speckle_less(volume: NDArray[np.generic], scale: str, unmeasured: BoolArray) -> FloatImage:
+    """Linear intensity averaged over neighbouring voxels that were measured."""
     out = np.empty(volume.shape, dtype=np.float32)
+    size = (_SPECKLE, _SPECKLE)
+    share = cv2.blur((~unmeasured).astype(np.float32), size)
+    share = np.maximum(share, np.float32(1e-6))
     for k in range(len(volume)):
         slice_ = np.asarray(volume[k], dtype=np.float32)
-        out[k] = cv2.blur(10 ** (slice_ / 10) if scale == "db" else slice_, (_SPECKLE, _SPECKLE))
+        light = 10 ** (slice_ / 10) if scale == "db" else slice_
+        out[k] = cv2.blur(np.where(unmeasured, np.float32(0.0), light), size) / share
     total = out.copy()
     total[1:] += out[:-1]
     total[:-1] += out[1:]

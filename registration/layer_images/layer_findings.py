@@ -117,11 +117,12 @@ def findings_of(
         beside &= ~(look.over_old & look.by_change) & ~_bare_anyway(look, options.shift_mm)
         why[beside & (why == Unseen.SEEN)] = int(Unseen.UNCLEAR)
     good = why == Unseen.SEEN
-    tested = good.copy()
+    faint = np.zeros_like(good)
     for told in (look.bath, look.old):
         if told is not None and told.noise is not None and told.faint:
             rows = look.over_old if told is look.old else ~look.over_old
-            tested |= rows & (told.why == Unseen.SEEN)
+            faint |= rows & (told.why == Unseen.SEEN)
+    tested = good | faint
     places = max(1, round(float(ways.step[tested].sum()) / options.gap_mm))
     blobs, big = _blobs(look, options)
     if big.any():
@@ -170,6 +171,7 @@ def findings_of(
         moved_px=look.work.moved_px,
         bare=bare_strokes(look, why, np.random.default_rng(29)),
         unseen=unseen_ways(look, why, gaps, options.gap_mm, options.unseen_mm, options.false_rate),
+        faint_share=float(way[faint & ~good].sum()) / float(way.sum()),
     )
 
 

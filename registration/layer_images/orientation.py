@@ -1,8 +1,9 @@
-"""Check if a height map fits its lines better turned or mirrored (scan axes mixed up).
+"""Check if a height map fits its lines better turned, mirrored (scan axes mixed up) or far moved.
 
 Ink that lies where lines are expected correlates best with them as it is, however much of it is
 missing; so a picture that fits better otherwise isn't of the frame it is said to be of. A layer
-that looks the same turned tells nothing.
+that looks the same turned tells nothing, and where a move explains as much as a turn does, it is a
+move.
 """
 
 from __future__ import annotations
@@ -13,13 +14,21 @@ from typing import Final
 import cv2
 import numpy as np
 
-from registration.layer_images.values import BoolArray, ExpectedLines, FloatImage, Frame
+from registration.layer_images.values import (
+    BoolArray,
+    ExpectedLines,
+    FloatArray,
+    FloatImage,
+    Frame,
+)
 from registration.layer_images.working import drawn_lines
 
 _PIXELS: Final = 1e5
 _SAME_MM: Final = 1e-3
 _REACH_MM: Final = 0.5
 """By which the layer may lie beside its place."""
+_FAR_MM: Final = 2.0
+"""By which a layer is looked for that isn't there."""
 _FITS: Final = 0.5
 """Correlation that ink and lines have at least where they belong together."""
 _BETTER: Final = 0.1
@@ -37,6 +46,8 @@ _TURNS: Final[Mapping[str, Callable[[FloatImage], FloatImage]]] = {
 
 def better_turned(picture: FloatImage, frame: Frame, lines: ExpectedLines) -> str | None:
     """Return how a height map fits its lines clearly better; None where it fits as it is.
+
+    Words to go behind "the picture fits the layer better".
 
     Parameters
     ----------
@@ -57,21 +68,38 @@ def better_turned(picture: FloatImage, frame: Frame, lines: ExpectedLines) -> st
     wide = lines.width_mm[rows] * px_per_mm
     reach = max(1, round(_REACH_MM * px_per_mm / shrink))
 
-    def fit(turned: FloatImage) -> float:
+    def fit(turned: FloatImage, more: int = 0) -> tuple[float, FloatArray]:
+        """Best correlation, and where, pixels of the picture; moved by so much more than usual."""
         shape = tuple(round(count * shrink) for count in turned.shape)
         drawn = drawn_lines((shape[0], shape[1]), ends, wide).astype(np.float32)
         mask = cv2.resize(drawn, turned.shape[::-1], interpolation=cv2.INTER_AREA)
         inner = mask[reach:-reach, reach:-reach]
         if min(inner.shape, default=0) < 8 or inner.std() < 1e-3:
-            return 0.0
-        found = cv2.matchTemplate(np.ascontiguousarray(turned), inner, cv2.TM_CCOEFF_NORMED)
-        return float(found.max())
+            return 0.0, np.zeros(2)
+        usual = float(np.median(turned))
+        image = cv2.copyMakeBorder(turned, *(more,) * 4, cv2.BORDER_CONSTANT, value=usual)
+        found = cv2.matchTemplate(np.ascontiguousarray(image), inner, cv2.TM_CCOEFF_NORMED)
+        _, best, _, at = cv2.minMaxLoc(found)
+        return float(best), (np.array(at, dtype=np.float64) - reach - more) * shrink
 
-    as_it_is = fit(ink)
-    fits = {name: fit(turn(ink)) for name, turn in _TURNS.items()}
+    as_it_is, _ = fit(ink)
+    fits = {name: fit(turn(ink))[0] for name, turn in _TURNS.items()}
+    far, off_px = fit(ink, round((_FAR_MM - _REACH_MM) * px_per_mm / shrink))
     best = max(fits, key=lambda name: fits[name])
-    clearly = fits[best] > max(_FITS, as_it_is + _BETTER)
-    return best if clearly else None
+    needed = max(_FITS, as_it_is + _BETTER)
+    if far > max(needed, fits[best] - _BETTER):
+        return _moved_words(off_px, frame, lines)
+    return best if fits[best] > needed else None
+
+
+def _moved_words(off_px: FloatArray, frame: Frame, lines: ExpectedLines) -> str:
+    """By how much the layer lies beside its place, by the printer's axes."""
+    middle = lines.start[lines.fresh].mean(axis=0)
+    places = middle + np.vstack([np.zeros(3), np.eye(3)[:2]])
+    origin, *ends = frame.to_pixels(places)
+    axes = np.column_stack([one - origin for one in ends])
+    x, y = np.round(np.linalg.solve(axes, off_px), 1) + 0.0  # no -0.0
+    return f"moved by {x:+.1f} mm along x and {y:+.1f} mm along y"
 
 
 def _at_its_height(lines: ExpectedLines) -> BoolArray:

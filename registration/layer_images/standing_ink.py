@@ -1,8 +1,10 @@
-"""Find places in a bath that plainly show ink of the older filaments' kind.
+"""Find places in a bath that plainly show ink of the kind that lies elsewhere in the picture.
 
 A short filament has too few places of its own to learn ink from, so that none of it is told by
-level and noise. Where all of it stands out from the bath at both its sides, as the older filaments
-in the same picture do and in their colour, ink lies there.
+level and noise; beside a glint, or where bright ink saturates a sensor, pixels are like neither ink
+nor bath. Where all of a stretch stands out from the bath at both its sides, as older filaments or
+the look's own sure ink do and in their colour, ink lies there. A glint's light is brighter towards
+its middle alone: nothing looks darker by it than at both sides, but ink may look brighter.
 """
 
 from __future__ import annotations
@@ -12,28 +14,31 @@ from typing import Final
 import cv2
 import numpy as np
 
-from registration.layer_images.bare_strokes import STANDS_OUT, TOGETHER, over_sides
+from registration.layer_images.bare_strokes import STANDS_OUT, TOGETHER, over_each_side
+from registration.layer_images.before import with_halos
 from registration.layer_images.gaps import stretches_of
-from registration.layer_images.presence import fake_places
+from registration.layer_images.presence import INK, fake_places
 from registration.layer_images.seen_layer import SeenLayer
 from registration.layer_images.values import BoolArray, FloatArray, IntArray, Unseen
 
 _LEAST: Final = 0.4
 """Of the older filaments' usual level: what a needle without ink leaves in the bath shows less."""
-_LACKING: Final = 0.2
+_LACKING, _OTHERWISE = 0.2, -0.6
+"""Of that level, between which bath shows; what is beyond it the other way is light."""
 _MOST: Final = 2.5
 _ANOTHER_COLOUR: Final = 0.5
 """Of a level, by which it may point elsewhere than older ink's does."""
 _FEWEST_PX: Final = 100
+_FEWEST_OWN: Final = 40
 _TOLD: Final = (Unseen.FAINT, Unseen.UNCLEAR, Unseen.GLARE)
 
 
 def standing_ink(
     look: SeenLayer, why: IntArray, rng: np.random.Generator
-) -> tuple[BoolArray, BoolArray]:
-    """Return the places over the bath, (n,), that show older filaments' ink, and that lack it.
+) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """Return the places over the bath, (n,), that plainly show ink, lack it, or lie in a glint.
 
-    Lacking are places of a line that shows it elsewhere.
+    Lacking are places that show none of the older ink, of a line that shows it elsewhere.
 
     Parameters
     ----------
@@ -43,30 +48,71 @@ def standing_ink(
     rng : Generator
     """
     ways = look.ways
-    out, lacking = np.zeros((2, len(why)), dtype=np.bool_)
+    out, lacking, glints = np.zeros((3, len(why)), dtype=np.bool_)
     open_bath = (np.isin(why, _TOLD) | (why == Unseen.SEEN)) & ~look.over_old
-    older = _older_level(look)
-    if older is None or not np.isin(why[open_bath], _TOLD).any():
-        return out, lacking
-    width_px = float(np.median(ways.width)) * look.work.px_per_mm
-    step_px = float(np.median(ways.step)) * look.work.px_per_mm
-    fakes = fake_places(look.masks.free, width_px, step_px, rng)
-    if fakes is None:
-        return out, lacking
-    flat = look.flat[:, :, : len(older)]
-    usual = over_sides(flat, fakes, np.full(len(fakes.at), width_px))
-    usual = usual.reshape(-1, TOGETHER, len(older)).mean(axis=1)
-    level = over_sides(flat, look.seen, ways.width)
-    spread = 1.4826 * np.median(np.abs(usual), axis=0) + 1e-9
+    if not np.isin(why[open_bath], _TOLD).any():
+        return out, lacking, glints
+    level, spread, both = _levels(look, rng)
+    if spread is None:
+        return out, lacking, glints
+    older, own = _older_level(look), _own_level(look, why, level)
+    darker = min(float(one.sum()) for one in (older, own, np.zeros(1)) if one is not None) < 0
+    glints = _near_glints(look, darker)
     for first, last in stretches_of(open_bath, ways.run):
         rows = np.arange(first, last + 1)
         for part in np.array_split(rows, max(1, round(len(rows) / TOGETHER))):
-            mean = level[part].mean(axis=0)
-            stands = float(np.abs(mean / spread).max()) > STANDS_OUT
-            out[part] = stands and _is_alike(mean, older)
-            lacking[part] = float(mean @ older) < _LACKING * float(older @ older)
+            mean, least = level[part].mean(axis=0), both[part].mean(axis=0)
+            clear = not glints[part].any()
+            for kind, value in ((older, mean if clear else least), (own, least)):
+                if kind is not None and (clear or darker):
+                    stands = float(np.abs(value / spread).max()) > STANDS_OUT
+                    out[part] |= stands and _is_alike(value, kind)
+            if older is not None:
+                share = float(mean @ older / (older @ older))
+                lacking[part] = clear and _OTHERWISE < share < _LACKING
         lacking[rows] &= bool(out[rows].any())
-    return out, lacking
+    return out, lacking, glints
+
+
+def _levels(
+    look: SeenLayer, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray | None, FloatArray]:
+    """Return places' levels over the mean of their sides, bath's spread of it, and over either.
+
+    Levels are (n, c), the spread (c,), or None where too little bath is seen.
+    """
+    width_px = float(np.median(look.ways.width)) * look.work.px_per_mm
+    step_px = float(np.median(look.ways.step)) * look.work.px_per_mm
+    count = look.flat.shape[2] if look.work.earlier is None else look.work.earlier.shape[2]
+    flat = look.flat[:, :, :count]  # in what changed since the picture before older ink shows none
+    sides = over_each_side(flat, look.seen, look.ways.width)
+    level, both = sides.mean(axis=0), _least(sides)
+    fakes = fake_places(look.masks.free, width_px, step_px, rng)
+    if fakes is None:
+        return level, None, both
+    usual = over_each_side(flat, fakes, np.full(len(fakes.at), width_px)).mean(axis=0)
+    usual = usual.reshape(-1, TOGETHER, count).mean(axis=1)
+    return level, 1.4826 * np.median(np.abs(usual), axis=0) + 1e-9, both
+
+
+def _least(sides: FloatArray) -> FloatArray:
+    """What stands out to both sides (2, n, c) alike, by the one that shows less of it, (n, c)."""
+    same = np.sign(sides[0]) == np.sign(sides[1])
+    return np.asarray(np.where(same, np.sign(sides[0]) * np.abs(sides).min(axis=0), 0.0))
+
+
+def _near_glints(look: SeenLayer, darker: bool) -> BoolArray:
+    """Places in the light around saturated spots, (n,); bright ink may be saturated itself."""
+    lines = np.maximum(look.masks.fresh, look.masks.old) > 0
+    halos = with_halos(look.work.bad if darker else look.work.bad & ~lines)
+    across = look.ways.width[:, None] * np.linspace(-1.2, 1.2, 13)
+    return np.asarray(look.seen.profiles(halos, across, nearest=True).any(axis=1))
+
+
+def _own_level(look: SeenLayer, why: IntArray, level: FloatArray) -> FloatArray | None:
+    """Level of the look's own sure ink over the bath, (c,); None where there is too little."""
+    sure = (why == Unseen.SEEN) & ~look.over_old & (look.present > INK)
+    return np.median(level[sure], axis=0) if sure.sum() >= _FEWEST_OWN else None
 
 
 def _is_alike(level: FloatArray, older: FloatArray) -> bool:
@@ -76,10 +122,7 @@ def _is_alike(level: FloatArray, older: FloatArray) -> bool:
 
 
 def _older_level(look: SeenLayer) -> FloatArray | None:
-    """Level of older ink over the bath, (c,), of the picture itself; None where there is none.
-
-    In what changed since the picture before older ink shows nothing.
-    """
+    """Level of older ink over the bath, (c,), of the picture itself; None where there is none."""
     inner = cv2.erode(look.masks.old, np.ones((3, 3), np.uint8)) > 0
     inner &= (look.masks.fresh == 0) & ~look.work.bad & ~look.work.hidden
     free = look.masks.free > 0

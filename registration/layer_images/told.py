@@ -188,7 +188,7 @@ def _by_mix(
     width_px = float(np.median(ways.width)) * ground.work.px_per_mm
     among = among_lines(ground.smooth, ways, seen, use) if ways.varied else None
     away = strangeness(ground.smooth, bath, ink, ground.work.is_log, among)
-    strange = _strange(ground, away, width_px)
+    strange = _strange(ground, away, width_px, bool(ink.sum() > 0))
     profiles = seen.profiles(mixed, ways.width[:, None] * ACROSS)
     why, angle = reasons(ground.work, seen, ways, strange), angle_of(seen)
     learn = _alone(ways, use & (why == Unseen.SEEN))
@@ -344,13 +344,14 @@ def _log_step(mix: FloatArray, ink: FloatArray, is_log: bool) -> float:
     return float(np.clip(weight @ ink / weight.sum(), -3.0, 3.0))
 
 
-def _strange(ground: Ground, away: FloatImage, width_px: float) -> BoolArray:
+def _strange(ground: Ground, away: FloatImage, width_px: float, is_bright: bool) -> BoolArray:
+    """Where neither ink nor bath is seen, (h, w): glints, too, unless bright ink saturates."""
     found = strange_places(away, ground.free, ground.fresh, width_px)
     saturated = ground.work.bad
     lines = ground.fresh > 0
     on, off = (_share(saturated, mask) for mask in (lines, ~lines))
     of_ink = on > _INK_SATURATED and on > _MORE_OFTEN * off
-    if not of_ink and on < _MOST_SATURATED:
+    if not (is_bright and (of_ink or on >= _MOST_SATURATED)):
         found = found | grown(saturated, width_px)
     return found
 

@@ -17,6 +17,7 @@ _DOUBTED: Final = 1.5
 """Tolerated gaps, from which on a stretch that looks bare is told of, though debris lies by."""
 _LACKING: Final = 1.25
 """The same where bath shows beside what hides the rest, as at a joint with older ink."""
+_HIDING: Final = (Unseen.GLARE, Unseen.HIDDEN)
 _SEEN_MM: Final = 0.3
 """A seen stretch that is shorter, between two that aren't, doesn't part them."""
 
@@ -33,7 +34,8 @@ def unseen_ways(
 
     They have the form of gaps, with p-values of 1. Ink that is too faint for a tolerated gap, but
     not for one of that length, isn't told of here, nor is what plainly shows older filaments' ink.
-    Shorter ones count where ink doesn't show, and only what lies around keeps them from being gaps.
+    Shorter ones count where ink doesn't show, and only what lies around keeps them from being gaps,
+    and where a glint or another thing hides what lies beside a found gap.
 
     Parameters
     ----------
@@ -48,8 +50,8 @@ def unseen_ways(
         False findings per sound layer.
     """
     ways = look.ways
-    told = (why == Unseen.SEEN) | _told_when_long(look, why, longest_mm, rate)
-    standing, lacking = standing_ink(look, why, np.random.default_rng(31))
+    standing, lacking, glints = standing_ink(look, why, np.random.default_rng(31))
+    told = (why == Unseen.SEEN) | (_told_when_long(look, why, longest_mm, rate) & ~glints)
     told = (told | standing) & ~(lacking & ~(look.present > INK))
     for gap in gaps:
         own = ways.stroke == gap.stroke
@@ -65,11 +67,22 @@ def unseen_ways(
         own = slice(first, last + 1)
         low_mm = float(ways.step[own][doubted[own]].sum())
         lacking_mm = float(ways.step[own][lacking[own] & ~(look.present[own] > INK)].sum())
-        doubt = low_mm > _DOUBTED * gap_mm or lacking_mm > _LACKING * gap_mm
+        hides = np.isin(why[own], _HIDING)
+        beside_mm = float(ways.step[own][hides].sum()) * _is_beside(ways, first, last, gaps)
+        doubt = max(low_mm, beside_mm) > _DOUBTED * gap_mm or lacking_mm > _LACKING * gap_mm
         if _length(ways, first, last) > longest_mm or doubt:
             (begin, start), (end, stop) = _edge(ways, first, -0.5), _edge(ways, last, 0.5)
             out.append(Gap(int(ways.stroke[first]), begin, end, start, stop, 0.0, 1.0))
     return tuple(out)
+
+
+def _is_beside(ways: Ways, first: int, last: int, gaps: list[Gap]) -> bool:
+    """Whether a gap ends where a stretch begins, or begins where it ends."""
+    own = [gap for gap in gaps if gap.stroke == ways.stroke[first]]
+    begin, end = float(ways.along[first]), float(ways.along[last])
+    return any(
+        abs(gap.to_mm - begin) < _SEEN_MM or abs(gap.from_mm - end) < _SEEN_MM for gap in own
+    )
 
 
 def _told_when_long(look: SeenLayer, why: IntArray, longest_mm: float, rate: float) -> BoolArray:

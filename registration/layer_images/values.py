@@ -325,12 +325,11 @@ class LayerFindings:
     blobs : tuple of Blob
     lumens : tuple of LumenSeen
     width_ratio, u_width_ratio : float
-        Width seen over expected where there is ink, with what is common to all; NaN and inf where
-        no width was told.
+        Width seen over expected where there is ink, common doubt included; NaN and inf without.
     seen_share : float
         Of the expected way.
     coverage : float
-        Ink seen over ink expected on the way that was seen; NaN where nothing was.
+        Ink seen over expected on the way that was seen; NaN where nothing was.
     shift : Shift
     places : int
         Independent places that were tested for gaps.
@@ -339,13 +338,13 @@ class LayerFindings:
     appearance : Appearance or None
         None where ink couldn't be told from bath.
     moved_px : float
-        By how many pixels the camera moved since the picture before; NaN without one. From
-        `before.MOST_PX` on that picture isn't used.
+        By how many pixels the camera moved since the picture before; NaN without one.
     bare : tuple of int
-        Strokes of which nothing is seen, and nothing stands out from the bath: their ink is
-        missing, or too faint.
+        Strokes of which nothing is seen or stands out: their ink is missing, or too faint.
     unseen : tuple of Gap
         Stretches longer than `SeeingOptions.unseen_mm` of which nothing is told, ink or gap.
+    faint_share : float
+        Of the expected way, on which ink shows, but gaps longer than a tolerated one alone do.
     """
 
     stations: Stations
@@ -364,6 +363,7 @@ class LayerFindings:
     moved_px: float = math.nan
     bare: tuple[int, ...] = ()
     unseen: tuple[Gap, ...] = ()
+    faint_share: float = 0.0
 
 
 @dataclass(frozen=True)

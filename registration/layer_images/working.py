@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.errors import PictureError
+from registration.layer_images.unmeasured import measured_alone, unmeasured_pixels
 from registration.layer_images.values import (
     BoolArray,
     ExpectedLines,
@@ -48,9 +49,9 @@ class Working:
     channels : (h, w, c) float32
         Logarithm of brightness (of a float picture: its values).
     bad : (h, w) bool
-        Saturated, or not finite.
+        Saturated.
     hidden : (h, w) bool
-        Hidden as the caller says.
+        Hidden as the caller says, or not measured.
     origin : (x, y), px of the picture
     scale : int
         Pixels of the picture in one.
@@ -124,13 +125,16 @@ def prepare(
     scale = max(1, int(min(wide_px / _FINE_PX, gap_mm * seen.px_per_mm / _GAP_PX)))
     x0, y0, x1, y1 = _box(picture, seen)
     part = picture[y0:y1, x0:x1]
-    channels, bad = channels_of(part, scale)
-    cover = np.zeros(part.shape[:2], dtype=np.uint8)
+    unmeasured = unmeasured_pixels(part)
+    channels, bad = channels_of(measured_alone(part, unmeasured), scale)
+    cover = 255 * unmeasured.astype(np.uint8)
     for outline in hidden:
         cv2.fillPoly(cover, [np.rint(np.asarray(outline) - (x0, y0)).astype(np.int32)], 255)
     size = channels.shape[1::-1]
-    lost = cv2.resize(cover, size, interpolation=cv2.INTER_AREA) > 0 if hidden else bad & False
+    lost = np.asarray(cv2.resize(cover, size, interpolation=cv2.INTER_AREA) > 0)
     is_float = np.issubdtype(picture.dtype, np.floating)
+    if is_float:  # nothing is saturated in it: what isn't finite wasn't measured
+        lost, bad = lost | bad, np.zeros_like(bad)
     height = None
     if is_float and channels.shape[2] == 2:
         channels, height = channels[:, :, :1].copy(), channels[:, :, 1].copy()
@@ -180,7 +184,8 @@ def channels_of(
         if not np.isfinite(fit).any():
             raise PictureError("the picture holds no finite value where the layer lies")
         bad = np.asarray(~np.isfinite(fit).all(axis=2))
-        filled = np.asarray(np.where(bad[:, :, None], np.nanmedian(fit), fit), dtype=np.float32)
+        usual = np.nanmedian(np.where(np.isfinite(fit), fit, np.nan), axis=(0, 1))
+        filled = np.asarray(np.where(bad[:, :, None], usual, fit), dtype=np.float32)
         return _binned(filled, size), _binned(bad.astype(np.float32), size)[:, :, 0] > 0.25
     saturated = _saturated(np.ascontiguousarray(fit), max(1, int(fit.max())))
     small = _binned(fit.astype(np.float32), size)

@@ -104,7 +104,7 @@ LUMEN_COLUMNS: Final = (
     Column("diameter_error_median_um", "Median off", "µm", "signed"),
     Column("conductance", "Conductance", "%", factor=100.0, digits=4),
     Column("stepped_conductance", "After steps", "%", factor=100.0, digits=4),
-    Column("layer", "Layer (from 0)", kind="text"),
+    Column("layer", "Layer", kind="text"),
     Column("at", "Narrowest at", kind="text"),
 )
 _SIZES: Final = ("extent", "shape", "voxel")
@@ -345,10 +345,11 @@ def lumen_facts(lumens: Mapping[str, Any]) -> list[Fact]:
 
 
 def _lumen(row: Record) -> dict[str, Any]:
-    stepped = mapping(row, "stepped")
+    stepped, layer = mapping(row, "stepped"), row.get("layer")  # which counts from 0
     at = row.get("at_mm")
     return {
         **row,
+        "layer": layer + 1 if isinstance(layer, int) else layer,
         "stepped_mm": stepped.get("narrowest_mm"),
         "stepped_conductance": stepped.get("conductance"),
         "at": ", ".join(f"{v:.2f}" for v in at) if isinstance(at, list) else None,

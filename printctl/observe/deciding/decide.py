@@ -2,7 +2,8 @@
 
 Rules, in their order; the first that holds decides:
 
-0. the picture fits the layer better turned or mirrored: pause; nothing in it lies where it seems;
+0. the picture fits the layer better turned, mirrored or far moved: pause; nothing in it lies where
+   it seems;
 1. the layer lies beside its place by more than tolerance (skipped steps): stop where the shift grew
    since the last look, else pause; no ink laid later could lie right;
 2. no ink comes out any more (clog, empty syringe): pause;
@@ -178,6 +179,11 @@ class Decider:
                 return decision
         any_seen = evidence.seen_share >= _ANY
         seen = "as expected, within tolerance" if any_seen else "nothing was seen"
+        if not any_seen and evidence.faint_share >= _ANY:
+            seen = (
+                f"ink shows on {evidence.faint_share:.0%}, too grainy or faint for gaps of "
+                f"{self.limits.gap.least_mm:g} mm: longer ones alone are told"
+            )
         if any_seen and self._hardly_seen(evidence):
             seen = f"only {evidence.seen_share:.0%} was seen; that is {seen}"
         if evidence.stretches:
@@ -230,11 +236,13 @@ class Decider:
     def _turned(self, evidence: Evidence) -> Decision | None:
         if evidence.turned is None:
             return None
-        return Decision(
-            DecisionKind.PAUSE,
-            f"the picture fits the layer better {evidence.turned}: check the device's axes and "
-            "observe.frame; nothing is mended by it",
-        )
+        cause = "check the device's axes and observe.frame"
+        if evidence.turned.startswith("moved"):
+            cause = (
+                "motors have lost steps, or dish or device have moved: check both, then the frame"
+            )
+        fits = f"the picture fits the layer better {evidence.turned}"
+        return Decision(DecisionKind.PAUSE, f"{fits}: {cause}; nothing is mended by it")
 
     def _shifted(self, evidence: Evidence) -> Decision | None:
         shift, u = evidence.shift_mm, evidence.u_shift_mm

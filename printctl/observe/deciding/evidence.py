@@ -13,6 +13,8 @@ from registration.layer_images.values import Gap
 
 SURE: Final = 3.29
 """Standard uncertainties beyond the tolerance: one in 2,000 by chance, one-sided."""
+_SHOWS: Final = 0.3
+"""Of a layer's way, on which grainy or faint ink shows, for ink to have come at all."""
 _HIDDEN: Final = 0.1
 """Of a layer so little could be seen at best that a look says nothing about the view."""
 
@@ -106,6 +108,8 @@ class Evidence:
         How the picture would fit the layer clearly better ("turned by 180°").
     unseen : tuple of UnseenPath
         Those of which more isn't seen than is tolerated.
+    faint_share : float
+        Of the way, on which ink shows, but gaps longer than a tolerated one alone do.
     """
 
     places: int
@@ -126,6 +130,7 @@ class Evidence:
     level_mm: float | None = None
     turned: str | None = None
     unseen: tuple[UnseenPath, ...] = ()
+    faint_share: float = 0.0
 
 
 @dataclass
@@ -165,7 +170,8 @@ class LayersSeen:
         """Take in a look; several in one layer count as one."""
         if self.first_mm is not None and evidence.level_mm is not None:
             visible_mm = evidence.way_mm * (1.0 - evidence.over_old_share)
-            self.first_mm = None if evidence.seen_share > 0 else self.first_mm + visible_mm
+            shows = evidence.seen_share > 0 or evidence.faint_share > _SHOWS
+            self.first_mm = None if shows else self.first_mm + visible_mm
         if evidence.level_mm is None or evidence.level_mm != self.level_mm:
             self.before, self.level_mm = self.unseen, evidence.level_mm
             self.way_mm = self.visible_mm = self.seen_mm = 0.0

@@ -49,7 +49,7 @@ def test_a_good_print_passes_with_a_table(shell: Shell) -> None:
 def test_a_closed_lumen_ends_with_3_and_is_named(shell: Shell) -> None:
     code, out, err = shell("plugged.gcode", "--model", "part.stl", "--unit", "mm", *E_MEANS)
     assert code == 3
-    assert f"CLOSED lumen 0 in layer {PLUGGED}" in out
+    assert f"CLOSED lumen 0 in layer {PLUGGED + 1}" in out
     assert "closed: lumen 0 (1 of 1)" in err
 
 

@@ -69,7 +69,7 @@ def test_print_is_held_at_a_layer_then_gets_a_new_syringe(tmp_path, profile, cap
         assert "is paused already" in said
         assert "will pause at the end of this layer" in said
         assert "confirm again within 10.0 min" in said
-        assert "paused: paused at the end of layer 0, reload point" in said
+        assert "paused: paused at the end of layer 1, reload point" in said
         reload(run)
         while client.status.waits_for != "syringe":
             time.sleep(0.02)

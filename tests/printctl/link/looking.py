@@ -78,6 +78,9 @@ class Observer:
     resumes: bool = True
     seen_by: Callable[[Status], None] = lambda status: None
     flows: dict[int, float] = field(default_factory=dict)
+    fails: tuple[int, ...] = ()
+    looks_behind: tuple[int, ...] = ()
+    unobserved: bool = False
 
     def status(self, status: Status) -> None:
         self.seen.append(status)
@@ -93,18 +96,20 @@ class Observer:
             if decision is not None:
                 self.decide(number, decision)
         elif status.state is LinkState.PAUSED and self.resumes:
-            streamer.resume()
+            streamer.resume(unobserved=self.unobserved)
 
     def insert(self, number: int, lines: list[str]) -> None:
         assert self.streamer is not None
         told = self.answers.append, self.refusals.append
-        self.streamer.insert(number, lines, "a gap", *told, self.flows.get(number))
+        self.streamer.insert(number, lines, "a gap", *told, self.flows.get(number),
+                             number in self.looks_behind)  # fmt: skip
 
     def decide(self, number: int, decision: LookDecision) -> None:
         assert self.streamer is not None
         self.streamer.look_done(
-            number, decision, "looked at", self.answers.append, self.refusals.append
-        )
+            number, decision, "looked at", self.answers.append, self.refusals.append,
+            number in self.fails,
+        )  # fmt: skip
 
     @property
     def states(self) -> list[LinkState]:

@@ -20,7 +20,7 @@ def test_marks_stand_between_command_lines():
         Mark(2, MarkKind.VESSEL, 12),
     )
     assert [str(mark) for mark in job.marks.all] == [
-        "end of layer 0",
+        "end of layer 1",
         "reload point",
         "end of vessel 12",
     ]
@@ -32,7 +32,7 @@ def test_marks_stand_between_command_lines():
         (b";LAYER:%d", 4),
         (b";LAYER_CHANGE", -1),
         (b"; CHANGE_LAYER", -1),
-        (b"; layer %d, Z = 0.600", 4),
+        (b"; layer %d, Z = 0.600", 3),
     ],
 )
 def test_slicers_layers_end_where_the_next_one_begins(text, number):

@@ -170,7 +170,7 @@ def test_pause_after_a_layer_waits_for_its_mark(tmp_path):
     status, job, _ = followed(data, tmp_path, script)
     assert status.state is LinkState.DONE
     assert [one.lines_done for one in script.pauses] == [job.marks.of(MarkKind.LAYER)[0].index]
-    assert "end of layer 0" in script.pauses[0].message
+    assert "end of layer 1" in script.pauses[0].message
     waiting = [one for one in script.seen if one.waits_for == "pause after layer"]
     assert all(one.lines_done <= script.pauses[0].lines_done for one in waiting)
 

@@ -157,7 +157,7 @@ def test_later_beginnings_are_offered():
     history = JournalledPrint(done=marks[1].index + 3, checkpoints=made)
     steps = " ".join(plan_recovery(JOB, DATA, history, PRINTER, RETREAT).steps)
     line = JOB.file_lines[marks[2].index]
-    assert f"--from-line, such as {line} (after the end of layer 2)" in steps
+    assert f"--from-line, such as {line} (after the end of layer 3)" in steps
     assert "straight up" in steps.split(".")[0]
     assert "Don't home" in steps
 

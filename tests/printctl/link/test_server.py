@@ -39,16 +39,21 @@ class Spy:
     def reload(self) -> None:
         self.requests.append("reload")
 
-    def resume(self, change: NewSyringe | None = None, unchanged: bool = False) -> None:
+    def resume(
+        self,
+        change: NewSyringe | None = None,
+        unchanged: bool = False,
+        unobserved: bool = False,
+    ) -> None:
         self.requests.append(f"resume {change}" if change else "resume")
 
     def alive(self) -> None:
         self.requests.append("alive")
 
-    def insert(self, look, lines, why, done, refused, flow=None) -> None:
+    def insert(self, look, lines, why, done, refused, flow=None, again=False) -> None:
         self.requests.append(f"insert {look} {len(lines)} {flow}")
 
-    def look_done(self, look, decision, why, done, refused) -> None:
+    def look_done(self, look, decision, why, done, refused, again=False) -> None:
         self.requests.append(f"look_done {look} {decision}")
 
     def typed(self, text: str, done, refused) -> None:

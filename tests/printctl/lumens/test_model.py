@@ -77,7 +77,7 @@ def test_a_slit_in_a_tubes_wall_leaks() -> None:
     check = check_model(lines, pipe(layers), PLACE, rounded_to_steps(lines, (80.0, 80.0)), 0.05)
     assert [(leak.into, leak.layer) for leak in check.leaks] == [("outside", 15)]
     assert check.refusal is not None
-    assert "leaking: tree 0 into outside in layer 15" in check.refusal
+    assert "leaking: tree 0 into outside in layer 16" in check.refusal
 
 
 def test_where_a_lumen_forks_others_begin() -> None:

@@ -49,6 +49,16 @@ def test_a_layer_of_which_little_was_seen_is_not_called_sound():
     assert decided(seen_share=0.25, over_old_share=0.6).why.startswith("as expected")
 
 
+@pytest.mark.parametrize(("shows", "kind"), [(0.0, "pause"), (0.1, "pause"), (0.9, "go_on")])
+def test_grainy_ink_of_the_first_look_is_ink(shows, kind):
+    """In coarse speckle the first look asked whether the needle was clogged."""
+    nothing = {"seen_share": 0.0, "coverage": math.nan, "level_mm": 0.2, "flow": flow(1.0, 0)}
+    found = decided(faint_share=shows, **nothing)
+    assert found.kind == kind
+    assert ("gaps of 0.2 mm: longer ones alone are told" in found.why) is (kind == "go_on")
+    assert ("no ink is seen yet" in found.why) is (kind == "pause")
+
+
 def test_a_gap_in_one_of_two_pictures_is_told_and_not_mended():
     found = decided(gaps=(GAP,), second=())
     assert (found.kind, found.gaps) == (DecisionKind.GO_ON, ())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from printctl.link.errors import LinkError, NoLink, Refused
@@ -125,3 +127,42 @@ def test_an_approved_mend_that_is_in_the_job_is_gone_on_with_and_not_planned_aga
     look = {**TOLD, "decision": "pause", "insert_sha256": "1f"}
     follow(events, observer, lambda: Status(LinkState.PAUSED, look=look))
     assert observer.looked == ["gone on from 1"]
+
+
+class FullDisk(Watching):
+    """Can't save the record of its first look."""
+
+    def look(self, look):
+        self.looked.append(look.before)
+        if len(self.looked) == 1:
+            raise OSError(28, "No space left on device")
+        return LookRecord(look.number, look.done, look.job_line, look.mark, 0.0, "go_on", "")
+
+
+class Link:
+    """Notes what it is told."""
+
+    def __init__(self) -> None:
+        self.said: list[tuple[object, ...]] = []
+
+    def look_done(self, look, decision, why, again=False):
+        self.said.append((look, decision, again, "No space" in why))
+
+
+@pytest.mark.parametrize("frees", [True, False])
+def test_a_look_whose_record_a_full_disk_refused_is_to_be_made_again(tmp_path, monkeypatch, frees):
+    look = {**TOLD, "number": 2, "done": 20}
+    events = Events()
+    observer = watching(tmp_path, events)
+    observer.__class__, observer.link = FullDisk, Link()
+    judged = LookRecord(1, 10, 10, "end", 0.0, "go_on", "", found={"seen_share": 1.0})
+    save_look(tmp_path, replace(judged, control=observer._new))
+    if not frees:
+        monkeypatch.setattr(
+            "printctl.observe.observer.save_look", lambda *_: (_ for _ in ()).throw(OSError(28))
+        )
+    told = [Status(LinkState.LOOKING, look={**look, "number": number}) for number in (2, 3)]
+    events.events = lambda: iter(told)
+    follow(events, observer, lambda: told[len(observer.looked)])
+    assert observer.link.said == [(2, "pause", True, True)]
+    assert observer.looked == [10, 10]  # what was written since the last look that was judged

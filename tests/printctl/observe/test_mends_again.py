@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -16,8 +17,18 @@ from printctl.observe.held_look import unseen_paths
 from printctl.observe.judging import ink_to_judge
 from printctl.observe.mending import Gap as MendGap
 from printctl.observe.mending import HeldPrint, plan_mend
-from printctl.observe.mends_again import Mended, gaps_of_job, tries_of, with_mends
-from registration.layer_images import Gap
+from printctl.observe.mends_again import (
+    Mended,
+    gaps_of_job,
+    last_mends,
+    of_mends,
+    tries_of,
+    unseen_words,
+    with_mends,
+)
+from printctl.observe.observer import Look
+from printctl.observe.records import LookRecord
+from registration.layer_images import Gap, see_layer
 from tests.printctl.observe.mending.small_jobs import (
     INK,
     LAYER_MM,
@@ -76,7 +87,9 @@ def test_the_gap_alone_is_fresh_and_its_mend_is_left_out(mark):
     assert lines.end[row, :2] == pytest.approx([104, 103])
     rest = lines.stroke == 3
     assert not lines.fresh[rest].any()
-    assert np.linalg.norm(lines.end - lines.start, axis=1)[rest].sum() == pytest.approx(6.0)
+    # Round ends reach to the gap.
+    width = lines.width_mm[rest].max()
+    assert np.linalg.norm(lines.end - lines.start, axis=1)[rest].sum() == pytest.approx(6.0 - width)
     assert lines.fresh.sum() == layer.lines.fresh.sum() + 1
 
 
@@ -92,6 +105,91 @@ def test_a_gap_in_a_mend_is_the_paths_own():
     assert (found.stroke, found.from_mm, found.to_mm) == (3, 2.5, 4.0)
     other = replace(gap, stroke=5)
     assert gaps_of_job([other], mended) == (other,)
+
+
+def test_a_short_mend_is_judged_with_some_ink_beside_it_and_gaps_there_arent_its():
+    mended = (Mended(3, 2.0, 2.4), Mended(4, 0.2, 0.6))
+    assert (mended[0].begin_mm, mended[0].end_mm) == pytest.approx((1.4, 3.0))
+    assert mended[1].begin_mm == 0.0
+    gap = Gap(1_000_000, 0.6, 1.0, (0, 0), (0, 0), 0.01, 1e-9)
+    (found,) = gaps_of_job([gap], mended)
+    assert (found.stroke, found.from_mm, found.to_mm) == pytest.approx((3, 2.0, 2.4))
+    assert gaps_of_job([replace(gap, from_mm=1.05, to_mm=1.4)], mended) == ()
+
+
+def bath_print(gap):
+    """A bath's two filaments, of which a gap of the first was mended behind both."""
+    text = bath_job([(100, 100, 5), (106, 100, 5)], [(100, 104, 6), (106, 104, 6)])
+    job = parse_job("\n".join([*text.lines, "M400"]).encode(), "small", PRINTER)
+    done = job.marks.all[1].index
+    held = HeldPrint(job.lines, done, PRINTER, SYRINGE, INK, NEEDLE, "embedded")
+    return job.grown(Insert(1, held.done, plan_mend(held, [MendGap(0, *gap)]).lines)), done
+
+
+@pytest.mark.parametrize("missing", [True, False])
+def test_a_short_mend_that_failed_is_seen(missing):
+    """Sound ink's round ends covered a gap of 0.4 mm: it stayed silent."""
+    grown, done = bath_print((2.0, 2.4))
+    held = HeldPrint(grown.lines, len(grown), PRINTER, SYRINGE, INK, NEEDLE, "embedded")
+    ink = expected_ink(held, grown)
+    mended = [Mended(0, 2.0, 2.4)]
+    again = with_mends(ink_to_judge(ink, 0, held.done), ink, mended, done)
+    picture, frame = picture_of(ink, (2.0, 2.4) if missing else None)
+    findings = see_layer(picture, frame, again.lines)
+    gaps = gaps_of_job(of_mends(findings).gaps, again.mended)
+    assert [(one.stroke, one.from_mm, one.to_mm) for one in gaps] == [
+        (0, pytest.approx(2.0, abs=0.12), pytest.approx(2.4, abs=0.12))
+    ] * missing
+    assert unseen_words(findings, again.mended) == ""
+
+
+@dataclass(frozen=True)
+class Above:
+    """A camera straight above, 40 pixels in a mm."""
+
+    def to_pixels(self, points_mm):
+        return 40.0 * (np.asarray(points_mm)[:, :2] - (98.0, 98.0))
+
+
+def picture_of(ink, bare):
+    """Dark filaments in a light bath with noise, the first one without a stretch."""
+    rng, shape = np.random.default_rng(3), (320, 400)
+    y, x = np.mgrid[0 : shape[0], 0 : shape[1]] / 40.0 + 98.0
+    dark = np.zeros(shape)
+    for stroke, row in ((0, 100.0), (1, 104.0)):
+        radius = ink.width_mm[ink.stroke == stroke].max() / 2
+        spans = [(100.0, 106.0)]
+        if stroke == 0 and bare:
+            spans = [(100.0, 100.0 + bare[0] - radius), (100.0 + bare[1] + radius, 106.0)]
+        for low, high in spans:
+            off = np.hypot(x - np.clip(x, low, high), y - row)
+            dark = np.maximum(dark, np.sqrt(np.clip(1 - (off / radius) ** 2, 0, None)))
+    light = 150.0 * np.exp(-0.5 * cv2.GaussianBlur(dark, (0, 0), 1.0))
+    return np.clip(light + rng.normal(0, 2.0, shape), 0, 255).astype(np.uint8), Above()
+
+
+def test_of_a_mend_that_isnt_seen_words_are_said():
+    stations = SimpleNamespace(
+        stroke=np.full(16, 1_000_000), along_mm=0.05 + 0.1 * np.arange(16),
+        length_mm=np.full(16, 0.1), seen=np.arange(16) < 7,
+    )  # fmt: skip
+    mended = (Mended(3, 2.0, 2.4),)
+    words = unseen_words(SimpleNamespace(stations=stations), mended)
+    assert words == "0.30 of 0.40 mm that were mended can't be seen: look yourself"
+    stations.seen[:] = True
+    assert unseen_words(SimpleNamespace(stations=stations), mended) == ""
+
+
+def test_what_was_mended_is_known_by_the_last_look_that_was_judged():
+    mended = {"path": 3, "from_mm": 2.0, "to_mm": 2.4, "tries": 1}
+    found = {"seen_share": 1.0, "mended": [mended], "about_from": 10}
+    looks = [
+        LookRecord(1, 20, 20, "", 0.0, "mend", "", found=found),
+        LookRecord(2, 60, 40, "", 0.0, "pause", "the camera hangs"),
+    ]
+    again = Look(3, 60, 40, 20, "end of what was inserted")
+    assert last_mends(looks, again) == ((Mended(**mended),), 10)
+    assert last_mends([], again) == ((), 0)
 
 
 def test_tries_are_counted_where_gaps_overlap():

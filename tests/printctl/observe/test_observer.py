@@ -36,13 +36,13 @@ class FakeLink:
     refuses: bool = False
     said: list[tuple] = field(default_factory=list)
 
-    def insert(self, look, lines, why, flow=None):
+    def insert(self, look, lines, why, flow=None, again=False):
         if self.refuses:
             raise Refused("the gate says no")
-        self.said.append(("insert", look, tuple(lines), flow))
+        self.said.append(("insert", look, tuple(lines), flow, *["again"] * again))
 
-    def look_done(self, look, decision, why):
-        self.said.append((decision, look))
+    def look_done(self, look, decision, why, again=False):
+        self.said.append((decision, look, *["again"] * again))
 
     def resume(self):
         self.said.append(("resume",))
@@ -73,6 +73,7 @@ class Bench:
     thin: tuple = ()
     lines: tuple = ("G1 X1 E1",)
     left: str = ""
+    mended: tuple = ()
     not_seen: str = ""
     pictures: list[str] = field(default_factory=list)
 
@@ -84,7 +85,7 @@ class Bench:
         """An observer that knows nothing but the files."""
         return Observer(
             self.folder, self.link, self.acquire, self.judge,
-            lambda *_: MendLines(tuple(self.lines), self.left, 0.22 * bool(self.left)),
+            lambda *_: MendLines(tuple(self.lines), self.left, 0.22 * bool(self.left), self.mended),
             Decider(Limits(mend=self.mode), FlowControl()), lambda _: self.over,
         )  # fmt: skip
 
@@ -151,7 +152,35 @@ def test_a_refused_insert_pauses(tmp_path):
 def test_a_device_that_hangs_pauses(tmp_path):
     bench = Bench(tmp_path, hangs=True)
     assert "no picture" in bench.observer.look(LOOK).why
-    assert bench.link.said == [("pause", 1)]
+    assert bench.link.said == [("pause", 1, "again")]
+
+
+def test_a_look_behind_a_mend_is_asked_for_and_what_it_mends_is_recorded(tmp_path):
+    mended = {"path": 2, "from_mm": 0.0, "to_mm": 1.0, "tries": 1}
+    bench = Bench(tmp_path, gaps=(GAP,), mended=(mended,))
+    bench.observer.look(LOOK)
+    assert bench.link.said[0] == ("insert", 1, ("G1 X1 E1",), None, "again")
+    (record,) = read_looks(tmp_path)
+    assert record.found["mended"] == [mended]
+
+
+def test_a_look_that_failed_is_recorded_and_leaves_the_control_as_it_was(tmp_path):
+    bench = Bench(tmp_path, ratio=0.7)
+    before = bench.observer.look(LOOK)
+    again = replace(LOOK, number=2, done=200, before=100)
+    bench.observer.decider.control.log_flow = 9.0  # decided, but not to be saved
+    bench.observer.note_failure(again, "the observer failed: the disk is full")
+    failed = read_looks(tmp_path)[-1]
+    assert (failed.decision, failed.judged) == ("pause", False)
+    assert failed.control == before.control
+
+
+def test_the_failure_of_a_look_that_was_recorded_is_added_to_it(tmp_path):
+    bench = Bench(tmp_path)
+    kept = bench.observer.look(LOOK)
+    bench.observer.note_failure(LOOK, "the observer failed")
+    (record,) = read_looks(tmp_path)
+    assert record.why == f"{kept.why}; the observer failed"
 
 
 @pytest.mark.parametrize(
@@ -170,7 +199,7 @@ def test_an_asked_operator_has_the_word(tmp_path, monkeypatch, word, said):
 
 
 def _answering(bench, word):
-    def look_done(look, decision, why):
+    def look_done(look, decision, why, again=False):
         bench.link.said.append((decision, look))
         answer_look(bench.folder, look, word)
 

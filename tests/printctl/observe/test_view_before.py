@@ -15,7 +15,7 @@ LOOK = Look(3, 300, 300, 200, "end of layer 2")
 
 
 def record(number: int, done: int, at: float = 100.0) -> LookRecord:
-    return LookRecord(number, done, done, "", at, "go_on", "")
+    return LookRecord(number, done, done, "", at, "go_on", "", found={"seen_share": 1.0})
 
 
 @pytest.fixture
@@ -70,3 +70,12 @@ def test_the_first_look_has_the_view_of_the_empty_dish(tmp_path: Path) -> None:
     assert picture_before(tmp_path, 990.0, look, first) is None  # taken while it was printing
     later = Look(2, 80, 80, 40, "end of layer 1")
     assert picture_before(tmp_path, 1030.0, later, first) is None
+
+
+def test_a_look_that_failed_isnt_the_one_before(folder: Path) -> None:
+    failed = LookRecord(3, 300, 300, "", 100.0, "pause", "nothing seen: the camera hangs")
+    save_look(folder, failed)
+    again = Look(4, 300, 300, 200, "end of layer 2")
+    (look_folder(folder, 4) / "picture.png").touch()
+    found = picture_before(folder, 0.0, again, folder / "looks/0004/picture.png")
+    assert found == folder / "looks/0002/picture.png"

@@ -74,6 +74,25 @@ def test_a_cropped_volume_gives_the_same_picture() -> None:
     assert {gap.stroke for gap in found.gaps} == {0, 1, 2}
 
 
+@pytest.mark.parametrize("bare", [False, True])
+def test_ink_in_coarse_speckle_shows_though_short_gaps_are_not_told(bare: bool) -> None:
+    """Grain of 0.2 mm: nothing was seen of sound lines."""
+    rng = np.random.default_rng(99)
+    volume = painted(SINGLE[:1], [(0, -1.0, 9.0)] if bare else [], seed=0)
+    wave = rng.normal(size=(2, *volume.voxels.shape)).astype(np.float32)
+    for part in wave:
+        for k in range(len(part)):
+            part[k] = cv2.GaussianBlur(part[k], (0, 0), 3.0)
+        part /= part.std()
+    speckle = (wave**2).sum(axis=0) / 2
+    middle = np.stack([cv2.medianBlur(plane, 5) for plane in volume.voxels])
+    voxels = (np.where(middle > 300, 1500.0, 125.0) * speckle).clip(0, 65_535).astype(np.uint16)
+    found = replace(volume, voxels=voxels).look()
+    assert found.seen_share == 0.0
+    assert found.gaps == ()
+    assert found.faint_share == pytest.approx(0.0 if bare else 1.0, abs=0.05)
+
+
 STAIRS = [(0, 0.0, 0.3 * k, 3.0 - 0.25 * k, 0.3 * k) for k in range(10)]
 
 
@@ -92,6 +111,30 @@ def test_a_turned_or_mirrored_volume_is_told(turn, said) -> None:  # type: ignor
     turned = replace(volume, voxels=np.ascontiguousarray(turn(volume.voxels)))
     picture, frame = turned.picture()
     assert better_turned(picture, frame, volume.lines) == said
+
+
+TREE = [(0, 0.0, 0.0, 4.0, 0.0), (0, 4.0, 0.0, 4.0, 2.0), (0, 4.0, 2.0, 6.0, 2.0)]
+
+
+@pytest.mark.parametrize("pieces", [STAIRS, TREE, area(3, 4, 0.8)])
+@pytest.mark.parametrize("off", [(1.0, 0.0), (0.0, -1.0), (0.7, 0.9)])
+def test_a_moved_layer_is_no_turned_one(pieces: list[Piece], off: tuple[float, float]) -> None:
+    """A print that lay 1 mm aside was said to have x and y exchanged."""
+    volume = painted(pieces, margin_mm=2.0)
+    to_scan = volume.to_scan.copy()
+    to_scan[:2, 3] -= off  # the frame expects the lines there
+    picture, frame = replace(volume, to_scan=to_scan).picture()
+    said = better_turned(picture, frame, volume.lines)
+    assert said == f"moved by {off[0]:+.1f} mm along x and {off[1]:+.1f} mm along y"
+
+
+@pytest.mark.parametrize("off", [0.0, 0.3])
+def test_a_layer_near_its_place_is_let_be(off: float) -> None:
+    volume = painted(area(3, 4, 0.8), [(9, -1.0, 9.0), (10, -1.0, 9.0)])
+    to_scan = volume.to_scan.copy()
+    to_scan[0, 3] -= off
+    picture, frame = replace(volume, to_scan=to_scan).picture()
+    assert better_turned(picture, frame, volume.lines) is None
 
 
 def test_a_symmetric_layer_tells_nothing_of_a_turn() -> None:

@@ -22,6 +22,7 @@ def test_a_lumens_row_shows_both_sets_of_lines() -> None:
     texts = [cell.text for cell in table.rows[0].cells]
     assert texts[:4] == ["5", "0.400", "0.391", "0.388"]
     assert texts[5:7] == ["97.30", "96.90"]
+    assert texts[-2] == "13"
     assert texts[-1] == "1.00, 2.00, 3.46"
 
 
