@@ -48,6 +48,7 @@ from printctl.observe.mends_again import (
     tries_of,
     unseen_words,
     with_mends,
+    writes_since,
 )
 from printctl.observe.observer import Judged, Look, MendLines
 from printctl.observe.order import ObserverOrder
@@ -142,7 +143,7 @@ class ObservedJob:
             )
             ink = expected_ink(held, job)
             mended, before = last_mends(read_looks(self.folder, self.begun), look)
-            alone = bool(mended) and not _is_written(ink, look)
+            alone = bool(mended) and not writes_since(ink, look)
             judged = replace(look, before=before) if alone else look
             layer = ink_to_judge(ink, judged.before, look.done)
             layer = with_mends(layer, ink, mended, look.before)
@@ -367,11 +368,6 @@ class ObservedJob:
         lines = tuple(line.decode("ascii") for line in mend.lines)
         left_mm = sum(one.length_mm for one in mend.left)
         return MendLines(lines, mend.left_words(), left_mm, tuple(map(asdict, mended)))
-
-
-def _is_written(ink: ExpectedInk, look: Look) -> bool:
-    """Whether the job wrote anything since the look before."""
-    return bool((ink.between(look.before, look.done) & ~ink.inserted).any())
 
 
 def seen_where_ink_shows(

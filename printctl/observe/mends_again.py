@@ -219,6 +219,11 @@ def unseen_words(findings: LayerFindings, mended: Sequence[Mended]) -> str:
     return f"{unseen_mm:.2f} of {whole_mm:.2f} mm that were mended can't be seen: look yourself"
 
 
+def writes_since(ink: ExpectedInk, look: Look) -> bool:
+    """Whether the job wrote anything since the look before."""
+    return bool((ink.between(look.before, look.done) & ~ink.inserted).any())
+
+
 def last_mends(looks: Sequence[LookRecord], look: Look) -> tuple[tuple[Mended, ...], int]:
     """Return what the last look that was judged had written again, and since when it judged."""
     earlier = [one for one in looks if one.judged and one.done < look.done]
