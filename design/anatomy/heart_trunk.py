@@ -31,7 +31,7 @@ _CIRCUMFLEX_ENDS = np.radians(35.0)
 _POSTERIOR_ENDS = 0.72
 """Part of the way from base to apex that the posterior interventricular branch goes."""
 
-_COARSE = (4.0, 2.0, 1.0)
+_COARSE = (8.0, 4.0, 2.0, 1.0)
 """Distances of side branches, over the last: the longest branches come first, so that a main branch
 parts into some nearly as wide, not into many narrow ones along one long way."""
 

@@ -43,7 +43,6 @@ def published_match(network: VesselNetwork, name: str) -> PublishedMatch:
     The figures are all judged orders' diameters, lengths and slenderness and the ratios between
     orders (`compare_orders`). The factor is 1 where they are within one published standard
     deviation. Where no factor brings them within, it is the one whose farthest figure is nearest.
-    Factors with which fewer orders are judged aren't taken: no order is within by being left out.
     A network of fewer than four judged orders keeps its radii: few vessels in a small phantom
     aren't an organ's.
 
@@ -64,13 +63,13 @@ def published_match(network: VesselNetwork, name: str) -> PublishedMatch:
         return PublishedMatch(np.inf, 1.0)
     length = network.lengths()[forest.vessels]
     wide = 2.0 * network.mean_radius()[forest.vessels]
-    ours, orders = _farthest_sd(table, forest, length, wide)
+    ours = _farthest_sd(table, forest, length, wide)
     if ours <= 1.0 or not np.isfinite(ours):
         return PublishedMatch(ours, 1.0)
     best, least, further = 1.0, ours, _FURTHER
     for factor in np.column_stack([_FACTORS, 1.0 / _FACTORS]).ravel().tolist():
-        off, judged = _farthest_sd(table, forest, length, factor * wide)
-        if off < least and judged >= orders:
+        off = _farthest_sd(table, forest, length, factor * wide)
+        if off < least:
             best, least = factor, off
         further -= least <= 1.0
         if further < 0:
@@ -80,14 +79,13 @@ def published_match(network: VesselNetwork, name: str) -> PublishedMatch:
 
 def _farthest_sd(
     table: PublishedOrders, forest: Forest, length: FloatArray, wide: FloatArray
-) -> tuple[float, int]:
-    """See `PublishedMatch.farthest_sd`; and the number of judged orders."""
+) -> float:
+    """See `PublishedMatch.farthest_sd`."""
     rows, ratios = order_figures(table, forest, length, wide)
     figures: list[dict[str, Any]] = [*ratios.values()]
     for row in rows:
         figures += [row["diameter_mm"], row["length_mm"], row["length_over_diameter"]]
-    orders = sum(row["diameter_mm"]["inside"] is not None for row in rows)
-    if orders < _FEWEST_ORDERS:
-        return np.inf, orders
     judged = [one for one in figures if one["inside"] is not None]
-    return max(abs(one["ours"] - one["mean"]) / one["sd"] for one in judged), orders
+    if sum(row["diameter_mm"]["inside"] is not None for row in rows) < _FEWEST_ORDERS:
+        return np.inf
+    return max(abs(one["ours"] - one["mean"]) / one["sd"] for one in judged)
