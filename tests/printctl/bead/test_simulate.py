@@ -24,8 +24,11 @@ def simulate(*words: object) -> Any:
     return CliRunner().invoke(app, ["simulate", *map(str, words)])
 
 
-def facts(job: Path, *words: object) -> dict[str, Any]:
-    told = (job, *SET_UP, "--network", job.parent / "network.csv", "--unit", "mm")
+def facts(
+    job: Path, *words: object, ink: object = "gelatin_sacrificial", needle: str = "30g"
+) -> dict[str, Any]:
+    set_up = ("--start", "50,50,80", "--ink", ink, "--needle", needle)
+    told = (job, *set_up, "--network", job.parent / "network.csv", "--unit", "mm")
     result = simulate(*told, *words, "--json")
     assert result.exit_code == 0, result.output
     found: dict[str, Any] = json.loads(result.stdout)["predicted"][0]
@@ -73,10 +76,10 @@ def test_the_ink_s_own_lag_is_taken_with_the_needle_it_was_measured_with(tmp_pat
     data = ink.model_dump(mode="json", exclude_unset=True)
     data["lag"] = {"lag_s": 0.3, "needle": "30G, half an inch", "syringe": "Hamilton 1 mL gastight"}
     (tmp_path / "ink.yaml").write_text(yaml.safe_dump(data))
-    mounted = ("--ink", tmp_path / "ink.yaml", "--out", tmp_path / "out")
-    found = facts(job, *mounted)
+    own, out = tmp_path / "ink.yaml", tmp_path / "out"
+    found = facts(job, "--out", out, ink=own)
     assert (found["lag"], found["lag_s"]) == ("measured", 0.3)
-    other = facts(job, *mounted, "--needle", "27g")
+    other = facts(job, "--out", out, ink=own, needle="27g")
     assert (other["lag"], other["lag_s"]) == ("unknown", 0.0)
     assert "measured with Hamilton 1 mL" in other["warnings"][0]["text"]
 

@@ -184,7 +184,8 @@ def test_a_print_that_does_not_fit_is_refused(
 )
 def test_what_cannot_be_printed_is_named(words: tuple[str, ...], says: str, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=says):
-        pattern("--needle", "25g", "-o", tmp_path / "job.gcode", *words)
+        out = () if "-o" in words else ("-o", tmp_path / "job.gcode")
+        pattern("--needle", "25g", *out, *words)
 
 
 def test_a_pattern_s_file_that_was_changed_is_refused(tmp_path: Path) -> None:
