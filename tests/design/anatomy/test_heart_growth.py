@@ -16,11 +16,13 @@ from tests.design.anatomy.hearts import HEART, heart_tissue, trunk_length
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("sd_then", "factor"), [(0.9, 1.1), (3.0, 1.0)])
+@pytest.mark.parametrize(
+    ("sd_then", "factor"), [((0.9,), 1.1), ((3.0, 0.9), 1.1**0.5), ((3.0, 2.5), 1.0)]
+)
 def test_a_heart_gets_another_pressure_drop_where_that_is_nearer_to_published_radii(
     monkeypatch, sd_then, factor
 ):
-    matches = iter([PublishedMatch(2.0, 1.1), PublishedMatch(sd_then, 1.0)])
+    matches = iter([PublishedMatch(2.0, 1.1), *(PublishedMatch(sd, 1.0) for sd in sd_then)])
     monkeypatch.setattr("design.anatomy.heart.published_match", lambda *_: next(matches))
     few = replace(HEART, terminals=40)
     made = grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
@@ -44,8 +46,8 @@ def test_a_drop_that_comes_nearer_is_corrected_once_more(monkeypatch):
 @pytest.mark.slow
 def test_another_drop_that_costs_main_branches_is_not_taken(monkeypatch):
     """A heart of 80 mm lost 29 % of its trunks to radii nearer to the published ones."""
-    matches = iter([PublishedMatch(2.0, 1.1), PublishedMatch(0.9, 1.0)])
-    lengths = iter([100.0, 80.0, 100.0])
+    matches = iter([PublishedMatch(2.0, 1.1), *[PublishedMatch(0.9, 1.0)] * 2])
+    lengths = iter([100.0, 80.0, 80.0, 100.0])
     monkeypatch.setattr("design.anatomy.heart.published_match", lambda *_: next(matches))
     monkeypatch.setattr("design.anatomy.heart._trunks_mm", lambda _: next(lengths))
     few = replace(HEART, terminals=40)
@@ -64,7 +66,7 @@ def test_growth_with_another_drop_is_tried_once(monkeypatch):
         tries.append(attempts)
         return grow_forest(*args, attempts=attempts, **named)
 
-    matches = iter([PublishedMatch(2.0, 1.1), PublishedMatch(3.0, 1.0)])
+    matches = iter([PublishedMatch(2.0, 1.1), *[PublishedMatch(3.0, 1.0)] * 2])
     monkeypatch.setattr("design.anatomy.heart.published_match", lambda *_: next(matches))
     monkeypatch.setattr("design.anatomy.from_trunks.grow_forest", grown)
     few = replace(HEART, terminals=40)
