@@ -20,6 +20,15 @@ _SECTORS = 36
 FEWEST = 0.03
 """Share of the surface that isn't outer below which there are no cavities to go by."""
 
+_RIM = 2.0
+"""Way of a cavity's place from the outer surface within which it lies at the rim, over the way
+between places."""
+_FEWEST_RIM = 12
+_FLAT = 0.2
+"""Standard deviation of rims off a plane, over the lesser one in it, up to which they have one."""
+_LIKELY = 0.5
+"""Cosine between that plane's normal and the direction found without, below which it is no base."""
+
 
 @dataclass(frozen=True)
 class HeartPlaces:
@@ -68,9 +77,9 @@ def find_heart_places(
 ) -> HeartPlaces:
     """Find base, right side and grooves; a direction that is given is taken.
 
-    The base lies where the cavities open, and away from the apex; the right ventricle where the
-    wall is thinner. The grooves are where the wall's thickness changes, a third of a turn from
-    the right side at most, or 60 degrees where nothing tells.
+    The base lies across the cavities' rims; else where they open, away from the apex. The right
+    ventricle lies where the wall is thinner. The grooves are where the wall's thickness changes, a
+    third of a turn from the right side at most, or 60 degrees where nothing tells.
 
     Raises
     ------
@@ -105,7 +114,11 @@ def find_heart_places(
 
 
 def _base(samples: SurfaceSamples, middle: FloatArray) -> FloatArray:
-    """Direction of the base: the mean of where cavities open, and of apex to middle."""
+    """Direction of the base: across the cavities' rims where these lie in a plane.
+
+    Else the mean of where cavities open, and of apex to middle. A right ventricle that is cut low
+    opens sideways, which turned that mean by up to 45 degrees.
+    """
     outer = samples.points[samples.outer]
     inner = ~samples.outer
     out = samples.way_out[inner].sum(axis=0) if inner.mean() >= FEWEST else np.zeros(3)
@@ -115,7 +128,24 @@ def _base(samples: SurfaceSamples, middle: FloatArray) -> FloatArray:
     out = _unit(out)
     below = (outer - middle) @ out < 0
     apex = outer[below][np.argmax(np.linalg.norm(outer[below] - middle, axis=1))]
-    return _unit(out + _unit(middle - apex))
+    mean = _unit(out + _unit(middle - apex))
+    across = _across_rims(samples)
+    along = float(across @ mean)
+    return mean if abs(along) < _LIKELY else np.sign(along) * across
+
+
+def _across_rims(samples: SurfaceSamples) -> FloatArray:
+    """Unit normal of the plane in which the cavities' rims lie, 0 where they don't lie in one."""
+    none = np.zeros(3)
+    inner = samples.points[~samples.outer]
+    spacing = np.median(cKDTree(samples.points).query(samples.points, 2)[0][:, 1])
+    away = cKDTree(samples.points[samples.outer]).query(inner)[0]
+    rim = inner[away < _RIM * spacing]
+    if len(rim) < _FEWEST_RIM:
+        return none
+    off = rim - rim.mean(axis=0)
+    spread, axes = np.linalg.eigh(off.T @ off)
+    return axes[:, 0] if spread[0] < _FLAT**2 * spread[1] else none
 
 
 def _wall(samples: SurfaceSamples, epicardium: NDArray[np.int64]) -> FloatArray:
