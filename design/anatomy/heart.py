@@ -20,7 +20,7 @@ from design.anatomy.heart_trunk import (
     narrow_places,
     ostium_above,
 )
-from design.anatomy.main_branches import missing_branches
+from design.anatomy.main_branches import MainBranch, missing_branches
 from design.anatomy.network import curved_network
 from design.anatomy.openness import SurfaceSamples, sample_surface
 from design.anatomy.perforators import with_perforators
@@ -149,7 +149,7 @@ def _grow(tissue: Tissue, options: GrowthOptions, anatomy: HeartAnatomy) -> Anat
     )
     trees = grow_fitted(tissue, plan, options)
     if anatomy.published_radii:
-        trees = _with_published_radii(trees, tissue, plan, options)
+        trees = _with_published_radii(trees, tissue, plan, options, branches)
     notes = (
         *_notes(samples, places, ostia),
         *_left_out_note(plan.lines, trees),
@@ -165,13 +165,17 @@ def _widest_branch(options: GrowthOptions) -> float:
 
 
 def _with_published_radii(
-    trees: Trees, tissue: Tissue, plan: TrunkPlan, options: GrowthOptions
+    trees: Trees,
+    tissue: Tissue,
+    plan: TrunkPlan,
+    options: GrowthOptions,
+    branches: tuple[MainBranch, ...],
 ) -> Trees:
     """Trees as they are where their radii are the published ones, else grown with another drop.
 
-    Trees that don't fit then, lack trunks or are farther from the table aren't taken; half of the
-    change is tried then. There are some already, so that vessels that find no room aren't tried
-    again from other random numbers.
+    Trees that don't fit then, lack trunks or a main branch, or are farther from the table aren't
+    taken; half of the change is tried then. There are some already, so that vessels that find no
+    room aren't tried again from other random numbers.
     """
     once, least = replace(plan, tries=1), _LAID * _trunks_mm(trees)
     match = _published_match(trees)
@@ -183,7 +187,12 @@ def _with_published_radii(
         other = _grown_with(tissue, once, replace(options, pressure_drop_pa=drop))
         found = match if other is None else _published_match(other)
         # Wider trunks that cost many branches aren't worth nearer figures.
-        if other is None or _trunks_mm(other) <= least or found.farthest_sd >= match.farthest_sd:
+        if (
+            other is None
+            or _trunks_mm(other) <= least
+            or found.farthest_sd >= match.farthest_sd
+            or len(missing_branches(branches, other)) > len(missing_branches(branches, trees))
+        ):
             factor = factor**0.5
         else:
             trees, match, factor = other, found, found.factor
