@@ -129,18 +129,21 @@ def _base(samples: SurfaceSamples, middle: FloatArray) -> FloatArray:
     below = (outer - middle) @ out < 0
     apex = outer[below][np.argmax(np.linalg.norm(outer[below] - middle, axis=1))]
     mean = _unit(out + _unit(middle - apex))
-    across = _across_rims(samples)
+    across = _across_rims(samples, middle, mean)
     along = float(across @ mean)
     return mean if abs(along) < _LIKELY else np.sign(along) * across
 
 
-def _across_rims(samples: SurfaceSamples) -> FloatArray:
-    """Unit normal of the plane in which the cavities' rims lie, 0 where they don't lie in one."""
+def _across_rims(samples: SurfaceSamples, middle: FloatArray, up: FloatArray) -> FloatArray:
+    """Unit normal of the plane in which the cavities' rims lie, 0 where they don't lie in one.
+
+    Clefts below the middle, as between two apices, are no rims of theirs.
+    """
     none = np.zeros(3)
     inner = samples.points[~samples.outer]
     spacing = np.median(cKDTree(samples.points).query(samples.points, 2)[0][:, 1])
     away = cKDTree(samples.points[samples.outer]).query(inner)[0]
-    rim = inner[away < _RIM * spacing]
+    rim = inner[(away < _RIM * spacing) & ((inner - middle) @ up > 0.0)]
     if len(rim) < _FEWEST_RIM:
         return none
     off = rim - rim.mean(axis=0)

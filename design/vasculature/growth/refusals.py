@@ -20,9 +20,12 @@ def out_of_room_error(
     )
     limits = ", milder limits on angles or flows" if room.limits.on else ""
     hint = " (their thinner trunk leaves more room: more than here may then fit)"
+    # Without a smallest radius all radii follow from the drop, and fewer terminals have as wide
+    # a trunk.
+    narrower = "a smaller smallest radius" if smallest else "a higher pressure drop"
     return GrowthError(
         f"only {terminals} of {asked} terminals{wide} fit with clearance "
         f"{room.clearance:g} mm{reserved if root else ''}: {patience} points in a "
-        f"row found no place; ask for fewer terminals{hint if root else ''}, a smaller "
-        f"smallest radius or clearance{limits}"
+        f"row found no place; ask for {narrower} (narrower vessels), fewer "
+        f"terminals{hint if root else ''} or a smaller clearance{limits}"
     )
