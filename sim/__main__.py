@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import sys
+from typing import Final
 
 from kernels import without_numba
+
+_DEVICES: Final = ("camera", "oct", "laser_line")
+"""As of `sim.looks`, which needs OpenCV."""
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Serve until told to stop; 0 when that went well, 1 when not, 2 for a wrong use."""
     words = sys.argv[1:] if arguments is None else arguments
     # A printer's process does without OpenCV, and starts the sooner.
-    if words[:1] in (["camera"], ["oct"]):
+    if words and words[0] in _DEVICES:
         from sim.looks import main as look
 
         return look(words)
@@ -21,6 +25,6 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] not in (["camera"], ["oct"]):
+    if not (sys.argv[1:2] and sys.argv[1] in _DEVICES):
         without_numba()  # before modules with kernels are imported
     sys.exit(main())

@@ -1,6 +1,6 @@
-"""Command lines of the simulated camera and OCT over a printer's dish: one picture or scan.
+"""Command lines of the simulated camera, OCT and laser line over a printer's dish: one look.
 
-Either looks once: it shows what lies in the dish by a simulated printer's record, writes a file
+Each looks once: it shows what lies in the dish by a simulated printer's record, writes a file
 and ends. The record is as it stands: a printer writes it before each M400 is answered, so that in
 a look it holds all that was laid.
 """
@@ -20,6 +20,7 @@ from firmware_profiles import ProfileError
 from kernels import keep_freed_memory
 from kernels.arrays import FloatArray
 from sim.camera.camera_file import load_camera
+from sim.camera.laser_line import load_profiler, measured_heights, write_heights
 from sim.camera.paint import paint
 from sim.deposit.recorded_ink import ink_of_record, read_record
 from sim.errors import CameraError, ScannerError, SimError
@@ -27,15 +28,19 @@ from sim.motion.executed import NO_MOTION, ExecutedMotion
 from sim.scanner.live_oct import live_scan, load_oct, write_live_scan
 
 PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
+DEVICES = {
+    "camera": ("a picture", "camera and scene"),
+    "oct": ("an OCT scan of a fixed field", "field and instrument"),
+    "laser_line": ("a laser profiler's height map", "field and instrument"),
+}
 
 
 def parser(device: str) -> argparse.ArgumentParser:
-    """The options of ``camera`` or ``oct``."""
-    camera = device == "camera"
+    """The options of a device."""
+    camera, (seen, told) = device == "camera", DEVICES[device]
     options = argparse.ArgumentParser(
         prog=f"python -m sim {device}",
-        description="Show what lies in a simulated printer's dish, once: "
-        + ("a picture." if camera else "an OCT scan of a fixed field."),
+        description=f"Show what lies in a simulated printer's dish, once: {seen}.",
     )
     options.add_argument(
         "--record",
@@ -48,7 +53,7 @@ def parser(device: str) -> argparse.ArgumentParser:
         required=True,
         type=Path,
         metavar="FILE",
-        help="camera and scene (YAML)" if camera else "field and instrument (YAML)",
+        help=f"{told} (YAML)",
     )
     options.add_argument(
         "--faults", type=Path, metavar="FILE", help="a fault file (YAML), whose `ink` counts"
@@ -59,7 +64,7 @@ def parser(device: str) -> argparse.ArgumentParser:
                 f"--{corner}",
                 type=_place,
                 metavar="X,Y,Z",
-                help=f"{corner}est corner of what is scanned of the field, mm; default: all of it",
+                help=f"{corner}est corner of what is looked at of the field, mm; default: all of it",
             )
     written = ", ".join(PICTURES) if camera else ".npz"
     options.add_argument("--out", required=True, type=Path, help=f"the file to write: {written}")
@@ -81,7 +86,8 @@ def main(words: list[str]) -> int:
         if device == "camera":
             take_picture(*common)
         else:
-            take_scan(*common, low_mm=given.low, high_mm=given.high)
+            take = take_scan if device == "oct" else take_heights
+            take(*common, low_mm=given.low, high_mm=given.high)
     except (SimError, ProfileError) as exc:
         print(f"error: {exc}", file=sys.stderr)
         return 2
@@ -141,6 +147,28 @@ def take_scan(
     high = np.array(oct_field.high_mm) if high_mm is None else high_mm
     scan = live_scan(ink, oct_field, _seed(look, motion), (low, high))
     _whole(out, lambda path: write_live_scan(path, scan))
+
+
+def take_heights(
+    record: Path | None,
+    faults: Path | None,
+    field: Path,
+    out: Path,
+    look: int | None = None,
+    *,
+    low_mm: FloatArray | None = None,
+    high_mm: FloatArray | None = None,
+) -> None:
+    """Take one height map of what a record says to lie in the dish, as `take_scan` does."""
+    if out.suffix.lower() != ".npz":
+        raise CameraError(f"{out}: a height map is written as .npz")
+    profiler = load_profiler(field)
+    motion = read_record(record) if record else NO_MOTION
+    ink = ink_of_record(motion, faults, profiler.laid)
+    low = np.array(profiler.low_mm) if low_mm is None else low_mm
+    high = np.array(profiler.high_mm) if high_mm is None else high_mm
+    heights, to_map = measured_heights(ink, profiler, _seed(look, motion), (low, high))
+    _whole(out, lambda path: write_heights(path, heights, to_map, profiler.pixel_um))
 
 
 def _place(words: str) -> FloatArray:

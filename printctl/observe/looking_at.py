@@ -244,14 +244,15 @@ class ObservedJob:
         """Findings of a picture; of the first one a drawing is left beside it."""
         if path not in at.found:
             slab_mm = slab(at)
-            image, frame, taken, at.size = open_view(path, self.order, *slab_mm, at.layer.lines)
+            view = open_view(path, self.order, *slab_mm, at.layer.lines)
+            image, frame, at.size = view.image, view.frame, view.size
             before = self._before(at, path, image)
-            self._check_new(taken, before)
+            self._check_new(view.taken, before)
             layered = at.ink.style == "layered"
-            is_height = self.order.oct and layered
+            is_height = self.order.tells_heights and layered
             if self.order.oct and not is_height:
                 image = image[:, :, :1]  # filaments of all depths: no height is that of the layer
-            if self.order.oct:  # a camera's marks hold its frame themselves
+            if self.order.tells_heights:  # a camera's marks hold its frame themselves
                 at.turned = better_turned(image, frame, at.layer.lines)
             see = partial(
                 see_layer,
@@ -261,6 +262,7 @@ class ObservedJob:
                 lumens=at.lumens,
                 before=before,
                 since=at.since,
+                hidden=() if view.hidden is None else view.hidden,
                 # In a bath ink is as dark as it is thick and near: each look learns its own.
                 known=self._appearance if layered else None,
                 thickness_mm=slab_mm[1] if is_height else None,
@@ -272,14 +274,15 @@ class ObservedJob:
                 self._appearance = findings.appearance or self._appearance
                 least = self.order.limits.least_open
                 narrowed = narrowed_lumens(at.lumens, findings.lumens, least)
-                drawn = annotated(image, frame, findings, narrowed)
+                shown = image if view.shown is None else view.shown
+                drawn = annotated(shown, frame, findings, narrowed)
                 cv2.imwrite(str(path.with_name(DRAWN)), drawn)
             at.found[path] = findings
         return at.found[path]
 
     def _before(self, at: HeldLook, path: Path, image: Image) -> Image | None:
         """Picture of the look before, where it is a camera's of the same view."""
-        if self.order.oct:
+        if self.order.tells_heights:
             return None
         earlier = picture_before(self.folder, self.begun, at.look, path)
         if earlier is None:

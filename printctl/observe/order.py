@@ -26,7 +26,7 @@ class ObserverOrder:
     syringe, ink, needle : str
         Profiles, by name or path.
     oct : bool
-        Whether the device gives volumes; else pictures.
+        Whether the device gives volumes; pictures, where it isn't a laser line either.
     embedded : bool
         Filaments in a bath; else layers.
     capacity_ul : float or None, µL
@@ -40,6 +40,8 @@ class ObserverOrder:
     limits : Limits
     care : dict
         When the print is held for looks: fields of `printctl.link.care.Care`, as JSON.
+    laser : bool
+        Whether the device is a laser line profiler, which gives height maps.
     """
 
     job: str
@@ -56,6 +58,12 @@ class ObserverOrder:
     place_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     limits: Limits = field(default_factory=Limits)
     care: dict[str, Any] = field(default_factory=dict)
+    laser: bool = False
+
+    @property
+    def tells_heights(self) -> bool:
+        """Whether the device sees how high ink lies: an OCT or a laser line; a camera doesn't."""
+        return self.oct or self.laser
 
     def save(self, folder: Path) -> None:
         """Write it into a folder of a run or print."""

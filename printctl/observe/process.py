@@ -168,7 +168,7 @@ def _assembled(job: ObservedJob, words: PrintClient) -> Observer:
         folder=folder,
         link=LinkWords(words),
         acquire=lambda look, out: acquire(
-            order.device, out, job.region(look) if order.oct else None
+            order.device, out, job.region(look) if order.tells_heights else None
         ),
         judge=job.judge,
         mend_lines=job.mend_lines,

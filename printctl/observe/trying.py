@@ -9,9 +9,11 @@ from pathlib import Path
 
 from printctl.observe.devices import DeviceError, DeviceSettings, acquire
 from printctl.observe.order import ObserverOrder
+from printctl.observe.profiler import read_profiler_frame
 from printctl.observe.records import emptied_look_folder
 from printctl.observe.view_before import EMPTY
 from printctl.observe.views import camera_frame, open_view, read_oct_frame
+from sim.camera.laser_line import load_profiler
 from sim.scanner.live_oct import load_oct
 
 
@@ -36,7 +38,7 @@ def try_device(order: ObserverOrder, folder: Path) -> None:
     if device.kind == "camera":
         picture = acquire(device, emptied_look_folder(folder, EMPTY) / "picture")
         open_view(picture, order, 0.0, 0.0)
-    elif device.kind == "simulated" and not order.oct:
+    elif device.kind == "simulated" and not order.tells_heights:
         acquire(_before_any_motion(device), emptied_look_folder(folder, EMPTY) / "picture")
     elif device.kind == "folder" and not Path(device.source).is_dir():
         raise DeviceError(
@@ -56,9 +58,12 @@ def _before_any_motion(device: DeviceSettings) -> DeviceSettings:
 
 
 def _try_frame(order: ObserverOrder) -> None:
-    if not order.oct:
+    if not order.tells_heights:
         camera_frame(order)
     elif order.frame:
-        read_oct_frame(Path(order.frame))
-    else:
+        read = read_oct_frame if order.oct else read_profiler_frame
+        read(Path(order.frame))
+    elif order.oct:
         load_oct(Path(order.device.extra["oct"]))
+    else:
+        load_profiler(Path(order.device.extra["laser_line"]))

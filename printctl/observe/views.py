@@ -1,4 +1,4 @@
-"""Load an acquired picture with its camera frame, or an OCT volume as a height map."""
+"""Load a picture with its camera frame, an OCT volume as a height map, or a profiler's heights."""
 
 from __future__ import annotations
 
@@ -9,14 +9,12 @@ from typing import Any, Final, NamedTuple
 
 import cv2
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
-from firmware_profiles.yaml_file import read_yaml
 from kernels.arrays import FloatArray
-from printctl.errors import UsageError
 from printctl.observe.devices import DeviceError
 from printctl.observe.order import ObserverOrder
+from printctl.observe.profiler import FRAME_KEY, open_surface, read_matrix
 from printctl.observe.scan_place import ScanSize, refuse_elsewhere
 from registration.camera_frame.check import check_frame
 from registration.camera_frame.frame import CameraFrame, read_frame
@@ -32,8 +30,6 @@ Image = NDArray[Any]
 _PICTURES: Final = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp"})
 _JPEG, _JPEG_DATA, _JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"
 _SECTIONS: Final = 16
-OWN_FRAME: Final = "printer_to_scan"
-"""Where a simulated OCT's file has its frame."""
 
 
 @dataclass(frozen=True)
@@ -73,13 +69,19 @@ class View(NamedTuple):
         The picture, or some sections of the volume at all depths: those of the next layer's look
         differ where the device works, though its height map does in any case.
     size : ScanSize or None
-        Of a volume.
+        Of a volume or height map.
+    hidden : (rows, columns) bool or None
+        What a profiler didn't see.
+    shown : Image or None
+        To draw findings into, where that isn't the image itself.
     """
 
     image: Image
     frame: Frame
     taken: Image
     size: ScanSize | None = None
+    hidden: NDArray[np.bool_] | None = None
+    shown: Image | None = None
 
 
 def open_view(
@@ -100,7 +102,7 @@ def open_view(
     middle_z_mm, thickness_mm : float, mm
         Of the layer that is looked at; of a volume that slab counts.
     lines : ExpectedLines or None
-        By which a volume's ink and bath are told apart.
+        By which a volume's ink and bath are told apart; a height map needs them.
 
     Raises
     ------
@@ -110,6 +112,12 @@ def open_view(
     UsageError
         When the frame can't be read.
     """
+    if order.laser and lines is not None:
+        surface, size, heights = open_surface(path, order.frame, middle_z_mm, thickness_mm, lines)
+        return View(
+            surface.picture, surface.frame, heights.height_mm, size, surface.hidden,
+            surface.shaded(),
+        )  # fmt: skip
     if order.oct:
         to_scan = _oct_frame(path, order)
         try:
@@ -117,7 +125,7 @@ def open_view(
         except ScanFileError as exc:
             raise DeviceError(" ".join(str(exc).split())) from exc
         if lines is not None:
-            refuse_elsewhere(scan, to_scan, lines)
+            refuse_elsewhere(ScanSize.of(scan, to_scan), lines)
         image, height_frame = height_map(scan, to_scan, middle_z_mm, thickness_mm, lines)
         step = max(1, len(scan.volume) // _SECTIONS)
         return View(
@@ -156,7 +164,7 @@ def _oct_frame(path: Path, order: ObserverOrder) -> FloatArray:
     if order.frame:
         return read_oct_frame(Path(order.frame))
     with np.load(path) as file:
-        return np.asarray(file[OWN_FRAME], dtype=np.float64)
+        return np.asarray(file[FRAME_KEY], dtype=np.float64)
 
 
 def read_oct_frame(path: Path) -> FloatArray:
@@ -167,16 +175,7 @@ def read_oct_frame(path: Path) -> FloatArray:
     UsageError
         When there is none, or it isn't a matrix.
     """
-    try:
-        matrix = np.array(read_yaml(path.read_text(encoding="utf-8"))[OWN_FRAME], dtype=float)
-    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as exc:
-        raise UsageError(
-            f"observe.frame {path} can't be read ({exc}); for an OCT it is a YAML file with "
-            f"{OWN_FRAME}: four rows of four numbers, mm"
-        ) from exc
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-        raise UsageError(f"observe.frame {path}: {OWN_FRAME} isn't four rows of four numbers")
-    return np.asarray(matrix)
+    return np.asarray(read_matrix(path, "an OCT")[FRAME_KEY])
 
 
 def read_picture(path: Path) -> Image:

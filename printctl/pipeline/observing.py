@@ -28,6 +28,7 @@ _MARGIN_MM: Final = 2.0
 _PICTURE_PX: Final = 2000
 _ABOVE_MM: Final = 0.3
 _OCT_ACROSS: Final = 500
+_LASER_ACROSS: Final = 2000
 _OCT_SIDE_UM, _OCT_DEEP_UM = 20.0, 12.0
 _CARE: Final = {
     "height": "look_every_height_mm",
@@ -75,6 +76,7 @@ def _order(context: RunContext, part: ObservePart) -> ObserverOrder:
         needle=recipe.toolpath.needle,
         embedded=isinstance(recipe.toolpath, Embedded),
         oct=part.device == "oct",
+        laser=part.device == "laser_line",
         frame="" if part.frame is None else str((context.recipe_folder / part.frame).resolve()),
         device=_device(context, part),
         capacity_ul=usable_mm(syringe, context.printer) * syringe.area_mm2,
@@ -103,11 +105,12 @@ def _device(context: RunContext, part: ObservePart) -> DeviceSettings:
     limit_s = 0.8 * part.limit_s
     if not part.source:
         return DeviceSettings("simulated", limit_s=limit_s, extra=_twin(context, part))
+    tables = part.device == "laser_line"
     if "{out}" in part.source:
-        return DeviceSettings("command", part.source, limit_s=limit_s)
+        return DeviceSettings("command", part.source, limit_s=limit_s, tables=tables)
     place = context.recipe_folder / part.source
-    if part.device == "oct" or place.is_dir():
-        return DeviceSettings("folder", str(place.resolve()), limit_s=limit_s)
+    if part.device != "camera" or place.is_dir():
+        return DeviceSettings("folder", str(place.resolve()), limit_s=limit_s, tables=tables)
     frame = read_frame(context.recipe_folder / str(part.frame))
     return DeviceSettings("camera", part.source, frame.lens.size_px, limit_s)
 
@@ -125,7 +128,11 @@ def _twin(context: RunContext, part: ObservePart) -> dict[str, str]:
         "layer_mm": None if embedded else getattr(recipe.toolpath, "even_layer_mm", None),
     }
     box = (low - _MARGIN_MM, high + _MARGIN_MM)
-    seen = _oct_view(*box) if part.device == "oct" else _camera_view(*box, embedded)
+    seen = {
+        "camera": lambda: _camera_view(*box, embedded),
+        "oct": lambda: _oct_view(*box),
+        "laser_line": lambda: _laser_view(*box),
+    }[part.device]()
     path = context.folder / DEVICE_FILE
     write_text(path, yaml.safe_dump({**seen, "laid": laid}, sort_keys=False))
     record = str((context.folder / EXECUTED).resolve())
@@ -149,6 +156,14 @@ def _camera_view(low: FloatArray, high: FloatArray, embedded: bool) -> dict[str,
         },
         "scene": {"ink": {"colour": [70, 90, 150], "density_per_mm": 4.0}, **bath},
     }
+
+
+def _laser_view(low: FloatArray, high: FloatArray) -> dict[str, Any]:
+    """A laser profiler over a box; the plate lies where the part begins."""
+    plate = float(low[2]) + _MARGIN_MM
+    side = max(_OCT_SIDE_UM, 1000.0 * float((high - low)[:2].max()) / _LASER_ACROSS)
+    box = {"low_mm": low.tolist(), "high_mm": high.tolist()}
+    return {**box, "plate_z_mm": plate, "pixel_um": [side, side]}
 
 
 def _oct_view(low: FloatArray, high: FloatArray) -> dict[str, Any]:

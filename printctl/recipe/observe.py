@@ -15,7 +15,7 @@ _EVERY: Final = re.compile(r"(layer|vessel)|(\d+(?:\.\d+)?) *(mm|min|s)( +writte
 _HIGHEST_MM: Final = 5.0
 _SECONDS: Final = {"min": 60.0, "s": 1.0}
 
-DeviceName = Literal["camera", "oct"]
+DeviceName = Literal["camera", "oct", "laser_line"]
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class ObservePart(Part):
     frame: str | None = Field(
         default=None,
         description="Which place of the printer a pixel shows: file of `printctl observe frame`; "
-        "of an OCT a file with printer_to_scan.",
+        "of an OCT or laser line a file with printer_to_scan.",
         json_schema_extra=FILE,
     )
     every: Annotated[str, BeforeValidator(_number_as_text), AfterValidator(_known_interval)] = (

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from registration.layer_images.height import HeightFrame, height_map
     from registration.layer_images.orientation import better_turned
     from registration.layer_images.see import see_layer
+    from registration.layer_images.surface import Surface, surface_of
     from registration.layer_images.values import (
         Appearance,
         Blob,
@@ -45,11 +46,13 @@ __all__ = [
     "Shift",
     "Stations",
     "Stretch",
+    "Surface",
     "Unseen",
     "annotated",
     "better_turned",
     "height_map",
     "see_layer",
+    "surface_of",
 ]
 
 __getattr__ = on_demand(__name__)

@@ -27,7 +27,7 @@ _AROUND_MM: Final = 1.5
 _FEWEST: Final = 100
 _USUAL_INK: Final = 80
 """Percentile: some of the lines may be missing."""
-_FARTHEST: Final = 2.0
+FARTHEST: Final = 2.0
 """Thicknesses from the layer's middle: how much farther off a surface is tells nothing."""
 
 
@@ -105,7 +105,7 @@ def height_map(
     edge = np.float32(bath + _EDGE * (ink - bath))
     height = (_surface(volume, depth_per_mm < 0, edge) - level) / depth_per_mm
     height[unmeasured] = np.nan
-    most = _FARTHEST * thickness_mm
+    most = FARTHEST * thickness_mm
     return np.stack([bright, np.clip(height, -most, most).astype(np.float32)], axis=2), frame
 
 

@@ -53,7 +53,7 @@ def see_layer(
     lumens: Sequence[Lumen] = (),
     before: Image | None = None,
     since: BoolArray | None = None,
-    hidden: Outlines = (),
+    hidden: Outlines | BoolArray = (),
     known: Appearance | None = None,
     thickness_mm: float | None = None,
     options: SeeingOptions | None = None,
@@ -64,7 +64,7 @@ def see_layer(
     ----------
     picture : (h, w) or (h, w, c) uint8, uint16 or float
         A float picture is taken as it is, NaN as not seen; one of two channels is a `height_map`:
-        the first tells ink from bath. Of others the logarithm.
+        the first tells ink from bath, as of a `surface_of`. Of others the logarithm.
     frame : Frame
     lines : ExpectedLines
         Of the layer, and what older lines can be seen.
@@ -74,8 +74,8 @@ def see_layer(
         older ink is told by what changed.
     since : (n,) bool or None
         Older lines that were written after ``before`` was taken (mends); None for none.
-    hidden : sequence of (k, 2) float64, px
-        Polygons of the picture behind which nothing can be seen (the needle).
+    hidden : sequence of (k, 2) float64, px, or (h, w) bool
+        Polygons of the picture behind which nothing can be seen (the needle), or its pixels.
     known : Appearance or None
         Of an earlier look in the same light: a layer that is missing altogether can't be learned
         from.

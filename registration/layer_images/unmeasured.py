@@ -57,7 +57,7 @@ def unmeasured_pixels(part: Image) -> BoolArray:
         (_in_runs(beside, (1, count - 1), shape), _in_runs(below, (count - 1, 1), shape))
         for count in (_RUN, _BLOCK)
     )
-    out = long[0] | long[1] | _opened(short[0] & short[1], (_BLOCK, _BLOCK))
+    out = long[0] | long[1] | opened(short[0] & short[1], (_BLOCK, _BLOCK))
     if not out.any():
         return out
     ceiling = next(one for one in _CEILINGS if one >= part.max())
@@ -85,14 +85,14 @@ def measured_alone(part: Image, unmeasured: BoolArray) -> Image:
 def _in_runs(same: BoolArray, size: tuple[int, int], shape: tuple[int, int]) -> BoolArray:
     """Pixels of runs in which so many neighbours in turn are equal, (h, w)."""
     out = np.zeros(shape, dtype=np.bool_)
-    runs = _opened(same, size)
+    runs = opened(same, size)
     high, wide = runs.shape
     out[:high, :wide] |= runs
     out[shape[0] - high :, shape[1] - wide :] |= runs
     return out
 
 
-def _opened(mask: BoolArray, size: tuple[int, int]) -> BoolArray:
+def opened(mask: BoolArray, size: tuple[int, int]) -> BoolArray:
     """Pixels within rectangles (rows, columns) that are all set."""
     kernel, (high, wide) = np.ones(size, np.uint8), size
     flags = mask.astype(np.uint8)

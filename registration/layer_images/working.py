@@ -105,7 +105,7 @@ def prepare(
     frame: Frame,
     ways: Ways,
     gap_mm: float,
-    hidden: Outlines,
+    hidden: Outlines | BoolArray,
 ) -> tuple[Working, WorkingFrame]:
     """Crop and bin a picture so that a line is some nine pixels wide.
 
@@ -128,8 +128,11 @@ def prepare(
     unmeasured = unmeasured_pixels(part)
     channels, bad = channels_of(measured_alone(part, unmeasured), scale)
     cover = 255 * unmeasured.astype(np.uint8)
-    for outline in hidden:
-        cv2.fillPoly(cover, [np.rint(np.asarray(outline) - (x0, y0)).astype(np.int32)], 255)
+    if isinstance(hidden, np.ndarray):
+        cover[hidden[y0:y1, x0:x1]] = 255
+    else:
+        for outline in hidden:
+            cv2.fillPoly(cover, [np.rint(np.asarray(outline) - (x0, y0)).astype(np.int32)], 255)
     size = channels.shape[1::-1]
     lost = np.asarray(cv2.resize(cover, size, interpolation=cv2.INTER_AREA) > 0)
     is_float = np.issubdtype(picture.dtype, np.floating)

@@ -38,7 +38,8 @@ def main() -> int:
         elif settings.kind == "folder":
             told = json.load(sys.stdin).items()
             before = {name: (int(at), int(size)) for name, (at, size) in told}
-            picture = keep_file(await_file(Path(settings.source), before), out)
+            taken = await_file(Path(settings.source), before, settings.tables)
+            picture = keep_file(taken, out)
         elif settings.kind == "command":
             picture = run_command(settings.source, out)
         else:

@@ -31,7 +31,7 @@ def acquire(settings: DeviceSettings, out: Path, region: Region | None = None) -
     out : Path
         File to write, without suffix: the device's own format decides.
     region : (low, high), each (x, y, z), mm, optional
-        Box of the printer's frame that is looked at: a simulated OCT scans no more than that.
+        Box of the printer's frame that is looked at: a simulated OCT or laser line scans no more than that.
 
     Returns
     -------
@@ -76,7 +76,7 @@ def _files_before(settings: DeviceSettings) -> str:
     if settings.kind != "folder":
         return ""
     try:
-        return json.dumps(files_in(Path(settings.source)))
+        return json.dumps(files_in(Path(settings.source), settings.tables))
     except (OSError, ValueError) as exc:
         raise DeviceError(str(exc)) from exc
 

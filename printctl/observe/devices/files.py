@@ -21,16 +21,21 @@ _SIDECARS: Final = (".json", ".yaml", ".yml")
 """Endings of what a scan's file is described by (`registration.readers.sidecar`)."""
 _BESIDE: Final = frozenset({*_SIDECARS, ".txt", ".xml", ".log", ".csv", ".tmp", ".part"})
 """Endings of files that devices' programs write beside a picture or volume."""
+_TABLES: Final = frozenset({".txt", ".csv"})
+"""Those of them that a laser profiler's points or heights may have."""
 
 
 def picture_of(folder: Path, name: str) -> Path | None:
     """Return the picture or volume ``NAME.*``, not what lies beside it; None where there is none.
 
-    A raw volume may lack an ending.
+    A raw volume may lack an ending. A table counts where there is nothing else.
     """
     each = sorted(one for one in folder.glob(f"{name}*") if one.is_file())
-    named = (one for one in each if one.name == name or one.name.startswith(f"{name}."))
-    return next((one for one in named if one.suffix.lower() not in _BESIDE), None)
+    named = [one for one in each if one.name == name or one.name.startswith(f"{name}.")]
+    for beside in (_BESIDE, _BESIDE - _TABLES):
+        if found := [one for one in named if one.suffix.lower() not in beside]:
+            return found[0]
+    return None
 
 
 def keep_file(taken: Path, out: Path) -> Path:
@@ -51,8 +56,8 @@ def keep_file(taken: Path, out: Path) -> Path:
     return Path(shutil.copyfile(taken, out.with_suffix(taken.suffix)))
 
 
-def files_in(folder: Path) -> Listing:
-    """List a folder's pictures and volumes with the time and size of each.
+def files_in(folder: Path, tables: bool = False) -> Listing:
+    """List a folder's pictures and volumes with the time and size of each; also ``tables``.
 
     Raises
     ------
@@ -62,14 +67,15 @@ def files_in(folder: Path) -> Listing:
     if not folder.is_dir():
         raise ValueError(f"folder {folder} isn't there; let the device's program write into it")
     listed: Listing = {}
+    beside = _BESIDE - _TABLES if tables else _BESIDE
     for one in folder.iterdir():
-        if not one.name.startswith(".") and one.suffix.lower() not in _BESIDE and one.is_file():
+        if not one.name.startswith(".") and one.suffix.lower() not in beside and one.is_file():
             known = one.stat()
             listed[one.name] = (known.st_mtime_ns, known.st_size)
     return listed
 
 
-def await_file(folder: Path, before: Listing) -> Path:
+def await_file(folder: Path, before: Listing, tables: bool = False) -> Path:
     """Wait for a new file in a folder, until it grows no more; the caller limits the time.
 
     Parameters
@@ -78,6 +84,8 @@ def await_file(folder: Path, before: Listing) -> Path:
     before : dict
         What was there before, of `files_in`: the clock that dates the files may be another
         computer's.
+    tables : bool
+        Whether a `.csv` or `.txt` is what is waited for.
 
     Raises
     ------
@@ -86,7 +94,7 @@ def await_file(folder: Path, before: Listing) -> Path:
     """
     found, at = ("", (0, 0)), time.monotonic()
     while True:
-        new = files_in(folder).items() - before.items()
+        new = files_in(folder, tables).items() - before.items()
         latest = max(new, key=lambda one: (one[1], one[0]), default=("", (0, 0)))
         if latest != found:
             found, at = latest, time.monotonic()
@@ -124,8 +132,8 @@ def simulated_picture(settings: DeviceSettings, out: Path) -> Path:
     ValueError
         When nothing was recorded yet.
     """
-    device = "oct" if "oct" in settings.extra else "camera"
-    path = out.with_suffix(".npz" if device == "oct" else ".png")
+    device = next(one for one in ("oct", "laser_line", "camera") if one in settings.extra)
+    path = out.with_suffix(".png" if device == "camera" else ".npz")
     look = 2 * int(out.parent.name) + (out.name != "picture")  # another noise in each picture
     command = [sys.executable, "-m", "sim", device, "--out", str(path), "--look", str(look)]
     for name, value in settings.extra.items():

@@ -24,6 +24,8 @@ class DeviceSettings:
         After which it counts as hung.
     extra : dict
         What one kind alone needs: of ``simulated`` the ``record``, ``faults`` and ``camera`` files.
+    tables : bool
+        Whether its files may be tables of numbers (`.csv`, `.txt`), as a laser profiler's.
     """
 
     kind: Kind
@@ -31,6 +33,7 @@ class DeviceSettings:
     size_px: tuple[int, int] | None = None
     limit_s: float = 20.0
     extra: dict[str, Any] = field(default_factory=dict)
+    tables: bool = False
 
     def to_json(self) -> str:
         """As JSON text."""

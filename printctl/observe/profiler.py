@@ -1,0 +1,130 @@
+"""Load a laser profiler's file as a layer's surface, with the frame that ties it to the printer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import yaml
+
+from firmware_profiles.yaml_file import read_yaml
+from kernels.arrays import FloatArray
+from printctl.errors import UsageError
+from printctl.observe.devices import DeviceError
+from printctl.observe.scan_place import ScanSize, refuse_elsewhere
+from registration.errors import ScanFileError
+from registration.layer_images import ExpectedLines, Surface, surface_of
+from registration.readers.heights import HeightMap, read_heights
+
+FRAME_KEY: Final = "printer_to_scan"
+"""Where a frame's file, and a simulated device's own, hold the matrix."""
+_KEYS: Final = frozenset({FRAME_KEY, "pixel_mm", "count_mm", "lost"})
+
+
+@dataclass(frozen=True)
+class ProfilerFrame:
+    """What a profiler's files don't say themselves.
+
+    Attributes
+    ----------
+    to_map : (4, 4) float64
+        Takes the printer's places to the profiler's, mm.
+    pixel_mm : (x, y) or None, mm
+    count_mm : float, mm
+    lost : float or None
+        These three as of `read_heights`.
+    """
+
+    to_map: FloatArray
+    pixel_mm: tuple[float, float] | None = None
+    count_mm: float = 1.0
+    lost: float | None = None
+
+
+def read_matrix(path: Path, device: str, known: frozenset[str] | None = None) -> dict[str, Any]:
+    """Read a frame's YAML file with ``printer_to_scan``, as a (4, 4) array; other keys as they are.
+
+    Raises
+    ------
+    UsageError
+        When there is none, it isn't a matrix, or a key isn't ``known``.
+    """
+    try:
+        data = dict(read_yaml(path.read_text(encoding="utf-8")))
+        matrix = np.array(data[FRAME_KEY], dtype=float)
+    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as exc:
+        raise UsageError(
+            f"observe.frame {path} can't be read ({exc}); for {device} it is a YAML file with "
+            f"{FRAME_KEY}: four rows of four numbers, mm"
+        ) from exc
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise UsageError(f"observe.frame {path}: {FRAME_KEY} isn't four rows of four numbers")
+    if known is not None and (strange := sorted(set(data) - known)):
+        raise UsageError(
+            f"observe.frame {path}: {', '.join(strange)} means nothing; known are "
+            f"{', '.join(sorted(known))}"
+        )
+    return {**data, FRAME_KEY: matrix}
+
+
+def read_profiler_frame(path: Path) -> ProfilerFrame:
+    """Read a laser profiler's frame.
+
+    Raises
+    ------
+    UsageError
+        When it can't be read, or a value isn't what it must be.
+    """
+    data = read_matrix(path, "a laser profiler", _KEYS)
+    try:
+        pixel = data.get("pixel_mm")
+        if pixel is not None:
+            x, y = (float(one) for one in pixel)
+            pixel = (x, y)
+        count, lost = float(data.get("count_mm", 1.0)), data.get("lost")
+        lost = None if lost is None else float(lost)
+    except (TypeError, ValueError) as exc:
+        raise UsageError(
+            f"observe.frame {path}: pixel_mm is two numbers [x, y], count_mm and lost are one each"
+        ) from exc
+    if not count > 0 or (pixel is not None and not min(pixel) > 0):
+        raise UsageError(f"observe.frame {path}: pixel_mm and count_mm must be above 0 mm")
+    return ProfilerFrame(data[FRAME_KEY], pixel, count, lost)
+
+
+def open_surface(
+    path: Path,
+    frame_file: str,
+    middle_z_mm: float,
+    thickness_mm: float,
+    lines: ExpectedLines,
+) -> tuple[Surface, ScanSize, HeightMap]:
+    """Return a layer's surface, how large the height map is, and the map as it was read.
+
+    Parameters
+    ----------
+    path : Path
+    frame_file : str
+        Path of the profiler's frame; empty for a simulated one's own.
+    middle_z_mm, thickness_mm : float, mm
+        Of the layer that is looked at.
+    lines : ExpectedLines
+
+    Raises
+    ------
+    DeviceError
+        When it can't be read, or holds another place than the lines.
+    UsageError
+        When the frame can't be read.
+    """
+    frame = read_profiler_frame(Path(frame_file)) if frame_file else ProfilerFrame(np.eye(4))
+    try:
+        heights = read_heights(path, frame.pixel_mm, frame.count_mm, frame.lost)
+    except ScanFileError as exc:
+        raise DeviceError(" ".join(str(exc).split())) from exc
+    to_map = frame.to_map if frame_file or heights.to_map is None else heights.to_map
+    size = ScanSize.of_heights(heights, to_map)
+    refuse_elsewhere(size, lines)
+    return surface_of(heights, to_map, middle_z_mm, thickness_mm, lines), size, heights
