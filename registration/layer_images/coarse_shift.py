@@ -24,7 +24,9 @@ _PEAK = 1.3
 """Times the middle score that the best of separate lines has at least."""
 
 
-def coarse_shift(flat: FloatImage, fresh: Mask, blocked: Mask, reach_px: int) -> FloatArray | None:
+def coarse_shift(
+    flat: FloatImage, fresh: Mask, blocked: Mask, reach_px: int, least_spread: float = 0.0
+) -> FloatArray | None:
     """Shift of the picture against the mask, (2,) px; None where nothing tells.
 
     Parameters
@@ -37,6 +39,8 @@ def coarse_shift(flat: FloatImage, fresh: Mask, blocked: Mask, reach_px: int) ->
         1 where nothing is known.
     reach_px : int
         Farthest.
+    least_spread : float
+        Of the bath: ink that stands out by less counts by how much it does.
     """
     shrink = max(1, int(np.sqrt(fresh.size / 2e5)))
     size = (fresh.shape[1] // shrink, fresh.shape[0] // shrink)
@@ -52,6 +56,7 @@ def coarse_shift(flat: FloatImage, fresh: Mask, blocked: Mask, reach_px: int) ->
     for values in _features(flat, size):
         middle = float(np.median(values))
         spread = 1.4826 * float(np.median(np.abs(values - middle))) + 1e-9
+        spread = max(spread, least_spread)
         one = np.clip((values - middle) / spread, -8.0, 8.0) * known
         on = _window(np.fft.irfft2(np.fft.rfft2(one, shape) * mask, shape), reach)
         inside = on / np.maximum(ones, 1.0)

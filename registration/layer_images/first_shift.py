@@ -16,6 +16,7 @@ from registration.layer_images.working import Masks, Working, WorkingFrame
 _LEAST_FREE: Final = 0.25
 """Of the fresh lines' area, beside older ink: less, and they don't tell where they lie."""
 
+_LEAST_SPREAD: Final = 0.1
 
 def first_shift(
     work: Working, frame: WorkingFrame, lines: ExpectedLines, ways: Ways, options: SeeingOptions
@@ -34,7 +35,9 @@ def first_shift(
     blocked = (work.bad | work.hidden | older).astype(np.uint8)
     if cv2.countNonZero(masks.fresh * (1 - blocked)) < _LEAST_FREE * cv2.countNonZero(masks.fresh):
         return unknown
-    by_px = coarse_shift(flat, masks.fresh, blocked, reach_px)
+    # The ground beside lines hardly scatters in heights: any rise there would count as a line does.
+    least = 0.0 if work.height is None else _LEAST_SPREAD
+    by_px = coarse_shift(flat, masks.fresh, blocked, reach_px, least)
     if by_px is None:
         return unknown
     middle = ways.point.mean(axis=0)

@@ -1,9 +1,8 @@
 """Make a picture of a layer from a laser profiler's height map: heights, and what it didn't see.
 
 A profiler tells nothing where its camera doesn't see the laser's line: behind a taller line, on
-steep flanks, where a wet crest mirrors it. Such places are never taken for ink or for none. Holes
-much narrower than a line are filled with the lowest height beside them, since what a shadow hides
-lies lower than what throws it; wider ones are `hidden`.
+steep flanks, where a wet crest mirrors it. Such places are never taken for ink or for none: holes
+of a cell or two are filled with what lies around, wider ones are `hidden`.
 """
 
 from __future__ import annotations
@@ -22,12 +21,15 @@ from registration.layer_images.values import BoolArray, ExpectedLines, FloatArra
 from registration.readers.heights import HeightMap
 
 _HOLE: Final = 0.4
-"""Of a line's width: holes that are as wide each way aren't seen."""
-_DEEPEST: Final = 1.5
-"""Thicknesses from the layer's middle: how much deeper the ground beside lines lies, or how much
-higher something stands, tells nothing of ink."""
-_STEEP: Final = 4.0
-"""By which slopes are exaggerated in the shaded relief."""
+_HOLE_PX: Final = 3
+"""Of a line's width, and cells: holes that are as wide each way as the lesser aren't seen."""
+_LEAST_SHARE: Final = 1e-3
+_GROUND: Final = -0.5
+_HIGHEST: Final = 1.5
+"""Thicknesses from the layer's middle: how far below the layer something lies, or above it stands,
+tells nothing of the layer's ink."""
+_SHADE: Final = 6.0
+"""Of a slope of one thickness over four cells in the shaded relief."""
 _LOST: Final = (90, 40, 20)
 """Blue, green, red."""
 
@@ -39,21 +41,24 @@ class Surface:
     Attributes
     ----------
     picture : (rows, columns, 2) float32
-        Height over the layer's middle: in thicknesses, and mm.
+        Height over the layer's middle: in thicknesses, cut off below the layer; and mm.
     frame : HeightFrame
     hidden : (rows, columns) bool
         Not seen.
+    thickness_mm : float, mm
+        Of the layer.
     """
 
     picture: FloatImage
     frame: HeightFrame
     hidden: BoolArray
+    thickness_mm: float
 
     def shaded(self) -> NDArray[Any]:
         """Relief lit from the upper left, (rows, columns, 3) uint8; blue where nothing was seen."""
-        level = self.picture[:, :, 0]
+        level = self.picture[:, :, 1] / self.thickness_mm
         slope = cv2.Sobel(level, cv2.CV_32F, 1, 0) + cv2.Sobel(level, cv2.CV_32F, 0, 1)
-        grey = 110.0 + 60.0 * level / _DEEPEST - _STEEP * slope
+        grey = 110.0 + 60.0 * level - _SHADE * slope
         out = np.repeat(np.clip(grey, 0, 255).astype(np.uint8)[:, :, None], 3, axis=2)
         out[self.hidden] = _LOST
         return out
@@ -97,11 +102,11 @@ def surface_of(
         raise PictureError("the profiler measured no height at all")
     width_px = float(np.percentile(lines.width_mm, 10)) / (dx * dy) ** 0.5
     whole, hidden = _filled(above, lost, width_px)
-    own = _DEEPEST * thickness_mm
-    level = np.where(hidden, -own, np.clip(whole, -own, own)) / thickness_mm
+    level = np.clip(whole / thickness_mm, _GROUND, _HIGHEST)
+    level[hidden] = _GROUND  # a shadow begins where a line ends
     most = FARTHEST * thickness_mm
     picture = np.stack([level, np.clip(whole, -most, most)], axis=2).astype(np.float32)
-    return Surface(picture, frame, hidden)
+    return Surface(picture, frame, hidden, thickness_mm)
 
 
 def _above(height_mm: FloatImage, frame: HeightFrame, middle_z_mm: float) -> FloatImage:
@@ -113,15 +118,14 @@ def _above(height_mm: FloatImage, frame: HeightFrame, middle_z_mm: float) -> Flo
     return np.asarray(own * height_mm + plane, dtype=np.float32)
 
 
-def _filled(
-    above: FloatImage, lost: BoolArray, width_px: float
-) -> tuple[FloatImage, BoolArray]:
-    """Heights without small holes and single spikes; what is hidden, (rows, columns) each."""
-    side = max(2, round(_HOLE * width_px))
+def _filled(above: FloatImage, lost: BoolArray, width_px: float) -> tuple[FloatImage, BoolArray]:
+    """Heights without narrow holes and single spikes; what is hidden, (rows, columns) each."""
+    side = min(_HOLE_PX, max(2, round(_HOLE * width_px)))
     hidden = opened(lost, (side, side))
-    high = np.where(lost, np.float32(np.inf), above)
-    around = np.ones((2 * side - 1, 2 * side - 1), np.uint8)
-    lowest = cv2.erode(high, around, borderType=cv2.BORDER_REPLICATE)
+    weight = (~lost).astype(np.float32)
+    total = cv2.GaussianBlur(np.where(lost, np.float32(0.0), above), (0, 0), side / 2)
+    share = cv2.GaussianBlur(weight, (0, 0), side / 2)
     usual = np.float32(np.median(above[~lost]))
-    whole = np.where(lost, np.where(np.isfinite(lowest), lowest, usual), above)
-    return np.asarray(cv2.medianBlur(whole.astype(np.float32), 3)), hidden
+    beside = np.where(share > _LEAST_SHARE, total / np.maximum(share, _LEAST_SHARE), usual)
+    whole = np.where(lost, beside, above).astype(np.float32)
+    return np.asarray(cv2.medianBlur(whole, 3)), hidden

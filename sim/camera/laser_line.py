@@ -133,7 +133,7 @@ def measured_heights(
     lost = _lost(truth, field, pitch, rng)
     heights = _seen(truth, lost, field, pitch)
     heights += rng.normal(0.0, 1e-3 * field.noise_um, heights.shape).astype(np.float32)
-    first = low + (_FINER - 1) / 2 * pitch
+    first = low + _FINER / 2 * pitch
     x, y = (first[k] + _FINER * pitch[k] * np.arange(heights.shape[1 - k]) for k in range(2))
     tilted = field.tilt[0] * (x - x.mean()) + (field.tilt[1] * (y - y.mean()))[:, None]
     height = heights + tilted.astype(np.float32)

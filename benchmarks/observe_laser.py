@@ -1,0 +1,123 @@
+"""Benchmark of a laser line profiler's looks: false gaps, detection, length, widths, time.
+
+``python -m benchmarks.observe_laser --layers 60``. Height maps by `checkers.profiler_painter`: lines
+of 0.2 to 0.45 mm on a plate, in lattices and in solid layers; shadows, lost points and spikes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+
+import numpy as np
+
+from benchmarks.checkers.profiler_painter import Bare, Kind, Profiled, profiled
+from benchmarks.machine import machine, row
+from registration.layer_images import ExpectedLines, LayerFindings, see_layer, surface_of
+from registration.readers.heights import HeightMap
+
+KINDS: tuple[Kind, ...] = ("plate", "lattice", "solid")
+LENGTHS_MM = (0.2, 0.3, 0.5, 1.0)
+PLANTED = 20
+"""Gaps of each length in each kind of layer."""
+_BIG_MM, _BIG_PX_MM = 20.0, 0.02
+
+
+def expected(map_: Profiled) -> ExpectedLines:
+    """The lines of a painted map; each is a stroke of its own."""
+    number = np.arange(len(map_.start))
+    return ExpectedLines(
+        map_.start,
+        map_.end,
+        np.full(len(number), map_.width),
+        number,
+        number,
+        map_.layer == map_.layer.max(),
+    )
+
+
+def look(map_: Profiled) -> LayerFindings:
+    """Judge a painted map as an observer does."""
+    lines = expected(map_)
+    heights = HeightMap(map_.heights, (map_.px, map_.px))
+    surface = surface_of(heights, map_.to_map, map_.middle_z, map_.thickness, lines)
+    return see_layer(
+        surface.picture, surface.frame, lines, hidden=surface.hidden, thickness_mm=map_.thickness
+    )
+
+
+def planted(seed: int, kind: Kind, length: float) -> tuple[LayerFindings, int, Bare]:
+    """Look at a layer with a gap in its middle; findings, the gap's stroke, and the gap."""
+    plain = profiled(seed, kind)
+    top = np.flatnonzero(plain.layer == plain.layer.max())
+    rng = np.random.default_rng((seed, 6))
+    line = int(rng.integers(1, len(top) - 1))
+    long = float(np.linalg.norm(plain.end[top[line]] - plain.start[top[line]]))
+    begin = float(rng.uniform(0.2 * long, 0.8 * long - length))
+    bare = (line, begin, begin + length)
+    found = look(profiled(seed, kind, (bare,)))
+    if line % 2:  # it is written back
+        begin = long - begin - length
+    return found, int(top[line]), (line, begin, begin + length)
+
+
+def _is_seen(found: LayerFindings, stroke: int, bare: Bare) -> bool:
+    """Whether at least half of a gap lies where the look saw."""
+    s = found.stations
+    own = (s.stroke == stroke) & (s.along_mm + s.length_mm / 2 > bare[1])
+    own &= s.along_mm - s.length_mm / 2 < bare[2]
+    return bool(own.any() and np.average(s.seen[own], weights=s.length_mm[own]) >= 0.5)
+
+
+def main() -> None:
+    """Run and print JSON."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--layers", type=int, default=60)
+    said = parser.parse_args()
+    rows = []
+    for kind in KINDS:
+        sound = [look(profiled(seed, kind)) for seed in range(said.layers)]
+        false = sum(bool(found.gaps) for found in sound)
+        share = float(np.mean([found.seen_share for found in sound]))
+        rows += [
+            row(f"{kind}: sound layers with a gap found", false, f"of {said.layers}", "0", not false),
+            row("  blobs in them", sum(len(found.blobs) for found in sound), "", "0"),
+            row("  share of their way seen, mean", round(share, 3), ""),
+        ]
+        ratio = np.array([found.width_ratio for found in sound])
+        if np.isfinite(ratio).any():
+            u = np.array([found.u_width_ratio for found in sound])
+            within = float(np.nanmean(np.abs(ratio - 1)[np.isfinite(ratio)] < 2 * u[np.isfinite(ratio)]))
+            rows.append(row("  widths: mean ratio", round(float(np.nanmean(ratio)), 3), "", "1"))
+            rows.append(row("  within two standard uncertainties", round(within, 2), ""))
+        for length in LENGTHS_MM:
+            seen, hit, other, off = 0, 0, 0, []
+            for seed in range(100_000, 100_000 + PLANTED):
+                found, stroke, bare = planted(seed, kind, length)
+                own = [
+                    gap for gap in found.gaps
+                    if gap.stroke == stroke and gap.from_mm < bare[2] and gap.to_mm > bare[1]
+                ]  # fmt: skip
+                is_seen = bool(own) or _is_seen(found, stroke, bare)
+                seen += is_seen
+                hit += bool(own)
+                other += len(found.gaps) - len(own)
+                off += [gap.length_mm - length for gap in own[:1]]
+            rms = float(np.sqrt(np.mean(np.square(off)))) if off else float("nan")
+            rows += [
+                row(f"  gaps of {length:g} mm found", hit, f"of {seen} seen, {PLANTED} planted",
+                    "all seen", hit == seen),
+                row("    beside them, false ones", other, "", "0", other == 0),
+                row("    length off, rms", round(1e3 * rms, 1), "µm"),
+            ]  # fmt: skip
+    map_ = profiled(1, "solid", size=_BIG_MM, px=_BIG_PX_MM)
+    begun = time.perf_counter()
+    look(map_)
+    seconds = time.perf_counter() - begun
+    rows.append(row("20 x 20 mm at 20 µm, judged", round(seconds, 2), "s", "<= 2", seconds <= 2))
+    print(json.dumps({"machine": machine(), "rows": rows}, indent=1))
+
+
+if __name__ == "__main__":
+    main()
