@@ -85,9 +85,10 @@ def tell_by_height(
     assert work.height is not None
     image = work.height / np.float32(thickness_mm)
     across = seen.profiles(image, ways.width[:, None] * _CORE)
-    height = np.median(across, axis=1).astype(np.float64)
     lost = seen.profiles(work.hidden.astype(np.uint8), ways.width[:, None] * _CORE, nearest=True)
-    why = np.where((place == Unseen.SEEN) & lost.any(axis=1), int(Unseen.HIDDEN), place)
+    hidden = 2 * (lost > 0).sum(axis=1) >= len(_CORE)
+    height = _median_of_seen(across, (lost > 0) & ~hidden[:, None])
+    why = np.where((place == Unseen.SEEN) & hidden, int(Unseen.HIDDEN), place)
     why = np.where((why == Unseen.SEEN) & (ways.to_end < ways.width), int(Unseen.OLD_INK), why)
     rim, touched = _at_rim(ink, fresh, ways, seen, work)
     level = _level(height, ways.point, use & (why == Unseen.SEEN), rim)
@@ -108,6 +109,14 @@ def tell_by_height(
         noise = replace(noise, bath=float(noise.spread[0]))
     strange = np.asarray(image - np.float32(np.nanmedian(level)) > _HIGH - 1.0)
     return told_by_level(work, ways, use, image, present, why, noise, strange, gap_mm, rate)
+
+
+def _median_of_seen(across: FloatImage, lost: BoolArray) -> FloatArray:
+    """Median of each row (n, k) without what is lost; no row is lost altogether."""
+    ordered = np.sort(np.where(lost, np.float32(np.inf), across), axis=1)
+    count, rows = (~lost).sum(axis=1), np.arange(len(across))
+    middle = ordered[rows, (count - 1) // 2] + ordered[rows, count // 2]
+    return np.asarray(0.5 * middle, dtype=np.float64)
 
 
 def _short_at_rim(present: FloatArray, rim: BoolArray, ways: Ways, gap_mm: float) -> BoolArray:

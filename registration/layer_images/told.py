@@ -368,13 +368,16 @@ def _ink_level(level: FloatArray, spread: float) -> float:
     return usual if abs(usual) > 0.5 * abs(far) or abs(far) < spread else far
 
 
-def reasons(work: Working, seen: Seen, ways: Ways, strange: BoolArray) -> IntArray:
-    """Why each place isn't seen, (n,)."""
+def reasons(
+    work: Working, seen: Seen, ways: Ways, strange: BoolArray, most_hidden: float | None = None
+) -> IntArray:
+    """Why each place isn't seen, (n,); it is where no more than a share of its width is hidden."""
     across = ways.width[:, None] * np.linspace(-0.5, 0.5, 9)
     why = np.full(len(ways), int(Unseen.SEEN))
-    for mask, reason in ((strange, Unseen.GLARE), (work.hidden, Unseen.HIDDEN)):
+    each = ((strange, Unseen.GLARE, _HIT), (work.hidden, Unseen.HIDDEN, most_hidden or _HIT))
+    for mask, reason, most in each:
         hit = seen.profiles(mask.astype(np.uint8), across, nearest=True).mean(axis=1)
-        why[hit > _HIT] = int(reason)
+        why[hit > most] = int(reason)
     why[~seen.inside(work.shape, 0.5 * ways.width)] = int(Unseen.OUTSIDE)
     return np.asarray(why)
 
