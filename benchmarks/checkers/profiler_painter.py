@@ -1,6 +1,6 @@
 """Height maps of a laser line profiler over lines in layers, painted by formulas of their own.
 
-Nothing of the product is imported. Lines are half ellipses on a flat foot; they sag between the
+Nothing of the product is imported. Lines are half ellipses on an upright foot; they sag between the
 lines below, waver in height and width, and end round. A camera that looks at the laser's sheet from
 one side doesn't see what is in the shadow; steep flanks, wet crests (streaks along a line), single
 profiles and spots are lost; a few points are far off. The whole is turned, tilted and bowed, lies
@@ -69,6 +69,7 @@ def profiled(
     width = float(rng.uniform(0.2, 0.45))
     thickness = float(rng.uniform(0.4, 0.7)) * width
     step = float(rng.uniform(0.012, 0.035))
+    foot = float(rng.uniform(0.3, 0.6))
     side = float(rng.uniform(4.0, 8.0))
     px, side = px or step, size or side
     pitch = width * {"plate": float(rng.uniform(1.6, 3.0)), "lattice": 2.2, "solid": 0.92}[kind]
@@ -85,7 +86,7 @@ def profiled(
         below = own.copy()
         for k, middle in enumerate(np.arange(width / 2, side - width / 2 + 1e-9, pitch)):
             holes = [one[1:] for one in bare if one[0] == k] if layer == layers - 1 else []
-            _lay(own, below, at, middle, side, width, thickness, top, holes, rng, hard)
+            _lay(own, below, at, middle, side, width, thickness, top, holes, rng, hard, foot)
             ways = [(0.0, middle), (side, middle)]
             if k % 2:
                 ways.reverse()
@@ -126,6 +127,7 @@ def _lay(
     holes: list[tuple[float, float]],
     rng: np.random.Generator,
     hard: float,
+    foot: float,
 ) -> None:
     """Lay one line along x onto a surface (y, x); ``below`` is what the layer is laid on."""
     rows = np.flatnonzero(np.abs(at - middle) < width)
@@ -146,8 +148,7 @@ def _lay(
     off = np.hypot((at[rows] - middle)[:, None], beyond[None, :]) / (wide / 2)
     inside = off < 1
     dome = np.sqrt(np.clip(1 - off**2, 0, 1))
-    # A flat foot of a third of the height, and a dome on it.
-    height = crest - thickness * (1 - (0.35 + 0.65 * dome))
+    height = crest - thickness * (1 - foot) * (1 - dome)
     surface[rows] = np.where(inside, np.maximum(surface[rows], height), surface[rows])
 
 

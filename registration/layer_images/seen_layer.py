@@ -47,8 +47,6 @@ _SAME_HEIGHT: Final = 0.25
 """Of a width: older ink of heights that differ by less is of one layer."""
 _NEARBY: Final = 0.1
 """Of a width, by which older ink may be wider, or lie aside."""
-_MOST_HIDDEN: Final = 0.5
-"""Of a line's width, where heights tell: they are those of the rest."""
 _UNSETTLED: Final = 0.1
 """Of a width over ink that was written since the picture before: what changed tells nothing."""
 
@@ -130,8 +128,8 @@ def seen_at_shift(
         bath = better(bath, by_itself)
     # A gap in a solid layer lies in the shadow of the lines beside it, as a profiler sees it, and is
     # told by what shows of its ground.
-    most = _MOST_HIDDEN if thickness_mm is not None else None
-    place = reasons(work, seen, ways, np.zeros(work.shape, dtype=np.bool_), most)
+    nothing = np.zeros(work.shape, dtype=np.bool_)
+    place = reasons(work, seen, ways, nothing, by_hidden=thickness_mm is None)
     old = None
     if over_old.any() and thickness_mm is not None:
         below = _directly_below(work, frame, lines, by, thickness_mm)

@@ -66,7 +66,9 @@ _MORE_SEEN = 1.5
 _SHOWN = 0.5
 """Of its known level, below which lines aren't what ink looks like."""
 _HIT = 0.2
-"""Of a place's width that must be strange for it not to be seen."""
+"""Of a place's width that must be strange or hidden for it not to be seen."""
+_EDGE, _CORE = 0.5, 0.3
+"""Widths from the middle of a line: to its edge, and of what presence is told by."""
 
 
 @dataclass(frozen=True)
@@ -369,15 +371,18 @@ def _ink_level(level: FloatArray, spread: float) -> float:
 
 
 def reasons(
-    work: Working, seen: Seen, ways: Ways, strange: BoolArray, most_hidden: float | None = None
+    work: Working, seen: Seen, ways: Ways, strange: BoolArray, by_hidden: bool = True
 ) -> IntArray:
-    """Why each place isn't seen, (n,); it is where no more than a share of its width is hidden."""
-    across = ways.width[:, None] * np.linspace(-0.5, 0.5, 9)
+    """Why each place isn't seen, (n,); what is hidden counts unless not ``by_hidden``."""
     why = np.full(len(ways), int(Unseen.SEEN))
-    each = ((strange, Unseen.GLARE, _HIT), (work.hidden, Unseen.HIDDEN, most_hidden or _HIT))
-    for mask, reason, most in each:
+    # Heights fall steeply at a line's edges, where a profiler loses points: its middle tells.
+    each = [(strange, Unseen.GLARE, _EDGE)]
+    if by_hidden:
+        each.append((work.hidden, Unseen.HIDDEN, _EDGE if work.height is None else _CORE))
+    for mask, reason, reach in each:
+        across = ways.width[:, None] * np.linspace(-reach, reach, 9)
         hit = seen.profiles(mask.astype(np.uint8), across, nearest=True).mean(axis=1)
-        why[hit > most] = int(reason)
+        why[hit > _HIT] = int(reason)
     why[~seen.inside(work.shape, 0.5 * ways.width)] = int(Unseen.OUTSIDE)
     return np.asarray(why)
 

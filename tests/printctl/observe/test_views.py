@@ -31,7 +31,7 @@ def test_a_moved_camera_is_refused_at_each_picture(tmp_path, monkeypatch, holds)
     frame = CameraFrame.model_construct()
     monkeypatch.setattr(views, "camera_frame", lambda order: frame)
     monkeypatch.setattr(views, "check_frame", lambda image, frame, path: Check(holds))
-    order = type("Order", (), {"oct": False})()
+    order = type("Order", (), {"oct": False, "laser": False})()
     if holds:
         assert views.open_view(path, order, 1.0, 0.1)[1] is frame
     else:
@@ -62,7 +62,7 @@ def test_what_is_no_scan_is_told(tmp_path, monkeypatch, name):
     path = tmp_path / name
     path.write_bytes(b"PK" + bytes(100))
     monkeypatch.setattr(views, "_oct_frame", lambda path, order: np.eye(4))
-    order = type("Order", (), {"oct": True})()
+    order = type("Order", (), {"oct": True, "laser": False})()
     with pytest.raises(DeviceError, match="broken archive"):
         views.open_view(path, order, 1.0, 0.1)
 
@@ -99,7 +99,7 @@ def test_a_volume_taken_twice_is_known_at_another_layer(tmp_path):
         optical_depth=False, scale="linear", modality="oct", depth_down=True,
     )  # fmt: skip
     frame.write_text("printer_to_scan: [[1,0,0,0], [0,-1,0,0.6], [0,0,-1,1.2], [0,0,0,1]]")
-    order = type("Order", (), {"oct": True, "frame": str(frame)})()
+    order = type("Order", (), {"oct": True, "laser": False, "frame": str(frame)})()
     low, high = (views.open_view(path, order, z, 0.06) for z in (0.5, 0.7))
     assert not np.array_equal(low.image, high.image)
     np.testing.assert_array_equal(low.taken, high.taken)
