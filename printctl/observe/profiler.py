@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -127,4 +127,8 @@ def open_surface(
     to_map = frame.to_map if frame_file or heights.to_map is None else heights.to_map
     size = ScanSize.of_heights(heights, to_map)
     refuse_elsewhere(size, lines)
-    return surface_of(heights, to_map, middle_z_mm, thickness_mm, lines), size, heights
+    surface = surface_of(heights, to_map, middle_z_mm, thickness_mm, lines)
+    over = f"{1000.0 * surface.over_mm:+.0f} µm over the layer's top along the lines"
+    if np.isfinite(surface.over_mm):
+        size = replace(size, words=f"{size.words}, and lies {over}")
+    return surface, size, heights

@@ -47,12 +47,15 @@ class Surface:
         Not seen.
     thickness_mm : float, mm
         Of the layer.
+    over_mm : float, mm
+        Usual height of the fresh lines' middles over the layer's top; NaN where none was measured.
     """
 
     picture: FloatImage
     frame: HeightFrame
     hidden: BoolArray
     thickness_mm: float
+    over_mm: float
 
     def shaded(self) -> NDArray[Any]:
         """Relief lit from the upper left, (rows, columns, 3) uint8; blue where nothing was seen."""
@@ -106,7 +109,8 @@ def surface_of(
     level[hidden] = _GROUND  # a shadow begins where a line ends
     most = FARTHEST * thickness_mm
     picture = np.stack([level, np.clip(whole, -most, most)], axis=2).astype(np.float32)
-    return Surface(picture, frame, hidden, thickness_mm)
+    over = _along(lines, frame, above) - thickness_mm / 2
+    return Surface(picture, frame, hidden, thickness_mm, over)
 
 
 def _above(height_mm: FloatImage, frame: HeightFrame, middle_z_mm: float) -> FloatImage:
@@ -116,6 +120,17 @@ def _above(height_mm: FloatImage, frame: HeightFrame, middle_z_mm: float) -> Flo
     rows, columns = height_mm.shape
     plane = across * np.arange(columns) + down * np.arange(rows)[:, None] + offset - middle_z_mm
     return np.asarray(own * height_mm + plane, dtype=np.float32)
+
+
+def _along(lines: ExpectedLines, frame: HeightFrame, above: FloatImage) -> float:
+    """Median of the heights in the middle of fresh pieces, mm; NaN where none was measured."""
+    middles = 0.5 * (lines.start + lines.end)[lines.fresh]
+    column, row = np.rint(frame.to_pixels(middles)).astype(np.int64).T
+    rows, columns = above.shape
+    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    found = above[row[inside], column[inside]]
+    found = found[np.isfinite(found)]
+    return float(np.median(found)) if len(found) else float("nan")
 
 
 def _filled(above: FloatImage, lost: BoolArray, width_px: float) -> tuple[FloatImage, BoolArray]:

@@ -31,8 +31,8 @@ def test_a_new_file_of_a_folder_is_kept_with_the_look(tmp_path, monkeypatch, ahe
 
     write("old.png", b"old")
 
-    def listed_then_written(path):
-        listed = files_in(path)
+    def listed_then_written(path, tables):
+        listed = files_in(path, tables)
         write("new.json", b'{"voxel_mm": [0.01, 0.01, 0.01]}')
         write("new.TIF", b"new")
         write("new.log", b"written last")
@@ -45,6 +45,25 @@ def test_a_new_file_of_a_folder_is_kept_with_the_look(tmp_path, monkeypatch, ahe
     assert sorted(one.name for one in look.iterdir()) == ["picture.TIF", "picture.json"]
     assert len(list(folder.iterdir())) == 4
     assert picture_of(look, "picture") == found
+
+
+def test_a_profilers_table_is_its_file(tmp_path, monkeypatch):
+    folder, look = tmp_path / "scans", tmp_path / "0001"
+    folder.mkdir()
+    look.mkdir()
+
+    def listed_then_written(path, tables):
+        listed = files_in(path, tables)
+        (folder / "scan.CSV").write_text("1,2,3\n")
+        (folder / "scan.log").write_text("done")
+        return listed
+
+    monkeypatch.setattr(sys.modules[acquire.__module__], "files_in", listed_then_written)
+    found = acquire(DeviceSettings("folder", str(folder), tables=True), look / "picture")
+    assert found == look / "picture.CSV"
+    assert picture_of(look, "picture") == found
+    (look / "picture.tif").write_bytes(b"heights")
+    assert picture_of(look, "picture") == look / "picture.tif"
 
 
 def test_a_command_writes_the_file(tmp_path):

@@ -54,7 +54,7 @@ def test_the_look_befores_picture_is_compared_with(tmp_path: Path, style: str) -
     for path, picture, taken in ((empty, noise[0], 900.0), (first, noise[1], 1100.0)):
         cv2.imwrite(str(path), picture)
         os.utime(path, (taken, taken))
-    order = SimpleNamespace(oct=False, device=SimpleNamespace(kind="camera"))
+    order = SimpleNamespace(tells_heights=False, device=SimpleNamespace(kind="camera"))
     held = SimpleNamespace(ink=SimpleNamespace(style=style), look=Look(1, 9, 9, 0, "layer"))
     job = cast(Any, SimpleNamespace(order=order, folder=tmp_path, begun=1000.0))
     before = ObservedJob._before(job, cast(Any, held), first, noise[1])

@@ -12,6 +12,7 @@ from printctl.observe.devices import DeviceError
 from printctl.observe.looking_at import ObservedJob
 from printctl.observe.scan_place import ScanSize, refuse_elsewhere
 from registration.layer_images import ExpectedLines
+from registration.readers.heights import HeightMap
 from registration.scan import Scan
 
 TO_SCAN = np.array([[1.0, 0, 0, -100], [0, 1, 0, -50], [0, 0, -1, 3], [0, 0, 0, 1]])
@@ -32,8 +33,9 @@ def lines() -> ExpectedLines:
 
 def test_a_scan_that_holds_the_lines_passes() -> None:
     whole = scan((0.02, 0.03, 0.03), (100, 200, 200))
-    refuse_elsewhere(whole, TO_SCAN, lines())
-    assert ScanSize.of(whole, TO_SCAN).words == (
+    size = ScanSize.of(whole, TO_SCAN)
+    refuse_elsewhere(size, lines())
+    assert size.words == (
         "200 × 200 × 100 voxels of 30 × 30 × 20 µm (x, y, depth) and covers x 100.00 to 105.97, "
         "y 50.00 to 55.97, z 1.02 to 3.00 mm"
     )
@@ -55,7 +57,7 @@ def test_a_scan_of_other_spacing_or_size_says_what_it_holds(
     voxel_mm: tuple[float, float, float], shape: tuple[int, int, int], share: str
 ) -> None:
     with pytest.raises(DeviceError, match="of the lines lie in the scan: they are at x 101") as no:
-        refuse_elsewhere(scan(voxel_mm, shape), TO_SCAN, lines())
+        refuse_elsewhere(ScanSize.of(scan(voxel_mm, shape), TO_SCAN), lines())
     assert str(no.value).startswith(share)
     assert "correct the voxel size" in str(no.value)
 
@@ -68,3 +70,16 @@ def test_a_scan_that_tells_nothing_of_another_spacing_than_the_last_is_refused()
     assert job._size_words(sizes[0]).startswith("the scan has")
     with pytest.raises(DeviceError, match=r"30 × 60 × 20 .* the last one that did had .* 30 × 30"):
         job._size_words(sizes[1])
+
+
+def test_a_height_map_that_holds_the_lines_passes_whatever_its_heights() -> None:
+    to_map = np.array([[1.0, 0, 0, -100], [0, 1, 0, -50], [0, 0, 1, -2], [0, 0, 0, 1]])
+    heights = np.full((200, 200), 7.0, np.float32)
+    whole = ScanSize.of_heights(HeightMap(heights, (0.03, 0.03)), to_map)
+    refuse_elsewhere(whole, lines())
+    assert whole.words == (
+        "200 × 200 heights of 30 × 30 µm (x, y) and covers x 100.00 to 105.97, y 50.00 to 55.97 mm"
+    )
+    narrow = ScanSize.of_heights(HeightMap(heights[:60], (0.03, 0.03)), to_map)
+    with pytest.raises(DeviceError, match=r"29% of the lines .* the scan has 200 × 60 heights"):
+        refuse_elsewhere(narrow, lines())
