@@ -71,6 +71,7 @@ def test_a_cameras_number_may_stand_as_a_number():
         ({"device": "camera", "every": "10"}, "isn't a place to look at"),
         ({"device": "camera", "every": 10}, "'10' isn't a place to look at"),
         ({"device": "camera", "source": "0"}, "needs frame"),
+        ({"device": "laser_line", "source": "scans"}, "printer_to_scan"),
         ({"device": "ct"}, "device"),
         ({"device": "camera", "mend": "maybe"}, "mend"),
     ],
@@ -87,8 +88,20 @@ def test_a_real_printer_needs_a_real_device():
         )
 
 
-def test_a_simulated_one_is_observed_by_its_twin():
-    refuse_unobservable(recipe({"device": "oct"}), load(Printer, "generic_marlin"))
+@pytest.mark.parametrize("device", ["oct", "laser_line"])
+def test_a_simulated_one_is_observed_by_its_twin(device):
+    bare = recipe({"device": device}, bath_depth_mm=None)
+    refuse_unobservable(bare, load(Printer, "generic_marlin"))
+
+
+def test_a_laser_line_doesnt_see_what_a_bath_covers():
+    marlin = load(Printer, "generic_marlin")
+    filled = recipe({"device": "laser_line"}, dish="petri_60mm", bath_depth_mm=8)
+    data = yaml.safe_load((ROOT / "examples" / "carbopol_scaled.yaml").read_text())
+    embedded = parse_recipe(data | {"observe": {"device": "laser_line"}}, "test.yaml")
+    for one in (filled, embedded):
+        with pytest.raises(UsageError, match="sees the bath's surface alone"):
+            refuse_unobservable(one, marlin)
 
 
 def test_by_default_each_layer_or_vessel_is_looked_at_and_long_ones_within():

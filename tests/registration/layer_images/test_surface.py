@@ -1,0 +1,98 @@
+"""Layers as a laser profiler sees them: gaps, and what it lost, which is neither ink nor gap."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.checkers.profiler_painter import Kind, profiled
+from benchmarks.observe_laser import expected, look, planted
+from registration.errors import PictureError
+from registration.layer_images import Surface, Unseen, surface_of
+from registration.layer_images.values import FloatArray
+from registration.readers.heights import HeightMap
+
+KINDS: tuple[Kind, ...] = ("plate", "lattice", "solid")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_sound_layer_is_seen_and_not_faulted(kind: Kind, seed: int) -> None:
+    found = look(profiled(seed, kind))
+    assert found.gaps == ()
+    assert found.blobs == ()
+    assert found.seen_share > 0.8
+    assert found.coverage > 0.95
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_gap_is_found_where_it_is(kind: Kind) -> None:
+    found, stroke, bare = planted(100_000, kind, 0.5)
+    (gap,) = found.gaps
+    assert gap.stroke == stroke
+    assert gap.from_mm < bare[1] + 0.05
+    assert gap.to_mm > bare[2] - 0.05
+    assert gap.length_mm < 0.5 + 0.5 * 0.45 + 0.1  # round ends: half a width more
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("bare", [(), ((3, 1.5, 2.5),)])
+def test_what_was_lost_is_neither_ink_nor_gap(
+    kind: Kind, bare: tuple[tuple[int, float, float], ...]
+) -> None:
+    """A patch without points lies over 1 to 3 mm of four lines, whether ink is there or not."""
+    map_ = profiled(2, kind, bare)
+    row, column = (np.arange(len(map_.heights)) * map_.px - 2.0 for _ in range(2))
+    pitch = np.ptp(row[np.isfinite(row)]) / len(row)
+    assert pitch == pytest.approx(map_.px, rel=0.1)
+    rows = np.ix_((row > 0.0) & (row < 4.5), (column > 1.0) & (column < 3.0))
+    map_.heights[rows] = np.nan
+    found = look(map_)
+    assert found.gaps == ()
+    s = found.stations
+    at = s.along_mm if not bare else s.along_mm
+    own = (s.stroke == np.flatnonzero(map_.layer == map_.layer.max())[3]) & ~s.seen
+    assert s.length_mm[own].sum() > 1.8
+    assert len(at) == len(s.seen)
+    assert set(s.why[own]) <= {Unseen.HIDDEN, Unseen.OLD_INK, Unseen.FAINT, Unseen.UNCLEAR}
+
+
+def small(heights: FloatArray, to_map: FloatArray | None = None) -> Surface:
+    """Two lines of 0.3 mm, 0.1 mm high, on a plate at z 5; cells of 30 µm."""
+    map_ = profiled(1, "plate")
+    return surface_of(
+        HeightMap(heights.astype(np.float32), (map_.px, map_.px)),
+        map_.to_map if to_map is None else to_map,
+        map_.middle_z,
+        map_.thickness,
+        expected(map_),
+    )
+
+
+def test_narrow_holes_are_filled_and_wide_ones_hidden() -> None:
+    heights = np.array(profiled(1, "plate", hard=0.0).heights)
+    heights[np.isnan(heights)] = 3.0
+    heights[100:102, 50:200] = np.nan
+    heights[150:154, 150:154] = np.nan
+    heights[20, 20] = 9.0  # a spike
+    found = small(heights)
+    assert found.hidden.sum() == 16
+    assert found.hidden[151, 151]
+    assert np.isfinite(found.picture).all()
+    assert found.picture[20, 20, 1] == pytest.approx(found.picture[24, 24, 1], abs=0.01)
+    blue, green, red = found.shaded()[151, 151]
+    assert blue > green > red
+
+
+def test_how_far_a_map_lies_off_its_layer_is_told() -> None:
+    map_ = profiled(1, "plate")
+    assert small(map_.heights).over_mm == pytest.approx(0.0, abs=0.03)
+    assert small(map_.heights - 0.12).over_mm == pytest.approx(-0.12, abs=0.03)
+
+
+def test_a_profiler_that_looks_up_or_saw_nothing_is_refused() -> None:
+    map_ = profiled(1, "plate")
+    with pytest.raises(PictureError, match="don't grow with the printer's z"):
+        small(map_.heights, np.diag([1.0, -1.0, -1.0, 1.0]))
+    with pytest.raises(PictureError, match="no height at all"):
+        small(np.full_like(map_.heights, np.nan))
