@@ -47,6 +47,10 @@ class BathNoise:
         some = rng.choice(places, min(_MOST, len(places)), replace=False)
         return BathNoise(*_spread(smooth.reshape(-1, smooth.shape[2])[some].astype(np.float64)))
 
+    def widened(self, by: float) -> BathNoise:
+        """Return it with more scatter in each channel."""
+        return replace(self, covariance=self.covariance + by**2 * np.eye(len(self.mean)))
+
 
 def smoothed(flat: FloatImage, width_px: float) -> FloatImage:
     """Channels smoothed over a part of a line's width."""

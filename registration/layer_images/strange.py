@@ -83,7 +83,8 @@ def strange_places(away: FloatImage, free: Mask, fresh: Mask, width_px: float) -
 
 def unlike_bath(away: FloatImage, free: Mask) -> FloatImage:
     """`strangeness` over the most that bath shows, (h, w): above 1 it surely isn't bath."""
-    return np.asarray(away / max(_UNLIKE * _quantile(away, free, 98), 1e-6), dtype=np.float32)
+    most = max(_UNLIKE * _quantile(away, free, 98), 1.0)
+    return np.asarray(away / most, dtype=np.float32)
 
 
 def _quantile(values: FloatImage, mask: Mask, percent: float) -> float:

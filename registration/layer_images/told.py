@@ -67,6 +67,9 @@ _SHOWN = 0.5
 """Of its known level, below which lines aren't what ink looks like."""
 _HIT = 0.2
 """Of a place's width that must be strange or hidden for it not to be seen."""
+_EVEN = 0.05
+"""Least scatter of what lies beside lines in a map of heights, thicknesses: cut off below the
+layer it has next to none, and the foot of a line would count as a strange thing."""
 _EDGE, _CORE = 0.5, 0.3
 """Widths from the middle of a line: to its edge, and of what presence is told by."""
 
@@ -158,6 +161,8 @@ def tell_ink(
     bath = BathNoise.of(ground.smooth, ground.free, rng)
     if bath is None or not use.any():
         return None
+    if ground.work.height is not None:
+        bath = bath.widened(_EVEN)
     known = ground.known if _fits(ground.known, ground.flat.shape[2]) else None
     alone = _alone(ways, use)
     mixes = [known.mix] if known else mixes_of(ground.smooth, bath, seen, ways.width, alone)
