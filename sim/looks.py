@@ -64,7 +64,7 @@ def parser(device: str) -> argparse.ArgumentParser:
                 f"--{corner}",
                 type=_place,
                 metavar="X,Y,Z",
-                help=f"{corner}est corner of what is looked at of the field, mm; default: all of it",
+                help=f"{corner}est corner of what is looked at, mm; default: all of the field",
             )
     written = ", ".join(PICTURES) if camera else ".npz"
     options.add_argument("--out", required=True, type=Path, help=f"the file to write: {written}")

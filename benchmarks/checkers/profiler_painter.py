@@ -152,9 +152,7 @@ def _lay(
     surface[rows] = np.where(inside, np.maximum(surface[rows], height), surface[rows])
 
 
-def _looked_at(
-    surface: FloatArray, px: float, rng: np.random.Generator, hard: float
-) -> FloatArray:
+def _looked_at(surface: FloatArray, px: float, rng: np.random.Generator, hard: float) -> FloatArray:
     """What a profiler makes of a surface."""
     count = len(surface)
     seen = cv2.GaussianBlur(surface, (0, 0), 0.5)

@@ -274,8 +274,7 @@ class ObservedJob:
                 self._appearance = findings.appearance or self._appearance
                 least = self.order.limits.least_open
                 narrowed = narrowed_lumens(at.lumens, findings.lumens, least)
-                shown = image if view.shown is None else view.shown
-                drawn = annotated(shown, frame, findings, narrowed)
+                drawn = annotated(view.drawn_into, frame, findings, narrowed)
                 cv2.imwrite(str(path.with_name(DRAWN)), drawn)
             at.found[path] = findings
         return at.found[path]

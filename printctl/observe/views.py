@@ -83,6 +83,11 @@ class View(NamedTuple):
     hidden: NDArray[np.bool_] | None = None
     shown: Image | None = None
 
+    @property
+    def drawn_into(self) -> Image:
+        """Picture that findings are drawn into."""
+        return self.image if self.shown is None else self.shown
+
 
 def open_view(
     path: Path,

@@ -16,8 +16,8 @@ def refuse_unobservable(recipe: Recipe, printer: Printer) -> None:
     Raises
     ------
     UsageError
-        For several heads or a valve, a plate, a controller that runs files by itself, or no device; for a
-        laser line over a bath.
+        For several heads or a valve, a plate, a controller that runs files by itself, no device, or
+        a laser line over a bath.
     """
     part = recipe.observe
     if part is None:

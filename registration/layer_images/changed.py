@@ -19,9 +19,10 @@ from scipy.ndimage import uniform_filter1d
 
 from registration.layer_images.ink_image import BathNoise, channel_mix
 from registration.layer_images.level_told import told_by_level
+from registration.layer_images.place_reasons import reasons
 from registration.layer_images.presence import fake_places, window_noise
 from registration.layer_images.strange import grown
-from registration.layer_images.told import Told, reasons
+from registration.layer_images.told import Told
 from registration.layer_images.values import (
     BoolArray,
     FloatArray,

@@ -18,6 +18,7 @@ _LEAST_FREE: Final = 0.25
 
 _LEAST_SPREAD: Final = 0.1
 
+
 def first_shift(
     work: Working, frame: WorkingFrame, lines: ExpectedLines, ways: Ways, options: SeeingOptions
 ) -> Shift:

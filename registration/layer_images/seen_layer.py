@@ -12,6 +12,7 @@ from registration.layer_images.between_older import infer_missing, is_contradict
 from registration.layer_images.changed import Places, tell_by_change
 from registration.layer_images.ink_image import ACROSS, smoothed
 from registration.layer_images.light import flattened
+from registration.layer_images.place_reasons import reasons
 from registration.layer_images.presence import Sides
 from registration.layer_images.stations import Grouping, station_widths
 from registration.layer_images.step_height import tell_by_height
@@ -20,7 +21,6 @@ from registration.layer_images.told import (
     Told,
     better,
     differs_enough,
-    reasons,
     tell_ink,
 )
 from registration.layer_images.values import (
@@ -126,8 +126,8 @@ def seen_at_shift(
         # alone counts little there.
         for_widths = bath if by_itself is None or by_itself.noise is None else by_itself
         bath = better(bath, by_itself)
-    # A gap in a solid layer lies in the shadow of the lines beside it, as a profiler sees it, and is
-    # told by what shows of its ground.
+    # A gap in a solid layer lies in the shadow of the lines beside it, as a profiler sees it: what
+    # shows of its ground tells it.
     nothing = np.zeros(work.shape, dtype=np.bool_)
     place = reasons(work, seen, ways, nothing, by_hidden=thickness_mm is None)
     old = None

@@ -18,6 +18,7 @@ from registration.layer_images.ink_image import (
     mixes_of,
 )
 from registration.layer_images.line_levels import among_lines, line_levels
+from registration.layer_images.place_reasons import reasons
 from registration.layer_images.presence import (
     INK,
     Sides,
@@ -65,13 +66,9 @@ _WEAK = 0.4
 _MORE_SEEN = 1.5
 _SHOWN = 0.5
 """Of its known level, below which lines aren't what ink looks like."""
-_HIT = 0.2
-"""Of a place's width that must be strange or hidden for it not to be seen."""
 _EVEN = 0.05
 """Least scatter of what lies beside lines in a map of heights, thicknesses: cut off below the
 layer it has next to none, and the foot of a line would count as a strange thing."""
-_EDGE, _CORE = 0.5, 0.3
-"""Widths from the middle of a line: to its edge, and of what presence is told by."""
 
 
 @dataclass(frozen=True)
@@ -373,23 +370,6 @@ def _ink_level(level: FloatArray, spread: float) -> float:
     low, high = np.percentile(level, [10, 90])
     far = float(low if abs(low) > abs(high) else high)
     return usual if abs(usual) > 0.5 * abs(far) or abs(far) < spread else far
-
-
-def reasons(
-    work: Working, seen: Seen, ways: Ways, strange: BoolArray, by_hidden: bool = True
-) -> IntArray:
-    """Why each place isn't seen, (n,); what is hidden counts unless not ``by_hidden``."""
-    why = np.full(len(ways), int(Unseen.SEEN))
-    # Heights fall steeply at a line's edges, where a profiler loses points: its middle tells.
-    each = [(strange, Unseen.GLARE, _EDGE)]
-    if by_hidden:
-        each.append((work.hidden, Unseen.HIDDEN, _EDGE if work.height is None else _CORE))
-    for mask, reason, reach in each:
-        across = ways.width[:, None] * np.linspace(-reach, reach, 9)
-        hit = seen.profiles(mask.astype(np.uint8), across, nearest=True).mean(axis=1)
-        why[hit > _HIT] = int(reason)
-    why[~seen.inside(work.shape, 0.5 * ways.width)] = int(Unseen.OUTSIDE)
-    return np.asarray(why)
 
 
 def _fake_profiles(

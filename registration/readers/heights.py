@@ -195,4 +195,3 @@ def _gridded(
     total = np.bincount(at, z[good] * count_mm, minlength=rows * columns)
     mean = np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(rows, columns)
     return HeightMap(mean.astype(np.float32), pixel_mm, (float(low[0]), float(low[1])))
-

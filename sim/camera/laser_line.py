@@ -224,16 +224,15 @@ def _seen(
     weight = (~lost).astype(np.float32)
     thick = max(1e-3 * field.spot_um / float(pitch[1]), 0.01)
     kernel = (0, 0)
-    parts = [
-        cv2.GaussianBlur(one, kernel, 0.5, sigmaY=thick) for one in (weight * truth, weight)
-    ]
+    parts = [cv2.GaussianBlur(one, kernel, 0.5, sigmaY=thick) for one in (weight * truth, weight)]
     size = (truth.shape[1] // _FINER, truth.shape[0] // _FINER)
     total, share = (cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in parts)
     own = cv2.resize(weight, size, interpolation=cv2.INTER_AREA)
     return np.where(own >= 0.5, total / np.maximum(share, 1e-6), np.nan).astype(np.float32)
 
 
-def write_heights(path: Path, heights: SingleArray, to_map: FloatArray, pixel_um: tuple[float, float]
+def write_heights(
+    path: Path, heights: SingleArray, to_map: FloatArray, pixel_um: tuple[float, float]
 ) -> None:
     """Write a height map as .npz: ``height_mm``, ``pixel_mm`` and ``printer_to_scan`` (4, 4)."""
     np.savez(path, height_mm=heights, pixel_mm=1e-3 * np.array(pixel_um), printer_to_scan=to_map)

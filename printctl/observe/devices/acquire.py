@@ -31,7 +31,7 @@ def acquire(settings: DeviceSettings, out: Path, region: Region | None = None) -
     out : Path
         File to write, without suffix: the device's own format decides.
     region : (low, high), each (x, y, z), mm, optional
-        Box of the printer's frame that is looked at: a simulated OCT or laser line scans no more than that.
+        Box of the printer's frame that is looked at: a simulated OCT or laser line scans no more.
 
     Returns
     -------

@@ -53,9 +53,7 @@ def opened(folder: Path, heights: np.ndarray, frame: Path | None) -> View:
     np.save(path, heights)
     if frame is None:
         path = folder / "picture.npz"
-        np.savez(
-            path, height_mm=heights, pixel_mm=np.full(2, map_.px), printer_to_scan=map_.to_map
-        )
+        np.savez(path, height_mm=heights, pixel_mm=np.full(2, map_.px), printer_to_scan=map_.to_map)
     order = SimpleNamespace(oct=False, laser=True, frame=str(frame or ""))
     return open_view(path, cast(Any, order), map_.middle_z, map_.thickness, expected(map_))
 
