@@ -38,7 +38,6 @@ class Profiled:
         Of the lines' tips, in the printer's frame.
     layer : (n,) int64
     width, thickness : float
-    lost : (rows, columns) bool
     """
 
     heights: NDArray[np.float32]
@@ -76,7 +75,7 @@ def profiled(
     layers = {"plate": 1, "lattice": int(rng.integers(2, 5)), "solid": 3}[kind]
     margin = 2.0
     count = int((side + 2 * margin) / px)
-    at = (np.arange(count) + 0.5) * px - margin
+    at = np.asarray((np.arange(count) + 0.5) * px - margin, dtype=np.float64)
     surface = np.zeros((count, count))
     begins, ends, number = [], [], []
     for layer in range(layers):

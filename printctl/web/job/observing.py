@@ -1,4 +1,4 @@
-"""Prepare a run's camera or OCT inspection for a print from the Job page; start its observer."""
+"""Prepare a run's inspection for a print from the Job page; start its observer."""
 
 from __future__ import annotations
 
