@@ -150,6 +150,7 @@ def station_widths(
         1.0 / work.px_per_mm,
         _noise(level, tell, sides, group),
         work.is_log,
+        work.flanks_lost,
     )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -21,6 +22,8 @@ _EDGE_PX = 0.15
 """Of a pixel: what the edge's place may be off by in the picture itself."""
 _EDGE_VOXEL = 0.6
 """The same of a voxel, in a map of what an OCT sees first."""
+_FLANKS: Final = 0.06
+"""Relative doubt of what a profiler shows of a line: low flanks are lost or in shadow."""
 _MOST_SPREAD = 0.15
 _THIN, _THIN_INK = 0.08, 0.5
 """Relative doubt of ink so thin (μ d below the second) that its rims may look like bath."""
@@ -70,6 +73,7 @@ def measure_widths(
     px_mm: float,
     noise: float,
     is_light: bool,
+    flanks_lost: bool = False,
 ) -> Widths:
     """Measure widths where they can be told.
 
@@ -88,6 +92,8 @@ def measure_widths(
         Scatter of a station's single value.
     is_light : bool
         Whether the picture is one of light, and not a map of heights.
+    flanks_lost : bool
+        Whether what measured it loses points on steep flanks.
     """
     count = len(profiles)
     nothing = np.full(count, np.nan)
@@ -99,7 +105,7 @@ def measure_widths(
     if good.sum() < _FEWEST:
         return Widths(nothing, nothing, nothing, 0.0, 0.0)
     width, common, common_mm, shade = _true_widths(
-        profiles, expected_mm, wide, good, template, px_mm, is_light
+        profiles, expected_mm, wide, good, template, px_mm, is_light, flanks_lost
     )
     if not np.isfinite(width[good]).any():
         return Widths(nothing, nothing, nothing, 0.0, 0.0)
@@ -163,12 +169,15 @@ def _true_widths(
     template: Template,
     px_mm: float,
     is_light: bool,
+    flanks_lost: bool,
 ) -> tuple[FloatArray, float, float, Shade | None]:
     """Widths from widths at half level, and the uncertainty of all, relative and absolute."""
     typical = _middle_value(expected_mm[good])
     edge_px = _EDGE_PX if is_light else _EDGE_VOXEL
     if not template.filled:
         return wide, 0.08, edge_px * px_mm, None
+    if flanks_lost:
+        return wide, _FLANKS, px_mm, None
     if not is_light:
         return wide, 0.03, edge_px * px_mm, None
     alike = good & (np.abs(expected_mm - typical) < 0.15 * typical)

@@ -67,6 +67,8 @@ class Working:
     height : (h, w) float32 or None
         Of a `height_map`: mm above the layer's middle. No channel: it isn't linear between bath
         and ink.
+    flanks_lost : bool
+        Whether it is a profiler's, which loses points on steep flanks.
     """
 
     channels: FloatImage
@@ -79,6 +81,7 @@ class Working:
     earlier: FloatImage | None = None
     moved_px: float = math.nan
     height: FloatImage | None = None
+    flanks_lost: bool = False
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -142,8 +145,9 @@ def prepare(
     if is_float and channels.shape[2] == 2:
         channels, height = channels[:, :, :1].copy(), channels[:, :, 1].copy()
     work = Working(
-        channels, bad, lost, (x0, y0), scale, seen.px_per_mm / scale, not is_float, height=height
-    )
+        channels, bad, lost, (x0, y0), scale, seen.px_per_mm / scale, not is_float, height=height,
+        flanks_lost=height is not None and isinstance(hidden, np.ndarray),
+    )  # fmt: skip
     return work, WorkingFrame(frame, (x0, y0), scale)
 
 
