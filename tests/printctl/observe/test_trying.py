@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
+from printctl.errors import UsageError
 from printctl.observe import __main__ as starting
 from printctl.observe.deciding import Limits
 from printctl.observe.devices import DeviceSettings
@@ -18,6 +19,7 @@ from printctl.observe.order import ObserverOrder
 from printctl.observe.records import look_folder
 from printctl.observe.trying import try_device
 from printctl.observe.view_before import EMPTY
+from sim.errors import SimError
 from sim.motion.executed import ExecutedMotion
 
 CAMERA = {
@@ -76,3 +78,23 @@ def test_a_refusal_of_several_lines_is_told_in_one(
     (said,) = capsys.readouterr().err.splitlines()
     assert str(frame) in said
     assert "four rows of four numbers" in said
+
+
+def test_a_laser_lines_frame_or_field_is_read_before_the_print(tmp_path: Path) -> None:
+    def order(frame: str, device: DeviceSettings) -> ObserverOrder:
+        return ObserverOrder(
+            job="", profile="generic_marlin", syringe="hamilton_1ml", ink="collagen_fresh",
+            needle="fresh_150um", embedded=False, oct=False, laser=True, frame=frame,
+            device=device, limits=Limits(),
+        )  # fmt: skip
+
+    frame, field = tmp_path / "frame.yaml", tmp_path / "laser.yaml"
+    frame.write_text(yaml.safe_dump({"printer_to_scan": np.eye(4).tolist(), "pixel_um": 20}))
+    with pytest.raises(UsageError, match="pixel_um means nothing"):
+        try_device(order(str(frame), DeviceSettings("folder", str(tmp_path))), tmp_path)
+    frame.write_text(yaml.safe_dump({"printer_to_scan": np.eye(4).tolist()}))
+    try_device(order(str(frame), DeviceSettings("folder", str(tmp_path))), tmp_path)
+    field.write_text("low_mm: [0, 0, 0]")
+    simulated = DeviceSettings("simulated", extra={"laser_line": str(field)})
+    with pytest.raises(SimError, match="high_mm"):
+        try_device(order("", simulated), tmp_path)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -91,3 +93,24 @@ def test_a_profiler_that_looks_up_or_saw_nothing_is_refused() -> None:
         small(map_.heights, np.diag([1.0, -1.0, -1.0, 1.0]))
     with pytest.raises(PictureError, match="no height at all"):
         small(np.full_like(map_.heights, np.nan))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("over", [0.5, 3.0])
+def test_the_flat_surface_of_a_bath_over_the_layer_is_neither_ink_nor_gap(
+    kind: Kind, over: float
+) -> None:
+    map_ = profiled(3, kind)
+    top = 3.0 + map_.thickness * (map_.layer.max() + 1 + over)
+    noise = np.random.default_rng(1).normal(0, 0.003, map_.heights.shape)
+    found = look(replace(map_, heights=(top + noise).astype(np.float32)))
+    assert found.gaps == ()
+    assert found.seen_share == 0.0
+
+
+@pytest.mark.parametrize("kind", ["plate", "lattice"])
+def test_widths_are_within_what_is_told_of_them(kind: Kind) -> None:
+    told = [look(profiled(seed, kind)) for seed in range(8)]
+    off = [(one.width_ratio - 1) / one.u_width_ratio for one in told if one.u_width_ratio < 1]
+    assert len(off) >= 3
+    assert max(np.abs(off)) < 2.0
