@@ -75,11 +75,11 @@ def planted(seed: int, kind: Kind, length: float) -> tuple[LayerFindings, int, B
 
 
 def _is_seen(found: LayerFindings, stroke: int, bare: Bare) -> bool:
-    """Whether at least half of a gap lies where the look saw."""
+    """Whether the look saw the station in the middle of a gap."""
     s = found.stations
-    own = (s.stroke == stroke) & (s.along_mm + s.length_mm / 2 > bare[1])
-    own &= s.along_mm - s.length_mm / 2 < bare[2]
-    return bool(own.any() and np.average(s.seen[own], weights=s.length_mm[own]) >= 0.5)
+    own = np.flatnonzero(s.stroke == stroke)
+    middle = own[np.abs(s.along_mm[own] - (bare[1] + bare[2]) / 2).argmin()]
+    return bool(s.seen[middle])
 
 
 def sound_rows(kind: Kind, layers: int) -> list[dict[str, object]]:
