@@ -11,7 +11,8 @@ import numpy as np
 from design.anatomy.from_trunks import DEPTH_MARGIN, TrunkPlan
 from design.anatomy.graph_trunk import LayerForest
 from design.anatomy.grown import AnatomicTrees, Trees, grow_fitted
-from design.anatomy.heart_places import FEWEST, HeartPlaces, find_heart_places
+from design.anatomy.heart_base import FEWEST
+from design.anatomy.heart_places import HeartPlaces, find_heart_places
 from design.anatomy.heart_trunk import (
     LEFT,
     RIGHT,
@@ -281,6 +282,7 @@ def _notes(
         *(() if hollow else guess),
         f"the heart's base was taken to lie towards {say.format(*places.base)}, its right side "
         f"towards {say.format(*places.right)}",
+        *places.doubts,
         "ostia: "
         + ", ".join(f"{name} at {say.format(*ostia[tree])} mm" for tree, name in enumerate(NAMES)),
     )
