@@ -23,9 +23,6 @@ _FORK = 6.0
 """Way from a fork to where its two branches are too near, over their radii, within which they fork
 later rather than one is left away."""
 
-_NARROWER = 2.0
-"""On the pressure drop, tried where no trunk fits; radii fall by a sixth."""
-
 
 @dataclass(frozen=True)
 class _Clashes:
@@ -228,9 +225,5 @@ def _whole_branches(lines: TrunkLines, gone: NDArray[np.bool_]) -> NDArray[np.bo
             gone[stub] = True
     trees = np.unique(lines.tree[~gone & (lines.parent >= 0)])
     if gone[lines.parent < 0].any() or len(trees) < len(np.unique(lines.tree)):
-        raise WideTrunkError(
-            "the trunks don't fit with the radii they would have; give a higher pressure_drop_mmhg "
-            "or, where smallest_diameter_mm is given, a smaller one or fewer terminals",
-            _NARROWER,
-        )
+        raise WideTrunkError("the trunks don't fit with the radii they would have")
     return gone

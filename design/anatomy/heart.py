@@ -21,13 +21,13 @@ from design.anatomy.heart_trunk import (
     narrow_places,
     ostium_above,
 )
-from design.anatomy.main_branches import MainBranch, missing_branches
+from design.anatomy.main_branches import MainBranch, lost_branch, missing_branches
 from design.anatomy.network import curved_network
 from design.anatomy.openness import SurfaceSamples, sample_surface
 from design.anatomy.perforators import with_perforators
 from design.anatomy.trunk_count import trunk_ends
 from design.anatomy.trunk_lines import TrunkLines, lines_of
-from design.errors import GrowthError, WideTrunkError
+from design.errors import GrowthError, NoRoomError
 from design.measures.published_radii import PublishedMatch, published_match
 from design.network import VesselKind
 from design.tissue import Tissue
@@ -111,17 +111,24 @@ def grow_heart(
     """
     anatomy = anatomy or HeartAnatomy()
     free = anatomy.published_radii and options.smallest_radius_mm is None
+    highest = _HIGHEST * options.pressure_drop_pa
     narrower = options
     for left in range(_NARROWER, -1, -1):
         try:
             made = _grow(tissue, narrower, anatomy)
             break
-        except WideTrunkError as error:
+        except NoRoomError as error:
             drop = narrower.pressure_drop_pa * error.drop_factor
-            if not (free and left and drop <= _HIGHEST * options.pressure_drop_pa):
-                raise
+            if not (free and left and drop <= highest):
+                raised = narrower.pressure_drop_pa / options.pressure_drop_pa
+                told = "" if narrower is options else f" ({_mmhg(narrower)} mmHg were tried last)"
+                raise error.around(after=told).beyond(raised) from error
             narrower = replace(narrower, pressure_drop_pa=drop)
     return replace(made, notes=(*made.notes, *_drop_note(made.trees[0], options, narrower)))
+
+
+def _mmhg(options: GrowthOptions) -> str:
+    return f"{options.pressure_drop_pa / PA_PER_MMHG:.3g}"
 
 
 def _grow(tissue: Tissue, options: GrowthOptions, anatomy: HeartAnatomy) -> AnatomicTrees:
@@ -149,6 +156,9 @@ def _grow(tissue: Tissue, options: GrowthOptions, anatomy: HeartAnatomy) -> Anat
         widest_branch=_widest_branch(options),
     )
     trees = grow_fitted(tissue, plan, options)
+    lost = lost_branch(branches, trees)
+    if lost is not None:
+        raise lost
     if anatomy.published_radii:
         trees = _with_published_radii(trees, tissue, plan, options, branches)
     notes = (
@@ -190,6 +200,7 @@ def _with_published_radii(
         # Wider trunks that cost many branches aren't worth nearer figures.
         if (
             other is None
+            or lost_branch(branches, other) is not None
             or _trunks_mm(other) <= least
             or found.farthest_sd >= match.farthest_sd
             or len(missing_branches(branches, other)) > len(missing_branches(branches, trees))

@@ -154,9 +154,9 @@ def heart_forest(
     posterior = epi.along_groove(crux, back, int(np.argmin(off)))
     _extend_free(forest, posterior)
     branches = (
-        MainBranch("left anterior descending branch", LEFT, layer.points[down]),
-        MainBranch("left circumflex branch", LEFT, layer.points[left]),
-        MainBranch("right coronary's trunk", RIGHT, layer.points[right]),
+        MainBranch("left anterior descending branch", LEFT, layer.points[down], True),
+        MainBranch("left circumflex branch", LEFT, layer.points[left], True),
+        MainBranch("right coronary's trunk", RIGHT, layer.points[right], True),
         MainBranch("posterior descending branch", RIGHT, layer.points[posterior]),
     )
     taken = layer.points[np.flatnonzero(forest.parent > -2)]

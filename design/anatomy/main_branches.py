@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from design.anatomy.grown import Trees
+from design.errors import WideTrunkError
 from design.geometry.polyline import arc_lengths, places_along
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
@@ -18,6 +19,8 @@ _NEAR: Final = 0.03
 Trunks that are wide for their organ lie deeper by their radius."""
 _WHOLE: Final = 0.8
 """Of a branch's planned way, below which it is told."""
+_LOST: Final = 0.3
+"""Of the planned way of a branch that an organ needs, below which it is lost. Ours."""
 _FINE: Final = 0.25
 """Of how near a trunk must be: places that are compared lie so far apart."""
 
@@ -32,11 +35,14 @@ class MainBranch(NamedTuple):
         That it belongs to.
     line : (n, 3) float64, mm
         Its planned way.
+    needed : bool
+        Whether the organ can't be without it.
     """
 
     name: str
     tree: int
     line: FloatArray
+    needed: bool = False
 
 
 class _Laid(NamedTuple):
@@ -61,26 +67,52 @@ class _Laid(NamedTuple):
         return np.asarray(away < near_mm + self.radius[row])
 
 
+class _Share(NamedTuple):
+    """How much of a branch's planned way of ``length_mm`` is laid, 0 to 1."""
+
+    branch: MainBranch
+    laid: float
+    length_mm: float
+
+
 def missing_branches(branches: tuple[MainBranch, ...], trees: Trees) -> tuple[str, ...]:
     """Return a note for each branch along less than 0.8 of whose way a trunk of its tree lies."""
+    return tuple(
+        f"the {one.branch.name} lies along {one.laid:.0%} of its planned {one.length_mm:.0f} mm: "
+        "the rest found no room; a higher pressure_drop_mmhg or fewer trunk_ends leave it more"
+        for one in _shares(branches, trees)
+        if one.laid < _WHOLE
+    )
+
+
+def lost_branch(branches: tuple[MainBranch, ...], trees: Trees) -> WideTrunkError | None:
+    """What is to be raised where a branch that the organ can't be without is lost."""
+    for one in _shares(branches, trees):
+        if one.branch.needed and one.laid < _LOST:
+            x, y, z = one.branch.line[0]
+            return WideTrunkError(
+                f"the {one.branch.name} finds no room: as wide as it is, it lies along "
+                f"{one.laid:.0%} of the {one.length_mm:.0f} mm planned from ({x:.4g}, {y:.4g}, "
+                f"{z:.4g}) mm on"
+            )
+    return None
+
+
+def _shares(branches: tuple[MainBranch, ...], trees: Trees) -> list[_Share]:
+    """How much of each branch of some length is laid."""
     ways = [branch.line for branch in branches if len(branch.line) > 1]
     if not ways:
-        return ()
+        return []
     extent = float(np.linalg.norm(np.ptp(np.concatenate(ways), axis=0)))
     near = _NEAR * extent
     laid = [_Laid.of(tree, _FINE * near) for tree in trees]
-    notes = []
+    shares = []
     for branch in branches:
         places, length = _along(branch.line, _FINE * near)
-        if not len(places):
-            continue
-        there = float(laid[branch.tree].is_near(places, near).mean())
-        if there < _WHOLE:
-            notes.append(
-                f"the {branch.name} lies along {there:.0%} of its planned {length:.0f} mm: the "
-                "rest found no room; a higher pressure_drop_mmhg or fewer trunk_ends leave it more"
-            )
-    return tuple(notes)
+        if len(places):
+            there = float(laid[branch.tree].is_near(places, near).mean())
+            shares.append(_Share(branch, there, length))
+    return shares
 
 
 def _along(line: FloatArray, step_mm: float) -> tuple[FloatArray, float]:

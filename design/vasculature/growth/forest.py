@@ -137,7 +137,7 @@ def grow_forest(
             return _grow_all(growths, stems, beside)
         except DesignError as failed:
             error = failed
-    raise type(error)(f"{error} (last of {attempts} attempts)") from error
+    raise error.around(after=f" (last of {attempts} attempts)") from error
 
 
 def _grow_all(
@@ -167,7 +167,7 @@ def _grow_all(
             if left == 0:
                 return tuple(growth.tree() for growth in growths)
     except DesignError as error:
-        raise type(error)(f"tree {number} of {len(growths)}: {error}") from error
+        raise error.around(f"tree {number} of {len(growths)}: ") from error
     raise GrowthError(
         f"{left} vessels of the forest still collide or leave the tissue after {ROUNDS} repairs; "
         "ask for fewer terminals, a smaller smallest radius or clearance"
