@@ -60,12 +60,12 @@ class NoRoomError(GrowthError):
         Of the message.
     drop_factor : float
         On the pressure drop, with which they may have room.
-    placed : float
-        Part of the terminals that found a place.
+    placed : int
+        Terminals that found a place beside the trunk.
     """
 
     def __init__(
-        self, what: str, remedy: str = _NARROWER, drop_factor: float = 2.0, placed: float = 1.0
+        self, what: str, remedy: str = _NARROWER, drop_factor: float = 2.0, placed: int = 1
     ) -> None:
         self.what, self.remedy = what, remedy
         self.drop_factor, self.placed = drop_factor, placed
@@ -79,6 +79,10 @@ class NoRoomError(GrowthError):
     def with_remedy(self, remedy: str) -> Self:
         """The same with another remedy."""
         return type(self)(self.what, remedy, self.drop_factor, self.placed)
+
+    def nearer_than(self, wider: NoRoomError | None) -> bool:
+        """Whether narrower vessels came nearer to having room than what they were before did."""
+        return wider is None or isinstance(self, WideTrunkError) or self.placed > wider.placed
 
     def beyond(self, raised: float) -> Self:
         """The same, met with a pressure drop that was ``raised`` so many times before."""

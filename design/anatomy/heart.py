@@ -112,18 +112,18 @@ def grow_heart(
     anatomy = anatomy or HeartAnatomy()
     free = anatomy.published_radii and options.smallest_radius_mm is None
     highest = _HIGHEST * options.pressure_drop_pa
-    narrower = options
+    narrower, before = options, None
     for left in range(_NARROWER, -1, -1):
         try:
             made = _grow(tissue, narrower, anatomy)
             break
         except NoRoomError as error:
             drop = narrower.pressure_drop_pa * error.drop_factor
-            if not (free and left and drop <= highest):
+            if not (free and left and drop <= highest and error.nearer_than(before)):
                 raised = narrower.pressure_drop_pa / options.pressure_drop_pa
                 told = "" if narrower is options else f" ({_mmhg(narrower)} mmHg were tried last)"
                 raise error.around(after=told).beyond(raised) from error
-            narrower = replace(narrower, pressure_drop_pa=drop)
+            narrower, before = replace(narrower, pressure_drop_pa=drop), error
     return replace(made, notes=(*made.notes, *_drop_note(made.trees[0], options, narrower)))
 
 

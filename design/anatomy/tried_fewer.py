@@ -14,8 +14,10 @@ from design.vasculature.options import GrowthOptions
 
 _TRIED: Final = (1.0, 0.7)
 """Of the terminals that fit; fewer terminals have other trunks, and mayn't fit either."""
-_NARROWER: Final = 3
-"""Higher pressure drops, or smaller diameters, that are tried at most."""
+_NARROWER: Final = (1.0, 4.0, 8.0)
+"""Least factors on the pressure drop, each over the one before, of the narrower vessels tried."""
+_NEARER: Final = (0.5, 0.2)
+"""Parts of the clearance that are tried where narrower vessels don't help."""
 
 
 def grow_or_advise(
@@ -73,34 +75,50 @@ def _with_fewer(
 def _with_narrower(
     narrow: NoRoomError, grow: Callable[[GrowthOptions], AnatomicTrees], options: GrowthOptions
 ) -> NoRoomError:
-    """The error, with what came of narrower vessels."""
-    failed: NoRoomError | None = narrow
+    """The error, with what came of narrower vessels and, where they don't help, of less room."""
+    key, way = "pressure_drop_mmhg", "more (radii fall by its fourth root)"
+    if options.smallest_radius_mm is not None:
+        key, way = "smallest_diameter_mm", "less"
+    failed, narrower = narrow, options
     values: list[str] = []
-    for _ in range(_NARROWER):
-        options, value = _narrower(options, failed.drop_factor)
+    for least in _NARROWER:
+        narrower, value = _narrower(narrower, max(least, failed.drop_factor))
         values.append(value)
-        failed = _fits(grow, options)
-        if failed is None:
-            return narrow.with_remedy(f"give a {value}, which was tried and fits")
+        error = _fits(grow, narrower)
+        if error is None:
+            return narrow.with_remedy(f"give a {key} of {value} or {way}, which was tried and fits")
+        if not error.nearer_than(failed):
+            break
+        failed = error
+    tried = f"{key} of {' and '.join(values)}"
+    for part in _NEARER:
+        clearance = _rounded(part * options.clearance_mm, floor)
+        tried += f", clearance_mm of {clearance:g}"
+        if _fits(grow, replace(options, clearance_mm=clearance)) is None:
+            return narrow.with_remedy(
+                f"give a clearance_mm of {clearance:g} or less, which was tried and fits"
+            )
     return narrow.with_remedy(
-        f"narrower vessels don't fit either ({', '.join(values)} were tried): take a lower "
-        "clearance_mm, fewer terminals or a larger tissue"
+        f"neither narrower vessels nor less room between them fit ({tried} were tried): take fewer "
+        "terminals or a larger tissue"
     )
 
 
 def _narrower(options: GrowthOptions, drop_factor: float) -> tuple[GrowthOptions, str]:
-    """The options with narrower vessels, and what a recipe says for it, rounded towards these."""
+    """The options with narrower vessels, and the value that a recipe gives for it."""
     if options.smallest_radius_mm is not None:
         diameter = _rounded(2.0 * options.smallest_radius_mm * drop_factor**-0.25, floor)
         narrower = replace(options, smallest_radius_mm=diameter / 2)
-        return narrower, f"smallest_diameter_mm of {diameter:g} or less"
+        return narrower, f"{diameter:g}"
     drop = _rounded(options.pressure_drop_pa / PA_PER_MMHG * drop_factor, ceil)
     narrower = replace(options, pressure_drop_pa=drop * PA_PER_MMHG)
-    return narrower, f"pressure_drop_mmhg of {drop:g} or more (radii fall by its fourth root)"
+    return narrower, f"{drop:g}"
 
 
 def _rounded(value: float, towards: Callable[[float], int]) -> float:
-    """To two digits."""
+    """To two digits; 0 stays."""
+    if value <= 0.0:
+        return 0.0
     step = 10.0 ** (floor(log10(value)) - 1)
     return float(f"{towards(value / step * (1 - 1e-12)) * step:.3g}")
 

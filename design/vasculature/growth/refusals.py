@@ -9,9 +9,14 @@ from design.vasculature.options import GrowthOptions
 
 
 def out_of_room_error(
-    terminals: int, options: GrowthOptions, scale: Scale, room: Clearances, patience: int
+    terminals: int,
+    options: GrowthOptions,
+    scale: Scale,
+    room: Clearances,
+    patience: int,
+    begun: int = 0,
 ) -> NoRoomError:
-    """The error that says how many terminals fit, and what might help."""
+    """The error that says how many terminals fit, and what might help; a trunk had ``begun``."""
     smallest = options.smallest_radius_mm
     wide = f" of radius {smallest:g} mm or more" if smallest else ""
     asked, root = scale.goal, scale.root_radius
@@ -29,5 +34,5 @@ def out_of_room_error(
         "row found no place",
         f"ask for {narrower} (narrower vessels), fewer "
         f"terminals{hint if root else ''} or a smaller clearance{limits}",
-        placed=terminals / asked,
+        placed=terminals - begun,
     )
