@@ -18,6 +18,7 @@ from design.anatomy.trunk_lines import (
     thinned,
     trunk_from,
 )
+from design.errors import WideTrunkError
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.vasculature.growth.forest import RootSpec, grow_forest, likely_radius
@@ -72,6 +73,8 @@ class TrunkPlan:
         Of each tree, where all of them serve the whole tissue; else they share it.
     tries : int
         Growths from the same trunks at most, where one gets stuck.
+    lost : function of lines and radii, optional
+        What is to be raised where the laid trunks lack a branch that the organ needs.
     """
 
     lines: TrunkLines
@@ -84,6 +87,7 @@ class TrunkPlan:
     widest_branch: float = np.inf
     each: tuple[GrowthOptions, ...] = ()
     tries: int = len(SPREADS)
+    lost: Callable[[TrunkLines, FloatArray], WideTrunkError | None] | None = None
 
 
 def grow_from_plan(
@@ -105,6 +109,9 @@ def grow_from_plan(
     radius = root * lines.share ** (1 / options.murray_exponent)
     for left in range(_ROUNDS - 1, -1, -1):
         smooth, lines, radius = laid(tissue, plan, lines, radius, options)
+        lost = plan.lost(smooth, radius) if plan.lost else None
+        if lost is not None:
+            raise lost
         whole, wide = plan.branches(smooth, radius) if plan.branches else (smooth, radius)
         thin = thinned(whole, STRAIGHTER * wide)
         roots = _pervading(thin, wide, whole, plan) if plan.each else roots_of(thin, wide, options)

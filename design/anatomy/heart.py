@@ -21,7 +21,13 @@ from design.anatomy.heart_trunk import (
     narrow_places,
     ostium_above,
 )
-from design.anatomy.main_branches import MainBranch, lost_branch, missing_branches
+from design.anatomy.main_branches import (
+    MainBranch,
+    line_pieces,
+    lost_branch,
+    missing_branches,
+    trunk_pieces,
+)
 from design.anatomy.network import curved_network
 from design.anatomy.openness import SurfaceSamples, sample_surface
 from design.anatomy.perforators import with_perforators
@@ -154,9 +160,10 @@ def _grow(tissue: Tissue, options: GrowthOptions, anatomy: HeartAnatomy) -> Anat
         branches=lambda lines, radius: with_perforators(tissue, lines, radius, volume, options),
         branches_are_trunks=False,
         widest_branch=_widest_branch(options),
+        lost=lambda lines, radius: lost_branch(branches, line_pieces(lines, radius)),
     )
     trees = grow_fitted(tissue, plan, options)
-    lost = lost_branch(branches, trees)
+    lost = lost_branch(branches, trunk_pieces(trees))
     if lost is not None:
         raise lost
     if anatomy.published_radii:
@@ -164,7 +171,7 @@ def _grow(tissue: Tissue, options: GrowthOptions, anatomy: HeartAnatomy) -> Anat
     notes = (
         *_notes(samples, places, ostia),
         *_left_out_note(plan.lines, trees),
-        *missing_branches(branches, trees),
+        *missing_branches(branches, trunk_pieces(trees)),
     )
     return AnatomicTrees(trees, (VesselKind.ARTERY,) * 2, NAMES, notes)
 
@@ -200,15 +207,19 @@ def _with_published_radii(
         # Wider trunks that cost many branches aren't worth nearer figures.
         if (
             other is None
-            or lost_branch(branches, other) is not None
+            or lost_branch(branches, trunk_pieces(other)) is not None
             or _trunks_mm(other) <= least
             or found.farthest_sd >= match.farthest_sd
-            or len(missing_branches(branches, other)) > len(missing_branches(branches, trees))
+            or _missing(branches, other) > _missing(branches, trees)
         ):
             factor = factor**0.5
         else:
             trees, match, factor = other, found, found.factor
     return trees
+
+
+def _missing(branches: tuple[MainBranch, ...], trees: Trees) -> int:
+    return len(missing_branches(branches, trunk_pieces(trees)))
 
 
 def _grown_with(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees | None:

@@ -22,7 +22,7 @@ from design.anatomy.kidney_places import find_kidney_places
 from design.anatomy.layer import join_layer
 from design.anatomy.liver import LiverAnatomy, grow_liver
 from design.anatomy.liver_places import find_liver_places
-from design.anatomy.main_branches import MainBranch, missing_branches
+from design.anatomy.main_branches import MainBranch, missing_branches, trunk_pieces
 from design.anatomy.network import curved_network
 from design.anatomy.openness import sample_surface
 from design.anatomy.trunk_lines import TrunkLines, outward
@@ -206,7 +206,7 @@ def test_main_branches_that_found_no_room_are_named():
     line = tree.distal[tree.given][:2]
     beside = MainBranch("left marginal branch", RIGHT, line + [[30.0, 0, 0], [60.0, 0, 0]])
     present = MainBranch("right coronary's trunk", RIGHT, line)
-    (note,) = missing_branches((present, beside), found.trees)
+    (note,) = missing_branches((present, beside), trunk_pieces(found.trees))
     assert note.startswith("the left marginal branch lies along 0% of its planned")
 
 
