@@ -1,4 +1,4 @@
-"""List an organ's named main branches of which the grown trunks cover less than 80 %."""
+"""List an organ's named main branches that the grown trunks follow less than 80 % of the way."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from design.anatomy.trunk_lines import TrunkLines
 from design.errors import WideTrunkError
 from design.geometry.polyline import arc_lengths, places_along
 from design.vasculature.treemath import tree_radii
-from kernels.arrays import BoolArray, FloatArray
+from kernels.arrays import FloatArray, IntArray
 
 _NEAR: Final = 0.03
 """Of all planned branches' extent: so far from its planned way a branch may lie, made smooth.
@@ -23,6 +23,8 @@ _LOST: Final = 0.3
 """Of the planned way of a branch that an organ needs, below which it is lost. Ours."""
 _NARROWER: Final = 1.5
 """On the pressure drop, tried where a branch is lost; radii fall by a tenth."""
+_SAME_WAY: Final = 0.5
+"""Cosine between a vessel and the planned way beside it, from which on it follows that."""
 _FINE: Final = 0.25
 """Of how near a trunk must be: places that are compared lie so far apart."""
 
@@ -48,19 +50,26 @@ class MainBranch(NamedTuple):
 
 
 class Pieces(NamedTuple):
-    """Pieces of a tree's trunks: where they begin and end (n, 3), and their radii (n,), mm."""
+    """Pieces of a tree's trunks: where they begin and end (n, 3), radii (n,), mm, and parents (n,).
+
+    A parent is the number of the piece before, -1 where there is none.
+    """
 
     begin: FloatArray
     end: FloatArray
     radius: FloatArray
+    parent: IntArray
 
 
 def trunk_pieces(trees: Trees) -> list[Pieces]:
     """Of each tree, its trunks."""
-    return [
-        Pieces(tree.proximal[tree.given], tree.distal[tree.given], tree_radii(tree)[tree.given])
-        for tree in trees
-    ]
+    pieces = []
+    for tree in trees:
+        mine = np.flatnonzero(tree.given)
+        parent = _renumbered(mine, tree.parent[mine], len(tree.parent))
+        wide = tree_radii(tree)[mine]
+        pieces.append(Pieces(tree.proximal[mine], tree.distal[mine], wide, parent))
+    return pieces
 
 
 def line_pieces(lines: TrunkLines, radius: FloatArray) -> list[Pieces]:
@@ -68,30 +77,60 @@ def line_pieces(lines: TrunkLines, radius: FloatArray) -> list[Pieces]:
     pieces = []
     for tree in np.unique(lines.tree):
         ends = np.flatnonzero((lines.tree == tree) & (lines.parent >= 0))
-        begin = lines.points[lines.parent[ends]]
-        pieces.append(Pieces(begin, lines.points[ends], radius[ends]))
+        above = lines.parent[ends]
+        parent = _renumbered(ends, above, len(lines.parent))
+        pieces.append(Pieces(lines.points[above], lines.points[ends], radius[ends], parent))
     return pieces
 
 
-class _Laid(NamedTuple):
-    """Places along a tree's trunks, and the radius at each, mm."""
+def _renumbered(mine: IntArray, parent: IntArray, count: int) -> IntArray:
+    """Parents by the numbers of ``mine`` among themselves, -1 where they aren't among them."""
+    number = np.full(count + 1, -1, dtype=np.int64)
+    number[mine] = np.arange(len(mine))
+    return np.asarray(number[np.where(parent < 0, count, parent)])
 
-    places: cKDTree
-    radius: FloatArray
 
-    @staticmethod
-    def of(pieces: Pieces, step_mm: float) -> _Laid:
-        begin, end, wide = pieces
-        count = np.ceil(np.linalg.norm(end - begin, axis=1) / step_mm).astype(np.int64) + 1
-        row = np.repeat(np.arange(len(count)), count)
-        number = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-        share = (number / np.maximum(count - 1, 1)[row])[:, None]
-        return _Laid(cKDTree(begin[row] + share * (end - begin)[row]), wide[row])
+def _followed(pieces: Pieces, places: FloatArray, near_mm: float) -> float:
+    """Greatest part of a line's places (k, 3) that one way from root to tip goes along.
 
-    def is_near(self, places: FloatArray, near_mm: float) -> BoolArray:
-        """Whether a trunk's wall lies so near to each place (k, 3)."""
-        away, row = self.places.query(places)
-        return np.asarray(away < near_mm + self.radius[row])
+    Where its wall lies within ``near_mm`` of a place and it leads the same way at about.
+    """
+    ahead = np.gradient(places, axis=0)
+    ahead /= np.maximum(np.linalg.norm(ahead, axis=1), 1e-12)[:, None]
+    way = pieces.end - pieces.begin
+    length = np.linalg.norm(way, axis=1)
+    count = np.ceil(length / (_FINE * near_mm)).astype(np.int64) + 1
+    row = np.repeat(np.arange(len(count)), count)
+    number = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    share = (number / np.maximum(count - 1, 1)[row])[:, None]
+    index = cKDTree(places)
+    found = index.query_ball_point(
+        pieces.begin[row] + share * way[row], near_mm + pieces.radius[row]
+    )
+    along = (way @ ahead.T > _SAME_WAY * length[:, None]).tolist()
+    passed = [0] * len(count)
+    for piece, some in zip(row.tolist(), found, strict=True):
+        for place in some:
+            if along[piece][place]:
+                passed[piece] |= 1 << place
+    return _most_on_one_way(passed, pieces.parent) / len(places)
+
+
+def _most_on_one_way(passed: list[int], parent: IntArray) -> int:
+    """Most bits set among all that the pieces of one way from root to tip have ``passed``."""
+    children: list[list[int]] = [[] for _ in passed]
+    below: list[int] = []
+    for piece, above in enumerate(parent.tolist()):
+        (children[above] if above >= 0 else below).append(piece)
+    most = 0
+    so_far = dict.fromkeys(below, 0)
+    while below:
+        piece = below.pop()
+        done = so_far.pop(piece) | passed[piece]
+        most = max(most, done.bit_count())
+        below += children[piece]
+        so_far |= dict.fromkeys(children[piece], done)
+    return most
 
 
 class _Share(NamedTuple):
@@ -103,7 +142,10 @@ class _Share(NamedTuple):
 
 
 def missing_branches(branches: tuple[MainBranch, ...], laid: list[Pieces]) -> tuple[str, ...]:
-    """Return a note for each branch along less than 0.8 of whose way a trunk of its tree lies."""
+    """Return a note for each branch that one vessel of its tree follows less than 0.8 of the way.
+
+    What lies beside the rest of it, as side branches do, is another vessel.
+    """
     return tuple(
         f"the {one.branch.name} lies along {one.laid:.0%} of its planned {one.length_mm:.0f} mm: "
         "the rest found no room; a higher pressure_drop_mmhg or fewer trunk_ends leave it more"
@@ -133,12 +175,11 @@ def _shares(branches: tuple[MainBranch, ...], trunks: list[Pieces]) -> list[_Sha
         return []
     extent = float(np.linalg.norm(np.ptp(np.concatenate(ways), axis=0)))
     near = _NEAR * extent
-    laid = [_Laid.of(pieces, _FINE * near) for pieces in trunks]
     shares = []
     for branch in branches:
         places, length = _along(branch.line, _FINE * near)
         if len(places):
-            there = float(laid[branch.tree].is_near(places, near).mean())
+            there = _followed(trunks[branch.tree], places, near)
             shares.append(_Share(branch, there, length))
     return shares
 
