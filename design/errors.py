@@ -115,13 +115,17 @@ class CrowdedError(GrowthError):
             "a higher pressure_drop_mmhg (radii fall by its fourth root)"
         )
 
-    def with_fewer(self, tried: Sequence[int], least: int, grown: bool = False) -> CrowdedError:
+    def with_fewer(
+        self, tried: Sequence[int], least: int, grown: bool = False, narrower: str = ""
+    ) -> CrowdedError:
         """The same, with what came of growing as many as were ``tried``, the last one ``grown``.
 
         Parameters
         ----------
         least : int
             That the template takes.
+        narrower : str
+            Key and value of a recipe with which all were grown.
         """
         if grown:
             fewer = f"ask for {tried[-1]} terminals, which were tried and fit, or "
@@ -129,6 +133,8 @@ class CrowdedError(GrowthError):
             fewer = f"fewer don't fit either ({' and '.join(map(str, tried))} were tried): "
         else:
             fewer = f"the template takes {least} at least: take a larger part, "
+        if narrower:
+            fewer += f"give a {narrower}, which was tried and fits, or "
         return CrowdedError(self.fit, self.asked, self.more, fewer)
 
 

@@ -16,6 +16,7 @@ from design.anatomy.heart_places import HeartPlaces, find_heart_places
 from design.anatomy.heart_trunk import (
     LEFT,
     RIGHT,
+    guide_depth,
     heart_forest,
     heart_layer,
     narrow_places,
@@ -143,7 +144,8 @@ def _grow(tissue: Tissue, options: GrowthOptions, anatomy: HeartAnatomy) -> Anat
     check_one_part(tissue)
     samples = sample_surface(tissue, _SAMPLES, options.seed)
     places = find_heart_places(samples, _vector(anatomy.base), _vector(anatomy.right))
-    layer = heart_layer(tissue, samples, places, max(1.0, anatomy.trunk_depth_mm))
+    depth = guide_depth(tissue, samples, places, anatomy.trunk_depth_mm)
+    layer = heart_layer(tissue, samples, places, depth)
     given = {LEFT: anatomy.left_ostium_mm, RIGHT: anatomy.right_ostium_mm}
     for tree, place in given.items():
         check_inlet(tissue, NAMES[tree], place)

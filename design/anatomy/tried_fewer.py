@@ -69,6 +69,11 @@ def _with_fewer(
         counts.append(fewer)
         if _fits(grow, replace(options, terminals=fewer)) is None:
             return crowded.with_fewer(counts, least, grown=True)
+    narrower = options
+    for factor in _NARROWER[1:]:
+        narrower, value = _narrower(narrower, factor)
+        if _fits(grow, narrower) is None:
+            return crowded.with_fewer(counts, least, narrower=f"{_key(options)} of {value}")
     return crowded.with_fewer(counts, least)
 
 
@@ -76,9 +81,8 @@ def _with_narrower(
     narrow: NoRoomError, grow: Callable[[GrowthOptions], AnatomicTrees], options: GrowthOptions
 ) -> NoRoomError:
     """The error, with what came of narrower vessels and, where they don't help, of less room."""
-    key, way = "pressure_drop_mmhg", "more (radii fall by its fourth root)"
-    if options.smallest_radius_mm is not None:
-        key, way = "smallest_diameter_mm", "less"
+    key = _key(options)
+    way = "less" if options.smallest_radius_mm else "more (radii fall by its fourth root)"
     failed, narrower = narrow, options
     values: list[str] = []
     for least in _NARROWER:
@@ -102,6 +106,11 @@ def _with_narrower(
         f"neither narrower vessels nor less room between them fit ({tried} were tried): take fewer "
         "terminals or a larger tissue"
     )
+
+
+def _key(options: GrowthOptions) -> str:
+    """Which key of a recipe makes vessels narrower."""
+    return "smallest_diameter_mm" if options.smallest_radius_mm else "pressure_drop_mmhg"
 
 
 def _narrower(options: GrowthOptions, drop_factor: float) -> tuple[GrowthOptions, str]:
