@@ -134,10 +134,9 @@ def _too_thin(
     x, y, z = points[middle]
     return TissueError(
         f"the heart's walls are too thin for coronaries: near ({x:.4g}, {y:.4g}, {z:.4g}) mm "
-        f"{thick[middle]:.2g} mm thick, and {1.0 - covered:.0%} of the epicardium has less than the "
-        f"{2.0 * depth_mm:.2g} mm that trunk_depth_mm of {depth_mm:g} needs; give a "
-        f"trunk_depth_mm of {0.4 * float(np.percentile(thick, 20)):.2g} and a mesh whose walls are "
-        "wider than its trunks"
+        f"{thick[middle]:.2g} mm thick, and below {1.0 - covered:.0%} of the epicardium thinner "
+        f"than the {2.0 * depth_mm:.2g} mm that a trunk_depth_mm of {depth_mm:g} needs; give a "
+        f"trunk_depth_mm of {0.4 * float(np.percentile(thick, 20)):.2g}, or a mesh of thicker walls"
     )
 
 

@@ -66,7 +66,7 @@ def trunk_pieces(trees: Trees) -> list[Pieces]:
     pieces = []
     for tree in trees:
         mine = np.flatnonzero(tree.given)
-        parent = _renumbered(mine, tree.parent[mine], len(tree.parent))
+        parent = _renumbered(mine, tree.parent[mine].astype(np.int64), len(tree.parent))
         wide = tree_radii(tree)[mine]
         pieces.append(Pieces(tree.proximal[mine], tree.distal[mine], wide, parent))
     return pieces

@@ -129,7 +129,8 @@ def _rounded(value: float, towards: Callable[[float], int]) -> float:
     if value <= 0.0:
         return 0.0
     step = 10.0 ** (floor(log10(value)) - 1)
-    return float(f"{towards(value / step * (1 - 1e-12)) * step:.3g}")
+    # What is round already stays, whatever its last bit.
+    return float(f"{towards(round(value / step, 6)) * step:.3g}")
 
 
 def _fits(

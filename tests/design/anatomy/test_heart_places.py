@@ -77,7 +77,9 @@ def test_the_right_ventricle_is_told_by_its_shape_where_its_wall_is_not_thinner(
 def test_cavities_of_one_shape_and_walls_of_one_thickness_leave_the_side_open():
     """The septum still lies between the two cavities; which is the right one isn't told."""
     shells = [trimesh.creation.icosphere(4, radius) for radius in (18.0, 13.0)]
-    outer, inner = (Manifold(Mesh(np.float32(one.vertices), np.uint32(one.faces))) for one in shells)
+    outer, inner = (
+        Manifold(Mesh(np.float32(one.vertices), np.uint32(one.faces))) for one in shells
+    )
     both = [one.translate((x, 0.0, 0.0)) for one in (outer, inner) for x in (-15.0, 15.0)]
     body = (both[0] + both[1] - both[2] - both[3]).trim_by_plane((0.0, 0.0, -1.0), -6.0)
     places = places_of(Surface(*arrays_of(body)))
