@@ -230,7 +230,7 @@ def test_side_branches_beside_the_way_of_a_main_branch_are_not_that_branch():
     # Below the first third the rest are ends of other branches: one way has them, not both.
     other = whole._replace(parent=np.array([-1, 0, 1, 2, -1, 4, 5, 6, 7, 8, 9, 10]))
     (note,) = missing_branches((planned,), [other])
-    assert "lies along 6" in note
+    assert "lies along 70%" in note
     short = Pieces(*(column[:3] for column in whole))
     assert "lies along 2" in str(lost_branch((planned,), [short]))
     across = whole._replace(end=whole.begin + [0.0, 5.0, 0.0])
