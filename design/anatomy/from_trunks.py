@@ -63,6 +63,8 @@ class TrunkPlan:
         Radii by which trunks are kept clear of each other, over those they are laid for.
     keep : function of (n, 3) to (n, 3), optional
         Brings nodes back to a zone, after they were brought to their depth.
+    main : (k, 3) float64, mm, optional
+        Nodes of main branches: what is in their way goes, however wide.
     branches : function of lines and radii to both, optional
         Adds branches that leave the laid trunks.
     branches_are_trunks : bool
@@ -82,6 +84,7 @@ class TrunkPlan:
     exactly: bool = True
     wider: float = WIDER
     keep: Callable[[FloatArray], FloatArray] | None = None
+    main: FloatArray | None = None
     branches: Callable[[TrunkLines, FloatArray], tuple[TrunkLines, FloatArray]] | None = None
     branches_are_trunks: bool = True
     widest_branch: float = np.inf
@@ -174,7 +177,7 @@ def laid(
         keep = kept_at_depth(tissue, deep, lines.parent < 0, plan.exactly)
         smooth = smooth_lines(tissue, lines, _both(keep, plan.keep, lines.parent < 0))
         later = number < _LATER
-        clearer = clear_trunks(tissue, smooth, lines, radius, options, plan.wider, later)
+        clearer = clear_trunks(tissue, smooth, lines, radius, options, plan.wider, later, plan.main)
         if clearer is None:
             break
         lines, radius = clearer

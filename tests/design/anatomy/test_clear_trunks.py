@@ -72,6 +72,18 @@ def test_where_forks_may_not_move_the_thinner_branch_is_left_away():
     assert found[1].min() == pytest.approx(radius[6])
 
 
+def test_a_main_branch_stays_though_it_is_the_thinner():
+    lines, radius = forked(20.0)
+    thinner = lines.points[np.flatnonzero(radius == radius.min())]
+    found = clear_trunks(
+        tissue(), lines, lines, radius, OPTIONS, later=False, main=np.array(thinner)
+    )
+    assert found is not None
+    kept = {place.tobytes() for place in found[0].points}
+    assert all(place.tobytes() in kept for place in thinner)
+    assert (found[0].child_count() == 0).sum() == 1
+
+
 def test_what_leaves_the_tissue_is_left_away_with_all_below():
     lines, radius = forked(100.0)
     tip = np.flatnonzero(lines.child_count() == 0)[0]
