@@ -48,6 +48,7 @@ def clear_trunks(
     options: GrowthOptions,
     wider: float = 1.0,
     later: bool = True,
+    main: frozenset[bytes] = frozenset(),
 ) -> tuple[TrunkLines, FloatArray] | None:
     """Lines and radii with less in each other's way; None where nothing is.
 
@@ -65,6 +66,8 @@ def clear_trunks(
         Radii by which trunks are kept apart, over theirs.
     later : bool
         Whether branches may fork later.
+    main : frozenset of bytes
+        Nodes of ``lines``, as bytes, that stay rather than others, however thin they are.
 
     Raises
     ------
@@ -82,7 +85,9 @@ def clear_trunks(
         if not (later and tree.fork_later(a, b)):
             stuck.append((a, b))
     for a, b in stuck:
-        thinner = a if radius[a] < radius[b] else b
+        first, second = (lines.points[node].tobytes() in main for node in (a, b))
+        a_goes = second if first != second else radius[a] < radius[b]
+        thinner = a if a_goes else b
         # What feeds more by now, as another branch was joined on it, is judged once laid anew.
         gone[thinner] |= tree.radius[thinner] <= radius[thinner]
     order, lines = in_order(TrunkLines(tree.points, tree.parent, tree.tree, tree.share))

@@ -73,6 +73,8 @@ class TrunkPlan:
         Of each tree, where all of them serve the whole tissue; else they share it.
     tries : int
         Growths from the same trunks at most, where one gets stuck.
+    main : frozenset of bytes
+        Nodes, as bytes, that stay where others are in their way, however thin they are.
     lost : function of lines and radii, optional
         What is to be raised where the laid trunks lack a branch that the organ needs.
     """
@@ -87,6 +89,7 @@ class TrunkPlan:
     widest_branch: float = np.inf
     each: tuple[GrowthOptions, ...] = ()
     tries: int = len(SPREADS)
+    main: frozenset[bytes] = frozenset()
     lost: Callable[[TrunkLines, FloatArray], WideTrunkError | None] | None = None
 
 
@@ -174,7 +177,9 @@ def laid(
         keep = kept_at_depth(tissue, deep, lines.parent < 0, plan.exactly)
         smooth = smooth_lines(tissue, lines, _both(keep, plan.keep, lines.parent < 0))
         later = number < _LATER
-        clearer = clear_trunks(tissue, smooth, lines, radius, options, plan.wider, later)
+        clearer = clear_trunks(
+            tissue, smooth, lines, radius, options, plan.wider, later, plan.main
+        )
         if clearer is None:
             break
         lines, radius = clearer

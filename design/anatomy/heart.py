@@ -162,6 +162,7 @@ def _grow(tissue: Tissue, options: GrowthOptions, anatomy: HeartAnatomy) -> Anat
         branches=lambda lines, radius: with_perforators(tissue, lines, radius, volume, options),
         branches_are_trunks=False,
         widest_branch=_widest_branch(options),
+        main=frozenset(place.tobytes() for one in branches for place in one.line),
         lost=lambda lines, radius: lost_branch(branches, line_pieces(lines, radius)),
     )
     trees = grow_fitted(tissue, plan, options)
