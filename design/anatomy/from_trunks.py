@@ -177,9 +177,7 @@ def laid(
         keep = kept_at_depth(tissue, deep, lines.parent < 0, plan.exactly)
         smooth = smooth_lines(tissue, lines, _both(keep, plan.keep, lines.parent < 0))
         later = number < _LATER
-        clearer = clear_trunks(
-            tissue, smooth, lines, radius, options, plan.wider, later, plan.main
-        )
+        clearer = clear_trunks(tissue, smooth, lines, radius, options, plan.wider, later, plan.main)
         if clearer is None:
             break
         lines, radius = clearer
