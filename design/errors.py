@@ -82,7 +82,9 @@ class NoRoomError(GrowthError):
 
     def nearer_than(self, wider: NoRoomError | None) -> bool:
         """Whether narrower vessels came nearer to having room than what they were before did."""
-        return wider is None or isinstance(self, WideTrunkError) or self.placed > wider.placed
+        if wider is None or isinstance(self, WideTrunkError) or isinstance(wider, WideTrunkError):
+            return True
+        return self.placed > wider.placed or not wider.placed
 
     def beyond(self, raised: float) -> Self:
         """The same, met with a pressure drop that was ``raised`` so many times before."""

@@ -48,12 +48,12 @@ def clear_trunks(
     options: GrowthOptions,
     wider: float = 1.0,
     later: bool = True,
-    main: FloatArray | None = None,
+    main: frozenset[bytes] = frozenset(),
 ) -> tuple[TrunkLines, FloatArray] | None:
     """Lines and radii with less in each other's way; None where nothing is.
 
-    Two branches that are too near just after their fork fork a node later. Of other pairs what is
-    no main branch, else the thinner, is left away with all below it, as is what leaves the tissue.
+    Two branches that are too near just after their fork fork a node later. Of other pairs the
+    thinner is left away with all below it, as is what leaves the tissue.
 
     Parameters
     ----------
@@ -66,8 +66,8 @@ def clear_trunks(
         Radii by which trunks are kept apart, over theirs.
     later : bool
         Whether branches may fork later.
-    main : (k, 3) float64, mm, optional
-        Nodes of the lines on main branches.
+    main : frozenset of bytes
+        Nodes of ``lines``, as bytes, that stay rather than others, however thin they are.
 
     Raises
     ------
@@ -84,11 +84,12 @@ def clear_trunks(
     for a, b in found.pairs.tolist():
         if not (later and tree.fork_later(a, b)):
             stuck.append((a, b))
-    stays = _leads_to(lines, main)
     for a, b in stuck:
-        less = min((a, b), key=lambda node: (stays[node], radius[node]))
+        first, second = (lines.points[node].tobytes() in main for node in (a, b))
+        a_goes = second if first != second else radius[a] < radius[b]
+        thinner = a if a_goes else b
         # What feeds more by now, as another branch was joined on it, is judged once laid anew.
-        gone[less] |= tree.radius[less] <= radius[less]
+        gone[thinner] |= tree.radius[thinner] <= radius[thinner]
     order, lines = in_order(TrunkLines(tree.points, tree.parent, tree.tree, tree.share))
     gone = np.append(gone, np.zeros(len(order) - len(gone), dtype=np.bool_))
     dropped, gone, radius = tree.dropped[order], gone[order], tree.radius[order]
@@ -186,16 +187,6 @@ class _Branches:
     def _way(self, above: list[int], fork: int) -> float:
         path = self.laid[above[: above.index(fork) + 1]]
         return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-
-
-def _leads_to(lines: TrunkLines, places: FloatArray | None) -> NDArray[np.bool_]:
-    """Nodes (n,) at one of ``places`` (k, 3), or above such a node."""
-    named = {place.tobytes() for place in (() if places is None else places)}
-    leads = np.array([point.tobytes() in named for point in lines.points])
-    for i in range(len(leads) - 1, -1, -1):
-        if lines.parent[i] >= 0:
-            leads[lines.parent[i]] |= leads[i]
-    return leads
 
 
 def _clashes(

@@ -63,8 +63,6 @@ class TrunkPlan:
         Radii by which trunks are kept clear of each other, over those they are laid for.
     keep : function of (n, 3) to (n, 3), optional
         Brings nodes back to a zone, after they were brought to their depth.
-    main : (k, 3) float64, mm, optional
-        Nodes of main branches: what is in their way goes, however wide.
     branches : function of lines and radii to both, optional
         Adds branches that leave the laid trunks.
     branches_are_trunks : bool
@@ -75,6 +73,8 @@ class TrunkPlan:
         Of each tree, where all of them serve the whole tissue; else they share it.
     tries : int
         Growths from the same trunks at most, where one gets stuck.
+    main : frozenset of bytes
+        Nodes, as bytes, that stay where others are in their way, however thin they are.
     lost : function of lines and radii, optional
         What is to be raised where the laid trunks lack a branch that the organ needs.
     """
@@ -84,12 +84,12 @@ class TrunkPlan:
     exactly: bool = True
     wider: float = WIDER
     keep: Callable[[FloatArray], FloatArray] | None = None
-    main: FloatArray | None = None
     branches: Callable[[TrunkLines, FloatArray], tuple[TrunkLines, FloatArray]] | None = None
     branches_are_trunks: bool = True
     widest_branch: float = np.inf
     each: tuple[GrowthOptions, ...] = ()
     tries: int = len(SPREADS)
+    main: frozenset[bytes] = frozenset()
     lost: Callable[[TrunkLines, FloatArray], WideTrunkError | None] | None = None
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from design.anatomy.from_trunks import DEPTH_MARGIN, TrunkPlan
 from design.anatomy.graph_trunk import LayerForest
@@ -24,19 +22,17 @@ from design.anatomy.heart_trunk import (
     ostium_above,
 )
 from design.anatomy.main_branches import (
-    MainBranch,
     line_pieces,
     lost_branch,
     missing_branches,
     trunk_pieces,
 )
-from design.anatomy.network import curved_network
 from design.anatomy.openness import SurfaceSamples, sample_surface
 from design.anatomy.perforators import with_perforators
+from design.anatomy.published_drop import LAID, trunks_mm, with_published_radii
 from design.anatomy.trunk_count import trunk_ends
 from design.anatomy.trunk_lines import TrunkLines, lines_of
 from design.errors import GrowthError, NoRoomError
-from design.measures.published_radii import PublishedMatch, published_match
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.units import PA_PER_MMHG
@@ -46,12 +42,8 @@ from design.vasculature.growth.supply import check_one_part
 from design.vasculature.growth.territories import demand_points
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
-from kernels.arrays import FloatArray
 
 Place = tuple[float, float, float]
-
-_DROPS: Final = 2
-"""Other pressure drops that are tried at most."""
 
 _NARROWER: Final = 3
 """Times that the drop is raised at most, where trunks are too wide for the wall."""
@@ -68,12 +60,6 @@ _WIDEST: Final = 0.17
 while there are few: they may still widen to a fifth, where a trunk begins. Ours."""
 _LEAST_FED: Final = 4
 """Terminals that such a branch may feed however few there are."""
-_LAID: Final = 0.85
-"""Of the planned trunks' length, below which it is told: smoothed they are a twentieth shorter. Of
-the length with the given pressure drop, which another drop must keep."""
-_REACH: Final = 1.1
-"""Distance from the nearest terminal, of 99 % of the tissue, with another pressure drop over that
-with the given one, at most: no part may lose its supply for nearer radii."""
 
 
 @dataclass(frozen=True)
@@ -164,10 +150,10 @@ def _grow(tissue: Tissue, options: GrowthOptions, anatomy: HeartAnatomy) -> Anat
     plan = TrunkPlan(
         lines_of(forest, ostia, volume),
         anatomy.trunk_depth_mm,
-        main=np.concatenate([branch.line for branch in branches]),
         branches=lambda lines, radius: with_perforators(tissue, lines, radius, volume, options),
         branches_are_trunks=False,
         widest_branch=_widest_branch(options),
+        main=frozenset(place.tobytes() for one in branches for place in one.line),
         lost=lambda lines, radius: lost_branch(branches, line_pieces(lines, radius)),
     )
     trees = grow_fitted(tissue, plan, options)
@@ -175,7 +161,7 @@ def _grow(tissue: Tissue, options: GrowthOptions, anatomy: HeartAnatomy) -> Anat
     if lost is not None:
         raise lost
     if anatomy.published_radii:
-        trees = _with_published_radii(trees, tissue, plan, options, branches, volume)
+        trees = with_published_radii(trees, tissue, plan, options, branches, volume)
     notes = (
         *_notes(samples, places, ostia),
         *_left_out_note(plan.lines, trees),
@@ -188,68 +174,6 @@ def _widest_branch(options: GrowthOptions) -> float:
     """See `_WIDEST`; by Murray's law, where each coronary has half of the terminals."""
     part = 2.0 * _LEAST_FED / options.terminals
     return float(max(_WIDEST, part ** (1.0 / options.murray_exponent)))
-
-
-def _with_published_radii(
-    trees: Trees,
-    tissue: Tissue,
-    plan: TrunkPlan,
-    options: GrowthOptions,
-    branches: tuple[MainBranch, ...],
-    volume: FloatArray,
-) -> Trees:
-    """Trees as they are where their radii are the published ones, else grown with another drop.
-
-    Trees that don't fit then, lack trunks, a main branch or supply of some places of ``volume``, or
-    are farther from the table aren't taken; half of the change is tried then. There are some
-    already, so that vessels that find no room aren't tried again from other random numbers.
-    """
-    once, least = replace(plan, tries=1), _LAID * _trunks_mm(trees)
-    most_mm = _REACH * _reach_mm(volume, trees)
-    match = _published_match(trees)
-    factor = match.factor
-    for _ in range(_DROPS):
-        if factor == 1.0:
-            break
-        drop = trees[0].pressure_drop_pa / factor**4
-        other = _grown_with(tissue, once, replace(options, pressure_drop_pa=drop))
-        found = match if other is None else _published_match(other)
-        # Wider trunks that cost many branches aren't worth nearer figures.
-        if (
-            other is None
-            or lost_branch(branches, trunk_pieces(other)) is not None
-            or _trunks_mm(other) <= least
-            or _reach_mm(volume, other) > most_mm
-            or found.farthest_sd >= match.farthest_sd
-            or _missing(branches, other) > _missing(branches, trees)
-        ):
-            factor = factor**0.5
-        else:
-            trees, match, factor = other, found, found.factor
-    return trees
-
-
-def _reach_mm(volume: FloatArray, trees: Trees) -> float:
-    """Way, mm, from the nearest terminal within which 99 % of places (n, 3) lie."""
-    ends = np.concatenate([tree.distal[tree.children[:, 0] < 0] for tree in trees])
-    return float(np.percentile(cKDTree(ends).query(volume)[0], 99.0))
-
-
-def _missing(branches: tuple[MainBranch, ...], trees: Trees) -> int:
-    return len(missing_branches(branches, trunk_pieces(trees)))
-
-
-def _grown_with(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees | None:
-    """Trees, or None where they don't fit."""
-    try:
-        return grow_fitted(tissue, plan, options)
-    except GrowthError:
-        return None
-
-
-def _published_match(trees: Sequence[VesselTree]) -> PublishedMatch:
-    kinds = (VesselKind.ARTERY,) * len(trees)
-    return published_match(curved_network(trees, kinds), "coronary")
 
 
 def _drop_note(
@@ -270,8 +194,8 @@ def _drop_note(
 
 def _left_out_note(lines: TrunkLines, trees: Trees) -> tuple[str, ...]:
     """What is said of trunks' branches that don't fit."""
-    planned, laid = _planned_mm(lines), _trunks_mm(trees)
-    if laid > _LAID * planned:
+    planned, laid = _planned_mm(lines), trunks_mm(trees)
+    if laid > LAID * planned:
         return ()
     return (
         f"trunks are {laid:.0f} mm long, {planned:.0f} mm were planned: branches that didn't fit "
@@ -282,11 +206,6 @@ def _left_out_note(lines: TrunkLines, trees: Trees) -> tuple[str, ...]:
 def _planned_mm(lines: TrunkLines) -> float:
     ends = np.flatnonzero(lines.parent >= 0)
     pieces = lines.points[ends] - lines.points[lines.parent[ends]]
-    return float(np.linalg.norm(pieces, axis=1).sum())
-
-
-def _trunks_mm(trees: Trees) -> float:
-    pieces = np.concatenate([(tree.distal - tree.proximal)[tree.given] for tree in trees])
     return float(np.linalg.norm(pieces, axis=1).sum())
 
 

@@ -43,7 +43,7 @@ _DEEP = 0.95
 _GUIDE = 1.0
 """Depth at which trunks are planned, mm, where walls allow it."""
 _SHALLOWER = 0.8
-_COVERED, _LEAST_COVERED = 0.9, 0.5
+_COVERED, _LEAST_COVERED = 0.8, 0.5
 """Of the epicardium, what must be so deep; and at the least depth."""
 _ACROSS = 41
 """Places across a wall by which its thickness is told."""

@@ -95,6 +95,13 @@ def test_a_smaller_diameter_is_advised_where_radii_follow_from_it() -> None:
         grow_or_advise(grow, options, LEAST_TERMINALS)
 
 
+@pytest.mark.parametrize("before", [WideTrunkError("too wide"), NoRoomError("none", placed=0)])
+def test_a_still_higher_drop_is_tried_where_nothing_fits_beside_a_trunk(before) -> None:
+    """A trunk that had no room, and then none beside it, has some with 3.2 mmHg."""
+    assert NoRoomError("none", placed=0).nearer_than(before)
+    assert not NoRoomError("none", placed=0).nearer_than(NoRoomError("some", placed=10))
+
+
 def test_a_smaller_clearance_is_advised_where_narrower_vessels_do_not_help() -> None:
     """They were advised, though the clearance of 1 mm left no room for any (2026-11-27)."""
     tried = []
