@@ -95,5 +95,6 @@ def _published_match(trees: Sequence[VesselTree]) -> PublishedMatch:
 
 
 def trunks_mm(trees: Trees) -> float:
+    """Length of all trunks, mm."""
     pieces = np.concatenate([(tree.distal - tree.proximal)[tree.given] for tree in trees])
     return float(np.linalg.norm(pieces, axis=1).sum())
