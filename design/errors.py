@@ -7,7 +7,8 @@
     ├── NetworkError            NaN, self-intersection, zero length or radius, bad file
     ├── GrowthError             a tree that can't be grown as asked
     │   ├── RootError           a root where no trunk fits
-    │   ├── WideTrunkError      a template's trunk too wide for the wall it runs in
+    │   ├── NoRoomError         vessels find no room: narrower ones may
+    │   │   └── WideTrunkError  a template's trunk too wide for the wall it runs in
     │   └── CrowdedError        fewer terminals fit than were asked for
     ├── FlowError               no inlet, no outlet, isolated part
     │   └── FlowInputError      a waveform, or losses, that the user gave wrongly
@@ -18,11 +19,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, Self
 
 
 class DesignError(ValueError):
     """Bad input to the design side; the message says what, value, limit, unit and remedy."""
+
+    def around(self, before: str = "", after: str = "") -> Self:
+        """The same with words before and after it."""
+        return type(self)(f"{before}{self}{after}")
 
 
 class TissueError(DesignError):
@@ -41,18 +46,53 @@ class RootError(GrowthError):
     """A root where no trunk fits: another one may do."""
 
 
-class WideTrunkError(GrowthError):
-    """A template's trunk is wider than the wall that it runs in.
+_NARROWER: Final = (
+    "give a higher pressure_drop_mmhg or, where smallest_diameter_mm is given, a smaller one"
+)
+
+
+class NoRoomError(GrowthError):
+    """Vessels find no room as wide as they are.
 
     Attributes
     ----------
+    what, remedy : str
+        Of the message.
     drop_factor : float
-        On the pressure drop, with which the trunk would have room.
+        On the pressure drop, with which they may have room.
+    placed : int
+        Terminals that found a place beside the trunk.
     """
 
-    def __init__(self, message: str, drop_factor: float) -> None:
-        self.drop_factor = drop_factor
-        super().__init__(message)
+    def __init__(
+        self, what: str, remedy: str = _NARROWER, drop_factor: float = 2.0, placed: int = 1
+    ) -> None:
+        self.what, self.remedy = what, remedy
+        self.drop_factor, self.placed = drop_factor, placed
+        super().__init__(f"{what}; {remedy}")
+
+    def around(self, before: str = "", after: str = "") -> Self:
+        """The same with words before and after what it is, before the remedy."""
+        what = f"{before}{self.what}{after}"
+        return type(self)(what, self.remedy, self.drop_factor, self.placed)
+
+    def with_remedy(self, remedy: str) -> Self:
+        """The same with another remedy."""
+        return type(self)(self.what, remedy, self.drop_factor, self.placed)
+
+    def nearer_than(self, wider: NoRoomError | None) -> bool:
+        """Whether narrower vessels came nearer to having room than what they were before did."""
+        if wider is None or isinstance(self, WideTrunkError) or isinstance(wider, WideTrunkError):
+            return True
+        return self.placed > wider.placed or not wider.placed
+
+    def beyond(self, raised: float) -> Self:
+        """The same, met with a pressure drop that was ``raised`` so many times before."""
+        return type(self)(self.what, self.remedy, raised * self.drop_factor, self.placed)
+
+
+class WideTrunkError(NoRoomError):
+    """A template's trunk is wider than the wall that it runs in."""
 
 
 LEAST_TERMINALS: Final = 24
@@ -77,13 +117,17 @@ class CrowdedError(GrowthError):
             "a higher pressure_drop_mmhg (radii fall by its fourth root)"
         )
 
-    def with_fewer(self, tried: Sequence[int], least: int, grown: bool = False) -> CrowdedError:
+    def with_fewer(
+        self, tried: Sequence[int], least: int, grown: bool = False, narrower: str = ""
+    ) -> CrowdedError:
         """The same, with what came of growing as many as were ``tried``, the last one ``grown``.
 
         Parameters
         ----------
         least : int
             That the template takes.
+        narrower : str
+            Key and value of a recipe with which all were grown.
         """
         if grown:
             fewer = f"ask for {tried[-1]} terminals, which were tried and fit, or "
@@ -91,6 +135,8 @@ class CrowdedError(GrowthError):
             fewer = f"fewer don't fit either ({' and '.join(map(str, tried))} were tried): "
         else:
             fewer = f"the template takes {least} at least: take a larger part, "
+        if narrower:
+            fewer += f"give a {narrower}, which was tried and fits, or "
         return CrowdedError(self.fit, self.asked, self.more, fewer)
 
 

@@ -23,9 +23,6 @@ _FORK = 6.0
 """Way from a fork to where its two branches are too near, over their radii, within which they fork
 later rather than one is left away."""
 
-_NARROWER = 2.0
-"""On the pressure drop, tried where no trunk fits; radii fall by a sixth."""
-
 
 @dataclass(frozen=True)
 class _Clashes:
@@ -51,6 +48,7 @@ def clear_trunks(
     options: GrowthOptions,
     wider: float = 1.0,
     later: bool = True,
+    main: frozenset[bytes] = frozenset(),
 ) -> tuple[TrunkLines, FloatArray] | None:
     """Lines and radii with less in each other's way; None where nothing is.
 
@@ -68,6 +66,8 @@ def clear_trunks(
         Radii by which trunks are kept apart, over theirs.
     later : bool
         Whether branches may fork later.
+    main : frozenset of bytes
+        Nodes of ``lines``, as bytes, that stay rather than others, however thin they are.
 
     Raises
     ------
@@ -85,7 +85,9 @@ def clear_trunks(
         if not (later and tree.fork_later(a, b)):
             stuck.append((a, b))
     for a, b in stuck:
-        thinner = a if radius[a] < radius[b] else b
+        first, second = (lines.points[node].tobytes() in main for node in (a, b))
+        a_goes = second if first != second else radius[a] < radius[b]
+        thinner = a if a_goes else b
         # What feeds more by now, as another branch was joined on it, is judged once laid anew.
         gone[thinner] |= tree.radius[thinner] <= radius[thinner]
     order, lines = in_order(TrunkLines(tree.points, tree.parent, tree.tree, tree.share))
@@ -228,9 +230,5 @@ def _whole_branches(lines: TrunkLines, gone: NDArray[np.bool_]) -> NDArray[np.bo
             gone[stub] = True
     trees = np.unique(lines.tree[~gone & (lines.parent >= 0)])
     if gone[lines.parent < 0].any() or len(trees) < len(np.unique(lines.tree)):
-        raise WideTrunkError(
-            "the trunks don't fit with the radii they would have; give a higher pressure_drop_mmhg "
-            "or, where smallest_diameter_mm is given, a smaller one or fewer terminals",
-            _NARROWER,
-        )
+        raise WideTrunkError("the trunks don't fit with the radii they would have")
     return gone

@@ -18,6 +18,7 @@ from design.anatomy.trunk_lines import (
     thinned,
     trunk_from,
 )
+from design.errors import WideTrunkError
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.vasculature.growth.forest import RootSpec, grow_forest, likely_radius
@@ -72,6 +73,10 @@ class TrunkPlan:
         Of each tree, where all of them serve the whole tissue; else they share it.
     tries : int
         Growths from the same trunks at most, where one gets stuck.
+    main : frozenset of bytes
+        Nodes, as bytes, that stay where others are in their way, however thin they are.
+    lost : function of lines and radii, optional
+        What is to be raised where the laid trunks lack a branch that the organ needs.
     """
 
     lines: TrunkLines
@@ -84,6 +89,8 @@ class TrunkPlan:
     widest_branch: float = np.inf
     each: tuple[GrowthOptions, ...] = ()
     tries: int = len(SPREADS)
+    main: frozenset[bytes] = frozenset()
+    lost: Callable[[TrunkLines, FloatArray], WideTrunkError | None] | None = None
 
 
 def grow_from_plan(
@@ -105,6 +112,9 @@ def grow_from_plan(
     radius = root * lines.share ** (1 / options.murray_exponent)
     for left in range(_ROUNDS - 1, -1, -1):
         smooth, lines, radius = laid(tissue, plan, lines, radius, options)
+        lost = plan.lost(smooth, radius) if plan.lost else None
+        if lost is not None:
+            raise lost
         whole, wide = plan.branches(smooth, radius) if plan.branches else (smooth, radius)
         thin = thinned(whole, STRAIGHTER * wide)
         roots = _pervading(thin, wide, whole, plan) if plan.each else roots_of(thin, wide, options)
@@ -167,7 +177,7 @@ def laid(
         keep = kept_at_depth(tissue, deep, lines.parent < 0, plan.exactly)
         smooth = smooth_lines(tissue, lines, _both(keep, plan.keep, lines.parent < 0))
         later = number < _LATER
-        clearer = clear_trunks(tissue, smooth, lines, radius, options, plan.wider, later)
+        clearer = clear_trunks(tissue, smooth, lines, radius, options, plan.wider, later, plan.main)
         if clearer is None:
             break
         lines, radius = clearer

@@ -12,7 +12,7 @@ from design.anatomy.from_trunks import WIDER, TrunkPlan, grow_from_plan
 from design.anatomy.prune_terminals import with_flow
 from design.anatomy.round_trees import SPARE, fitted_trees
 from design.anatomy.side_by_side import Companion, side_by_side, tube_options
-from design.errors import CrowdedError, GrowthError, WideTrunkError
+from design.errors import CrowdedError, GrowthError, NoRoomError, WideTrunkError
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.tissue.demand import Demand
@@ -195,9 +195,9 @@ def _attempts(
                 break
             if isinstance(failed, WideTrunkError):
                 raise
-            raise GrowthError(
-                f"{failed}. For the {asked.terminals} terminals asked for, {asked.clearance_mm:g} "
-                f"mm apart, {settings.terminals} are grown {settings.clearance_mm:.3g} mm apart: "
+            raise _no_room(failed).around(
+                after=f". For the {asked.terminals} terminals asked for, {asked.clearance_mm:g} mm "
+                f"apart, {settings.terminals} are grown {settings.clearance_mm:.3g} mm apart: "
                 "curves and vessels side by side need the room"
             ) from failed
         try:
@@ -212,7 +212,12 @@ def _attempts(
             room += 1
     if best is not None:
         raise CrowdedError(best.fit, best.asked, f" (best of {ATTEMPTS} attempts)") from error
-    raise GrowthError(f"{error} (last of {ATTEMPTS} attempts)") from error
+    raise _no_room(error).around(after=f" (last of {ATTEMPTS} attempts)") from error
+
+
+def _no_room(error: GrowthError) -> NoRoomError:
+    """What a growth was refused for: whatever it is, narrower vessels may fit."""
+    return error if isinstance(error, NoRoomError) else NoRoomError(str(error))
 
 
 def _more(options: GrowthOptions, spare: float) -> GrowthOptions:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -11,23 +10,29 @@ import numpy as np
 from design.anatomy.from_trunks import DEPTH_MARGIN, TrunkPlan
 from design.anatomy.graph_trunk import LayerForest
 from design.anatomy.grown import AnatomicTrees, Trees, grow_fitted
-from design.anatomy.heart_places import FEWEST, HeartPlaces, find_heart_places
+from design.anatomy.heart_base import FEWEST
+from design.anatomy.heart_places import HeartPlaces, find_heart_places
 from design.anatomy.heart_trunk import (
     LEFT,
     RIGHT,
+    guide_depth,
     heart_forest,
     heart_layer,
     narrow_places,
     ostium_above,
 )
-from design.anatomy.main_branches import MainBranch, missing_branches
-from design.anatomy.network import curved_network
+from design.anatomy.main_branches import (
+    line_pieces,
+    lost_branch,
+    missing_branches,
+    trunk_pieces,
+)
 from design.anatomy.openness import SurfaceSamples, sample_surface
 from design.anatomy.perforators import with_perforators
+from design.anatomy.published_drop import LAID, trunks_mm, with_published_radii
 from design.anatomy.trunk_count import trunk_ends
 from design.anatomy.trunk_lines import TrunkLines, lines_of
-from design.errors import GrowthError, WideTrunkError
-from design.measures.published_radii import PublishedMatch, published_match
+from design.errors import GrowthError, NoRoomError
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.units import PA_PER_MMHG
@@ -39,9 +44,6 @@ from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 
 Place = tuple[float, float, float]
-
-_DROPS: Final = 2
-"""Other pressure drops that are tried at most."""
 
 _NARROWER: Final = 3
 """Times that the drop is raised at most, where trunks are too wide for the wall."""
@@ -58,9 +60,6 @@ _WIDEST: Final = 0.17
 while there are few: they may still widen to a fifth, where a trunk begins. Ours."""
 _LEAST_FED: Final = 4
 """Terminals that such a branch may feed however few there are."""
-_LAID: Final = 0.85
-"""Of the planned trunks' length, below which it is told: smoothed they are a twentieth shorter. Of
-the length with the given pressure drop, which another drop must keep."""
 
 
 @dataclass(frozen=True)
@@ -110,17 +109,24 @@ def grow_heart(
     """
     anatomy = anatomy or HeartAnatomy()
     free = anatomy.published_radii and options.smallest_radius_mm is None
-    narrower = options
+    highest = _HIGHEST * options.pressure_drop_pa
+    narrower, before = options, None
     for left in range(_NARROWER, -1, -1):
         try:
             made = _grow(tissue, narrower, anatomy)
             break
-        except WideTrunkError as error:
+        except NoRoomError as error:
             drop = narrower.pressure_drop_pa * error.drop_factor
-            if not (free and left and drop <= _HIGHEST * options.pressure_drop_pa):
-                raise
-            narrower = replace(narrower, pressure_drop_pa=drop)
+            if not (free and left and drop <= highest and error.nearer_than(before)):
+                raised = narrower.pressure_drop_pa / options.pressure_drop_pa
+                told = "" if narrower is options else f" ({_mmhg(narrower)} mmHg were tried last)"
+                raise error.around(after=told).beyond(raised) from error
+            narrower, before = replace(narrower, pressure_drop_pa=drop), error
     return replace(made, notes=(*made.notes, *_drop_note(made.trees[0], options, narrower)))
+
+
+def _mmhg(options: GrowthOptions) -> str:
+    return f"{options.pressure_drop_pa / PA_PER_MMHG:.3g}"
 
 
 def _grow(tissue: Tissue, options: GrowthOptions, anatomy: HeartAnatomy) -> AnatomicTrees:
@@ -129,7 +135,8 @@ def _grow(tissue: Tissue, options: GrowthOptions, anatomy: HeartAnatomy) -> Anat
     check_one_part(tissue)
     samples = sample_surface(tissue, _SAMPLES, options.seed)
     places = find_heart_places(samples, _vector(anatomy.base), _vector(anatomy.right))
-    layer = heart_layer(tissue, samples, places, max(1.0, anatomy.trunk_depth_mm))
+    depth = guide_depth(tissue, samples, places, anatomy.trunk_depth_mm)
+    layer = heart_layer(tissue, samples, places, depth)
     given = {LEFT: anatomy.left_ostium_mm, RIGHT: anatomy.right_ostium_mm}
     for tree, place in given.items():
         check_inlet(tissue, NAMES[tree], place)
@@ -146,14 +153,19 @@ def _grow(tissue: Tissue, options: GrowthOptions, anatomy: HeartAnatomy) -> Anat
         branches=lambda lines, radius: with_perforators(tissue, lines, radius, volume, options),
         branches_are_trunks=False,
         widest_branch=_widest_branch(options),
+        main=frozenset(place.tobytes() for one in branches for place in one.line),
+        lost=lambda lines, radius: lost_branch(branches, line_pieces(lines, radius)),
     )
     trees = grow_fitted(tissue, plan, options)
+    lost = lost_branch(branches, trunk_pieces(trees))
+    if lost is not None:
+        raise lost
     if anatomy.published_radii:
-        trees = _with_published_radii(trees, tissue, plan, options, branches)
+        trees = with_published_radii(trees, tissue, plan, options, branches, volume)
     notes = (
         *_notes(samples, places, ostia),
         *_left_out_note(plan.lines, trees),
-        *missing_branches(branches, trees),
+        *missing_branches(branches, trunk_pieces(trees)),
     )
     return AnatomicTrees(trees, (VesselKind.ARTERY,) * 2, NAMES, notes)
 
@@ -162,54 +174,6 @@ def _widest_branch(options: GrowthOptions) -> float:
     """See `_WIDEST`; by Murray's law, where each coronary has half of the terminals."""
     part = 2.0 * _LEAST_FED / options.terminals
     return float(max(_WIDEST, part ** (1.0 / options.murray_exponent)))
-
-
-def _with_published_radii(
-    trees: Trees,
-    tissue: Tissue,
-    plan: TrunkPlan,
-    options: GrowthOptions,
-    branches: tuple[MainBranch, ...],
-) -> Trees:
-    """Trees as they are where their radii are the published ones, else grown with another drop.
-
-    Trees that don't fit then, lack trunks or a main branch, or are farther from the table aren't
-    taken; half of the change is tried then. There are some already, so that vessels that find no
-    room aren't tried again from other random numbers.
-    """
-    once, least = replace(plan, tries=1), _LAID * _trunks_mm(trees)
-    match = _published_match(trees)
-    factor = match.factor
-    for _ in range(_DROPS):
-        if factor == 1.0:
-            break
-        drop = trees[0].pressure_drop_pa / factor**4
-        other = _grown_with(tissue, once, replace(options, pressure_drop_pa=drop))
-        found = match if other is None else _published_match(other)
-        # Wider trunks that cost many branches aren't worth nearer figures.
-        if (
-            other is None
-            or _trunks_mm(other) <= least
-            or found.farthest_sd >= match.farthest_sd
-            or len(missing_branches(branches, other)) > len(missing_branches(branches, trees))
-        ):
-            factor = factor**0.5
-        else:
-            trees, match, factor = other, found, found.factor
-    return trees
-
-
-def _grown_with(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees | None:
-    """Trees, or None where they don't fit."""
-    try:
-        return grow_fitted(tissue, plan, options)
-    except GrowthError:
-        return None
-
-
-def _published_match(trees: Sequence[VesselTree]) -> PublishedMatch:
-    kinds = (VesselKind.ARTERY,) * len(trees)
-    return published_match(curved_network(trees, kinds), "coronary")
 
 
 def _drop_note(
@@ -230,8 +194,8 @@ def _drop_note(
 
 def _left_out_note(lines: TrunkLines, trees: Trees) -> tuple[str, ...]:
     """What is said of trunks' branches that don't fit."""
-    planned, laid = _planned_mm(lines), _trunks_mm(trees)
-    if laid > _LAID * planned:
+    planned, laid = _planned_mm(lines), trunks_mm(trees)
+    if laid > LAID * planned:
         return ()
     return (
         f"trunks are {laid:.0f} mm long, {planned:.0f} mm were planned: branches that didn't fit "
@@ -242,11 +206,6 @@ def _left_out_note(lines: TrunkLines, trees: Trees) -> tuple[str, ...]:
 def _planned_mm(lines: TrunkLines) -> float:
     ends = np.flatnonzero(lines.parent >= 0)
     pieces = lines.points[ends] - lines.points[lines.parent[ends]]
-    return float(np.linalg.norm(pieces, axis=1).sum())
-
-
-def _trunks_mm(trees: Trees) -> float:
-    pieces = np.concatenate([(tree.distal - tree.proximal)[tree.given] for tree in trees])
     return float(np.linalg.norm(pieces, axis=1).sum())
 
 
@@ -281,6 +240,7 @@ def _notes(
         *(() if hollow else guess),
         f"the heart's base was taken to lie towards {say.format(*places.base)}, its right side "
         f"towards {say.format(*places.right)}",
+        *places.doubts,
         "ostia: "
         + ", ".join(f"{name} at {say.format(*ostia[tree])} mm" for tree, name in enumerate(NAMES)),
     )

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from design.anatomy.cavities import Cavities, find_cavities
+from design.anatomy.heart_base import FEWEST, find_base
 from design.anatomy.openness import SurfaceSamples
 from design.errors import TissueError
 from kernels.arrays import FloatArray
@@ -17,17 +19,22 @@ _BASAL = 0.5
 epicardium."""
 
 _SECTORS = 36
-FEWEST = 0.03
-"""Share of the surface that isn't outer below which there are no cavities to go by."""
 
-_RIM = 2.0
-"""Way of a cavity's place from the outer surface within which it lies at the rim, over the way
-between places."""
-_FEWEST_RIM = 12
-_FLAT = 0.2
-"""Standard deviation of rims off a plane, over the lesser one in it, up to which they have one."""
-_LIKELY = 0.5
-"""Cosine between that plane's normal and the direction found without, below which it is no base."""
+_AGREE = 0.7
+"""Cosine of two directions of the right side, up to which they contradict each other."""
+_UNEVEN = 0.1
+"""Standard deviation of the wall's thickness over its mean, from which on it tells a side."""
+
+_BY_SHAPE = (
+    "the right ventricle was told by its cavity's shape, a crescent about the left one's, as the "
+    "wall isn't thinner on that side; where it isn't the right one, give right_direction: "
+    "[x, y, z], from the left ventricle to the right one"
+)
+_UNTOLD = (
+    "the left ventricle can't be told from the right one, neither by the wall's thickness nor by "
+    "the cavities' shapes, so that the right side may be the left one; give right_direction: "
+    "[x, y, z], from the left ventricle to the right one"
+)
 
 
 @dataclass(frozen=True)
@@ -49,6 +56,8 @@ class HeartPlaces:
         ``anterior``: between 0 and π, and between -π and 0.
     epicardium : (k,) int64
         Numbers of the surface samples that are epicardium.
+    doubts : tuple of str
+        Notes on directions that are guessed, with the remedy.
     """
 
     middle: FloatArray
@@ -57,6 +66,7 @@ class HeartPlaces:
     anterior: FloatArray
     grooves: tuple[float, float]
     epicardium: NDArray[np.int64]
+    doubts: tuple[str, ...] = ()
 
     def height(self, points: FloatArray) -> FloatArray:
         """Along the base's direction from the middle, mm."""
@@ -77,29 +87,28 @@ def find_heart_places(
 ) -> HeartPlaces:
     """Find base, right side and grooves; a direction that is given is taken.
 
-    The base lies across the cavities' rims; else where they open, away from the apex. The right
-    ventricle lies where the wall is thinner. The grooves are where the wall's thickness changes, a
-    third of a turn from the right side at most, or 60 degrees where nothing tells.
+    For base and right side see `find_base` and `_right_side`. The grooves are where the wall's
+    thickness changes, a third of a turn from the right side at most, or 60 degrees where nothing
+    tells.
 
     Raises
     ------
     TissueError
-        Where base and right side are one direction.
+        Where base and right side are one direction, or the base can't be told.
     """
     outer = samples.outer
-    cavity = samples.points[~outer] if (~outer).mean() >= FEWEST else samples.points
-    middle = cavity.mean(axis=0)
-    up = _unit(base) if base is not None else _base(samples, middle)
+    hollow = bool((~outer).mean() >= FEWEST)
+    middle = (samples.points[~outer] if hollow else samples.points).mean(axis=0)
+    up, doubt = (_unit(base), ()) if base is not None else find_base(samples, middle)
     normal = -samples.inward
     epicardium = np.flatnonzero(outer & (normal @ up < _BASAL))
     wall = _wall(samples, epicardium)
     points = samples.points[epicardium] - middle
+    thin, cavities = _thin_side(points, up, wall), find_cavities(samples)
     if right is None:
-        across = points - np.outer(points @ up, up)
-        thin = wall.mean() - wall
-        right = (across * thin[:, None]).sum(axis=0) if wall.std() > 0.1 * wall.mean() else None
-    if right is None:
-        right = _widest_across(points, up)
+        right, doubts = _right_side(samples, up, thin, cavities)
+        right = _widest_across(points, up) if right is None else right
+        doubt = (*doubt, *doubts) if hollow else doubt
     across = right - (right @ up) * up
     if np.linalg.norm(across) < 1e-3 * np.linalg.norm(right):
         raise TissueError(
@@ -110,45 +119,50 @@ def find_heart_places(
     front = np.cross(up, side)
     places = HeartPlaces(middle, up, side, front, (np.pi / 3, -np.pi / 3), epicardium)
     angle = places.angle(samples.points[epicardium])
-    return HeartPlaces(middle, up, side, front, _grooves(angle, wall), epicardium)
+    if cavities is not None and not (thin is not None and thin @ side > _AGREE):
+        wall = _is_left(samples, places, cavities)
+    return replace(places, grooves=_grooves(angle, wall), doubts=doubt)
 
 
-def _base(samples: SurfaceSamples, middle: FloatArray) -> FloatArray:
-    """Direction of the base: across the cavities' rims where these lie in a plane.
+def _thin_side(points: FloatArray, up: FloatArray, wall: FloatArray) -> FloatArray | None:
+    """Unit vector (3,) across ``up`` to where the wall is thinner; None where it is even."""
+    across = points - np.outer(points @ up, up)
+    thin = (across * (wall.mean() - wall)[:, None]).sum(axis=0)
+    return _unit(thin) if wall.std() > _UNEVEN * wall.mean() else None
 
-    Else the mean of where cavities open, and of apex to middle. A right ventricle that is cut low
-    opens sideways, which turned that mean by up to 45 degrees.
+
+def _is_left(samples: SurfaceSamples, places: HeartPlaces, cavities: Cavities) -> FloatArray:
+    """1 for each epicardial place that is nearer to the left cavity than to the right one."""
+    points = samples.points[places.epicardium]
+    one, two = samples.points[cavities.one], samples.points[cavities.two]
+    if (two.mean(axis=0) - one.mean(axis=0)) @ places.right < 0.0:
+        one, two = two, one
+    nearer = cKDTree(one).query(points)[0] < cKDTree(two).query(points)[0]
+    return np.asarray(nearer, dtype=np.float64)
+
+
+def _right_side(
+    samples: SurfaceSamples,
+    up: FloatArray,
+    thin: FloatArray | None,
+    cavities: Cavities | None,
+) -> tuple[FloatArray | None, tuple[str, ...]]:
+    """Direction (3,) of the right ventricle, if any tells, and notes on what makes it doubtful.
+
+    Where the wall is thinner; from the left cavity to the right one where that is another side, or
+    the wall is as thick everywhere.
     """
-    outer = samples.points[samples.outer]
-    inner = ~samples.outer
-    out = samples.way_out[inner].sum(axis=0) if inner.mean() >= FEWEST else np.zeros(3)
-    if np.linalg.norm(out) < 1e-3 * max(1, inner.sum()):
-        apex = outer[np.argmax(np.linalg.norm(outer - middle, axis=1))]
-        return _unit(middle - apex)
-    out = _unit(out)
-    below = (outer - middle) @ out < 0
-    apex = outer[below][np.argmax(np.linalg.norm(outer[below] - middle, axis=1))]
-    mean = _unit(out + _unit(middle - apex))
-    across = _across_rims(samples, middle, mean)
-    along = float(across @ mean)
-    return mean if abs(along) < _LIKELY else np.sign(along) * across
-
-
-def _across_rims(samples: SurfaceSamples, middle: FloatArray, up: FloatArray) -> FloatArray:
-    """Unit normal of the plane in which the cavities' rims lie, 0 where they don't lie in one.
-
-    Clefts below the middle, as between two apices, are no rims of theirs.
-    """
-    none = np.zeros(3)
-    inner = samples.points[~samples.outer]
-    spacing = np.median(cKDTree(samples.points).query(samples.points, 2)[0][:, 1])
-    away = cKDTree(samples.points[samples.outer]).query(inner)[0]
-    rim = inner[(away < _RIM * spacing) & ((inner - middle) @ up > 0.0)]
-    if len(rim) < _FEWEST_RIM:
-        return none
-    off = rim - rim.mean(axis=0)
-    spread, axes = np.linalg.eigh(off.T @ off)
-    return axes[:, 0] if spread[0] < _FLAT**2 * spread[1] else none
+    if cavities is None:
+        return thin, () if thin is not None else (_UNTOLD,)
+    apart = samples.points[cavities.two].mean(axis=0) - samples.points[cavities.one].mean(axis=0)
+    apart = _unit(apart - (apart @ up) * up)
+    along = 0.0 if thin is None else float(thin @ apart)
+    if abs(along) > _AGREE and (along > 0.0 or not cavities.told):
+        return thin, ()
+    if cavities.told:
+        return apart, (_BY_SHAPE,)
+    reach = [(samples.points[each] @ up).min() for each in (cavities.one, cavities.two)]
+    return apart if reach[0] <= reach[1] else -apart, (_UNTOLD,)
 
 
 def _wall(samples: SurfaceSamples, epicardium: NDArray[np.int64]) -> FloatArray:

@@ -14,7 +14,7 @@ from design.anatomy.layer import Layer, below_surface, join_layer
 from design.anatomy.main_branches import MainBranch
 from design.anatomy.openness import SurfaceSamples
 from design.anatomy.trunk_lines import outward
-from design.errors import GrowthError
+from design.errors import GrowthError, TissueError
 from design.tissue import Tissue
 from kernels.arrays import FloatArray, IntArray
 
@@ -39,6 +39,14 @@ _WAYPOINT = np.radians(30.0)
 
 _DEEP = 0.95
 """Of a depth, what a place must have."""
+
+_GUIDE = 1.0
+"""Depth at which trunks are planned, mm, where walls allow it."""
+_SHALLOWER = 0.8
+_COVERED, _LEAST_COVERED = 0.8, 0.5
+"""Of the epicardium, what must be so deep; and at the least depth."""
+_ACROSS = 41
+"""Places across a wall by which its thickness is told."""
 
 _NARROW = 6.0
 """Cost of a main branch's way where the wall has no room for it, over that elsewhere."""
@@ -91,6 +99,45 @@ def joined_paths(layer: Layer, weight: FloatArray, stops: list[int]) -> IntArray
             else:
                 path.append(place)
     return np.array(path, dtype=np.int64)
+
+
+def guide_depth(
+    tissue: Tissue, samples: SurfaceSamples, places: HeartPlaces, least_mm: float
+) -> float:
+    """Depth below the epicardium at which trunks are planned, mm: less where walls are thin.
+
+    Raises
+    ------
+    TissueError
+        Where most of the wall has no room at ``least_mm`` either.
+    """
+    points, inward = samples.points[places.epicardium], samples.inward[places.epicardium]
+    depth = max(_GUIDE, least_mm)
+    while True:
+        deep = below_surface(tissue, points, inward, depth)[1]
+        if deep.mean() >= _COVERED or (depth <= least_mm and deep.mean() >= _LEAST_COVERED):
+            return depth
+        if depth <= least_mm:
+            raise _too_thin(tissue, points[~deep], inward[~deep], least_mm, float(deep.mean()))
+        depth = max(_SHALLOWER * depth, least_mm)
+
+
+def _too_thin(
+    tissue: Tissue, points: FloatArray, inward: FloatArray, depth_mm: float, covered: float
+) -> TissueError:
+    """What is said of walls below whose ``points`` (n, 3) no trunk fits at a depth."""
+    across = np.linspace(0.0, 2.0 * depth_mm, _ACROSS)[1:]
+    along = points[:, None] + across[:, None] * inward[:, None]
+    out = tissue.grid.distance(along.reshape(-1, 3)).reshape(len(points), -1) >= 0.0
+    thick = np.where(out.any(axis=1), across[out.argmax(axis=1)], across[-1])
+    middle = int(np.argsort(thick)[len(thick) // 2])
+    x, y, z = points[middle]
+    return TissueError(
+        f"the heart's walls are too thin for coronaries: near ({x:.4g}, {y:.4g}, {z:.4g}) mm "
+        f"{thick[middle]:.2g} mm thick, and below {1.0 - covered:.0%} of the epicardium thinner "
+        f"than the {2.0 * depth_mm:.2g} mm that a trunk_depth_mm of {depth_mm:g} needs; give a "
+        f"trunk_depth_mm of {0.4 * float(np.percentile(thick, 20)):.2g}, or a mesh of thicker walls"
+    )
 
 
 def heart_layer(
@@ -154,9 +201,9 @@ def heart_forest(
     posterior = epi.along_groove(crux, back, int(np.argmin(off)))
     _extend_free(forest, posterior)
     branches = (
-        MainBranch("left anterior descending branch", LEFT, layer.points[down]),
-        MainBranch("left circumflex branch", LEFT, layer.points[left]),
-        MainBranch("right coronary's trunk", RIGHT, layer.points[right]),
+        MainBranch("left anterior descending branch", LEFT, layer.points[down], True),
+        MainBranch("left circumflex branch", LEFT, layer.points[left], True),
+        MainBranch("right coronary's trunk", RIGHT, layer.points[right], True),
         MainBranch("posterior descending branch", RIGHT, layer.points[posterior]),
     )
     taken = layer.points[np.flatnonzero(forest.parent > -2)]

@@ -1,4 +1,4 @@
-"""List an organ's named main branches of which the grown trunks cover less than 80 %."""
+"""List an organ's named main branches that the grown trunks follow less than 80 % of the way."""
 
 from __future__ import annotations
 
@@ -8,16 +8,23 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from design.anatomy.grown import Trees
+from design.anatomy.trunk_lines import TrunkLines
+from design.errors import WideTrunkError
 from design.geometry.polyline import arc_lengths, places_along
-from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
-from kernels.arrays import BoolArray, FloatArray
+from kernels.arrays import FloatArray, IntArray
 
 _NEAR: Final = 0.03
 """Of all planned branches' extent: so far from its planned way a branch may lie, made smooth.
 Trunks that are wide for their organ lie deeper by their radius."""
 _WHOLE: Final = 0.8
 """Of a branch's planned way, below which it is told."""
+_LOST: Final = 0.3
+"""Of the planned way of a branch that an organ needs, below which it is lost. Ours."""
+_NARROWER: Final = 1.5
+"""On the pressure drop, tried where a branch is lost; radii fall by a tenth."""
+_SAME_WAY: Final = 0.5
+"""Cosine between a vessel and the planned way beside it, from which on it follows that."""
 _FINE: Final = 0.25
 """Of how near a trunk must be: places that are compared lie so far apart."""
 
@@ -32,55 +39,149 @@ class MainBranch(NamedTuple):
         That it belongs to.
     line : (n, 3) float64, mm
         Its planned way.
+    needed : bool
+        Whether the organ can't be without it.
     """
 
     name: str
     tree: int
     line: FloatArray
+    needed: bool = False
 
 
-class _Laid(NamedTuple):
-    """Places along a tree's trunks, and the radius at each, mm."""
+class Pieces(NamedTuple):
+    """Pieces of a tree's trunks: where they begin and end (n, 3), radii (n,), mm, and parents (n,).
 
-    places: cKDTree
+    A parent is the number of the piece before, -1 where there is none.
+    """
+
+    begin: FloatArray
+    end: FloatArray
     radius: FloatArray
-
-    @staticmethod
-    def of(tree: VesselTree, step_mm: float) -> _Laid:
-        begin, end = tree.proximal[tree.given], tree.distal[tree.given]
-        count = np.ceil(np.linalg.norm(end - begin, axis=1) / step_mm).astype(np.int64) + 1
-        row = np.repeat(np.arange(len(count)), count)
-        number = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-        share = (number / np.maximum(count - 1, 1)[row])[:, None]
-        radius = tree_radii(tree)[tree.given]
-        return _Laid(cKDTree(begin[row] + share * (end - begin)[row]), radius[row])
-
-    def is_near(self, places: FloatArray, near_mm: float) -> BoolArray:
-        """Whether a trunk's wall lies so near to each place (k, 3)."""
-        away, row = self.places.query(places)
-        return np.asarray(away < near_mm + self.radius[row])
+    parent: IntArray
 
 
-def missing_branches(branches: tuple[MainBranch, ...], trees: Trees) -> tuple[str, ...]:
-    """Return a note for each branch along less than 0.8 of whose way a trunk of its tree lies."""
+def trunk_pieces(trees: Trees) -> list[Pieces]:
+    """Of each tree, its trunks."""
+    pieces = []
+    for tree in trees:
+        mine = np.flatnonzero(tree.given)
+        parent = _renumbered(mine, tree.parent[mine].astype(np.int64), len(tree.parent))
+        wide = tree_radii(tree)[mine]
+        pieces.append(Pieces(tree.proximal[mine], tree.distal[mine], wide, parent))
+    return pieces
+
+
+def line_pieces(lines: TrunkLines, radius: FloatArray) -> list[Pieces]:
+    """Of each tree, its lines, whose nodes have radii (n,), mm."""
+    pieces = []
+    for tree in np.unique(lines.tree):
+        ends = np.flatnonzero((lines.tree == tree) & (lines.parent >= 0))
+        above = lines.parent[ends]
+        parent = _renumbered(ends, above, len(lines.parent))
+        pieces.append(Pieces(lines.points[above], lines.points[ends], radius[ends], parent))
+    return pieces
+
+
+def _renumbered(mine: IntArray, parent: IntArray, count: int) -> IntArray:
+    """Parents by the numbers of ``mine`` among themselves, -1 where they aren't among them."""
+    number = np.full(count + 1, -1, dtype=np.int64)
+    number[mine] = np.arange(len(mine))
+    return np.asarray(number[np.where(parent < 0, count, parent)])
+
+
+def _followed(pieces: Pieces, places: FloatArray, near_mm: float) -> float:
+    """Greatest part of a line's places (k, 3) that one way from root to tip goes along.
+
+    Where its wall lies within ``near_mm`` of a place and it leads the same way at about.
+    """
+    ahead = np.gradient(places, axis=0)
+    ahead /= np.maximum(np.linalg.norm(ahead, axis=1), 1e-12)[:, None]
+    way = pieces.end - pieces.begin
+    length = np.linalg.norm(way, axis=1)
+    count = np.ceil(length / (_FINE * near_mm)).astype(np.int64) + 1
+    row = np.repeat(np.arange(len(count)), count)
+    number = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    share = (number / np.maximum(count - 1, 1)[row])[:, None]
+    index = cKDTree(places)
+    found = index.query_ball_point(
+        pieces.begin[row] + share * way[row], near_mm + pieces.radius[row]
+    )
+    along = (way @ ahead.T > _SAME_WAY * length[:, None]).tolist()
+    passed = [0] * len(count)
+    for piece, some in zip(row.tolist(), found, strict=True):
+        for place in some:
+            if along[piece][place]:
+                passed[piece] |= 1 << place
+    return _most_on_one_way(passed, pieces.parent) / len(places)
+
+
+def _most_on_one_way(passed: list[int], parent: IntArray) -> int:
+    """Most bits set among all that the pieces of one way from root to tip have ``passed``."""
+    children: list[list[int]] = [[] for _ in passed]
+    below: list[int] = []
+    for piece, above in enumerate(parent.tolist()):
+        (children[above] if above >= 0 else below).append(piece)
+    most = 0
+    so_far = dict.fromkeys(below, 0)
+    while below:
+        piece = below.pop()
+        done = so_far.pop(piece) | passed[piece]
+        most = max(most, done.bit_count())
+        below += children[piece]
+        so_far |= dict.fromkeys(children[piece], done)
+    return most
+
+
+class _Share(NamedTuple):
+    """How much of a branch's planned way of ``length_mm`` is laid, 0 to 1."""
+
+    branch: MainBranch
+    laid: float
+    length_mm: float
+
+
+def missing_branches(branches: tuple[MainBranch, ...], laid: list[Pieces]) -> tuple[str, ...]:
+    """Return a note for each branch that one vessel of its tree follows less than 0.8 of the way.
+
+    What lies beside the rest of it, as side branches do, is another vessel.
+    """
+    return tuple(
+        f"the {one.branch.name} lies along {one.laid:.0%} of its planned {one.length_mm:.0f} mm: "
+        "the rest found no room; a higher pressure_drop_mmhg or fewer trunk_ends leave it more"
+        for one in _shares(branches, laid)
+        if one.laid < _WHOLE
+    )
+
+
+def lost_branch(branches: tuple[MainBranch, ...], laid: list[Pieces]) -> WideTrunkError | None:
+    """What is to be raised where a branch that the organ can't be without is lost."""
+    for one in _shares(branches, laid):
+        if one.branch.needed and one.laid < _LOST:
+            x, y, z = one.branch.line[0]
+            return WideTrunkError(
+                f"the {one.branch.name} finds no room: as wide as it is, it lies along "
+                f"{one.laid:.0%} of the {one.length_mm:.0f} mm planned from ({x:.4g}, {y:.4g}, "
+                f"{z:.4g}) mm on",
+                drop_factor=_NARROWER,
+            )
+    return None
+
+
+def _shares(branches: tuple[MainBranch, ...], trunks: list[Pieces]) -> list[_Share]:
+    """How much of each branch of some length is laid."""
     ways = [branch.line for branch in branches if len(branch.line) > 1]
     if not ways:
-        return ()
+        return []
     extent = float(np.linalg.norm(np.ptp(np.concatenate(ways), axis=0)))
     near = _NEAR * extent
-    laid = [_Laid.of(tree, _FINE * near) for tree in trees]
-    notes = []
+    shares = []
     for branch in branches:
         places, length = _along(branch.line, _FINE * near)
-        if not len(places):
-            continue
-        there = float(laid[branch.tree].is_near(places, near).mean())
-        if there < _WHOLE:
-            notes.append(
-                f"the {branch.name} lies along {there:.0%} of its planned {length:.0f} mm: the "
-                "rest found no room; a higher pressure_drop_mmhg or fewer trunk_ends leave it more"
-            )
-    return tuple(notes)
+        if len(places):
+            there = _followed(trunks[branch.tree], places, near)
+            shares.append(_Share(branch, there, length))
+    return shares
 
 
 def _along(line: FloatArray, step_mm: float) -> tuple[FloatArray, float]:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from design.anatomy.trunk_lines import outward
 from design.errors import WideTrunkError
 from design.tissue import Tissue
-from design.units import PA_PER_MMHG
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_from_topology, tree_radii
 from kernels.arrays import BoolArray, FloatArray, IntArray
@@ -155,14 +154,10 @@ def check_trunks(
     worst = int(np.argmin(part))
     # A piece's end may have room where its middle hasn't.
     narrower = min(1.0 / _WIDER, max(float(part[worst]), 0.1))
-    factor = _MARGIN * narrower**-4
-    drop = factor * trees[0].pressure_drop_pa / PA_PER_MMHG
     x, y, z = end[worst]
     raise WideTrunkError(
         f"a trunk {2 * radius[worst]:.3g} mm wide, which feeds {fed[worst]} of {total} terminals, "
         f"doesn't fit in the wall near ({x:.4g}, {y:.4g}, {z:.4g}) mm: beside clearance_mm there's "
-        f"room for {2 * max(float(deep[worst]), 0.0):.3g} mm; give a pressure_drop_mmhg of "
-        f"{drop:.2g} or more (radii fall by its fourth root), where smallest_diameter_mm is given "
-        "a smaller one, or inlets where the wall is thicker",
-        factor,
+        f"room for {2 * max(float(deep[worst]), 0.0):.3g} mm",
+        drop_factor=_MARGIN * narrower**-4,
     )

@@ -94,9 +94,11 @@ def anatomic_trees(context: RunContext, part: GrownNetwork) -> AnatomicTrees:
         options = replace(options, pressure_drop_pa=preset.pressure_drop_mmhg * PA_PER_MMHG)
     free = "pressure_drop_mmhg" not in own
     trees = grow_or_advise(
-        lambda count: _grown(context.tissue, replace(options, terminals=count), anatomy, free),
-        options.terminals,
+        lambda one: _grown(context.tissue, one, anatomy, free),
+        options,
         LEAST_IN_CORTEX if anatomy.template == "cortex" else LEAST_TERMINALS,
+        # Where another pressure drop doesn't fit, a heart keeps the one that does.
+        lambda one: _grown(context.tissue, one, anatomy, False),
     )
     # A heart's coronaries share the tissue; of other organs each tree serves all of it.
     ends, flow = terminals_of(trees.trees if anatomy.template == "heart" else trees.trees[:1])

@@ -8,7 +8,7 @@ from math import pi
 
 import numpy as np
 
-from design.errors import DesignError, GrowthError
+from design.errors import DesignError, GrowthError, NoRoomError
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.convert import tree_to_network
@@ -118,6 +118,7 @@ def grow_forest(
         stems.append(_stem(tissue, options[number]))
     plots = plots or _territories(tissue, roots, options, stems)
     error: DesignError = GrowthError("not tried")
+    attempt = 0
     for attempt in range(attempts):
         growths = [
             # Numbers of its own for each tree: the same points would be taken already.
@@ -137,7 +138,10 @@ def grow_forest(
             return _grow_all(growths, stems, beside)
         except DesignError as failed:
             error = failed
-    raise type(error)(f"{error} (last of {attempts} attempts)") from error
+            # Where nothing fits beside a trunk, other random numbers find no place either.
+            if isinstance(failed, NoRoomError) and not failed.placed:
+                break
+    raise error.around(after=f" (last of {attempt + 1} attempts)" if attempt else "") from error
 
 
 def _grow_all(
@@ -167,7 +171,7 @@ def _grow_all(
             if left == 0:
                 return tuple(growth.tree() for growth in growths)
     except DesignError as error:
-        raise type(error)(f"tree {number} of {len(growths)}: {error}") from error
+        raise error.around(f"tree {number} of {len(growths)}: ") from error
     raise GrowthError(
         f"{left} vessels of the forest still collide or leave the tissue after {ROUNDS} repairs; "
         "ask for fewer terminals, a smaller smallest radius or clearance"

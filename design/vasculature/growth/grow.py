@@ -169,4 +169,4 @@ def grow_from_root(
         tried += int(growth.progress["tried"][0])
         if attempt > 0 and tried > TRIED_AT_MOST:
             break
-    raise type(best)(f"{best} (best of {attempt + 1} attempts)") from best
+    raise best.around(after=f" (best of {attempt + 1} attempts)") from best

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from design.errors import GrowthError
+from design.errors import NoRoomError
 from design.vasculature.growth.clearances import Clearances
 from design.vasculature.growth.step import Scale
 from design.vasculature.options import GrowthOptions
 
 
 def out_of_room_error(
-    terminals: int, options: GrowthOptions, scale: Scale, room: Clearances, patience: int
-) -> GrowthError:
-    """The error that says how many terminals fit, and what might help."""
+    terminals: int,
+    options: GrowthOptions,
+    scale: Scale,
+    room: Clearances,
+    patience: int,
+    begun: int = 0,
+) -> NoRoomError:
+    """The error that says how many terminals fit, and what might help; a trunk had ``begun``."""
     smallest = options.smallest_radius_mm
     wide = f" of radius {smallest:g} mm or more" if smallest else ""
     asked, root = scale.goal, scale.root_radius
@@ -23,9 +28,11 @@ def out_of_room_error(
     # Without a smallest radius all radii follow from the drop, and fewer terminals have as wide
     # a trunk.
     narrower = "a smaller smallest radius" if smallest else "a higher pressure drop"
-    return GrowthError(
+    return NoRoomError(
         f"only {terminals} of {asked} terminals{wide} fit with clearance "
         f"{room.clearance:g} mm{reserved if root else ''}: {patience} points in a "
-        f"row found no place; ask for {narrower} (narrower vessels), fewer "
-        f"terminals{hint if root else ''} or a smaller clearance{limits}"
+        "row found no place",
+        f"ask for {narrower} (narrower vessels), fewer "
+        f"terminals{hint if root else ''} or a smaller clearance{limits}",
+        placed=terminals - begun,
     )

@@ -178,8 +178,9 @@ class TreeGrowth(GrowthState):
                 self.narrow_until, status = 0, FULL_INDEX
                 self.progress["since"] = 0
             elif stuck and self.given is None:
+                begun = self.trunk.tips if self.trunk else 0
                 raise out_of_room_error(
-                    self.terminals, self.options, self.scale, self.room, _PATIENCE
+                    self.terminals, self.options, self.scale, self.room, _PATIENCE, begun
                 )
 
     def _pause_at(self) -> int:

@@ -3,8 +3,11 @@
 from functools import cache
 
 import numpy as np
+from manifold3d import Manifold
 
-from design.tissue import Tissue, biventricle, tissue_from_surface
+from design.geometry.surface import Surface
+from design.tissue import Tissue, biventricle, heart, tissue_from_surface
+from design.tissue.manifolds import arrays_of
 from design.vasculature import GrowthOptions
 
 HEART = GrowthOptions(terminals=160, clearance_mm=0.05, murray_exponent=2.5, pressure_drop_pa=1100)
@@ -14,6 +17,22 @@ HEART = GrowthOptions(terminals=160, clearance_mm=0.05, murray_exponent=2.5, pre
 def heart_tissue() -> Tissue:
     surface = biventricle(60.0)
     return tissue_from_surface(surface.vertices, surface.faces)
+
+
+def closed_heart(
+    lid_mm: float, cut_mm: float = heart.BASE_Z, left_wall: float = 9.0, right_wall: float = 4.5
+) -> Surface:
+    """`biventricle` with walls of a thickness, mm, cut at a height; a lid closes both cavities."""
+    sides = 64
+    left, right = heart.LEFT_OUTER, heart.RIGHT_OUTER
+    cavity = Manifold.sphere(1.0, sides).scale(tuple(axis - left_wall for axis in left))
+    left_whole = Manifold.sphere(1.0, sides).scale(left)
+    right_whole = Manifold.sphere(1.0, sides).scale(right).translate(heart.RIGHT_CENTRE)
+    crescent = Manifold.sphere(1.0, sides).scale(tuple(axis - right_wall for axis in right))
+    crescent = crescent.translate(heart.RIGHT_CENTRE) - left_whole
+    below = (cavity + crescent).trim_by_plane((0.0, 0.0, -1.0), lid_mm - cut_mm)
+    body = (left_whole + right_whole).trim_by_plane((0.0, 0.0, -1.0), -cut_mm)
+    return Surface(*arrays_of(body - below))
 
 
 def trunk_length(trees):

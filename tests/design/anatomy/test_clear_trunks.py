@@ -72,6 +72,16 @@ def test_where_forks_may_not_move_the_thinner_branch_is_left_away():
     assert found[1].min() == pytest.approx(radius[6])
 
 
+def test_a_main_branch_stays_however_thin_it_is():
+    """An anterior descending branch gave way to a wider side branch beside it, with all below."""
+    lines, radius = forked(20.0)
+    thin = frozenset(place.tobytes() for place in lines.points[-12:])
+    found = clear_trunks(tissue(), lines, lines, radius, OPTIONS, later=False, main=thin)
+    assert found is not None
+    assert {place.tobytes() for place in found[0].points} > thin
+    assert (found[0].child_count() == 0).sum() == 1
+
+
 def test_what_leaves_the_tissue_is_left_away_with_all_below():
     lines, radius = forked(100.0)
     tip = np.flatnonzero(lines.child_count() == 0)[0]

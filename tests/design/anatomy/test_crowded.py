@@ -2,36 +2,50 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from design.anatomy.grown import AnatomicTrees
 from design.anatomy.tried_fewer import grow_or_advise
 from design.anatomy.trunk_count import trunk_ends
-from design.errors import LEAST_TERMINALS, CrowdedError, GrowthError
+from design.errors import (
+    LEAST_TERMINALS,
+    CrowdedError,
+    GrowthError,
+    NoRoomError,
+    WideTrunkError,
+)
+from design.units import PA_PER_MMHG
+from design.vasculature.options import GrowthOptions
 
 FITS = AnatomicTrees((), (), (), ())
+
+
+def asked(terminals: int) -> GrowthOptions:
+    return GrowthOptions(terminals=terminals, pressure_drop_pa=10 * PA_PER_MMHG)
 
 
 @pytest.mark.parametrize(("most", "advised"), [(491, 491), (400, 343)])
 def test_fewer_terminals_are_advised_only_where_they_were_grown(most: int, advised: int) -> None:
     """A heart's advice of 982 terminals led to 547, then to 305; none was ever grown."""
 
-    def grow(terminals: int) -> AnatomicTrees:
-        if terminals > most:
-            raise CrowdedError(491, terminals)
+    def grow(options: GrowthOptions) -> AnatomicTrees:
+        if options.terminals > most:
+            raise CrowdedError(491, options.terminals)
         return FITS
 
     with pytest.raises(CrowdedError, match=f"ask for {advised} terminals, which were tried"):
-        grow_or_advise(grow, 540, LEAST_TERMINALS)
-    assert grow_or_advise(grow, most, LEAST_TERMINALS) is FITS
+        grow_or_advise(grow, asked(540), LEAST_TERMINALS)
+    assert grow_or_advise(grow, asked(most), LEAST_TERMINALS) is FITS
 
 
 def test_where_fewer_do_not_fit_either_they_are_not_advised() -> None:
-    def grow(terminals: int) -> AnatomicTrees:
-        raise CrowdedError(terminals // 2, terminals)
+    def grow(options: GrowthOptions) -> AnatomicTrees:
+        raise CrowdedError(options.terminals // 2, options.terminals)
 
     with pytest.raises(CrowdedError) as refused:
-        grow_or_advise(grow, 400, LEAST_TERMINALS)
+        grow_or_advise(grow, asked(400), LEAST_TERMINALS)
     assert "ask for" not in str(refused.value)
     assert "200 and 140 were tried" in str(refused.value)
 
@@ -39,12 +53,83 @@ def test_where_fewer_do_not_fit_either_they_are_not_advised() -> None:
 def test_fewer_than_a_template_takes_are_neither_tried_nor_advised() -> None:
     """A heart of 33 mm was told to ask for 13, and then that 13 are too few (2026-11-26)."""
 
-    def grow(terminals: int) -> AnatomicTrees:
-        assert terminals == 80
-        raise CrowdedError(13, terminals)
+    def grow(options: GrowthOptions) -> AnatomicTrees:
+        assert options.terminals == 80
+        raise CrowdedError(13, 80)
 
     with pytest.raises(CrowdedError, match=f"takes {LEAST_TERMINALS} at least: take a larger"):
-        grow_or_advise(grow, 80, LEAST_TERMINALS)
+        grow_or_advise(grow, asked(80), LEAST_TERMINALS)
+
+
+def test_a_higher_drop_is_advised_where_fewer_terminals_do_not_fit() -> None:
+    def grow(options: GrowthOptions) -> AnatomicTrees:
+        if options.pressure_drop_pa < 25 * PA_PER_MMHG:
+            raise CrowdedError(options.terminals // 2, options.terminals)
+        return FITS
+
+    with pytest.raises(CrowdedError, match="give a pressure_drop_mmhg of 40, which was tried"):
+        grow_or_advise(grow, asked(400), LEAST_TERMINALS)
+
+
+@pytest.mark.parametrize(("fits", "advised"), [(15, 15), (50, 60), (400, 480)])
+def test_a_higher_drop_is_advised_only_where_it_was_grown(fits: float, advised: float) -> None:
+    """24 terminals with the default drop were told to take a higher one, without a figure."""
+
+    def grow(options: GrowthOptions) -> AnatomicTrees:
+        if options.pressure_drop_pa < fits * PA_PER_MMHG:
+            raise WideTrunkError("too wide", drop_factor=1.5)
+        return FITS
+
+    with pytest.raises(WideTrunkError, match=f"too wide; give a pressure_drop_mmhg of {advised} "):
+        grow_or_advise(grow, asked(24), LEAST_TERMINALS)
+
+
+def test_a_smaller_diameter_is_advised_where_radii_follow_from_it() -> None:
+    def grow(options: GrowthOptions) -> AnatomicTrees:
+        if (options.smallest_radius_mm or 0.0) > 0.21:
+            raise NoRoomError("too wide", drop_factor=2.0)
+        return FITS
+
+    options = replace(asked(24), smallest_radius_mm=0.25)
+    with pytest.raises(NoRoomError, match=r"give a smallest_diameter_mm of 0.42 or less, which"):
+        grow_or_advise(grow, options, LEAST_TERMINALS)
+
+
+@pytest.mark.parametrize("before", [WideTrunkError("too wide"), NoRoomError("none", placed=0)])
+def test_a_still_higher_drop_is_tried_where_nothing_fits_beside_a_trunk(before) -> None:
+    """A trunk that had no room, and then none beside it, has some with 3.2 mmHg."""
+    assert NoRoomError("none", placed=0).nearer_than(before)
+    assert not NoRoomError("none", placed=0).nearer_than(NoRoomError("some", placed=10))
+
+
+def test_a_smaller_clearance_is_advised_where_narrower_vessels_do_not_help() -> None:
+    """They were advised, though the clearance of 1 mm left no room for any (2026-11-27)."""
+    tried = []
+
+    def grow(options: GrowthOptions) -> AnatomicTrees:
+        tried.append(options)
+        if options.clearance_mm > 0.25:
+            raise NoRoomError("no room", placed=10)
+        return FITS
+
+    options = replace(asked(400), clearance_mm=1.0)
+    with pytest.raises(NoRoomError, match=r"no room; give a clearance_mm of 0.2 or less, which"):
+        grow_or_advise(grow, options, LEAST_TERMINALS)
+    assert len(tried) == 4
+
+
+def test_a_shorter_growth_tells_what_fits() -> None:
+    """Each count that was tried was grown for published radii too: a refusal took three times as
+    long as a growth."""
+    grown: list[int] = []
+
+    def grow(options: GrowthOptions) -> AnatomicTrees:
+        grown.append(options.terminals)
+        raise CrowdedError(200, options.terminals)
+
+    with pytest.raises(CrowdedError, match="ask for 200 terminals"):
+        grow_or_advise(grow, asked(400), LEAST_TERMINALS, lambda _: FITS)
+    assert grown == [400]
 
 
 def test_a_smallest_diameter_is_named_as_it_leaves_no_pressure_drop_to_choose() -> None:

@@ -17,13 +17,13 @@ from tests.design.anatomy.hearts import HEART, heart_tissue, trunk_length
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("sd_then", "factor"), [((0.9,), 1.1), ((3.0, 0.9), 1.1**0.5), ((3.0, 2.5), 1.0)]
+    ("sd_then", "factor"), [((0.9,), 1.1), ((3.0, 0.9), 1.1**0.5), ((3.0, 2.5, 2.5), 1.0)]
 )
 def test_a_heart_gets_another_pressure_drop_where_that_is_nearer_to_published_radii(
     monkeypatch, sd_then, factor
 ):
     matches = iter([PublishedMatch(2.0, 1.1), *(PublishedMatch(sd, 1.0) for sd in sd_then)])
-    monkeypatch.setattr("design.anatomy.heart.published_match", lambda *_: next(matches))
+    monkeypatch.setattr("design.anatomy.published_drop.published_match", lambda *_: next(matches))
     few = replace(HEART, terminals=40)
     made = grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
     wanted = HEART.pressure_drop_pa / factor**4
@@ -36,7 +36,7 @@ def test_a_drop_that_comes_nearer_is_corrected_once_more(monkeypatch):
     """A heart was 0.2 sd off with the drop that should have brought it within."""
     first, then = PublishedMatch(2.0, 1.1), PublishedMatch(1.2, 1.05)
     matches = iter([first, then, PublishedMatch(0.9, 1.0)])
-    monkeypatch.setattr("design.anatomy.heart.published_match", lambda *_: next(matches))
+    monkeypatch.setattr("design.anatomy.published_drop.published_match", lambda *_: next(matches))
     few = replace(HEART, terminals=40)
     made = grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
     wanted = HEART.pressure_drop_pa / (1.1 * 1.05) ** 4
@@ -46,15 +46,28 @@ def test_a_drop_that_comes_nearer_is_corrected_once_more(monkeypatch):
 @pytest.mark.slow
 def test_another_drop_that_costs_main_branches_is_not_taken(monkeypatch):
     """A heart of 80 mm lost 29 % of its trunks to radii nearer to the published ones."""
-    matches = iter([PublishedMatch(2.0, 1.1), *[PublishedMatch(0.9, 1.0)] * 2])
-    lengths = iter([100.0, 80.0, 80.0, 100.0])
-    monkeypatch.setattr("design.anatomy.heart.published_match", lambda *_: next(matches))
-    monkeypatch.setattr("design.anatomy.heart._trunks_mm", lambda _: next(lengths))
+    matches = iter([PublishedMatch(2.0, 1.1), *[PublishedMatch(0.9, 1.0)] * 3])
+    lengths = iter([100.0, 80.0, 80.0, 80.0])
+    monkeypatch.setattr("design.anatomy.published_drop.published_match", lambda *_: next(matches))
+    monkeypatch.setattr("design.anatomy.published_drop.trunks_mm", lambda _: next(lengths))
     few = replace(HEART, terminals=40)
     made = grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
     assert [tree.pressure_drop_pa for tree in made.trees] == pytest.approx(
         [HEART.pressure_drop_pa] * 2
     )
+
+
+@pytest.mark.slow
+def test_another_drop_that_leaves_tissue_without_supply_is_not_taken(monkeypatch):
+    """A part of a heart's right wall had a quarter of its terminals, with a trunk that was lost."""
+    matches = iter([PublishedMatch(2.0, 1.1), *[PublishedMatch(0.9, 1.0)] * 3])
+    ways = iter([6.6, 8.7, 8.4, 6.8])
+    monkeypatch.setattr("design.anatomy.published_drop.published_match", lambda *_: next(matches))
+    monkeypatch.setattr("design.anatomy.published_drop._reach_mm", lambda *_: next(ways))
+    few = replace(HEART, terminals=40)
+    made = grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
+    wanted = HEART.pressure_drop_pa / 1.1 ** (4 / 4)
+    assert [tree.pressure_drop_pa for tree in made.trees] == pytest.approx([wanted] * 2)
 
 
 @pytest.mark.slow
@@ -66,8 +79,8 @@ def test_growth_with_another_drop_is_tried_once(monkeypatch):
         tries.append(attempts)
         return grow_forest(*args, attempts=attempts, **named)
 
-    matches = iter([PublishedMatch(2.0, 1.1), *[PublishedMatch(3.0, 1.0)] * 2])
-    monkeypatch.setattr("design.anatomy.heart.published_match", lambda *_: next(matches))
+    matches = iter([PublishedMatch(2.0, 1.1), *[PublishedMatch(3.0, 1.0)] * 3])
+    monkeypatch.setattr("design.anatomy.published_drop.published_match", lambda *_: next(matches))
     monkeypatch.setattr("design.anatomy.from_trunks.grow_forest", grown)
     few = replace(HEART, terminals=40)
     grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))

@@ -8,6 +8,7 @@ from design.anatomy.from_trunks import kept_narrow, roots_of
 from design.anatomy.perforators import NARROW, with_perforators
 from design.anatomy.trunk_lines import TrunkLines, with_shares
 from design.tissue import block
+from design.tissue.shapes import annulus
 from design.vasculature.growth.forest import grow_forest
 from design.vasculature.growth.territories import demand_points
 from design.vasculature.options import GrowthOptions
@@ -21,8 +22,8 @@ def box():
     return kept_tissue(block((60.0, 20.0, 20.0)))
 
 
-def trunk_along_the_top(box):
-    x = np.arange(0.0, 55.5, 1.0)
+def trunk_along_the_top(box, step=1.0):
+    x = np.arange(0.0, 55.5, step)
     points = np.column_stack([x, np.full(len(x), 10.0), np.full(len(x), 18.5)])
     volume, _ = demand_points(box, 8000, 1)
     lines = TrunkLines(points, np.arange(len(x)) - 1, np.zeros(len(x), int), np.zeros(len(x)))
@@ -45,6 +46,33 @@ def test_perforators_reach_all_tissue_and_each_feeds_little(box):
     after = cKDTree(whole.points).query(volume)[0]
     assert np.percentile(before, 95) > 15.0
     assert np.percentile(after, 95) < 7.0
+
+
+def test_what_would_feed_too_much_gets_others_beside_it(box):
+    lines, volume = trunk_along_the_top(box, 0.5)
+    radius = 1.0 * lines.share ** (1 / 2.5)
+    count = len(radius)
+    whole, wide = with_perforators(box, lines, radius, volume, OPTIONS)
+    first = np.flatnonzero((whole.parent < count) & (np.arange(len(wide)) >= count))
+    # Those that are wider, at the trunk's end, find no room beside them.
+    assert (wide[first] < NARROW * radius[0]).mean() > 0.9
+
+
+def test_perforators_follow_a_thin_wall_around_a_cavity():
+    """In a few straight pieces they would cut across the cavity."""
+    wall = kept_tissue(annulus(40.0, 38.4, 10.0))
+    turn = np.radians(np.arange(-40.0, 41.0, 2.0))
+    points = np.column_stack([19.6 * np.cos(turn), 19.6 * np.sin(turn), np.full(len(turn), 5.0)])
+    volume, _ = demand_points(wall, 8000, 1)
+    points[:, :2] += 0.5 * (volume.min(axis=0) + volume.max(axis=0))[:2]
+    nodes = len(points)
+    lines = TrunkLines(points, np.arange(nodes) - 1, np.zeros(nodes, int), np.zeros(nodes))
+    lines = with_shares(lines, volume)
+    radius = 0.15 * lines.share ** (1 / 2.5)
+    options = GrowthOptions(terminals=1000, clearance_mm=0.02, murray_exponent=2.5)
+    whole, _ = with_perforators(wall, lines, radius, volume, options)
+    far = cKDTree(whole.points).query(volume)[0]
+    assert (far < 5.0).mean() > 0.8
 
 
 def test_few_terminals_get_few_perforators(box):

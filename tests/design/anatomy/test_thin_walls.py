@@ -8,14 +8,17 @@ import pytest
 
 from design.anatomy.grown import AnatomicTrees
 from design.anatomy.heart import HeartAnatomy, grow_heart
-from design.anatomy.heart_places import _grooves
+from design.anatomy.heart_places import _grooves, find_heart_places
+from design.anatomy.heart_trunk import guide_depth
+from design.anatomy.openness import sample_surface
 from design.anatomy.sink import check_trunks, sink_trunk
-from design.errors import WideTrunkError
+from design.anatomy.tried_fewer import grow_or_advise
+from design.errors import LEAST_TERMINALS, TissueError, WideTrunkError
 from design.tissue import block, tissue_from_surface
 from design.tissue import heart as heart_shape
 from design.units import PA_PER_MMHG
 from design.vasculature.treemath import tree_from_topology, tree_radii
-from tests.design.anatomy.hearts import HEART, heart_tissue
+from tests.design.anatomy.hearts import HEART, closed_heart, heart_tissue
 from tests.design.tissue.kept import kept_tissue
 
 CLEARANCE = 0.1
@@ -51,7 +54,7 @@ def test_a_trunk_too_wide_for_the_wall_fits_with_the_drop_that_is_advised():
     sunk = sink_trunk(tissue, wide, CLEARANCE)
     everywhere = np.arange(1, len(wide.parent))
     with pytest.raises(
-        WideTrunkError, match=r"room for 2\.\d+ mm; give a pressure_drop"
+        WideTrunkError, match=r"room for 2\.\d+ mm; give a higher pressure_drop"
     ) as refused:
         check_trunks(tissue, (sunk,), everywhere, CLEARANCE)
     thinner = trunk(WIDE_PA * refused.value.drop_factor)
@@ -66,7 +69,7 @@ def test_a_heart_raises_a_drop_of_its_own_choice_until_trunks_fit(monkeypatch):
     def grow(_, options, __):
         drops.append(options.pressure_drop_pa)
         if len(drops) < 3:
-            raise WideTrunkError("too wide", 1.5)
+            raise WideTrunkError("too wide", drop_factor=1.5)
         tree = replace(trunk(WIDE_PA), pressure_drop_pa=options.pressure_drop_pa)
         return AnatomicTrees((tree,), (), (), ("found",))
 
@@ -100,7 +103,11 @@ def test_a_heart_of_a_thin_right_wall_grows(monkeypatch):
     tissue = tissue_from_surface(shape.vertices, shape.faces)
     options = replace(HEART, terminals=40, pressure_drop_pa=500.0)
     with pytest.raises(WideTrunkError) as refused:
-        grow_heart(tissue, options, HeartAnatomy(trunk_ends=10))
+        grow_or_advise(
+            lambda one: grow_heart(tissue, one, HeartAnatomy(trunk_ends=10)),
+            options,
+            LEAST_TERMINALS,
+        )
     advised = re.search(r"pressure_drop_mmhg of ([\d.]+) or more", str(refused.value))
     assert advised is not None
     higher = replace(options, pressure_drop_pa=float(advised[1]) * PA_PER_MMHG)
@@ -108,3 +115,16 @@ def test_a_heart_of_a_thin_right_wall_grows(monkeypatch):
     made = grow_heart(tissue, options, HeartAnatomy(trunk_ends=10, published_radii=True))
     assert sum(int(tree.terminals[0]) for tree in made.trees) == 40
     assert any("wider trunks don't fit in the wall" in note for note in made.notes)
+
+
+def test_trunks_are_planned_less_deep_in_thin_walls():
+    """Trunks planned 1 mm deep found no place below walls of 1.6 and 1 mm: the refusal asked for
+    ostia further apart. With a right wall of 1.5 mm they kept to the left ventricle."""
+    tissue = kept_tissue(closed_heart(0.0, left_wall=1.6, right_wall=1.0))
+    samples = sample_surface(tissue, 4000)
+    places = find_heart_places(samples)
+    assert 0.3 < guide_depth(tissue, samples, places, 0.3) < 0.55
+    wide = find_heart_places(samples), kept_tissue(closed_heart(0.0))
+    assert guide_depth(wide[1], samples, wide[0], 0.3) == 1.0
+    with pytest.raises(TissueError, match=r"thin .* mm thick, .*; give a trunk_depth_mm of 0\.\d"):
+        guide_depth(tissue, samples, places, 1.0)
