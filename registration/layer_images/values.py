@@ -103,6 +103,8 @@ class Unseen(IntEnum):
     """Over older ink from which it can't be told."""
     UNCLEAR = 6
     """The line's surroundings contradict it: light or bath changes there."""
+    COVERED = 7
+    """Over or under another fresh line, which shows there whether this one does or not."""
 
 
 @dataclass(frozen=True)
