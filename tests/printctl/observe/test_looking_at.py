@@ -125,6 +125,9 @@ def test_what_one_picture_does_not_tell_and_the_other_shows_as_a_gap_is_asked_ab
         ([clear_gap, nothing], [(4, 7)]),
         ([clear_gap, clear_gap], []),
         ([clear, nothing], []),
+        ([faint, faint_gap], [(4, 7)]),
+        ([faint_gap, faint], [(4, 7)]),
+        ([clear, faint_gap], []),
     ):
         found = unseen_paths(cast(HeldLook, at), cast(list[LayerFindings], each), 1.5)
         assert [(one.gap.from_mm, one.gap.to_mm) for one in found] == told

@@ -63,7 +63,7 @@ def _seen(found: LayerFindings, stroke: int, low: float, high: float) -> float:
     return float(at.seen[(at.stroke == stroke) & (at.along_mm > low) & (at.along_mm < high)].mean())
 
 
-@pytest.mark.parametrize("angle_deg, gap_mm", [(0, 3), (0, 8), (8, 3), (15, 2), (30, 1)])
+@pytest.mark.parametrize(("angle_deg", "gap_mm"), [(0, 3), (0, 8), (8, 3), (15, 2), (30, 1)])
 def test_what_an_upper_filament_of_the_look_hides_is_not_seen(
     angle_deg: float, gap_mm: float
 ) -> None:
