@@ -102,8 +102,8 @@ def unseen_paths(
     What one of two pictures doesn't tell counts unless the other sees half of it at least, down to
     tolerated gaps: two pictures of faint ink know hardly more than one. Where one picture tells
     nothing and the other shows a gap, by half of it or ``longest_mm``, nothing is sure either; nor
-    where it doesn't see half of the gap. Of mends only those count of which nothing is seen: the
-    operator was asked about the faint ones.
+    where it doesn't see half of a gap longer than half of ``longest_mm``. Of mends only those count
+    of which nothing is seen: the operator was asked about the faint ones.
     """
     bare = set.intersection(*(set(one.bare) for one in each))
     first, second = each[0], each[-1]
@@ -116,7 +116,8 @@ def unseen_paths(
             parts = _shared(this.gaps, other.unseen, longest_mm) + [
                 gap
                 for gap in this.gaps
-                if not (_sees(other, gap) or _shared([gap], other.gaps, gap.length_mm))
+                if 2 * gap.length_mm > longest_mm
+                and not (_sees(other, gap) or _shared([gap], other.gaps, gap.length_mm))
             ]
             for part in parts:
                 unseen += [part] * (not _overlaps(part, unseen))
