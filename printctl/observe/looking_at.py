@@ -239,15 +239,15 @@ class ObservedJob:
         """Findings of a picture; of the first one a drawing is left beside it."""
         if path not in at.found:
             slab_mm = slab(at)
-            image, frame, taken, at.size = open_view(path, self.order, *slab_mm, at.layer.lines)
+            view = open_view(path, self.order, *slab_mm, at.layer.lines)
+            image, frame, at.size = view.image, view.frame, view.size
             before = self._before(at, path, image)
-            self._check_new(taken, before)
+            self._check_new(view.taken, before)
             layered = at.ink.style == "layered"
             is_height = self.order.oct and layered
-            if self.order.oct and not is_height:
-                image = image[:, :, :1]  # filaments of all depths: no height is that of the layer
             if self.order.oct:  # a camera's marks hold its frame themselves
                 at.turned = better_turned(image, frame, at.layer.lines)
+            image = image if view.filaments is None else view.filaments
             see = partial(
                 see_layer,
                 image,

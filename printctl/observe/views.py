@@ -21,7 +21,7 @@ from printctl.observe.scan_place import ScanSize, refuse_elsewhere
 from registration.camera_frame.check import check_frame
 from registration.camera_frame.frame import CameraFrame, read_frame
 from registration.errors import ScanFileError
-from registration.layer_images import ExpectedLines, Frame, height_map
+from registration.layer_images import ExpectedLines, Frame, filament_map, height_map
 from registration.readers.read import read_scan
 from sim.camera.camera_file import load_camera
 from sim.camera.optics import Camera, through_surface
@@ -74,12 +74,15 @@ class View(NamedTuple):
         differ where the device works, though its height map does in any case.
     size : ScanSize or None
         Of a volume.
+    filaments : Image or None
+        Of a volume in a bath: each column at the depth of the filament that is expected next to it.
     """
 
     image: Image
     frame: Frame
     taken: Image
     size: ScanSize | None = None
+    filaments: Image | None = None
 
 
 def open_view(
@@ -120,8 +123,15 @@ def open_view(
             refuse_elsewhere(scan, to_scan, lines)
         image, height_frame = height_map(scan, to_scan, middle_z_mm, thickness_mm, lines)
         step = max(1, len(scan.volume) // _SECTIONS)
+        filaments = None
+        if lines is not None and order.embedded and lines.fresh.any():
+            filaments = filament_map(scan, height_frame, lines)
         return View(
-            image, height_frame, np.asarray(scan.volume[::step]), ScanSize.of(scan, to_scan)
+            image,
+            height_frame,
+            np.asarray(scan.volume[::step]),
+            ScanSize.of(scan, to_scan),
+            filaments,
         )
     image, frame = read_picture(path), camera_frame(order)
     if isinstance(frame, CameraFrame):
