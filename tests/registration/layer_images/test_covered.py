@@ -39,11 +39,12 @@ def _look(
     ahead = np.array([[1, 0], [np.cos(turn), np.sin(turn)], [1, 0], [1, 0]])
     middle = np.array([[5, 5], [5, 5 + aside], [5, 2], [5, 8.0]])
     height = np.array([[*heights, -1.2, -2.5]]).T
-    ends = [np.hstack([middle + by * LENGTH * ahead, height]) for by in (-0.5, 0.5)]
+    start, end = (np.hstack([middle + by * LENGTH * ahead, height]) for by in (-0.5, 0.5))
     frame, rng = Aslant(tilt), np.random.default_rng(4)
     y, x = np.mgrid[0:400, 0:400]
     logs = np.log(150.0) + 0.01 * cv2.GaussianBlur(rng.normal(size=x.shape), (0, 0), 2.0)
-    for number, (begin, stop) in enumerate(zip(*map(frame.to_pixels, ends), strict=True)):
+    pairs = zip(frame.to_pixels(start), frame.to_pixels(end), strict=True)
+    for number, (begin, stop) in enumerate(pairs):
         size = float(np.linalg.norm(stop - begin))
         way = (stop - begin) / size
         along = (x - begin[0]) * way[0] + (y - begin[1]) * way[1]
@@ -53,7 +54,7 @@ def _look(
         logs -= dark * own * np.sqrt(np.clip(1.0 - (2.0 * across / WIDE) ** 2, 0.0, 1.0))
     light = cv2.GaussianBlur(np.exp(logs), (0, 0), 1.0) + rng.normal(0, 0.7, logs.shape)
     count = np.arange(4)
-    lines = ExpectedLines(*ends, np.full(4, WIDE), count, count, np.ones(4, dtype=np.bool_))
+    lines = ExpectedLines(start, end, np.full(4, WIDE), count, count, np.ones(4, dtype=np.bool_))
     return see_layer(np.clip(light, 0, 255).astype(np.uint8), frame, lines)
 
 
