@@ -101,8 +101,9 @@ def unseen_paths(
 
     What one of two pictures doesn't tell counts unless the other sees half of it at least, down to
     tolerated gaps: two pictures of faint ink know hardly more than one. Where one picture tells
-    nothing and the other shows a gap, by half of it or ``longest_mm``, nothing is sure either. Of
-    mends only those count of which nothing is seen: the operator was asked about the faint ones.
+    nothing and the other shows a gap, by half of it or ``longest_mm``, nothing is sure either; nor
+    where it doesn't see half of a gap longer than half of ``longest_mm``. Of mends only those count
+    of which nothing is seen: the operator was asked about the faint ones.
     """
     bare = set.intersection(*(set(one.bare) for one in each))
     first, second = each[0], each[-1]
@@ -111,9 +112,15 @@ def unseen_paths(
         unseen += [
             one for one in second.unseen if not (_sees(first, one) or _overlaps(one, unseen))
         ]
-        for gaps, others in ((second.gaps, first.unseen), (first.gaps, second.unseen)):
-            parts = _shared(gaps, others, longest_mm)
-            unseen += [one for one in parts if not _overlaps(one, unseen)]
+        for this, other in ((second, first), (first, second)):
+            parts = _shared(this.gaps, other.unseen, longest_mm) + [
+                gap
+                for gap in this.gaps
+                if 2 * gap.length_mm > longest_mm
+                and not (_sees(other, gap) or _shared([gap], other.gaps, gap.length_mm))
+            ]
+            for part in parts:
+                unseen += [part] * (not _overlaps(part, unseen))
     out = [_named(at, stroke, None) for stroke in bare]
     unseen = [one for one in unseen if mended_of(one.stroke, at.layer.mended) is None]
     out += [_named(at, one.stroke, one) for one in unseen if one.stroke not in bare]

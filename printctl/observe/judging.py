@@ -129,7 +129,7 @@ def evidence_of(
         thin=thin,
         seem_thin=_below(findings, ink, layer, section, tolerated),
         over_old_share=_over_old(stations),
-        way_mm=float(stations.length_mm.sum()),
+        way_mm=float(findings.stations.length_mm.sum()),  # mends can fail, too
         coverage=findings.coverage,
         level_mm=_level(layer, ink),
         faint_share=findings.faint_share,

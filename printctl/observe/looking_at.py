@@ -230,15 +230,10 @@ class ObservedJob:
         return f"the scan has {size.words}: {wrong}"
 
     def _unseen(self, at: HeldLook, each: list[LayerFindings]) -> tuple[UnseenPath, ...]:
-        """Vessels in a bath of which no picture shows more than is tolerated.
-
-        Of scans only whole ones that seem missing: lone short ones between older ones are seldom
-        told there, though ink is plain.
-        """
+        """Vessels in a bath of which no picture shows more than is tolerated."""
         if at.ink.style != "embedded":
             return ()
-        found = unseen_paths(at, each, self.order.limits.unseen_mm)
-        return tuple(one for one in found if one.bare) if self.order.oct else found
+        return unseen_paths(at, each, self.order.limits.unseen_mm)
 
     def _findings(self, at: HeldLook, path: Path) -> LayerFindings:
         """Findings of a picture; of the first one a drawing is left beside it."""
@@ -250,10 +245,9 @@ class ObservedJob:
             self._check_new(view.taken, before)
             layered = at.ink.style == "layered"
             is_height = self.order.tells_heights and layered
-            if self.order.oct and not is_height:
-                image = image[:, :, :1]  # filaments of all depths: no height is that of the layer
             if self.order.tells_heights:  # a camera's marks hold its frame themselves
                 at.turned = better_turned(image, frame, at.layer.lines)
+            image = image if view.filaments is None else view.filaments
             see = partial(
                 see_layer,
                 image,

@@ -19,7 +19,7 @@ from printctl.observe.scan_place import ScanSize, refuse_elsewhere
 from registration.camera_frame.check import check_frame
 from registration.camera_frame.frame import CameraFrame, read_frame
 from registration.errors import ScanFileError
-from registration.layer_images import ExpectedLines, Frame, height_map
+from registration.layer_images import ExpectedLines, Frame, filament_map, height_map
 from registration.readers.read import read_scan
 from sim.camera.camera_file import load_camera
 from sim.camera.optics import Camera, through_surface
@@ -74,6 +74,8 @@ class View(NamedTuple):
         What a profiler didn't see.
     shown : Image or None
         To draw findings into, where that isn't the image itself.
+    filaments : Image or None
+        Of a volume in a bath: each column at the depth of the filament that is expected next to it.
     """
 
     image: Image
@@ -82,6 +84,7 @@ class View(NamedTuple):
     size: ScanSize | None = None
     hidden: NDArray[np.bool_] | None = None
     shown: Image | None = None
+    filaments: Image | None = None
 
     @property
     def drawn_into(self) -> Image:
@@ -133,8 +136,15 @@ def open_view(
             refuse_elsewhere(ScanSize.of(scan, to_scan), lines)
         image, height_frame = height_map(scan, to_scan, middle_z_mm, thickness_mm, lines)
         step = max(1, len(scan.volume) // _SECTIONS)
+        filaments = None
+        if lines is not None and order.embedded and lines.fresh.any():
+            filaments = filament_map(scan, height_frame, lines)
         return View(
-            image, height_frame, np.asarray(scan.volume[::step]), ScanSize.of(scan, to_scan)
+            image,
+            height_frame,
+            np.asarray(scan.volume[::step]),
+            ScanSize.of(scan, to_scan),
+            filaments,
         )
     image, frame = read_picture(path), camera_frame(order)
     if isinstance(frame, CameraFrame):

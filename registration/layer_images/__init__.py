@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from registration.layer_images.annotate import annotated
     from registration.layer_images.height import HeightFrame, height_map
     from registration.layer_images.orientation import better_turned
+    from registration.layer_images.own_depth import filament_map
     from registration.layer_images.see import see_layer
     from registration.layer_images.surface import Surface, surface_of
     from registration.layer_images.values import (
@@ -50,6 +51,7 @@ __all__ = [
     "Unseen",
     "annotated",
     "better_turned",
+    "filament_map",
     "height_map",
     "see_layer",
     "surface_of",

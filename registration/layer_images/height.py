@@ -88,7 +88,7 @@ def height_map(
     depth_per_mm = float(frame.matrix[2, 2])
     if abs(depth_per_mm) < 1e-9:
         raise PictureError("the scan's depth doesn't run along the printer's z; check its frame")
-    level = _depth_of(frame, middle_z_mm, scan.volume.shape)
+    level = depth_of(frame, middle_z_mm, scan.volume.shape)
     half = max(_LEAST_SLAB / 2, 0.5 * thickness_mm * abs(depth_per_mm))
     deepest = scan.volume.shape[0] - 1
     if level.max() + half < 0 or level.min() - half > deepest:
@@ -97,8 +97,8 @@ def height_map(
             f"{deepest + 1} voxels; check the scan's frame"
         )
     unmeasured = unmeasured_scans(scan.volume)
-    volume = _speckle_less(scan.volume, scan.scale, unmeasured)
-    slab = _slab_mean(volume, level, half)
+    volume = speckle_less(scan.volume, scan.scale, unmeasured)
+    slab = slab_mean(volume, level, half)
     slab[unmeasured] = np.nan
     bath, ink = _bath_and_ink(slab, frame, float(1.0 / np.sqrt(dx * dy)), lines)
     bright = np.log(slab + np.float32(_FLOOR * max(bath, ink) + 1e-6))
@@ -109,8 +109,8 @@ def height_map(
     return np.stack([bright, np.clip(height, -most, most).astype(np.float32)], axis=2), frame
 
 
-def _depth_of(frame: HeightFrame, z_mm: float, shape: tuple[int, ...]) -> FloatArray:
-    """Depth, voxels, of the plane z below each column and row, (rows, columns)."""
+def depth_of(frame: HeightFrame, z_mm: float | FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Depth, voxels, of a height, or that of each, below columns and rows, (rows, columns)."""
     inverse = np.linalg.inv(frame.matrix)
     column, row = np.meshgrid(np.arange(shape[2]), np.arange(shape[1]))
     # z = inverse[2] . (column, row, depth, 1)
@@ -118,7 +118,7 @@ def _depth_of(frame: HeightFrame, z_mm: float, shape: tuple[int, ...]) -> FloatA
     return np.asarray(rest / inverse[2, 2])
 
 
-def _speckle_less(volume: NDArray[np.generic], scale: str, unmeasured: BoolArray) -> FloatImage:
+def speckle_less(volume: NDArray[np.generic], scale: str, unmeasured: BoolArray) -> FloatImage:
     """Linear intensity averaged over neighbouring voxels that were measured."""
     out = np.empty(volume.shape, dtype=np.float32)
     size = (_SPECKLE, _SPECKLE)
@@ -137,9 +137,9 @@ def _speckle_less(volume: NDArray[np.generic], scale: str, unmeasured: BoolArray
     return total
 
 
-def _slab_mean(volume: FloatImage, level: FloatArray, half: float) -> FloatImage:
+def slab_mean(volume: FloatImage, level: FloatArray, half: float | FloatArray) -> FloatImage:
     """Mean over depths within ``half`` of a level, (rows, columns)."""
-    first, last = int(np.floor(level.min() - half)), int(np.ceil(level.max() + half))
+    first, last = int(np.floor((level - half).min())), int(np.ceil((level + half).max()))
     total = np.zeros(level.shape, dtype=np.float32)
     weight = np.zeros(level.shape, dtype=np.float32)
     for k in range(max(0, first), min(len(volume) - 1, last) + 1):

@@ -51,6 +51,8 @@ _LIT_ASIDE: Final = 0.3
 """Of a width and of the slant: uncertainty of where a line lies that is lit from the side."""
 _HALF_SHOWN: Final = 0.5
 """Of a width, by which a line may lie aside and still show as half of its presence."""
+_LIKELIER: Final = 30.0
+"""Times a gap's p-value, up to which a stretch in faint ink is asked about."""
 _TOUCHING: Final = 0.8
 """In widths from a line's middle: ink that begins nearer touches it."""
 
@@ -82,9 +84,11 @@ def honest_shift(shift: Shift, look: SeenLayer, reach_mm: float) -> Shift:
         return replace(shift, covariance_mm2=shift.covariance_mm2 + reach_mm**2 * np.eye(2))
     if told is None:
         return shift
-    slant, moved = min(told.template.slant, 1.0), np.hypot(shift.dx_mm, shift.dy_mm)
-    u = _LIT_ASIDE * slant * float(np.median(look.ways.width))
-    u = np.hypot(u, 0.5 * float(moved) * min(slant / _SLANT, 1.0))
+    width = float(np.median(look.ways.width))
+    slant, moved = min(told.template.slant, 1.0), float(np.hypot(shift.dx_mm, shift.dy_mm))
+    if slant < _SLANT:  # no shade: at most half of a line could look like bath
+        moved = min(moved, 0.5 * width)
+    u = np.hypot(_LIT_ASIDE * slant * width, 0.5 * moved * min(slant / _SLANT, 1.0))
     return replace(shift, covariance_mm2=shift.covariance_mm2 + u**2 * np.eye(2))
 
 
@@ -130,6 +134,7 @@ def findings_of(
         why[good & under.any(axis=1)] = int(Unseen.HIDDEN)
         good = why == Unseen.SEEN
     gaps, told_there = _gaps(look, good, why, places, options)
+    doubted = _doubted(look, gaps, places, options)
     gaps, lost = _beside(look, gaps, told_there, why)
     why[lost] = int(Unseen.SEEN)
     look = replace(look, present=np.where(lost, 0.0, look.present))
@@ -170,7 +175,9 @@ def findings_of(
         appearance=told.appearance if told is not None and told.noise is not None else None,
         moved_px=look.work.moved_px,
         bare=bare_strokes(look, why, np.random.default_rng(29)),
-        unseen=unseen_ways(look, why, gaps, options.gap_mm, options.unseen_mm, options.false_rate),
+        unseen=unseen_ways(
+            look, why, gaps, doubted, options.gap_mm, options.unseen_mm, options.false_rate
+        ),
         faint_share=float(way[faint & ~good].sum()) / float(way.sum()),
     )
 
@@ -229,6 +236,21 @@ def _gaps(
             doubt = good & rows & (look.plain < INK * noise.middle) & (look.present > INK)
             why[doubt & (look.plain < 0.25 * noise.middle)] = int(Unseen.UNCLEAR)
     return found, good & (vague | (why == Unseen.SEEN))
+
+
+def _doubted(look: SeenLayer, gaps: list[Gap], places: int, options: SeeingOptions) -> list[Gap]:
+    """Stretches that look bare in faint ink, too likely by noise to be gaps."""
+    told = look.bath
+    if told is None or told.noise is None or not told.faint:
+        return []
+    around = np.zeros(len(look.ways))
+    clear = ~look.over_old & (told.why == Unseen.SEEN)
+    likely = _LIKELIER * options.false_rate / places
+    found, _ = find_gaps(
+        look.present, clear, look.inferred, look.ways, told.noise, options.gap_mm, likely, around,
+        True,
+    )  # fmt: skip
+    return [one for one in found if one not in gaps]
 
 
 def _beside(

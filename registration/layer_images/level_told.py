@@ -76,4 +76,5 @@ def told_by_level(
         log_step=log_step,
         ink=nothing,
         faint=not noise.can_tell(gap_mm, needed),
+        level=np.ones(len(ways)),
     )

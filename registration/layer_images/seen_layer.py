@@ -10,6 +10,7 @@ import numpy as np
 
 from registration.layer_images.between_older import infer_missing, is_contradicted
 from registration.layer_images.changed import Places, tell_by_change
+from registration.layer_images.covered import Covers
 from registration.layer_images.ink_image import ACROSS, smoothed
 from registration.layer_images.light import flattened
 from registration.layer_images.place_reasons import reasons
@@ -115,13 +116,15 @@ def seen_at_shift(
     )  # fmt: skip
     older = seen.profiles(masks.old, ways.width[:, None] * np.linspace(-0.5, 0.5, 9), nearest=True)
     over_old = np.asarray(older.mean(axis=1) > _MOST_OLD)
-    bath = for_widths = tell_ink(ground, ways, seen, sides, ~over_old, rng)
+    covers = Covers.of(moved, seen)
+    alone = ~over_old & ~covers.places
+    bath = for_widths = tell_ink(ground, ways, seen, sides, alone, rng)
     if work.earlier is not None:
         # A difference helps in a grainy bath, and tells less of ink that a bubble's light falls on.
         count = work.earlier.shape[2]
         parts = [np.ascontiguousarray(each[:, :, :count]) for each in (ground.smooth, flat)]
-        alone = replace(ground, smooth=parts[0], flat=parts[1])
-        by_itself = tell_ink(alone, ways, seen, sides, ~over_old, rng)
+        itself = replace(ground, smooth=parts[0], flat=parts[1])
+        by_itself = tell_ink(itself, ways, seen, sides, alone, rng)
         # What tells ink best by the change is brightness, whose edges rims and ridges move; colour
         # alone counts little there.
         for_widths = bath if by_itself is None or by_itself.noise is None else by_itself
@@ -149,6 +152,9 @@ def seen_at_shift(
         old = old if old is not None and differs_enough(old, bath) else None
     if _is_contradicted(bath, old, over_old, ways):
         old = None
+    covered = covers.untold(bath, over_old, ways, options.gap_mm)
+    place[covered & (place == Unseen.SEEN)] = int(Unseen.COVERED)
+    bath, old = (_without(covered, told) for told in (bath, old))
     by_height = old is not None and thickness_mm is not None
     by_change = old is not None and thickness_mm is None and work.earlier is not None
     joined, inferred = _joined(place, over_old, bath, old, ways)
@@ -168,6 +174,14 @@ def seen_at_shift(
         work, frame, ways, moved, seen, flat, masks, sides, over_old, inferred, bath, old, *joined,
         group, widths, by_height, by_change,
     )  # fmt: skip
+
+
+def _without(covered: BoolArray, told: Told | None) -> Told | None:
+    """Ink that isn't told where another fresh line covers the place."""
+    if told is None:
+        return None
+    own = covered & ~np.isin(told.why, (Unseen.OUTSIDE, Unseen.HIDDEN))
+    return replace(told, why=np.where(own, int(Unseen.COVERED), told.why))
 
 
 def _directly_below(

@@ -104,6 +104,8 @@ class Told:
         Level of ink over the background in each channel.
     faint : bool
         Whether a gap that is just tolerated might be missed; longer ones may still be told.
+    level : (n,) float64
+        Presence of each place's own line, by which ``present`` was divided.
     """
 
     image: FloatImage
@@ -121,6 +123,7 @@ class Told:
     log_step: float
     ink: FloatArray
     faint: bool
+    level: FloatArray
 
 
 @dataclass(frozen=True)
@@ -218,7 +221,7 @@ def _by_mix(
     if fakes is not None:
         own, _ = template.weights(fakes[1], noise_across)
         fake_present = (fakes[0] * own).sum(axis=1).astype(np.float64)
-    least = 1.0
+    least, level = 1.0, np.ones(len(ways))
     if ways.varied:
         level = line_levels(plain, ways, use & (why == Unseen.SEEN), fake_present)
         profiles = np.asarray(profiles / level[:, None], dtype=np.float32)
@@ -246,6 +249,7 @@ def _by_mix(
         image, profiles, present, plain, why, template, noise, contrast, strange,
         unlike_bath(away, ground.free), look, bath_spread,
         _log_step(mix, ink, ground.work.is_log), ink, faint,
+        level,
     )  # fmt: skip
 
 

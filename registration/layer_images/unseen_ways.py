@@ -26,6 +26,7 @@ def unseen_ways(
     look: SeenLayer,
     why: IntArray,
     gaps: list[Gap],
+    doubted: list[Gap],
     gap_mm: float,
     longest_mm: float,
     rate: float,
@@ -44,6 +45,8 @@ def unseen_ways(
         `Unseen`.
     gaps : list of Gap
         Found ones, of which nothing more need be told.
+    doubted : list of Gap
+        Stretches that look bare and might yet be so by noise.
     gap_mm, longest_mm : float, mm
         Tolerated gap; longest stretch that may go untold.
     rate : float
@@ -53,19 +56,18 @@ def unseen_ways(
     standing, lacking, glints = standing_ink(look, why, np.random.default_rng(31))
     told = (why == Unseen.SEEN) | (_told_when_long(look, why, longest_mm, rate) & ~glints)
     told = (told | standing) & ~(lacking & ~(look.present > INK))
-    for gap in gaps:
-        own = ways.stroke == gap.stroke
-        told |= own & (ways.along > gap.from_mm) & (ways.along < gap.to_mm)
+    doubtful = _inside(doubted, ways) & ~standing
+    told = (told & ~doubtful) | _inside(gaps, ways)
     for first, last in stretches_of(told, ways.run):
         inside = first > 0 and last < len(ways) - 1
         inside = inside and ways.run[first - 1] == ways.run[first] == ways.run[last + 1]
         if inside and _length(ways, first, last) < _SEEN_MM:
             told[first : last + 1] = False
     out = []
-    doubted = (why == Unseen.UNCLEAR) & ~(look.present > INK)
+    low = ((why == Unseen.UNCLEAR) & ~(look.present > INK)) | doubtful
     for first, last in stretches_of(~told, ways.run):
         own = slice(first, last + 1)
-        low_mm = float(ways.step[own][doubted[own]].sum())
+        low_mm = float(ways.step[own][low[own]].sum())
         lacking_mm = float(ways.step[own][lacking[own] & ~(look.present[own] > INK)].sum())
         hides = np.isin(why[own], _HIDING)
         beside_mm = float(ways.step[own][hides].sum()) * _is_beside(ways, first, last, gaps)
@@ -74,6 +76,15 @@ def unseen_ways(
             (begin, start), (end, stop) = _edge(ways, first, -0.5), _edge(ways, last, 0.5)
             out.append(Gap(int(ways.stroke[first]), begin, end, start, stop, 0.0, 1.0))
     return tuple(out)
+
+
+def _inside(gaps: list[Gap], ways: Ways) -> BoolArray:
+    """Places inside gaps, (n,)."""
+    out = np.zeros(len(ways), dtype=np.bool_)
+    for gap in gaps:
+        own = ways.stroke == gap.stroke
+        out |= own & (ways.along > gap.from_mm) & (ways.along < gap.to_mm)
+    return out
 
 
 def _is_beside(ways: Ways, first: int, last: int, gaps: list[Gap]) -> bool:

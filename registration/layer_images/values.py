@@ -103,6 +103,8 @@ class Unseen(IntEnum):
     """Over older ink from which it can't be told."""
     UNCLEAR = 6
     """The line's surroundings contradict it: light or bath changes there."""
+    COVERED = 7
+    """Over or under another fresh line, which shows in any case."""
 
 
 @dataclass(frozen=True)
@@ -374,8 +376,7 @@ class SeeingOptions:
     ----------
     gap_mm : float, mm
         Gaps from this length on are looked for.
-    width_percent : float, %
-    lumen_percent : float, %
+    width_percent, lumen_percent : float, %
     shift_mm : float, mm
         Farthest that the layer is looked for beside its place.
     false_rate : float
@@ -383,8 +384,7 @@ class SeeingOptions:
     unseen_mm : float, mm
         Longest stretch of a stroke that may go untold.
     round_lines : bool
-        Whether lines are as high as wide: a camera that looks aslant sees them wider than flat
-        ones.
+        Whether lines are as high as wide: seen aslant they are wider than flat ones.
     """
 
     gap_mm: float = 0.2

@@ -184,14 +184,21 @@ class Decider:
                 f"ink shows on {evidence.faint_share:.0%}, too grainy or faint for gaps of "
                 f"{self.limits.gap.least_mm:g} mm: longer ones alone are told"
             )
-        if any_seen and self._hardly_seen(evidence):
+        if hardly := any_seen and self._hardly_seen(evidence):
             seen = f"only {evidence.seen_share:.0%} was seen; that is {seen}"
         if evidence.stretches:
             percent = self.limits.width_percent
             seen = f"{evidence.stretches} stretches beyond {percent:g} % of their width, told alone"
+        seen += self._rest(evidence) * (any_seen and not hardly)
         told = f"; {evidence.over_old_share:.0%} lies over older ink and can't be told from it"
         seen += told * (evidence.over_old_share >= 0.01)
         return Decision(DecisionKind.GO_ON, seen + self._unconfirmed(evidence))
+
+    def _rest(self, evidence: Evidence) -> str:
+        """How much wasn't seen, in words, where that is more than a tolerated gap."""
+        unseen_mm = evidence.way_mm * (1.0 - evidence.seen_share - evidence.over_old_share)
+        told = f"; {unseen_mm:.1f} of {evidence.way_mm:.1f} mm weren't seen"
+        return told * (unseen_mm >= self.limits.gap.least_mm)
 
     def _unconfirmed(self, evidence: Evidence) -> str:
         """What one picture shows as missing and the other doesn't, in words."""

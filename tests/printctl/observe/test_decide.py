@@ -49,6 +49,14 @@ def test_a_layer_of_which_little_was_seen_is_not_called_sound():
     assert decided(seen_share=0.25, over_old_share=0.6).why.startswith("as expected")
 
 
+def test_a_look_that_goes_on_says_how_much_was_not_seen():
+    """1.2 mm were missing at a vessel's start, of which 74 % were seen: "as expected" alone."""
+    said = decided(seen_share=0.74, way_mm=4.6).why
+    assert said == "as expected, within tolerance; 1.2 of 4.6 mm weren't seen"
+    assert decided(seen_share=0.98, way_mm=4.6).why == "as expected, within tolerance"
+    assert "0.5 of 5.0 mm" in decided(seen_share=0.5, over_old_share=0.4, way_mm=5.0).why
+
+
 @pytest.mark.parametrize(("shows", "kind"), [(0.0, "pause"), (0.1, "pause"), (0.9, "go_on")])
 def test_grainy_ink_of_the_first_look_is_ink(shows, kind):
     """In coarse speckle the first look asked whether the needle was clogged."""

@@ -146,3 +146,11 @@ def test_what_is_too_faint_is_told_as_not_seen_over_its_whole_length() -> None:
     assert found.gaps == ()
     assert sum(one.length_mm for one in found.unseen) == pytest.approx(5.0, abs=0.2)
     assert _faint(0.1, 7).unseen == ()
+
+
+def test_what_looks_bare_in_faint_ink_is_asked_about_where_it_is_no_sure_gap() -> None:
+    found = _faint(0.01, 3, (2.6, 3.15))
+    assert found.gaps == ()
+    (bare,) = found.unseen
+    assert bare.from_mm < 2.1 < bare.to_mm
+    assert _faint(0.01, 3).unseen == ()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from registration.layer_images.ink_image import BathNoise
-from registration.layer_images.layer_findings import _lit_widths
+from registration.layer_images.layer_findings import _lit_widths, honest_shift
 from registration.layer_images.strange import strangeness
 from registration.layer_images.values import Shift
 from registration.layer_images.widths import Widths
@@ -33,6 +33,15 @@ def test_widths_are_doubted_where_shade_could_have_thinned_them(ratio, shift_mm,
     )
     found = _lit_widths(look, Shift(*shift_mm, np.eye(2)))
     assert (found.common > 0.1) == doubted
+
+
+@pytest.mark.parametrize(("slant", "sure"), [(0.058, True), (0.1, False)])
+def test_a_slope_of_the_light_makes_no_large_shift_unsure(slant: float, sure: bool) -> None:
+    """A dish that had moved by 0.4 mm was told within tolerance: 0.40 mm, give or take 0.15."""
+    bath = SimpleNamespace(template=SimpleNamespace(slant=slant), noise=object())
+    look = SimpleNamespace(bath=bath, old=None, ways=SimpleNamespace(width=np.full(9, 0.25)))
+    found = honest_shift(Shift(0.4, 0.0, np.zeros((2, 2))), look, 0.5)
+    assert (found.u_mm[0] < 0.05) == sure
 
 
 def test_a_blurred_edge_of_coloured_ink_is_not_strange_and_another_colour_is() -> None:

@@ -1,0 +1,130 @@
+"""Find places along fresh lines that the view shows over, or under, another fresh line.
+
+Two vessels of one look may cross, or run one over the other: where ink of the lower one is missing
+the upper one's shows, and the other way round. Lines that lie in each other (joints of a tree) are
+ink to both and cover nothing. Of translucent ink densities add, which tells some of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from registration.layer_images.line_levels import lines_of
+from registration.layer_images.presence import INK, averaged
+from registration.layer_images.told import Told
+from registration.layer_images.values import BoolArray, FloatArray, IntArray, Unseen
+from registration.layer_images.ways import DETOUR, Seen, Ways
+
+_MOST: Final = 0.3
+"""Of a line's width in the view, that another line may cover."""
+_ACROSS: Final = np.linspace(-0.5, 0.5, 9)
+"""Of a width."""
+_KNOWN: Final = 2.0
+"""Widths of a line's own ink alone, from which on its level is known."""
+_THICKEST: Final = 1.3
+"""Of a round line's level across it, that it has in its middle."""
+_SHOWN: Final = 0.4
+"""Of a line's level, that must show over that of the others."""
+_SPREADS: Final = 4.0
+"""And standard deviations of ink."""
+
+
+@dataclass(frozen=True)
+class Covers:
+    """What lies over or under fresh lines in the view.
+
+    Attributes
+    ----------
+    places : (n,) bool
+        Places over or under which the view shows another line, whose middle is higher or lower by
+        more than its radius.
+    one, other : (k,) int64
+        All pairs of places of lines that the view shows over each other, whatever their height.
+    """
+
+    places: BoolArray
+    one: IntArray
+    other: IntArray
+
+    @staticmethod
+    def of(ways: Ways, seen: Seen) -> Covers:
+        """Find them among the places ``ways``, which lie in the picture as ``seen`` says."""
+        nothing = np.zeros(0, dtype=np.int64)
+        height = ways.point[:, 2]
+        if np.ptp(height) <= 0.5 * float(ways.width.min()):  # of one layer
+            return Covers(np.zeros(len(ways), dtype=np.bool_), nothing, nothing)
+        half = 0.5 * ways.width * np.linalg.norm(seen.across, axis=1)
+        shown = np.flatnonzero(np.isfinite(seen.at).all(axis=1) & np.isfinite(half))
+        reach = 2.0 * float(half[shown].max(initial=0.0))
+        pairs = cKDTree(seen.at[shown]).query_pairs(reach, output_type="ndarray")
+        one, other = shown[pairs].reshape(-1, 2).T
+        one, other = np.concatenate([one, other]), np.concatenate([other, one])
+        another = ~_goes_on(ways, one, other)
+        one, other = one[another], other[another]
+        hit = _hits(seen, half, one, other)
+        apart = np.abs(height[one] - height[other]) > 0.5 * ways.width[other]
+        across = np.zeros((len(ways), len(_ACROSS)), dtype=np.bool_)
+        np.logical_or.at(across, one[apart], hit[apart])
+        touching = hit.any(axis=1)
+        return Covers(across.mean(axis=1) > _MOST, one[touching], other[touching])
+
+    def untold(
+        self, told: Told | None, over_old: BoolArray, ways: Ways, gap_mm: float
+    ) -> BoolArray:
+        """Return the places that tell nothing of their own line, (n,).
+
+        Other lines' ink only adds: less than the line's own shows that it is missing. What is
+        clearly more than the other lines' shows that it is there.
+
+        Parameters
+        ----------
+        told : Told or None
+            Ink over the bath.
+        over_old : (n,) bool
+            Places over older ink, which adds as well.
+        ways : Ways
+        gap_mm : float, mm
+            Tolerated.
+        """
+        if told is None or told.noise is None or not self.places.any():
+            return self.places
+        ink, line = INK * told.noise.middle, lines_of(ways)
+        sure = ~self.places & ~over_old & (told.why == Unseen.SEEN) & (told.present > ink)
+        known_mm = np.bincount(line, weights=np.where(sure, ways.step, 0.0))
+        known = known_mm[line] > _KNOWN * ways.width
+        level = told.level * told.noise.middle
+        others = self._others(np.where(known, level, np.inf), ways.run)
+        count = max(1, round(gap_mm / float(np.median(ways.step)))) | 1
+        shown = averaged(told.present, np.isfinite(told.present), ways.run, count) * told.level
+        doubt = _SPREADS * float(told.noise.spread[0]) * told.level
+        there = shown > _THICKEST * others + np.maximum(_SHOWN * level, doubt)
+        shows = known & ~over_old & ((told.present < ink) | there)
+        return np.asarray(self.places & ~shows)
+
+    def _others(self, level: FloatArray, run: IntArray) -> FloatArray:
+        """Sum of the levels (n,) that other lines have where they cross each place, (n,)."""
+        count = int(run.max(initial=0)) + 1
+        key, each = np.unique(self.one * count + run[self.other], return_inverse=True)
+        most = np.zeros(len(key))
+        np.maximum.at(most, each, level[self.other])
+        return np.asarray(np.bincount(key // count, most, len(level)), dtype=np.float64)
+
+
+def _goes_on(ways: Ways, one: IntArray, other: IntArray) -> BoolArray:
+    """Whether a line leads from one place to the other without a turn back."""
+    along = np.abs(ways.along[one] - ways.along[other])
+    apart = np.linalg.norm(ways.point[one] - ways.point[other], axis=1)
+    return np.asarray((ways.stroke[one] == ways.stroke[other]) & (along <= DETOUR * apart))
+
+
+def _hits(seen: Seen, half: FloatArray, one: IntArray, other: IntArray) -> BoolArray:
+    """Which parts across a place lie on the other line in the view, (k, 9)."""
+    across = seen.across[one] / np.linalg.norm(seen.across[one], axis=1, keepdims=True)
+    off = seen.at[other] - seen.at[one]
+    part = 2.0 * half[one, None] * _ACROSS
+    far = (off[:, :1] - part * across[:, :1]) ** 2 + (off[:, 1:] - part * across[:, 1:]) ** 2
+    return np.asarray(far < half[other, None] ** 2)
