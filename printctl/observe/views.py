@@ -144,7 +144,7 @@ def open_view(
             height_frame,
             np.asarray(scan.volume[::step]),
             ScanSize.of(scan, to_scan),
-            filaments,
+            filaments=filaments,
         )
     image, frame = read_picture(path), camera_frame(order)
     if isinstance(frame, CameraFrame):
