@@ -184,6 +184,8 @@ def _drop_note(
     if abs(ours / before - 1.0) < 1e-9:
         return ()
     why = "with it diameters and lengths are nearest to those of Kassab et al. 1993"
+    if ours < before:
+        why += "; where its wider trunks leave tissue without vessels, give a drop yourself"
     if ours >= narrower.pressure_drop_pa > before:
         why = "wider trunks don't fit in the wall"
     return (

@@ -27,7 +27,7 @@ _DROPS: Final = 3
 LAID: Final = 0.85
 """Of the planned trunks' length, below which it is told: smoothed they are a twentieth shorter. Of
 the length with the given pressure drop, which another drop must keep."""
-_REACH: Final = 1.25
+_REACH: Final = 1.15
 """Distance from the nearest terminal, of 99 % of the tissue, with another pressure drop over that
 with the given one, at most: no part may lose its supply for nearer radii."""
 
