@@ -137,8 +137,10 @@ def open_view(
         image, height_frame = height_map(scan, to_scan, middle_z_mm, thickness_mm, lines)
         step = max(1, len(scan.volume) // _SECTIONS)
         filaments = None
-        if lines is not None and order.embedded and lines.fresh.any():
-            filaments = filament_map(scan, height_frame, lines)
+        if lines is not None and order.embedded:
+            # Of filaments at all depths no height is that of the layer.
+            fresh = lines.fresh.any()
+            filaments = filament_map(scan, height_frame, lines) if fresh else image[:, :, :1]
         return View(
             image,
             height_frame,

@@ -17,6 +17,7 @@ _LEAST_FREE: Final = 0.25
 """Of the fresh lines' area, beside older ink: less, and they don't tell where they lie."""
 
 _LEAST_SPREAD: Final = 0.1
+"""Of heights beside lines, thicknesses."""
 
 
 def first_shift(

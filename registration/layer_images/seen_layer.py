@@ -143,13 +143,7 @@ def seen_at_shift(
     elif over_old.any() and work.earlier is not None:
         old = _by_change(work, frame, lines, late, by, masks, ways, seen, over_old, options, rng)
     elif over_old.any():
-        disc = np.ones((3, 3), np.uint8)
-        alone = cv2.erode(masks.old, disc) & (cv2.dilate(masks.fresh, disc, iterations=2) == 0)
-        alone = (alone & ~(work.bad | work.hidden)).astype(np.uint8)
-        touching = Sides(np.full(len(ways), 0.5), np.full(len(ways), 0.5))
-        on_old = replace(ground, free=alone, known=None)
-        old = tell_ink(on_old, ways, seen, touching, over_old, rng)
-        old = old if old is not None and differs_enough(old, bath) else None
+        old = _by_contrast(ground, masks, ways, seen, over_old, bath, rng)
     if _is_contradicted(bath, old, over_old, ways):
         old = None
     covered = covers.untold(bath, over_old, ways, options.gap_mm)
@@ -174,6 +168,24 @@ def seen_at_shift(
         work, frame, ways, moved, seen, flat, masks, sides, over_old, inferred, bath, old, *joined,
         group, widths, by_height, by_change,
     )  # fmt: skip
+
+
+def _by_contrast(
+    ground: Ground,
+    masks: Masks,
+    ways: Ways,
+    seen: Seen,
+    over_old: BoolArray,
+    bath: Told | None,
+    rng: np.random.Generator,
+) -> Told | None:
+    """Ink over older ink by the older ink alone; None where it looks like that over the bath."""
+    disc, work = np.ones((3, 3), np.uint8), ground.work
+    bare = cv2.erode(masks.old, disc) & (cv2.dilate(masks.fresh, disc, iterations=2) == 0)
+    bare = (bare & ~(work.bad | work.hidden)).astype(np.uint8)
+    touching = Sides(np.full(len(ways), 0.5), np.full(len(ways), 0.5))
+    old = tell_ink(replace(ground, free=bare, known=None), ways, seen, touching, over_old, rng)
+    return old if old is not None and differs_enough(old, bath) else None
 
 
 def _without(covered: BoolArray, told: Told | None) -> Told | None:

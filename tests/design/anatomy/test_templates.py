@@ -22,13 +22,7 @@ from design.anatomy.kidney_places import find_kidney_places
 from design.anatomy.layer import join_layer
 from design.anatomy.liver import LiverAnatomy, grow_liver
 from design.anatomy.liver_places import find_liver_places
-from design.anatomy.main_branches import (
-    MainBranch,
-    Pieces,
-    lost_branch,
-    missing_branches,
-    trunk_pieces,
-)
+from design.anatomy.main_branches import MainBranch, missing_branches, trunk_pieces
 from design.anatomy.network import curved_network
 from design.anatomy.openness import sample_surface
 from design.anatomy.trunk_lines import TrunkLines, outward
@@ -214,27 +208,6 @@ def test_main_branches_that_found_no_room_are_named():
     present = MainBranch("right coronary's trunk", RIGHT, line)
     (note,) = missing_branches((present, beside), trunk_pieces(found.trees))
     assert note.startswith("the left marginal branch lies along 0% of its planned")
-
-
-def pieces_along(line, parent):
-    return Pieces(line[:-1], line[1:], np.full(len(line) - 1, 0.5), np.array(parent))
-
-
-def test_side_branches_beside_the_way_of_a_main_branch_are_not_that_branch():
-    """A posterior descending branch that ended halfway passed for whole where others ran by."""
-    way = np.column_stack([np.linspace(0.0, 60.0, 13), np.zeros(13), np.zeros(13)])
-    planned = MainBranch("posterior descending branch", 0, way, needed=True)
-    whole = pieces_along(way, np.arange(-1, 11))
-    assert not missing_branches((planned,), [whole])
-    assert lost_branch((planned,), [whole]) is None
-    # Below the first third the rest are ends of other branches: one way has them, not both.
-    other = whole._replace(parent=np.array([-1, 0, 1, 2, -1, 4, 5, 6, 7, 8, 9, 10]))
-    (note,) = missing_branches((planned,), [other])
-    assert "lies along 70%" in note
-    short = Pieces(*(column[:3] for column in whole))
-    assert "lies along 2" in str(lost_branch((planned,), [short]))
-    across = whole._replace(end=whole.begin + [0.0, 5.0, 0.0])
-    assert "lies along 0%" in missing_branches((planned,), [across])[0]
 
 
 def test_heart_has_two_ostia_at_the_base_and_trunks_below_the_epicardium():
