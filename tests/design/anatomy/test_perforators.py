@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from design.anatomy.from_trunks import kept_narrow, roots_of
+from design.anatomy.perforator_ways import Room, Ways
 from design.anatomy.perforators import NARROW, with_perforators
 from design.anatomy.trunk_lines import TrunkLines, with_shares
 from design.tissue import block
@@ -58,21 +59,24 @@ def test_what_would_feed_too_much_gets_others_beside_it(box):
     assert (wide[first] < NARROW * radius[0]).mean() > 0.9
 
 
-def test_perforators_follow_a_thin_wall_around_a_cavity():
-    """In a few straight pieces they would cut across the cavity."""
+def test_a_perforator_follows_a_thin_wall_around_a_cavity():
+    """In a few straight pieces it would cut across the cavity."""
     wall = kept_tissue(annulus(40.0, 38.4, 10.0))
-    turn = np.radians(np.arange(-40.0, 41.0, 2.0))
-    points = np.column_stack([19.6 * np.cos(turn), 19.6 * np.sin(turn), np.full(len(turn), 5.0)])
     volume, _ = demand_points(wall, 8000, 1)
-    points[:, :2] += 0.5 * (volume.min(axis=0) + volume.max(axis=0))[:2]
-    nodes = len(points)
-    lines = TrunkLines(points, np.arange(nodes) - 1, np.zeros(nodes, int), np.zeros(nodes))
-    lines = with_shares(lines, volume)
-    radius = 0.15 * lines.share ** (1 / 2.5)
-    options = GrowthOptions(terminals=1000, clearance_mm=0.02, murray_exponent=2.5)
-    whole, _ = with_perforators(wall, lines, radius, volume, options)
-    far = cKDTree(whole.points).query(volume)[0]
-    assert (far < 5.0).mean() > 0.8
+    middle = 0.5 * (volume.min(axis=0) + volume.max(axis=0))
+    nodes = 17
+    trunk = middle + [19.6, 0.0, 0.0] + np.outer(np.linspace(-4.0, 4.0, nodes), [0, 0, 1.0])
+    lines = TrunkLines(trunk, np.arange(nodes) - 1, np.zeros(nodes, int), np.zeros(nodes))
+
+    def way_a_quarter_round(piece_mm):
+        room = Room(wall, lines, np.full(nodes, 0.15), 0.02, 0.02, piece_mm)
+        deep = volume[-wall.grid.distance(volume) >= room.need_mm]
+        ways = Ways.through(wall, deep, 0.7 * room.need_mm, lines.points)
+        return room.path_to(ways, ways.layer.nearest(middle + [0.0, 19.6, 0.0]))
+
+    path = way_a_quarter_round(1.0)
+    assert np.linalg.norm(np.diff(path, axis=0), axis=1).sum() > 25.0
+    assert way_a_quarter_round(100.0) is None
 
 
 def test_few_terminals_get_few_perforators(box):
