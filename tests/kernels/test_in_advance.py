@@ -22,6 +22,7 @@ def rows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[NeededKernel]:
     return needed_kernels()[:2]
 
 
+@pytest.mark.slow
 def test_what_is_compiled_is_no_longer_missing(rows: list[NeededKernel], tmp_path: Path) -> None:
     assert missing(rows) == rows
     told: list[int] = []

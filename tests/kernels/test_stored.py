@@ -156,6 +156,7 @@ def test_a_docstring_compiles_nothing(compiled: Path, tmp_path: Path) -> None:
     assert _run(tmp_path, SLOPE_FIRST, "3.0, 100.0", '"""New."""') == "6.0 True"
 
 
+@pytest.mark.slow
 def test_every_kind_of_kernel_runs_from_disk_and_beside_one_compiled_after(tmp_path: Path) -> None:
     (tmp_path / "kinds.py").write_text(KINDS)
     made, loaded = _python(tmp_path, USED), _python(tmp_path, USED)

@@ -103,6 +103,7 @@ def test_minimum_zone_is_no_wider_than_least_squares_sees() -> None:
     assert 0.8 * np.ptp(radius) < width <= np.ptp(radius)
 
 
+@pytest.mark.slow
 def test_as_designed_nothing_is_off() -> None:
     found = measured(scene(segmented(AS_DESIGNED)))
     assert len([one for one in found if one.name == "face"]) == 6
