@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
+from registration.layer_images.gaps import stretches_of
 from registration.layer_images.ink_image import ACROSS, CORE
 from registration.layer_images.line_levels import lines_of
 from registration.layer_images.presence import INK, averaged
@@ -35,6 +36,8 @@ _THICKER: Final = 1.1
 """Times its level beside a crossing, that another line may have in it."""
 _SHOWN: Final = 0.4
 """Of a line's level, that must show over that of the others."""
+_LIKELY: Final = 0.5
+"""Of a line's level, that shows over that of the others where the line is likely there."""
 _SPREADS: Final = 4.0
 """And standard deviations of ink."""
 
@@ -109,23 +112,43 @@ class Covers:
         known_mm = np.bincount(line, weights=np.where(sure, ways.step, 0.0))
         known = known_mm[line] > _KNOWN * ways.width
         level = told.level * told.noise.middle
-        others = self._others(np.where(known, level, np.inf), ways.run, told.template.values)
+        sums = np.where(known, level, np.inf), ways.run, told.template.values
+        others = self._others(*sums, _ASIDE)
         count = max(1, round(gap_mm / float(np.median(ways.step)))) | 1
         shown = averaged(told.present, np.isfinite(told.present), ways.run, count) * told.level
         doubt = _SPREADS * float(told.noise.spread[0]) * told.level
         there = shown > _THICKER * others + np.maximum(_SHOWN * level, doubt)
-        shows = known & ~over_old & ((told.present < ink) | there)
+        bare = told.present < ink
+        lacks = self.places & ~bare & ~(shown > self._others(*sums, 0.0) + _LIKELY * level)
+        there &= ~self._lacking(lacks, ways, gap_mm)
+        shows = known & ~over_old & (bare | there)
         return np.asarray(self.places & ~shows)
 
-    def _others(self, level: FloatArray, run: IntArray, profile: FloatArray) -> FloatArray:
-        """Presence (n,) of other lines at each place, by their levels (n,) and profile (61,)."""
+    def _lacking(self, lacks: BoolArray, ways: Ways, gap_mm: float) -> BoolArray:
+        """Return crossings, (n,), of which more than is tolerated likely lacks the line's ink.
+
+        There the other lines' ink may be thicker than it was taken for, beside that as well.
+        """
+        out = np.zeros(len(ways), dtype=np.bool_)
+        for first, last in stretches_of(self.places, ways.run):
+            own = slice(first, last + 1)
+            out[own] = float(ways.step[own][lacks[own]].sum()) > gap_mm
+        return out
+
+    def _others(
+        self, level: FloatArray, run: IntArray, profile: FloatArray, aside: float
+    ) -> FloatArray:
+        """Presence (n,) of other lines at each place, by their levels (n,) and profile (61,).
+
+        They may lie so much nearer, of their widths, than expected.
+        """
         count = int(run.max(initial=0)) + 1
         key, each = np.unique(self.one * count + run[self.other], return_inverse=True)
         apart, most = np.full((len(key), self.apart.shape[1]), np.inf), np.zeros(len(key))
         np.minimum.at(apart, each, self.apart)
         np.maximum.at(most, each, level[self.other])
         half = ACROSS >= 0
-        light = np.interp(np.maximum(apart - _ASIDE, 0.0), ACROSS[half], profile[half], right=0.0)
+        light = np.interp(np.maximum(apart - aside, 0.0), ACROSS[half], profile[half], right=0.0)
         own = profile[CORE]
         share = np.maximum(light @ own / float(own @ own), _LEAST)
         return np.asarray(np.bincount(key // count, most * share, len(level)), dtype=np.float64)
