@@ -18,7 +18,7 @@ from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.mends_again import LayerInk, mended_of
 from printctl.observe.observer import Look
 from printctl.observe.scan_place import ScanSize
-from registration.layer_images import Gap, LayerFindings, Lumen
+from registration.layer_images import Gap, LayerFindings, Lumen, Unseen
 
 
 @dataclass
@@ -125,6 +125,27 @@ def unseen_paths(
     unseen = [one for one in unseen if mended_of(one.stroke, at.layer.mended) is None]
     out += [_named(at, one.stroke, one) for one in unseen if one.stroke not in bare]
     return tuple(sorted(out, key=lambda one: (one.gap.stroke, one.gap.from_mm)))
+
+
+def hidden_stretches(
+    at: HeldLook, each: Sequence[LayerFindings], least_mm: float
+) -> tuple[UnseenPath, ...]:
+    """Return the stretches over a bath, so long at least, that no picture sees half of."""
+    stations, found = each[0].stations, list[Gap]()
+    hidden = ~stations.seen & (stations.why != Unseen.OLD_INK)
+    for stroke in np.unique(stations.stroke[hidden]):
+        rows = np.flatnonzero(hidden & (stations.stroke == stroke))
+        for own in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+            middle, half = stations.along_mm[own], 0.5 * stations.length_mm[own]
+            low, high = float(middle[0] - half[0]), float(middle[-1] + half[-1])
+            begin, end = ((float(x), float(y)) for x, y in stations.at_mm[own[[0, -1]]])
+            found.append(Gap(int(stroke), low, high, begin, end, 0.0, 1.0))
+    unseen = [
+        one
+        for one in found
+        if one.length_mm >= least_mm and not any(_sees(other, one) for other in each[1:])
+    ]
+    return tuple(_named(at, one.stroke, one) for one in unseen)
 
 
 def _sees(picture: LayerFindings, one: Gap) -> bool:

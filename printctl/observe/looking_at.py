@@ -26,7 +26,7 @@ from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError
 from printctl.observe.devices.acquire import Place, Region
 from printctl.observe.expected import ExpectedInk, expected_ink
-from printctl.observe.held_look import HeldLook, gaps_to_mend, slab, unseen_paths
+from printctl.observe.held_look import HeldLook, gaps_to_mend, hidden_stretches, slab, unseen_paths
 from printctl.observe.judging import (
     evidence_of,
     figures,
@@ -203,8 +203,11 @@ class ObservedJob:
             left_ul=self._left_ul(at.ink),
             tolerated=limits.width_percent / 100,
         )
-        unseen = self._unseen(at, [one for one in (first, second) if one is not None])
-        evidence = replace(evidence, turned=at.turned, unseen=unseen)
+        each = [one for one in (first, second) if one is not None]
+        evidence = replace(evidence, turned=at.turned, unseen=self._unseen(at, each))
+        if at.ink.style == "embedded":
+            hidden = hidden_stretches(at, each, limits.gap.least_mm)
+            evidence = replace(evidence, hidden=hidden)
         if at.mends_alone:  # of the rest the last look has told
             evidence = without_rest(evidence)
         found = {**figures(first, evidence), "about_from": at.look.before}

@@ -13,6 +13,8 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
+from registration.layer_images.gaps import stretches_of
+from registration.layer_images.ink_image import ACROSS, CORE
 from registration.layer_images.line_levels import lines_of
 from registration.layer_images.presence import INK, averaged
 from registration.layer_images.told import Told
@@ -23,12 +25,19 @@ _MOST: Final = 0.3
 """Of a line's width in the view, that another line may cover."""
 _ACROSS: Final = np.linspace(-0.5, 0.5, 9)
 """Of a width."""
+_WITHIN: Final = 0.5
+_LEAST: Final = 0.05
+"""Of another line's level, that it adds where it touches a place."""
 _KNOWN: Final = 2.0
 """Widths of a line's own ink alone, from which on its level is known."""
-_THICKEST: Final = 1.3
-"""Of a round line's level across it, that it has in its middle."""
+_ASIDE: Final = 0.1
+"""Of another line's width, by which it may lie nearer, or be wider, than expected."""
+_THICKER: Final = 1.1
+"""Times its level beside a crossing, that another line may have in it."""
 _SHOWN: Final = 0.4
 """Of a line's level, that must show over that of the others."""
+_LIKELY: Final = 0.5
+"""Of a line's level, that shows over that of the others where the line is likely there."""
 _SPREADS: Final = 4.0
 """And standard deviations of ink."""
 
@@ -44,11 +53,14 @@ class Covers:
         more than its radius.
     one, other : (k,) int64
         All pairs of places of lines that the view shows over each other, whatever their height.
+    apart : (k, u) float64
+        How far the core of ``one``, as of `ACROSS`, lies from ``other``, in widths of that.
     """
 
     places: BoolArray
     one: IntArray
     other: IntArray
+    apart: FloatArray
 
     @staticmethod
     def of(ways: Ways, seen: Seen) -> Covers:
@@ -56,7 +68,8 @@ class Covers:
         nothing = np.zeros(0, dtype=np.int64)
         height = ways.point[:, 2]
         if np.ptp(height) <= 0.5 * float(ways.width.min()):  # of one layer
-            return Covers(np.zeros(len(ways), dtype=np.bool_), nothing, nothing)
+            none = np.zeros((0, int(CORE.sum())))
+            return Covers(np.zeros(len(ways), dtype=np.bool_), nothing, nothing, none)
         half = 0.5 * ways.width * np.linalg.norm(seen.across, axis=1)
         shown = np.flatnonzero(np.isfinite(seen.at).all(axis=1) & np.isfinite(half))
         reach = 2.0 * float(half[shown].max(initial=0.0))
@@ -65,12 +78,14 @@ class Covers:
         one, other = np.concatenate([one, other]), np.concatenate([other, one])
         another = ~_goes_on(ways, one, other)
         one, other = one[another], other[another]
-        hit = _hits(seen, half, one, other)
+        hit = _apart(seen, half, one, other, _ACROSS) < _WITHIN
         apart = np.abs(height[one] - height[other]) > 0.5 * ways.width[other]
         across = np.zeros((len(ways), len(_ACROSS)), dtype=np.bool_)
         np.logical_or.at(across, one[apart], hit[apart])
         touching = hit.any(axis=1)
-        return Covers(across.mean(axis=1) > _MOST, one[touching], other[touching])
+        one, other = one[touching], other[touching]
+        core = _apart(seen, half, one, other, ACROSS[CORE])
+        return Covers(across.mean(axis=1) > _MOST, one, other, core)
 
     def untold(
         self, told: Told | None, over_old: BoolArray, ways: Ways, gap_mm: float
@@ -78,7 +93,7 @@ class Covers:
         """Return the places that tell nothing of their own line, (n,).
 
         Other lines' ink only adds: less than the line's own shows that it is missing. What is
-        clearly more than the other lines' shows that it is there.
+        clearly more than the other lines', which grow thin to their sides, shows that it is there.
 
         Parameters
         ----------
@@ -97,21 +112,46 @@ class Covers:
         known_mm = np.bincount(line, weights=np.where(sure, ways.step, 0.0))
         known = known_mm[line] > _KNOWN * ways.width
         level = told.level * told.noise.middle
-        others = self._others(np.where(known, level, np.inf), ways.run)
+        sums = np.where(known, level, np.inf), ways.run, told.template.values
+        others = self._others(*sums, _ASIDE)
         count = max(1, round(gap_mm / float(np.median(ways.step)))) | 1
         shown = averaged(told.present, np.isfinite(told.present), ways.run, count) * told.level
         doubt = _SPREADS * float(told.noise.spread[0]) * told.level
-        there = shown > _THICKEST * others + np.maximum(_SHOWN * level, doubt)
-        shows = known & ~over_old & ((told.present < ink) | there)
+        there = shown > _THICKER * others + np.maximum(_SHOWN * level, doubt)
+        bare = told.present < ink
+        lacks = self.places & ~bare & ~(shown > self._others(*sums, 0.0) + _LIKELY * level)
+        there &= ~self._lacking(lacks, ways, gap_mm)
+        shows = known & ~over_old & (bare | there)
         return np.asarray(self.places & ~shows)
 
-    def _others(self, level: FloatArray, run: IntArray) -> FloatArray:
-        """Sum of the levels (n,) that other lines have where they cross each place, (n,)."""
+    def _lacking(self, lacks: BoolArray, ways: Ways, gap_mm: float) -> BoolArray:
+        """Return crossings, (n,), of which more than is tolerated likely lacks the line's ink.
+
+        There the other lines' ink may be thicker than it was taken for, beside that as well.
+        """
+        out = np.zeros(len(ways), dtype=np.bool_)
+        for first, last in stretches_of(self.places, ways.run):
+            own = slice(first, last + 1)
+            out[own] = float(ways.step[own][lacks[own]].sum()) > gap_mm
+        return out
+
+    def _others(
+        self, level: FloatArray, run: IntArray, profile: FloatArray, aside: float
+    ) -> FloatArray:
+        """Presence (n,) of other lines at each place, by their levels (n,) and profile (61,).
+
+        They may lie so much nearer, of their widths, than expected.
+        """
         count = int(run.max(initial=0)) + 1
         key, each = np.unique(self.one * count + run[self.other], return_inverse=True)
-        most = np.zeros(len(key))
+        apart, most = np.full((len(key), self.apart.shape[1]), np.inf), np.zeros(len(key))
+        np.minimum.at(apart, each, self.apart)
         np.maximum.at(most, each, level[self.other])
-        return np.asarray(np.bincount(key // count, most, len(level)), dtype=np.float64)
+        half = ACROSS >= 0
+        light = np.interp(np.maximum(apart - aside, 0.0), ACROSS[half], profile[half], right=0.0)
+        own = profile[CORE]
+        share = np.maximum(light @ own / float(own @ own), _LEAST)
+        return np.asarray(np.bincount(key // count, most * share, len(level)), dtype=np.float64)
 
 
 def _goes_on(ways: Ways, one: IntArray, other: IntArray) -> BoolArray:
@@ -121,10 +161,12 @@ def _goes_on(ways: Ways, one: IntArray, other: IntArray) -> BoolArray:
     return np.asarray((ways.stroke[one] == ways.stroke[other]) & (along <= DETOUR * apart))
 
 
-def _hits(seen: Seen, half: FloatArray, one: IntArray, other: IntArray) -> BoolArray:
-    """Which parts across a place lie on the other line in the view, (k, 9)."""
-    across = seen.across[one] / np.linalg.norm(seen.across[one], axis=1, keepdims=True)
+def _apart(
+    seen: Seen, half: FloatArray, one: IntArray, other: IntArray, across: FloatArray
+) -> FloatArray:
+    """How far parts across a place lie from another line's middle, its widths, (k, u)."""
+    way = seen.across[one] / np.linalg.norm(seen.across[one], axis=1, keepdims=True)
     off = seen.at[other] - seen.at[one]
-    part = 2.0 * half[one, None] * _ACROSS
-    far = (off[:, :1] - part * across[:, :1]) ** 2 + (off[:, 1:] - part * across[:, 1:]) ** 2
-    return np.asarray(far < half[other, None] ** 2)
+    part = 2.0 * half[one, None] * across
+    x, y = off[:, :1] - part * way[:, :1], off[:, 1:] - part * way[:, 1:]
+    return np.asarray(np.hypot(x, y) / (2.0 * half[other, None]))

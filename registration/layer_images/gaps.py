@@ -215,10 +215,10 @@ def _ends(
 
 
 def _only_an_end(ways: Ways, rows: slice, length: float, gap_mm: float) -> bool:
-    """Whether a stretch is no more than a bead that ends a little early."""
+    """Whether a stretch is no more than a bead that ends a little early, within tolerance."""
     nearest = float(ways.to_end[rows].min())
     width = float(ways.width[rows].max())
-    return nearest < END * width and length < END * width + LEAST * gap_mm
+    return nearest < END * width and length < min(END * width + LEAST * gap_mm, gap_mm)
 
 
 def _end_noise(noise: WindowNoise) -> float:

@@ -6,7 +6,10 @@ import numpy as np
 
 from registration.layer_images.values import FloatArray, IntArray, Shift
 
-_FEWEST = 12
+_FEWEST = 8
+"""As many as widths are measured from at least."""
+_PLENTY = 12
+"""Fewer offsets tell their own scatter badly: the uncertainty grows by what is lacking."""
 _TOGETHER = 4.0
 """Neighbouring stations that share noise."""
 
@@ -44,7 +47,7 @@ def fit_shift(
         spread = 1.4826 * float(np.median(off)) + 1e-9
         weight = np.minimum(1.0, 1.5 * spread / np.maximum(off, 1e-12))
     spread_of = _covariance(a, b - a @ best, weight, own, spread, reach_mm, px_mm)
-    return Shift(float(best[0]), float(best[1]), spread_of)
+    return Shift(float(best[0]), float(best[1]), spread_of * max(1.0, _PLENTY / len(b)) ** 2)
 
 
 def _covariance(

@@ -1,9 +1,10 @@
-"""Check if a height map fits its lines better turned, mirrored (scan axes mixed up) or far moved.
+"""Check if a scan fits its lines better turned, mirrored (scan axes mixed up) or far moved.
 
 Ink that lies where lines are expected correlates best with them as it is, however much of it is
 missing; so a picture that fits better otherwise isn't of the frame it is said to be of. A layer
 that looks the same turned tells nothing, and where a move explains as much as a turn does, it is a
-move.
+move. Gel in a dim bath is brighter than what lies around it, clear ink in a scattering bath darker:
+either sign of the correlation counts.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ _TURNS: Final[Mapping[str, Callable[[FloatImage], FloatImage]]] = {
 
 
 def better_turned(picture: FloatImage, frame: Frame, lines: ExpectedLines) -> str | None:
-    """Return how a height map fits its lines clearly better; None where it fits as it is.
+    """Return how a picture fits its lines clearly better; None where it fits as it is.
 
     Words to go behind "the picture fits the layer better".
 
@@ -79,7 +80,7 @@ def better_turned(picture: FloatImage, frame: Frame, lines: ExpectedLines) -> st
         usual = float(np.median(turned))
         image = cv2.copyMakeBorder(turned, *(more,) * 4, cv2.BORDER_CONSTANT, value=usual)
         found = cv2.matchTemplate(np.ascontiguousarray(image), inner, cv2.TM_CCOEFF_NORMED)
-        _, best, _, at = cv2.minMaxLoc(found)
+        _, best, _, at = cv2.minMaxLoc(np.abs(found))
         return float(best), (np.array(at, dtype=np.float64) - reach - more) * shrink
 
     as_it_is, _ = fit(ink)

@@ -105,7 +105,15 @@ def opened(mask: BoolArray, size: tuple[int, int]) -> BoolArray:
 
 
 def _is_common(flat: BoolArray) -> bool:
-    """Whether most tiles that aren't of one value altogether have blocks of one value."""
+    """Whether most tiles that aren't of one value altogether have blocks of one value.
+
+    Outer rows and columns that hold nothing else are left out: of a picture that broke off early
+    few tiles are left, and where it broke off each has some.
+    """
+    if flat.all():
+        return True
+    rows, columns = (np.flatnonzero(~flat.all(axis=axis)) for axis in (1, 0))
+    flat = flat[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     size = (min(_TILES, flat.shape[1]), min(_TILES, flat.shape[0]))
     share = cv2.resize(flat.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     some = share[share < 0.999]

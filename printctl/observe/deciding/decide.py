@@ -198,7 +198,7 @@ class Decider:
         """How much wasn't seen, in words, where that is more than a tolerated gap."""
         unseen_mm = evidence.way_mm * (1.0 - evidence.seen_share - evidence.over_old_share)
         told = f"; {unseen_mm:.1f} of {evidence.way_mm:.1f} mm weren't seen"
-        return told * (unseen_mm >= self.limits.gap.least_mm)
+        return (told + evidence.hidden_words) * (unseen_mm >= self.limits.gap.least_mm)
 
     def _unconfirmed(self, evidence: Evidence) -> str:
         """What one picture shows as missing and the other doesn't, in words."""

@@ -13,6 +13,8 @@ from registration.layer_images.values import Gap
 
 SURE: Final = 3.29
 """Standard uncertainties beyond the tolerance: one in 2,000 by chance, one-sided."""
+_LISTED: Final = 3
+"""Stretches that aren't seen, told by their places."""
 _SHOWS: Final = 0.3
 """Of a layer's way, on which grainy or faint ink shows, for ink to have come at all."""
 _HIDDEN: Final = 0.1
@@ -110,6 +112,8 @@ class Evidence:
         Those of which more isn't seen than is tolerated.
     faint_share : float
         Of the way, on which ink shows, but gaps longer than a tolerated one alone do.
+    hidden : tuple of UnseenPath
+        Stretches in a bath, longer than a tolerated gap, that no picture shows.
     """
 
     places: int
@@ -131,6 +135,15 @@ class Evidence:
     turned: str | None = None
     unseen: tuple[UnseenPath, ...] = ()
     faint_share: float = 0.0
+    hidden: tuple[UnseenPath, ...] = ()
+
+    @property
+    def hidden_words(self) -> str:
+        """The longest stretches that no picture shows, in words; empty where there is none."""
+        longest = sorted(self.hidden, key=lambda one: -one.gap.length_mm)
+        words = [one.words for one in longest[:_LISTED]]
+        more = f" and {len(longest) - _LISTED} shorter" if len(longest) > _LISTED else ""
+        return f": {', '.join(words)}{more}" if words else ""
 
 
 @dataclass

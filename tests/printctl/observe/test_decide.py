@@ -57,6 +57,17 @@ def test_a_look_that_goes_on_says_how_much_was_not_seen():
     assert "0.5 of 5.0 mm" in decided(seen_share=0.5, over_old_share=0.4, way_mm=5.0).why
 
 
+def test_the_longest_stretches_that_were_not_seen_are_listed():
+    """A gap of 1.4 mm under a glint was in a sum of all that wasn't seen."""
+    hidden = tuple(
+        UnseenPath("vessel 2", Gap(2, at, at + long, (at, 0.0), (at + long, 0.0), 0.0, 1.0), 9.0)
+        for at, long in ((0.0, 0.3), (1.0, 1.4), (3.0, 0.5), (5.0, 0.4))
+    )
+    said = decided(seen_share=0.7, way_mm=9.0, hidden=hidden).why
+    assert ": 1.4 of 9.0 mm of vessel 2 (X 1.0 Y 0.0 to X 2.4 Y 0.0), 0.5 of" in said
+    assert said.endswith(" and 1 shorter")
+
+
 @pytest.mark.parametrize(("shows", "kind"), [(0.0, "pause"), (0.1, "pause"), (0.9, "go_on")])
 def test_grainy_ink_of_the_first_look_is_ink(shows, kind):
     """In coarse speckle the first look asked whether the needle was clogged."""

@@ -13,11 +13,11 @@ import pytest
 
 from printctl.link.marks import Marks
 from printctl.observe.devices import DeviceError
-from printctl.observe.held_look import HeldLook, slab, unseen_paths
+from printctl.observe.held_look import HeldLook, hidden_stretches, slab, unseen_paths
 from printctl.observe.looking_at import ObservedJob, seen_where_ink_shows
 from printctl.observe.observer import Look
 from printctl.observe.records import look_folder
-from registration.layer_images import Gap, LayerFindings, SeeingOptions
+from registration.layer_images import Gap, LayerFindings, SeeingOptions, Unseen
 
 
 @pytest.mark.parametrize(
@@ -140,3 +140,29 @@ def test_what_one_picture_does_not_tell_and_the_other_shows_as_a_gap_is_asked_ab
             cast(Any, SimpleNamespace(order=order)), cast(Any, bath), [nothing]
         )
         assert len(seen) == 1
+
+
+@pytest.mark.parametrize(("sees", "told"), [(False, [(1.0, 1.8)]), (True, [])])
+def test_a_stretch_that_no_picture_sees_is_told_by_its_length(sees, told):
+    along = np.arange(0.05, 4.0, 0.1)
+    hidden = (along > 1.0) & (along < 1.8) | (along > 2.5) & (along < 2.6)
+    older = (along > 3.0) & (along < 3.6)
+
+    def picture(seen):
+        stations = SimpleNamespace(
+            stroke=np.zeros(len(along), dtype=np.int64), along_mm=along, seen=seen,
+            at_mm=np.column_stack([along, 0 * along]), length_mm=np.full(len(along), 0.1),
+            why=np.where(older, int(Unseen.OLD_INK), np.where(seen, 0, int(Unseen.GLARE))),
+        )  # fmt: skip
+        return SimpleNamespace(stations=stations)
+
+    path = SimpleNamespace(
+        at=lambda along: np.column_stack([along, 0 * along, 0 * along]), length_mm=4.0,
+        command=np.array([0]),
+    )  # fmt: skip
+    at = SimpleNamespace(
+        ink=SimpleNamespace(paths=(path,)), marks=Marks([]), layer=SimpleNamespace(mended=())
+    )
+    each = [picture(~(hidden | older)), picture(np.full(len(along), sees) & ~older)]
+    found = hidden_stretches(cast(HeldLook, at), cast(list[LayerFindings], each), 0.2)
+    assert [(round(one.gap.from_mm, 6), round(one.gap.to_mm, 6)) for one in found] == told

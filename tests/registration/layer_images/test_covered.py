@@ -107,5 +107,14 @@ def test_where_translucent_inks_densities_add_both_are_seen() -> None:
     assert _seen(_look(15, {0: (3.0, 5.0)}, dark=0.3), 0, 3.2, 4.8) == 0.0
 
 
+def test_beside_an_oblique_crossing_the_upper_filaments_sides_hide_little() -> None:
+    """All that it touched counted as under its middle: sound vessels were asked about."""
+    assert _seen(_look(15, {}, dark=0.3), 0, 2.0, 6.0) > 0.9
+    gap = _look(15, {0: (2.0, 3.0)}, dark=0.3)
+    told = [*gap.gaps, *gap.unseen]
+    missing = sum(max(0.0, min(g.to_mm, 3.0) - max(g.from_mm, 2.0)) for g in told if g.stroke == 0)
+    assert missing > 0.8 or _seen(gap, 0, 2.1, 2.9) < 0.5
+
+
 def test_filaments_that_lie_in_each_other_hide_nothing() -> None:
     assert _look(10, {}, heights=(-1.25, -1.2)).seen_share > 0.95

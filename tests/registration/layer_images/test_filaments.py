@@ -90,6 +90,13 @@ def _alone(dark: float, noise: float = 1.0) -> LayerFindings:
     return see_layer(np.clip(light, 0, 255).astype(np.uint8), Flat(), lines)
 
 
+def test_an_end_that_is_missing_by_more_than_is_tolerated_is_found() -> None:
+    """Up to 0.3 widths and 0.12 mm of an end were let pass: 0.27 mm of this one."""
+    (gap,) = _look({0: (3.78, 9.0)}).gaps
+    assert gap.stroke == 0
+    assert _look({0: (3.92, 9.0)}).gaps == ()
+
+
 def test_a_filament_that_is_missing_altogether_is_bare() -> None:
     found = _alone(0.0)
     assert found.seen_share == 0.0

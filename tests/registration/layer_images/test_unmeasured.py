@@ -84,3 +84,14 @@ def test_lost_packets_of_up_to_most_of_a_picture_are_told(share):
     lost[200 - round(200 * share) :] = True
     picture[lost] = 90
     assert np.mean(unmeasured_pixels(picture) == lost) > 0.99
+
+
+@pytest.mark.parametrize("kept", [0.1, 0.22, 0.6])
+def test_a_picture_that_broke_off_early_is_lost_from_there(kept: float) -> None:
+    """Where more than three quarters were of one value, they counted as measured."""
+    picture = np.random.default_rng(3).normal(120.0, 4.0, (200, 300)).astype(np.uint8)
+    rest = round(kept * 200)
+    picture[rest:] = 128
+    lost = unmeasured_pixels(picture)
+    assert lost[rest + 1 :].all()
+    assert not lost[: rest - 1].any()
