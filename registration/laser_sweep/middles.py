@@ -32,13 +32,13 @@ def line_middles(
         A wider line is lost; a second peak so far from the first is another one.
     """
     rows, columns = image.shape
-    gain = np.float32(gain)
+    share = np.float32(gain)
     best = np.zeros(columns, np.float32)
     second = np.zeros(columns, np.float32)
     at = np.zeros(columns, np.int64)
     for row in range(rows):
         for column in range(columns):
-            over = np.float32(image[row, column]) - gain * np.float32(ground[row, column])
+            over = np.float32(image[row, column]) - share * np.float32(ground[row, column])
             if over > best[column]:
                 if row - at[column] > widest:
                     second[column] = max(second[column], best[column])
@@ -56,7 +56,7 @@ def line_middles(
             row = at[column] if way == 1 else at[column] - 1
             while 0 <= row < rows and wide <= widest:
                 light = np.float32(image[row, column])
-                over = light - gain * np.float32(ground[row, column]) - half
+                over = light - share * np.float32(ground[row, column]) - half
                 if over <= 0:
                     break
                 total += over

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import Any, Final
@@ -87,6 +88,6 @@ def _of_video(path: Path) -> Iterator[Reader]:
             there, image = video.read()
             if not there:
                 return
-            yield lambda image=image: np.asarray(image)
+            yield partial(np.asarray, image)
     finally:
         video.release()

@@ -51,7 +51,7 @@ class FittedSweep:
 
 
 class _Pair(NamedTuple):
-    """A picture's line on the insert (2, 3), and rays to the middle and ends of that on the face."""
+    """A picture's line on the insert (2, 3), and rays to ends and middle of that on the face."""
 
     ends: FloatArray
     slopes: FloatArray
@@ -98,8 +98,8 @@ def fit_laser(traced: Traced, frame: CameraFrame, flat_z_mm: float, now: datetim
     rms = float(np.sqrt(np.mean(fit.off_mm**2)))
     if rms > _MOST_OFF_MM:
         raise PictureError(
-            f"the flat face is told {1e3 * rms:.0f} µm off its height ({1e3 * _MOST_OFF_MM:g} µm at "
-            "most): the planes of light share no point. Let the laser turn about one axis or move "
+            f"the flat face is told {1e3 * rms:.0f} µm off its height ({1e3 * _MOST_OFF_MM:g} µm "
+            "at most): the planes of light share no point. Let the laser turn about one axis or move "
             "along one line, and check that the face is flat and the laser fastened"
         )
     laser = LaserSweep(

@@ -121,6 +121,8 @@ class _Tracer:
     even: BoolArray
     grid: FloatArray
     middle: float
+    widest: int
+    eye: FloatArray
 
     @staticmethod
     def of(path: Path, frame: CameraFrame) -> _Tracer:
@@ -148,15 +150,19 @@ class _Tracer:
         if upright:
             grid = np.ascontiguousarray(grid.transpose(1, 0, 2))
         even = _even(turned)
-        return _Tracer(frame, whole, turned, channel, upright, least, even, grid, float(middle))
+        widest = max(6, round(1e3 * _WIDEST_MM / frame.um_per_px))
+        return _Tracer(
+            frame, whole, turned, channel, upright, least, even, grid, float(middle), widest,
+            np.array(frame.eye_mm),
+        )  # fmt: skip
 
     def profile(self, image: Image) -> Profile | None:
         """Line of one picture; None where the insert doesn't show it."""
         single = _one(image, self.channel)
         if self.upright:
             single = np.asarray(cv2.transpose(single))
-        widest = max(6, round(1e3 * _WIDEST_MM / self.frame.um_per_px))
-        row = line_middles(single, self.ground, _gain(single, self.ground), self.least, widest)
+        gain = _gain(single, self.ground)
+        row = line_middles(single, self.ground, gain, self.least, self.widest)
         column = np.flatnonzero(np.isfinite(row)).astype(np.float64)
         row = row[np.isfinite(row)]
         slopes = _bilinear(self.grid, row / _GRID_PX, column / _GRID_PX)
@@ -172,7 +178,7 @@ class _Tracer:
 
     def _on_insert(self, slopes: FloatArray) -> FloatArray:
         """Places (n, 2) of the insert's face that rays meet, mm."""
-        eye, (x, y, z) = np.array(self.frame.view.eye_mm), self.frame.middle_mm
+        eye, (x, y, z) = self.eye, self.frame.middle_mm
         rise = np.array(self.frame.marks_z_slope)
         down = z - eye[2] + (eye[:2] - (x, y)) @ rise
         return np.asarray(eye[:2] + slopes * (down / (1 - slopes @ rise))[:, None])
@@ -205,7 +211,8 @@ def _one(image: Image, channel: int) -> Image:
 
 def _gain(image: Image, ground: Image) -> float:
     """Light of a picture over the ground's: lamps flicker."""
-    return float(image[::_GRID_PX, ::_GRID_PX].mean() / max(ground[::_GRID_PX, ::_GRID_PX].mean(), 1.0))
+    some = np.s_[::_GRID_PX, ::_GRID_PX]
+    return float(image[some].mean() / max(ground[some].mean(), 1.0))
 
 
 def _over(image: Image, ground: Image) -> FloatArray:
