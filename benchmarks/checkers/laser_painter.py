@@ -1,8 +1,8 @@
 """Pictures of a laser's line on ink in a dish, painted ray by ray; shares no code with the product.
 
 Modelled: a fan of light from a laser that turns about an axis (which it needn't contain nor be
-parallel to) or moves along one; a camera of `dish_camera`; the insert's face, the dish's floor and a
-field of heights; shadows of camera and laser; marks' albedo; slopes; light that spreads below the
+parallel to) or moves along one; a camera of `dish_camera`; the insert's face, the dish's floor and
+a field of heights; shadows of camera and laser; marks' albedo; slopes; light that spreads below the
 surface; wet spots that mirror and dull ones; speckle of its own in each picture; ambient light,
 which flickers; gamma, saturation, noise, JPEG. Not modelled: the dish's wall, depth of field,
 second reflections, a bath.
@@ -105,7 +105,9 @@ class Look:
             deep = 0.5 * self.hard * inky
             glow = np.exp(-0.5 * (o / 3) ** 2) / 3
             band = bright * self.strength[part] * ((1 - deep) * own + deep * glow)
-            grain = cv2.GaussianBlur(rng.exponential(size=band.shape).astype(np.float32), (0, 0), 0.8)
+            grain = cv2.GaussianBlur(
+                rng.exponential(size=band.shape).astype(np.float32), (0, 0), 0.8
+            )
             band *= 1 + self.hard * (grain - 1)
             light[part] = cv2.GaussianBlur(band, (0, 0), self.scene.blur)
         image = self.ambient * (1 + 0.02 * self.hard * rng.normal()) + light

@@ -115,8 +115,8 @@ class ObservePart(Part):
     frame: str | None = Field(
         default=None,
         description="Which place of the printer a pixel shows: file of `printctl observe frame`; "
-        "of an OCT or laser line a file with printer_to_scan; of a laser line with a camera that of "
-        "`printctl observe sweep`.",
+        "of an OCT or laser line a file with printer_to_scan; of a laser line with a camera that "
+        "of `printctl observe sweep`.",
         json_schema_extra=FILE,
     )
     every: Annotated[str, BeforeValidator(_number_as_text), AfterValidator(_known_interval)] = (

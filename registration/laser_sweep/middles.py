@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from kernels import jit
 
 
-
 @jit
 def line_middles(
     image: NDArray[Any], ground: NDArray[Any], gain: float, least: float, widest: int

@@ -99,8 +99,8 @@ def fit_laser(traced: Traced, frame: CameraFrame, flat_z_mm: float, now: datetim
     if rms > _MOST_OFF_MM:
         raise PictureError(
             f"the flat face is told {1e3 * rms:.0f} µm off its height ({1e3 * _MOST_OFF_MM:g} µm "
-            "at most): the planes of light share no point. Let the laser turn about one axis or move "
-            "along one line, and check that the face is flat and the laser fastened"
+            "at most): the planes of light share no point. Let the laser turn about one axis or "
+            "move along one line, and check that the face is flat and the laser fastened"
         )
     laser = LaserSweep(
         made=now,

@@ -143,7 +143,7 @@ class _Tracer:
         noise = float(np.median([1.48 * np.median(np.abs(one[::4, ::4])) for one in over]))
         brightest = max(float(one.max()) for one in over)
         least = max(_NOISES * noise, _LEAST * brightest, 1.0)
-        upright = _is_upright(over, least)
+        upright = _is_upright(over, 0.5 * brightest)
         grid = _ray_grid(frame, (height, width))
         middle = frame.to_pixels(np.array([frame.middle_mm]))[0, 1 if upright else 0]
         turned = np.ascontiguousarray(ground.T) if upright else ground
@@ -219,12 +219,12 @@ def _over(image: Image, ground: Image) -> FloatArray:
     return np.asarray(image - np.float32(_gain(image, ground)) * ground, dtype=np.float64)
 
 
-def _is_upright(over: list[FloatArray], least: float) -> bool:
+def _is_upright(over: list[FloatArray], bright: float) -> bool:
     """Whether the line runs from top to bottom rather than from left to right."""
     votes = 0
     for one in over:
-        row, column = np.nonzero(one > max(least, 0.5 * float(one.max())))
-        if len(row):
+        row, column = np.nonzero(one > bright)
+        if len(row):  # else the laser shines beside the view
             votes += 1 if np.std(row) > np.std(column) else -1
     return votes > 0
 

@@ -91,6 +91,6 @@ def test_a_new_folder_of_pictures_is_kept_with_the_look(
 
 
 def test_a_command_may_write_a_folder(tmp_path: Path) -> None:
-    words = f"{sys.executable} -c 'import os; os.mkdir(r\"{{out}}\"); open(r\"{{out}}/0.png\", \"w\")'"
+    words = f'{sys.executable} -c \'import os; os.mkdir(r"{{out}}"); open(r"{{out}}/0.png", "w")\''
     found = acquire(DeviceSettings("command", words, tables=True), tmp_path / "picture")
     assert [one.name for one in found.iterdir()] == ["0.png"]
