@@ -131,12 +131,14 @@ def _pair(profile: Profile, eye: FloatArray, z_mm: float) -> _Pair | None:
 def _check_cover(pairs: list[_Pair], eye: FloatArray, z_mm: float, frame: CameraFrame) -> None:
     """Refuse lines that lie in a small part of the dish: the rest would be extrapolated."""
     places = eye[:2] + (z_mm - eye[2]) * np.concatenate([pair.slopes for pair in pairs])
-    wide = np.ptp(places, axis=0)
-    if (wide < _LEAST_SHARE * np.array(frame.insert.hole_mm)).any():
+    x, y, _ = _mean_way(pairs)
+    wide = np.ptp(places @ np.array([[x, -y], [y, x]]), axis=0)
+    hole = min(frame.insert.hole_mm)
+    if (wide < _LEAST_SHARE * hole).any():
         raise PictureError(
-            f"the lines on the flat face cover {wide[0]:.1f} x {wide[1]:.1f} mm of a dish of "
-            f"{frame.insert.hole_mm[0]:g} x {frame.insert.hole_mm[1]:g} mm ({_LEAST_SHARE:.0%} "
-            "each way wanted); use a larger plate, and sweep farther"
+            f"the lines on the flat face are {wide[0]:.1f} mm long and cover {wide[1]:.1f} mm, in "
+            f"a hole of {hole:g} mm ({_LEAST_SHARE:.0%} wanted of each); use a larger plate, and "
+            "sweep farther"
         )
 
 

@@ -27,7 +27,7 @@ FEWEST: Final = 12
 _GROUNDS: Final = 7
 """Pictures whose darkest light is the view without the laser; each place is lit in few."""
 _WIDEST_MM: Final = 0.6
-_NOISES: Final = 8.0
+_NOISES: Final = 6.0
 _LEAST: Final = 0.04
 """Of the brightest light: a fainter line is lost."""
 _FLAT: Final = 0.25

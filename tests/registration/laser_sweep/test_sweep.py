@@ -56,8 +56,8 @@ def test_a_sweep_that_tells_nothing_is_refused(tmp_path: Path) -> None:
     traced = trace(sweeps.written(sweeps.flat(), tmp_path / "flat"), scene.frame())
     with pytest.raises(PictureError, match=r"0\.20 mm from the insert's face"):
         fit_laser(traced, scene.frame(), scene.frame().middle_mm[2] - 0.2, NOW)
-    few = sweeps.written(sweeps.flat()[:5] + [scene.picture()] * 15, tmp_path / "few")
-    with pytest.raises(PictureError, match=r"in 5 of 20 pictures \(12 wanted\)"):
+    few = sweeps.written(sweeps.flat()[:9], tmp_path / "few")
+    with pytest.raises(PictureError, match=r"in [5-9] of 9 pictures \(12 wanted\)"):
         trace(few, scene.frame())
     (tmp_path / "none").mkdir()
     with pytest.raises(PictureError, match="holds no picture"):
