@@ -2,8 +2,8 @@
 
 ``python -m benchmarks.observe_sweep --layers 4``. Pictures by `checkers.laser_painter`: an insert
 around a dish of 35 mm, a camera 25 degrees aslant from one side, a laser 15 degrees from the other,
-that turns or moves and isn't ideal; the layers of `checkers.profiler_painter` lie in the dish. Lens
-and frame are fitted to painted pictures. Clock: wall, of reading all pictures and judging.
+that turns or moves and isn't ideal; the layers of `checkers.profiler_painter` lie in the dish. The
+frame is fitted to a painted picture, its lens known. Clock: wall, of reading and judging.
 """
 
 from __future__ import annotations
