@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from threading import Lock
 from typing import Any, Final
 
 import cv2
@@ -64,17 +64,23 @@ def _of_file(path: Path) -> Reader:
 
 
 def _of_pages(path: Path) -> Iterator[Reader]:
-    lock = Lock()
+    with _opened(path) as tiff:
+        count = len(tiff.pages)
+    yield from (partial(_page, path, number) for number in range(count))
+
+
+def _page(path: Path, number: int) -> Image:
+    """A page, by a file handle of its own: pages are read side by side."""
+    with _opened(path) as tiff:
+        image = tiff.pages[number].asarray()
+    return np.asarray(image if image.ndim == 2 else image[:, :, 2::-1])
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
     try:
         with tifffile.TiffFile(path, _multifile=False) as tiff:
-            for page in tiff.pages:
-
-                def read(page: Any = page) -> Image:
-                    with lock:
-                        image = page.asarray()
-                    return np.asarray(image if image.ndim == 2 else image[:, :, 2::-1])
-
-                yield read
+            yield tiff
     except (OSError, ValueError, tifffile.TiffFileError) as exc:
         raise PictureError(f"{path} can't be read as a TIFF of pictures ({exc})") from exc
 

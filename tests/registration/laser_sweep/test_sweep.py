@@ -73,7 +73,8 @@ def test_a_sweep_that_tells_nothing_is_refused(tmp_path: Path) -> None:
 def test_pages_and_a_video_are_read_as_a_folder_is(tmp_path: Path) -> None:
     pictures = sweeps.flat()[:4]
     tifffile.imwrite(tmp_path / "all.tif", np.stack(pictures), photometric="minisblack")
-    for one, read in zip(pictures, readers(tmp_path / "all.tif"), strict=True):
+    each = list(readers(tmp_path / "all.tif"))
+    for one, read in zip(pictures, each, strict=True):
         assert np.array_equal(read(), one)
     codec = cv2.VideoWriter.fourcc(*"MJPG")
     film = cv2.VideoWriter(str(tmp_path / "all.avi"), codec, 30.0, pictures[0].shape[::-1])
