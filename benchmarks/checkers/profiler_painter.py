@@ -38,6 +38,8 @@ class Profiled:
         Of the lines' tips, in the printer's frame.
     layer : (n,) int64
     width, thickness : float
+    surface : (rows, columns) float64
+        Heights over the plate as they are.
     """
 
     heights: NDArray[np.float32]
@@ -48,6 +50,7 @@ class Profiled:
     layer: NDArray[np.int64]
     width: float
     thickness: float
+    surface: FloatArray
 
     @property
     def middle_z(self) -> float:
@@ -110,8 +113,9 @@ def profiled(
     to_map[2, 3] = -z + 3.0
     heights += 3.0
     return Profiled(
-        heights.astype(np.float32), px, to_map, start, end, np.array(number), width, thickness
-    )
+        heights.astype(np.float32), px, to_map, start, end, np.array(number), width, thickness,
+        surface,
+    )  # fmt: skip
 
 
 def _lay(

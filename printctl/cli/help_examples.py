@@ -190,6 +190,9 @@ MANUAL: Final[Mapping[str, Manual]] = {
         )
     ),
     "observe check": Manual(("printctl observe check now.png --frame frame.yaml",), REFUSED),
+    "observe sweep": Manual(
+        ("printctl observe sweep flat/ --frame frame.yaml --floor-z 1.2 -o laser.yaml",)
+    ),
     "observe looks": Manual(("printctl observe looks runs/my_run",)),
     "observe answer": Manual(
         (

@@ -8,6 +8,7 @@ from printctl.cli.observe_check import check
 from printctl.cli.observe_frame import frame
 from printctl.cli.observe_insert import insert
 from printctl.cli.observe_looks import answer, looks
+from printctl.cli.observe_sweep import sweep
 from printctl.cli.observe_tip import tip
 
 observe = typer.Typer(
@@ -18,5 +19,6 @@ observe.command("insert")(insert)
 observe.command("frame")(frame)
 observe.command("check")(check)
 observe.command("tip")(tip)
+observe.command("sweep")(sweep)
 observe.command("looks")(looks)
 observe.command("answer")(answer)

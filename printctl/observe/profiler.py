@@ -1,4 +1,4 @@
-"""Load a laser profiler's file as a layer's surface, with the frame that ties it to the printer."""
+"""Load a profiler's heights, or a camera's sweep of a laser line, as a layer's surface."""
 
 from __future__ import annotations
 
@@ -12,14 +12,18 @@ import yaml
 from firmware_profiles.yaml_file import read_yaml
 from kernels.arrays import FloatArray
 from printctl.errors import UsageError
+from printctl.observe.camera_holds import refuse_moved
 from printctl.observe.devices import DeviceError
 from printctl.observe.scan_place import ScanSize, refuse_elsewhere
-from registration.errors import ScanFileError
+from registration.errors import PictureError, ScanFileError
+from registration.laser_sweep import is_laser_file, read_laser, sweep_heights, trace
 from registration.layer_images import ExpectedLines, Surface, surface_of
 from registration.readers.heights import HeightMap, read_heights
 
 FRAME_KEY: Final = "printer_to_scan"
 """Where a frame's file, and a simulated device's own, hold the matrix."""
+_ASIDE_MM: Final = 2.0
+"""Heights are laid out so far beyond the lines."""
 _KEYS: Final = frozenset({FRAME_KEY, "pixel_mm", "count_mm", "lost"})
 
 
@@ -94,6 +98,20 @@ def read_profiler_frame(path: Path) -> ProfilerFrame:
     return ProfilerFrame(data[FRAME_KEY], pixel, count, lost)
 
 
+def try_laser_frame(path: Path) -> None:
+    """Read the frame of a profiler, or of a laser line with a camera.
+
+    Raises
+    ------
+    UsageError, PictureError
+        When it can't be read.
+    """
+    if is_laser_file(path):
+        read_laser(path)
+    else:
+        read_profiler_frame(path)
+
+
 def open_surface(
     path: Path,
     frame_file: str,
@@ -107,7 +125,8 @@ def open_surface(
     ----------
     path : Path
     frame_file : str
-        Path of the profiler's frame; empty for a simulated one's own.
+        Path of the profiler's frame, or of `printctl observe sweep`; empty for a simulated
+        profiler's own.
     middle_z_mm, thickness_mm : float, mm
         Of the layer that is looked at.
     lines : ExpectedLines
@@ -115,16 +134,15 @@ def open_surface(
     Raises
     ------
     DeviceError
-        When it can't be read, or holds another place than the lines.
+        When it can't be read, holds another place than the lines, or shows that the camera or
+        the insert was moved.
     UsageError
         When the frame can't be read.
     """
-    frame = read_profiler_frame(Path(frame_file)) if frame_file else ProfilerFrame(np.eye(4))
-    try:
-        heights = read_heights(path, frame.pixel_mm, frame.count_mm, frame.lost)
-    except ScanFileError as exc:
-        raise DeviceError(" ".join(str(exc).split())) from exc
-    to_map = frame.to_map if frame_file or heights.to_map is None else heights.to_map
+    if frame_file and is_laser_file(Path(frame_file)):
+        heights, to_map = _swept(path, Path(frame_file), lines), np.eye(4)
+    else:
+        heights, to_map = _read(path, frame_file)
     size = ScanSize.of_heights(heights, to_map)
     refuse_elsewhere(size, lines)
     surface = surface_of(heights, to_map, middle_z_mm, thickness_mm, lines)
@@ -132,3 +150,27 @@ def open_surface(
     if np.isfinite(surface.over_mm):
         size = replace(size, words=f"{size.words}, and lies {over}")
     return surface, size, heights
+
+
+def _read(path: Path, frame_file: str) -> tuple[HeightMap, FloatArray]:
+    """Heights of a profiler's file, and what takes the printer's places to them, (4, 4)."""
+    frame = read_profiler_frame(Path(frame_file)) if frame_file else ProfilerFrame(np.eye(4))
+    try:
+        heights = read_heights(path, frame.pixel_mm, frame.count_mm, frame.lost)
+    except ScanFileError as exc:
+        raise DeviceError(" ".join(str(exc).split())) from exc
+    told = None if frame_file else heights.to_map
+    return heights, frame.to_map if told is None else told
+
+
+def _swept(path: Path, laser_file: Path, lines: ExpectedLines) -> HeightMap:
+    """Heights around the lines by a camera's pictures of a laser line, printer's frame."""
+    laser = read_laser(laser_file)
+    places = np.concatenate([lines.start, lines.end])[:, :2]
+    try:
+        traced = trace(path, laser.frame)
+        refuse_moved(traced.ground, laser.frame, path)
+        low, high = places.min(axis=0) - _ASIDE_MM, places.max(axis=0) + _ASIDE_MM
+        return sweep_heights(traced, laser, low, high)
+    except PictureError as exc:
+        raise DeviceError(" ".join(str(exc).split())) from exc

@@ -9,6 +9,7 @@ word.
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -90,7 +91,10 @@ def emptied_look_folder(print_folder: Path, number: int) -> Path:
     """Folder of a look that is about to be made, without what an earlier print left there."""
     path = look_folder(print_folder, number)
     for old in path.iterdir():
-        old.unlink()
+        if old.is_dir():  # pictures of a laser's sweep
+            shutil.rmtree(old)
+        else:
+            old.unlink()
     return path
 
 

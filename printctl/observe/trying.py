@@ -9,7 +9,7 @@ from pathlib import Path
 
 from printctl.observe.devices import DeviceError, DeviceSettings, acquire
 from printctl.observe.order import ObserverOrder
-from printctl.observe.profiler import read_profiler_frame
+from printctl.observe.profiler import try_laser_frame
 from printctl.observe.records import emptied_look_folder
 from printctl.observe.view_before import EMPTY
 from printctl.observe.views import camera_frame, open_view, read_oct_frame
@@ -61,8 +61,10 @@ def _try_frame(order: ObserverOrder) -> None:
     if not order.tells_heights:
         camera_frame(order)
     elif order.frame:
-        read = read_oct_frame if order.oct else read_profiler_frame
-        read(Path(order.frame))
+        if order.oct:
+            read_oct_frame(Path(order.frame))
+        else:
+            try_laser_frame(Path(order.frame))
     elif order.oct:
         load_oct(Path(order.device.extra["oct"]))
     else:

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
+from printctl.observe.camera_holds import refuse_moved
 from printctl.observe.devices import DeviceError
 from printctl.observe.order import ObserverOrder
 from printctl.observe.profiler import FRAME_KEY, open_surface, read_matrix
 from printctl.observe.scan_place import ScanSize, refuse_elsewhere
-from registration.camera_frame.check import check_frame
 from registration.camera_frame.frame import CameraFrame, read_frame
 from registration.errors import ScanFileError
 from registration.layer_images import ExpectedLines, Frame, filament_map, height_map
@@ -150,18 +150,8 @@ def open_view(
         )
     image, frame = read_picture(path), camera_frame(order)
     if isinstance(frame, CameraFrame):
-        _refuse_moved(image, frame, path)
+        refuse_moved(image, frame, path)
     return View(image, frame, image)
-
-
-def _refuse_moved(image: Image, frame: CameraFrame, path: Path) -> None:
-    """Refuse a picture whose marks say that camera or insert were moved: all would seem shifted."""
-    check = check_frame(image, frame, path)
-    if not check.holds:
-        raise DeviceError(
-            f"the camera's frame doesn't hold any more: {'; '.join(check.why)}; fit it anew "
-            "(printctl observe frame) before the print goes on observed"
-        )
 
 
 def camera_frame(order: ObserverOrder) -> Frame:

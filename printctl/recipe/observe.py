@@ -115,7 +115,8 @@ class ObservePart(Part):
     frame: str | None = Field(
         default=None,
         description="Which place of the printer a pixel shows: file of `printctl observe frame`; "
-        "of an OCT or laser line a file with printer_to_scan.",
+        "of an OCT or laser line a file with printer_to_scan; of a laser line with a camera that "
+        "of `printctl observe sweep`.",
         json_schema_extra=FILE,
     )
     every: Annotated[str, BeforeValidator(_number_as_text), AfterValidator(_known_interval)] = (
@@ -147,6 +148,7 @@ class ObservePart(Part):
     def _real_device_has_a_frame(self) -> ObservePart:
         if self.source and self.frame is None:
             how = "`printctl observe frame`" if self.device == "camera" else "printer_to_scan"
+            how += ", or `printctl observe sweep`" if self.device == "laser_line" else ""
             raise ValueError(
                 f"device {self.device} with a source needs frame: the file by which what it sees "
                 f"becomes millimetres of the printer ({how})"

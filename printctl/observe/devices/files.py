@@ -28,9 +28,10 @@ _TABLES: Final = frozenset({".txt", ".csv"})
 def picture_of(folder: Path, name: str) -> Path | None:
     """Return the picture or volume ``NAME.*``, not what lies beside it; None where there is none.
 
-    A raw volume may lack an ending. A table counts where there is nothing else.
+    A raw volume may lack an ending, and a laser's sweep may be a folder of pictures. A table counts
+    where there is nothing else.
     """
-    each = sorted(one for one in folder.glob(f"{name}*") if one.is_file())
+    each = sorted(one for one in folder.glob(f"{name}*") if one.is_file() or _holds_files(one))
     named = [one for one in each if one.name == name or one.name.startswith(f"{name}.")]
     for beside in (_BESIDE, _BESIDE - _TABLES):
         if found := [one for one in named if one.suffix.lower() not in beside]:
@@ -39,7 +40,7 @@ def picture_of(folder: Path, name: str) -> Path | None:
 
 
 def keep_file(taken: Path, out: Path) -> Path:
-    """Copy a device's file into a look's folder, with its sidecar; its ending stays.
+    """Copy a device's file or folder into a look's folder, with its sidecar; its ending stays.
 
     The device's program may write the next one over it.
 
@@ -53,11 +54,15 @@ def keep_file(taken: Path, out: Path) -> Path:
         beside = taken.with_suffix(ending)
         if beside.is_file():
             shutil.copyfile(beside, out.with_suffix(ending))
+    if taken.is_dir():
+        return Path(shutil.copytree(taken, out, dirs_exist_ok=True))
     return Path(shutil.copyfile(taken, out.with_suffix(taken.suffix)))
 
 
 def files_in(folder: Path, tables: bool = False) -> Listing:
-    """List a folder's pictures and volumes with the time and size of each; also ``tables``.
+    """List a folder's pictures and volumes with the time and size of each.
+
+    With ``tables`` also a laser line's tables of numbers, and folders of a sweep's pictures.
 
     Raises
     ------
@@ -69,10 +74,20 @@ def files_in(folder: Path, tables: bool = False) -> Listing:
     listed: Listing = {}
     beside = _BESIDE - _TABLES if tables else _BESIDE
     for one in folder.iterdir():
-        if not one.name.startswith(".") and one.suffix.lower() not in beside and one.is_file():
+        if one.name.startswith(".") or one.suffix.lower() in beside:
+            continue
+        if one.is_file():
             known = one.stat()
             listed[one.name] = (known.st_mtime_ns, known.st_size)
+        elif tables and _holds_files(one):
+            each = [file.stat() for file in one.iterdir()]
+            latest = max(known.st_mtime_ns for known in each)
+            listed[one.name] = (latest, sum(known.st_size for known in each))
     return listed
+
+
+def _holds_files(folder: Path) -> bool:
+    return folder.is_dir() and any(one.is_file() for one in folder.iterdir())
 
 
 def await_file(folder: Path, before: Listing, tables: bool = False) -> Path:
@@ -85,7 +100,7 @@ def await_file(folder: Path, before: Listing, tables: bool = False) -> Path:
         What was there before, of `files_in`: the clock that dates the files may be another
         computer's.
     tables : bool
-        Whether a `.csv` or `.txt` is what is waited for.
+        Whether a `.csv` or `.txt`, or a folder of pictures, may be what is waited for.
 
     Raises
     ------

@@ -25,7 +25,8 @@ class DeviceSettings:
     extra : dict
         What one kind alone needs: of ``simulated`` the ``record``, ``faults`` and ``camera`` files.
     tables : bool
-        Whether its files may be tables of numbers (`.csv`, `.txt`), as a laser profiler's.
+        Whether its files may be tables of numbers (`.csv`, `.txt`), as a laser profiler's, or
+        folders of pictures, as a laser line's with a camera.
     """
 
     kind: Kind

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from printctl.errors import UsageError
-from printctl.observe import views
+from printctl.observe import camera_holds, views
 from printctl.observe.devices import DeviceError
 from registration.camera_frame.frame import CameraFrame
 from registration.layer_images import ExpectedLines
@@ -31,7 +31,7 @@ def test_a_moved_camera_is_refused_at_each_picture(tmp_path, monkeypatch, holds)
     cv2.imwrite(str(path), np.zeros((32, 32), np.uint8))
     frame = CameraFrame.model_construct()
     monkeypatch.setattr(views, "camera_frame", lambda order: frame)
-    monkeypatch.setattr(views, "check_frame", lambda image, frame, path: Check(holds))
+    monkeypatch.setattr(camera_holds, "check_frame", lambda image, frame, path: Check(holds))
     order = type("Order", (), {"oct": False, "laser": False})()
     if holds:
         assert views.open_view(path, order, 1.0, 0.1)[1] is frame

@@ -1,0 +1,68 @@
+"""Find the middle of a laser's line in each column of a picture."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernels import jit
+
+
+@jit
+def line_middles(
+    image: NDArray[Any], ground: NDArray[Any], gain: float, least: float, widest: int
+) -> NDArray[np.float64]:
+    """Return the row of the line's middle in each column, (columns,); NaN where lost.
+
+    The middle is the centroid of what lies above half of the peak: a saturated line has a flat top,
+    and light scattered below the surface a long foot, which neither moves it.
+
+    Parameters
+    ----------
+    image, ground : (rows, columns)
+        The picture, and the same view without the laser.
+    gain : float
+        Of the picture's light against the ground's.
+    least : float
+        Least height of a peak over the ground.
+    widest : int, px
+        A wider line is lost; a second peak so far from the first is another one.
+    """
+    rows, columns = image.shape
+    share = np.float32(gain)
+    best = np.zeros(columns, np.float32)
+    second = np.zeros(columns, np.float32)
+    at = np.zeros(columns, np.int64)
+    for row in range(rows):
+        for column in range(columns):
+            over = np.float32(image[row, column]) - share * np.float32(ground[row, column])
+            if over > best[column]:
+                if row - at[column] > widest:
+                    second[column] = max(second[column], best[column])
+                best[column] = over
+                at[column] = row
+            elif over > second[column] and row - at[column] > widest:
+                second[column] = over
+    middle = np.full(columns, np.nan)
+    for column in range(columns):
+        if best[column] < least or second[column] > 0.5 * best[column]:
+            continue
+        half = 0.5 * best[column]
+        total, moment, wide = 0.0, 0.0, 0
+        for way in (-1, 1):
+            row = at[column] if way == 1 else at[column] - 1
+            while 0 <= row < rows and wide <= widest:
+                light = np.float32(image[row, column])
+                over = light - share * np.float32(ground[row, column]) - half
+                if over <= 0:
+                    break
+                total += over
+                moment += over * row
+                wide += 1
+                row += way
+        if wide > widest or at[column] < 2 or at[column] > rows - 3:
+            continue
+        middle[column] = moment / total
+    return middle

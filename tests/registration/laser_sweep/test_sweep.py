@@ -1,0 +1,100 @@
+"""Heights by a camera's pictures of a swept laser line; painter and truth are a checker's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import tifffile
+
+from registration.errors import PictureError
+from registration.laser_sweep import fit_laser, read_laser, sweep_heights, trace, write_laser
+from registration.laser_sweep.middles import line_middles
+from registration.laser_sweep.pictures import readers
+from tests.registration.camera_frame import scene
+from tests.registration.laser_sweep import sweeps
+
+NOW = datetime(2026, 11, 27, tzinfo=UTC)
+
+
+@pytest.mark.parametrize("kind", ["turns", "moves"])
+def test_blocks_have_their_height_whatever_way_the_laser_sweeps(kind: str, tmp_path: Path) -> None:
+    found = sweeps.fitted(tmp_path / "flat", kind)
+    write_laser(tmp_path / "laser.yaml", found.laser)
+    laser = read_laser(tmp_path / "laser.yaml")
+    assert laser == found.laser
+    assert found.pictures >= 20
+    traced = trace(sweeps.written(sweeps.over_blocks(kind), tmp_path / "look"), laser.frame)
+    heights = sweep_heights(traced, laser, sweeps.LOW, sweeps.HIGH)
+    side = heights.pixel_mm[0]
+    y, x = np.indices(heights.height_mm.shape) * side
+    for left, right, high in sweeps.BLOCKS:
+        inner = (x > left + 0.3) & (x < right - 0.3) & (y > 1.3) & (y < 5.7)
+        off = 1e3 * (heights.height_mm[inner] - sweeps.FLOOR_Z - high)
+        assert np.isfinite(off).mean() > 0.9
+        assert abs(np.nanmean(off)) < 8  # µm
+        assert np.nanstd(off) < 25
+        assert abs(np.nanmean(off)) < 1.96 * laser.u_um[0] + 5
+
+
+def test_a_laser_led_by_hand_is_refused(tmp_path: Path) -> None:
+    traced = trace(sweeps.written(sweeps.flat(), tmp_path / "flat"), scene.frame())
+    rng = np.random.default_rng(1)
+    shaken = replace(traced, profiles=tuple(
+        replace(one, ends=one.ends + np.append(rng.normal(0, 0.15, 2), 0.0))
+        for one in traced.profiles
+    ))  # fmt: skip
+    with pytest.raises(PictureError, match="share no point"):
+        fit_laser(shaken, scene.frame(), sweeps.FLOOR_Z, NOW)
+
+
+def test_a_sweep_that_tells_nothing_is_refused(tmp_path: Path) -> None:
+    traced = trace(sweeps.written(sweeps.flat(), tmp_path / "flat"), scene.frame())
+    with pytest.raises(PictureError, match=r"0\.20 mm from the insert's face"):
+        fit_laser(traced, scene.frame(), scene.frame().middle_mm[2] - 0.2, NOW)
+    few = sweeps.written(sweeps.flat()[:9], tmp_path / "few")
+    with pytest.raises(PictureError, match=r"in [5-9] of 9 pictures \(12 wanted\)"):
+        trace(few, scene.frame())
+    (tmp_path / "none").mkdir()
+    with pytest.raises(PictureError, match="holds no picture"):
+        trace(tmp_path / "none", scene.frame())
+    small = sweeps.written([one[::2, ::2] for one in sweeps.flat()[:3]], tmp_path / "small")
+    with pytest.raises(PictureError, match="500 x 400 px"):
+        trace(small, scene.frame())
+    near = replace(traced, profiles=traced.profiles[:1] * 20)
+    with pytest.raises(PictureError, match="sweep farther"):
+        fit_laser(near, scene.frame(), sweeps.FLOOR_Z, NOW)
+
+
+def test_pages_and_a_video_are_read_as_a_folder_is(tmp_path: Path) -> None:
+    pictures = sweeps.flat()[:4]
+    tifffile.imwrite(tmp_path / "all.tif", np.stack(pictures), photometric="minisblack")
+    each = list(readers(tmp_path / "all.tif"))
+    for one, read in zip(pictures, each, strict=True):
+        assert np.array_equal(read(), one)
+    codec = cv2.VideoWriter.fourcc(*"MJPG")
+    film = cv2.VideoWriter(str(tmp_path / "all.avi"), codec, 30.0, pictures[0].shape[::-1])
+    for one in pictures:
+        film.write(cv2.cvtColor(one, cv2.COLOR_GRAY2BGR))
+    film.release()
+    seen = [read() for read in readers(tmp_path / "all.avi")]
+    assert len(seen) == 4
+    assert np.abs(seen[2].mean(axis=2) - pictures[2]).mean() < 3
+
+
+def test_a_line_is_found_between_pixels_and_lost_where_it_isnt_sure() -> None:
+    rows = np.arange(60)[:, None]
+    true = np.linspace(20.0, 30.0, 40)
+    line = 400 * np.exp(-0.5 * ((rows - true) / 1.8) ** 2)
+    line[:, 30] += np.roll(line[:, 30], 18) * 0.8  # a second reflection
+    line[20:50, 31] = 300  # a glare
+    line[:, 32] *= 0.01
+    ground = np.full((60, 40), 20, np.uint8)
+    image = np.clip(line + 20, 0, 255).astype(np.uint8)  # saturated
+    middle = line_middles(image, ground, 1.0, 10.0, 9)
+    assert np.isnan(middle[30:33]).all()
+    assert np.abs(np.delete(middle - true, [30, 31, 32])).max() < 0.08
