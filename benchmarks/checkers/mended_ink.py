@@ -7,6 +7,7 @@ is round, A = π r². What is missing is cut out of the moves before they are pa
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -107,21 +108,25 @@ def place_on(stroke: Stroke, moves: Moves, at: float) -> FloatArray:
     return np.asarray(moves.start[row] + share * (moves.end[row] - moves.start[row]))
 
 
-def parted(ink: Ink, stroke: Stroke, low: float, high: float) -> tuple[Ink, Ink]:
-    """What is there, and what is missing, of ink with a gap from ``low`` to ``high``, mm."""
+def parted(
+    ink: Ink, stroke: Stroke, spans: Sequence[tuple[float, float]]
+) -> tuple[Ink, list[Ink]]:
+    """What is there, and what is missing in each gap, of a stroke's ink with gaps, mm along it."""
     kept: list[tuple[FloatArray, FloatArray, float, int]] = []
-    lost: list[tuple[FloatArray, FloatArray, float, int]] = []
+    lost: list[list[tuple[FloatArray, FloatArray, float, int]]] = [[] for _ in spans]
     for k, row in enumerate(stroke.moves):
         a, b = stroke.arc[k], stroke.arc[k + 1]
         piece = int(np.flatnonzero(ink.move == row)[0])
         step = ink.end[piece] - ink.start[piece]
-        cuts = sorted({a, b, min(max(low, a), b), min(max(high, a), b)})
+        cuts = sorted({a, b, *(min(max(at, a), b) for span in spans for at in span)})
         for one, other in pairwise(cuts):
             ends = [ink.start[piece] + step * (at - a) / (b - a) for at in (one, other)]
-            into = lost if low <= (one + other) / 2 <= high else kept
-            into.append((ends[0], ends[1], float(ink.area[piece]), int(row)))
+            middle = (one + other) / 2
+            within = (own for (low, high), own in zip(spans, lost, strict=True)
+                      if low <= middle <= high)  # fmt: skip
+            next(within, kept).append((ends[0], ends[1], float(ink.area[piece]), int(row)))
     rest = ink.where(~np.isin(ink.move, stroke.moves))
-    return joined(rest, _ink(kept)), _ink(lost)
+    return joined(rest, _ink(kept)), [_ink(own) for own in lost]
 
 
 def _ink(rows: list[tuple[FloatArray, FloatArray, float, int]]) -> Ink:
@@ -264,24 +269,47 @@ def judge(
     lumens: tuple[FloatArray, FloatArray, FloatArray],
 ) -> Judged:
     """Judge an insert; ``lumens`` are starts, ends (n, 3) and radii (n, 2) of open tubes."""
+    return judge_all(case, [(stroke, gap)], lumens)[0]
+
+
+def judge_all(
+    case: Case,
+    gaps: Sequence[tuple[Stroke, tuple[float, float]]],
+    lumens: tuple[FloatArray, FloatArray, FloatArray],
+) -> list[Judged]:
+    """Judge an insert that mends several gaps: what it does as a whole, and how each is covered."""
     before = read_moves("\n".join(case.lines), case.begin_mm)
     whole = read_moves("\n".join([*case.lines, *case.insert]), case.begin_mm)
     count = len(before.end)
     ink = ink_of(whole, case.ul_per_e)
     job, mend = ink.where(ink.move < count), ink.where(ink.move >= count)
-    there, lost = parted(job, stroke, *gap)
-    ends = np.concatenate([lost.start, lost.end, mend.start, mend.end])
+    there, missing = _with_gaps(job, gaps)
+    lost = [end for one in missing for end in (one.start, one.end)]
+    ends = np.concatenate([*lost, mend.start, mend.end])
     wide = math.sqrt(float(job.area.max())) + (case.layer_mm or 0.0)
     grid = Grid.around(ends, wide + 2 * case.edge_mm, case.edge_mm)
     sound, left, new = (grid.paint(one, case.layer_mm) for one in (job, there, mend))
-    missing = sound & ~left
-    return Judged(
-        float((new & missing).sum() / missing.sum()) if missing.any() else 1.0,
+    whole_insert = (
         _depth(grid.places(new), lumens),
         _beside(grid, new & ~sound, sound),
         _crossed(whole, count, there, mend, case),
         _off(before, whole, case),
     )
+    bare = (sound & ~left & grid.paint(one, case.layer_mm) for one in missing)
+    covered = (float((new & own).sum() / own.sum()) if own.any() else 1.0 for own in bare)
+    return [Judged(share, *whole_insert) for share in covered]
+
+
+def _with_gaps(
+    ink: Ink, gaps: Sequence[tuple[Stroke, tuple[float, float]]]
+) -> tuple[Ink, list[Ink]]:
+    """What is there of ink with gaps, and what each of them lacks."""
+    lost: dict[int, Ink] = {}
+    for first in sorted({int(stroke.moves[0]) for stroke, _ in gaps}):
+        own = [k for k, (stroke, _) in enumerate(gaps) if stroke.moves[0] == first]
+        ink, parts = parted(ink, gaps[own[0]][0], [gaps[k][1] for k in own])
+        lost |= dict(zip(own, parts, strict=True))
+    return ink, [lost[k] for k in range(len(gaps))]
 
 
 def _off(before: Moves, whole: Moves, case: Case) -> float:
