@@ -9,7 +9,7 @@ observer's tolerance aren't seen.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -37,12 +37,11 @@ APART_MM = 1.0
 
 @dataclass
 class Break:
-    """A planted break: the stroke, where along it, how much of it was covered, mm, and why not."""
+    """A planted break: the stroke, where along it, how much of it was covered, mm."""
 
     stroke: Stroke
     span: Span
     covered_mm: float = 0.0
-    left: list[str] = field(default_factory=list)
 
     @property
     def share(self) -> float:
@@ -136,8 +135,6 @@ def _mended(
         for stroke, span in placed
     ]
     mend = plan_mend(held, gaps, Voids.none())
-    for one, _ in found:
-        one.left += [left.reason for left in mend.left]
     if not mend.lines:
         return [], []
     case = Case(

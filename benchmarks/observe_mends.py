@@ -5,6 +5,9 @@ Random gaps in planned jobs, each held at a random mark; the product plans its i
 needle. Layers: gaps of the layer just ended. Embedded: seven of ten in the vessel just written, the
 others anywhere, where later vessels may lie above.
 
+The tree of 99 vessels is printed as a user would (`benchmarks.mends_at_looks`), too: ten breaks in
+a print that is looked at after vessels, each mended at the look that sees it.
+
 Clock: none; CPU time of planning is told.
 """
 
@@ -15,7 +18,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -28,6 +31,7 @@ from benchmarks.checkers.read_gcode import Moves, read_moves
 from benchmarks.checkers.read_network import read_network
 from benchmarks.command import run
 from benchmarks.machine import ROOT, row
+from benchmarks.mends_at_looks import ObservedPrint, mended_at_looks, planted
 from design.network_files.csv_format import read_network_csv
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.link.job import Job, load_job
@@ -44,6 +48,8 @@ from printctl.observe.mending import (
 COVERED = 0.95
 """Share of a gap's missing voxels from which it counts as mended."""
 TOLERANCE_MM = 0.05
+BREAKS = 10
+"""Planted in one print."""
 
 
 @dataclass(frozen=True)
@@ -125,12 +131,50 @@ def mend_rows(planned: Planned, quick: bool) -> Iterator[dict[str, Any]]:
     yield row(f"{name}: slowest plan", round(seconds, 2), "CPU s")
 
 
-def _plan(planned: Planned, folder: Path) -> None:
+def look_rows(planned: Planned, quick: bool) -> Iterator[dict[str, Any]]:
+    """Rows of prints with ten breaks each, mended at the looks that see them."""
+    name, seeds = f"{planned.name}, mended at looks", range(1 if quick else 12)
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "run"
+        _plan(planned, folder, "observe: {device: oct, every: vessel, mend: mend}\n")
+        seen = _observed(planned, folder)
+    ends, looks = seen.looks(within=False), seen.looks(within=True)
+    text = "\n".join(line.decode() for line in seen.job.lines)
+    moves = read_moves(text, seen.held(seen.job.lines, len(seen.job.lines)).start_mm)
+    mended: list[int] = []
+    judged: list[Judged] = []
+    for seed in seeds:
+        breaks = planted(moves, BREAKS, np.random.default_rng(seed), _stretch)
+        judged += mended_at_looks(seen, breaks, looks, planned.edge_mm)
+        mended.append(sum(one.share >= COVERED for one in breaks))
+    crossed, beside = sum(one.crossed for one in judged), max(one.beside_mm for one in judged)
+    mean = sum(mended) / len(mended)
+    yield row(f"{name}: looks at ends of passes", len(ends), "")
+    yield row(f"{name}: looks, those within passes too", len(looks), "")
+    yield row(f"{name}: prints of {BREAKS} breaks", len(mended), "")
+    yield row(f"{name}: breaks mended of {BREAKS}, mean", mean, "", ">= 9", mean >= 9)
+    yield row(f"{name}: breaks mended of {BREAKS}, fewest of a print", min(mended), "")
+    yield row(f"{name}: moves through written ink", crossed, "", "0", crossed == 0)
+    yield row(f"{name}: ink beside its place", beside, "mm", "<= 0.05", beside <= TOLERANCE_MM)
+
+
+def _observed(planned: Planned, folder: Path) -> ObservedPrint:
+    printer = load(Printer, "generic_marlin")
+    return ObservedPrint(
+        load_job(folder / "part.gcode", printer),
+        printer,
+        load(Syringe, "hamilton_1ml"),
+        load(Ink, planned.ink),
+        load(Needle, planned.needle),
+    )
+
+
+def _plan(planned: Planned, folder: Path, more: str = "") -> None:
     text = (ROOT / "examples" / f"{planned.example or planned.name}.yaml").read_text()
     for old, new in planned.changes:
         text = text.replace(old, new)
     recipe = folder.with_suffix(".yaml")
-    recipe.write_text(text)
+    recipe.write_text(text + more)
     words = [sys.executable, "-m", "printctl", "run", str(recipe), "--until", "toolpath"]
     done = subprocess.run(
         [*words, "--out", str(folder)], cwd=ROOT, capture_output=True, check=False
@@ -175,7 +219,7 @@ def _mark(planned: Planned, job: Job, rng: np.random.Generator) -> int:
 
 
 def _gap(planned: Planned, moves: Moves, rng: np.random.Generator) -> tuple[Stroke, float, float]:
-    """A stroke and a stretch of it: 0.2 to 3 mm, or in one of ten the whole stroke."""
+    """A stroke of those that may be broken, and a stretch of it."""
     strokes = strokes_of(moves)
     if planned.layer_mm is not None:
         high = moves.end[strokes[-1].moves[-1], 2]
@@ -183,6 +227,11 @@ def _gap(planned: Planned, moves: Moves, rng: np.random.Generator) -> tuple[Stro
         strokes = [s for s in strokes if s.length > 0.3]
     elif rng.random() < 0.7:
         strokes = strokes[-1:]
+    return _stretch(strokes, rng)
+
+
+def _stretch(strokes: Sequence[Stroke], rng: np.random.Generator) -> tuple[Stroke, float, float]:
+    """One of the strokes, and a stretch of it: 0.2 to 3 mm, or in one of ten the whole stroke."""
     chosen = strokes[int(rng.integers(len(strokes)))]
     if rng.random() < 0.1 and chosen.length < 10:
         return chosen, 0.0, chosen.length
@@ -205,4 +254,5 @@ def _lumens(planned: Planned, folder: Path) -> Any:
 
 
 if __name__ == "__main__":
-    run({planned.name: partial(mend_rows, planned) for planned in JOBS}, __doc__)
+    rows = {planned.name: partial(mend_rows, planned) for planned in JOBS}
+    run({**rows, "mended_at_looks": partial(look_rows, JOBS[-1])}, __doc__)
