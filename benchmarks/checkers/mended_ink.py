@@ -108,9 +108,7 @@ def place_on(stroke: Stroke, moves: Moves, at: float) -> FloatArray:
     return np.asarray(moves.start[row] + share * (moves.end[row] - moves.start[row]))
 
 
-def parted(
-    ink: Ink, stroke: Stroke, spans: Sequence[tuple[float, float]]
-) -> tuple[Ink, list[Ink]]:
+def parted(ink: Ink, stroke: Stroke, spans: Sequence[tuple[float, float]]) -> tuple[Ink, list[Ink]]:
     """What is there, and what is missing in each gap, of a stroke's ink with gaps, mm along it."""
     kept: list[tuple[FloatArray, FloatArray, float, int]] = []
     lost: list[list[tuple[FloatArray, FloatArray, float, int]]] = [[] for _ in spans]

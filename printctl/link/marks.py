@@ -1,7 +1,7 @@
 """Find comments in a G-code file that mark places to pause: layer or pass ends, reload points.
 
-Ours (`design.toolpath.gcode.marks`): ``;LAYER_END:n``, ``;PASS_END:n``, ``;PART_END:n``, ``;RELOAD``.
-Slicers say where a layer begins, which ends the one before: ``;LAYER:n`` (Cura), ``;LAYER_CHANGE``
+Ours (`design.toolpath.gcode.marks`): ``;LAYER_END:n``, ``;PASS_END:n``, ``;PART_END:n`` and
+``;RELOAD``. Slicers say where a layer begins, which ends the one before: ``;LAYER:n`` (Cura), ``;LAYER_CHANGE``
 (PrusaSlicer, OrcaSlicer), ``; CHANGE_LAYER`` (Bambu Studio), ``; layer n,`` (Simplify3D).
 """
 
@@ -38,7 +38,8 @@ class Mark:
         Command lines before it.
     kind : MarkKind
     number : int
-        Of the layer or vessel that ended, or is written in part, from 0; -1 where the file doesn't say.
+        Of the layer or vessel that ended (of a part: that is written so far), from 0; -1 where
+        the file doesn't say.
     """
 
     index: int

@@ -22,8 +22,8 @@ from printctl.observe.deciding import Decider, Decision, DecisionKind, Evidence,
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError, picture_of
 from printctl.observe.records import (
-    Answer,
     POSTPONED,
+    Answer,
     LookRecord,
     amend_look,
     answer_of,

@@ -122,7 +122,7 @@ class ObservePart(Part):
         Field(
             default="60 s written",
             description="Where a layer or vessel ends (vessel: also within one, before its rest "
-            "would bar the needle's way to what is written); or at the first such end behind a height "
+            "bars the needle's way to what is written); or at the first such end behind a height "
             "gained (0.5 mm) or a time by the clock (10 min); or also within layers, where a line "
             "ends, behind so much writing: 40 mm written, 10 s written.",
         )

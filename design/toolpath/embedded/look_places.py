@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -44,9 +45,7 @@ def look_places(passes: Sequence[Pass], elements: Elements, needle: Needle) -> f
     rules = find_rules(written, squares_of(written, mends.shaft_mm), _none(len(passes)), mends)
     first = written.first.tolist()
     return frozenset(
-        int(order[at])
-        for low, high in zip(first[:-1], first[1:], strict=True)
-        for at in _in_pass(low, high, rules)
+        int(order[at]) for low, high in pairwise(first) for at in _in_pass(low, high, rules)
     )
 
 

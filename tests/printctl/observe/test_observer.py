@@ -103,7 +103,10 @@ class Bench:
         one = evidence(self.gaps, self.ratio)
         second = None if again is None else seen
         one = replace(one, seen_share=self.seen_share)
-        found = {"seen_share": self.seen_share, **({"not_seen": self.not_seen} if self.not_seen else {})}
+        found = {
+            "seen_share": self.seen_share,
+            **({"not_seen": self.not_seen} if self.not_seen else {}),
+        }
         return Judged(Evidence(**{**vars(one), "second": second, "thin": self.thin}), found)
 
 
@@ -123,7 +126,9 @@ def test_a_part_of_a_vessel_that_tells_little_is_left_to_the_next_look(tmp_path)
     assert not any(one.judged for one in read_looks(tmp_path))
     whole = bench.observer.look(replace(LOOK, number=6, mark="end of vessel 3, reload point"))
     assert whole.judged
-    broken = Bench(tmp_path, seen_share=0.1, gaps=(GAP,)).observer.look(replace(part[0], number=7))
+    broken = Bench(tmp_path, seen_share=0.1, gaps=(GAP,), over=True).observer.look(
+        replace(part[0], number=7)
+    )
     assert broken.judged
     assert broken.decision != "go_on"
 
