@@ -109,7 +109,7 @@ def place_on(stroke: Stroke, moves: Moves, at: float) -> FloatArray:
 
 
 def parted(ink: Ink, stroke: Stroke, spans: Sequence[tuple[float, float]]) -> tuple[Ink, list[Ink]]:
-    """What is there, and what is missing in each gap, of a stroke's ink with gaps, mm along it."""
+    """What is there, and what is missing in each gap; gaps are from, to along a stroke, mm."""
     kept: list[tuple[FloatArray, FloatArray, float, int]] = []
     lost: list[list[tuple[FloatArray, FloatArray, float, int]]] = [[] for _ in spans]
     for k, row in enumerate(stroke.moves):
@@ -120,9 +120,10 @@ def parted(ink: Ink, stroke: Stroke, spans: Sequence[tuple[float, float]]) -> tu
         for one, other in pairwise(cuts):
             ends = [ink.start[piece] + step * (at - a) / (b - a) for at in (one, other)]
             middle = (one + other) / 2
-            within = (own for (low, high), own in zip(spans, lost, strict=True)
-                      if low <= middle <= high)  # fmt: skip
-            next(within, kept).append((ends[0], ends[1], float(ink.area[piece]), int(row)))
+            gap = [k for k, (low, high) in enumerate(spans) if low <= middle <= high]
+            (lost[gap[0]] if gap else kept).append(
+                (ends[0], ends[1], float(ink.area[piece]), int(row))
+            )
     rest = ink.where(~np.isin(ink.move, stroke.moves))
     return joined(rest, _ink(kept)), [_ink(own) for own in lost]
 
@@ -136,12 +137,7 @@ def _ink(rows: list[tuple[FloatArray, FloatArray, float, int]]) -> Ink:
 
 def joined(one: Ink, other: Ink) -> Ink:
     """Both."""
-    return Ink(
-        np.concatenate([one.start, other.start]),
-        np.concatenate([one.end, other.end]),
-        np.concatenate([one.area, other.area]),
-        np.concatenate([one.move, other.move]),
-    )
+    return Ink(*(np.concatenate([vars(each)[k] for each in (one, other)]) for k in vars(one)))
 
 
 @dataclass(frozen=True)
@@ -282,29 +278,24 @@ def judge_all(
     ink = ink_of(whole, case.ul_per_e)
     job, mend = ink.where(ink.move < count), ink.where(ink.move >= count)
     there, missing = _with_gaps(job, gaps)
-    lost = [end for one in missing for end in (one.start, one.end)]
-    ends = np.concatenate([*lost, mend.start, mend.end])
+    ends = np.concatenate([end for one in (*missing, mend) for end in (one.start, one.end)])
     wide = math.sqrt(float(job.area.max())) + (case.layer_mm or 0.0)
     grid = Grid.around(ends, wide + 2 * case.edge_mm, case.edge_mm)
     sound, left, new = (grid.paint(one, case.layer_mm) for one in (job, there, mend))
-    whole_insert = (
-        _depth(grid.places(new), lumens),
-        _beside(grid, new & ~sound, sound),
-        _crossed(whole, count, there, mend, case),
-        _off(before, whole, case),
-    )
+    deepest, beside = _depth(grid.places(new), lumens), _beside(grid, new & ~sound, sound)
+    crossed, off = _crossed(whole, count, there, mend, case), _off(before, whole, case)
     bare = (sound & ~left & grid.paint(one, case.layer_mm) for one in missing)
     covered = (float((new & own).sum() / own.sum()) if own.any() else 1.0 for own in bare)
-    return [Judged(share, *whole_insert) for share in covered]
+    return [Judged(share, deepest, beside, crossed, off) for share in covered]
 
 
 def _with_gaps(
     ink: Ink, gaps: Sequence[tuple[Stroke, tuple[float, float]]]
 ) -> tuple[Ink, list[Ink]]:
     """What is there of ink with gaps, and what each of them lacks."""
-    lost: dict[int, Ink] = {}
-    for first in sorted({int(stroke.moves[0]) for stroke, _ in gaps}):
-        own = [k for k, (stroke, _) in enumerate(gaps) if stroke.moves[0] == first]
+    lost, firsts = dict[int, Ink](), [int(stroke.moves[0]) for stroke, _ in gaps]
+    for first in sorted(set(firsts)):
+        own = [k for k, one in enumerate(firsts) if one == first]
         ink, parts = parted(ink, gaps[own[0]][0], [gaps[k][1] for k in own])
         lost |= dict(zip(own, parts, strict=True))
     return ink, [lost[k] for k in range(len(gaps))]

@@ -1,8 +1,9 @@
 """Find comments in a G-code file that mark places to pause: layer or pass ends, reload points.
 
 Ours (`design.toolpath.gcode.marks`): ``;LAYER_END:n``, ``;PASS_END:n``, ``;PART_END:n`` and
-``;RELOAD``. Slicers say where a layer begins, which ends the one before: ``;LAYER:n`` (Cura), ``;LAYER_CHANGE``
-(PrusaSlicer, OrcaSlicer), ``; CHANGE_LAYER`` (Bambu Studio), ``; layer n,`` (Simplify3D).
+``;RELOAD``. Slicers say where a layer begins, which ends the one before: ``;LAYER:n`` (Cura),
+``;LAYER_CHANGE`` (PrusaSlicer, OrcaSlicer), ``; CHANGE_LAYER`` (Bambu Studio), ``; layer n,``
+(Simplify3D).
 """
 
 from __future__ import annotations
