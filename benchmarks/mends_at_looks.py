@@ -1,9 +1,9 @@
 """Mends of a print at its looks: breaks planted in an embedded job, each mended where first seen.
 
-The job is gone through look by look (`every: vessel`: ends of passes). What was written since the
-last look is seen, mended at once, and the insert stays in the job for what follows.
-`checkers.mended_ink` judges each insert. Parts of breaks that are shorter than the observer's
-tolerance aren't seen.
+The job is gone through look by look (`every: vessel`: ends of passes, and marks within them). What
+was written since the last look is seen, mended at once, and the insert stays in the job for what
+follows. `checkers.mended_ink` judges each insert. Parts of breaks that are shorter than the
+observer's tolerance aren't seen.
 """
 
 from __future__ import annotations
@@ -63,9 +63,10 @@ class ObservedPrint:
         """The job, grown by inserts, held after so many lines."""
         return HeldPrint(lines, done, self.printer, self.syringe, self.ink, self.needle, "embedded")
 
-    def looks(self) -> list[int]:
-        """Lines before each look."""
-        return sorted({mark.index for mark in self.job.marks.of(MarkKind.VESSEL)})
+    def looks(self, *, within: bool) -> list[int]:
+        """Lines before each look; with those within vessels or without."""
+        kinds = (MarkKind.VESSEL, MarkKind.PART) if within else (MarkKind.VESSEL,)
+        return sorted({mark.index for kind in kinds for mark in self.job.marks.of(kind)})
 
 
 def planted(

@@ -138,7 +138,7 @@ def look_rows(planned: Planned, quick: bool) -> Iterator[dict[str, Any]]:
         folder = Path(scratch) / "run"
         _plan(planned, folder, "observe: {device: oct, every: vessel, mend: mend}\n")
         seen = _observed(planned, folder)
-    looks = seen.looks()
+    ends, looks = seen.looks(within=False), seen.looks(within=True)
     text = "\n".join(line.decode() for line in seen.job.lines)
     moves = read_moves(text, seen.held(seen.job.lines, len(seen.job.lines)).start_mm)
     mended: list[int] = []
@@ -149,7 +149,8 @@ def look_rows(planned: Planned, quick: bool) -> Iterator[dict[str, Any]]:
         mended.append(sum(one.share >= COVERED for one in breaks))
     crossed, beside = sum(one.crossed for one in judged), max(one.beside_mm for one in judged)
     mean = sum(mended) / len(mended)
-    yield row(f"{name}: looks", len(looks), "")
+    yield row(f"{name}: looks at ends of passes", len(ends), "")
+    yield row(f"{name}: looks, those within passes too", len(looks), "")
     yield row(f"{name}: prints of {BREAKS} breaks", len(mended), "")
     yield row(f"{name}: breaks mended of {BREAKS}, mean", mean, "", ">= 9", mean >= 9)
     yield row(f"{name}: breaks mended of {BREAKS}, fewest of a print", min(mended), "")

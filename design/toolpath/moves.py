@@ -75,6 +75,10 @@ class MoveBuilder:
         if duration_s > 0:
             self._stand(MoveKind.DWELL, 0.0, duration_s, source)
 
+    def look(self, source: int) -> None:
+        """Name a place within a pass to look at what was written; nothing moves."""
+        self._stand(MoveKind.LOOK, 0.0, 0.0, source)
+
     def build(self, *, must_write: bool = True) -> Toolpath:
         """Return everything so far as one value.
 

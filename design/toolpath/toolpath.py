@@ -29,6 +29,8 @@ class MoveKind(IntEnum):
     """Needle and plunger stand for `duration_s`."""
     RELOAD = 5
     """A safe point to change the syringe; nothing moves."""
+    LOOK = 6
+    """Within a pass: what follows would bar a mend of what is written; nothing moves."""
 
 
 @dataclass(frozen=True)

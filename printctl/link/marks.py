@@ -1,8 +1,9 @@
 """Find comments in a G-code file that mark places to pause: layer or pass ends, reload points.
 
-Ours (`design.toolpath.gcode.marks`): ``;LAYER_END:n``, ``;PASS_END:n``, ``;RELOAD``. Slicers say
-where a layer begins, which ends the one before: ``;LAYER:n`` (Cura), ``;LAYER_CHANGE``
-(PrusaSlicer, OrcaSlicer), ``; CHANGE_LAYER`` (Bambu Studio), ``; layer n,`` (Simplify3D).
+Ours (`design.toolpath.gcode.marks`): ``;LAYER_END:n``, ``;PASS_END:n``, ``;PART_END:n`` and
+``;RELOAD``. Slicers say where a layer begins, which ends the one before: ``;LAYER:n`` (Cura),
+``;LAYER_CHANGE`` (PrusaSlicer, OrcaSlicer), ``; CHANGE_LAYER`` (Bambu Studio), ``; layer n,``
+(Simplify3D).
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Final
 
 from printctl.link.inserts import behind
 
-_OURS: Final = re.compile(rb";(LAYER_END|PASS_END|RELOAD)(?::(-?\d+))?\s*$")
+_OURS: Final = re.compile(rb";(LAYER_END|PASS_END|PART_END|RELOAD)(?::(-?\d+))?\s*$")
 _SLICERS: Final = re.compile(rb";(?:LAYER:(-?\d+)|LAYER_CHANGE|\s*CHANGE_LAYER)\s*$|; layer (\d+),")
 
 
@@ -24,6 +25,7 @@ class MarkKind(StrEnum):
 
     LAYER = "layer"
     VESSEL = "vessel"
+    PART = "part"
     RELOAD = "reload"
 
 
@@ -37,7 +39,8 @@ class Mark:
         Command lines before it.
     kind : MarkKind
     number : int
-        Of the layer or vessel that ended, from 0; -1 where the file doesn't say.
+        Of the layer or vessel that ended (of a part: that is written so far), from 0; -1 where
+        the file doesn't say.
     """
 
     index: int
@@ -45,7 +48,7 @@ class Mark:
     number: int = -1
 
     def __str__(self) -> str:
-        what = "reload point" if self.kind is MarkKind.RELOAD else f"end of {self.kind}"
+        what = _WORDS[self.kind]
         # People and slicers' views count layers from 1; vessels have a network's numbers.
         number = self.number + (self.kind is MarkKind.LAYER)
         return f"{what} {number}" if self.number >= 0 else what
@@ -54,7 +57,16 @@ class Mark:
 _KIND: Final = {
     b"LAYER_END": MarkKind.LAYER,
     b"PASS_END": MarkKind.VESSEL,
+    b"PART_END": MarkKind.PART,
     b"RELOAD": MarkKind.RELOAD,
+}
+
+
+_WORDS: Final = {
+    MarkKind.LAYER: "end of layer",
+    MarkKind.VESSEL: "end of vessel",
+    MarkKind.PART: "end of a part of vessel",
+    MarkKind.RELOAD: "reload point",
 }
 
 

@@ -15,6 +15,9 @@ from printctl.link.marks import Mark, MarkKind, Marks
 
 _AHEAD: Final = 2
 """Most lines in flight: a mark nearer than that may be passed before it is looked at."""
+_ENDS: Final = (MarkKind.LAYER, MarkKind.VESSEL)
+_PAUSES: Final = (*_ENDS, MarkKind.RELOAD)
+"""Where the needle has left the ink: a pause within a vessel is made only where it is asked for."""
 
 
 class DueTask(Enum):
@@ -127,9 +130,9 @@ class Watch:
             return DueTask.RELOAD
         if self.after in kinds:
             return DueTask.PAUSE
-        if self._overdue(now) and (kinds or not self._any_from(done)):
+        if self._overdue(now) and (kinds - {MarkKind.PART} or not self._any_from(done)):
             return DueTask.DEADMAN
-        if self._wants_checkpoint(now) and done != self._seen and kinds - {MarkKind.RELOAD}:
+        if self._wants_checkpoint(now) and done != self._seen and kinds & set(_ENDS):
             return DueTask.CHECKPOINT
         return DueTask.NOTHING
 
@@ -185,14 +188,19 @@ class Watch:
             return True
         if done == self._looked:
             return False
-        by_mark = self.care.look_after in kinds or (bool(kinds) and now >= self._look_due)
+        by_mark = bool(self._look_kinds & kinds) or (bool(kinds) and now >= self._look_due)
         return by_mark or self._places.next_due(done, self._looked_at, self.care) == done
+
+    @property
+    def _look_kinds(self) -> set[MarkKind]:
+        """Marks at each of which a look is due; looks after vessels are due within them, too."""
+        after = self.care.look_after
+        parts = {MarkKind.PART} if after is MarkKind.VESSEL else set()
+        return parts | {after} if after else set()
 
     def _next_look(self, now: float, first: int) -> list[int]:
         """Lines ahead after which a look may be due."""
-        after, marks = self.care.look_after, list[Mark | None]()
-        if after is not None:
-            marks.append(self.marks.next(after, first))
+        marks = [self.marks.next(kind, first) for kind in self._look_kinds]
         if now >= self._look_due:
             marks += [self.marks.next(kind, first) for kind in MarkKind]
         far = self._places.next_due(first, self._looked_at, self.care)
@@ -203,13 +211,13 @@ class Watch:
     def _wanted(self, now: float, first: int) -> list[Mark | None]:
         marks = [self.marks.next(self.after, first)] if self.after else []
         if self._overdue(now):
-            marks += [self.marks.next(kind, first) for kind in MarkKind]
+            marks += [self.marks.next(kind, first) for kind in _PAUSES]
         if self._wants_checkpoint(now):
-            marks += [self.marks.next(kind, first) for kind in (MarkKind.LAYER, MarkKind.VESSEL)]
+            marks += [self.marks.next(kind, first) for kind in _ENDS]
         return marks
 
     def _any_from(self, index: int) -> bool:
-        return any(self.marks.next(kind, index) is not None for kind in MarkKind)
+        return any(self.marks.next(kind, index) is not None for kind in _PAUSES)
 
     def _overdue(self, now: float) -> bool:
         return self.deadman_left(now) == 0.0

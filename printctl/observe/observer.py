@@ -17,10 +17,12 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from printctl.link.errors import Refused
+from printctl.link.marks import Mark, MarkKind
 from printctl.observe.deciding import Decider, Decision, DecisionKind, Evidence, LayersSeen
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError, picture_of
 from printctl.observe.records import (
+    POSTPONED,
     Answer,
     LookRecord,
     amend_look,
@@ -57,6 +59,11 @@ class Look:
     job_line: int
     before: int
     mark: str
+
+    @property
+    def within_vessel(self) -> bool:
+        """Whether more of the vessel follows."""
+        return self.mark.startswith(str(Mark(0, MarkKind.PART)))
 
 
 @dataclass(frozen=True)
@@ -214,6 +221,10 @@ class Observer:
 
     def _decided(self, judged: Judged) -> Decision:
         self.decider.control.put_in_force(judged.flow)
+        if POSTPONED in judged.found:
+            share = judged.evidence.seen_share
+            why = f"{share:.0%} was seen of a part of a vessel: the next look judges it, too"
+            return Decision(DecisionKind.GO_ON, why)
         decision = self.decider.decide(judged.evidence)
         unseen = judged.found.get("not_seen")
         return replace(decision, why=f"{decision.why} ({unseen})") if unseen else decision
@@ -224,6 +235,8 @@ class Observer:
         judged = self.judge(look, picture, None)
         limits, evidence = self.decider.limits, judged.evidence
         gaps = any(limits.gap.significant(gap, evidence.places) for gap in evidence.gaps)
+        if look.within_vessel and not gaps and evidence.seen_share < limits.least_seen:
+            return replace(judged, found={**judged.found, POSTPONED: True})
         if gaps or evidence.thin or evidence.unseen:
             judged = self.judge(look, picture, self.acquire(look, place / "again"))
         return judged

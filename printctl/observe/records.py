@@ -29,6 +29,8 @@ ORDER: Final = "observer.json"
 LOG: Final = "observer.log"
 READY: Final = "observer.pid"
 """Written by an observer that has all it needs: its process's number."""
+POSTPONED: Final = "postponed"
+"""Said of a look within a vessel that tells too little: the next one judges its ink."""
 DRAWN: Final = "seen.png"
 _PICTURES: Final = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 
@@ -76,8 +78,8 @@ class LookRecord:
 
     @property
     def judged(self) -> bool:
-        """Whether a picture was judged; False of a look that failed."""
-        return "seen_share" in self.found
+        """Whether a picture was judged; False of a look that failed or left it to the next."""
+        return "seen_share" in self.found and not self.found.get(POSTPONED)
 
 
 def look_folder(print_folder: Path, number: int) -> Path:

@@ -122,7 +122,8 @@ class ObservePart(Part):
     every: Annotated[str, BeforeValidator(_number_as_text), AfterValidator(_known_interval)] = (
         Field(
             default="60 s written",
-            description="Where a layer or vessel ends; or at the first such end behind a height "
+            description="Where a layer or vessel ends (vessel: also within one, before its rest "
+            "bars the needle's way to what is written); or at the first such end behind a height "
             "gained (0.5 mm) or a time by the clock (10 min); or also within layers, where a line "
             "ends, behind so much writing: 40 mm written, 10 s written.",
         )

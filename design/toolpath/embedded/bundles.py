@@ -93,9 +93,9 @@ class Bundles:
 
     def _marks(self, data: bytes) -> bytes:
         def mark(match: re.Match[bytes]) -> bytes:
-            return b"PASS_END:%d" % self.owner[int(match[1])]
+            return b"%s_END:%d" % (match[1], self.owner[int(match[2])])
 
-        return re.sub(rb"PASS_END:(\d+)", mark, data)
+        return re.sub(rb"(PASS|PART)_END:(\d+)", mark, data)
 
 
 def bundled(network: VesselNetwork, widest_mm: FloatArray) -> Bundles:

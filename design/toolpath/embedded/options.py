@@ -48,6 +48,8 @@ class EmbeddedOptions:
         them, in any order are left out and named; else they are written, and the crossings named.
     recovery_s : float, s
         How long the bath takes to close behind the needle; no pass is begun in a younger wake.
+    look_within : bool
+        Whether passes name places to look at what was written before the rest bars a mend of it.
     widest_filament_mm : float or None, mm
         Wider vessels are asked for as strands (`bundles`); None for what `largest_lumen_mm` says.
     """
@@ -71,6 +73,7 @@ class EmbeddedOptions:
     open_joints: int = 0
     leave_out: bool = False
     recovery_s: float = 0.0
+    look_within: bool = False
     widest_filament_mm: float | None = None
 
     def __post_init__(self) -> None:

@@ -16,6 +16,7 @@ from design.toolpath.embedded.improve import order_passes
 from design.toolpath.embedded.joined import JoinedPasses, WeakJoint
 from design.toolpath.embedded.joints import Joiner
 from design.toolpath.embedded.left_out import Leaving
+from design.toolpath.embedded.look_places import look_places
 from design.toolpath.embedded.lumens import LumenGroups
 from design.toolpath.embedded.meetings import Meetings, at_nodes, with_touches
 from design.toolpath.embedded.needle import Needle
@@ -113,7 +114,10 @@ class Scene:
     ) -> _Written:
         """The path of ordered passes, and what its shaft meets; `known` as in `FilamentWriter`."""
         joined = self.lumens.closed(joined)
-        writer = FilamentWriter(self.elements, passes[0], heads, known)
+        looks = frozenset[int]()
+        if heads.look_within:
+            looks = look_places(passes, self.elements, self.needle)
+        writer = FilamentWriter(self.elements, passes[0], heads, known, looks)
         writer.write_all(passes, joined)
         recovery_s = max(one.recovery_s for one in heads.options)
         toolpath = add_recovery_dwells(writer.builder.build(), recovery_s, heads.shaft_mm)

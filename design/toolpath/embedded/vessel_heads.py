@@ -77,6 +77,11 @@ class EmbeddedHeads:
         """Whether vessels that can't be written without a crossing are left out."""
         return all(one.leave_out for one in self.options)
 
+    @property
+    def look_within(self) -> bool:
+        """Whether passes name places to look."""
+        return any(one.look_within for one in self.options)
+
     def needles(self) -> tuple[Needle, ...]:
         """Each head's needle without its clearance."""
         joint, widest = self.bare_mm

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Set
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -53,6 +55,8 @@ class FilamentWriter:
     heads : EmbeddedHeads
     known : dict of Leg to Stretch, or None
         Stretches of a writing before; those of this one are added.
+    looks : set of int
+        Elements before which the path names a place to look.
 
     Attributes
     ----------
@@ -68,7 +72,9 @@ class FilamentWriter:
         first: Pass,
         heads: EmbeddedHeads,
         known: dict[Leg, Stretch] | None = None,
+        looks: Set[int] = frozenset(),
     ) -> None:
+        self._looks = looks
         self._known = {} if known is None else known
         self._elements, self._heads = elements, heads
         leg = first.legs[0]
@@ -90,13 +96,24 @@ class FilamentWriter:
     def write_all(self, passes: list[Pass], joined: JoinedPasses) -> None:
         """Write passes in their order."""
         for one, before, beyond in zip(passes, joined.before, joined.beyond, strict=True):
-            self._write([self._stretch(leg) for leg in one.legs], float(before), float(beyond))
+            parts = [part for leg in one.legs for part in self._parts(leg)]
+            looks = {k for k, part in enumerate(parts) if part.element in self._looks}
+            stretches = [self._stretch(part) for part in parts]
+            self._write(stretches, float(before), float(beyond), looks)
 
     def laid(self) -> tuple[IntArray, FloatArray, FloatArray]:
         """Vessel (w,), way along it and radius at both ends (w, 2), of each move that writes."""
         counts = [len(one) for one in self._along]
         vessel = np.repeat(np.array(self._vessels, dtype=np.int64), counts)
         return vessel, np.concatenate(self._along), np.concatenate(self._radius)
+
+    def _parts(self, leg: Leg) -> list[Leg]:
+        """A leg cut where the path names a place to look."""
+        cuts = [k for k, one in enumerate(leg.elements().tolist()) if k and one in self._looks]
+        return [
+            Leg(leg.element + leg.step * low, leg.step, high - low)
+            for low, high in pairwise([0, *cuts, leg.size])
+        ]
 
     def _stretch(self, leg: Leg) -> Stretch:
         """A leg as few straight moves as its shape and taper need."""
@@ -119,7 +136,9 @@ class FilamentWriter:
         points, thick, along = (at_places(each, place) for each in (points, thick, along))
         return Stretch(points, thick, along, int(self._elements.vessel[leg.element]))
 
-    def _write(self, stretches: list[Stretch], before: float, beyond: float) -> None:
+    def _write(
+        self, stretches: list[Stretch], before: float, beyond: float, looks: Set[int]
+    ) -> None:
         if before > 0.0:
             stretches[0] = self._longer(stretches[0], before, at_end=False)
         if beyond > 0.0:
@@ -127,6 +146,8 @@ class FilamentWriter:
         first = stretches[0]
         self._go(first.points[0], first.vessel, self._heads.of(first.vessel))
         for number, one in enumerate(stretches):
+            if number in looks:
+                self.builder.look(one.vessel)
             if number and _is_step(stretches[number - 1], one):
                 self._settle(one.vessel)
             length = np.linalg.norm(np.diff(one.points, axis=0), axis=1)

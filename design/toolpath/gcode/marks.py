@@ -5,6 +5,7 @@ mark       after the lines above it
 ========== ====================================================================================
 LAYER_END  layer n is written; where another follows the needle stands at its height or above
 PASS_END   a pass that ended along vessel n is written, the way straight up is free
+PART_END   part of a pass is written, up to within vessel n; what follows would bar a mend of it
 HEIGHT     before layer n, where layers differ: its height, mm (the sign that other slicers use)
 RELOAD     the plunger is relieved and the way straight up is free: the syringe may be changed
 ========== ====================================================================================
@@ -73,7 +74,7 @@ class Context:
 def marks_of(toolpath: Toolpath, table: Table, context: Context | None = None) -> Marks:
     """Find where the needle stands free between two layers or passes."""
     context = context or Context()
-    marks = [*_heights(toolpath), *_ends(toolpath, context), *_asked_reloads(toolpath)]
+    marks = [*_heights(toolpath), *_ends(toolpath, context), *_named(toolpath)]
     marks.sort(key=lambda mark: mark[0])
     body = np.flatnonzero(table.move >= 0)
     moves = np.array([move for move, _ in marks], dtype=np.int64)
@@ -135,6 +136,9 @@ def _lifted(toolpath: Toolpath, last: int, after: int) -> tuple[int, bool]:
     return after - 1, relieved and raised
 
 
-def _asked_reloads(toolpath: Toolpath) -> list[tuple[int, str]]:
-    """Reload points that the toolpath names itself."""
-    return [(int(move), ";RELOAD") for move in np.flatnonzero(toolpath.kind == MoveKind.RELOAD)]
+def _named(toolpath: Toolpath) -> list[tuple[int, str]]:
+    """Reload points, and places to look within a pass, that the toolpath names itself."""
+    reloads = np.flatnonzero(toolpath.kind == MoveKind.RELOAD)
+    looks = np.flatnonzero(toolpath.kind == MoveKind.LOOK)
+    parts = [(int(move), f";PART_END:{toolpath.source[move]}") for move in looks]
+    return [*((int(move), ";RELOAD") for move in reloads), *parts]

@@ -62,6 +62,7 @@ from printctl.pipeline.writer_options import gcode_options
 from printctl.preflight import written_arrays
 from printctl.progress import Report
 from printctl.recipe.making import Embedded, Fresh
+from printctl.recipe.observe import look_interval
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK, SOLID, SURFACE
 from printctl.set_up import ABOVE_WALL_MM
 
@@ -79,7 +80,15 @@ def depends(context: RunContext) -> Any:
         context.place_mm.tolist(),
         context.digests(context.recipe.toolpath.files()),
         *solid_dependence(context),
+        *(["look_within"] if looks_within(context) else []),
     ]
+
+
+def looks_within(context: RunContext) -> bool:
+    """Whether an embedded print is looked at within vessels, where a mend would come too late."""
+    part = context.recipe.observe
+    embedded = isinstance(context.recipe.toolpath, Embedded)
+    return embedded and part is not None and look_interval(part.every).measure == "vessel"
 
 
 def of_heads(context: RunContext) -> list[Any]:
@@ -130,7 +139,11 @@ def plan(context: RunContext, *, compensated: bool = True) -> PlannedPath:
             refuse_early(context)
             ahead = part.compensate_lag and compensated
             choices = tuple(
-                embedded_options(part, one, context.bath, ahead=ahead) for one in context.loads
+                replace(
+                    embedded_options(part, one, context.bath, ahead=ahead),
+                    look_within=looks_within(context),
+                )
+                for one in context.loads
             )
             thinnest = float(context.network.radius.min())
             check_compensation(context, max(own.smallest_wall_mm(thinnest) for own in choices))

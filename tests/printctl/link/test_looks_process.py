@@ -18,7 +18,7 @@ from printctl.link.look_book import LookDecision
 from printctl.link.marks import MarkKind
 from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer
 from tests.printctl.link.jobs import parse_job
-from tests.printctl.link.looking import layered, patch
+from tests.printctl.link.looking import layered, patch, patch_at
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
 
@@ -65,6 +65,33 @@ def test_insert_outlives_the_process_that_took_it(tmp_path):
         look(client, 2)
         assert client.looks.decide(1, LookDecision.GO_ON)["decision"] == "go_on"
         client.looks.decide(2, LookDecision.GO_ON)
+        assert client.wait(30).state is LinkState.DONE
+    grown = parse_job(data, "a").grown_by(read_journal(run / "journal.log").inserts)
+    assert with_x(served.printer.numbered) == with_x(line.decode() for line in grown.lines)
+
+
+def test_a_stroke_held_within_and_killed_there_is_written_once(tmp_path):
+    lines = layered(2, 6, "PASS_END").splitlines()
+    first = next(k for k, line in enumerate(lines) if b" X" in line and b" E" in line)
+    data = b"\n".join([*lines[: first + 3], b";PART_END:0", *lines[first + 3 :]]) + b"\n"
+    job, run = tmp_path / "job.gcode", tmp_path / "run"
+    job.write_bytes(data)
+    care = Care(checkpoint_s=None, look_after=MarkKind.VESSEL)
+    done = parse_job(data, "a").marks.of(MarkKind.PART)[0].index
+    with pty_printer(FakeMarlin()) as served:
+        client = start_print(job, profile(tmp_path), served.name, run, care=care)
+        held = look(client, 1)
+        assert (held["mark"], held["done"]) == ("end of a part of vessel 0", done)
+        inside = [line.replace("Z9.900", "Z10") for line in patch_at(data, done)]
+        client.looks.insert(1, inside, "a gap")
+        os.kill(client.record.pid, signal.SIGKILL)
+        client.wait(30)
+        client = resume_print(run, served.name)
+        look(client, 1)
+        for number in (1, 2, 3):
+            client.looks.decide(number, LookDecision.GO_ON)
+            if number < 3:
+                look(client, number + 1)
         assert client.wait(30).state is LinkState.DONE
     grown = parse_job(data, "a").grown_by(read_journal(run / "journal.log").inserts)
     assert with_x(served.printer.numbered) == with_x(line.decode() for line in grown.lines)

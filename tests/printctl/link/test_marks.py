@@ -13,15 +13,18 @@ from tests.printctl.link.jobs import parse_job
 
 
 def test_marks_stand_between_command_lines():
-    job = parse_job(b"G90\n;LAYER_END:0\n;RELOAD\nG1 X1\n\n;PASS_END:12\r\nG1 X2\n", "a")
+    text = b"G90\n;LAYER_END:0\n;RELOAD\nG1 X1\n\n;PART_END:3\n;PASS_END:12\r\nG1 X2\n"
+    job = parse_job(text, "a")
     assert job.marks.all == (
         Mark(1, MarkKind.LAYER, 0),
         Mark(1, MarkKind.RELOAD),
+        Mark(2, MarkKind.PART, 3),
         Mark(2, MarkKind.VESSEL, 12),
     )
     assert [str(mark) for mark in job.marks.all] == [
         "end of layer 1",
         "reload point",
+        "end of a part of vessel 3",
         "end of vessel 12",
     ]
 
@@ -72,6 +75,19 @@ def test_no_mark_that_is_wanted_is_passed(found, done, kind, idle):
     assert stop == min([*ahead, 99])
     expected = DueTask.RELOAD if kind is MarkKind.RELOAD else DueTask.PAUSE
     assert (watch.due(1.0, stop) is expected) == (stop != 99)
+
+
+def test_looks_after_vessels_are_due_within_them_and_pauses_aren_t():
+    marks = Marks([Mark(5, MarkKind.PART, 0), Mark(10, MarkKind.VESSEL, 0)])
+    looks = Watch(marks, Care(None, look_after=MarkKind.VESSEL))
+    looks.begin(0.0)
+    assert (looks.next_stop(1.0, 0, True, 99), looks.due(1.0, 5)) == (5, DueTask.LOOK)
+    looks.looked(1.0, 5)
+    assert (looks.due(1.0, 5), looks.next_stop(1.0, 5, True, 99)) == (DueTask.NOTHING, 10)
+    unheard = Watch(marks, Care(checkpoint_s=1.0, deadman_s=1.0))
+    unheard.begin(0.0)
+    assert (unheard.due(9.0, 5), unheard.next_stop(9.0, 0, True, 99)) == (DueTask.NOTHING, 10)
+    assert unheard.due(9.0, 10) is DueTask.DEADMAN
 
 
 def test_deadman_waits_for_a_mark_and_not_longer_than_there_is_one():

@@ -75,6 +75,7 @@ class Bench:
     left: str = ""
     mended: tuple = ()
     not_seen: str = ""
+    seen_share: float = 0.9
     pictures: list[str] = field(default_factory=list)
 
     def __post_init__(self):
@@ -101,7 +102,11 @@ class Bench:
         seen = self.gaps if again is None or self.again else ()
         one = evidence(self.gaps, self.ratio)
         second = None if again is None else seen
-        found = {"seen_share": 0.9, **({"not_seen": self.not_seen} if self.not_seen else {})}
+        one = replace(one, seen_share=self.seen_share)
+        found = {
+            "seen_share": self.seen_share,
+            **({"not_seen": self.not_seen} if self.not_seen else {}),
+        }
         return Judged(Evidence(**{**vars(one), "second": second, "thin": self.thin}), found)
 
 
@@ -110,6 +115,22 @@ def test_a_sound_layer_needs_one_picture(tmp_path):
     bench.observer.look(LOOK)
     assert bench.link.said == [("go_on", 1)]
     assert bench.pictures == ["picture"]
+
+
+def test_a_part_of_a_vessel_that_tells_little_is_left_to_the_next_look(tmp_path):
+    bench = Bench(tmp_path, seen_share=0.1)
+    part = [replace(LOOK, number=k, mark="end of a part of vessel 3") for k in range(1, 6)]
+    records = [bench.observer.look(look) for look in part]
+    assert bench.link.said == [("go_on", k) for k in range(1, 6)]
+    assert "the next look judges it" in records[-1].why
+    assert not any(one.judged for one in read_looks(tmp_path))
+    whole = bench.observer.look(replace(LOOK, number=6, mark="end of vessel 3, reload point"))
+    assert whole.judged
+    broken = Bench(tmp_path, seen_share=0.1, gaps=(GAP,), over=True).observer.look(
+        replace(part[0], number=7)
+    )
+    assert broken.judged
+    assert broken.decision != "go_on"
 
 
 def test_a_gap_in_two_pictures_is_mended_and_told(tmp_path):

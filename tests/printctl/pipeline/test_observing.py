@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import deepcopy
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -13,6 +14,7 @@ from printctl.errors import RecipeError, UsageError
 from printctl.link.marks import MarkKind
 from printctl.pipeline.observable import refuse_unobservable
 from printctl.pipeline.observing import look_care
+from printctl.pipeline.stages.toolpath import looks_within
 from printctl.recipe import parse_recipe
 
 ROOT = Path(__file__).parents[3]
@@ -109,3 +111,13 @@ def test_by_default_each_layer_or_vessel_is_looked_at_and_long_ones_within():
     layered, bath = look_care(part, embedded=False), look_care(part, embedded=True)
     assert (layered["look_after"], bath["look_after"]) == (MarkKind.LAYER, MarkKind.VESSEL)
     assert layered["look_every_written_s"] == 60.0
+
+
+@pytest.mark.parametrize(("every", "within"), [("vessel", True), ("60 s written", False)])
+def test_vessels_are_looked_at_within_where_each_is_asked_for(every, within):
+    data = yaml.safe_load((ROOT / "examples" / "planar_tree.yaml").read_text())
+    embedded = parse_recipe(data | {"observe": {"device": "oct", "every": every}}, "test.yaml")
+    layered = recipe({"device": "oct", "every": every})
+    assert looks_within(SimpleNamespace(recipe=embedded)) is within
+    assert not looks_within(SimpleNamespace(recipe=layered))
+    assert not looks_within(SimpleNamespace(recipe=parse_recipe(data, "test.yaml")))
