@@ -20,7 +20,7 @@ _SPECKLE: Final = 3
 _LEAST_SLAB: Final = 2
 _EDGE: Final = 0.5
 """Of the way from bath to ink at which a surface lies."""
-_FLOOR: Final = 0.1
+FLOOR: Final = 0.1
 """Of the brighter of both, added before the logarithm: dark noise mustn't count."""
 _AROUND_MM: Final = 1.5
 """From lines, so far bath is looked at."""
@@ -101,7 +101,7 @@ def height_map(
     slab = slab_mean(volume, level, half)
     slab[unmeasured] = np.nan
     bath, ink = _bath_and_ink(slab, frame, float(1.0 / np.sqrt(dx * dy)), lines)
-    bright = np.log(slab + np.float32(_FLOOR * max(bath, ink) + 1e-6))
+    bright = np.log(slab + np.float32(FLOOR * max(bath, ink) + 1e-6))
     edge = np.float32(bath + _EDGE * (ink - bath))
     height = (_surface(volume, depth_per_mm < 0, edge) - level) / depth_per_mm
     height[unmeasured] = np.nan

@@ -11,8 +11,10 @@ from typing import Final
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.stats import siegelslopes
 
 from registration.layer_images.height import (
+    FLOOR,
     HeightFrame,
     depth_of,
     slab_mean,
@@ -27,10 +29,18 @@ _LEAST_HALF: Final = 1.0
 """Voxels of depth to either side."""
 _HEIGHT: Final = 0.7
 """Of a round filament's width, over which it is averaged: beyond, its sides are bath."""
+_LEAST_FLOOR: Final = 0.05
+"""Of what the bath sends back, below which nothing is told apart."""
+_BRIGHT: Final = 4.0
+"""Times the bath, from which on ink tells how light fades with depth."""
+_FEWEST: Final = 20
+"""Places by which that is known."""
+_MOST: Final = 400
+"""And about as many are enough."""
 
 
 def filament_map(scan: Scan, frame: HeightFrame, lines: ExpectedLines) -> FloatImage:
-    """Return a picture (rows, columns, 1) for `see_layer`: logarithm of the usual at that depth.
+    """Return a picture (rows, columns, 1) for `see_layer`: logarithm, by the usual at that depth.
 
     Parameters
     ----------
@@ -52,7 +62,29 @@ def filament_map(scan: Scan, frame: HeightFrame, lines: ExpectedLines) -> FloatI
     half = 0.5 * _HEIGHT * width[near] * abs(float(frame.matrix[2, 2]))
     slab = slab_mean(volume, level, np.maximum(half, _LEAST_HALF))
     slab[unmeasured] = np.nan
-    return np.log(slab + np.float32(0.05))[:, :, None]
+    floor = np.float32(FLOOR) * _ink_level(slab, level, frame.to_pixels(place))
+    floor = np.maximum(floor, np.float32(_LEAST_FLOOR))
+    return np.log((slab + floor) / (1 + floor))[:, :, None]
+
+
+def _ink_level(slab: FloatImage, level: FloatArray, at: FloatArray) -> FloatImage:
+    """What bright ink sends back from the depth ``level`` of each column, times the bath.
+
+    A logarithm without a floor makes the blurred rim of such ink as wide as the ink itself.
+    """
+    column, row = np.rint(at).astype(np.int64).T
+    inside = (row >= 0) & (row < slab.shape[0]) & (column >= 0) & (column < slab.shape[1])
+    row, column = row[inside], column[inside]
+    bright = slab[row, column] > _BRIGHT
+    row, column = row[bright], column[bright]
+    if len(row) < _FEWEST:
+        return np.zeros_like(slab)
+    ink, depth = np.log(slab[row, column]), level[row, column]
+    few = slice(None, None, 1 + len(row) // _MOST)
+    fade = siegelslopes(ink[few], depth[few]) if np.ptp(depth[few]) > 2.0 else None
+    slope, begin = (fade.slope, fade.intercept) if fade else (0.0, float(np.median(ink)))
+    known = np.clip(level, depth.min(), depth.max())
+    return np.exp(begin + slope * known).astype(np.float32)
 
 
 def _places(lines: ExpectedLines) -> tuple[FloatArray, FloatArray]:
