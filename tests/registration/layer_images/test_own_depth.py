@@ -83,7 +83,8 @@ def test_bright_ink_is_no_wider_than_it_is(times: float) -> None:
     to_scan[2, 3] = depth
     ends = np.array([[[0.6, 1.4, 0.3]], [[4.6, 1.4, 0.3]]])
     one = np.zeros(1, dtype=np.int64)
-    lines = ExpectedLines(*ends, np.full(1, wide), one, one, np.ones(1, dtype=np.bool_))
+    fresh = np.ones(1, dtype=np.bool_)
+    lines = ExpectedLines(ends[0], ends[1], np.full(1, wide), one, one, fresh)
     _, frame = height_map(scan, to_scan, 0.3, wide, lines)
     found = see_layer(filament_map(scan, frame, lines), frame, lines)
     assert found.gaps == ()
