@@ -8,8 +8,10 @@ from registration.layer_images.values import FloatArray, IntArray, Shift
 
 _FEWEST = 8
 """As many as widths are measured from at least."""
-_PLENTY = 12
+PLENTY = 12
 """Fewer offsets tell their own scatter badly: the uncertainty grows by what is lacking."""
+_ALONG = 0.1
+"""Of the offsets' directions, squared: by fewer a line is as good as straight."""
 _TOGETHER = 4.0
 """Neighbouring stations that share noise."""
 
@@ -47,7 +49,14 @@ def fit_shift(
         spread = 1.4826 * float(np.median(off)) + 1e-9
         weight = np.minimum(1.0, 1.5 * spread / np.maximum(off, 1e-12))
     spread_of = _covariance(a, b - a @ best, weight, own, spread, reach_mm, px_mm)
-    return Shift(float(best[0]), float(best[1]), spread_of * max(1.0, _PLENTY / len(b)) ** 2)
+    if len(b) < PLENTY:
+        spread_of *= (PLENTY / len(b)) ** 2
+        share, axes = np.linalg.eigh(a.T @ a / len(b))
+        if share[0] < _ALONG:
+            slide = axes[:, :1] @ axes[:, :1].T
+            best = best - slide @ best
+            spread_of = spread_of + reach_mm**2 * slide
+    return Shift(float(best[0]), float(best[1]), spread_of)
 
 
 def _covariance(

@@ -4,7 +4,7 @@ Ink that lies where lines are expected correlates best with them as it is, howev
 missing; so a picture that fits better otherwise isn't of the frame it is said to be of. A layer
 that looks the same turned tells nothing, and where a move explains as much as a turn does, it is a
 move. Gel in a dim bath is brighter than what lies around it, clear ink in a scattering bath darker:
-either sign of the correlation counts.
+where a picture fits by neither sign as it is, either counts.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ _FAR_MM: Final = 2.0
 _FITS: Final = 0.5
 """Correlation that ink and lines have at least where they belong together."""
 _BETTER: Final = 0.1
+_SIGN: Final = 0.25
+"""Correlation as it is, from which on it says whether ink is bright or dark."""
 
 _TURNS: Final[Mapping[str, Callable[[FloatImage], FloatImage]]] = {
     "turned by 180°": lambda image: image[::-1, ::-1],
@@ -69,23 +71,35 @@ def better_turned(picture: FloatImage, frame: Frame, lines: ExpectedLines) -> st
     wide = lines.width_mm[rows] * px_per_mm
     reach = max(1, round(_REACH_MM * px_per_mm / shrink))
 
-    def fit(turned: FloatImage, more: int = 0) -> tuple[float, FloatArray]:
-        """Best correlation, and where, pixels of the picture; moved by so much more than usual."""
+    def fit(turned: FloatImage, more: int = 0) -> dict[int, tuple[float, FloatArray]]:
+        """Best correlation with bright ink (1) and dark (-1), and where, pixels of the picture.
+
+        Moved by so much more than usual.
+        """
         shape = tuple(round(count * shrink) for count in turned.shape)
         drawn = drawn_lines((shape[0], shape[1]), ends, wide).astype(np.float32)
         mask = cv2.resize(drawn, turned.shape[::-1], interpolation=cv2.INTER_AREA)
         inner = mask[reach:-reach, reach:-reach]
         if min(inner.shape, default=0) < 8 or inner.std() < 1e-3:
-            return 0.0, np.zeros(2)
+            return dict.fromkeys((1, -1), (0.0, np.zeros(2)))
         usual = float(np.median(turned))
         image = cv2.copyMakeBorder(turned, *(more,) * 4, cv2.BORDER_CONSTANT, value=usual)
         found = cv2.matchTemplate(np.ascontiguousarray(image), inner, cv2.TM_CCOEFF_NORMED)
-        _, best, _, at = cv2.minMaxLoc(np.abs(found))
-        return float(best), (np.array(at, dtype=np.float64) - reach - more) * shrink
+        least, most, low, high = cv2.minMaxLoc(found)
+        both = {1: (most, high), -1: (-least, low)}
+        return {
+            sign: (size, (np.array(at, dtype=np.float64) - reach - more) * shrink)
+            for sign, (size, at) in both.items()
+        }
 
-    as_it_is, _ = fit(ink)
-    fits = {name: fit(turn(ink))[0] for name, turn in _TURNS.items()}
-    far, off_px = fit(ink, round((_FAR_MM - _REACH_MM) * px_per_mm / shrink))
+    here = fit(ink)
+    sign = max(here, key=lambda one: here[one][0])
+    as_it_is = here[sign][0]
+    signs = (sign,) if as_it_is > _SIGN else (1, -1)
+    turns = {name: fit(turn(ink)) for name, turn in _TURNS.items()}
+    fits = {name: max(found[one][0] for one in signs) for name, found in turns.items()}
+    moved = fit(ink, round((_FAR_MM - _REACH_MM) * px_per_mm / shrink))
+    far, off_px = max((moved[one] for one in signs), key=lambda found: found[0])
     best = max(fits, key=lambda name: fits[name])
     needed = max(_FITS, as_it_is + _BETTER)
     if far > max(needed, fits[best] - _BETTER):

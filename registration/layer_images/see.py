@@ -22,7 +22,7 @@ from registration.errors import PictureError
 from registration.layer_images.before import with_before
 from registration.layer_images.first_shift import first_shift
 from registration.layer_images.layer_findings import findings_of, honest_shift
-from registration.layer_images.layer_shift import fit_shift
+from registration.layer_images.layer_shift import PLENTY, fit_shift
 from registration.layer_images.seen_layer import SeenLayer, seen_at_shift
 from registration.layer_images.values import (
     Appearance,
@@ -126,4 +126,8 @@ def _finer(look: SeenLayer, shift: Shift, options: SeeingOptions, work: Working)
     )
     if rest is None:
         return None
+    if np.isfinite(offset).sum() < PLENTY:  # no better than what it would replace?
+        least, axes = np.linalg.eigh(rest.covariance_mm2)
+        if least[0] > axes[:, 0] @ shift.covariance_mm2 @ axes[:, 0]:
+            return None
     return Shift(shift.dx_mm + rest.dx_mm, shift.dy_mm + rest.dy_mm, rest.covariance_mm2)

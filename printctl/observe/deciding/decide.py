@@ -189,7 +189,7 @@ class Decider:
         if evidence.stretches:
             percent = self.limits.width_percent
             seen = f"{evidence.stretches} stretches beyond {percent:g} % of their width, told alone"
-        seen += self._rest(evidence) * (any_seen and not hardly)
+        seen += self._rest(evidence) if any_seen and not hardly else evidence.hidden_words
         told = f"; {evidence.over_old_share:.0%} lies over older ink and can't be told from it"
         seen += told * (evidence.over_old_share >= 0.01)
         return Decision(DecisionKind.GO_ON, seen + self._unconfirmed(evidence))
