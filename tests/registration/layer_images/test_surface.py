@@ -10,7 +10,7 @@ import pytest
 from benchmarks.checkers.profiler_painter import Kind, profiled
 from benchmarks.observe_laser import expected, look, planted
 from registration.errors import PictureError
-from registration.layer_images import Surface, Unseen, surface_of
+from registration.layer_images import LayerFindings, Surface, Unseen, surface_of
 from registration.layer_images.values import FloatArray
 from registration.readers.heights import HeightMap
 
@@ -114,3 +114,21 @@ def test_widths_are_within_what_is_told_of_them(kind: Kind) -> None:
     off = [(one.width_ratio - 1) / one.u_width_ratio for one in told if one.u_width_ratio < 1]
     assert len(off) >= 3
     assert max(np.abs(off)) < 2.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_ink_whose_height_wavers_along_its_lines_is_told_from_the_plate(seed: int) -> None:
+    """Of a third of its height: what counts is that all of it stands far over the bare plate."""
+
+    def wavering(bare: tuple[tuple[int, float, float], ...]) -> LayerFindings:
+        map_ = profiled(seed, "plate", bare)
+        count = map_.heights.shape[1]
+        wave = 1.0 + 0.35 * np.sin(2.0 * np.pi * np.arange(count) * map_.px / 1.7)
+        return look(replace(map_, heights=(3.0 + (map_.heights - 3.0) * wave).astype(np.float32)))
+
+    sound, broken = wavering(()), wavering(((2, 1.5, 2.2),))
+    assert sound.gaps == ()
+    assert sound.seen_share > 0.9
+    assert sound.faint_share == 0.0
+    (gap,) = broken.gaps
+    assert gap.length_mm == pytest.approx(0.7, abs=0.3)
