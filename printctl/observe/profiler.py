@@ -16,7 +16,7 @@ from printctl.observe.devices import DeviceError
 from printctl.observe.scan_place import ScanSize, refuse_elsewhere
 from registration.errors import ScanFileError
 from registration.layer_images import ExpectedLines, Surface, surface_of
-from registration.readers.heights import HeightMap, read_heights
+from registration.readers.heights import HeightMap, read_heights, wrong_placement
 
 FRAME_KEY: Final = "printer_to_scan"
 """Where a frame's file, and a simulated device's own, hold the matrix."""
@@ -49,7 +49,7 @@ def read_matrix(path: Path, device: str, known: frozenset[str] | None = None) ->
     Raises
     ------
     UsageError
-        When there is none, it isn't a matrix, or a key isn't ``known``.
+        When there is none, it isn't a matrix that can be undone, or a key isn't ``known``.
     """
     try:
         data = dict(read_yaml(path.read_text(encoding="utf-8")))
@@ -59,8 +59,8 @@ def read_matrix(path: Path, device: str, known: frozenset[str] | None = None) ->
             f"observe.frame {path} can't be read ({exc}); for {device} it is a YAML file with "
             f"{FRAME_KEY}: four rows of four numbers, mm"
         ) from exc
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-        raise UsageError(f"observe.frame {path}: {FRAME_KEY} isn't four rows of four numbers")
+    if wrong := wrong_placement(matrix):
+        raise UsageError(f"observe.frame {path}: {FRAME_KEY} {wrong}")
     if known is not None and (strange := sorted(set(data) - known)):
         raise UsageError(
             f"observe.frame {path}: {', '.join(strange)} means nothing; known are "
@@ -89,7 +89,7 @@ def read_profiler_frame(path: Path) -> ProfilerFrame:
         raise UsageError(
             f"observe.frame {path}: pixel_mm is two numbers [x, y], count_mm and lost are one each"
         ) from exc
-    if not count > 0 or (pixel is not None and not min(pixel) > 0):
+    if not all(0 < one < np.inf for one in (count, *(pixel or ()))):
         raise UsageError(f"observe.frame {path}: pixel_mm and count_mm must be above 0 mm")
     return ProfilerFrame(data[FRAME_KEY], pixel, count, lost)
 
@@ -122,7 +122,7 @@ def open_surface(
     frame = read_profiler_frame(Path(frame_file)) if frame_file else ProfilerFrame(np.eye(4))
     try:
         heights = read_heights(path, frame.pixel_mm, frame.count_mm, frame.lost)
-    except ScanFileError as exc:
+    except (ScanFileError, OSError) as exc:
         raise DeviceError(" ".join(str(exc).split())) from exc
     to_map = frame.to_map if frame_file or heights.to_map is None else heights.to_map
     size = ScanSize.of_heights(heights, to_map)

@@ -257,9 +257,9 @@ def window_noise(
     if not spreads:
         return None
     bath = 0.0 if bath_values is None else _bath_spread(bath_values, step, gap_mm)
-    spread = np.minimum.accumulate(np.array(spreads))
-    sized = _by_size(inks, spread, middle, bath) if by_size and enough else None
-    return WindowNoise(np.array(lengths), middle, spread, bath, by_size=sized)
+    narrower: FloatArray = np.minimum.accumulate(np.array(spreads))
+    sized = _by_size(inks, narrower, middle, bath) if by_size and enough else None
+    return WindowNoise(np.array(lengths), middle, narrower, bath, by_size=sized)
 
 
 def _by_size(inks: list[FloatArray], spread: FloatArray, middle: float, bath: float) -> BySize:

@@ -35,6 +35,9 @@ def test_a_frame_says_what_the_files_dont(tmp_path: Path) -> None:
     ("changes", "said"),
     [
         ({"printer_to_scan": [[1, 0], [0, 1]]}, "four rows of four numbers"),
+        ({"printer_to_scan": np.diag([1.0, 1.0, 0.0, 1.0]).tolist()}, "to the same one"),
+        ({"printer_to_scan": (2 * np.eye(4)).tolist()}, "0, 0, 0, 1 as its last row"),
+        ({"count_mm": float("inf")}, "above 0 mm"),
         ({"pixel_mm": 0.02}, "two numbers"),
         ({"pixel_mm": [0.02, 0]}, "above 0 mm"),
         ({"count_mm": -1}, "above 0 mm"),
