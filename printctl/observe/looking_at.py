@@ -52,6 +52,7 @@ from printctl.observe.mends_again import (
 )
 from printctl.observe.observer import Judged, Look, MendLines
 from printctl.observe.order import ObserverOrder
+from printctl.observe.profiler import refuse_other_height
 from printctl.observe.records import DRAWN, read_looks
 from printctl.observe.scan_place import ScanSize
 from printctl.observe.view_before import picture_before
@@ -267,6 +268,7 @@ class ObservedJob:
             findings = seen_where_ink_shows(
                 lambda options: see(options=options), self._options(), self.order.limits.shift_mm
             )
+            refuse_other_height(at.size, findings.seen_share, findings.coverage)
             if not at.found:
                 self._appearance = findings.appearance or self._appearance
                 least = self.order.limits.least_open

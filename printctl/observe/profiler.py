@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -14,12 +15,19 @@ from kernels.arrays import FloatArray
 from printctl.errors import UsageError
 from printctl.observe.devices import DeviceError
 from printctl.observe.scan_place import ScanSize, refuse_elsewhere
-from registration.errors import ScanFileError
+from registration.errors import PictureError, ScanFileError
 from registration.layer_images import ExpectedLines, Surface, surface_of
 from registration.readers.heights import HeightMap, read_heights, wrong_placement
 
 FRAME_KEY: Final = "printer_to_scan"
 """Where a frame's file, and a simulated device's own, hold the matrix."""
+_HIGHEST: Final = 1.5
+"""Layers over a layer's top, from which on heights are of something else."""
+_FLATTEST, _TALLEST = 0.3, 2.0
+"""Times a layer's height, that its lines stand over the plate: a needle fixes it, and lines of
+slumped or domed ink stood 0.75 to 1.0 over it."""
+_SHOWS: Final = 0.5
+"""Of the way, with ink on it, from which on what stands there is ink."""
 _KEYS: Final = frozenset({FRAME_KEY, "pixel_mm", "count_mm", "lost"})
 
 
@@ -115,7 +123,8 @@ def open_surface(
     Raises
     ------
     DeviceError
-        When it can't be read, or holds another place than the lines.
+        When it can't be read, measured nothing, holds another place than the lines, or stands far
+        over the layer.
     UsageError
         When the frame can't be read.
     """
@@ -127,8 +136,42 @@ def open_surface(
     to_map = frame.to_map if frame_file or heights.to_map is None else heights.to_map
     size = ScanSize.of_heights(heights, to_map)
     refuse_elsewhere(size, lines)
-    surface = surface_of(heights, to_map, middle_z_mm, thickness_mm, lines)
+    try:
+        surface = surface_of(heights, to_map, middle_z_mm, thickness_mm, lines)
+    except PictureError as exc:
+        raise DeviceError(f"{path}: {exc}") from exc
     over = f"{1000.0 * surface.over_mm:+.0f} µm over the layer's top along the lines"
+    if surface.over_mm > _HIGHEST * thickness_mm:
+        raise DeviceError(
+            f"the map lies {over}, more than {_HIGHEST:g} of its layers of "
+            f"{1000.0 * thickness_mm:.0f} µm: check the heights' unit (count_mm) and the z of "
+            f"{FRAME_KEY} in observe.frame, or see what covers the layer, then resume"
+        )
     if np.isfinite(surface.over_mm):
         size = replace(size, words=f"{size.words}, and lies {over}")
-    return surface, size, heights
+    return surface, replace(size, stands=surface.stands_mm / thickness_mm), heights
+
+
+def refuse_other_height(size: ScanSize | None, seen_share: float, coverage: float) -> None:
+    """Refuse a height map in which the first layer's ink shows, but far too flat or tall.
+
+    Parameters
+    ----------
+    size : ScanSize or None
+    seen_share, coverage : float
+        As of `LayerFindings`.
+
+    Raises
+    ------
+    DeviceError
+    """
+    if size is None or not seen_share * coverage > _SHOWS or not math.isfinite(size.stands):
+        return
+    if _FLATTEST < size.stands < _TALLEST:
+        return
+    raise DeviceError(
+        f"the lines show, but stand {size.stands:.2g} times their layer's height over the plate "
+        f"beside them ({_FLATTEST:.1g} to {_TALLEST:g} may be): check the heights' unit (count_mm "
+        "in observe.frame: 1 for mm, 0.001 for µm), or how far the needle is from the plate, then "
+        "resume"
+    )

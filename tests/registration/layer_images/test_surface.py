@@ -85,6 +85,7 @@ def test_how_far_a_map_lies_off_its_layer_is_told() -> None:
     map_ = profiled(1, "plate")
     assert small(map_.heights).over_mm == pytest.approx(0.0, abs=0.03)
     assert small(map_.heights - 0.12).over_mm == pytest.approx(-0.12, abs=0.03)
+    assert small(map_.heights - 0.12).stands_mm == pytest.approx(map_.thickness, abs=0.03)
 
 
 def test_a_profiler_that_looks_up_or_saw_nothing_is_refused() -> None:
