@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from registration.errors import PictureError
 from registration.layer_images.height import FARTHEST, HeightFrame
+from registration.layer_images.tilt import levelled
 from registration.layer_images.unmeasured import opened
 from registration.layer_images.values import BoolArray, ExpectedLines, FloatArray, FloatImage
 from registration.layer_images.working import drawn_lines
@@ -106,10 +107,10 @@ def surface_of(
         raise PictureError(
             "the profiler's heights don't grow with the printer's z; check printer_to_scan"
         )
-    above = _above(heights.height_mm, frame, middle_z_mm)
-    lost = ~np.isfinite(above)
-    if lost.all():
+    if not np.isfinite(heights.height_mm).any():
         raise PictureError("the profiler measured no height at all")
+    above = levelled(_above(heights.height_mm, frame, middle_z_mm), frame, thickness_mm, lines)
+    lost = ~np.isfinite(above)
     width_px = float(np.percentile(lines.width_mm, 10)) / (dx * dy) ** 0.5
     whole, hidden = _filled(above, lost, width_px)
     level = np.clip(whole / thickness_mm, _GROUND, _HIGHEST)

@@ -133,3 +133,28 @@ def test_ink_whose_height_wavers_along_its_lines_is_told_from_the_plate(seed: in
     assert sound.faint_share == 0.0
     (gap,) = broken.gaps
     assert gap.length_mm == pytest.approx(0.7, abs=0.3)
+
+
+@pytest.mark.parametrize("kind", ["plate", "solid"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_tilt_and_bow_of_more_than_a_layer_are_taken_out(kind: Kind, seed: int) -> None:
+    def aslant(bare: tuple[tuple[int, float, float], ...]) -> LayerFindings:
+        map_ = profiled(seed, kind, bare)
+        y, x = (2.0 * one / len(map_.heights) - 1.0 for one in np.indices(map_.heights.shape))
+        off = map_.thickness * (0.8 * x - 0.5 * y + 0.7 * x * x)
+        return look(replace(map_, heights=(map_.heights + off).astype(np.float32)))
+
+    sound, broken = aslant(()), aslant(((3, 1.5, 2.5),))
+    assert sound.gaps == ()
+    assert sound.seen_share > 0.8
+    assert len(broken.gaps) == 1
+
+
+def test_a_floor_that_alone_is_tilted_doesnt_tilt_the_ink() -> None:
+    map_ = profiled(1, "solid", hard=0.0)
+    y, x = (2.0 * one / len(map_.heights) - 1.0 for one in np.indices(map_.heights.shape))
+    floor = map_.heights < 3.0 + 0.5 * map_.thickness
+    tilted = np.where(floor, map_.heights + map_.thickness * (x + y), map_.heights)
+    found = look(replace(map_, heights=tilted.astype(np.float32)))
+    assert found.gaps == ()
+    assert found.seen_share > 0.8
