@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from hashlib import blake2b
@@ -21,7 +20,7 @@ from kernels.arrays import FloatArray
 from printctl.link.job import Job, load_job
 from printctl.link.journalled_print import read_journal
 from printctl.link.record import JOURNAL
-from printctl.observe.deciding.evidence import SURE, UnseenPath
+from printctl.observe.deciding.evidence import UnseenPath
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError
 from printctl.observe.devices.acquire import Place, Region
@@ -33,7 +32,6 @@ from printctl.observe.judging import (
     ink_to_judge,
     narrowed_lumens,
     nothing_seen,
-    shift_of,
     without_rest,
 )
 from printctl.observe.lumen_areas import lumens_at
@@ -52,8 +50,10 @@ from printctl.observe.mends_again import (
 )
 from printctl.observe.observer import Judged, Look, MendLines
 from printctl.observe.order import ObserverOrder
+from printctl.observe.profiler import refuse_other_height
 from printctl.observe.records import DRAWN, read_looks
 from printctl.observe.scan_place import ScanSize
+from printctl.observe.shown_place import seen_where_ink_shows
 from printctl.observe.view_before import picture_before
 from printctl.observe.views import open_view, read_picture
 from registration.errors import PictureError
@@ -70,8 +70,6 @@ from registration.layer_images import (
 
 log = logging.getLogger(__name__)
 Image = NDArray[Any]
-_SHOWN: Final = 0.5
-"""Of a layer's way, with ink at its shifted place, for that to be its place."""
 _ASIDE_MM: Final = 1.5
 """Blobs are looked for within 1.2 mm of a line."""
 _ABOVE_MM: Final = 0.3
@@ -265,8 +263,10 @@ class ObservedJob:
                 thickness_mm=slab_mm[1] if is_height else None,
             )
             findings = seen_where_ink_shows(
-                lambda options: see(options=options), self._options(), self.order.limits.shift_mm
-            )
+                lambda options: see(options=options), self._options(), self.order.limits.shift_mm,
+                lone=layered and bool(at.layer.lines.fresh.all()),
+            )  # fmt: skip
+            refuse_other_height(at.size, findings.seen_share, findings.coverage)
             if not at.found:
                 self._appearance = findings.appearance or self._appearance
                 least = self.order.limits.least_open
@@ -367,24 +367,6 @@ class ObservedJob:
         lines = tuple(line.decode("ascii") for line in mend.lines)
         left_mm = sum(one.length_mm for one in mend.left)
         return MendLines(lines, mend.left_words(), left_mm, tuple(map(asdict, mended)))
-
-
-def seen_where_ink_shows(
-    see: Callable[[SeeingOptions], LayerFindings], options: SeeingOptions, tolerated_mm: float
-) -> LayerFindings:
-    """Return what is seen; at a place beyond tolerance only where the ink itself shows it.
-
-    Where most of a layer is missing, its lines fit older ones beside them as well as their own
-    place, and gaps would be told of bath where none should be written. What lies within tolerance
-    would show in the bath between older lines, if it lay there. A lone line whose end is missing
-    fits best moved along itself: a move that isn't sure excuses no missing ink.
-    """
-    findings = see(options)
-    moved_mm, u_mm = shift_of(findings)
-    unsure = moved_mm > tolerated_mm >= moved_mm - SURE * u_mm
-    if unsure or not findings.coverage >= _SHOWN:
-        return see(replace(options, shift_mm=tolerated_mm))
-    return findings
 
 
 def _given_up(gap: MendGap) -> NotMended:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -18,12 +19,19 @@ from printctl.observe.scan_place import ScanSize, refuse_elsewhere
 from registration.errors import PictureError, ScanFileError
 from registration.laser_sweep import is_laser_file, read_laser, sweep_heights, trace
 from registration.layer_images import ExpectedLines, Surface, surface_of
-from registration.readers.heights import HeightMap, read_heights
+from registration.readers.heights import HeightMap, read_heights, wrong_placement
 
 FRAME_KEY: Final = "printer_to_scan"
 """Where a frame's file, and a simulated device's own, hold the matrix."""
 _ASIDE_MM: Final = 2.0
 """Heights are laid out so far beyond the lines."""
+_HIGHEST: Final = 1.5
+"""Layers over a layer's top, from which on heights are of something else."""
+_FLATTEST, _TALLEST = 0.3, 2.0
+"""Times a layer's height, that its lines stand over the plate: a needle fixes it, and lines of
+slumped or domed ink stood 0.75 to 1.0 over it."""
+_SHOWS: Final = 0.5
+"""Of the way, with ink on it, from which on what stands there is ink."""
 _KEYS: Final = frozenset({FRAME_KEY, "pixel_mm", "count_mm", "lost"})
 
 
@@ -53,7 +61,7 @@ def read_matrix(path: Path, device: str, known: frozenset[str] | None = None) ->
     Raises
     ------
     UsageError
-        When there is none, it isn't a matrix, or a key isn't ``known``.
+        When there is none, it isn't a matrix that can be undone, or a key isn't ``known``.
     """
     try:
         data = dict(read_yaml(path.read_text(encoding="utf-8")))
@@ -63,8 +71,8 @@ def read_matrix(path: Path, device: str, known: frozenset[str] | None = None) ->
             f"observe.frame {path} can't be read ({exc}); for {device} it is a YAML file with "
             f"{FRAME_KEY}: four rows of four numbers, mm"
         ) from exc
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-        raise UsageError(f"observe.frame {path}: {FRAME_KEY} isn't four rows of four numbers")
+    if wrong := wrong_placement(matrix):
+        raise UsageError(f"observe.frame {path}: {FRAME_KEY} {wrong}")
     if known is not None and (strange := sorted(set(data) - known)):
         raise UsageError(
             f"observe.frame {path}: {', '.join(strange)} means nothing; known are "
@@ -93,7 +101,7 @@ def read_profiler_frame(path: Path) -> ProfilerFrame:
         raise UsageError(
             f"observe.frame {path}: pixel_mm is two numbers [x, y], count_mm and lost are one each"
         ) from exc
-    if not count > 0 or (pixel is not None and not min(pixel) > 0):
+    if not all(0 < one < np.inf for one in (count, *(pixel or ()))):
         raise UsageError(f"observe.frame {path}: pixel_mm and count_mm must be above 0 mm")
     return ProfilerFrame(data[FRAME_KEY], pixel, count, lost)
 
@@ -134,8 +142,8 @@ def open_surface(
     Raises
     ------
     DeviceError
-        When it can't be read, holds another place than the lines, or shows that the camera or
-        the insert was moved.
+        When it can't be read, measured nothing, holds another place than the lines, stands far
+        over the layer, or shows that the camera or the insert was moved.
     UsageError
         When the frame can't be read.
     """
@@ -145,11 +153,45 @@ def open_surface(
         heights, to_map = _read(path, frame_file)
     size = ScanSize.of_heights(heights, to_map)
     refuse_elsewhere(size, lines)
-    surface = surface_of(heights, to_map, middle_z_mm, thickness_mm, lines)
+    try:
+        surface = surface_of(heights, to_map, middle_z_mm, thickness_mm, lines)
+    except PictureError as exc:
+        raise DeviceError(f"{path}: {exc}") from exc
     over = f"{1000.0 * surface.over_mm:+.0f} µm over the layer's top along the lines"
+    if surface.over_mm > _HIGHEST * thickness_mm:
+        raise DeviceError(
+            f"the map lies {over}, more than {_HIGHEST:g} of its layers of "
+            f"{1000.0 * thickness_mm:.0f} µm: check the heights' unit (count_mm) and the z of "
+            f"{FRAME_KEY} in observe.frame, or see what covers the layer, then resume"
+        )
     if np.isfinite(surface.over_mm):
         size = replace(size, words=f"{size.words}, and lies {over}")
-    return surface, size, heights
+    return surface, replace(size, stands=surface.stands_mm / thickness_mm), heights
+
+
+def refuse_other_height(size: ScanSize | None, seen_share: float, coverage: float) -> None:
+    """Refuse a height map in which the first layer's ink shows, but far too flat or tall.
+
+    Parameters
+    ----------
+    size : ScanSize or None
+    seen_share, coverage : float
+        As of `LayerFindings`.
+
+    Raises
+    ------
+    DeviceError
+    """
+    if size is None or not seen_share * coverage > _SHOWS or not math.isfinite(size.stands):
+        return
+    if _FLATTEST < size.stands < _TALLEST:
+        return
+    raise DeviceError(
+        f"the lines show, but stand {size.stands:.2g} times their layer's height over the plate "
+        f"beside them ({_FLATTEST:.1g} to {_TALLEST:g} may be): check the heights' unit (count_mm "
+        "in observe.frame: 1 for mm, 0.001 for µm), or how far the needle is from the plate, then "
+        "resume"
+    )
 
 
 def _read(path: Path, frame_file: str) -> tuple[HeightMap, FloatArray]:
@@ -157,7 +199,7 @@ def _read(path: Path, frame_file: str) -> tuple[HeightMap, FloatArray]:
     frame = read_profiler_frame(Path(frame_file)) if frame_file else ProfilerFrame(np.eye(4))
     try:
         heights = read_heights(path, frame.pixel_mm, frame.count_mm, frame.lost)
-    except ScanFileError as exc:
+    except (ScanFileError, OSError) as exc:
         raise DeviceError(" ".join(str(exc).split())) from exc
     told = None if frame_file else heights.to_map
     return heights, frame.to_map if told is None else told

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -32,6 +33,8 @@ class ScanSize:
         Takes the printer's places to its frame, mm.
     low_mm, high_mm : (3,) or (2,) float64, mm
         Its corners in its own frame: x, y, depth, or x, y.
+    stands : float
+        Height of ink over the bare plate beside it, of what it should be; NaN where it isn't known.
     """
 
     voxel_mm: tuple[float, ...]
@@ -39,6 +42,7 @@ class ScanSize:
     to_scan: FloatArray
     low_mm: FloatArray
     high_mm: FloatArray
+    stands: float = math.nan
 
     @staticmethod
     def of(scan: Scan, to_scan: FloatArray) -> ScanSize:
@@ -56,7 +60,8 @@ class ScanSize:
         voxel, shape = heights.pixel_mm[::-1], heights.height_mm.shape
         low = np.array(heights.origin_mm)
         high = low + (np.array(shape[::-1]) - 1) * np.array(heights.pixel_mm)
-        usual = float(np.nan_to_num(np.nanmedian(heights.height_mm)))
+        measured = heights.height_mm[np.isfinite(heights.height_mm)]
+        usual = float(np.median(measured)) if len(measured) else 0.0
         corners = np.array([(x, y, usual) for x in (low[0], high[0]) for y in (low[1], high[1])])
         where = _covered(corners, to_map, 2)
         words = f"{_count_words(shape, voxel)} (x, y) and covers {where}"

@@ -10,8 +10,8 @@ _FEWEST = 8
 """As many as widths are measured from at least."""
 PLENTY = 12
 """Fewer offsets tell their own scatter badly: the uncertainty grows by what is lacking."""
-_ALONG = 0.1
-"""Of the offsets' directions, squared: by fewer a line is as good as straight."""
+_ALONG = 0.01
+"""Of the offsets' directions, squared: lines within 6 degrees are as good as straight."""
 _TOGETHER = 4.0
 """Neighbouring stations that share noise."""
 

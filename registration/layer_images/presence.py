@@ -35,6 +35,11 @@ _UNLEARNED = 1.5
 """Where there is no ink to learn from, it may scatter by so much more than its place does."""
 _WINDOWS: Final = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Tolerated gaps."""
+_ROUNDS: Final = 3
+_RESIDUE: Final = 0.1
+"""Of ink's presence, that a gap may show besides the bath's noise."""
+_GROUND: Final = 0.05
+"""Least scatter of bare ground, of ink's height: what is cut off below the layer has none."""
 END: Final = 0.3
 """Of a width: so near to an end less ink is no sign."""
 
@@ -110,6 +115,28 @@ def fake_places(
 
 
 @dataclass(frozen=True)
+class BySize:
+    """Scatter of heights: of bare ground always the same, of ink in proportion to its height.
+
+    Its inverse hyperbolic sine evens such scatter out (Huber et al. 2002, Bioinformatics 18, S96).
+
+    Attributes
+    ----------
+    least : float
+        Presence at which both scatter alike.
+    spread : (k,) float64
+        Standard deviation of evened presence, of the windows of a `WindowNoise`.
+    """
+
+    least: float
+    spread: FloatArray
+
+    def evened(self, presence: float) -> float:
+        """Presence on a scale on which ink scatters as much everywhere."""
+        return math.asinh(presence / self.least)
+
+
+@dataclass(frozen=True)
 class WindowNoise:
     """Scatter of the mean presence over windows of several lengths.
 
@@ -124,6 +151,8 @@ class WindowNoise:
         Of bath, over the shortest window that matters; 0 where it isn't known.
     bath_long : (length, spread), mm and presence
         Of bath over a longer window; (0, 0) where it isn't known.
+    by_size : BySize or None
+        Where ink scatters in proportion to itself.
     """
 
     length_mm: FloatArray
@@ -131,11 +160,16 @@ class WindowNoise:
     spread: FloatArray
     bath: float
     bath_long: tuple[float, float] = (0.0, 0.0)
+    by_size: BySize | None = None
 
     def p_value(self, mean: float, length_mm: float) -> float:
         """Chance of so low a mean over a stretch, by noise."""
-        spread = float(np.interp(length_mm, self.length_mm, self.spread))
-        return float(ndtr((mean - self.middle) / max(spread, 1e-9)))
+        lengths, spreads, ink = self.length_mm, self.spread, self.middle
+        if self.by_size is not None:
+            spreads = self.by_size.spread
+            mean, ink = self.by_size.evened(mean), self.by_size.evened(ink)
+        spread = float(np.interp(length_mm, lengths, spreads))
+        return float(ndtr((mean - ink) / max(spread, 1e-9)))
 
     def contrast(self, length_mm: float) -> float:
         """Ink over bath, in standard deviations of a stretch."""
@@ -144,9 +178,8 @@ class WindowNoise:
 
     def can_tell(self, length_mm: float, p_needed: float) -> bool:
         """Whether a gap of that length would be found, nineteen times in twenty."""
-        spread = float(np.interp(length_mm, self.length_mm, self.spread))
-        bath = self._bath_over(length_mm)
-        return bool(-ndtri(p_needed) * spread + 1.64 * bath < 0.9 * self.middle)
+        bare = _RESIDUE * self.middle + 1.64 * self._bath_over(length_mm)
+        return self.p_value(bare, length_mm) < p_needed
 
     def _bath_over(self, length_mm: float) -> float:
         """Standard deviation of bath over a stretch."""
@@ -189,13 +222,16 @@ def window_noise(
     gap_mm: float,
     known: bool,
     even: bool,
+    by_size: bool = False,
 ) -> WindowNoise | None:
     """Measure scatter; None where there is too little ink, unless ink's look is known.
 
     Missing ink lowers presence, so that the upper half of all values is that of ink; the lower half
     counts as far as it is ink at all. The tails are measured, not taken for normal. What scatters
     far more above the middle than below is more ink or debris, unless the measure is ``even``:
-    edges and heights scatter to both sides alike.
+    edges and heights scatter to both sides alike. Heights of ink on bare ground scatter in
+    proportion to themselves (``by_size``): lines 30 % lower than usual are no gaps, and no reason
+    not to know a bare one.
     """
     step = float(np.median(ways.step))
     ink_values = values[good & (values > INK)]
@@ -204,7 +240,7 @@ def window_noise(
         return None
     middle = float(np.median(ink_values)) if enough else 1.0
     least, times = (INK * middle, 1.0) if enough else (-np.inf, _UNLEARNED)
-    lengths, spreads = list[float](), list[float]()
+    lengths, spreads, inks = list[float](), list[float](), list[FloatArray]()
     for scattered in (False, True):  # between lines of older ink bath shows in few neighbours
         for size in _WINDOWS:
             count = max(1, round(size * gap_mm / step))
@@ -215,12 +251,25 @@ def window_noise(
             lengths.append(count * step)
             spread = spread_of(ink, np.inf if even else _PILED)
             spreads.append(times * spread * (1.0 + _FEW / len(ink)))
+            inks.append(ink)
         if spreads:
             break
     if not spreads:
         return None
     bath = 0.0 if bath_values is None else _bath_spread(bath_values, step, gap_mm)
-    return WindowNoise(np.array(lengths), middle, np.minimum.accumulate(np.array(spreads)), bath)
+    narrower: FloatArray = np.minimum.accumulate(np.array(spreads))
+    sized = _by_size(inks, narrower, middle, bath) if by_size and enough else None
+    return WindowNoise(np.array(lengths), middle, narrower, bath, by_size=sized)
+
+
+def _by_size(inks: list[FloatArray], spread: FloatArray, middle: float, bath: float) -> BySize:
+    """Scatter of ink's means, of each length, in proportion to themselves; found in rounds."""
+    ground, share = max(bath, _GROUND * middle), float(spread[0]) / middle
+    for _ in range(_ROUNDS):
+        least = ground / share
+        evened = [spread_of(np.arcsinh(ink / least)) * (1.0 + _FEW / len(ink)) for ink in inks]
+        share = max(evened[0], 1e-6)
+    return BySize(least, np.minimum.accumulate(np.array(evened)))
 
 
 def averaged(values: FloatArray, good: BoolArray, run: IntArray, count: int) -> FloatArray:

@@ -126,8 +126,7 @@ def _finer(look: SeenLayer, shift: Shift, options: SeeingOptions, work: Working)
     )
     if rest is None:
         return None
-    if np.isfinite(offset).sum() < PLENTY:  # no better than what it would replace?
-        least, axes = np.linalg.eigh(rest.covariance_mm2)
-        if least[0] > axes[:, 0] @ shift.covariance_mm2 @ axes[:, 0]:
-            return None
+    few = np.isfinite(offset).sum() < PLENTY
+    if few and np.trace(rest.covariance_mm2) > np.trace(shift.covariance_mm2):
+        return None
     return Shift(shift.dx_mm + rest.dx_mm, shift.dy_mm + rest.dy_mm, rest.covariance_mm2)

@@ -16,14 +16,18 @@ from numpy.typing import NDArray
 
 from registration.errors import PictureError
 from registration.layer_images.height import FARTHEST, HeightFrame
+from registration.layer_images.tilt import levelled
 from registration.layer_images.unmeasured import opened
 from registration.layer_images.values import BoolArray, ExpectedLines, FloatArray, FloatImage
+from registration.layer_images.working import drawn_lines
 from registration.readers.heights import HeightMap
 
 _HOLE: Final = 0.4
 _HOLE_PX: Final = 3
 """Of a line's width, and cells: holes that are as wide each way as the lesser aren't seen."""
 _LEAST_SHARE: Final = 1e-3
+_APART: Final = 1.7
+"""Widths of a line, from which on what lies beside it is bare."""
 _GROUND: Final = -0.5
 _HIGHEST: Final = 1.5
 """Thicknesses from the layer's middle: how far below the layer something lies, or above it stands,
@@ -49,6 +53,9 @@ class Surface:
         Of the layer.
     over_mm : float, mm
         Usual height of the fresh lines' middles over the layer's top; NaN where none was measured.
+    stands_mm : float, mm
+        Usual height of these middles over the bare surface beside them; NaN where older lines lie
+        beside, or none was measured.
     """
 
     picture: FloatImage
@@ -56,6 +63,7 @@ class Surface:
     hidden: BoolArray
     thickness_mm: float
     over_mm: float
+    stands_mm: float
 
     def shaded(self) -> NDArray[Any]:
         """Relief lit from the upper left, (rows, columns, 3) uint8; blue where nothing was seen."""
@@ -99,10 +107,10 @@ def surface_of(
         raise PictureError(
             "the profiler's heights don't grow with the printer's z; check printer_to_scan"
         )
-    above = _above(heights.height_mm, frame, middle_z_mm)
-    lost = ~np.isfinite(above)
-    if lost.all():
+    if not np.isfinite(heights.height_mm).any():
         raise PictureError("the profiler measured no height at all")
+    above = levelled(_above(heights.height_mm, frame, middle_z_mm), frame, thickness_mm, lines)
+    lost = ~np.isfinite(above)
     width_px = float(np.percentile(lines.width_mm, 10)) / (dx * dy) ** 0.5
     whole, hidden = _filled(above, lost, width_px)
     level = np.clip(whole / thickness_mm, _GROUND, _HIGHEST)
@@ -110,7 +118,9 @@ def surface_of(
     most = FARTHEST * thickness_mm
     picture = np.stack([level, np.clip(whole, -most, most)], axis=2).astype(np.float32)
     over = _along(lines, frame, above) - thickness_mm / 2
-    return Surface(picture, frame, hidden, thickness_mm, over)
+    alone = bool(lines.fresh.all())
+    stands = _along(lines, frame, above - _beside(lines, frame, above)) if alone else np.nan
+    return Surface(picture, frame, hidden, thickness_mm, over, stands)
 
 
 def _above(height_mm: FloatImage, frame: HeightFrame, middle_z_mm: float) -> FloatImage:
@@ -120,6 +130,18 @@ def _above(height_mm: FloatImage, frame: HeightFrame, middle_z_mm: float) -> Flo
     rows, columns = height_mm.shape
     plane = across * np.arange(columns) + down * np.arange(rows)[:, None] + offset - middle_z_mm
     return np.asarray(own * height_mm + plane, dtype=np.float32)
+
+
+def _beside(lines: ExpectedLines, frame: HeightFrame, above: FloatImage) -> FloatImage:
+    """Mean height of what lies a width or two beside all lines, (rows, columns); NaN far off."""
+    ends = np.stack([frame.to_pixels(lines.start), frame.to_pixels(lines.end)], axis=1)
+    px = float(np.hypot(*frame.matrix[:2, 0]) * np.hypot(*frame.matrix[:2, 1])) ** 0.5
+    wide = lines.width_mm * px
+    bare = (drawn_lines(above.shape, ends, _APART * wide) == 0) & np.isfinite(above)
+    reach = _APART * float(np.median(wide))
+    total = cv2.GaussianBlur(np.where(bare, above, np.float32(0.0)), (0, 0), reach)
+    share = cv2.GaussianBlur(bare.astype(np.float32), (0, 0), reach)
+    return np.asarray(np.where(share > _LEAST_SHARE, total / np.maximum(share, 1e-6), np.nan))
 
 
 def _along(lines: ExpectedLines, frame: HeightFrame, above: FloatImage) -> float:

@@ -267,7 +267,10 @@ def _sureness(
 
     def scatter(places: BoolArray) -> WindowNoise | None:
         alone = _alone(ways, places)
-        return window_noise(present, alone, ways, bath, ground.gap_mm, known, template.by_edges)
+        return window_noise(
+            present, alone, ways, bath, ground.gap_mm, known, template.by_edges,
+            by_size=ground.work.flanks_lost and template.filled,
+        )  # fmt: skip
 
     noise = scatter(good)
     if noise is None:

@@ -7,6 +7,7 @@ for it, 0 in whole numbers without a sign, and cells without a point.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -16,14 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.errors import ScanFileError
+from registration.readers.broken_files import scan_file_errors
 
 TEXTS: Final = frozenset({".csv", ".txt", ".xyz", ".asc"})
 _PICTURES: Final = frozenset({".tif", ".tiff", ".png"})
 _LARGEST: Final = 100_000_000
 """Cells of points: more, and a point far off or a wrong spacing is the cause."""
 _HEADER_LINES: Final = 100
+_FLATTENED: Final = 1e6
+"""Ratio of a matrix' longest axis to its shortest, from which on it can't be undone."""
 _FAR_MM: Final = 1e4
 """No profiler measures so far: what lies beyond stands for "not measured"."""
+
+_WITHIN: Final = re.compile(r"(?<=\d),(?=\d)")
 
 FloatArray = NDArray[np.float64]
 HeightArray = NDArray[np.float32]
@@ -75,15 +81,11 @@ def read_heights(
         When the file isn't one, is cut off, or has no spacing.
     """
     ending = path.suffix.lower()
-    try:
+    with scan_file_errors(path, "height map"):
         if ending == ".npz":
             return _of_npz(path, pixel_mm, count_mm, lost)
         spacing = _spacing(path, pixel_mm)
         table = _table(path, ending)
-    except (OSError, ValueError, KeyError, EOFError) as exc:
-        if isinstance(exc, ScanFileError):
-            raise
-        raise ScanFileError(f"{path} can't be read as a height map ({exc})") from exc
     if table.ndim == 2 and table.shape[1] == 3 and ending not in _PICTURES:
         return _gridded(path, table, spacing, count_mm, lost)
     return HeightMap(_heights(path, table, count_mm, lost), spacing)
@@ -92,13 +94,33 @@ def read_heights(
 def _of_npz(
     path: Path, pixel_mm: tuple[float, float] | None, count_mm: float, lost: float | None
 ) -> HeightMap:
-    with np.load(path) as file:
+    with path.open("rb") as opened, np.load(opened) as file:
         heights = _heights(path, file["height_mm"], count_mm, lost)
         if "pixel_mm" in file:
-            x, y = file["pixel_mm"].tolist()
-            pixel_mm = (float(x), float(y))
+            pixel_mm = _two_numbers(path, file["pixel_mm"])
         own = np.asarray(file["printer_to_scan"], float) if "printer_to_scan" in file else None
+    if own is not None and (wrong := wrong_placement(own)):
+        raise ScanFileError(f"{path}: printer_to_scan {wrong}; write it anew or leave it out")
     return HeightMap(heights, _spacing(path, pixel_mm), to_map=own)
+
+
+def _two_numbers(path: Path, pixel_mm: NDArray[Any]) -> tuple[float, float]:
+    if pixel_mm.shape != (2,):
+        raise ScanFileError(
+            f"{path}: pixel_mm is an array of shape {pixel_mm.shape}; write two numbers (x, y), mm"
+        )
+    return float(pixel_mm[0]), float(pixel_mm[1])
+
+
+def wrong_placement(matrix: FloatArray) -> str:
+    """Say what is wrong with a matrix that takes places to places; empty for nothing."""
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        return "isn't four rows of four numbers"
+    if not np.array_equal(matrix[3], (0.0, 0.0, 0.0, 1.0)):
+        return "must have 0, 0, 0, 1 as its last row"
+    if np.linalg.cond(matrix[:3, :3]) > _FLATTENED:
+        return "takes different places to the same one (an axis is 0, or two are alike)"
+    return ""
 
 
 def _spacing(path: Path, pixel_mm: tuple[float, float] | None) -> tuple[float, float]:
@@ -128,14 +150,16 @@ def _table(path: Path, ending: str) -> NDArray[Any]:
 def _of_text(path: Path) -> NDArray[Any]:
     """Table of numbers behind a header, split by commas, semicolons, tabs or spaces."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
-    if ";" in text:  # then a comma is a decimal point
-        text = text.replace(",", ".").replace(";", " ")
-    lines = text.replace(",", " ").splitlines()
-    begin = next((k for k, one in enumerate(lines[:_HEADER_LINES]) if _numbers(one)), None)
+    point = "." if ";" in text else " "  # what a comma stands for
+    lines = text.replace(";", " ").splitlines()
+    heads = [one.replace(",", point) for one in lines[:_HEADER_LINES]]
+    begin = next((k for k, one in enumerate(heads) if _numbers(one)), None)
     if begin is None:
         raise ScanFileError(f"{path} holds no line of numbers")
-    wide = len(lines[begin].split())
     body = [one for one in lines[begin:] if one.strip()]
+    point = "." if _is_decimal_comma(body[:_HEADER_LINES]) else point
+    body = [one.replace(",", point) for one in body]
+    wide = len(body[0].split())
     table = np.array(" ".join(body).split(), dtype=np.float64)
     if len(table) != wide * len(body):
         raise ScanFileError(
@@ -143,6 +167,13 @@ def _of_text(path: Path) -> NDArray[Any]:
             "left empty (let the profiler write a number or nan for them)"
         )
     return table.reshape(-1, wide)
+
+
+def _is_decimal_comma(body: list[str]) -> bool:
+    """Whether tabs or spaces split the numbers, and commas lie within them."""
+    text = "\n".join(body)
+    alone = all("," not in _WITHIN.sub("", one) for one in body)
+    return "." not in text and alone and all(len(one.split()) > 1 for one in body)
 
 
 def _numbers(line: str) -> bool:
@@ -156,7 +187,8 @@ def _numbers(line: str) -> bool:
 
 def _heights(path: Path, table: NDArray[Any], count_mm: float, lost: float | None) -> HeightArray:
     """Heights in mm, NaN where not measured."""
-    if table.ndim != 2 or min(table.shape) < 16 or table.dtype == np.uint8:
+    good = table.dtype.kind in "fiu" and table.dtype != np.uint8
+    if table.ndim != 2 or min(table.shape) < 16 or not good:
         raise ScanFileError(
             f"{path} is an array of {table.dtype}, shape {table.shape}; a height map has rows and "
             "columns (16 x 16 or more) of one number each, of 16 bits or more"

@@ -346,8 +346,8 @@ class Decider:
         return Decision(
             DecisionKind.PAUSE,
             f"no ink is seen yet where {way_mm:.0f} mm of lines should lie: the needle is clogged, "
-            "the syringe empty, or the camera can't tell this ink from the bath; look before you "
-            "go on",
+            "the syringe empty, or the device can't tell this ink from what lies around it; look "
+            "before you go on",
         )
 
     def _flow(self, evidence: Evidence) -> Decision | None:

@@ -14,9 +14,10 @@ import pytest
 from printctl.link.marks import Marks
 from printctl.observe.devices import DeviceError
 from printctl.observe.held_look import HeldLook, hidden_stretches, slab, unseen_paths
-from printctl.observe.looking_at import ObservedJob, seen_where_ink_shows
+from printctl.observe.looking_at import ObservedJob
 from printctl.observe.observer import Look
 from printctl.observe.records import look_folder
+from printctl.observe.shown_place import seen_where_ink_shows
 from registration.layer_images import Gap, LayerFindings, SeeingOptions, Unseen
 
 

@@ -14,7 +14,7 @@ from benchmarks.checkers.profiler_painter import profiled
 from benchmarks.observe_laser import expected
 from printctl.errors import UsageError
 from printctl.observe.devices import DeviceError
-from printctl.observe.profiler import read_profiler_frame
+from printctl.observe.profiler import read_profiler_frame, refuse_other_height
 from printctl.observe.views import View, open_view
 
 
@@ -35,6 +35,9 @@ def test_a_frame_says_what_the_files_dont(tmp_path: Path) -> None:
     ("changes", "said"),
     [
         ({"printer_to_scan": [[1, 0], [0, 1]]}, "four rows of four numbers"),
+        ({"printer_to_scan": np.diag([1.0, 1.0, 0.0, 1.0]).tolist()}, "to the same one"),
+        ({"printer_to_scan": (2 * np.eye(4)).tolist()}, "0, 0, 0, 1 as its last row"),
+        ({"count_mm": float("inf")}, "above 0 mm"),
         ({"pixel_mm": 0.02}, "two numbers"),
         ({"pixel_mm": [0.02, 0]}, "above 0 mm"),
         ({"count_mm": -1}, "above 0 mm"),
@@ -83,3 +86,36 @@ def test_a_map_of_another_place_or_without_a_spacing_is_told(tmp_path: Path) -> 
     elsewhere = write_frame(tmp_path / "frame.yaml", pixel_mm=[0.02, 0.02])
     with pytest.raises(DeviceError, match="0% of the lines lie in the scan"):
         opened(tmp_path, map_.heights, elsewhere)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_heights_in_another_unit_are_told_by_what_stands_on_the_plate(
+    tmp_path: Path, seed: int
+) -> None:
+    map_ = profiled(seed, "plate")
+
+    def looked_at(times: float) -> None:
+        heights = 3.0 + times * (map_.heights - 3.0)
+        np.savez(
+            tmp_path / "a.npz",
+            height_mm=heights, pixel_mm=np.full(2, map_.px), printer_to_scan=map_.to_map,
+        )  # fmt: skip
+        order = cast(Any, SimpleNamespace(oct=False, laser=True, frame=""))
+        lines = expected(map_)
+        view = open_view(tmp_path / "a.npz", order, map_.middle_z, map_.thickness, lines)
+        refuse_other_height(view.size, 1.0, 0.9)
+        refuse_other_height(None, 1.0, 0.9)
+
+    looked_at(1.0)
+    with pytest.raises(DeviceError, match=r"stand 0\.00[01][0-9]* times .*count_mm"):
+        looked_at(0.001)
+    with pytest.raises(DeviceError, match=r"stand 2\.[0-9] times|over the layer's top.*count_mm"):
+        looked_at(2.4)
+    with pytest.raises(DeviceError, match=r"µm over the layer's top along the lines.*count_mm"):
+        looked_at(1000.0)
+
+
+def test_a_map_in_which_nothing_was_measured_holds_the_print(tmp_path: Path) -> None:
+    nothing = np.full_like(profiled(1, "plate").heights, np.nan)
+    with pytest.raises(DeviceError, match=r"picture\.npz: the profiler measured no height at all"):
+        opened(tmp_path, nothing, None)

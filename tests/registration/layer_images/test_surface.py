@@ -10,7 +10,7 @@ import pytest
 from benchmarks.checkers.profiler_painter import Kind, profiled
 from benchmarks.observe_laser import expected, look, planted
 from registration.errors import PictureError
-from registration.layer_images import Surface, Unseen, surface_of
+from registration.layer_images import LayerFindings, Surface, Unseen, surface_of
 from registration.layer_images.values import FloatArray
 from registration.readers.heights import HeightMap
 
@@ -85,6 +85,7 @@ def test_how_far_a_map_lies_off_its_layer_is_told() -> None:
     map_ = profiled(1, "plate")
     assert small(map_.heights).over_mm == pytest.approx(0.0, abs=0.03)
     assert small(map_.heights - 0.12).over_mm == pytest.approx(-0.12, abs=0.03)
+    assert small(map_.heights - 0.12).stands_mm == pytest.approx(map_.thickness, abs=0.03)
 
 
 def test_a_profiler_that_looks_up_or_saw_nothing_is_refused() -> None:
@@ -114,3 +115,46 @@ def test_widths_are_within_what_is_told_of_them(kind: Kind) -> None:
     off = [(one.width_ratio - 1) / one.u_width_ratio for one in told if one.u_width_ratio < 1]
     assert len(off) >= 3
     assert max(np.abs(off)) < 2.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_ink_whose_height_wavers_along_its_lines_is_told_from_the_plate(seed: int) -> None:
+    """Of a third of its height: what counts is that all of it stands far over the bare plate."""
+
+    def wavering(bare: tuple[tuple[int, float, float], ...]) -> LayerFindings:
+        map_ = profiled(seed, "plate", bare)
+        count = map_.heights.shape[1]
+        wave = 1.0 + 0.35 * np.sin(2.0 * np.pi * np.arange(count) * map_.px / 1.7)
+        return look(replace(map_, heights=(3.0 + (map_.heights - 3.0) * wave).astype(np.float32)))
+
+    sound, broken = wavering(()), wavering(((2, 1.5, 2.2),))
+    assert sound.gaps == ()
+    assert sound.seen_share > 0.9
+    assert sound.faint_share == 0.0
+    (gap,) = broken.gaps
+    assert gap.length_mm == pytest.approx(0.7, abs=0.3)
+
+
+@pytest.mark.parametrize("kind", ["plate", "solid"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_tilt_and_bow_of_more_than_a_layer_are_taken_out(kind: Kind, seed: int) -> None:
+    def aslant(bare: tuple[tuple[int, float, float], ...]) -> LayerFindings:
+        map_ = profiled(seed, kind, bare)
+        y, x = (2.0 * one / len(map_.heights) - 1.0 for one in np.indices(map_.heights.shape))
+        off = map_.thickness * (0.8 * x - 0.5 * y + 0.7 * x * x)
+        return look(replace(map_, heights=(map_.heights + off).astype(np.float32)))
+
+    sound, broken = aslant(()), aslant(((3, 1.5, 2.5),))
+    assert sound.gaps == ()
+    assert sound.seen_share > 0.8
+    assert len(broken.gaps) == 1
+
+
+def test_a_floor_that_alone_is_tilted_doesnt_tilt_the_ink() -> None:
+    map_ = profiled(1, "solid", hard=0.0)
+    y, x = (2.0 * one / len(map_.heights) - 1.0 for one in np.indices(map_.heights.shape))
+    floor = map_.heights < 3.0 + 0.5 * map_.thickness
+    tilted = np.where(floor, map_.heights + map_.thickness * (x + y), map_.heights)
+    found = look(replace(map_, heights=tilted.astype(np.float32)))
+    assert found.gaps == ()
+    assert found.seen_share > 0.8

@@ -101,9 +101,9 @@ def test_what_is_no_height_map_is_told(tmp_path: Path, heights: np.ndarray) -> N
     refused("a.npy", r"pixel_mm: \[x, y\]", None)
     whole = (tmp_path / "a.npy").read_bytes()
     (tmp_path / "a.npy").write_bytes(whole[:200])
-    refused("a.npy", "can't be read as a height map")
+    refused("a.npy", "broken height map")
     (tmp_path / "a.npz").write_bytes(b"PK" + bytes(80))
-    refused("a.npz", "can't be read as a height map")
+    refused("a.npz", "broken height map")
     (tmp_path / "a.csv").write_text("x,y,z\n1,2,3\n4,5")
     refused("a.csv", "cut off")
     (tmp_path / "b.csv").write_text("nothing here\n")
@@ -111,3 +111,46 @@ def test_what_is_no_height_map_is_told(tmp_path: Path, heights: np.ndarray) -> N
     (tmp_path / "c.csv").write_text("\n".join(f"{k},{k},1" for k in range(40)))
     refused("c.csv", r"1951 x 781 cells|correct pixel_mm", (1e-3, 1e-6))
     refused("gone.tif", "isn't a height map")
+
+
+def test_arrays_of_other_than_heights_are_told(tmp_path: Path, heights: np.ndarray) -> None:
+    whole = {"height_mm": heights, "pixel_mm": np.array(PIXEL)}
+
+    def refused(said: str, **arrays: object) -> None:
+        np.savez(tmp_path / "a.npz", **{**whole, **arrays})  # type: ignore[arg-type]
+        with pytest.raises(ScanFileError, match=rf"a\.npz.*{said}"):
+            read_heights(tmp_path / "a.npz")
+
+    refused("array of bool", height_mm=heights > 1.0)
+    refused("array of complex64", height_mm=heights.astype(np.complex64))
+    refused("array of <U1", height_mm=np.full((20, 30), "a"))
+    refused("broken height map.*export it again", height_mm=np.full((20, 30), None))
+    refused(r"pixel_mm is an array of shape \(\); write two numbers", pixel_mm=0.02)
+    refused(r"pixel_mm is an array of shape \(3,\)", pixel_mm=np.ones(3))
+    refused("printer_to_scan isn't four rows", printer_to_scan=np.eye(3))
+    refused("printer_to_scan must have 0, 0, 0, 1", printer_to_scan=np.diag([1.0, 1, 1, 2]))
+    refused("takes different places to the same one", printer_to_scan=np.diag([1.0, 0, 1, 1]))
+
+
+def test_an_archive_that_is_cut_off_or_damaged_is_told(tmp_path: Path, heights: np.ndarray) -> None:
+    np.savez(tmp_path / "a.npz", height_mm=heights, pixel_mm=np.array(PIXEL))
+    whole = (tmp_path / "a.npz").read_bytes()
+    for broken in (whole[: len(whole) // 2], whole[:500] + b"x" * 40 + whole[540:], b""):
+        (tmp_path / "a.npz").write_bytes(broken)
+        with pytest.raises(ScanFileError, match=r"a\.npz: broken height map .*export it again"):
+            read_heights(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("split", ["\t", " ", ";"])
+def test_decimal_commas(tmp_path: Path, heights: np.ndarray, split: str) -> None:
+    heights[3, 4] = -99.0
+    text = "\n".join(split.join(f"{z:.4f}".replace(".", ",") for z in row) for row in heights)
+    (tmp_path / "a.txt").write_text(f"Measured 3.2.2026, mm\n{text}\n")
+    found = read_heights(tmp_path / "a.txt", PIXEL)
+    np.testing.assert_allclose(found.height_mm, heights, atol=1e-6)
+
+
+def test_commas_with_tabs_or_spaces_behind_them_split(tmp_path: Path) -> None:
+    text = "\n".join(f"{k},\t{k // 7}, 3" for k in range(400))
+    (tmp_path / "a.txt").write_text(text)
+    assert read_heights(tmp_path / "a.txt", (1.0, 1.0)).height_mm.shape == (58, 400)

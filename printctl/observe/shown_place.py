@@ -1,0 +1,55 @@
+"""Judge a layer at the place where its ink shows; within tolerance where that isn't sure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+from printctl.observe.deciding.evidence import SURE
+from printctl.observe.judging import shift_of
+from registration.layer_images import LayerFindings, SeeingOptions
+
+_SHOWN: Final = 0.5
+"""Of a layer's way, with ink at its shifted place, for that to be its place."""
+_ALL: Final = 0.8
+"""The same, for none of its ink to be missing."""
+_SURER: Final = 1.01
+"""Beyond what is tolerated, not at it."""
+
+
+def seen_where_ink_shows(
+    see: Callable[[SeeingOptions], LayerFindings],
+    options: SeeingOptions,
+    tolerated_mm: float,
+    lone: bool = False,
+) -> LayerFindings:
+    """Return what is seen; at a place beyond tolerance only where the ink itself shows it.
+
+    Where most of a layer is missing, its lines fit older ones beside them as well as their own
+    place, and gaps would be told of bath where none should be written. What lies within tolerance
+    would show in the bath between older lines, if it lay there. A lone line whose end is missing
+    fits best moved along itself: a move that isn't sure excuses no missing ink. Where no older line
+    lies there (``lone``), nearly all of the ink shows at a moved place, and less than half within
+    tolerance, none is missing: it lies aside. Such a place is looked for twice as far as others.
+    """
+    findings = see(options)
+    moved_mm, u_mm = shift_of(findings)
+    unsure = moved_mm > tolerated_mm >= moved_mm - SURE * u_mm
+    if not unsure and findings.coverage >= _SHOWN:
+        return findings
+    within = see(replace(options, shift_mm=tolerated_mm))
+    if lone and not within.coverage >= _SHOWN:
+        for one in (findings, see(replace(options, shift_mm=2 * options.shift_mm))):
+            if one.seen_share * one.coverage > _ALL and shift_of(one)[0] > tolerated_mm:
+                return _surely_beyond(one, tolerated_mm)
+    return within
+
+
+def _surely_beyond(findings: LayerFindings, tolerated_mm: float) -> LayerFindings:
+    """Return findings whose shift's uncertainty doesn't reach back to what is tolerated."""
+    moved_mm, u_mm = shift_of(findings)
+    most = (moved_mm - tolerated_mm) / (SURE * _SURER)
+    less = min(1.0, most / max(u_mm, 1e-9))
+    shift = replace(findings.shift, covariance_mm2=findings.shift.covariance_mm2 * less**2)
+    return replace(findings, shift=shift)

@@ -1,0 +1,67 @@
+"""A layer whose ink lies aside as a whole is told as moved, and nothing of it as missing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from printctl.observe.deciding.evidence import SURE
+from printctl.observe.judging import shift_of
+from printctl.observe.shown_place import seen_where_ink_shows
+from registration.layer_images import SeeingOptions, Shift
+
+
+@dataclass(frozen=True)
+class Found:
+    """What is found within one reach."""
+
+    shift: Shift
+    coverage: float
+    seen_share: float = 1.0
+
+
+def looked(
+    by_reach: dict[float, tuple[float, float, float]], lone: bool = True
+) -> tuple[float, float, list[float]]:
+    """Move and its uncertainty, of moves, uncertainties and coverages by reach; reaches asked."""
+    asked = []
+
+    def see(options: SeeingOptions) -> Found:
+        asked.append(options.shift_mm)
+        moved, u, coverage = by_reach[options.shift_mm]
+        return Found(Shift(0.0, moved, u**2 * np.eye(2)), coverage)
+
+    found = seen_where_ink_shows(cast(Any, see), SeeingOptions(shift_mm=0.5), 0.1, lone)
+    return *shift_of(found), asked
+
+
+@pytest.mark.parametrize("within", [0.3, float("nan")])
+def test_ink_that_lies_aside_as_a_whole_is_moved_however_unsure_by_how_much(within: float) -> None:
+    moved, u, asked = looked({0.5: (0.3, 0.29, 0.98), 0.1: (0.0, 0.1, within), 1.0: (0, 0, 0)})
+    assert moved == 0.3
+    assert moved - SURE * u > 0.1
+    assert asked[:2] == [0.5, 0.1]
+
+
+def test_it_is_looked_for_twice_as_far() -> None:
+    reaches = {0.5: (0.0, 0.5, 0.1), 0.1: (0.0, 0.1, 0.3), 1.0: (0.52, 0.01, 0.97)}
+    moved, u, asked = looked(reaches)
+    assert (moved, asked) == (0.52, [0.5, 0.1, 1.0])
+    assert u == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    ("by_reach", "lone"),
+    [
+        ({0.5: (0.3, 0.29, 0.98), 0.1: (0.0, 0.1, 0.3)}, False),  # it may be the older layer
+        ({0.5: (0.3, 0.29, 0.98), 0.1: (0.0, 0.1, 0.8)}, True),  # a lone line whose end is missing
+        ({0.5: (0.0, 0.5, 0.1), 0.1: (0.0, 0.1, 0.2), 1.0: (0.7, 0.1, 0.4)}, True),  # a clog
+    ],
+)
+def test_missing_ink_is_no_move(
+    by_reach: dict[float, tuple[float, float, float]], lone: bool
+) -> None:
+    assert looked(by_reach, lone)[0] == 0.0
