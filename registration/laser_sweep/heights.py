@@ -16,6 +16,8 @@ _WIDER: Final = 1.2
 """Cells over the usual way from line to line, which varies."""
 _MOST_MM: Final = 30.0
 """Above and below the flat face: what lies farther off is no ink."""
+_CONTRADICTION_MM: Final = 0.5
+"""Heights of one cell that differ by more: one of them is of a reflected line."""
 
 
 def sweep_heights(
@@ -50,6 +52,10 @@ def sweep_heights(
     at = cell[:, 1] * columns + cell[:, 0]
     count = np.bincount(at, minlength=rows * columns)
     total = np.bincount(at, points[:, 2], minlength=rows * columns)
+    lowest, highest = np.full(rows * columns, np.inf), np.full(rows * columns, -np.inf)
+    np.minimum.at(lowest, at, points[:, 2])
+    np.maximum.at(highest, at, points[:, 2])
+    count[highest - lowest > _CONTRADICTION_MM] = 0
     mean = np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(rows, columns)
     origin = (float(low_mm[0]), float(low_mm[1]))
     return HeightMap(mean.astype(np.float32), (side, side), origin)

@@ -17,7 +17,7 @@ from registration.camera_frame.frame import CameraFrame
 from registration.camera_frame.projection import rays
 from registration.errors import PictureError
 from registration.laser_sweep.middles import line_middles
-from registration.laser_sweep.pictures import Image, readers
+from registration.laser_sweep.pictures import Image, Reader, readers
 from registration.laser_sweep.straight import straight_line
 
 BoolArray = NDArray[np.bool_]
@@ -93,12 +93,17 @@ def trace(path: Path, frame: CameraFrame) -> Traced:
     tracer = _Tracer.of(path, frame)
     profiles = list[Profile]()
     count = 0
+
+    def profile(read: Reader) -> Profile | None:
+        image = read()
+        _check_like(image, tracer.whole, path, frame)
+        return tracer.profile(image)
+
     with ThreadPoolExecutor(2) as pool:
         each = readers(path)
         while some := list(islice(each, _AT_ONCE)):
             count += len(some)
-            found = pool.map(lambda read: tracer.profile(read()), some)
-            profiles += [one for one in found if one is not None]
+            profiles += [one for one in pool.map(profile, some) if one is not None]
     if len(profiles) < FEWEST:
         raise PictureError(
             f"{path}: the laser's line is found on both sides of the insert in {len(profiles)} of "
@@ -127,18 +132,14 @@ class _Tracer:
     @staticmethod
     def of(path: Path, frame: CameraFrame) -> _Tracer:
         some = _spread(path)
-        width, height = frame.lens.size_px
         for one in some:
-            if one.shape[1::-1] != (width, height) or one.shape != some[0].shape:
-                raise PictureError(
-                    f"{path}: a picture has {one.shape[1]} x {one.shape[0]} px, the frame's have "
-                    f"{width} x {height}; film at the setting that the frame was fitted at"
-                )
+            _check_like(one, some[0], path, frame)
         whole = some[0]
         for one in some[1:]:
             whole = np.asarray(cv2.min(whole, one))
         channel = _channel(some, whole)
         ground = _one(whole, channel)
+        height, width = ground.shape
         over = [_over(_one(one, channel), ground) for one in some]
         noise = float(np.median([1.48 * np.median(np.abs(one[::4, ::4])) for one in over]))
         brightest = max(float(one.max()) for one in over)
@@ -187,6 +188,25 @@ class _Tracer:
         middle = np.array(self.frame.middle_mm)
         rise = (at - middle[:2]) @ np.array(self.frame.marks_z_slope)
         return np.append(at, middle[2] + rise)
+
+
+def _check_like(image: Image, first: Image, path: Path, frame: CameraFrame) -> None:
+    """Raise unless a picture has the frame's size, and the first one's colours and depth."""
+    width, height = frame.lens.size_px
+    if image.shape[1::-1] != (width, height):
+        raise PictureError(
+            f"{path}: a picture has {image.shape[1]} x {image.shape[0]} px, the frame's have "
+            f"{width} x {height}; film at the setting that the frame was fitted at"
+        )
+    if image.shape != first.shape or image.dtype != first.dtype:
+        raise PictureError(
+            f"{path}: some pictures are {_kind(first)}, others {_kind(image)}; write all of a "
+            "sweep in one format"
+        )
+
+
+def _kind(image: Image) -> str:
+    return f"{'grey' if image.ndim == 2 else 'in colour'}, of type {image.dtype}"
 
 
 def _spread(path: Path) -> list[Image]:

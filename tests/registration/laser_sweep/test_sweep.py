@@ -70,6 +70,34 @@ def test_a_sweep_that_tells_nothing_is_refused(tmp_path: Path) -> None:
         fit_laser(near, scene.frame(), sweeps.FLOOR_Z, NOW)
 
 
+def test_heights_of_a_reflected_line_dont_mix_with_true_ones(tmp_path: Path) -> None:
+    laser = sweeps.fitted(tmp_path / "flat").laser
+    traced = trace(sweeps.written(sweeps.over_blocks(), tmp_path / "look"), laser.frame)
+    sound = sweep_heights(traced, laser, sweeps.LOW, sweeps.HIGH).height_mm
+    away = np.array([0.0, 2.0 / laser.frame.eye_mm[2]])  # its line lies 2 mm beside
+    both = replace(traced, profiles=tuple(
+        replace(one, slopes=np.concatenate([one.slopes, one.slopes[::3] + away]))
+        for one in traced.profiles
+    ))  # fmt: skip
+    heights = sweep_heights(both, laser, sweeps.LOW, sweeps.HIGH).height_mm
+    off = np.abs(heights - sound)
+    assert np.isfinite(off).mean() > 0.2
+    assert np.nanmax(off) < 0.3
+
+
+def test_one_picture_unlike_the_others_is_refused(tmp_path: Path) -> None:
+    pictures = sweeps.flat()
+    for name, other, words in (
+        ("large", np.pad(pictures[1], 40), "1080 x 880 px"),
+        ("turned", np.ascontiguousarray(pictures[1].T), "800 x 1000 px"),
+        ("colour", np.dstack([pictures[1]] * 3), "grey, of type uint8, others in colour"),
+        ("deep", pictures[1].astype(np.uint16), "of type uint8, others grey, of type uint16"),
+    ):
+        mixed = [*pictures[:2], other, *pictures[3:]]  # the ground is taken from others
+        with pytest.raises(PictureError, match=words):
+            trace(sweeps.written(mixed, tmp_path / name), scene.frame())
+
+
 def test_pages_and_a_video_are_read_as_a_folder_is(tmp_path: Path) -> None:
     pictures = sweeps.flat()[:4]
     tifffile.imwrite(tmp_path / "all.tif", np.stack(pictures), photometric="minisblack")
