@@ -113,7 +113,7 @@ def tell_by_height(
 
 
 def _near_missing(low: BoolArray, ways: Ways, gap_mm: float) -> BoolArray:
-    """Places in long ``low`` stretches and a width around: there ink steps, it doesn't scatter, (n,).
+    """Places in long ``low`` stretches and a width around, (n,): ink steps, it doesn't scatter.
 
     A sound layer has none that are longer than a tolerated gap and a width.
     """

@@ -25,7 +25,7 @@ _HOLE_PX: Final = 3
 """Of a line's width, and cells: holes that are as wide each way as the lesser aren't seen."""
 _UNEVEN: Final = 1.2
 """Times the side of a square cell, from which on the wider side is too wide."""
-_HIDDEN: Final = 0.25
+_HIDDEN: Final = 0.5
 """Of a square cell."""
 _LEAST_SHARE: Final = 1e-3
 _GROUND: Final = -0.5

@@ -11,6 +11,7 @@ from benchmarks.checkers.profiler_painter import Kind, profiled
 from benchmarks.observe_laser import expected, look, planted
 from registration.errors import PictureError
 from registration.layer_images import Surface, Unseen, see_layer, surface_of
+from registration.layer_images.out_of_place import unless_elsewhere
 from registration.layer_images.values import FloatArray
 from registration.readers.heights import HeightMap
 
@@ -70,6 +71,27 @@ def test_a_gap_is_found_where_profiles_lie_farther_apart_than_points(seed: int, 
     ).gaps
     assert gap.stroke == np.flatnonzero(map_.layer == map_.layer.max())[5]
     assert gap.length_mm == pytest.approx(0.72, abs=0.05)
+
+
+@pytest.mark.parametrize(("by_mm", "least"), [(0.0, 0.0), (1.2, 4.0)])
+def test_ink_where_none_should_be_is_measured_beside_gaps(by_mm: float, least: float) -> None:
+    """Of a layer that lies where it should nothing lies beside its lines, whatever is missing."""
+    map_ = profiled(4, "solid", ((5, 1.5, 2.2),))
+    to_map = map_.to_map.copy()
+    to_map[:2, 3] -= to_map[:2, :2] @ [by_mm, by_mm]
+    found = look(replace(map_, to_map=to_map))
+    assert found.gaps
+    assert least <= found.beside_mm <= max(least, 0.05) + 1000.0 * (by_mm > 0)
+
+
+def test_a_gap_that_another_place_of_the_layer_shows_as_ink_is_not_placed() -> None:
+    found, stroke, _ = planted(100_000, "solid", 1.0)
+    sound = look(profiled(100_000, "solid"))
+    doubted = unless_elsewhere(found, sound)
+    assert doubted.gaps == ()
+    assert [one.stroke for one in doubted.unplaced] == [stroke]
+    assert doubted.seen_share < found.seen_share
+    assert unless_elsewhere(found, found).gaps == found.gaps
 
 
 def small(heights: FloatArray, to_map: FloatArray | None = None) -> Surface:
