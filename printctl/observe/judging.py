@@ -25,6 +25,7 @@ from printctl.observe.mends_again import LayerInk, gaps_of_job, without_mends
 from printctl.observe.thin_lines import runs_below, thin_lines
 from registration.layer_images import (
     ExpectedLines,
+    Gap,
     LayerFindings,
     Lumen,
     LumenSeen,
@@ -133,7 +134,28 @@ def evidence_of(
         coverage=findings.coverage,
         level_mm=_level(layer, ink),
         faint_share=findings.faint_share,
+        unplaced=gaps_of_job(findings.unplaced, layer.mended),
+        half_seen=gaps_of_job(_half_seen(findings, again, ink), layer.mended),
+        beside_mm=findings.beside_mm,
     )
+
+
+def _half_seen(
+    findings: LayerFindings, again: LayerFindings | None, ink: ExpectedInk
+) -> tuple[Gap, ...]:
+    """Gaps of a layer of which a second picture sees less than half; a bath's are `Unseen`."""
+    if again is None or ink.style == "embedded":
+        return ()
+    s = again.stations
+    return tuple(gap for gap in findings.gaps if not _half_of(gap, s))
+
+
+def _half_of(gap: Gap, stations: Stations) -> bool:
+    """Whether half of a gap's way at least is seen."""
+    along, own = stations.along_mm, stations.stroke == gap.stroke
+    own = own & (along >= gap.from_mm) & (along <= gap.to_mm)
+    length = stations.length_mm
+    return bool(2 * length[own & stations.seen].sum() >= length[own].sum())
 
 
 def open_width(lumen: LumenSeen) -> Narrowed:

@@ -25,7 +25,11 @@ _PEAK = 1.3
 
 
 def coarse_shift(
-    flat: FloatImage, fresh: Mask, blocked: Mask, reach_px: int, least_spread: float = 0.0
+    flat: FloatImage,
+    fresh: Mask,
+    blocked: Mask,
+    reach_px: tuple[int, int],
+    least_spread: float = 0.0,
 ) -> FloatArray | None:
     """Shift of the picture against the mask, (2,) px; None where nothing tells.
 
@@ -37,8 +41,8 @@ def coarse_shift(
         Where lines are expected.
     blocked : (h, w) uint8
         1 where nothing is known.
-    reach_px : int
-        Farthest.
+    reach_px : (x, y)
+        Farthest along rows and columns: a profiler's pixels may be three times as wide as high.
     least_spread : float
         Of the bath: ink that stands out by less counts by how much it does.
     """
@@ -46,9 +50,10 @@ def coarse_shift(
     size = (fresh.shape[1] // shrink, fresh.shape[0] // shrink)
     known = 1.0 - cv2.resize(blocked.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     lines = cv2.resize(fresh.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    reach = max(1, reach_px // shrink)
-    pad = 2 * reach
-    shape = tuple(cv2.getOptimalDFTSize(int(n) + pad) for n in lines.shape)
+    x, y = (max(1, one // shrink) for one in reach_px)
+    reach = (x, y)
+    padded = (lines.shape[0] + 2 * y, lines.shape[1] + 2 * x)
+    shape = tuple(cv2.getOptimalDFTSize(int(n)) for n in padded)
     mask = np.conj(np.fft.rfft2(lines, shape))
     ones = _window(np.fft.irfft2(np.fft.rfft2(known, shape) * mask, shape), reach)
     total = float(known.sum())
@@ -76,29 +81,30 @@ def _features(flat: FloatImage, size: tuple[int, int]) -> list[FloatImage]:
     return found
 
 
-def _window(full: FloatArray, reach: int) -> FloatArray:
+def _window(full: FloatArray, reach: tuple[int, int]) -> FloatArray:
     """Correlations at shifts -reach..reach in y and x."""
-    index = np.arange(-reach, reach + 1)
-    return np.asarray(full[np.ix_(index, index)])
+    x, y = (np.arange(-one, one + 1) for one in reach)
+    return np.asarray(full[np.ix_(y, x)])
 
 
-def _nearest_peak(score: FloatArray, reach: int) -> FloatArray | None:
+def _nearest_peak(score: FloatArray, reach: tuple[int, int]) -> FloatArray | None:
     top = float(score.max())
     filled = top < _PEAK * float(np.median(score))
     if top < (_SURE_SCORE if filled else _LEAST_SCORE):
         return None
     dilated = cv2.dilate(score, np.ones((3, 3)))
     y, x = np.nonzero((score >= dilated) & (score >= (1.0 if filled else _GOOD) * top))
-    inner = np.flatnonzero((np.abs(y - reach) < reach) & (np.abs(x - reach) < reach))
+    most_x, most_y = reach
+    inner = np.flatnonzero((np.abs(y - most_y) < most_y) & (np.abs(x - most_x) < most_x))
     if not len(inner):
         return None
     y, x = y[inner], x[inner]
-    k = int(np.argmin((y - reach) ** 2 + (x - reach) ** 2))
+    k = int(np.argmin(((y - most_y) / most_y) ** 2 + ((x - most_x) / most_x) ** 2))
     place = []
-    for before, at, after in (
-        (score[y[k], x[k] - 1], x[k], score[y[k], x[k] + 1]),
-        (score[y[k] - 1, x[k]], y[k], score[y[k] + 1, x[k]]),
+    for before, at, after, most in (
+        (score[y[k], x[k] - 1], x[k], score[y[k], x[k] + 1], most_x),
+        (score[y[k] - 1, x[k]], y[k], score[y[k] + 1, x[k]], most_y),
     ):
         bend = before - 2 * score[y[k], x[k]] + after
-        place.append(at - reach + (0.5 * (before - after) / bend if bend < 0 else 0.0))
+        place.append(at - most + (0.5 * (before - after) / bend if bend < 0 else 0.0))
     return np.array(place)

@@ -26,8 +26,11 @@ def first_shift(
     """Return the shift by the lines' areas; all within reach where they don't tell it."""
     reach = options.shift_mm
     unknown = Shift(0.0, 0.0, reach**2 * np.eye(2))
-    reach_px = int(np.ceil(reach * work.px_per_mm))
-    if reach_px < 1:
+    middle = ways.point.mean(axis=0)
+    at = frame.to_pixels(np.array([middle, middle + (0.5, 0, 0), middle + (0, 0.5, 0)]))
+    slope = 2.0 * (at[1:] - at[0]).T  # px/mm
+    x, y = np.ceil(reach * np.linalg.norm(slope, axis=1)).astype(int).tolist()
+    if min(x, y) < 1:
         return unknown
     masks = Masks.of(lines, frame, work, np.zeros(2))
     flat = flattened(work.channels, masks.free, masks.core, work.px_per_mm, local=False)
@@ -39,12 +42,9 @@ def first_shift(
         return unknown
     # The ground beside lines hardly scatters in heights: any rise there would count as a line does.
     least = 0.0 if work.height is None else _LEAST_SPREAD
-    by_px = coarse_shift(flat, masks.fresh, blocked, reach_px, least)
+    by_px = coarse_shift(flat, masks.fresh, blocked, (x, y), least)
     if by_px is None:
         return unknown
-    middle = ways.point.mean(axis=0)
-    at = frame.to_pixels(np.array([middle, middle + (0.5, 0, 0), middle + (0, 0.5, 0)]))
-    slope = 2.0 * (at[1:] - at[0]).T  # px/mm
     by_mm = np.linalg.solve(slope, by_px)
     u = 1.0 / work.px_per_mm + 0.1 * float(np.median(ways.width))
     return Shift(float(by_mm[0]), float(by_mm[1]), u**2 * np.eye(2))

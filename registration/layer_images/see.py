@@ -14,6 +14,7 @@ touch singly (their coverage is told, not their widths), ink of the bath's own c
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -23,6 +24,7 @@ from registration.layer_images.before import with_before
 from registration.layer_images.first_shift import first_shift
 from registration.layer_images.layer_findings import findings_of, honest_shift
 from registration.layer_images.layer_shift import PLENTY, fit_shift
+from registration.layer_images.out_of_place import ink_beside_mm, unless_elsewhere
 from registration.layer_images.seen_layer import SeenLayer, seen_at_shift
 from registration.layer_images.values import (
     Appearance,
@@ -43,6 +45,8 @@ _STEPS_IN_GAP: Final = 4
 _SAME_PX: Final = 0.4
 """A shift that changes by less isn't followed further."""
 _ROUNDS: Final = 3
+_DESIGNED: Final = Shift(0.0, 0.0, np.zeros((2, 2)))
+"""Where a layer's outlines alone tell a shift, its gaps must be there without it, too."""
 
 
 def see_layer(
@@ -103,9 +107,13 @@ def see_layer(
             f"thickness_mm is {thickness_mm:g} and the picture no height map; thickness_mm > 0 mm "
             "goes with a picture of `height_map` alone"
         )
+
+    def seen_at(shift: Shift) -> SeenLayer:
+        return seen_at_shift(work, own, lines, late, ways, shift, options, known, thickness_mm, rng)
+
     shift = first_shift(work, own, lines, ways, options)
     for _ in range(_ROUNDS):
-        look = seen_at_shift(work, own, lines, late, ways, shift, options, known, thickness_mm, rng)
+        look = seen_at(shift)
         finer = _finer(look, shift, options, work)
         if finer is None:
             break
@@ -114,8 +122,15 @@ def see_layer(
         if moved < _SAME_PX:
             break
     else:
-        look = seen_at_shift(work, own, lines, late, ways, shift, options, known, thickness_mm, rng)
-    return findings_of(look, lumens, honest_shift(shift, look, options.shift_mm), options)
+        look = seen_at(shift)
+    found = findings_of(look, lumens, honest_shift(shift, look, options.shift_mm), options)
+    if not (work.flanks_lost and thickness_mm and found.gaps):
+        return found
+    found = replace(found, beside_mm=ink_beside_mm(look, lines, thickness_mm))
+    if finer is not None or not (shift.dx_mm or shift.dy_mm):
+        return found
+    there = findings_of(seen_at(_DESIGNED), (), _DESIGNED, options)
+    return unless_elsewhere(found, there)
 
 
 def _finer(look: SeenLayer, shift: Shift, options: SeeingOptions, work: Working) -> Shift | None:

@@ -104,11 +104,27 @@ def tell_by_height(
     unknown |= _short_at_rim(present, touched, ways, gap_mm)
     why = np.where((why == Unseen.SEEN) & unknown, int(Unseen.OLD_INK), why)
     good = use & (why == Unseen.SEEN)
-    noise = window_noise(present, good, ways, None, gap_mm, known=False, even=True)
+    sound = good & ~_near_missing(use & (present < INK), ways, gap_mm)
+    noise = window_noise(present, sound, ways, None, gap_mm, known=False, even=True)
     if noise is not None:  # what lies below scatters as ink does
         noise = replace(noise, bath=float(noise.spread[0]))
     strange = np.asarray(image - np.float32(np.nanmedian(level)) > _HIGH - 1.0)
     return told_by_level(work, ways, use, image, present, why, noise, strange, gap_mm, rate)
+
+
+def _near_missing(low: BoolArray, ways: Ways, gap_mm: float) -> BoolArray:
+    """Places in long ``low`` stretches and a width around, (n,): ink steps, it doesn't scatter.
+
+    A sound layer has none that are longer than a tolerated gap and a width.
+    """
+    out = np.zeros(len(ways), dtype=np.bool_)
+    for first, last in stretches_of(low, ways.run):
+        rows, width = slice(first, last + 1), float(ways.width[first])
+        if float(ways.step[rows].sum()) > gap_mm + width:
+            own = ways.stroke == ways.stroke[first]
+            low, high = ways.along[first] - width, ways.along[last] + width
+            out |= own & (ways.along >= low) & (ways.along <= high)
+    return out
 
 
 def _median_of_seen(across: FloatImage, lost: BoolArray) -> FloatArray:

@@ -25,6 +25,10 @@ from registration.readers.heights import HeightMap
 _HOLE: Final = 0.4
 _HOLE_PX: Final = 3
 """Of a line's width, and cells: holes that are as wide each way as the lesser aren't seen."""
+_UNEVEN: Final = 1.2
+"""Times the side of a square cell, from which on the wider side is too wide."""
+_HIDDEN: Final = 0.5
+"""Of a square cell."""
 _LEAST_SHARE: Final = 1e-3
 _APART: Final = 1.7
 """Widths of a line, from which on what lies beside it is bare."""
@@ -113,14 +117,42 @@ def surface_of(
     lost = ~np.isfinite(above)
     width_px = float(np.percentile(lines.width_mm, 10)) / (dx * dy) ** 0.5
     whole, hidden = _filled(above, lost, width_px)
+    over = _along(lines, frame, above) - thickness_mm / 2
+    alone = bool(lines.fresh.all())
+    stands = _along(lines, frame, above - _beside(lines, frame, above)) if alone else np.nan
+    whole, hidden, to_square = _square(whole, hidden, heights.pixel_mm)
+    frame = HeightFrame(to_square @ frame.matrix)
     level = np.clip(whole / thickness_mm, _GROUND, _HIGHEST)
     level[hidden] = _GROUND  # a shadow begins where a line ends
     most = FARTHEST * thickness_mm
     picture = np.stack([level, np.clip(whole, -most, most)], axis=2).astype(np.float32)
-    over = _along(lines, frame, above) - thickness_mm / 2
-    alone = bool(lines.fresh.all())
-    stands = _along(lines, frame, above - _beside(lines, frame, above)) if alone else np.nan
     return Surface(picture, frame, hidden, thickness_mm, over, stands)
+
+
+def _square(
+    whole: FloatImage, hidden: BoolArray, pixel_mm: tuple[float, float]
+) -> tuple[FloatImage, BoolArray, FloatArray]:
+    """Heights and what is hidden in square cells of the same area, and the (4, 4) matrix to them.
+
+    Profiles often lie farther apart than points along the laser's line; whoever draws lines into a
+    picture, or looks around a place, counts in pixels that are as wide as high.
+    """
+    side = float(np.sqrt(pixel_mm[0] * pixel_mm[1]))
+    by = np.array(pixel_mm) / side
+    to_square = np.eye(4)
+    if by.max() < _UNEVEN:
+        return whole, hidden, to_square
+    rows, columns = whole.shape
+    wide, high = max(1, round(columns * by[0])), max(1, round(rows * by[1]))
+    # Averaged along one axis first: together both would be interpolated, which leaves points out.
+    fewer = (min(columns, wide), min(rows, high))
+    planes = [whole, hidden.astype(np.float32)]
+    for size, how in ((fewer, cv2.INTER_AREA), ((wide, high), cv2.INTER_LINEAR)):
+        planes = [cv2.resize(one, size, interpolation=how) for one in planes]
+    by = np.array([wide / columns, high / rows])
+    to_square[:2, :2] = np.diag(by)
+    to_square[:2, 3] = 0.5 * by - 0.5
+    return planes[0], np.asarray(planes[1] > _HIDDEN), to_square
 
 
 def _above(height_mm: FloatImage, frame: HeightFrame, middle_z_mm: float) -> FloatImage:

@@ -347,6 +347,10 @@ class LayerFindings:
         Stretches longer than `SeeingOptions.unseen_mm` of which nothing is told, ink or gap.
     faint_share : float
         Of the expected way, on which ink shows, but gaps longer than a tolerated one alone do.
+    unplaced : tuple of Gap
+        What is missing by one of two places that the layer may have, and not by the other.
+    beside_mm : float, mm
+        Way of a line whose ink lies at the layer's height where none should (a profiler's maps).
     """
 
     stations: Stations
@@ -366,6 +370,8 @@ class LayerFindings:
     bare: tuple[int, ...] = ()
     unseen: tuple[Gap, ...] = ()
     faint_share: float = 0.0
+    unplaced: tuple[Gap, ...] = ()
+    beside_mm: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ Rules, in their order; the first that holds decides:
 2. no ink comes out any more (clog, empty syringe): pause;
 3. a lumen is closed, or narrowed beyond tolerance: pause; no ink can be taken away;
 4. in a bath a whole vessel isn't seen: pause, and ask whether it is to be written again;
+   gaps that another place of the layer explains, or one of two pictures hardly sees: ask;
 5. gaps and thin lines that two pictures show (one, where there is no second): mend, fill up, and
    correct the flow;
    where ink lies on less than a third of what was seen, yet no gap is sure, or where none was seen
@@ -30,6 +31,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Final, Literal
 
+from printctl.observe.deciding.doubts import doubts, unconfirmed_words
 from printctl.observe.deciding.evidence import SURE, Evidence, LayersSeen
 from printctl.observe.deciding.flow_control import FlowControl, FlowLimits
 from printctl.observe.deciding.gap_test import GapTest, confirmed_gaps
@@ -166,6 +168,7 @@ class Decider:
             self._stopped,
             self._narrowed,
             self._unseen,
+            self._doubted,
             self._gaps,
             self._bare,
             self._none_yet,
@@ -192,23 +195,13 @@ class Decider:
         seen += self._rest(evidence) if any_seen and not hardly else evidence.hidden_words
         told = f"; {evidence.over_old_share:.0%} lies over older ink and can't be told from it"
         seen += told * (evidence.over_old_share >= 0.01)
-        return Decision(DecisionKind.GO_ON, seen + self._unconfirmed(evidence))
+        return Decision(DecisionKind.GO_ON, seen + unconfirmed_words(evidence, self.limits.gap))
 
     def _rest(self, evidence: Evidence) -> str:
         """How much wasn't seen, in words, where that is more than a tolerated gap."""
         unseen_mm = evidence.way_mm * (1.0 - evidence.seen_share - evidence.over_old_share)
         told = f"; {unseen_mm:.1f} of {evidence.way_mm:.1f} mm weren't seen"
         return (told + evidence.hidden_words) * (unseen_mm >= self.limits.gap.least_mm)
-
-    def _unconfirmed(self, evidence: Evidence) -> str:
-        """What one picture shows as missing and the other doesn't, in words."""
-        test = self.limits.gap
-        gaps = [gap for gap in evidence.gaps if test.significant(gap, evidence.places)]
-        if not gaps:
-            return ""
-        way = math.fsum(gap.length_mm for gap in gaps)
-        many = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
-        return f"; {many}, {way:.2f} mm in all, in one of two pictures alone: not believed"
 
     def _as_allowed(self, wanted: Decision, evidence: Evidence) -> Decision:
         mode = self.limits.mend
@@ -315,6 +308,13 @@ class Decider:
             why += f"; approve also mends gaps of {way:.2f} mm elsewhere"
         whole = tuple(one.gap for one in evidence.unseen)
         return Decision(DecisionKind.PAUSE, why, (*gaps, *whole), ask=DecisionKind.MEND)
+
+    def _doubted(self, evidence: Evidence) -> Decision | None:
+        gaps = self._believed(evidence)
+        reasons, once = doubts(evidence, gaps, self.limits.gap)
+        wanted, why = (*gaps, *once), f"{'; '.join(reasons)}: look before it is mended"
+        ask = DecisionKind.MEND if wanted else None
+        return Decision(DecisionKind.PAUSE, why, wanted, ask=ask) if reasons else None
 
     def _gaps(self, evidence: Evidence) -> Decision | None:
         gaps, thin = self._believed(evidence), evidence.thin

@@ -114,6 +114,12 @@ class Evidence:
         Of the way, on which ink shows, but gaps longer than a tolerated one alone do.
     hidden : tuple of UnseenPath
         Stretches in a bath, longer than a tolerated gap, that no picture shows.
+    unplaced : tuple of Gap
+        Missing by one of two places that the layer may have, and not by the other.
+    half_seen : tuple of Gap
+        Of the first picture's, those of which a second one of a layer sees less than half.
+    beside_mm : float, mm
+        Way of a line whose ink lies where none should.
     """
 
     places: int
@@ -136,6 +142,9 @@ class Evidence:
     unseen: tuple[UnseenPath, ...] = ()
     faint_share: float = 0.0
     hidden: tuple[UnseenPath, ...] = ()
+    unplaced: tuple[Gap, ...] = ()
+    half_seen: tuple[Gap, ...] = ()
+    beside_mm: float = 0.0
 
     @property
     def hidden_words(self) -> str:

@@ -273,3 +273,25 @@ def test_ink_over_ink_that_nothing_tells_apart_pauses_nobody():
     found = [decider.decide(evidence(seen_share=0.0, over_old_share=0.98)) for _ in range(4)]
     assert {one.kind for one in found} == {DecisionKind.GO_ON}
     assert "older ink" in found[-1].why
+
+
+def test_as_much_ink_beside_the_lines_as_is_missing_is_asked_about():
+    """A height map with x and y exchanged: 5.8 mm of sound rings were mended unasked."""
+    found = decided(gaps=(GAP,), beside_mm=2.0)
+    assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
+    assert "2.0 mm of a line lie where none should" in found.why
+    assert decided(gaps=(GAP,), beside_mm=0.3).kind is DecisionKind.MEND
+    assert decided(beside_mm=2.0).kind is DecisionKind.GO_ON
+
+
+def test_a_gap_that_the_layer_has_by_one_of_two_places_is_asked_about():
+    """A missing outermost line, taken for a shift, had the sound line beside it mended."""
+    found = decided(unplaced=(GAP,), shift_mm=0.05, u_shift_mm=0.07)
+    assert (found.kind, found.ask) == (DecisionKind.PAUSE, None)
+    assert "nothing tells which" in found.why
+
+
+def test_a_gap_that_a_second_picture_hardly_sees_is_asked_about():
+    found = decided(gaps=(GAP,), second=(), half_seen=(GAP,))
+    assert (found.kind, found.ask, found.gaps) == ("pause", "mend", (GAP,))
+    assert decided(gaps=(GAP,), second=()).kind is DecisionKind.GO_ON

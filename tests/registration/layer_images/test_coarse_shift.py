@@ -23,11 +23,17 @@ def _areas(kind: str) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("kind", ["filled", "lines"])
 def test_a_shift_of_lines_and_of_a_filled_area_is_found(kind: str) -> None:
     mask, picture = _areas(kind)
-    shift = coarse_shift(picture, mask, np.zeros_like(mask), REACH)
+    shift = coarse_shift(picture, mask, np.zeros_like(mask), (REACH, REACH))
     assert shift == pytest.approx((6, -5), abs=1)
 
 
 def test_a_picture_without_ink_tells_no_shift() -> None:
     mask, picture = _areas("filled")
     empty = np.random.default_rng(4).normal(0, 0.05, picture.shape)
-    assert coarse_shift(empty.astype(np.float32), mask, np.zeros_like(mask), REACH) is None
+    assert coarse_shift(empty.astype(np.float32), mask, np.zeros_like(mask), (REACH, REACH)) is None
+
+
+def test_a_shift_beyond_reach_along_rows_alone_is_not_taken() -> None:
+    mask, picture = _areas("filled")
+    shift = coarse_shift(picture, mask, np.zeros_like(mask), (4, REACH))
+    assert shift is None or abs(shift[0]) <= 4

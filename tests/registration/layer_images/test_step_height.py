@@ -50,6 +50,15 @@ def test_a_gap_over_older_ink_is_found(seed: int) -> None:
     assert (gap.from_mm, gap.to_mm) == pytest.approx((begin, begin + 0.4), abs=0.06)
 
 
+def test_ten_gaps_are_found_and_hide_nothing() -> None:
+    """Where ink steps down at many gaps, that isn't the scatter of sound ink's heights."""
+    size = solid_layer(np.random.default_rng(5003)).size
+    bare = tuple((size * (k + 2.3), size * (k + 2.3) + 0.8) for k in range(10))
+    found = _look(solid_layer(np.random.default_rng(5003), bare))
+    assert len(found.gaps) == 10
+    assert found.seen_share > 0.9
+
+
 def test_a_layer_that_lies_low_altogether_is_not_seen() -> None:
     layer = solid_layer(np.random.default_rng(5000))
     layer.picture[:, :, 1] -= layer.thickness

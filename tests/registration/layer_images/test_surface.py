@@ -10,7 +10,8 @@ import pytest
 from benchmarks.checkers.profiler_painter import Kind, profiled
 from benchmarks.observe_laser import expected, look, planted
 from registration.errors import PictureError
-from registration.layer_images import LayerFindings, Surface, Unseen, surface_of
+from registration.layer_images import LayerFindings, Surface, Unseen, see_layer, surface_of
+from registration.layer_images.out_of_place import unless_elsewhere
 from registration.layer_images.values import FloatArray
 from registration.readers.heights import HeightMap
 
@@ -52,6 +53,45 @@ def test_what_was_lost_is_neither_ink_nor_gap(
     own = (s.stroke == np.flatnonzero(map_.layer == map_.layer.max())[3]) & ~s.seen
     assert s.length_mm[own].sum() > 1.8
     assert set(s.why[own]) <= {Unseen.HIDDEN, Unseen.OLD_INK, Unseen.FAINT, Unseen.UNCLEAR}
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("seed", [1, 3])
+def test_a_gap_is_found_where_profiles_lie_farther_apart_than_points(seed: int, axis: int) -> None:
+    """Cells of 12 by 48 µm, either way."""
+    map_ = profiled(seed, "solid", ((5, 1.5, 2.2),), px=0.012)
+    px, origin = np.full(2, map_.px), np.zeros(2)
+    px[1 - axis], origin[1 - axis] = 4 * map_.px, 2 * map_.px
+    heights = np.ascontiguousarray(map_.heights[2::4] if axis == 0 else map_.heights[:, 2::4])
+    at = HeightMap(heights, (px[0], px[1]), (origin[0], origin[1]))
+    lines = expected(map_)
+    surface = surface_of(at, map_.to_map, map_.middle_z, map_.thickness, lines)
+    (gap,) = see_layer(
+        surface.picture, surface.frame, lines, hidden=surface.hidden, thickness_mm=map_.thickness
+    ).gaps
+    assert gap.stroke == np.flatnonzero(map_.layer == map_.layer.max())[5]
+    assert gap.length_mm == pytest.approx(0.72, abs=0.05)
+
+
+@pytest.mark.parametrize(("by_mm", "least"), [(0.0, 0.0), (1.2, 4.0)])
+def test_ink_where_none_should_be_is_measured_beside_gaps(by_mm: float, least: float) -> None:
+    """Of a layer that lies where it should nothing lies beside its lines, whatever is missing."""
+    map_ = profiled(4, "solid", ((5, 1.5, 2.2),))
+    to_map = map_.to_map.copy()
+    to_map[:2, 3] -= to_map[:2, :2] @ [by_mm, by_mm]
+    found = look(replace(map_, to_map=to_map))
+    assert found.gaps
+    assert least <= found.beside_mm <= max(least, 0.05) + 1000.0 * (by_mm > 0)
+
+
+def test_a_gap_that_another_place_of_the_layer_shows_as_ink_is_not_placed() -> None:
+    found, stroke, _ = planted(100_000, "solid", 1.0)
+    sound = look(profiled(100_000, "solid"))
+    doubted = unless_elsewhere(found, sound)
+    assert doubted.gaps == ()
+    assert [one.stroke for one in doubted.unplaced] == [stroke]
+    assert doubted.seen_share < found.seen_share
+    assert unless_elsewhere(found, found).gaps == found.gaps
 
 
 def small(heights: FloatArray, to_map: FloatArray | None = None) -> Surface:

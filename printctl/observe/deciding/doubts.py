@@ -1,0 +1,62 @@
+"""Say why missing ink is asked about: the layer's place, or one picture alone, may explain it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from printctl.observe.deciding.evidence import Evidence
+from printctl.observe.deciding.gap_test import GapTest
+from registration.layer_images.values import Gap
+
+_LIKE_AMOUNT: Final = 0.5
+"""Of what seems to be missing, from which on ink beside the lines says that they lie elsewhere."""
+
+
+def doubts(
+    evidence: Evidence, believed: Sequence[Gap], test: GapTest
+) -> tuple[list[str], tuple[Gap, ...]]:
+    """Return reasons to ask, and the gaps that one picture shows and the other hardly sees.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    believed : sequence of Gap
+        Of it, those that count.
+    test : GapTest
+    """
+    missing, beside = _way(believed), evidence.beside_mm
+    reasons = list[str]()
+    if believed and beside > _LIKE_AMOUNT * missing:
+        reasons.append(
+            f"{missing:.1f} mm seem to be missing, and {beside:.1f} mm of a line lie where none "
+            "should: layer, dish or map may be moved, turned or cut"
+        )
+    if moved := [one for one in evidence.unplaced if test.significant(one, evidence.places)]:
+        reasons.append(
+            f"{_way(moved):.2f} mm are missing if the layer lies {evidence.shift_mm:.2f} mm beside "
+            "its place, and not if it lies where it should; nothing tells which"
+        )
+    strokes = {one.stroke for one in believed}
+    once = tuple(
+        one
+        for one in evidence.half_seen
+        if one.stroke not in strokes and test.significant(one, evidence.places)
+    )
+    if once:
+        reasons.append(f"{_way(once):.2f} mm seem to be missing; a second picture hardly sees them")
+    return reasons, once
+
+
+def unconfirmed_words(evidence: Evidence, test: GapTest) -> str:
+    """What one picture shows as missing and the other doesn't, in words."""
+    gaps = [gap for gap in evidence.gaps if test.significant(gap, evidence.places)]
+    if not gaps:
+        return ""
+    many = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
+    return f"; {many}, {_way(gaps):.2f} mm in all, in one of two pictures alone: not believed"
+
+
+def _way(gaps: Sequence[Gap]) -> float:
+    return math.fsum(one.length_mm for one in gaps)
