@@ -134,7 +134,7 @@ def test_request_that_asks_for_an_answer_is_heard_or_refused(door):
     say(guest, do="resume", change={"plunger_mm": 2.5}, answer=True, token=token)
     assert hear(guest)["event"] == "heard"
     say(guest, do="pause", after="lunch", answer=True, token=token)
-    assert "must be one of layer, vessel, reload" in hear(guest)["message"]
+    assert "must be one of layer, vessel, part, reload" in hear(guest)["message"]
     for request in ("reload", "alive"):
         say(guest, do=request, answer=True, token=token)
         assert hear(guest)["event"] == "heard"
