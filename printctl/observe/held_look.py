@@ -18,7 +18,8 @@ from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.mends_again import LayerInk, mended_of
 from printctl.observe.observer import Look
 from printctl.observe.scan_place import ScanSize
-from registration.layer_images import Gap, LayerFindings, Lumen, Unseen
+from registration.layer_images import Gap, LayerFindings, Lumen, Stations, Unseen
+from registration.layer_images.values import BoolArray
 
 
 @dataclass
@@ -107,17 +108,17 @@ def unseen_paths(
     """
     bare = set.intersection(*(set(one.bare) for one in each))
     first, second = each[0], each[-1]
-    unseen = [one for one in first.unseen if second is first or not _sees(second, one)]
+    unseen = [one for one in first.unseen if second is first or not second.stations.tell(one)]
     if second is not first:
         unseen += [
-            one for one in second.unseen if not (_sees(first, one) or _overlaps(one, unseen))
+            one for one in second.unseen if not (first.stations.tell(one) or _overlaps(one, unseen))
         ]
         for this, other in ((second, first), (first, second)):
             parts = _shared(this.gaps, other.unseen, longest_mm) + [
                 gap
                 for gap in this.gaps
                 if 2 * gap.length_mm > longest_mm
-                and not (_sees(other, gap) or _shared([gap], other.gaps, gap.length_mm))
+                and not (other.stations.tell(gap) or _shared([gap], other.gaps, gap.length_mm))
             ]
             for part in parts:
                 unseen += [part] * (not _overlaps(part, unseen))
@@ -130,37 +131,40 @@ def unseen_paths(
 def hidden_stretches(
     at: HeldLook, each: Sequence[LayerFindings], least_mm: float
 ) -> tuple[UnseenPath, ...]:
-    """Return the stretches over a bath, so long at least, that no picture sees half of."""
-    stations, found = each[0].stations, list[Gap]()
-    hidden = ~stations.seen & (stations.why != Unseen.OLD_INK)
-    for stroke in np.unique(stations.stroke[hidden]):
-        rows = np.flatnonzero(hidden & (stations.stroke == stroke))
+    """Return the stretches over a bath, so long at least, that no picture sees half of.
+
+    Of what lies over older ink those that a gap runs into.
+    """
+    stations, gaps = each[0].stations, [gap for one in each for gap in one.gaps]
+    older = stations.why == Unseen.OLD_INK
+    found = _stretches(stations, ~stations.seen & ~older)
+    found += [
+        one for one in _stretches(stations, ~stations.seen & older)
+        if any(one.meets(gap, least_mm) for gap in gaps)
+    ]  # fmt: skip
+    unseen = [
+        one
+        for one in found
+        if one.length_mm >= least_mm and not any(other.stations.tell(one) for other in each[1:])
+    ]
+    return tuple(_named(at, one.stroke, one) for one in unseen)
+
+
+def _stretches(stations: Stations, use: BoolArray) -> list[Gap]:
+    """Unbroken stretches of stations."""
+    found = list[Gap]()
+    for stroke in np.unique(stations.stroke[use]):
+        rows = np.flatnonzero(use & (stations.stroke == stroke))
         for own in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
             middle, half = stations.along_mm[own], 0.5 * stations.length_mm[own]
             low, high = float(middle[0] - half[0]), float(middle[-1] + half[-1])
             begin, end = ((float(x), float(y)) for x, y in stations.at_mm[own[[0, -1]]])
             found.append(Gap(int(stroke), low, high, begin, end, 0.0, 1.0))
-    unseen = [
-        one
-        for one in found
-        if one.length_mm >= least_mm and not any(_sees(other, one) for other in each[1:])
-    ]
-    return tuple(_named(at, one.stroke, one) for one in unseen)
-
-
-def _sees(picture: LayerFindings, one: Gap) -> bool:
-    """Whether a picture sees half of a stretch at least."""
-    stations = picture.stations
-    own = (stations.stroke == one.stroke) & (stations.along_mm > one.from_mm)
-    own &= (stations.along_mm < one.to_mm) & stations.seen
-    return 2 * float(stations.length_mm[own].sum()) >= one.length_mm
+    return found
 
 
 def _overlaps(one: Gap, others: Sequence[Gap]) -> bool:
-    return any(
-        one.stroke == other.stroke and one.from_mm < other.to_mm and other.from_mm < one.to_mm
-        for other in others
-    )
+    return any(one.meets(other) for other in others)
 
 
 def _shared(gaps: Sequence[Gap], others: Sequence[Gap], longest_mm: float) -> list[Gap]:

@@ -125,6 +125,7 @@ def evidence_of(
         seen_share=findings.seen_share,
         shift_mm=shift,
         u_shift_mm=u,
+        aside=findings.aside,
         narrowed=tuple(open_width(one) for one in findings.lumens if one.seen),
         stretches=len(findings.stretches),
         thin=thin,
@@ -146,16 +147,7 @@ def _half_seen(
     """Gaps of a layer of which a second picture sees less than half; a bath's are `Unseen`."""
     if again is None or ink.style == "embedded":
         return ()
-    s = again.stations
-    return tuple(gap for gap in findings.gaps if not _half_of(gap, s))
-
-
-def _half_of(gap: Gap, stations: Stations) -> bool:
-    """Whether half of a gap's way at least is seen."""
-    along, own = stations.along_mm, stations.stroke == gap.stroke
-    own = own & (along >= gap.from_mm) & (along <= gap.to_mm)
-    length = stations.length_mm
-    return bool(2 * length[own & stations.seen].sum() >= length[own].sum())
+    return tuple(gap for gap in findings.gaps if not again.stations.tell(gap))
 
 
 def open_width(lumen: LumenSeen) -> Narrowed:

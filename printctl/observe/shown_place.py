@@ -14,8 +14,6 @@ _SHOWN: Final = 0.5
 """Of a layer's way, with ink at its shifted place, for that to be its place."""
 _ALL: Final = 0.8
 """The same, for none of its ink to be missing."""
-_SURER: Final = 1.01
-"""Beyond what is tolerated, not at it."""
 
 
 def seen_where_ink_shows(
@@ -42,14 +40,5 @@ def seen_where_ink_shows(
     if lone and not within.coverage >= _SHOWN:
         for one in (findings, see(replace(options, shift_mm=2 * options.shift_mm))):
             if one.seen_share * one.coverage > _ALL and shift_of(one)[0] > tolerated_mm:
-                return _surely_beyond(one, tolerated_mm)
+                return replace(one, aside=True)
     return within
-
-
-def _surely_beyond(findings: LayerFindings, tolerated_mm: float) -> LayerFindings:
-    """Return findings whose shift's uncertainty doesn't reach back to what is tolerated."""
-    moved_mm, u_mm = shift_of(findings)
-    most = (moved_mm - tolerated_mm) / (SURE * _SURER)
-    less = min(1.0, most / max(u_mm, 1e-9))
-    shift = replace(findings.shift, covariance_mm2=findings.shift.covariance_mm2 * less**2)
-    return replace(findings, shift=shift)

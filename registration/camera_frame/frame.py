@@ -8,16 +8,14 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from design.files import write_text
 from registration.camera_frame.insert import Insert
 from registration.camera_frame.projection import View, meet, project
 from registration.camera_frame.rotations import turned
 from registration.lens import Lens
-from registration.lens.model_file import read_model
+from registration.lens.model_file import read_model, write_model
 
 FloatArray = NDArray[np.float64]
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -255,8 +253,7 @@ def write_frame(path: Path, frame: CameraFrame) -> None:
     OSError
         When the disk is full or the folder can't be written.
     """
-    held = frame.model_dump(mode="json", exclude_none=True)
-    write_text(path, yaml.safe_dump(held, sort_keys=False, default_flow_style=None, width=100))
+    write_model(path, frame)
 
 
 def read_frame(path: Path) -> CameraFrame:

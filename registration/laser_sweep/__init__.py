@@ -7,7 +7,6 @@ x, y, z of later sweeps. Begin with `profiles.py`.
 
 from registration.laser_sweep.heights import sweep_heights
 from registration.laser_sweep.laser_file import LaserSweep, is_laser_file, read_laser, write_laser
-from registration.laser_sweep.pictures import is_sweep
 from registration.laser_sweep.planes import FittedSweep, fit_laser
 from registration.laser_sweep.profiles import Profile, Traced, trace
 
@@ -18,7 +17,6 @@ __all__ = [
     "Traced",
     "fit_laser",
     "is_laser_file",
-    "is_sweep",
     "read_laser",
     "sweep_heights",
     "trace",

@@ -7,13 +7,11 @@ from pathlib import Path
 from typing import Annotated, Final, Literal
 
 import numpy as np
-import yaml
 from pydantic import BaseModel, ConfigDict, Field
 
-from design.files import write_text
 from kernels.arrays import FloatArray
 from registration.camera_frame.frame import CameraFrame
-from registration.lens.model_file import read_model
+from registration.lens.model_file import read_model, write_model
 
 _KEY: Final = "printctl_laser"
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -86,8 +84,7 @@ def write_laser(path: Path, laser: LaserSweep) -> None:
     OSError
         When the disk is full or the folder can't be written.
     """
-    held = laser.model_dump(mode="json", exclude_none=True)
-    write_text(path, yaml.safe_dump(held, sort_keys=False, default_flow_style=None, width=100))
+    write_model(path, laser)
 
 
 def read_laser(path: Path) -> LaserSweep:

@@ -23,11 +23,6 @@ _VIDEOS: Final = frozenset({".avi", ".mp4", ".mkv", ".mov"})
 _TIFFS: Final = frozenset({".tif", ".tiff"})
 
 
-def is_sweep(path: Path) -> bool:
-    """Whether a path may hold a sweep's pictures."""
-    return path.is_dir() or path.suffix.lower() in _VIDEOS | _TIFFS
-
-
 def readers(path: Path) -> Iterator[Reader]:
     """Yield a function for each picture that reads it; those of files may run side by side.
 

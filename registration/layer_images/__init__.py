@@ -13,25 +13,25 @@ from design.on_demand import on_demand
 if TYPE_CHECKING:
     from registration.layer_images.annotate import annotated
     from registration.layer_images.height import HeightFrame, height_map
+    from registration.layer_images.options import SeeingOptions
     from registration.layer_images.orientation import better_turned
     from registration.layer_images.own_depth import filament_map
     from registration.layer_images.see import see_layer
     from registration.layer_images.surface import Surface, surface_of
-    from registration.layer_images.values import (
-        Appearance,
-        Blob,
-        ExpectedLines,
-        Frame,
-        Gap,
-        LayerFindings,
-        Lumen,
-        LumenSeen,
-        SeeingOptions,
-        Shift,
-        Stations,
-        Stretch,
-        Unseen,
-    )
+from registration.layer_images.values import (
+    Appearance,
+    Blob,
+    ExpectedLines,
+    Frame,
+    Gap,
+    LayerFindings,
+    Lumen,
+    LumenSeen,
+    Shift,
+    Stations,
+    Stretch,
+    Unseen,
+)
 
 __all__ = [
     "Appearance",

@@ -9,7 +9,8 @@ import numpy as np
 
 from registration.layer_images.coarse_shift import coarse_shift
 from registration.layer_images.light import flattened
-from registration.layer_images.values import ExpectedLines, SeeingOptions, Shift
+from registration.layer_images.options import SeeingOptions
+from registration.layer_images.values import ExpectedLines, Shift
 from registration.layer_images.ways import Ways
 from registration.layer_images.working import Masks, Working, WorkingFrame
 

@@ -20,6 +20,7 @@ from registration.layer_images.gaps import find_gaps, lit_along, merged
 from registration.layer_images.in_light import LightMix
 from registration.layer_images.ink_image import ACROSS, SMOOTH, angle_of
 from registration.layer_images.lumens_seen import see_lumens
+from registration.layer_images.options import SeeingOptions
 from registration.layer_images.plane_map import PlaneMap
 from registration.layer_images.presence import INK
 from registration.layer_images.seen_layer import SeenLayer
@@ -35,7 +36,6 @@ from registration.layer_images.values import (
     IntArray,
     LayerFindings,
     Lumen,
-    SeeingOptions,
     Shift,
     Unseen,
 )

@@ -22,7 +22,6 @@ from registration.layer_images.values import (
     FloatImage,
     Gap,
     LayerFindings,
-    Stations,
     Unseen,
 )
 from registration.layer_images.working import Mask, drawn_lines
@@ -48,7 +47,7 @@ def unless_elsewhere(found: LayerFindings, rival: LayerFindings) -> LayerFinding
     if not lost:
         return found
     s = found.stations
-    rows = s.seen & np.any([_along(gap, s) for gap in lost], axis=0)
+    rows = s.seen & np.any([s.within(gap) for gap in lost], axis=0)
     stations = replace(s, seen=s.seen & ~rows, why=np.where(rows, int(Unseen.UNCLEAR), s.why))
     less = float(s.length_mm[rows].sum() / s.length_mm.sum())
     return replace(
@@ -63,15 +62,9 @@ def unless_elsewhere(found: LayerFindings, rival: LayerFindings) -> LayerFinding
 def _shows_ink(gap: Gap, rival: LayerFindings) -> bool:
     """Whether ink is seen on half of a gap at least."""
     s = rival.stations
-    own = _along(gap, s)
+    own = s.within(gap)
     ink = own & s.seen & (s.present > INK)
     return bool(own.any() and s.length_mm[ink].sum() > _BY_HALF * s.length_mm[own].sum())
-
-
-def _along(gap: Gap, stations: Stations) -> BoolArray:
-    own = stations.stroke == gap.stroke
-    along = stations.along_mm
-    return np.asarray(own & (along >= gap.from_mm) & (along <= gap.to_mm))
 
 
 def ink_beside_mm(look: SeenLayer, lines: ExpectedLines, thickness_mm: float) -> float:

@@ -24,6 +24,7 @@ from registration.layer_images.before import with_before
 from registration.layer_images.first_shift import first_shift
 from registration.layer_images.layer_findings import findings_of, honest_shift
 from registration.layer_images.layer_shift import PLENTY, fit_shift
+from registration.layer_images.options import SeeingOptions
 from registration.layer_images.out_of_place import ink_beside_mm, unless_elsewhere
 from registration.layer_images.seen_layer import SeenLayer, seen_at_shift
 from registration.layer_images.values import (
@@ -35,7 +36,6 @@ from registration.layer_images.values import (
     LayerFindings,
     Lumen,
     Outlines,
-    SeeingOptions,
     Shift,
 )
 from registration.layer_images.ways import check_lines, lay_ways
@@ -102,11 +102,7 @@ def see_layer(
     late = np.zeros(len(lines), dtype=np.bool_) if since is None else since & ~lines.fresh
     if before is not None:
         work = with_before(work, own, picture, before, lines, lines.fresh | late)
-    if thickness_mm is not None and (work.height is None or not thickness_mm > 0):
-        raise PictureError(
-            f"thickness_mm is {thickness_mm:g} and the picture no height map; thickness_mm > 0 mm "
-            "goes with a picture of `height_map` alone"
-        )
+    _check_thickness(thickness_mm, work)
 
     def seen_at(shift: Shift) -> SeenLayer:
         return seen_at_shift(work, own, lines, late, ways, shift, options, known, thickness_mm, rng)
@@ -124,13 +120,20 @@ def see_layer(
     else:
         look = seen_at(shift)
     found = findings_of(look, lumens, honest_shift(shift, look, options.shift_mm), options)
-    if not (work.flanks_lost and thickness_mm and found.gaps):
-        return found
-    found = replace(found, beside_mm=ink_beside_mm(look, lines, thickness_mm))
-    if finer is not None or not (shift.dx_mm or shift.dy_mm):
-        return found
-    there = findings_of(seen_at(_DESIGNED), (), _DESIGNED, options)
-    return unless_elsewhere(found, there)
+    if work.flanks_lost and thickness_mm and found.gaps:
+        found = replace(found, beside_mm=ink_beside_mm(look, lines, thickness_mm))
+        if finer is None and (shift.dx_mm or shift.dy_mm):
+            rival = findings_of(seen_at(_DESIGNED), (), _DESIGNED, options)
+            found = unless_elsewhere(found, rival)
+    return found
+
+
+def _check_thickness(thickness_mm: float | None, work: Working) -> None:
+    if thickness_mm is not None and (work.height is None or not thickness_mm > 0):
+        raise PictureError(
+            f"thickness_mm is {thickness_mm:g} and the picture no height map; thickness_mm > 0 mm "
+            "goes with a picture of `height_map` alone"
+        )
 
 
 def _finer(look: SeenLayer, shift: Shift, options: SeeingOptions, work: Working) -> Shift | None:

@@ -13,6 +13,7 @@ from registration.layer_images.changed import Places, tell_by_change
 from registration.layer_images.covered import Covers
 from registration.layer_images.ink_image import ACROSS, smoothed
 from registration.layer_images.light import flattened
+from registration.layer_images.options import SeeingOptions
 from registration.layer_images.place_reasons import reasons
 from registration.layer_images.presence import Sides
 from registration.layer_images.stations import Grouping, station_widths
@@ -31,7 +32,6 @@ from registration.layer_images.values import (
     FloatArray,
     FloatImage,
     IntArray,
-    SeeingOptions,
     Shift,
     Unseen,
 )

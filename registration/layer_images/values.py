@@ -154,6 +154,16 @@ class Stations:
     seen: BoolArray
     why: IntArray
 
+    def within(self, gap: Gap) -> BoolArray:
+        """Return which lie within a stretch, (m,)."""
+        along = self.along_mm
+        own = (self.stroke == gap.stroke) & (along >= gap.from_mm) & (along <= gap.to_mm)
+        return np.asarray(own)
+
+    def tell(self, gap: Gap) -> bool:
+        """Whether half of a stretch at least is seen."""
+        return 2.0 * float(self.length_mm[self.within(gap) & self.seen].sum()) >= gap.length_mm
+
 
 @dataclass(frozen=True)
 class Gap:
@@ -193,6 +203,11 @@ class Gap:
     def u_length_mm(self) -> float:
         """Standard uncertainty of the length, mm."""
         return math.sqrt(2.0) * self.u_mm
+
+    def meets(self, other: Gap, apart_mm: float = 0.0) -> bool:
+        """Whether another stretch of the stroke overlaps it, or lies nearer than that."""
+        low, high = other.from_mm - apart_mm, other.to_mm + apart_mm
+        return self.stroke == other.stroke and self.from_mm < high and low < self.to_mm
 
 
 @dataclass(frozen=True)
@@ -351,6 +366,8 @@ class LayerFindings:
         What is missing by one of two places that the layer may have, and not by the other.
     beside_mm : float, mm
         Way of a line whose ink lies at the layer's height where none should (a profiler's maps).
+    aside : bool
+        Whether all of its ink lies aside, however unsure by how much.
     """
 
     stations: Stations
@@ -372,34 +389,7 @@ class LayerFindings:
     faint_share: float = 0.0
     unplaced: tuple[Gap, ...] = ()
     beside_mm: float = 0.0
-
-
-@dataclass(frozen=True)
-class SeeingOptions:
-    """Tolerances of a look, and how often a sound layer may be faulted.
-
-    Attributes
-    ----------
-    gap_mm : float, mm
-        Gaps from this length on are looked for.
-    width_percent, lumen_percent : float, %
-    shift_mm : float, mm
-        Farthest that the layer is looked for beside its place.
-    false_rate : float
-        False findings of each kind per sound layer, at most.
-    unseen_mm : float, mm
-        Longest stretch of a stroke that may go untold.
-    round_lines : bool
-        Whether lines are as high as wide: seen aslant they are wider than flat ones.
-    """
-
-    gap_mm: float = 0.2
-    width_percent: float = 15.0
-    lumen_percent: float = 10.0
-    shift_mm: float = 0.5
-    false_rate: float = 2e-4
-    unseen_mm: float = 1.5
-    round_lines: bool = False
+    aside: bool = False
 
 
 Outlines = Sequence[FloatArray]

@@ -1,4 +1,4 @@
-"""Read a YAML file into a validated data model; report a fault in one line with its remedy."""
+"""Keep validated data models in YAML files; report a fault of one in a line with its remedy."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from design.files import write_text
 from firmware_profiles.yaml_file import read_yaml
 from registration.errors import PictureError
 
@@ -43,3 +44,15 @@ def read_model(path: Path, model: type[Model], option: str, writer: str) -> Mode
         first = exc.errors()[0]
         place = ".".join(map(str, first["loc"])) or "the file"
         raise PictureError(f"{option} {path}: {place}: {first['msg']}; {remedy}") from exc
+
+
+def write_model(path: Path, held: BaseModel) -> None:
+    """Write a file that `read_model` reads back exactly, without what is None.
+
+    Raises
+    ------
+    OSError
+        When the disk is full or the folder can't be written.
+    """
+    data = held.model_dump(mode="json", exclude_none=True)
+    write_text(path, yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=100))

@@ -247,7 +247,7 @@ class Decider:
     def _shifted(self, evidence: Evidence) -> Decision | None:
         shift, u = evidence.shift_mm, evidence.u_shift_mm
         before, self.last_shift_mm = self.last_shift_mm, shift
-        if shift - SURE * u <= self.limits.shift_mm:
+        if not evidence.aside and shift - SURE * u <= self.limits.shift_mm:
             return None
         why = (
             f"the layer lies {shift:.2f} mm beside its place (tolerance {self.limits.shift_mm:g} "
@@ -331,7 +331,7 @@ class Decider:
         if thin:
             reasons.append(f"{math.fsum(one.length_mm for one in thin):.2f} mm of thin lines")
         corrected = "" if factor is None else f"; flow {control.flow:.0%}: factor {factor:.2f}"
-        why = f"{', '.join(reasons)}{corrected}"
+        why = f"{', '.join(reasons)}{corrected}{self._rest(evidence)}"
         return Decision(DecisionKind.MEND, why, gaps, factor, thin=thin)
 
     def _believed(self, evidence: Evidence) -> tuple[Gap, ...]:

@@ -1,4 +1,4 @@
-"""Say why missing ink is asked about: the layer's place, or one picture alone, may explain it."""
+"""Say why missing ink is asked about: the layer's place may explain it, or more of it is unseen."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LIKE_AMOUNT: Final = 0.5
 def doubts(
     evidence: Evidence, believed: Sequence[Gap], test: GapTest
 ) -> tuple[list[str], tuple[Gap, ...]]:
-    """Return reasons to ask, and the gaps that one picture shows and the other hardly sees.
+    """Return reasons to ask, and what may lack ink besides the gaps that count.
 
     Parameters
     ----------
@@ -46,7 +46,13 @@ def doubts(
     )
     if once:
         reasons.append(f"{_way(once):.2f} mm seem to be missing; a second picture hardly sees them")
-    return reasons, once
+    next_to = [
+        one for one in evidence.hidden if any(one.gap.meets(gap, test.least_mm) for gap in believed)
+    ]
+    if next_to:
+        words = ", ".join(one.words for one in next_to)
+        reasons.append(f"next to {_many(believed)}, {words} can't be told")
+    return reasons, (*once, *(one.gap for one in next_to))
 
 
 def unconfirmed_words(evidence: Evidence, test: GapTest) -> str:
@@ -54,8 +60,12 @@ def unconfirmed_words(evidence: Evidence, test: GapTest) -> str:
     gaps = [gap for gap in evidence.gaps if test.significant(gap, evidence.places)]
     if not gaps:
         return ""
+    return f"; {_many(gaps)}, in one of two pictures alone: not believed"
+
+
+def _many(gaps: Sequence[Gap]) -> str:
     many = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
-    return f"; {many}, {_way(gaps):.2f} mm in all, in one of two pictures alone: not believed"
+    return f"{many}, {_way(gaps):.2f} mm in all"
 
 
 def _way(gaps: Sequence[Gap]) -> float:

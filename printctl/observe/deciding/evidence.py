@@ -91,6 +91,8 @@ class Evidence:
         Of the way written since the last look.
     shift_mm, u_shift_mm : float, mm
         How far the layer lies beside its place, and the standard uncertainty.
+    aside : bool
+        Whether it surely lies beyond tolerance, however unsure by how much.
     narrowed : tuple of Narrowed
     stretches : int
         Lines surely thinner or wider than tolerated.
@@ -130,6 +132,7 @@ class Evidence:
     seen_share: float
     shift_mm: float = 0.0
     u_shift_mm: float = 0.0
+    aside: bool = False
     narrowed: tuple[Narrowed, ...] = ()
     stretches: int = 0
     thin: tuple[Thin, ...] = ()

@@ -295,3 +295,23 @@ def test_a_gap_that_a_second_picture_hardly_sees_is_asked_about():
     found = decided(gaps=(GAP,), second=(), half_seen=(GAP,))
     assert (found.kind, found.ask, found.gaps) == ("pause", "mend", (GAP,))
     assert decided(gaps=(GAP,), second=()).kind is DecisionKind.GO_ON
+
+
+def test_a_layer_that_lies_aside_is_told_so_however_unsure_by_how_much():
+    found = decided(shift_mm=0.3, u_shift_mm=0.29, aside=True)
+    assert found.kind is DecisionKind.PAUSE
+    assert "0.30 mm beside its place" in found.why
+    assert decided(shift_mm=0.3, u_shift_mm=0.29).kind is DecisionKind.GO_ON
+
+
+@pytest.mark.parametrize(("apart", "asked"), [(0.1, True), (0.5, False)])
+def test_what_cannot_be_told_next_to_a_gap_is_asked_about(apart: float, asked: bool):
+    """Of 2 mm bare that ran into a crossing 0.5 mm were mended, without a word on the rest."""
+    begin = GAP.to_mm + apart
+    rest = replace(GAP, from_mm=begin, to_mm=begin + 1.0)
+    found = decided(gaps=(GAP,), hidden=(UnseenPath("vessel 2", rest, 9.0),))
+    if not asked:
+        assert (found.kind, found.gaps) == (DecisionKind.MEND, (GAP,))
+        return
+    assert (found.kind, found.ask, found.gaps) == ("pause", "mend", (GAP, rest))
+    assert "1.0 of 9.0 mm of vessel 2" in found.why

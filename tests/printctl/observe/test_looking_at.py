@@ -18,7 +18,19 @@ from printctl.observe.looking_at import ObservedJob
 from printctl.observe.observer import Look
 from printctl.observe.records import look_folder
 from printctl.observe.shown_place import seen_where_ink_shows
-from registration.layer_images import Gap, LayerFindings, SeeingOptions, Unseen
+from registration.layer_images import Gap, LayerFindings, SeeingOptions, Stations, Unseen
+
+
+def stations_of(along, seen, why=None):
+    """Stations each 0.1 mm of one stroke along x."""
+    count = len(along)
+    one, whole = np.ones(count), np.zeros(count, dtype=np.int64)
+    at = np.column_stack([along, 0 * along])
+    return Stations(
+        at_mm=at, z_mm=0 * one, normal=at, piece=whole, stroke=whole, along_mm=along,
+        length_mm=0.1 * one, expected_mm=one, width_mm=one, u_width_mm=one, offset_mm=one,
+        present=one, seen=seen, why=whole if why is None else why,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -99,10 +111,7 @@ def test_what_one_picture_does_not_tell_and_the_other_shows_as_a_gap_is_asked_ab
     def picture(
         gaps: tuple[Gap, ...] = (), unseen: tuple[Gap, ...] = (), sees: bool = False
     ) -> SimpleNamespace:
-        stations = SimpleNamespace(
-            stroke=np.zeros(len(along), dtype=np.int64), along_mm=along,
-            length_mm=np.full(len(along), 0.1), seen=np.full(len(along), sees),
-        )  # fmt: skip
+        stations = stations_of(along, np.full(len(along), sees))
         return SimpleNamespace(bare=(), gaps=gaps, unseen=unseen, stations=stations)
 
     nothing, clear = picture(unseen=(gap(0, 7),)), picture(sees=True)
@@ -143,19 +152,24 @@ def test_what_one_picture_does_not_tell_and_the_other_shows_as_a_gap_is_asked_ab
         assert len(seen) == 1
 
 
-@pytest.mark.parametrize(("sees", "told"), [(False, [(1.0, 1.8)]), (True, [])])
-def test_a_stretch_that_no_picture_sees_is_told_by_its_length(sees, told):
+@pytest.mark.parametrize(
+    ("sees", "gaps", "told"),
+    [
+        (False, (), [(1.0, 1.8)]),
+        (True, (), []),
+        (True, ((2.0, 2.95),), [(3.0, 3.6)]),  # over older ink, and a gap runs into it
+        (True, ((2.0, 2.7),), []),
+    ],
+)
+def test_a_stretch_that_no_picture_sees_is_told_by_its_length(sees, gaps, told):
+    gaps = tuple(Gap(0, *one, (0.0, 0.0), (0.0, 0.0), 0.0, 0.0) for one in gaps)
     along = np.arange(0.05, 4.0, 0.1)
     hidden = (along > 1.0) & (along < 1.8) | (along > 2.5) & (along < 2.6)
     older = (along > 3.0) & (along < 3.6)
 
     def picture(seen):
-        stations = SimpleNamespace(
-            stroke=np.zeros(len(along), dtype=np.int64), along_mm=along, seen=seen,
-            at_mm=np.column_stack([along, 0 * along]), length_mm=np.full(len(along), 0.1),
-            why=np.where(older, int(Unseen.OLD_INK), np.where(seen, 0, int(Unseen.GLARE))),
-        )  # fmt: skip
-        return SimpleNamespace(stations=stations)
+        why = np.where(older, int(Unseen.OLD_INK), np.where(seen, 0, int(Unseen.GLARE)))
+        return SimpleNamespace(stations=stations_of(along, seen, why), gaps=gaps)
 
     path = SimpleNamespace(
         at=lambda along: np.column_stack([along, 0 * along, 0 * along]), length_mm=4.0,
