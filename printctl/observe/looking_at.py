@@ -268,7 +268,8 @@ class ObservedJob:
             )  # fmt: skip
             refuse_other_height(at.size, findings.seen_share, findings.coverage)
             if not at.found:
-                self._appearance = findings.appearance or self._appearance
+                if self._appearance is None or findings.seen_share >= self.order.limits.least_seen:
+                    self._appearance = findings.appearance or self._appearance
                 least = self.order.limits.least_open
                 narrowed = narrowed_lumens(at.lumens, findings.lumens, least)
                 drawn = annotated(view.drawn_into, frame, findings, narrowed)
@@ -331,7 +332,12 @@ class ObservedJob:
     # --- mending ---------------------------------------------------------------------------------
 
     def mend_lines(
-        self, look: Look, gaps: tuple[Gap, ...], thin: tuple[Thin, ...], flow: float
+        self,
+        look: Look,
+        gaps: tuple[Gap, ...],
+        thin: tuple[Thin, ...],
+        flow: float,
+        approved: bool = False,
     ) -> MendLines:
         """Plan what mends gaps and fills thin lines up, and say what can't be from here.
 
@@ -342,13 +348,16 @@ class ObservedJob:
         thin : tuple of Thin
         flow : float
             Ink that is to be pushed, over what the job's file says.
+        approved : bool
+            By the operator: what was written in vain before is written once more, too.
         """
         at = self._held(look)
         voids = None
         if self.network is not None:
             voids = Voids.of_network(self.network, np.zeros(3))
         wanted = gaps_to_mend(gaps, thin, at, flow)
-        given_up = [one for one in wanted if tries_of(one, at.layer.mended) >= MOST_TRIES]
+        in_vain = [one for one in wanted if tries_of(one, at.layer.mended) >= MOST_TRIES]
+        given_up = [] if approved else in_vain
         wanted = [one for one in wanted if one not in given_up]
         mend, _ = checked_mend(at.held, wanted, voids)
         mend = replace(mend, left=(*mend.left, *(_given_up(one) for one in given_up)))
@@ -366,11 +375,15 @@ class ObservedJob:
             log.info("look %d: %s", look.number, said)
         lines = tuple(line.decode("ascii") for line in mend.lines)
         left_mm = sum(one.length_mm for one in mend.left)
-        return MendLines(lines, mend.left_words(), left_mm, tuple(map(asdict, mended)))
+        again = tuple(map(asdict, mended))
+        return MendLines(lines, mend.left_words(), left_mm, again, given_up=bool(given_up))
 
 
 def _given_up(gap: MendGap) -> NotMended:
-    why = f"written {MOST_TRIES} times more, and no ink lies there; see to needle and bath"
+    why = (
+        f"written {MOST_TRIES} times more, and no ink lies there; see to needle and bath, then "
+        "approve to have it written once more"
+    )
     return NotMended(gap.path, gap.from_mm, gap.to_mm, why)
 
 

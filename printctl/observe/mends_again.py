@@ -216,6 +216,7 @@ def unseen_words(findings: LayerFindings, mended: Sequence[Mended]) -> str:
     whole_mm = sum(one.to_mm - one.from_mm for one in mended)
     if not mended or 2 * unseen_mm < whole_mm:
         return ""
+    unseen_mm = min(unseen_mm, whole_mm)  # stations at an end reach a little over it
     return f"{unseen_mm:.2f} of {whole_mm:.2f} mm that were mended can't be seen: look yourself"
 
 

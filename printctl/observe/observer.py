@@ -12,13 +12,14 @@ import logging
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Protocol
 
 from printctl.link.errors import Refused
 from printctl.link.marks import Mark, MarkKind
-from printctl.observe.deciding import Decider, Decision, DecisionKind, Evidence, LayersSeen
+from printctl.observe.decider_state import restore, state_of
+from printctl.observe.deciding import Decider, Decision, DecisionKind, Evidence
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError, picture_of
 from printctl.observe.records import (
@@ -98,12 +99,15 @@ class MendLines:
     mended : tuple of dict
         Gaps that they write again (`printctl.observe.mends_again.Mended`), which are looked at
         once more.
+    given_up : bool
+        Whether a gap was written so often in vain that the operator alone has it written again.
     """
 
     lines: tuple[str, ...] = ()
     left: str = ""
     left_mm: float = 0.0
     mended: tuple[dict[str, Any], ...] = ()
+    given_up: bool = False
 
 
 class PrintLink(Protocol):
@@ -160,19 +164,19 @@ class Observer:
     link: PrintLink
     acquire: Callable[[Look, Path], Path]
     judge: Callable[[Look, Path, Path | None], Judged]
-    mend_lines: Callable[[Look, tuple[Gap, ...], tuple[Thin, ...], float], MendLines]
+    mend_lines: Callable[[Look, tuple[Gap, ...], tuple[Thin, ...], float, bool], MendLines]
     decider: Decider
     ended: Callable[[int], bool]
     begun: float = 0.0
     clock: Callable[[], float] = time.time
 
     def __post_init__(self) -> None:
-        self._new = _state(self.decider)
+        self._new = state_of(self.decider)
 
     def remember(self, number: int) -> None:
         """Know what the looks before one told: those of an observer that died, too, none twice."""
         looks = [one for one in read_looks(self.folder, self.begun) if one.number < number]
-        _restore(self.decider, looks[-1].control if looks else self._new)
+        restore(self.decider, looks[-1].control if looks else self._new)
 
     def look(self, look: Look) -> LookRecord:
         """Look, judge, decide and act; nothing that a device does raises.
@@ -253,7 +257,7 @@ class Observer:
             decision=kind.value,
             why=why,
             found=found,
-            control=_state(self.decider),
+            control=state_of(self.decider),
             seconds={"all": round(self.clock() - begun, 3)},
         )
 
@@ -261,15 +265,15 @@ class Observer:
 
     def _act(self, look: Look, decision: Decision) -> None:
         if decision.ask is not None:
-            self._ask(look, decision)
+            self._ask(look, decision, decision.why)
         elif decision.kind in (DecisionKind.MEND, DecisionKind.FLOW):
             self._insert(look, decision)
         else:
             self.link.look_done(look.number, decision.kind.value, decision.why)
 
-    def _ask(self, look: Look, decision: Decision) -> None:
+    def _ask(self, look: Look, decision: Decision, why: str) -> None:
         """Pause, and wait for the operator's word; the needle stays out of the bath."""
-        self.link.look_done(look.number, "pause", decision.why)
+        self.link.look_done(look.number, "pause", why)
         self._do_as_told(look, decision)
 
     def ask_again(self, look: Look) -> None:
@@ -284,13 +288,13 @@ class Observer:
     def _do_as_told(self, look: Look, decision: Decision) -> None:
         answer = self._await_answer(look.number)
         if answer == "approve":
-            done, left, left_mm = self._inserted(look, decision)
-            if done:
-                self._amend(look, f"{decision.why}{left}", left_mm)
+            put = self._put_in(look, decision, approved=True)
+            if put.done:
+                self._amend(look, f"{decision.why}{put.left}", put.left_mm)
                 self.go_on(look.number)
             else:
                 then = "it can't be mended from here: resume goes on without, stop ends it"
-                self._amend(look, f"{decision.why}{left}; approved, but {then}", asked="")
+                self._amend(look, f"{decision.why}{put.left}; approved, but {then}", asked="")
         elif answer == "go_on":
             self.go_on(look.number)
         elif answer == "stop":
@@ -326,35 +330,44 @@ class Observer:
         return answer
 
     def _insert(self, look: Look, decision: Decision) -> None:
-        done, left, left_mm = self._inserted(look, decision)
-        why = f"{decision.why}{left}"
-        if done:
-            self._amend(look, why, left_mm)
+        put = self._put_in(look, decision)
+        why = f"{decision.why}{put.left}"
+        if put.done:
+            self._amend(look, why, put.left_mm)
             self.link.look_done(look.number, "go_on", why)
-        else:
-            why = f"{why}; it can't be mended from here"
-            self._amend(look, why, decision=DecisionKind.PAUSE.value)
-            self.link.look_done(look.number, "pause", why)
+            return
+        pause = DecisionKind.PAUSE.value
+        if put.given_up:
+            mend = DecisionKind.MEND.value
+            self._amend(look, why, put.left_mm, decision=pause, asked=mend)
+            self._ask(look, decision, why)
+            return
+        why = f"{why}; it can't be mended from here"
+        self._amend(look, why, decision=pause)
+        self.link.look_done(look.number, "pause", why)
 
-    def _inserted(self, look: Look, decision: Decision) -> tuple[bool, str, float]:
-        """Put mend and flow into the job; say what is left as it is, and how many mm.
+    def _put_in(self, look: Look, decision: Decision, approved: bool = False) -> _Put:
+        """Put mend and flow into the job, and say what is left as it is.
 
-        False where there is nothing to put in, or the link refuses it.
+        What was written in vain before is written again where the operator has approved it alone.
         """
         flow = decision.factor or self.decider.control.factor
         gaps, thin = decision.gaps, decision.thin
-        mend = self.mend_lines(look, gaps, thin, flow) if gaps or thin else MendLines()
+        none = MendLines()
+        mend = self.mend_lines(look, gaps, thin, flow, approved) if gaps or thin else none
         left = f"; not mended: {mend.left}" if mend.left else ""
+        if mend.given_up:
+            return _Put(False, left, mend.left_mm, given_up=True)
         if not mend.lines and decision.factor is None:
-            return not gaps, left, mend.left_mm  # thin lines are no reason to stop
+            return _Put(not gaps, left, mend.left_mm)  # thin lines are no reason to stop
         try:
             self._note_mended(look, mend)
             again = bool(mend.mended)
             self.link.insert(look.number, mend.lines, decision.why, decision.factor, again)
         except Refused as exc:
             log.warning("look %d: %s", look.number, exc)
-            return False, f"; the link refused the mend: {exc}", 0.0
-        return True, left, mend.left_mm
+            return _Put(False, f"; the link refused the mend: {exc}")
+        return _Put(True, left, mend.left_mm)
 
     def _note_mended(self, look: Look, mend: MendLines) -> None:
         """Keep with a look's record what its mend writes again: another observer looks there."""
@@ -364,25 +377,17 @@ class Observer:
             amend_look(self.folder, replace(record, found=found))
 
 
+@dataclass(frozen=True)
+class _Put:
+    """What came of a mend: whether it is in the job, and what it leaves as it is."""
+
+    done: bool
+    left: str
+    left_mm: float = 0.0
+    given_up: bool = False
+
+
 def _with_left(found: dict[str, Any], left_mm: float) -> dict[str, Any]:
     """Figures of a look with the length of its gaps that stay as they are, where there are any."""
     rest = {name: value for name, value in found.items() if name != "left_mm"}
     return {**rest, "left_mm": round(left_mm, 3)} if left_mm else rest
-
-
-def _state(decider: Decider) -> dict[str, Any]:
-    control = decider.control
-    return {
-        "log_flow": control.log_flow,
-        "variance": control.variance,
-        "time_s": control.time_s,
-        "layers": asdict(decider.layers),
-        "last_shift_mm": decider.last_shift_mm,
-    }
-
-
-def _restore(decider: Decider, state: dict[str, Any]) -> None:
-    control = decider.control
-    control.log_flow = state["log_flow"]
-    control.variance, control.time_s = state["variance"], state["time_s"]
-    decider.layers, decider.last_shift_mm = LayersSeen(**state["layers"]), state["last_shift_mm"]

@@ -1,4 +1,4 @@
-"""Find the picture of the preceding inspection, which shows the dish before the new ink."""
+"""Find the picture of an earlier look, which shows the dish before the new ink."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ _OLDEST_S: Final = 3600.0
 
 
 def picture_before(folder: Path, begun: float, look: Look, now: Path) -> Path | None:
-    """Return the picture of the look that directly precedes one; None where there is none.
+    """Return the picture that was taken before the ink of a look; None where there is none.
 
-    The first look's is the one by which the device was tried, if that was before the print began.
+    It is that of the last look which was judged where the ink begins (``look.before``). The first
+    look's is the one by which the device was tried, if that was before the print began.
 
     Parameters
     ----------
@@ -31,10 +32,11 @@ def picture_before(folder: Path, begun: float, look: Look, now: Path) -> Path | 
         The picture that is to be judged, of the same kind.
     """
     looks = read_looks(folder, begun)
-    own = [one for one in looks if one.judged and one.number < look.number]
-    if (own[-1].done if own else 0) != look.before:
+    judged = [one for one in looks if one.judged and one.number < look.number]
+    there = [one.number for one in judged if one.done == look.before]
+    if not there and look.before > 0:
         return None
-    number, latest = (own[-1].number, math.inf) if own else (EMPTY, begun)
+    number, latest = (there[-1], math.inf) if there else (EMPTY, begun)
     path = folder / LOOKS / f"{number:04d}" / f"picture{now.suffix}"
     try:
         taken = path.stat().st_mtime

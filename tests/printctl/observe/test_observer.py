@@ -74,6 +74,7 @@ class Bench:
     lines: tuple = ("G1 X1 E1",)
     left: str = ""
     mended: tuple = ()
+    in_vain: bool = False
     not_seen: str = ""
     seen_share: float = 0.9
     pictures: list[str] = field(default_factory=list)
@@ -86,9 +87,15 @@ class Bench:
         """An observer that knows nothing but the files."""
         return Observer(
             self.folder, self.link, self.acquire, self.judge,
-            lambda *_: MendLines(tuple(self.lines), self.left, 0.22 * bool(self.left), self.mended),
+            self.mend_lines,
             Decider(Limits(mend=self.mode), FlowControl()), lambda _: self.over,
         )  # fmt: skip
+
+    def mend_lines(self, look, gaps, thin, flow, approved):
+        given_up = self.in_vain and not approved
+        lines = () if given_up else tuple(self.lines)
+        left = "written 2 times more" if given_up else self.left
+        return MendLines(lines, left, 0.22 * bool(left), self.mended, given_up)
 
     def acquire(self, look, out):
         if self.hangs:
@@ -361,3 +368,24 @@ def test_what_an_earlier_print_left_is_no_part_of_this_one(tmp_path):
     assert bench.observer.decider.control.flow == 1.0
     bench.observer.look(LOOK)
     assert not (tmp_path / "looks" / "0001" / "picture.tif").exists()
+
+
+def test_what_was_mended_in_vain_is_written_once_more_when_the_operator_approves(
+    tmp_path, monkeypatch
+):
+    bench = Bench(tmp_path, gaps=(GAP,), in_vain=True)
+    monkeypatch.setattr(bench.link, "look_done", _answering(bench, "approve"))
+    record = bench.observer.look(LOOK)
+    assert record.asked == "mend"
+    assert [one[0] for one in bench.link.said] == ["pause", "insert", "resume"]
+    assert "not mended" not in read_looks(tmp_path)[-1].why
+
+
+def test_what_was_mended_in_vain_stays_as_it_is_when_the_operator_says_go_on(tmp_path, monkeypatch):
+    bench = Bench(tmp_path, gaps=(GAP,), in_vain=True)
+    monkeypatch.setattr(bench.link, "look_done", _answering(bench, "go_on"))
+    bench.observer.look(LOOK)
+    assert [one[0] for one in bench.link.said] == ["pause", "resume"]
+    kept = read_looks(tmp_path)[-1]
+    assert "written 2 times more" in kept.why
+    assert kept.found["left_mm"] == 0.22

@@ -79,3 +79,8 @@ def test_a_look_that_failed_isnt_the_one_before(folder: Path) -> None:
     (look_folder(folder, 4) / "picture.png").touch()
     found = picture_before(folder, 0.0, again, folder / "looks/0004/picture.png")
     assert found == folder / "looks/0002/picture.png"
+
+
+def test_mends_alone_are_judged_by_the_picture_before_the_ink_they_belong_to(folder: Path) -> None:
+    about = Look(3, 220, 200, 100, "end of layer 1")
+    assert picture_before(folder, 0.0, about, now(folder)) == folder / "looks/0001/picture.png"

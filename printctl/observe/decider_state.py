@@ -1,0 +1,28 @@
+"""What a decider has learned so far, as it is kept with each look's record."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from printctl.observe.deciding import Decider, LayersSeen
+
+
+def state_of(decider: Decider) -> dict[str, Any]:
+    """Return what `restore` needs, ready for JSON."""
+    control = decider.control
+    return {
+        "log_flow": control.log_flow,
+        "variance": control.variance,
+        "time_s": control.time_s,
+        "layers": asdict(decider.layers),
+        "last_shift_mm": decider.last_shift_mm,
+    }
+
+
+def restore(decider: Decider, state: dict[str, Any]) -> None:
+    """Set a decider to a state of `state_of`."""
+    control = decider.control
+    control.log_flow = state["log_flow"]
+    control.variance, control.time_s = state["variance"], state["time_s"]
+    decider.layers, decider.last_shift_mm = LayersSeen(**state["layers"]), state["last_shift_mm"]
