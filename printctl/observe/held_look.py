@@ -18,7 +18,7 @@ from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.mends_again import LayerInk, mended_of
 from printctl.observe.observer import Look
 from printctl.observe.scan_place import ScanSize
-from registration.layer_images import Gap, LayerFindings, Lumen, Stations, Unseen
+from registration.layer_images import Appearance, Gap, LayerFindings, Lumen, Stations, Unseen
 from registration.layer_images.values import BoolArray
 
 
@@ -193,3 +193,15 @@ def _named(at: HeldLook, stroke: int, part: Gap | None) -> UnseenPath:
     begin, end = ((float(x), float(y)) for x, y, _ in path.at(np.array([low, high])))
     whole = Gap(number, low, high, begin, end, 0.0, 1.0)
     return UnseenPath(name, part or whole, path.length_mm, bare=part is None)
+
+
+def learned_appearance(
+    known: Appearance | None, findings: LayerFindings, least_seen: float
+) -> Appearance | None:
+    """Return what ink looks like; a look that saw less than ``least_seen`` tells it only at first.
+
+    Where hardly any ink lies, what was learned is how older ink and bath differ.
+    """
+    if known is not None and findings.seen_share < least_seen:
+        return known
+    return findings.appearance or known

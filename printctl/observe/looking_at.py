@@ -25,7 +25,14 @@ from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError
 from printctl.observe.devices.acquire import Place, Region
 from printctl.observe.expected import ExpectedInk, expected_ink
-from printctl.observe.held_look import HeldLook, gaps_to_mend, hidden_stretches, slab, unseen_paths
+from printctl.observe.held_look import (
+    HeldLook,
+    gaps_to_mend,
+    hidden_stretches,
+    learned_appearance,
+    slab,
+    unseen_paths,
+)
 from printctl.observe.judging import (
     evidence_of,
     figures,
@@ -37,11 +44,11 @@ from printctl.observe.judging import (
 from printctl.observe.lumen_areas import lumens_at
 from printctl.observe.mending import HeldPrint, Voids, checked_mend
 from printctl.observe.mending.gap import Gap as MendGap
-from printctl.observe.mending.gap import NotMended
 from printctl.observe.mends_again import (
     MOST_TRIES,
     Mended,
     last_mends,
+    left_in_vain,
     of_mends,
     tries_of,
     unseen_words,
@@ -268,8 +275,9 @@ class ObservedJob:
             )  # fmt: skip
             refuse_other_height(at.size, findings.seen_share, findings.coverage)
             if not at.found:
-                if self._appearance is None or findings.seen_share >= self.order.limits.least_seen:
-                    self._appearance = findings.appearance or self._appearance
+                self._appearance = learned_appearance(
+                    self._appearance, findings, self.order.limits.least_seen
+                )
                 least = self.order.limits.least_open
                 narrowed = narrowed_lumens(at.lumens, findings.lumens, least)
                 drawn = annotated(view.drawn_into, frame, findings, narrowed)
@@ -360,7 +368,7 @@ class ObservedJob:
         given_up = [] if approved else in_vain
         wanted = [one for one in wanted if one not in given_up]
         mend, _ = checked_mend(at.held, wanted, voids)
-        mend = replace(mend, left=(*mend.left, *(_given_up(one) for one in given_up)))
+        mend = replace(mend, left=(*mend.left, *(left_in_vain(one) for one in given_up)))
         mended = tuple(
             Mended(
                 one.gap.path,
@@ -377,14 +385,6 @@ class ObservedJob:
         left_mm = sum(one.length_mm for one in mend.left)
         again = tuple(map(asdict, mended))
         return MendLines(lines, mend.left_words(), left_mm, again, given_up=bool(given_up))
-
-
-def _given_up(gap: MendGap) -> NotMended:
-    why = (
-        f"written {MOST_TRIES} times more, and no ink lies there; see to needle and bath, then "
-        "approve to have it written once more"
-    )
-    return NotMended(gap.path, gap.from_mm, gap.to_mm, why)
 
 
 def _place(at: FloatArray) -> Place:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from printctl.observe.expected import ExpectedInk
 from printctl.observe.mending.gap import Gap as MendGap
+from printctl.observe.mending.gap import NotMended
 from printctl.observe.mending.laid_ink import LaidInk, sound_spans, stretch_of
 from printctl.observe.observer import Look
 from printctl.observe.records import LookRecord
@@ -249,3 +250,12 @@ def tries_of(gap: MendGap, mended: Sequence[Mended]) -> int:
         and min(one.to_mm, gap.to_mm) - max(one.from_mm, gap.from_mm) > _SAME_MM
     )
     return max(each, default=0)
+
+
+def left_in_vain(gap: MendGap) -> NotMended:
+    """Say why a gap that was written `MOST_TRIES` times isn't written again unasked."""
+    why = (
+        f"written {MOST_TRIES} times more, and no ink lies there; see to needle and bath, then "
+        "approve to have it written once more"
+    )
+    return NotMended(gap.path, gap.from_mm, gap.to_mm, why)

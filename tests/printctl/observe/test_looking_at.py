@@ -13,7 +13,13 @@ import pytest
 
 from printctl.link.marks import Marks
 from printctl.observe.devices import DeviceError
-from printctl.observe.held_look import HeldLook, hidden_stretches, slab, unseen_paths
+from printctl.observe.held_look import (
+    HeldLook,
+    hidden_stretches,
+    learned_appearance,
+    slab,
+    unseen_paths,
+)
 from printctl.observe.looking_at import ObservedJob
 from printctl.observe.observer import Look
 from printctl.observe.records import look_folder
@@ -181,3 +187,14 @@ def test_a_stretch_that_no_picture_sees_is_told_by_its_length(sees, gaps, told):
     each = [picture(~(hidden | older)), picture(np.full(len(along), sees) & ~older)]
     found = hidden_stretches(cast(HeldLook, at), cast(list[LayerFindings], each), 0.2)
     assert [(round(one.gap.from_mm, 6), round(one.gap.to_mm, 6)) for one in found] == told
+
+
+def test_a_look_that_hardly_sees_ink_does_not_change_what_it_looks_like() -> None:
+    def findings(seen_share, appearance):
+        return cast(Any, SimpleNamespace(seen_share=seen_share, appearance=appearance))
+
+    first, other = cast(Any, "first"), cast(Any, "other")
+    assert learned_appearance(None, findings(0.1, first), 0.3) == first
+    assert learned_appearance(first, findings(0.1, other), 0.3) == first
+    assert learned_appearance(first, findings(0.9, other), 0.3) == other
+    assert learned_appearance(first, findings(0.9, None), 0.3) == first
