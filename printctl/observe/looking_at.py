@@ -43,7 +43,6 @@ from printctl.observe.judging import (
 )
 from printctl.observe.lumen_areas import lumens_at
 from printctl.observe.mending import HeldPrint, Voids, checked_mend
-from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.mends_again import (
     MOST_TRIES,
     Mended,
