@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -43,14 +44,21 @@ def looks(run: RunArg, as_json: JsonFlag = False) -> None:
     if not found:
         raise UsageError(f"nobody has looked at the print in {folder}; observe is a recipe's part")
     print_lines(*(_words(one, answer_of(folder, one.number)) for one in found))
+    print_lines(*asking_lines(folder, found, read_print(folder).status))
+
+
+def asking_lines(folder: Path, found: Sequence[LookRecord], status: Status) -> list[str]:
+    """What the last look proposes and how to answer it; none where the print doesn't wait for it."""
+    if not found or not found[-1].asked:
+        return []
     last = found[-1]
-    waits = answer_of(folder, last.number) is None
-    if last.asked and waits and held_for(read_print(folder).status, last.number):
-        print_lines(
-            f"look {last.number} asks to {proposal_words(last)}: see "
-            f"{look_folder(folder, last.number)}, then `printctl observe answer RUN approve --look "
-            f"{last.number}` (or go_on, stop)"
-        )
+    if answer_of(folder, last.number) is not None or not held_for(status, last.number):
+        return []
+    return [
+        f"look {last.number} asks to {proposal_words(last)}: see "
+        f"{look_folder(folder, last.number)}, then `printctl observe answer RUN approve --look "
+        f"{last.number}` (or go_on, stop)"
+    ]
 
 
 def looks_lines(run: Path) -> list[str]:
