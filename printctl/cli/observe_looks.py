@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -21,6 +20,7 @@ from printctl.observe.records import (
     LookRecord,
     answer_look,
     answer_of,
+    asking_look,
     held_for,
     look_folder,
     read_looks,
@@ -44,15 +44,14 @@ def looks(run: RunArg, as_json: JsonFlag = False) -> None:
     if not found:
         raise UsageError(f"nobody has looked at the print in {folder}; observe is a recipe's part")
     print_lines(*(_words(one, answer_of(folder, one.number)) for one in found))
-    print_lines(*asking_lines(folder, found, read_print(folder).status))
+    print_lines(*asking_lines(folder, read_print(folder).status))
 
 
-def asking_lines(folder: Path, found: Sequence[LookRecord], status: Status) -> list[str]:
-    """What the last look proposes and how to answer it; none where the print doesn't wait for it."""
-    if not found or not found[-1].asked:
-        return []
-    last = found[-1]
-    if answer_of(folder, last.number) is not None or not held_for(status, last.number):
+def asking_lines(folder: Path, status: Status) -> list[str]:
+    """What the look that the print waits at proposes, and how to answer it; none for no such."""
+    looks = read_looks(folder, read_journal_facts(folder / JOURNAL).started)
+    last = asking_look(looks, status)
+    if last is None or answer_of(folder, last.number) is not None:
         return []
     return [
         f"look {last.number} asks to {proposal_words(last)}: see "

@@ -8,7 +8,6 @@ from printctl.cli.observe_looks import asking_lines
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.run_folder import RunArg, print_folder
 from printctl.link.states import Status
-from printctl.observe.records import read_looks
 from printctl.print_state.actions import Possible, PrintAction
 from printctl.print_state.state import PrintTruth, read_print
 from printctl.printing.print_words import alarm_words
@@ -30,8 +29,7 @@ def status(run: RunArg, as_json: JsonFlag = False) -> None:
     if as_json:
         print_json(state.to_dict())
         return
-    looks = read_looks(folder, state.journal.started)
-    print_lines(*status_lines(state, str(run)), *asking_lines(folder, looks, state.status))
+    print_lines(*status_lines(state, str(run)), *asking_lines(folder, state.status))
 
 
 def status_lines(truth: PrintTruth, run: str) -> list[str]:
