@@ -20,6 +20,7 @@ from printctl.observe.records import (
     LookRecord,
     answer_look,
     answer_of,
+    asking_look,
     held_for,
     look_folder,
     read_looks,
@@ -43,14 +44,20 @@ def looks(run: RunArg, as_json: JsonFlag = False) -> None:
     if not found:
         raise UsageError(f"nobody has looked at the print in {folder}; observe is a recipe's part")
     print_lines(*(_words(one, answer_of(folder, one.number)) for one in found))
-    last = found[-1]
-    waits = answer_of(folder, last.number) is None
-    if last.asked and waits and held_for(read_print(folder).status, last.number):
-        print_lines(
-            f"look {last.number} asks to {proposal_words(last)}: see "
-            f"{look_folder(folder, last.number)}, then `printctl observe answer RUN approve --look "
-            f"{last.number}` (or go_on, stop)"
-        )
+    print_lines(*asking_lines(folder, read_print(folder).status))
+
+
+def asking_lines(folder: Path, status: Status) -> list[str]:
+    """What the look that the print waits at proposes, and how to answer it; none for no such."""
+    looks = read_looks(folder, read_journal_facts(folder / JOURNAL).started)
+    last = asking_look(looks, status)
+    if last is None or answer_of(folder, last.number) is not None:
+        return []
+    return [
+        f"look {last.number} asks to {proposal_words(last)}: see "
+        f"{look_folder(folder, last.number)}, then `printctl observe answer RUN approve --look "
+        f"{last.number}` (or go_on, stop)"
+    ]
 
 
 def looks_lines(run: Path) -> list[str]:

@@ -6,10 +6,13 @@ from typing import Annotated
 
 import typer
 
+from printctl.cli.observe_looks import asking_lines
 from printctl.cli.options import print_lines
 from printctl.cli.run_folder import RunArg, print_folder
 from printctl.errors import UsageError
 from printctl.link.client import attach
+from printctl.link.find_link import alive
+from printctl.observe.records import OBSERVER_LOCK
 from printctl.print_state.continue_print import continue_print
 
 
@@ -51,7 +54,8 @@ def resume(
     folder = print_folder(run)
     with attach(folder) as attached:
         ended = attached.status.ended
-    continue_print(
+    unheard = not (unobserved or alive(folder, OBSERVER_LOCK))
+    status = continue_print(
         folder,
         port=port,
         syringe=syringe,
@@ -59,5 +63,10 @@ def resume(
         unchanged=unchanged,
         unobserved=unobserved,
     )
+    if unheard and (asking := asking_lines(folder, status)):
+        print_lines(
+            "another observer is at work, and the print stays paused for an answer", *asking
+        )
+        return
     where = "from the printer's last line" if ended else f"`printctl status {run}` tells how"
     print_lines(f"going on; {where}")

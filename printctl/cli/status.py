@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 
+from printctl.cli.observe_looks import asking_lines
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.run_folder import RunArg, print_folder
 from printctl.link.states import Status
@@ -23,11 +24,12 @@ def status(run: RunArg, as_json: JsonFlag = False) -> None:
 
     Only looks: the print isn't touched, and of one that has ended the journal tells.
     """
-    state = read_print(print_folder(run))
+    folder = print_folder(run)
+    state = read_print(folder)
     if as_json:
         print_json(state.to_dict())
         return
-    print_lines(*status_lines(state, str(run)))
+    print_lines(*status_lines(state, str(run)), *asking_lines(folder, state.status))
 
 
 def status_lines(truth: PrintTruth, run: str) -> list[str]:

@@ -69,7 +69,7 @@ class Watch:
         self._seen = self._looked = -1
         self._look_due, self._looked_at = math.inf, Written()
         self._look_again = self.unobserved = False
-        self._look_behind = -1
+        self._look_behind = self._looked_behind = -1
         self._places = LookPlaces([], [], [])
         if care.looks_by_writing:
             within = bool(care.look_every_mm or care.look_every_written_s)
@@ -146,8 +146,8 @@ class Watch:
     def looked(self, now: float, done: int) -> None:
         """Take notice that a look after ``done`` lines was decided."""
         self._looked, self._look_again = done, False
-        if done >= self._look_behind:
-            self._look_behind = -1
+        if 0 <= self._look_behind <= done:
+            self._looked_behind, self._look_behind = self._look_behind, -1
         self._looked_at = self._places.at(done)
         self._count_to_look(now)
 
@@ -160,8 +160,8 @@ class Watch:
         self._look_behind = done
 
     def is_behind_insert(self, done: int) -> bool:
-        """Whether a look is due after ``done`` lines since an insert ends there."""
-        return done == self._look_behind
+        """Whether a look after ``done`` lines is due, or was made, since an insert ends there."""
+        return done in (self._look_behind, self._looked_behind)
 
     def grow(self, marks: Marks, after: int, count: int) -> None:
         """Take notice that ``count`` lines were put into the job behind the first ``after``."""
@@ -184,7 +184,7 @@ class Watch:
 
     def _wants_look(self, now: float, done: int, kinds: set[MarkKind]) -> bool:
         """Whether a look is due after ``done`` lines, where marks of these kinds stand."""
-        if self._look_again or self.is_behind_insert(done):
+        if self._look_again or done == self._look_behind:
             return True
         if done == self._looked:
             return False

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -189,6 +190,11 @@ def held_for(status: Status, number: int) -> bool:
     return status.state is LinkState.PAUSED and look is not None and look["number"] == number
 
 
+def asking_look(looks: Iterable[LookRecord], status: Status) -> LookRecord | None:
+    """Return the look on which a paused print waits for the operator's word; None for none."""
+    return next((one for one in looks if one.asked and held_for(status, one.number)), None)
+
+
 def refuse_unheard(print_folder: Path) -> None:
     """Refuse an answer that no observer would act on.
 
@@ -199,7 +205,7 @@ def refuse_unheard(print_folder: Path) -> None:
     if not alive(print_folder, OBSERVER_LOCK):
         raise ValueError(
             f"no observer is at work in {print_folder}, so nobody would act on the answer (its "
-            "observer.log may say why): resume the print, which goes on without, or stop it"
+            "observer.log may say why): `printctl resume` starts another one, which asks again"
         )
 
 

@@ -13,8 +13,10 @@ from printctl.link.journalled_print import read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.record import JOURNAL, load_record
 from printctl.link.states import LinkState, Status
+from printctl.observe.records import asking_look, read_looks
 from printctl.observe.starting import end_idle_observer, ensure_observer
 from printctl.print_state.actions import refuse_forgotten
+from printctl.printing.journal_facts import read_journal_facts
 from printctl.printing.syringes import usable_mm
 
 _GOING_ON: Final = (LinkState.CONNECTING, LinkState.CHECKING, LinkState.PRINTING)
@@ -31,7 +33,8 @@ def continue_print(
 ) -> Status:
     """Go on with the print in ``folder``; return its status.
 
-    One that is held for looks and whose observer is gone gets another first.
+    One that is held for looks and whose observer is gone gets another first; what its last look has
+    asked is then asked again, and the print stays paused for the answer.
 
     Parameters
     ----------
@@ -79,17 +82,21 @@ def continue_print(
                 )
             return client.status
         change = new_syringe_of(client, syringe, plunger_mm) if changed else None
-        if not awaits_observer(client.status, started):
+        if not awaits_observer(folder, client.status, started):
             client.resume(change, unchanged, unobserved)
         return client.status
 
 
-def awaits_observer(status: Status, started: bool) -> bool:
-    """Whether the look that a print is held for is made by an observer that was ``started`` now.
+def awaits_observer(folder: Path, status: Status, started: bool) -> bool:
+    """Whether a print is held for an observer that was ``started`` now: it isn't to go on yet.
 
-    Its picture would be taken of a print that goes on, with the needle in the view.
+    A look's picture would be taken of a print that goes on, with the needle in the view. And what a
+    look has asked would be lost with the observer that died: the new one asks it again.
     """
-    return started and status.state is LinkState.LOOKING
+    if not started or status.state is LinkState.LOOKING:
+        return started
+    looks = read_looks(folder, read_journal_facts(folder / JOURNAL).started)
+    return not status.waits_for and asking_look(looks, status) is not None
 
 
 def _refuse_unchanged(folder: Path) -> None:

@@ -140,10 +140,19 @@ def finished(order: Order) -> PrintClient | None:
 
 
 def _refuse_interrupted(order: Order) -> None:
+    begun = _journalled_hash(order.folder)
     try:
-        history = resumable(order.folder, order.sha256)
+        history = resumable(order.folder, begun)
     except LinkError:
         return
+    if begun != order.sha256:
+        raise SafetyError(
+            f"the print of another file was interrupted in {order.folder} after at least "
+            f"{history.done} of {history.total} lines, or {order.job.name} (or its recipe) has "
+            "changed since: what was printed lies where the needle would write; make the file as "
+            "it was to go on (`printctl resume`), or give that print up (`printctl give-up "
+            f"{order.folder}`) and clear the dish"
+        )
     raise SafetyError(
         f"the print of {order.job.name} was interrupted in {order.folder} after at least "
         f"{history.done} of {history.total} lines; if the printer kept its power, go on with "

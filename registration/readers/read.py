@@ -74,6 +74,8 @@ def _reader(path: Path) -> Reader:
         raise ScanFileError(f"{path}: no such scan; check the path")
     with path.open("rb") as handle:
         start = handle.read(_START_BYTES + len(hdf5.MAGIC))
+    if not start:
+        raise ScanFileError(f"{path}: is empty; was the disk full, or the device still writing?")
     reader = _by_start(path, start)
     if reader is not None:
         return reader

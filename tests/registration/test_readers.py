@@ -153,6 +153,12 @@ def test_a_stack_cut_within_its_pages_says_so_and_shows_nothing_else(
     assert not caplog.records
 
 
+def test_an_empty_file_is_told_as_that(tmp_path):
+    (tmp_path / "scan.tif").touch()
+    with pytest.raises(ScanFileError, match="is empty"):
+        read_scan(tmp_path / "scan.tif")
+
+
 def test_other_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "s.tif"
     path.write_bytes(b"solid block")

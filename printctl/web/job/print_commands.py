@@ -88,7 +88,7 @@ class PrintCommands:
             if not status.ended:
                 started = ensure_observer(folder)
                 change = new_syringe_of(client, syringe or None, plunger_mm) if changed else None
-                if not awaits_observer(client.status, started):
+                if not awaits_observer(folder, client.status, started):
                     client.resume(change, unchanged)
                 return client.status
         return continue_print(

@@ -5,6 +5,7 @@ import os
 import pytest
 
 from printctl.cli.observe_looks import answer, looks
+from printctl.cli.status import status
 from printctl.errors import UsageError
 from printctl.observe.records import answer_of, look_folder
 from printctl.web.workspace import Workspace
@@ -24,6 +25,8 @@ def test_an_answer_is_taken_once_and_none_when_the_print_went_on(tmp_path, capsy
         said = capsys.readouterr().out
         assert "look 1 asks to" in said
         assert "approve --look 1`" in said
+        status(folder)
+        assert "look 1 asks to" in capsys.readouterr().out
         with pytest.raises(UsageError, match="look 2 isn't the last, which is look 1"):
             answer(folder, "approve", 2)
         assert answer_of(folder, 1) is None
@@ -32,6 +35,8 @@ def test_an_answer_is_taken_once_and_none_when_the_print_went_on(tmp_path, capsy
         said = capsys.readouterr().out
         assert "answered: go_on" in said
         assert "asks to" not in said
+        status(folder)
+        assert "asks to" not in capsys.readouterr().out
         with pytest.raises(UsageError, match="answered before: go_on"):
             answer(folder, "approve")
         (look_folder(folder, 1) / "answer.json").unlink()

@@ -18,7 +18,7 @@ from printctl.link.marks import MarkKind
 from printctl.link.record import JOURNAL, LinkRecord
 from printctl.link.resuming import resumable
 from printctl.link.states import LinkState
-from printctl.observe.records import ORDER, READY
+from printctl.observe.records import ORDER, READY, LookRecord, save_look
 from printctl.observe.starting import ObserverError
 from printctl.print_state.continue_print import continue_print
 from tests.printctl.link.jobs import parse_job
@@ -72,25 +72,30 @@ def test_a_print_without_looks_asks_for_no_observer(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("state", "started", "resumed"),
+    ("state", "started", "asked", "resumed"),
     [
-        (LinkState.LOOKING, True, 0),  # else its picture is of a print that goes on
-        (LinkState.LOOKING, False, 1),
-        (LinkState.PAUSED, True, 1),
+        (LinkState.LOOKING, True, "", 0),  # else its picture is of a print that goes on
+        (LinkState.LOOKING, False, "", 1),
+        (LinkState.PAUSED, True, "", 1),
+        (LinkState.PAUSED, True, "mend", 0),  # else the gap is lost with the observer that died
+        (LinkState.PAUSED, False, "mend", 1),
     ],
 )
 def test_a_new_observer_makes_the_look_that_the_print_is_held_for(
-    tmp_path, monkeypatch, state, started, resumed
+    tmp_path, monkeypatch, state, started, asked, resumed
 ):
-    asked = []
+    said = []
+    waits = "a decision" if state is LinkState.LOOKING else ""
+    look = {"number": 4, "decision": "" if waits else "pause"}
     client = SimpleNamespace(
-        status=SimpleNamespace(state=state, waits_for="a decision", ended=False),
-        resume=lambda *said: asked.append(said),
+        status=SimpleNamespace(state=state, waits_for=waits, ended=False, look=look),
+        resume=lambda *words: said.append(words),
     )
+    save_look(tmp_path, LookRecord(4, 9, 9, "end of layer 1", 1.0, "pause", "1 gap", asked))
     monkeypatch.setattr(module, "attach", lambda _: nullcontext(client))
     monkeypatch.setattr(module, "ensure_observer", lambda _: started)
     assert continue_print(tmp_path) is client.status
-    assert len(asked) == resumed
+    assert len(said) == resumed
 
 
 def test_of_a_print_that_failed_the_way_to_its_rest_is_told(tmp_path):
