@@ -33,7 +33,7 @@ _FEW: Final = 5.0
 _FAKES = 400
 _UNLEARNED = 1.5
 """Where there is no ink to learn from, it may scatter by so much more than its place does."""
-_WINDOWS: Final = (0.5, 1.0, 2.0, 4.0, 8.0)
+WINDOWS: Final = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Tolerated gaps."""
 _ROUNDS: Final = 3
 _RESIDUE: Final = 0.1
@@ -242,7 +242,7 @@ def window_noise(
     least, times = (INK * middle, 1.0) if enough else (-np.inf, _UNLEARNED)
     lengths, spreads, inks = list[float](), list[float](), list[FloatArray]()
     for scattered in (False, True):  # between lines of older ink bath shows in few neighbours
-        for size in _WINDOWS:
+        for size in WINDOWS:
             count = max(1, round(size * gap_mm / step))
             means = window_means(values, good, ways.run, count, scattered)
             ink = means[means > least]
@@ -250,7 +250,7 @@ def window_noise(
                 break
             lengths.append(count * step)
             spread = spread_of(ink, np.inf if even else _PILED)
-            spreads.append(times * spread * (1.0 + _FEW / len(ink)))
+            spreads.append(times * widened(spread, len(ink)))
             inks.append(ink)
         if spreads:
             break
@@ -267,7 +267,7 @@ def _by_size(inks: list[FloatArray], spread: FloatArray, middle: float, bath: fl
     ground, share = max(bath, _GROUND * middle), float(spread[0]) / middle
     for _ in range(_ROUNDS):
         least = ground / share
-        evened = [spread_of(np.arcsinh(ink / least)) * (1.0 + _FEW / len(ink)) for ink in inks]
+        evened = [widened(spread_of(np.arcsinh(ink / least)), len(ink)) for ink in inks]
         share = max(evened[0], 1e-6)
     return BySize(least, np.minimum.accumulate(np.array(evened)))
 
@@ -351,6 +351,11 @@ def _bath_spread(values: FloatArray, step: float, gap_mm: float) -> float:
     """Standard deviation of bath over a tolerated gap; eight places a line."""
     count = min(8, max(1, round(gap_mm / step)))
     return spread_of(values.reshape(-1, 8)[:, :count].mean(axis=1))
+
+
+def widened(spread: float, count: int) -> float:
+    """Return a spread that was measured in so few windows, with the doubt of that."""
+    return spread * (1.0 + _FEW / count)
 
 
 def spread_of(values: FloatArray, most_above: float = np.inf) -> float:

@@ -60,7 +60,11 @@ def standing_ink(
     glints = _near_glints(look, darker)
     for first, last in stretches_of(open_bath, ways.run):
         rows = np.arange(first, last + 1)
-        for part in np.array_split(rows, max(1, round(len(rows) / TOGETHER))):
+        parts = np.array_split(rows, max(1, round(len(rows) / TOGETHER)))
+        if older is None and own is None and not glints[rows].any():
+            out[rows] = _all_alike(np.array([both[part].mean(axis=0) for part in parts]), spread)
+            continue
+        for part in parts:
             mean, least = level[part].mean(axis=0), both[part].mean(axis=0)
             clear = not glints[part].any()
             for kind, value in ((older, mean if clear else least), (own, least)):
@@ -113,6 +117,13 @@ def _own_level(look: SeenLayer, why: IntArray, level: FloatArray) -> FloatArray 
     """Level of the look's own sure ink over the bath, (c,); None where there is too little."""
     sure = (why == Unseen.SEEN) & ~look.over_old & (look.present > INK)
     return np.median(level[sure], axis=0) if sure.sum() >= _FEWEST_OWN else None
+
+
+def _all_alike(least: FloatArray, spread: FloatArray) -> bool:
+    """Whether all parts of a line (k, c) stand out, each as the others do."""
+    usual = np.median(least, axis=0)
+    stand = np.abs(least / spread).max(axis=1) > STANDS_OUT
+    return bool(stand.all() and all(_is_alike(one, usual) for one in least))
 
 
 def _is_alike(level: FloatArray, older: FloatArray) -> bool:

@@ -30,6 +30,7 @@ from registration.layer_images.presence import (
     window_noise,
     without_lows,
 )
+from registration.layer_images.short_lines import SHORT, short_noise
 from registration.layer_images.strange import grown, strange_places, strangeness, unlike_bath
 from registration.layer_images.values import (
     Appearance,
@@ -46,7 +47,8 @@ _MOST_SATURATED = 0.3
 """Of the lines: more, and it is the ink that is saturated."""
 _INK_SATURATED, _MORE_OFTEN = 0.05, 4.0
 """Share of the lines, and how many times that of the bath: then it is bright ink, not glare."""
-_FEWEST = 20
+_FEWEST = 10
+_PLENTY_SEEN = 20
 _PLENTY = 15.0
 """A contrast from which on no other mix of the channels is tried."""
 _OWN_LOOK = 0.3
@@ -272,11 +274,16 @@ def _sureness(
             by_size=ground.work.flanks_lost and template.filled,
         )  # fmt: skip
 
-    noise = scatter(good)
+    noise, way_mm = scatter(good), float(ways.step[good].sum())
+    needed = ground.rate / max(1.0, way_mm / ground.gap_mm)
+    sure = noise is not None and noise.can_tell(ground.gap_mm, needed)
+    long_mm = LONG * ground.gap_mm
+    if not sure and template.filled and bath is not None and way_mm < SHORT * ground.gap_mm:
+        noise = short_noise(present, good, ways, bath, ground.gap_mm) or noise
+        long_mm = max(2.0 * ground.gap_mm, min(long_mm, 0.5 * way_mm))
     if noise is None:
         return None, 0.0, True
     contrast = noise.contrast(ground.gap_mm)
-    needed = ground.rate / max(1.0, float(ways.step[good].sum()) / ground.gap_mm)
     if noise.can_tell(ground.gap_mm, needed):
         return noise, contrast, False
     if template.one_sided or template.by_edges:
@@ -285,7 +292,7 @@ def _sureness(
         sure = without_lows(present, good, ways, noise.middle, 0.5 * LONG * ground.gap_mm)
         long = replace(scatter(sure) or noise, bath_long=over_long())
         noise = long.at_least(rougher(present, good, ways, bath, ground.gap_mm))
-    return (noise if noise.can_tell(LONG * ground.gap_mm, needed) else None), contrast, True
+    return (noise if noise.can_tell(long_mm, needed) else None), contrast, True
 
 
 def _alone(ways: Ways, use: BoolArray) -> BoolArray:
@@ -303,7 +310,7 @@ def _unlearned(angle: FloatArray, present: FloatArray) -> BoolArray:
     sector = np.floor((angle + np.pi) / (2 * np.pi) * _SECTORS).astype(np.int64) % _SECTORS
     number = np.bincount(sector, minlength=_SECTORS)
     ink = np.bincount(sector, weights=present > INK, minlength=_SECTORS)
-    return np.asarray((ink < _LEAST_INK * np.maximum(number, _FEWEST))[sector])
+    return np.asarray((ink < _LEAST_INK * np.maximum(number, _PLENTY_SEEN))[sector])
 
 
 def differs_enough(told: Told, bath: Told | None) -> bool:
