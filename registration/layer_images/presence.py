@@ -24,6 +24,8 @@ INK: Final = 0.5
 """Presence above which there is ink."""
 _SIDE = 0.15
 """Of a width: nearer than that to an edge a side isn't clear bath."""
+_RIM_PX: Final = 2.0
+"""Working pixels, by which a line that is drawn may be wider to a side than it is."""
 _TAILS: Final = (0.02, 0.005)
 _PILED: Final = 1.5
 """Times the scatter below the middle, that the one above counts for at most."""
@@ -55,11 +57,15 @@ class Sides:
     def of(seen: Seen, ways: Ways, lines: Mask, px_per_mm: float) -> Sides:
         """Look it up in a mask of all expected ink."""
         drawn = seen.profiles(lines, ways.width[:, None] * ACROSS, nearest=True) > 0
-        begin = 0.5 + np.maximum(0.1, 1.2 / (px_per_mm * ways.width))
+        px = 1.0 / (px_per_mm * ways.width)
+        begin, rim = 0.5 + np.maximum(0.1, 1.2 * px), 0.5 + np.maximum(0.1, _RIM_PX * px)
         sides = []
-        for way in (1.0, -1.0):
-            u = way * ACROSS
-            taken = drawn & (u > begin[:, None])
+        for way in (1, -1):
+            u, ink = ACROSS[::way] * way, drawn[:, ::way]
+            own = np.logical_and.accumulate(ink[:, len(u) // 2 :], axis=1)
+            ends = own.sum(axis=1) * float(u[-1] - u[-2]) < rim  # another's ink would go on
+            taken = ink & (u > begin[:, None])
+            taken[:, len(u) // 2 :] &= ~(own & ends[:, None])
             sides.append(np.where(taken, u, 1.5).min(axis=1))
         return Sides(sides[0], sides[1])
 
