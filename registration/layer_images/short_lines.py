@@ -58,14 +58,12 @@ def short_noise(
     middle, step = float(np.median(present[ink])), float(np.median(ways.step))
     lines = bath.reshape(-1, _TOGETHER)
     lengths, spreads = list[float](), list[float]()
-    own = np.inf
+    own = widened(spread_of(present[ink]), int(ink.sum()))
     for size in WINDOWS:
         count = max(1, round(size * gap_mm / step))
         means = window_means(present, ink, ways.run, count, scattered=False)
         if len(means) >= _FEWEST:
             own = min(own, widened(spread_of(means), len(means)))
-        elif not spreads:
-            return None
         beside = spread_of(lines[:, :count].mean(axis=1))
         lengths.append(count * step)
         spreads.append(max(own, _OF_BATH * beside, _EVENEST * middle))
@@ -85,7 +83,7 @@ def _clear_of_bare(
     if not ink.any():
         return ink
     bare = good & (around < INK * float(np.median(present[ink])))
-    reach = max(1, round((0.5 * gap_mm + _RIM * float(np.median(ways.width))) / step))
+    reach = max(1, round(_RIM * float(np.median(ways.width)) / step))
     near = bare.copy()
     for by in range(1, reach + 1):
         near[by:] |= bare[:-by] & (ways.run[by:] == ways.run[:-by])
