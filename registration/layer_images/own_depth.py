@@ -7,6 +7,8 @@ seen from above, relative to what the whole volume usually sends back from that 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -21,7 +23,7 @@ from registration.layer_images.height import (
     speckle_less,
 )
 from registration.layer_images.unmeasured import unmeasured_scans
-from registration.layer_images.values import ExpectedLines, FloatArray, FloatImage
+from registration.layer_images.values import BoolArray, ExpectedLines, FloatArray, FloatImage
 from registration.scan import Scan
 
 _STEP_MM: Final = 0.05
@@ -39,6 +41,65 @@ _MOST: Final = 400
 """And about as many are enough."""
 
 
+@dataclass(frozen=True)
+class ScanByDepth:
+    """A volume relative to what it usually sends back from each depth.
+
+    Attributes
+    ----------
+    planes : (depth, rows, columns) float32
+        Without speckle; 1 is usual.
+    unmeasured : (rows, columns) bool
+    """
+
+    planes: FloatImage
+    unmeasured: BoolArray
+
+    @staticmethod
+    def of(scan: Scan) -> ScanByDepth:
+        """Divide each depth by its usual value."""
+        unmeasured = unmeasured_scans(scan.volume)
+        planes = speckle_less(scan.volume, scan.scale, unmeasured)
+        usual = np.array([np.median(one[~unmeasured]) for one in planes]) if planes.size else 1.0
+        planes /= np.maximum(usual, 1e-6 * float(np.max(usual)) + 1e-12)[:, None, None].astype("f4")
+        return ScanByDepth(planes, unmeasured)
+
+    def along(
+        self,
+        frame: HeightFrame,
+        place: FloatArray,
+        width: FloatArray,
+        turn: Callable[[FloatImage], FloatImage] = np.asarray,
+    ) -> tuple[FloatImage, FloatArray]:
+        """Average each column at the depth of the filament place (n, 3), mm, next to it.
+
+        Return that, NaN where nothing was measured, and the depths, voxels, (rows, columns). The
+        volume may be turned first, each plane by ``turn``.
+        """
+        unmeasured = turn(self.unmeasured)
+        column, row = np.meshgrid(*(np.arange(count) for count in unmeasured.shape[::-1]))
+        at = np.column_stack([column.ravel(), row.ravel()])
+        near = cKDTree(frame.to_pixels(place)).query(at)[1].reshape(column.shape)
+        level = depth_of(frame, place[near, 2], (len(self.planes), *unmeasured.shape))
+        half = 0.5 * _HEIGHT * width[near] * abs(float(frame.matrix[2, 2]))
+        planes = [turn(one) for one in self.planes]
+        slab = slab_mean(planes, level, np.maximum(half, _LEAST_HALF))
+        slab[unmeasured] = np.nan
+        return slab, level
+
+
+def turned_map(
+    by_depth: ScanByDepth,
+    frame: HeightFrame,
+    lines: ExpectedLines,
+    use: BoolArray,
+    turn: Callable[[FloatImage], FloatImage],
+) -> FloatImage:
+    """Return the logarithm along lines ``use`` (n,) as they lie in a turned scan, (rows, columns)."""
+    slab, _ = by_depth.along(frame, *_places(lines, use), turn)
+    return np.asarray(np.log(slab + np.float32(FLOOR)))
+
+
 def filament_map(scan: Scan, frame: HeightFrame, lines: ExpectedLines) -> FloatImage:
     """Return a picture (rows, columns, 1) for `see_layer`: logarithm, by the usual at that depth.
 
@@ -50,18 +111,8 @@ def filament_map(scan: Scan, frame: HeightFrame, lines: ExpectedLines) -> FloatI
     lines : ExpectedLines
         Those written last (``fresh``) are followed.
     """
-    unmeasured = unmeasured_scans(scan.volume)
-    volume = speckle_less(scan.volume, scan.scale, unmeasured)
-    usual = np.array([np.median(one[~unmeasured]) for one in volume]) if volume.size else 1.0
-    volume /= np.maximum(usual, 1e-6 * float(np.max(usual)) + 1e-12)[:, None, None].astype("f4")
-    place, width = _places(lines)
-    column, row = np.meshgrid(np.arange(volume.shape[2]), np.arange(volume.shape[1]))
-    at = np.column_stack([column.ravel(), row.ravel()])
-    near = cKDTree(frame.to_pixels(place)).query(at)[1].reshape(column.shape)
-    level = depth_of(frame, place[near, 2], volume.shape)
-    half = 0.5 * _HEIGHT * width[near] * abs(float(frame.matrix[2, 2]))
-    slab = slab_mean(volume, level, np.maximum(half, _LEAST_HALF))
-    slab[unmeasured] = np.nan
+    place, width = _places(lines, lines.fresh)
+    slab, level = ScanByDepth.of(scan).along(frame, place, width)
     floor = np.float32(FLOOR) * _ink_level(slab, level, frame.to_pixels(place))
     floor = np.maximum(floor, np.float32(_LEAST_FLOOR))
     return np.log((slab + floor) / (1 + floor))[:, :, None]
@@ -87,9 +138,9 @@ def _ink_level(slab: FloatImage, level: FloatArray, at: FloatArray) -> FloatImag
     return np.exp(begin + slope * known).astype(np.float32)
 
 
-def _places(lines: ExpectedLines) -> tuple[FloatArray, FloatArray]:
-    """Places (n, 3) along fresh lines, mm, and their widths, (n,)."""
-    rows = np.flatnonzero(lines.fresh)
+def _places(lines: ExpectedLines, use: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Places (n, 3) along lines ``use``, mm, and their widths, (n,)."""
+    rows = np.flatnonzero(use)
     length = np.linalg.norm((lines.end - lines.start)[rows], axis=1)
     count = np.maximum(2, np.ceil(length / _STEP_MM).astype(np.int64) + 1)
     own = np.repeat(rows, count)
