@@ -108,7 +108,8 @@ def better_turned(
     here = fit(ink)
     sign = max(here, key=lambda one: here[one][0])
     as_it_is = here[sign][0]
-    signs = (sign,) if as_it_is > _SIGN else (1, -1)
+    # Where lines are followed in depth, a sound scan fits by its own sign far better than by chance.
+    signs = (sign,) if as_it_is > _SIGN and by_depth is None else (1, -1)
     turns = {name: fit(shown(turn)) for name, turn in _TURNS.items()}
     fits = {name: max(found[one][0] for one in signs) for name, found in turns.items()}
     more = round((_FAR_MM - _REACH_MM) * px_per_mm / shrink)
