@@ -16,12 +16,13 @@ import cv2
 import numpy as np
 
 from registration.layer_images.height import HeightFrame
-from registration.layer_images.own_depth import ScanByDepth, turned_map
+from registration.layer_images.own_depth import ScanByDepth, TurnedMaps
 from registration.layer_images.values import (
     BoolArray,
     ExpectedLines,
     FloatArray,
     FloatImage,
+    Frame,
 )
 from registration.layer_images.working import drawn_lines
 from registration.scan import Scan
@@ -50,7 +51,7 @@ _TURNS: Final[Mapping[str, Callable[[FloatImage], FloatImage]]] = {
 
 
 def better_turned(
-    picture: FloatImage, frame: HeightFrame, lines: ExpectedLines, scan: Scan | None = None
+    picture: FloatImage, frame: Frame, lines: ExpectedLines, scan: Scan | None = None
 ) -> str | None:
     """Return how a picture fits its lines clearly better; None where it fits as it is.
 
@@ -72,12 +73,12 @@ def better_turned(
     flat = np.linalg.norm((lines.end - lines.start)[rows, :2], axis=1)
     px_per_mm = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() / max(flat.sum(), 1e-9)
     shrink = max(1.0, float(np.sqrt(picture[:, :, 0].size / _PIXELS)))
-    by_depth = None if scan is None else ScanByDepth.of(scan)
+    maps = None
+    if scan is not None and isinstance(frame, HeightFrame):
+        maps = TurnedMaps(ScanByDepth.of(scan), frame, lines, rows)
 
     def shown(turn: Callable[[FloatImage], FloatImage]) -> FloatImage:
-        if by_depth is None:
-            return turn(flat_ink)
-        return _shrunk(turned_map(by_depth, frame, lines, rows, turn), shrink)
+        return turn(flat_ink) if maps is None else _shrunk(maps.of(turn), shrink)
 
     flat_ink = _shrunk(picture[:, :, 0], shrink)
     ink = shown(np.asarray)
@@ -109,11 +110,11 @@ def better_turned(
     sign = max(here, key=lambda one: here[one][0])
     as_it_is = here[sign][0]
     # Where lines are followed in depth, a sound scan fits by its own sign far better than by chance.
-    signs = (sign,) if as_it_is > _SIGN and by_depth is None else (1, -1)
+    signs = (sign,) if as_it_is > _SIGN and maps is None else (1, -1)
     turns = {name: fit(shown(turn)) for name, turn in _TURNS.items()}
     fits = {name: max(found[one][0] for one in signs) for name, found in turns.items()}
     more = round((_FAR_MM - _REACH_MM) * px_per_mm / shrink)
-    moved = [fit(one, more) for one in (ink, flat_ink)[: 1 if by_depth is None else 2]]
+    moved = [fit(one, more) for one in (ink, flat_ink)[: 1 if maps is None else 2]]
     far, off_px = max((one[each] for one in moved for each in signs), key=lambda found: found[0])
     best = max(fits, key=lambda name: fits[name])
     needed = max(_FITS, as_it_is + _BETTER)
@@ -122,7 +123,7 @@ def better_turned(
     return best if fits[best] > needed else None
 
 
-def _moved_words(off_px: FloatArray, frame: HeightFrame, lines: ExpectedLines) -> str:
+def _moved_words(off_px: FloatArray, frame: Frame, lines: ExpectedLines) -> str:
     """By how much the layer lies beside its place, by the printer's axes."""
     middle = lines.start[lines.fresh].mean(axis=0)
     places = middle + np.vstack([np.zeros(3), np.eye(3)[:2]])

@@ -8,10 +8,11 @@ seen from above, relative to what the whole volume usually sends back from that 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, field
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import siegelslopes
 
@@ -64,40 +65,60 @@ class ScanByDepth:
         planes /= np.maximum(usual, 1e-6 * float(np.max(usual)) + 1e-12)[:, None, None].astype("f4")
         return ScanByDepth(planes, unmeasured)
 
-    def along(
-        self,
-        frame: HeightFrame,
-        place: FloatArray,
-        width: FloatArray,
-        turn: Callable[[FloatImage], FloatImage] = np.asarray,
-    ) -> tuple[FloatImage, FloatArray]:
-        """Average each column at the depth of the filament place (n, 3), mm, next to it.
+    def depths(
+        self, frame: HeightFrame, place: FloatArray, width: FloatArray, shape: tuple[int, ...]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return depths of filaments, and half of the heights to average over, (rows, columns).
 
-        Return that, NaN where nothing was measured, and the depths, voxels, (rows, columns). The
-        volume may be turned first, each plane by ``turn``.
+        In voxels, of the filament place (n, 3), mm, next to each column of a picture of ``shape``.
         """
-        unmeasured = turn(self.unmeasured)
-        column, row = np.meshgrid(*(np.arange(count) for count in unmeasured.shape[::-1]))
+        column, row = np.meshgrid(*(np.arange(count) for count in shape[::-1]))
         at = np.column_stack([column.ravel(), row.ravel()])
         near = cKDTree(frame.to_pixels(place)).query(at)[1].reshape(column.shape)
-        level = depth_of(frame, place[near, 2], (len(self.planes), *unmeasured.shape))
+        level = depth_of(frame, place[near, 2], (len(self.planes), *shape))
         half = 0.5 * _HEIGHT * width[near] * abs(float(frame.matrix[2, 2]))
-        planes = [turn(one) for one in self.planes]
-        slab = slab_mean(planes, level, np.maximum(half, _LEAST_HALF))
-        slab[unmeasured] = np.nan
-        return slab, level
+        return level, np.maximum(half, _LEAST_HALF)
+
+    def along(
+        self,
+        level: FloatArray,
+        half: FloatArray,
+        turn: Callable[[NDArray[Any]], NDArray[Any]] = np.asarray,
+    ) -> FloatImage:
+        """Average each column, turned first, at ``depths``; NaN where nothing was measured."""
+        slab = slab_mean([turn(one) for one in self.planes], level, half)
+        slab[turn(self.unmeasured)] = np.nan
+        return slab
 
 
-def turned_map(
-    by_depth: ScanByDepth,
-    frame: HeightFrame,
-    lines: ExpectedLines,
-    use: BoolArray,
-    turn: Callable[[FloatImage], FloatImage],
-) -> FloatImage:
-    """Return the logarithm along lines ``use`` (n,) as they lie in a turned scan, (rows, columns)."""
-    slab, _ = by_depth.along(frame, *_places(lines, use), turn)
-    return np.asarray(np.log(slab + np.float32(FLOOR)))
+@dataclass(frozen=True)
+class TurnedMaps:
+    """Pictures of filaments as they would lie in a turned scan.
+
+    Attributes
+    ----------
+    by_depth : ScanByDepth
+    frame : HeightFrame
+    lines : ExpectedLines
+    use : (n,) bool
+        Which of them are followed.
+    """
+
+    by_depth: ScanByDepth
+    frame: HeightFrame
+    lines: ExpectedLines
+    use: BoolArray
+    _depths: dict[tuple[int, ...], tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+
+    def of(self, turn: Callable[[NDArray[Any]], NDArray[Any]]) -> FloatImage:
+        """Return the logarithm at each filament's own depth, (rows, columns)."""
+        shape = turn(self.by_depth.unmeasured).shape
+        if shape not in self._depths:
+            place, width = _places(self.lines, self.use)
+            self._depths[shape] = self.by_depth.depths(self.frame, place, width, shape)
+        return np.asarray(
+            np.log(self.by_depth.along(*self._depths[shape], turn) + np.float32(FLOOR))
+        )
 
 
 def filament_map(scan: Scan, frame: HeightFrame, lines: ExpectedLines) -> FloatImage:
@@ -112,7 +133,9 @@ def filament_map(scan: Scan, frame: HeightFrame, lines: ExpectedLines) -> FloatI
         Those written last (``fresh``) are followed.
     """
     place, width = _places(lines, lines.fresh)
-    slab, level = ScanByDepth.of(scan).along(frame, place, width)
+    by_depth = ScanByDepth.of(scan)
+    level, half = by_depth.depths(frame, place, width, by_depth.unmeasured.shape)
+    slab = by_depth.along(level, half)
     floor = np.float32(FLOOR) * _ink_level(slab, level, frame.to_pixels(place))
     floor = np.maximum(floor, np.float32(_LEAST_FLOOR))
     return np.log((slab + floor) / (1 + floor))[:, :, None]

@@ -73,9 +73,7 @@ def short_noise(
     )
 
 
-def _clear_of_bare(
-    present: FloatArray, good: BoolArray, ways: Ways, gap_mm: float
-) -> BoolArray:
+def _clear_of_bare(present: FloatArray, good: BoolArray, ways: Ways, gap_mm: float) -> BoolArray:
     """Good places with ink, away from what looks bare over a tolerated gap, (n,)."""
     step = float(np.median(ways.step))
     around = averaged(present, good, ways.run, max(1, round(gap_mm / step)) | 1)

@@ -132,7 +132,8 @@ def _stands_throughout(
 
     Where no other ink is known every part of it must show what most of it shows.
     """
-    mean, least = (uniform_filter1d(one, TOGETHER, axis=0)[_inner(len(one))] for one in (level, both))
+    inner = _inner(len(level))
+    mean, least = (uniform_filter1d(one, TOGETHER, axis=0)[inner] for one in (level, both))
     usual = np.median(least, axis=0) if older is None and own is None else None
     kinds = ((older, mean), (own, least), (usual, least))
     return any(

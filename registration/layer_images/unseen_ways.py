@@ -35,10 +35,11 @@ def unseen_ways(
 ) -> tuple[Gap, ...]:
     """Return stretches longer than ``longest_mm`` in which ink might be missing untold.
 
-    Of vessels shorter than twice that half counts. They have the form of gaps, with p-values of 1. Ink that is too faint for a tolerated gap, but
-    not for one of that length, isn't told of here, nor is what plainly shows older filaments' ink.
-    Shorter ones count where ink doesn't show, and only what lies around keeps them from being gaps,
-    and where a glint or another thing hides what lies beside a found gap.
+    Of vessels shorter than twice that half counts. They have the form of gaps, with p-values of 1.
+    Ink that is too faint for a tolerated gap, but not for one of that length, isn't told of here,
+    nor is what plainly shows older filaments' ink. Shorter ones count where ink doesn't show, and
+    only what lies around keeps them from being gaps, and where a glint or another thing hides what
+    lies beside a found gap.
 
     Parameters
     ----------
