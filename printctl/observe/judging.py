@@ -115,7 +115,8 @@ def evidence_of(
     thin = _thin(findings, ink, layer, section)
     if again is not None:
         thin = seen_twice(thin, _thin(again, ink, layer, section))
-    shift, u = shift_of(findings)
+    # A first picture that tells nothing doesn't tell the place either.
+    shift, u = shift_of(again if again is not None and findings.seen_share <= 0 else findings)
     return Evidence(
         places=findings.places,
         gaps=gaps_of_job(findings.gaps, layer.mended),

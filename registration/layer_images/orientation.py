@@ -109,7 +109,7 @@ def better_turned(
     here = fit(ink)
     sign = max(here, key=lambda one: here[one][0])
     as_it_is = here[sign][0]
-    # Where lines are followed in depth, a sound scan fits by its own sign far better than by chance.
+    # Lines followed in depth fit by their own sign far better than by chance.
     signs = (sign,) if as_it_is > _SIGN and maps is None else (1, -1)
     turns = {name: fit(shown(turn)) for name, turn in _TURNS.items()}
     fits = {name: max(found[one][0] for one in signs) for name, found in turns.items()}
