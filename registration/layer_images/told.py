@@ -68,8 +68,7 @@ _MORE_SEEN = 1.5
 _SHOWN = 0.5
 """Of its known level, below which lines aren't what ink looks like."""
 _EVEN = 0.05
-"""Least scatter of what lies beside lines in a map of heights, thicknesses, cut off below the
-layer: the foot of a line would else count as a strange thing."""
+"""Least scatter, thicknesses, of what lies beside lines of a height map: cut off, it has none."""
 
 
 @dataclass(frozen=True)
