@@ -14,6 +14,9 @@ _SHOWN: Final = 0.5
 """Of a layer's way, with ink at its shifted place, for that to be its place."""
 _ALL: Final = 0.8
 """The same, for none of its ink to be missing."""
+_WHOLE: Final = 0.95
+_MORE: Final = 0.5
+"""Of the tolerance: so much more ink, mm, at a moved place says that it lies there."""
 
 
 def seen_where_ink_shows(
@@ -27,7 +30,9 @@ def seen_where_ink_shows(
     Where most of a layer is missing, its lines fit older ones beside them as well as their own
     place, and gaps would be told of bath where none should be written. What lies within tolerance
     would show in the bath between older lines, if it lay there. A lone line whose end is missing
-    fits best moved along itself: a move that isn't sure excuses no missing ink. Where no older line
+    fits best moved along itself: a move that isn't sure excuses no missing ink. Ink as long as it
+    should be, more of which shows at the moved place, lies there: a gap makes it shorter, a move
+    along itself doesn't. Where no older line
     lies there (``lone``), nearly all of the ink shows at a moved place, and less than half within
     tolerance, none is missing: it lies aside. Such a place is looked for twice as far as others.
     """
@@ -37,8 +42,17 @@ def seen_where_ink_shows(
     if not unsure and findings.coverage >= _SHOWN:
         return findings
     within = see(replace(options, shift_mm=tolerated_mm))
+    whole = not findings.gaps and findings.coverage > _WHOLE
+    if unsure and whole and _ink_mm(findings) - _ink_mm(within) > _MORE * tolerated_mm:
+        return replace(findings, aside=True)
     if lone and not within.coverage >= _SHOWN:
         for one in (findings, see(replace(options, shift_mm=2 * options.shift_mm))):
             if one.seen_share * one.coverage > _ALL and shift_of(one)[0] > tolerated_mm:
                 return replace(one, aside=True)
     return within
+
+
+def _ink_mm(findings: LayerFindings) -> float:
+    """Way that shows ink."""
+    stations = findings.stations
+    return float((stations.length_mm * stations.present)[stations.seen].sum())

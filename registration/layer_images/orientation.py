@@ -113,9 +113,10 @@ def better_turned(
     signs = (sign,) if as_it_is > _SIGN and maps is None else (1, -1)
     turns = {name: fit(shown(turn)) for name, turn in _TURNS.items()}
     fits = {name: max(found[one][0] for one in signs) for name, found in turns.items()}
-    more = round((_FAR_MM - _REACH_MM) * px_per_mm / shrink)
-    moved = [fit(one, more) for one in (ink, flat_ink)[: 1 if maps is None else 2]]
-    far, off_px = max((one[each] for one in moved for each in signs), key=lambda found: found[0])
+    flat = here if maps is None else fit(flat_ink)  # what lies far off shows at no one's depth
+    own = tuple(one for one in signs if maps is None or flat[one][0] >= flat[-one][0])
+    moved = fit(flat_ink, round((_FAR_MM - _REACH_MM) * px_per_mm / shrink))
+    far, off_px = max((moved[one] for one in own), key=lambda found: found[0])
     best = max(fits, key=lambda name: fits[name])
     needed = max(_FITS, as_it_is + _BETTER)
     if far > max(needed, fits[best] - _BETTER):
