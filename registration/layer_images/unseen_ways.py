@@ -19,6 +19,8 @@ _LACKING: Final = 1.25
 """The same where bath shows beside what hides the rest, as at a joint with older ink."""
 _SHORT: Final = 0.5
 """Of a vessel, of which no more may go untold, however short it is."""
+_LEAST: Final = 0.2
+"""Of the longest stretch that may go untold in any case: whoever lets pass more isn't asked."""
 _HIDING: Final = (Unseen.GLARE, Unseen.HIDDEN)
 _SEEN_MM: Final = 0.3
 """A seen stretch that is shorter, between two that aren't, doesn't part them."""
@@ -106,7 +108,8 @@ def _most_untold(ways: Ways, gap_mm: float, longest_mm: float) -> FloatArray:
     for stroke in np.unique(ways.stroke):
         own = ways.stroke == stroke
         whole[own] = float((ways.along + 0.5 * ways.step)[own].max())
-    return np.clip(_SHORT * whole, min(2.0 * gap_mm, longest_mm), longest_mm)
+    least = min(max(2.0 * gap_mm, _LEAST * longest_mm), longest_mm)
+    return np.clip(_SHORT * whole, least, longest_mm)
 
 
 def _told_when_long(look: SeenLayer, why: IntArray, most_mm: FloatArray, rate: float) -> BoolArray:

@@ -127,6 +127,7 @@ def test_half_of_a_short_filament_may_not_go_untold(bare: tuple[float, float]) -
     faint: Piece = (2.5, 3.0, 3.4, 3.05, 0.35, 0.1)
     found = _seen([faint], [0], [True], bare, rough=0.12, unseen_mm=1.5)
     assert [one.stroke for one in found.unseen] == [0]
+    assert _seen([faint], [0], [True], bare, rough=0.12, unseen_mm=10.0).unseen == ()
 
 
 def test_a_gap_is_not_lost_between_two_parts_that_stand_out() -> None:
