@@ -75,10 +75,10 @@ def better_turned(
     shrink = max(1.0, float(np.sqrt(picture[:, :, 0].size / _PIXELS)))
     maps = None
     if scan is not None and isinstance(frame, HeightFrame):
-        maps = TurnedMaps(ScanByDepth.of(scan), frame, lines, rows)
+        maps = TurnedMaps(*ScanByDepth.of(scan).smaller(shrink, frame), lines, rows)
 
     def shown(turn: Callable[[FloatImage], FloatImage]) -> FloatImage:
-        return turn(flat_ink) if maps is None else _shrunk(maps.of(turn), shrink)
+        return turn(flat_ink) if maps is None else _shrunk(maps.of(turn), 1.0)
 
     flat_ink = _shrunk(picture[:, :, 0], shrink)
     ink = shown(np.asarray)

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -64,6 +65,17 @@ class ScanByDepth:
         usual = np.array([np.median(one[~unmeasured]) for one in planes]) if planes.size else 1.0
         planes /= np.maximum(usual, 1e-6 * float(np.max(usual)) + 1e-12)[:, None, None].astype("f4")
         return ScanByDepth(planes, unmeasured)
+
+    def smaller(self, by: float, frame: HeightFrame) -> tuple[ScanByDepth, HeightFrame]:
+        """Return it with so many times fewer rows and columns, and the frame for those."""
+        rows, columns = self.unmeasured.shape
+        size = (max(1, round(columns / by)), max(1, round(rows / by)))
+        planes = [cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in self.planes]
+        share = cv2.resize(self.unmeasured.astype("f4"), size, interpolation=cv2.INTER_AREA)
+        ratio = np.array([size[0] / columns, size[1] / rows, 1.0, 1.0])
+        matrix = np.diag(ratio) @ frame.matrix
+        matrix[:2, 3] += 0.5 * ratio[:2] - 0.5
+        return ScanByDepth(np.stack(planes), np.asarray(share > 0.5)), HeightFrame(matrix)
 
     def depths(
         self, frame: HeightFrame, place: FloatArray, width: FloatArray, shape: tuple[int, ...]
