@@ -151,7 +151,7 @@ def open_view(
             np.asarray(scan.volume[::step]),
             ScanSize.of(scan, to_scan),
             filaments=filaments,
-            scan=scan if order.embedded else None,
+            scan=None if filaments is None else scan,
         )
     image, frame = read_picture(path), camera_frame(order)
     if isinstance(frame, CameraFrame):
