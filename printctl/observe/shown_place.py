@@ -42,9 +42,9 @@ def seen_where_ink_shows(
     if not unsure and findings.coverage >= _SHOWN:
         return findings
     within = see(replace(options, shift_mm=tolerated_mm))
-    if unsure and findings.coverage > _WHOLE and not findings.gaps:
-        if _ink_mm(findings) - _ink_mm(within) > _MORE * tolerated_mm:
-            return replace(findings, aside=True)
+    whole = unsure and findings.coverage > _WHOLE and not findings.gaps
+    if whole and _ink_mm(findings) - _ink_mm(within) > _MORE * tolerated_mm:
+        return replace(findings, aside=True)
     if lone and not within.coverage >= _SHOWN:
         for one in (findings, see(replace(options, shift_mm=2 * options.shift_mm))):
             if one.seen_share * one.coverage > _ALL and shift_of(one)[0] > tolerated_mm:
