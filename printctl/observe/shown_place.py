@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from printctl.observe.deciding.evidence import SURE
 from printctl.observe.judging import shift_of
 from registration.layer_images import LayerFindings, SeeingOptions
@@ -31,10 +33,10 @@ def seen_where_ink_shows(
     place, and gaps would be told of bath where none should be written. What lies within tolerance
     would show in the bath between older lines, if it lay there. A lone line whose end is missing
     fits best moved along itself: a move that isn't sure excuses no missing ink. Ink as long as it
-    should be, more of which shows at the moved place, lies there: a gap makes it shorter, a move
-    along itself doesn't. Where no older line
-    lies there (``lone``), nearly all of the ink shows at a moved place, and less than half within
-    tolerance, none is missing: it lies aside. Such a place is looked for twice as far as others.
+    should be, more of whose ends show at the moved place, lies there: a gap makes it shorter, a
+    move along itself doesn't. Where no older line lies there (``lone``), nearly all of the ink
+    shows at a moved place, and less than half within tolerance, none is missing: it lies aside.
+    Such a place is looked for twice as far as others.
     """
     findings = see(options)
     moved_mm, u_mm = shift_of(findings)
@@ -43,8 +45,10 @@ def seen_where_ink_shows(
         return findings
     within = see(replace(options, shift_mm=tolerated_mm))
     whole = unsure and findings.coverage > _WHOLE and not findings.gaps
-    if whole and _ink_mm(findings) - _ink_mm(within) > _MORE * tolerated_mm:
-        return replace(findings, aside=True)
+    if whole:
+        ink_mm = [_at_ends_mm(one, 2 * moved_mm) for one in (findings, within)]
+        if ink_mm[0] - ink_mm[1] > _MORE * tolerated_mm:
+            return replace(findings, aside=True)
     if lone and not within.coverage >= _SHOWN:
         for one in (findings, see(replace(options, shift_mm=2 * options.shift_mm))):
             if one.seen_share * one.coverage > _ALL and shift_of(one)[0] > tolerated_mm:
@@ -52,7 +56,14 @@ def seen_where_ink_shows(
     return within
 
 
-def _ink_mm(findings: LayerFindings) -> float:
-    """Way that shows ink."""
+def _at_ends_mm(findings: LayerFindings, reach_mm: float) -> float:
+    """Way with ink so near to strokes' ends, mm, of a stroke in the mean."""
     stations = findings.stations
-    return float((stations.length_mm * stations.present)[stations.seen].sum())
+    strokes, ink_mm = np.unique(stations.stroke), 0.0
+    for stroke in strokes:
+        own = (stations.stroke == stroke) & stations.seen
+        along = stations.along_mm[stations.stroke == stroke]
+        at = stations.along_mm[own]
+        near = (at < along.min() + reach_mm) | (at > along.max() - reach_mm)
+        ink_mm += float((stations.length_mm * stations.present)[own][near].sum())
+    return ink_mm / len(strokes)

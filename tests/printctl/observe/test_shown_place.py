@@ -27,9 +27,13 @@ class Found:
 
     @property
     def stations(self) -> SimpleNamespace:
-        """One that stands for all."""
-        seen = np.array([True])
-        return SimpleNamespace(length_mm=1.0 * seen, present=self.ink_mm * seen, seen=seen)
+        """Ten of 0.2 mm; the last one lacks what isn't there."""
+        one = np.ones(10)
+        present = np.append(one[1:], 1.0 - (2.0 - self.ink_mm) / 0.2)
+        return SimpleNamespace(
+            stroke=0 * one, along_mm=0.2 * np.arange(10), length_mm=0.2 * one, present=present,
+            seen=one > 0,
+        )  # fmt: skip
 
 
 def looked(
