@@ -108,10 +108,10 @@ def unseen_paths(
     """
     bare = set.intersection(*(set(one.bare) for one in each))
     first, second = each[0], each[-1]
-    unseen = [one for one in first.unseen if second is first or not second.stations.tell(one)]
+    unseen = [one for one in first.unseen if second is first or not _tells(second, one)]
     if second is not first:
         unseen += [
-            one for one in second.unseen if not (first.stations.tell(one) or _overlaps(one, unseen))
+            one for one in second.unseen if not (_tells(first, one) or _overlaps(one, unseen))
         ]
         for this, other in ((second, first), (first, second)):
             parts = _shared(this.gaps, other.unseen, longest_mm) + [
@@ -161,6 +161,12 @@ def _stretches(stations: Stations, use: BoolArray) -> list[Gap]:
             begin, end = ((float(x), float(y)) for x, y in stations.at_mm[own[[0, -1]]])
             found.append(Gap(int(stroke), low, high, begin, end, 0.0, 1.0))
     return found
+
+
+def _tells(findings: LayerFindings, one: Gap) -> bool:
+    """Whether a picture sees half of a stretch at least, and doesn't doubt half of it."""
+    doubted = _shared([one], findings.unseen, one.length_mm)
+    return findings.stations.tell(one) and not doubted
 
 
 def _overlaps(one: Gap, others: Sequence[Gap]) -> bool:

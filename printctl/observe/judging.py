@@ -115,7 +115,7 @@ def evidence_of(
     thin = _thin(findings, ink, layer, section)
     if again is not None:
         thin = seen_twice(thin, _thin(again, ink, layer, section))
-    shift, u = shift_of(findings)
+    shift, u = shift_of(telling(findings, again))
     return Evidence(
         places=findings.places,
         gaps=gaps_of_job(findings.gaps, layer.mended),
@@ -139,6 +139,11 @@ def evidence_of(
         half_seen=gaps_of_job(_half_seen(findings, again, ink), layer.mended),
         beside_mm=findings.beside_mm,
     )
+
+
+def telling(findings: LayerFindings, again: LayerFindings | None) -> LayerFindings:
+    """Return the picture that tells where the layer lies: the second where the first sees none."""
+    return findings if again is None or findings.seen_share > 0 else again
 
 
 def _half_seen(

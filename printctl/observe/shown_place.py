@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from printctl.observe.deciding.evidence import SURE
 from printctl.observe.judging import shift_of
 from registration.layer_images import LayerFindings, SeeingOptions
@@ -14,6 +16,9 @@ _SHOWN: Final = 0.5
 """Of a layer's way, with ink at its shifted place, for that to be its place."""
 _ALL: Final = 0.8
 """The same, for none of its ink to be missing."""
+_WHOLE: Final = 0.95
+_MORE: Final = 0.5
+"""Of the tolerance: so much more ink, mm, at a moved place says that it lies there."""
 
 
 def seen_where_ink_shows(
@@ -27,9 +32,11 @@ def seen_where_ink_shows(
     Where most of a layer is missing, its lines fit older ones beside them as well as their own
     place, and gaps would be told of bath where none should be written. What lies within tolerance
     would show in the bath between older lines, if it lay there. A lone line whose end is missing
-    fits best moved along itself: a move that isn't sure excuses no missing ink. Where no older line
-    lies there (``lone``), nearly all of the ink shows at a moved place, and less than half within
-    tolerance, none is missing: it lies aside. Such a place is looked for twice as far as others.
+    fits best moved along itself: a move that isn't sure excuses no missing ink. Ink as long as it
+    should be, more of whose ends show at the moved place, lies there: a gap makes it shorter, a
+    move along itself doesn't. Where no older line lies there (``lone``), nearly all of the ink
+    shows at a moved place, and less than half within tolerance, none is missing: it lies aside.
+    Such a place is looked for twice as far as others.
     """
     findings = see(options)
     moved_mm, u_mm = shift_of(findings)
@@ -37,8 +44,26 @@ def seen_where_ink_shows(
     if not unsure and findings.coverage >= _SHOWN:
         return findings
     within = see(replace(options, shift_mm=tolerated_mm))
+    whole = unsure and findings.coverage > _WHOLE and not findings.gaps
+    if whole:
+        ink_mm = [_at_ends_mm(one, 2 * moved_mm) for one in (findings, within)]
+        if ink_mm[0] - ink_mm[1] > _MORE * tolerated_mm:
+            return replace(findings, aside=True)
     if lone and not within.coverage >= _SHOWN:
         for one in (findings, see(replace(options, shift_mm=2 * options.shift_mm))):
             if one.seen_share * one.coverage > _ALL and shift_of(one)[0] > tolerated_mm:
                 return replace(one, aside=True)
     return within
+
+
+def _at_ends_mm(findings: LayerFindings, reach_mm: float) -> float:
+    """Way with ink so near to strokes' ends, mm, of a stroke in the mean."""
+    stations = findings.stations
+    strokes, ink_mm = np.unique(stations.stroke), 0.0
+    for stroke in strokes:
+        own = (stations.stroke == stroke) & stations.seen
+        along = stations.along_mm[stations.stroke == stroke]
+        at = stations.along_mm[own]
+        near = (at < along.min() + reach_mm) | (at > along.max() - reach_mm)
+        ink_mm += float((stations.length_mm * stations.present)[own][near].sum())
+    return ink_mm / len(strokes)

@@ -21,6 +21,7 @@ from registration.camera_frame.frame import CameraFrame, read_frame
 from registration.errors import ScanFileError
 from registration.layer_images import ExpectedLines, Frame, filament_map, height_map
 from registration.readers.read import read_scan
+from registration.scan import Scan
 from sim.camera.camera_file import load_camera
 from sim.camera.optics import Camera, through_surface
 from sim.camera.scene import Bath
@@ -76,6 +77,8 @@ class View(NamedTuple):
         To draw findings into, where that isn't the image itself.
     filaments : Image or None
         Of a volume in a bath: each column at the depth of the filament that is expected next to it.
+    scan : Scan or None
+        A volume in a bath.
     """
 
     image: Image
@@ -85,6 +88,7 @@ class View(NamedTuple):
     hidden: NDArray[np.bool_] | None = None
     shown: Image | None = None
     filaments: Image | None = None
+    scan: Scan | None = None
 
     @property
     def drawn_into(self) -> Image:
@@ -147,6 +151,7 @@ def open_view(
             np.asarray(scan.volume[::step]),
             ScanSize.of(scan, to_scan),
             filaments=filaments,
+            scan=None if filaments is None else scan,
         )
     image, frame = read_picture(path), camera_frame(order)
     if isinstance(frame, CameraFrame):

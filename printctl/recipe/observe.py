@@ -88,8 +88,8 @@ class ObserveTolerances(Part):
     )
     unseen_mm: Annotated[float, Field(ge=0.2, le=1000)] = Field(
         default=1.5,
-        description="In a bath, by a camera: stretches of a vessel, too faint or hidden to be "
-        "told, that are let pass; about longer ones the operator is asked.",
+        description="In a bath: stretches of a vessel, too faint or hidden to be told, that are "
+        "let pass; about longer ones, and half of a shorter vessel, the operator is asked.",
     )
     width_percent: Annotated[float, Field(ge=1, le=100)] = Field(
         default=15.0, description="Of a line's width; what exceeds it is told, not mended."

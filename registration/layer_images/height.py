@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -137,7 +138,9 @@ def speckle_less(volume: NDArray[np.generic], scale: str, unmeasured: BoolArray)
     return total
 
 
-def slab_mean(volume: FloatImage, level: FloatArray, half: float | FloatArray) -> FloatImage:
+def slab_mean(
+    volume: FloatImage | Sequence[FloatImage], level: FloatArray, half: float | FloatArray
+) -> FloatImage:
     """Mean over depths within ``half`` of a level, (rows, columns)."""
     first, last = int(np.floor((level - half).min())), int(np.ceil((level + half).max()))
     total = np.zeros(level.shape, dtype=np.float32)

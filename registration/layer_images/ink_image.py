@@ -29,6 +29,7 @@ _LEAST_ODD = 0.1
 """Of the even part's power; a smaller odd part is left out."""
 _MOST = 20_000
 _FEWEST = 60
+_FEWEST_LINES = 8
 
 
 @dataclass(frozen=True)
@@ -190,7 +191,7 @@ def learn_template(profiles: FloatImage, usable: BoolArray, angle: FloatArray) -
         weights, _ = Template(terms, 1.0, True).weights(angle, None)
         present = (profiles * weights).sum(axis=1)
         keep = present > 0.5 * np.percentile(present, 80)
-        if keep.sum() < 20 or (keep == ink).all():
+        if keep.sum() < _FEWEST_LINES or (keep == ink).all():
             break
         ink = keep
     return replace(_scaled(terms), slant=slant)

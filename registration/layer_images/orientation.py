@@ -15,6 +15,8 @@ from typing import Final
 import cv2
 import numpy as np
 
+from registration.layer_images.height import HeightFrame
+from registration.layer_images.own_depth import ScanByDepth, TurnedMaps
 from registration.layer_images.values import (
     BoolArray,
     ExpectedLines,
@@ -23,6 +25,7 @@ from registration.layer_images.values import (
     Frame,
 )
 from registration.layer_images.working import drawn_lines
+from registration.scan import Scan
 
 _PIXELS: Final = 1e5
 _SAME_MM: Final = 1e-3
@@ -47,7 +50,9 @@ _TURNS: Final[Mapping[str, Callable[[FloatImage], FloatImage]]] = {
 }
 
 
-def better_turned(picture: FloatImage, frame: Frame, lines: ExpectedLines) -> str | None:
+def better_turned(
+    picture: FloatImage, frame: Frame, lines: ExpectedLines, scan: Scan | None = None
+) -> str | None:
     """Return how a picture fits its lines clearly better; None where it fits as it is.
 
     Words to go behind "the picture fits the layer better".
@@ -59,15 +64,24 @@ def better_turned(picture: FloatImage, frame: Frame, lines: ExpectedLines) -> st
     frame : Frame
         Of the picture as it is.
     lines : ExpectedLines
+    scan : Scan or None
+        Of a bath: lines are then looked for at their own depths. In one slab over all of them thin
+        clear ink hardly shows.
     """
     rows = _at_its_height(lines)
     ends = np.stack([frame.to_pixels(one[rows]) for one in (lines.start, lines.end)], axis=1)
     flat = np.linalg.norm((lines.end - lines.start)[rows, :2], axis=1)
     px_per_mm = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() / max(flat.sum(), 1e-9)
     shrink = max(1.0, float(np.sqrt(picture[:, :, 0].size / _PIXELS)))
-    ink = _shrunk(
-        np.nan_to_num(picture[:, :, 0], nan=float(np.nanmedian(picture[:, :, 0]))), shrink
-    )
+    maps = None
+    if scan is not None and isinstance(frame, HeightFrame):
+        maps = TurnedMaps(*ScanByDepth.of(scan).smaller(shrink, frame), lines, rows)
+
+    def shown(turn: Callable[[FloatImage], FloatImage]) -> FloatImage:
+        return turn(flat_ink) if maps is None else _shrunk(maps.of(turn), 1.0)
+
+    flat_ink = _shrunk(picture[:, :, 0], shrink)
+    ink = shown(np.asarray)
     wide = lines.width_mm[rows] * px_per_mm
     reach = max(1, round(_REACH_MM * px_per_mm / shrink))
 
@@ -95,11 +109,14 @@ def better_turned(picture: FloatImage, frame: Frame, lines: ExpectedLines) -> st
     here = fit(ink)
     sign = max(here, key=lambda one: here[one][0])
     as_it_is = here[sign][0]
-    signs = (sign,) if as_it_is > _SIGN else (1, -1)
-    turns = {name: fit(turn(ink)) for name, turn in _TURNS.items()}
+    # Lines followed in depth fit by their own sign far better than by chance.
+    signs = (sign,) if as_it_is > _SIGN and maps is None else (1, -1)
+    turns = {name: fit(shown(turn)) for name, turn in _TURNS.items()}
     fits = {name: max(found[one][0] for one in signs) for name, found in turns.items()}
-    moved = fit(ink, round((_FAR_MM - _REACH_MM) * px_per_mm / shrink))
-    far, off_px = max((moved[one] for one in signs), key=lambda found: found[0])
+    flat = here if maps is None else fit(flat_ink)  # what lies far off shows at no one's depth
+    own = tuple(one for one in signs if maps is None or flat[one][0] >= flat[-one][0])
+    moved = fit(flat_ink, round((_FAR_MM - _REACH_MM) * px_per_mm / shrink))
+    far, off_px = max((moved[one] for one in own), key=lambda found: found[0])
     best = max(fits, key=lambda name: fits[name])
     needed = max(_FITS, as_it_is + _BETTER)
     if far > max(needed, fits[best] - _BETTER):
@@ -126,7 +143,8 @@ def _at_its_height(lines: ExpectedLines) -> BoolArray:
 
 
 def _shrunk(image: FloatImage, by: float) -> FloatImage:
-    """Image of fewer pixels, its darkest and brightest clipped."""
+    """Image of fewer pixels, its darkest and brightest clipped; usual where nothing is known."""
+    image = np.nan_to_num(image, nan=float(np.nanmedian(image)))
     size = (max(1, round(image.shape[1] / by)), max(1, round(image.shape[0] / by)))
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     low, high = np.percentile(small, [1, 99])

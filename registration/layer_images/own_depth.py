@@ -7,9 +7,13 @@ seen from above, relative to what the whole volume usually sends back from that 
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Final
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import siegelslopes
 
@@ -21,7 +25,7 @@ from registration.layer_images.height import (
     speckle_less,
 )
 from registration.layer_images.unmeasured import unmeasured_scans
-from registration.layer_images.values import ExpectedLines, FloatArray, FloatImage
+from registration.layer_images.values import BoolArray, ExpectedLines, FloatArray, FloatImage
 from registration.scan import Scan
 
 _STEP_MM: Final = 0.05
@@ -39,6 +43,96 @@ _MOST: Final = 400
 """And about as many are enough."""
 
 
+@dataclass(frozen=True)
+class ScanByDepth:
+    """A volume relative to what it usually sends back from each depth.
+
+    Attributes
+    ----------
+    planes : (depth, rows, columns) float32
+        Without speckle; 1 is usual.
+    unmeasured : (rows, columns) bool
+    """
+
+    planes: FloatImage
+    unmeasured: BoolArray
+
+    @staticmethod
+    def of(scan: Scan) -> ScanByDepth:
+        """Divide each depth by its usual value."""
+        unmeasured = unmeasured_scans(scan.volume)
+        planes = speckle_less(scan.volume, scan.scale, unmeasured)
+        usual = np.array([np.median(one[~unmeasured]) for one in planes]) if planes.size else 1.0
+        planes /= np.maximum(usual, 1e-6 * float(np.max(usual)) + 1e-12)[:, None, None].astype("f4")
+        return ScanByDepth(planes, unmeasured)
+
+    def smaller(self, by: float, frame: HeightFrame) -> tuple[ScanByDepth, HeightFrame]:
+        """Return it with so many times fewer rows and columns, and the frame for those."""
+        rows, columns = self.unmeasured.shape
+        size = (max(1, round(columns / by)), max(1, round(rows / by)))
+        planes = [cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in self.planes]
+        share = cv2.resize(self.unmeasured.astype("f4"), size, interpolation=cv2.INTER_AREA)
+        ratio = np.array([size[0] / columns, size[1] / rows, 1.0, 1.0])
+        matrix = np.diag(ratio) @ frame.matrix
+        matrix[:2, 3] += 0.5 * ratio[:2] - 0.5
+        return ScanByDepth(np.stack(planes), np.asarray(share > 0.5)), HeightFrame(matrix)
+
+    def depths(
+        self, frame: HeightFrame, place: FloatArray, width: FloatArray, shape: tuple[int, ...]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return depths of filaments, and half of the heights to average over, (rows, columns).
+
+        In voxels, of the filament place (n, 3), mm, next to each column of a picture of ``shape``.
+        """
+        column, row = np.meshgrid(*(np.arange(count) for count in shape[::-1]))
+        at = np.column_stack([column.ravel(), row.ravel()])
+        near = cKDTree(frame.to_pixels(place)).query(at)[1].reshape(column.shape)
+        level = depth_of(frame, place[near, 2], (len(self.planes), *shape))
+        half = 0.5 * _HEIGHT * width[near] * abs(float(frame.matrix[2, 2]))
+        return level, np.maximum(half, _LEAST_HALF)
+
+    def along(
+        self,
+        level: FloatArray,
+        half: FloatArray,
+        turn: Callable[[NDArray[Any]], NDArray[Any]] = np.asarray,
+    ) -> FloatImage:
+        """Average each column, turned first, at ``depths``; NaN where nothing was measured."""
+        slab = slab_mean([turn(one) for one in self.planes], level, half)
+        slab[turn(self.unmeasured)] = np.nan
+        return slab
+
+
+@dataclass(frozen=True)
+class TurnedMaps:
+    """Pictures of filaments as they would lie in a turned scan.
+
+    Attributes
+    ----------
+    by_depth : ScanByDepth
+    frame : HeightFrame
+    lines : ExpectedLines
+    use : (n,) bool
+        Which of them are followed.
+    """
+
+    by_depth: ScanByDepth
+    frame: HeightFrame
+    lines: ExpectedLines
+    use: BoolArray
+    _depths: dict[tuple[int, ...], tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+
+    def of(self, turn: Callable[[NDArray[Any]], NDArray[Any]]) -> FloatImage:
+        """Return the logarithm at each filament's own depth, (rows, columns)."""
+        shape = turn(self.by_depth.unmeasured).shape
+        if shape not in self._depths:
+            place, width = _places(self.lines, self.use)
+            self._depths[shape] = self.by_depth.depths(self.frame, place, width, shape)
+        return np.asarray(
+            np.log(self.by_depth.along(*self._depths[shape], turn) + np.float32(FLOOR))
+        )
+
+
 def filament_map(scan: Scan, frame: HeightFrame, lines: ExpectedLines) -> FloatImage:
     """Return a picture (rows, columns, 1) for `see_layer`: logarithm, by the usual at that depth.
 
@@ -50,18 +144,10 @@ def filament_map(scan: Scan, frame: HeightFrame, lines: ExpectedLines) -> FloatI
     lines : ExpectedLines
         Those written last (``fresh``) are followed.
     """
-    unmeasured = unmeasured_scans(scan.volume)
-    volume = speckle_less(scan.volume, scan.scale, unmeasured)
-    usual = np.array([np.median(one[~unmeasured]) for one in volume]) if volume.size else 1.0
-    volume /= np.maximum(usual, 1e-6 * float(np.max(usual)) + 1e-12)[:, None, None].astype("f4")
-    place, width = _places(lines)
-    column, row = np.meshgrid(np.arange(volume.shape[2]), np.arange(volume.shape[1]))
-    at = np.column_stack([column.ravel(), row.ravel()])
-    near = cKDTree(frame.to_pixels(place)).query(at)[1].reshape(column.shape)
-    level = depth_of(frame, place[near, 2], volume.shape)
-    half = 0.5 * _HEIGHT * width[near] * abs(float(frame.matrix[2, 2]))
-    slab = slab_mean(volume, level, np.maximum(half, _LEAST_HALF))
-    slab[unmeasured] = np.nan
+    place, width = _places(lines, lines.fresh)
+    by_depth = ScanByDepth.of(scan)
+    level, half = by_depth.depths(frame, place, width, by_depth.unmeasured.shape)
+    slab = by_depth.along(level, half)
     floor = np.float32(FLOOR) * _ink_level(slab, level, frame.to_pixels(place))
     floor = np.maximum(floor, np.float32(_LEAST_FLOOR))
     return np.log((slab + floor) / (1 + floor))[:, :, None]
@@ -87,9 +173,9 @@ def _ink_level(slab: FloatImage, level: FloatArray, at: FloatArray) -> FloatImag
     return np.exp(begin + slope * known).astype(np.float32)
 
 
-def _places(lines: ExpectedLines) -> tuple[FloatArray, FloatArray]:
-    """Places (n, 3) along fresh lines, mm, and their widths, (n,)."""
-    rows = np.flatnonzero(lines.fresh)
+def _places(lines: ExpectedLines, use: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Places (n, 3) along lines ``use``, mm, and their widths, (n,)."""
+    rows = np.flatnonzero(use)
     length = np.linalg.norm((lines.end - lines.start)[rows], axis=1)
     count = np.maximum(2, np.ceil(length / _STEP_MM).astype(np.int64) + 1)
     own = np.repeat(rows, count)

@@ -24,6 +24,8 @@ INK: Final = 0.5
 """Presence above which there is ink."""
 _SIDE = 0.15
 """Of a width: nearer than that to an edge a side isn't clear bath."""
+_RIM_PX: Final = 2.0
+"""Working pixels, by which a line that is drawn may be wider to a side than it is."""
 _TAILS: Final = (0.02, 0.005)
 _PILED: Final = 1.5
 """Times the scatter below the middle, that the one above counts for at most."""
@@ -33,7 +35,7 @@ _FEW: Final = 5.0
 _FAKES = 400
 _UNLEARNED = 1.5
 """Where there is no ink to learn from, it may scatter by so much more than its place does."""
-_WINDOWS: Final = (0.5, 1.0, 2.0, 4.0, 8.0)
+WINDOWS: Final = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Tolerated gaps."""
 _ROUNDS: Final = 3
 _RESIDUE: Final = 0.1
@@ -55,11 +57,15 @@ class Sides:
     def of(seen: Seen, ways: Ways, lines: Mask, px_per_mm: float) -> Sides:
         """Look it up in a mask of all expected ink."""
         drawn = seen.profiles(lines, ways.width[:, None] * ACROSS, nearest=True) > 0
-        begin = 0.5 + np.maximum(0.1, 1.2 / (px_per_mm * ways.width))
+        px = 1.0 / (px_per_mm * ways.width)
+        begin, rim = 0.5 + np.maximum(0.1, 1.2 * px), 0.5 + np.maximum(0.1, _RIM_PX * px)
         sides = []
-        for way in (1.0, -1.0):
-            u = way * ACROSS
-            taken = drawn & (u > begin[:, None])
+        for way in (1, -1):
+            u, ink = ACROSS[::way] * way, drawn[:, ::way]
+            own = np.logical_and.accumulate(ink[:, len(u) // 2 :], axis=1)
+            ends = own.sum(axis=1) * float(u[-1] - u[-2]) < rim  # another's ink would go on
+            taken = ink & (u > begin[:, None])
+            taken[:, len(u) // 2 :] &= ~(own & ends[:, None])
             sides.append(np.where(taken, u, 1.5).min(axis=1))
         return Sides(sides[0], sides[1])
 
@@ -242,7 +248,7 @@ def window_noise(
     least, times = (INK * middle, 1.0) if enough else (-np.inf, _UNLEARNED)
     lengths, spreads, inks = list[float](), list[float](), list[FloatArray]()
     for scattered in (False, True):  # between lines of older ink bath shows in few neighbours
-        for size in _WINDOWS:
+        for size in WINDOWS:
             count = max(1, round(size * gap_mm / step))
             means = window_means(values, good, ways.run, count, scattered)
             ink = means[means > least]
@@ -250,7 +256,7 @@ def window_noise(
                 break
             lengths.append(count * step)
             spread = spread_of(ink, np.inf if even else _PILED)
-            spreads.append(times * spread * (1.0 + _FEW / len(ink)))
+            spreads.append(times * widened(spread, len(ink)))
             inks.append(ink)
         if spreads:
             break
@@ -267,7 +273,7 @@ def _by_size(inks: list[FloatArray], spread: FloatArray, middle: float, bath: fl
     ground, share = max(bath, _GROUND * middle), float(spread[0]) / middle
     for _ in range(_ROUNDS):
         least = ground / share
-        evened = [spread_of(np.arcsinh(ink / least)) * (1.0 + _FEW / len(ink)) for ink in inks]
+        evened = [widened(spread_of(np.arcsinh(ink / least)), len(ink)) for ink in inks]
         share = max(evened[0], 1e-6)
     return BySize(least, np.minimum.accumulate(np.array(evened)))
 
@@ -351,6 +357,11 @@ def _bath_spread(values: FloatArray, step: float, gap_mm: float) -> float:
     """Standard deviation of bath over a tolerated gap; eight places a line."""
     count = min(8, max(1, round(gap_mm / step)))
     return spread_of(values.reshape(-1, 8)[:, :count].mean(axis=1))
+
+
+def widened(spread: float, count: int) -> float:
+    """Return a spread that was measured in so few windows, with the doubt of that."""
+    return spread * (1.0 + _FEW / count)
 
 
 def spread_of(values: FloatArray, most_above: float = np.inf) -> float:

@@ -13,6 +13,7 @@ from typing import Final
 
 import cv2
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from registration.layer_images.bare_strokes import STANDS_OUT, TOGETHER, over_each_side
 from registration.layer_images.before import with_halos
@@ -28,6 +29,8 @@ _LACKING, _OTHERWISE = 0.2, -0.6
 _MOST: Final = 2.5
 _ANOTHER_COLOUR: Final = 0.5
 """Of a level, by which it may point elsewhere than older ink's does."""
+_SHORT: Final = 4
+"""Times the places of a laid line, below which a gap would be lost between two parts."""
 _FEWEST_PX: Final = 100
 _FEWEST_OWN: Final = 40
 _TOLD: Final = (Unseen.FAINT, Unseen.UNCLEAR, Unseen.GLARE)
@@ -60,16 +63,19 @@ def standing_ink(
     glints = _near_glints(look, darker)
     for first, last in stretches_of(open_bath, ways.run):
         rows = np.arange(first, last + 1)
-        for part in np.array_split(rows, max(1, round(len(rows) / TOGETHER))):
-            mean, least = level[part].mean(axis=0), both[part].mean(axis=0)
-            clear = not glints[part].any()
-            for kind, value in ((older, mean if clear else least), (own, least)):
-                if kind is not None and (clear or darker):
-                    stands = float(np.abs(value / spread).max()) > STANDS_OUT
-                    out[part] |= stands and _is_alike(value, kind)
-            if older is not None:
-                share = float(mean @ older / (older @ older))
-                lacking[part] = clear and _OTHERWISE < share < _LACKING
+        if len(rows) < _SHORT * TOGETHER and not glints[rows].any():
+            out[rows] = _stands_throughout(level[rows], both[rows], spread, older, own)
+        else:
+            for part in np.array_split(rows, max(1, round(len(rows) / TOGETHER))):
+                mean, least = level[part].mean(axis=0), both[part].mean(axis=0)
+                clear = not glints[part].any()
+                for kind, value in ((older, mean if clear else least), (own, least)):
+                    if kind is not None and (clear or darker):
+                        out[part] |= _stands(value, spread) and _is_alike(value, kind)
+        if older is not None:
+            for part in np.array_split(rows, max(1, round(len(rows) / TOGETHER))):
+                share = float(level[part].mean(axis=0) @ older / (older @ older))
+                lacking[part] = not glints[part].any() and _OTHERWISE < share < _LACKING
         lacking[rows] &= bool(out[rows].any())
     return out, lacking, glints
 
@@ -113,6 +119,37 @@ def _own_level(look: SeenLayer, why: IntArray, level: FloatArray) -> FloatArray 
     """Level of the look's own sure ink over the bath, (c,); None where there is too little."""
     sure = (why == Unseen.SEEN) & ~look.over_old & (look.present > INK)
     return np.median(level[sure], axis=0) if sure.sum() >= _FEWEST_OWN else None
+
+
+def _stands_throughout(
+    level: FloatArray,
+    both: FloatArray,
+    spread: FloatArray,
+    older: FloatArray | None,
+    own: FloatArray | None,
+) -> bool:
+    """Whether ink shows wherever one looks along a short line (n, c).
+
+    Where no other ink is known every part of it must show what most of it shows.
+    """
+    inner = _inner(len(level))
+    mean, least = (uniform_filter1d(one, TOGETHER, axis=0)[inner] for one in (level, both))
+    usual = np.median(least, axis=0) if older is None and own is None else None
+    kinds = ((older, mean), (own, least), (usual, least))
+    return any(
+        kind is not None and all(_stands(one, spread) and _is_alike(one, kind) for one in values)
+        for kind, values in kinds
+    )
+
+
+def _inner(count: int) -> slice:
+    """Middles of the windows that lie in a line of so many places."""
+    half = min(TOGETHER, count) // 2
+    return slice(half, count - half + 1) if count > TOGETHER else slice(half, half + 1)
+
+
+def _stands(value: FloatArray, spread: FloatArray) -> bool:
+    return bool(np.abs(value / spread).max() > STANDS_OUT)
 
 
 def _is_alike(level: FloatArray, older: FloatArray) -> bool:

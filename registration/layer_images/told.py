@@ -30,6 +30,7 @@ from registration.layer_images.presence import (
     window_noise,
     without_lows,
 )
+from registration.layer_images.short_lines import SHORT, short_noise
 from registration.layer_images.strange import grown, strange_places, strangeness, unlike_bath
 from registration.layer_images.values import (
     Appearance,
@@ -46,7 +47,7 @@ _MOST_SATURATED = 0.3
 """Of the lines: more, and it is the ink that is saturated."""
 _INK_SATURATED, _MORE_OFTEN = 0.05, 4.0
 """Share of the lines, and how many times that of the bath: then it is bright ink, not glare."""
-_FEWEST = 20
+_FEWEST, _FEW_ALIKE = 10, 20
 _PLENTY = 15.0
 """A contrast from which on no other mix of the channels is tried."""
 _OWN_LOOK = 0.3
@@ -67,8 +68,7 @@ _MORE_SEEN = 1.5
 _SHOWN = 0.5
 """Of its known level, below which lines aren't what ink looks like."""
 _EVEN = 0.05
-"""Least scatter of what lies beside lines in a map of heights, thicknesses: cut off below the
-layer it has next to none, and the foot of a line would count as a strange thing."""
+"""Least scatter, thicknesses, of what lies beside lines of a height map: cut off, it has none."""
 
 
 @dataclass(frozen=True)
@@ -272,20 +272,25 @@ def _sureness(
             by_size=ground.work.flanks_lost and template.filled,
         )  # fmt: skip
 
-    noise = scatter(good)
+    noise, way_mm = scatter(good), float(ways.step[good].sum())
+    gap_mm, long_mm = ground.gap_mm, LONG * ground.gap_mm
+    needed = ground.rate / max(1.0, way_mm / gap_mm)
+    if template.filled and bath is not None and way_mm < SHORT * gap_mm:
+        if noise is None or not noise.can_tell(gap_mm, needed):
+            noise = short_noise(present, good, ways, bath, gap_mm) or noise
+        long_mm = max(2.0 * gap_mm, min(long_mm, 0.5 * way_mm))
     if noise is None:
         return None, 0.0, True
-    contrast = noise.contrast(ground.gap_mm)
-    needed = ground.rate / max(1.0, float(ways.step[good].sum()) / ground.gap_mm)
-    if noise.can_tell(ground.gap_mm, needed):
+    contrast = noise.contrast(gap_mm)
+    if noise.can_tell(gap_mm, needed):
         return noise, contrast, False
     if template.one_sided or template.by_edges:
         return None, contrast, True
     if bath is not None:
-        sure = without_lows(present, good, ways, noise.middle, 0.5 * LONG * ground.gap_mm)
+        sure = without_lows(present, good, ways, noise.middle, 0.5 * LONG * gap_mm)
         long = replace(scatter(sure) or noise, bath_long=over_long())
-        noise = long.at_least(rougher(present, good, ways, bath, ground.gap_mm))
-    return (noise if noise.can_tell(LONG * ground.gap_mm, needed) else None), contrast, True
+        noise = long.at_least(rougher(present, good, ways, bath, gap_mm))
+    return (noise if noise.can_tell(long_mm, needed) else None), contrast, True
 
 
 def _alone(ways: Ways, use: BoolArray) -> BoolArray:
@@ -303,7 +308,7 @@ def _unlearned(angle: FloatArray, present: FloatArray) -> BoolArray:
     sector = np.floor((angle + np.pi) / (2 * np.pi) * _SECTORS).astype(np.int64) % _SECTORS
     number = np.bincount(sector, minlength=_SECTORS)
     ink = np.bincount(sector, weights=present > INK, minlength=_SECTORS)
-    return np.asarray((ink < _LEAST_INK * np.maximum(number, _FEWEST))[sector])
+    return np.asarray((ink < _LEAST_INK * np.maximum(number, _FEW_ALIKE))[sector])
 
 
 def differs_enough(told: Told, bath: Told | None) -> bool:

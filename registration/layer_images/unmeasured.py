@@ -31,7 +31,32 @@ _SATURATED: Final = 0.98
 
 
 def unmeasured_scans(volume: NDArray[Any]) -> BoolArray:
-    """A-scans of a volume (depth, rows, columns) that hold one value alone, (rows, columns)."""
+    """A-scans of a volume (depth, rows, columns) that hold no measurement, (rows, columns).
+
+    One value alone, or those of a B-scan that is the one before to the last bit: speckle and noise
+    never repeat. A volume of which most B-scans do is painted without noise.
+    """
+    return _of_one_value(volume) | _repeated(volume)
+
+
+def _repeated(volume: NDArray[Any]) -> BoolArray:
+    """A-scans of repeated B-scans, along rows or columns, (rows, columns)."""
+    out = np.zeros(volume.shape[1:], dtype=np.bool_)
+    for axis in (1, 2):
+        scans = np.moveaxis(volume, axis, 0)
+        same = np.array([_same(*pair) for pair in zip(scans[1:], scans[:-1], strict=True)])
+        if not same.all():
+            np.moveaxis(out, axis - 1, 0)[1:][same] = True
+    return out
+
+
+def _same(one: NDArray[Any], other: NDArray[Any]) -> bool:
+    few = (slice(None, None, 7), slice(None, None, 7))  # hardly any are, and that is soon seen
+    return np.array_equal(one[few], other[few]) and np.array_equal(one, other)
+
+
+def _of_one_value(volume: NDArray[Any]) -> BoolArray:
+    """A-scans that hold one value alone, (rows, columns)."""
     same = np.ones(volume.shape[1:], dtype=np.bool_)
     first = np.asarray(volume[0])
     for plane in volume[1:]:

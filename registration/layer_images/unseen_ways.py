@@ -17,6 +17,10 @@ _DOUBTED: Final = 1.5
 """Tolerated gaps, from which on a stretch that looks bare is told of, though debris lies by."""
 _LACKING: Final = 1.25
 """The same where bath shows beside what hides the rest, as at a joint with older ink."""
+_SHORT: Final = 0.5
+"""Of a vessel, of which no more may go untold, however short it is."""
+_LEAST: Final = 0.2
+"""Of the longest stretch that may go untold in any case: whoever lets pass more isn't asked."""
 _HIDING: Final = (Unseen.GLARE, Unseen.HIDDEN)
 _SEEN_MM: Final = 0.3
 """A seen stretch that is shorter, between two that aren't, doesn't part them."""
@@ -33,10 +37,11 @@ def unseen_ways(
 ) -> tuple[Gap, ...]:
     """Return stretches longer than ``longest_mm`` in which ink might be missing untold.
 
-    They have the form of gaps, with p-values of 1. Ink that is too faint for a tolerated gap, but
-    not for one of that length, isn't told of here, nor is what plainly shows older filaments' ink.
-    Shorter ones count where ink doesn't show, and only what lies around keeps them from being gaps,
-    and where a glint or another thing hides what lies beside a found gap.
+    Of vessels shorter than twice that half counts. They have the form of gaps, with p-values of 1.
+    Ink that is too faint for a tolerated gap, but not for one of that length, isn't told of here,
+    nor is what plainly shows older filaments' ink. Shorter ones count where ink doesn't show, and
+    only what lies around keeps them from being gaps, and where a glint or another thing hides what
+    lies beside a found gap.
 
     Parameters
     ----------
@@ -53,8 +58,9 @@ def unseen_ways(
         False findings per sound layer.
     """
     ways = look.ways
+    most = _most_untold(ways, gap_mm, longest_mm)
     standing, lacking, glints = standing_ink(look, why, np.random.default_rng(31))
-    told = (why == Unseen.SEEN) | (_told_when_long(look, why, longest_mm, rate) & ~glints)
+    told = (why == Unseen.SEEN) | (_told_when_long(look, why, most, rate) & ~glints)
     told = (told | standing) & ~(lacking & ~(look.present > INK))
     doubtful = _inside(doubted, ways) & ~standing
     told = (told & ~doubtful) | _inside(gaps, ways)
@@ -72,7 +78,7 @@ def unseen_ways(
         hides = np.isin(why[own], _HIDING)
         beside_mm = float(ways.step[own][hides].sum()) * _is_beside(ways, first, last, gaps)
         doubt = max(low_mm, beside_mm) > _DOUBTED * gap_mm or lacking_mm > _LACKING * gap_mm
-        if _length(ways, first, last) > longest_mm or doubt:
+        if _length(ways, first, last) > most[first] or doubt:
             (begin, start), (end, stop) = _edge(ways, first, -0.5), _edge(ways, last, 0.5)
             out.append(Gap(int(ways.stroke[first]), begin, end, start, stop, 0.0, 1.0))
     return tuple(out)
@@ -96,14 +102,27 @@ def _is_beside(ways: Ways, first: int, last: int, gaps: list[Gap]) -> bool:
     )
 
 
-def _told_when_long(look: SeenLayer, why: IntArray, longest_mm: float, rate: float) -> BoolArray:
-    """Places too faint for short gaps, at which one of that length would be found, (n,)."""
+def _most_untold(ways: Ways, gap_mm: float, longest_mm: float) -> FloatArray:
+    """Longest stretch around each place that may go untold, (n,), mm: of a short vessel half."""
+    whole: FloatArray = np.zeros(len(ways))
+    for stroke in np.unique(ways.stroke):
+        own = ways.stroke == stroke
+        whole[own] = float((ways.along + 0.5 * ways.step)[own].max())
+    least = min(max(2.0 * gap_mm, _LEAST * longest_mm), longest_mm)
+    return np.clip(_SHORT * whole, least, longest_mm)
+
+
+def _told_when_long(look: SeenLayer, why: IntArray, most_mm: FloatArray, rate: float) -> BoolArray:
+    """Places too faint for short gaps, at which one of ``most_mm`` (n,) would be found, (n,)."""
     bath, faint = look.bath, why == Unseen.FAINT
     if bath is None or bath.noise is None or not bath.faint:
         return np.zeros(len(why), dtype=np.bool_)
     judged = faint & ~look.over_old & (bath.why == Unseen.SEEN)
-    places = max(1.0, float(look.ways.step[judged].sum()) / longest_mm)
-    return judged & bath.noise.can_tell(longest_mm, rate / places)
+    way_mm = float(look.ways.step[judged].sum())
+    for length in np.unique(most_mm[judged]).tolist():
+        if not bath.noise.can_tell(length, rate / max(1.0, way_mm / length)):
+            judged &= most_mm != length
+    return judged
 
 
 def _length(ways: Ways, first: int, last: int) -> float:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from firmware_profiles import Ink, load
 from printctl.observe.deciding import FlowControl
 from printctl.observe.expected import ExpectedInk
-from printctl.observe.judging import _flow, narrowed_lumens
-from registration.layer_images import Lumen, LumenSeen, Stations
+from printctl.observe.judging import _flow, narrowed_lumens, shift_of, telling
+from registration.layer_images import Lumen, LumenSeen, Shift, Stations
 
 HEIGHT, WIDTH = 0.1, 0.25
 
@@ -81,3 +83,15 @@ def test_narrowed_lumens_are_those_surely_narrower():
         )
     ]  # fmt: skip
     assert [one.name for one in narrowed_lumens(lumens, seen, 0.9)] == ["b"]
+
+
+def test_a_layer_lies_where_the_second_picture_shows_it_if_the_first_shows_none():
+    """A vessel of 1 mm, moved by 0.3 mm, went on: the first picture knew no place."""
+
+    def picture(sees, dx):
+        shift = Shift(dx, 0.0, 1e-4 * np.eye(2))
+        return SimpleNamespace(seen_share=sees, shift=shift)
+
+    none, moved, there = picture(0.0, 0.0), picture(0.8, 0.3), picture(0.8, 0.0)
+    for each, told in (((none, moved), 0.3), ((there, moved), 0.0), ((none, None), 0.0)):
+        assert shift_of(telling(*each))[0] == told

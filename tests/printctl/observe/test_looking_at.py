@@ -123,6 +123,7 @@ def test_what_one_picture_does_not_tell_and_the_other_shows_as_a_gap_is_asked_ab
     nothing, clear = picture(unseen=(gap(0, 7),)), picture(sees=True)
     faint, faint_gap = picture(), picture(gaps=(gap(4, 7),))
     clear_gap = picture(gaps=(gap(4, 7),), sees=True)
+    doubted = picture(unseen=(gap(2, 6),), sees=True)
     path = SimpleNamespace(
         at=lambda along: np.column_stack([along, 0 * along, 0 * along]), length_mm=7.0,
         command=np.array([0]),
@@ -144,6 +145,8 @@ def test_what_one_picture_does_not_tell_and_the_other_shows_as_a_gap_is_asked_ab
         ([faint, faint_gap], [(4, 7)]),
         ([faint_gap, faint], [(4, 7)]),
         ([clear, faint_gap], []),
+        ([doubted, doubted], [(2, 6)]),  # either was told by the other's ink
+        ([doubted, clear], []),
     ):
         found = unseen_paths(cast(HeldLook, at), cast(list[LayerFindings], each), 1.5)
         assert [(one.gap.from_mm, one.gap.to_mm) for one in found] == told

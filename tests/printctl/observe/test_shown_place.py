@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -21,6 +22,18 @@ class Found:
     coverage: float
     seen_share: float = 1.0
     aside: bool = False
+    ink_mm: float = 2.0
+    gaps: tuple[int, ...] = ()
+
+    @property
+    def stations(self) -> SimpleNamespace:
+        """Ten of 0.2 mm; the last one lacks what isn't there."""
+        one = np.ones(10)
+        present = np.append(one[1:], 1.0 - (2.0 - self.ink_mm) / 0.2)
+        return SimpleNamespace(
+            stroke=0 * one, along_mm=0.2 * np.arange(10), length_mm=0.2 * one, present=present,
+            seen=one > 0,
+        )  # fmt: skip
 
 
 def looked(
@@ -64,3 +77,19 @@ def test_missing_ink_is_no_move(
 ) -> None:
     moved, _, aside, _ = looked(by_reach, lone)
     assert (moved, aside) == (0.0, False)
+
+
+@pytest.mark.parametrize(
+    ("gaps", "ink_mm", "aside"), [((), 1.8, True), ((1,), 1.8, False), ((), 1.99, False)]
+)
+def test_a_line_that_is_as_long_as_it_should_be_is_moved_along_itself(gaps, ink_mm, aside):
+    """A vessel moved by 0.3 mm along itself went on; one that lacks an end has less ink."""
+
+    def see(options: SeeingOptions) -> Found:
+        if options.shift_mm < 0.5:
+            return Found(Shift(0.0, 0.1, 0.01 * np.eye(2)), 0.93, ink_mm=ink_mm)
+        return Found(Shift(0.0, 0.3, 0.01 * np.eye(2)), 0.98, gaps=gaps)
+
+    found = seen_where_ink_shows(cast(Any, see), SeeingOptions(shift_mm=0.5), 0.1)
+    assert found.aside is aside
+    assert found.coverage == (0.98 if aside else 0.93)

@@ -6,8 +6,11 @@ import pytest
 
 from registration.layer_images import ExpectedLines, LayerFindings, SeeingOptions, see_layer
 from registration.layer_images.line_levels import line_levels
+from registration.layer_images.presence import Sides
+from registration.layer_images.standing_ink import _stands_throughout
 from registration.layer_images.values import FloatArray
-from registration.layer_images.ways import lay_ways
+from registration.layer_images.ways import Seen, lay_ways
+from registration.layer_images.working import drawn_lines
 
 PX_MM = 0.025
 Piece = tuple[float, float, float, float, float, float]
@@ -28,6 +31,7 @@ def _seen(
     fresh: list[bool],
     bare: tuple[float, float] = (9.0, 9.0),
     rough: float = 0.03,
+    unseen_mm: float = 0.6,
 ) -> LayerFindings:
     """Findings of filaments; ``bare`` of the last piece, mm along it."""
     rng = np.random.default_rng(4)
@@ -55,7 +59,7 @@ def _seen(
         np.column_stack([at[:, :2], z]), np.column_stack([at[:, 2:4], z]), at[:, 4],
         np.arange(len(at)), np.array(stroke), np.array(fresh),
     )  # fmt: skip
-    options = SeeingOptions(shift_mm=0.2, unseen_mm=0.6)
+    options = SeeingOptions(shift_mm=0.2, unseen_mm=unseen_mm)
     return see_layer(np.clip(light, 0, 255).astype(np.uint8), Flat(), lines, options=options)
 
 
@@ -97,3 +101,60 @@ def test_bath_between_a_filaments_end_and_the_older_one_it_joins_is_not_passed(
     end = 3.4 - rim
     found = _seen([*OLDER, joining], [0, 1, 2], [False, False, True], (end - bare_mm, end + 0.2))
     assert bool(found.gaps or found.unseen) == (bare_mm > 0)
+
+
+LONE: Piece = (2.5, 3.0, 3.7, 3.15, 0.35, 0.8)
+"""1.2 mm long."""
+
+
+@pytest.mark.parametrize("bare", [(0.45, 0.8), (-1.0, 0.55), (0.6, 9.0)])
+def test_a_gap_of_a_short_filament_alone_in_a_bath_is_found(bare: tuple[float, float]) -> None:
+    """It left too few places with ink, and its rims made them scatter: nothing was told."""
+    (gap,) = _seen([LONE], [0], [True], bare).gaps
+    ends = max(bare[0], 0.0), min(bare[1], 1.21)
+    assert (gap.from_mm, gap.to_mm) == pytest.approx(ends, abs=0.1)
+
+
+@pytest.mark.parametrize("rough", [0.03, 0.1])
+def test_a_sound_short_filament_alone_in_a_bath_is_not_asked_about(rough: float) -> None:
+    found = _seen([LONE], [0], [True], rough=rough)
+    assert found.gaps == found.unseen == ()
+
+
+@pytest.mark.parametrize("bare", [(-1.0, 9.0), (0.2, 0.75)], ids=["all of it", "most of it"])
+def test_half_of_a_short_filament_may_not_go_untold(bare: tuple[float, float]) -> None:
+    """Stretches shorter than `unseen_mm` passed, though all of a filament of 0.9 mm was unseen."""
+    faint: Piece = (2.5, 3.0, 3.4, 3.05, 0.35, 0.1)
+    found = _seen([faint], [0], [True], bare, rough=0.12, unseen_mm=1.5)
+    assert [one.stroke for one in found.unseen] == [0]
+    assert _seen([faint], [0], [True], bare, rough=0.12, unseen_mm=10.0).unseen == ()
+
+
+def test_a_gap_is_not_lost_between_two_parts_that_stand_out() -> None:
+    """Each part of 0.5 mm had ink enough, with 0.4 mm missing over the middle of both."""
+    level = np.full((20, 1), 1.0)
+    level[6:14] = 0.0
+    spread, kind = np.array([0.08]), np.array([1.0])
+    assert _stands_throughout(np.ones((20, 1)), np.ones((20, 1)), spread, None, None)
+    assert not _stands_throughout(level, level, spread, None, None)
+    assert not _stands_throughout(level, level, spread, kind, kind)
+
+
+def test_the_rim_of_a_thin_curved_line_is_no_other_ink() -> None:
+    """Drawn a pixel wider here and there, it seemed to touch another line, and was unclear."""
+    angle = np.linspace(0.0, 1.2, 12)
+    at = np.column_stack([1.0 + 2.0 * np.sin(angle), 3.0 - 2.0 * np.cos(angle), 0 * angle])
+    width, number = np.full(11, 0.174), np.arange(11)
+    lines = ExpectedLines(at[:-1], at[1:], width, number, 0 * number, np.ones(11, dtype=np.bool_))
+    ways, frame = lay_ways(lines, 0.05), Finer()
+    drawn = drawn_lines((200, 200), np.stack([at[:-1, :2], at[1:, :2]], 1) / 0.02, width / 0.02)
+    sides = Sides.of(Seen.of(ways, frame), ways, drawn, 50.0)
+    assert sides.left.min() == sides.right.min() == 1.5
+
+
+class Finer:
+    """A frame straight from above, of 50 pixels in a millimetre."""
+
+    def to_pixels(self, points_mm: FloatArray) -> FloatArray:
+        """Pixels of places."""
+        return np.asarray(points_mm)[:, :2] / 0.02

@@ -45,6 +45,23 @@ def test_ascans_with_any_change_over_depth_are_measured():
     assert np.argwhere(measured).tolist() == [[1, 2]]
 
 
+@pytest.mark.parametrize("axis", [1, 2])
+def test_bscans_that_repeat_the_one_before_are_not_measured(axis):
+    """A scanner that hung showed the rest of a line as bath, and 0.6 mm were mended."""
+    rng = np.random.default_rng(2)
+    volume = np.moveaxis(rng.integers(0, 200, (20, 30, 40), dtype=np.uint16), 0, axis)
+    scans = np.moveaxis(volume, axis, 0)
+    scans[12:] = scans[11]
+    scans[3] = scans[2]
+    lost = np.moveaxis(unmeasured_scans(volume), axis - 1, 0).all(axis=1)
+    assert np.flatnonzero(lost).tolist() == [3, *range(12, 20)]
+
+
+def test_a_volume_painted_without_noise_was_measured():
+    volume = np.repeat(np.arange(20, dtype=np.uint16)[:, None] + np.zeros((1, 9)), 7, axis=1)
+    assert not unmeasured_scans(volume.reshape(20, 7, 9)).any()
+
+
 @pytest.mark.parametrize("value", [0, 128, None])
 def test_a_lost_block_of_a_picture_is_not_seen(value):
     layer = Scene(3, layout="meander").paint(((0, 1.0, 1.4),))
