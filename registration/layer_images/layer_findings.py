@@ -16,7 +16,8 @@ from registration.layer_images.blobs import find_blobs
 from registration.layer_images.changed import unchanged
 from registration.layer_images.debris import is_bare
 from registration.layer_images.gap_ends import LightAlong
-from registration.layer_images.gaps import find_gaps, lit_along, merged
+from registration.layer_images.gaps import find_gaps, lit_along, merged, shift_along
+from registration.layer_images.height_ends import HeightsAlong, Section
 from registration.layer_images.in_light import LightMix
 from registration.layer_images.ink_image import ACROSS, SMOOTH, angle_of
 from registration.layer_images.lumens_seen import see_lumens
@@ -161,7 +162,7 @@ def findings_of(
     covered = float((np.clip(look.present[good], 0.0, 1.0) * way[good]).sum())
     return LayerFindings(
         stations=stations,
-        gaps=merged(gaps, ways),
+        gaps=_placed(merged(gaps, ways), look, shift, good),
         stretches=stretches,
         blobs=blobs,
         lumens=seen_lumens,
@@ -292,6 +293,26 @@ def _with_ends(gaps: list[Gap], look: SeenLayer, told: Told, clear: BoolArray) -
     px_mm = 1.0 / look.work.px_per_mm
     ends = LightAlong(look.flat, mix, look.ways, look.seen, width, look.widths.shade, px_mm)
     return ends.measured(gaps, clear & (look.present > INK), alone)
+
+
+def _placed(
+    gaps: tuple[Gap, ...], look: SeenLayer, shift: Shift, good: BoolArray
+) -> tuple[Gap, ...]:
+    """Gaps with what the layer's shift adds to their ends' uncertainty; a profiler's end at tips.
+
+    ``good`` are places that are seen, (n,).
+    """
+    if look.work.flanks_lost and look.work.height is not None and look.thickness_mm:
+        told = look.widths.width_mm / look.ways.width[look.group.first]
+        ends = HeightsAlong(
+            look.work.height / np.float32(look.thickness_mm), look.work.hidden, look.ways,
+            look.seen, Section.of_widths(told), look.thickness_mm, 1.0 / look.work.px_per_mm,
+        )  # fmt: skip
+        alone = np.minimum(look.sides.left, look.sides.right) > _TOUCHING
+        gaps = tuple(ends.measured(gaps, good & (look.present > INK), alone))
+    return tuple(
+        replace(gap, u_shift_mm=shift_along(gap, look.ways, shift)) for gap in gaps
+    )
 
 
 def _blobs(look: SeenLayer, options: SeeingOptions) -> tuple[tuple[Blob, ...], BoolArray]:

@@ -15,7 +15,9 @@ from typing import Final
 import cv2
 import numpy as np
 
+from registration.layer_images.moved_part import moved_part
 from registration.layer_images.values import (
+    IN_PART,
     BoolArray,
     ExpectedLines,
     FloatArray,
@@ -47,7 +49,9 @@ _TURNS: Final[Mapping[str, Callable[[FloatImage], FloatImage]]] = {
 }
 
 
-def better_turned(picture: FloatImage, frame: Frame, lines: ExpectedLines) -> str | None:
+def better_turned(
+    picture: FloatImage, frame: Frame, lines: ExpectedLines, in_parts: bool = True
+) -> str | None:
     """Return how a picture fits its lines clearly better; None where it fits as it is.
 
     Words to go behind "the picture fits the layer better".
@@ -59,6 +63,8 @@ def better_turned(picture: FloatImage, frame: Frame, lines: ExpectedLines) -> st
     frame : Frame
         Of the picture as it is.
     lines : ExpectedLines
+    in_parts : bool
+        Whether to check if one end of it is moved against the other: for a `surface_of`.
     """
     rows = _at_its_height(lines)
     ends = np.stack([frame.to_pixels(one[rows]) for one in (lines.start, lines.end)], axis=1)
@@ -104,7 +110,12 @@ def better_turned(picture: FloatImage, frame: Frame, lines: ExpectedLines) -> st
     needed = max(_FITS, as_it_is + _BETTER)
     if far > max(needed, fits[best] - _BETTER):
         return _moved_words(off_px, frame, lines)
-    return best if fits[best] > needed else None
+    if fits[best] > needed:
+        return best
+    off = moved_part(picture, frame, lines) if in_parts and picture.shape[2] == 2 else None
+    if off is None:
+        return None
+    return f"{_moved_words(off, frame, lines)} {IN_PART}"
 
 
 def _moved_words(off_px: FloatArray, frame: Frame, lines: ExpectedLines) -> str:

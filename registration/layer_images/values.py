@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Literal, Protocol
+from typing import Any, Final, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ FloatImage = NDArray[np.float32]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 Image = NDArray[Any]
+
+IN_PART: Final = "at one end against the other"
+"""How words on a move end that one part of a picture shows alone."""
 
 
 class Frame(Protocol):
@@ -178,12 +181,13 @@ class Gap:
         older ink): where presence falls below one half.
     start_mm, end_mm : (float, float), mm
         The same as places, on the expected line.
-    u_mm : float, mm
-        Standard uncertainty of either end, with not knowing how round it is; without the layer's
-        shift along the line (`Shift`), which moves both alike.
+    u_tip_mm : float, mm
+        Standard uncertainty of either end in the picture, with not knowing how round it is.
     p_value : float
         Chance of so little ink or less, here, by the picture's noise, where the line is as
         expected. Many places are tested: `LayerFindings.places`.
+    u_shift_mm : float, mm
+        Standard uncertainty of the layer's place along the line, which moves both ends alike.
     """
 
     stroke: int
@@ -191,8 +195,14 @@ class Gap:
     to_mm: float
     start_mm: tuple[float, float]
     end_mm: tuple[float, float]
-    u_mm: float
+    u_tip_mm: float
     p_value: float
+    u_shift_mm: float = 0.0
+
+    @property
+    def u_mm(self) -> float:
+        """Standard uncertainty of either end along the designed line, mm."""
+        return math.hypot(self.u_tip_mm, self.u_shift_mm)
 
     @property
     def length_mm(self) -> float:
@@ -202,7 +212,7 @@ class Gap:
     @property
     def u_length_mm(self) -> float:
         """Standard uncertainty of the length, mm."""
-        return math.sqrt(2.0) * self.u_mm
+        return math.sqrt(2.0) * self.u_tip_mm
 
     def meets(self, other: Gap, apart_mm: float = 0.0) -> bool:
         """Whether another stretch of the stroke overlaps it, or lies nearer than that."""

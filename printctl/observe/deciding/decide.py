@@ -37,7 +37,7 @@ from printctl.observe.deciding.flow_control import FlowControl, FlowLimits
 from printctl.observe.deciding.gap_test import GapTest, confirmed_gaps
 from printctl.observe.deciding.ink_supply import SupplyState
 from printctl.observe.deciding.thin import Thin
-from registration.layer_images.values import Gap
+from registration.layer_images.values import IN_PART, Gap
 
 Mode = Literal["tell", "ask", "mend"]
 
@@ -237,7 +237,12 @@ class Decider:
         if evidence.turned is None:
             return None
         cause = "check the device's axes and observe.frame"
-        if evidence.turned.startswith("moved"):
+        if evidence.turned.endswith(IN_PART):
+            cause = (
+                "the map lacks rows or columns, or motors lost steps within the layer: look anew, "
+                "and compare the map's size with the last one's"
+            )
+        elif evidence.turned.startswith("moved"):
             cause = (
                 "motors have lost steps, or dish or device have moved: check both, then the frame"
             )
