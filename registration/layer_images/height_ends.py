@@ -35,8 +35,9 @@ _NEAREST, _FARTHEST = 0.5, 1.5
 _FINE: Final = 3
 """Samples in a pixel."""
 _SMOOTH_PX: Final = 0.7
-_LEAST_DEPTH: Final = 0.6
-"""Thicknesses from ink down to what lies below a gap: a short one is all slope."""
+_LEAST_DEPTH, _MOST_DEPTH = 0.6, 1.0
+"""Thicknesses from ink down to what lies below a gap: a short one is all slope, and between older
+lines one sees deeper."""
 _SHADE: Final = 1.8
 """Thicknesses: as long is the shadow of a layer's height where the camera leans by 60 degrees."""
 _IN_SHADE: Final = 0.15
@@ -223,6 +224,8 @@ class _Fall:
         if inner is None or inner[0] > half_mm + _FARTHEST * self.width_mm:
             return None
         place, u_place = inner
+        if not math.isfinite(place):  # too long a stretch wasn't seen there
+            return (gap.from_mm if way < 0 else gap.to_mm), math.hypot(gap.u_tip_mm, u_place)
         within, u_within = self._within(out, order, far, inside, inner)
         u = math.hypot(u_place, u_within, _UNLIKE * self.width_mm, _SURE_PX * self.whole.px_mm)
         return middle + way * (place - within), u
@@ -241,7 +244,7 @@ class _Fall:
         is_round = 0.5
         if self.flank is not None:
             outer = self._half_way(out, self.flank[order], far, _median(self.flank[inside]))
-            if outer is not None:
+            if outer is not None and math.isfinite(outer[0]):
                 behind, u_behind = outer[0] - inner[0], math.hypot(outer[1], inner[1])
                 u_behind = math.hypot(u_behind, _UNLIKE * width, _SURE_PX * self.whole.px_mm)
                 odds = 0.5 * (behind**2 - (behind - (flank - core)) ** 2) / u_behind**2
@@ -252,13 +255,16 @@ class _Fall:
     def _half_way(
         self, out: FloatArray, height: FloatArray, far: BoolArray, floor: float
     ) -> tuple[float, float] | None:
-        """First place outwards that stays half as high as ink farther out; its uncertainty, mm."""
+        """First place outwards that stays half as high as ink farther out; its uncertainty, mm.
+
+        Its place is NaN where what wasn't seen is longer than a shadow.
+        """
         ink = height[far & np.isfinite(height)]
         shown = np.flatnonzero(np.isfinite(height))
         if len(ink) < 2 * _FINE or not math.isfinite(floor):
             return None
         top = float(np.median(ink))
-        depth = max(top - floor, _LEAST_DEPTH)
+        depth = min(max(top - floor, _LEAST_DEPTH), _MOST_DEPTH)
         level, x, z = top - 0.5 * depth, out[shown], _smooth(height[shown])
         stays = z >= level
         for k in range(1, _FINE + 1):
@@ -269,7 +275,7 @@ class _Fall:
         dark = float(x[k] - x[k - 1])
         if dark > 2.0 * self.whole.px_mm:  # what lies between wasn't seen
             if dark > _SHADE * self.whole.thickness_mm + 2.0 * self.whole.px_mm:
-                return float(x[k]) - 0.5 * dark, dark / math.sqrt(12.0)
+                return math.nan, dark / math.sqrt(12.0)
             return float(x[k]), _IN_SHADE * dark
         low, high = max(k - _FINE, 0), min(k + _FINE, len(z) - 1)
         slope = max(float(z[high] - z[low]) / float(x[high] - x[low]), 0.2 * depth / self.width_mm)

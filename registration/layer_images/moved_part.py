@@ -2,12 +2,13 @@
 
 A map whose middle rows were lost shows its rest aside, and so does a layer in which motors lost
 steps. Where ink is merely missing, none lies beside its lines; so two ends of a map count as moved
-where each fits its lines best at a place of its own, and at the other's place ink would lie
-where none should; or older ink would be missing.
+where no common place suits both as well as a place of its own suits each, and ink would lie where
+none should; or where older ink would be missing.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -23,16 +24,17 @@ _PART: Final = 0.3
 _REACH_MM: Final = 2.0
 _LEAST_MM: Final = 0.1
 """Parts may lie so far apart, as a layer may lie beside its place."""
-_BESIDE: Final = 0.1
-"""Share of a part's ink that lies beside its lines at the other part's place, and not at its own"""
-_BETTER: Final = 0.15
-"""Of ink beside and ink missing together: how much more of it at the other's place."""
+_BESIDE: Final = 0.2
+"""Share of the ink that lies beside lines at the best common place, and not at each part's own,
+summed over both parts."""
+_BETTER: Final = 0.3
+"""The same of ink beside and ink missing together."""
 _SHADED: Final = -0.45
 """Thicknesses from the layer's middle: what is as low as the ground and stands higher is hidden."""
 _OLDER: Final = -1.0
 """Thicknesses from the layer's middle, above which the layer or the one below shows."""
-_FITS: Final = 0.6
-"""The most of both at its own place: else nothing is known of where the part lies."""
+_FITS: Final = 1.2
+"""The most of it at both parts' own places: else nothing is known of where they lie."""
 _FEWEST: Final = 100
 _BELOW: Final = 0.5
 """Thicknesses from ink's usual height, down to which a surface is the layer's ink."""
@@ -184,8 +186,13 @@ def _apart(fits: list[_Fit], least_px: float, least_beside: float) -> FloatArray
     moved = np.array([other_column - column, other_row - row], dtype=np.float64)
     if np.hypot(*moved) < least_px:
         return None
-    for fit, own, other in zip(fits, places, places[::-1], strict=True):
-        beside = fit.beside[other] - fit.beside[own]
-        if fit.off[own] > _FITS or beside < least_beside or fit.off[other] - fit.off[own] < _BETTER:
-            return None
+    both = _Fit(fits[0].beside + fits[1].beside, fits[0].missing + fits[1].missing)
+    common = both.best()
+    own, own_beside = (
+        math.fsum(float(part[at]) for part, at in zip(values, places, strict=True))
+        for values in ([one.off for one in fits], [one.beside for one in fits])
+    )
+    beside = float(both.beside[common]) - own_beside
+    if float(both.off[common]) - own < _BETTER or beside < least_beside or own > _FITS:
+        return None
     return moved

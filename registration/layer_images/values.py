@@ -378,6 +378,12 @@ class LayerFindings:
         Way of a line whose ink lies at the layer's height where none should (a profiler's maps).
     aside : bool
         Whether all of its ink lies aside, however unsure by how much.
+    least_gap_mm : float, mm
+        Shortest gap that surely shows in a profiler's map; 0 where it isn't known.
+    by_height_share : float
+        Of the expected way, that was seen over older ink, where heights tell gaps and no widths.
+    waver : float
+        Standard deviation of ink's height there, in thicknesses of the layer; NaN for none.
     """
 
     stations: Stations
@@ -400,6 +406,9 @@ class LayerFindings:
     unplaced: tuple[Gap, ...] = ()
     beside_mm: float = 0.0
     aside: bool = False
+    least_gap_mm: float = 0.0
+    by_height_share: float = 0.0
+    waver: float = math.nan
 
 
 Outlines = Sequence[FloatArray]

@@ -195,7 +195,11 @@ class Decider:
         seen += self._rest(evidence) if any_seen and not hardly else evidence.hidden_words
         told = f"; {evidence.over_old_share:.0%} lies over older ink and can't be told from it"
         seen += told * (evidence.over_old_share >= 0.01)
-        return Decision(DecisionKind.GO_ON, seen + unconfirmed_words(evidence, self.limits.gap))
+        seen += unconfirmed_words(evidence, self.limits.gap) + self._unjudged(evidence) * any_seen
+        return Decision(DecisionKind.GO_ON, seen)
+
+    def _unjudged(self, evidence: Evidence) -> str:
+        return evidence.unjudged_words(self.limits.gap.least_mm, self.limits.width_percent)
 
     def _rest(self, evidence: Evidence) -> str:
         """How much wasn't seen, in words, where that is more than a tolerated gap."""
@@ -336,7 +340,7 @@ class Decider:
         if thin:
             reasons.append(f"{math.fsum(one.length_mm for one in thin):.2f} mm of thin lines")
         corrected = "" if factor is None else f"; flow {control.flow:.0%}: factor {factor:.2f}"
-        why = f"{', '.join(reasons)}{corrected}{self._rest(evidence)}"
+        why = f"{', '.join(reasons)}{corrected}{self._rest(evidence)}{self._unjudged(evidence)}"
         return Decision(DecisionKind.MEND, why, gaps, factor, thin=thin)
 
     def _believed(self, evidence: Evidence) -> tuple[Gap, ...]:
