@@ -47,6 +47,8 @@ _NARROWEST, _WIDEST = 0.7, 0.97
 _SURE_PX: Final = 0.3
 _UNLIKE: Final = 0.05
 """Of a width: what ends differ by from either model."""
+_PARALLEL: Final = 0.94
+"""Cosine of 20 degrees, between lines that run side by side."""
 _ALONE: Final = 0.8
 """Share of the places around a gap whose sides must be free, for its ends' flanks to be seen."""
 
@@ -159,8 +161,11 @@ class HeightsAlong:
 
     def _covered(self, rows: IntArray, at_mm: float, width: float) -> float:
         """Doubt of an end beside a line that crosses there: it may lie anywhere below, mm."""
-        near = np.abs(self.ways.along[rows] - at_mm) < 0.5 * width
-        return width / math.sqrt(3.0) if self.ways.crossed[rows][near].any() else 0.0
+        row = rows[np.abs(self.ways.along[rows] - at_mm).argmin()]
+        away = np.linalg.norm(self.ways.point[:, :2] - self.ways.point[row, :2], axis=1)
+        alike = np.abs(self.ways.normal @ self.ways.normal[row])
+        crosses = (away < width) & (alike < _PARALLEL)
+        return width / math.sqrt(3.0) if crosses.any() else 0.0
 
     def _run_of(self, gap: Gap) -> IntArray:
         """Places of the unbroken run that a gap lies on."""

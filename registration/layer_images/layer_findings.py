@@ -344,9 +344,7 @@ def _placed(
         )  # fmt: skip
         alone = np.minimum(look.sides.left, look.sides.right) > _TOUCHING
         gaps = tuple(ends.measured(gaps, good & (look.present > INK), alone))
-    return tuple(
-        replace(gap, u_shift_mm=shift_along(gap, look.ways, shift)) for gap in gaps
-    )
+    return tuple(replace(gap, u_shift_mm=shift_along(gap, look.ways, shift)) for gap in gaps)
 
 
 def _blobs(look: SeenLayer, options: SeeingOptions) -> tuple[tuple[Blob, ...], BoolArray]:

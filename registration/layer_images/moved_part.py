@@ -75,7 +75,9 @@ def moved_part(picture: FloatImage, frame: Frame, lines: ExpectedLines) -> Float
     lines : ExpectedLines
     """
     level, height = picture[:, :, 0], picture[:, :, 1]
-    shown: BoolArray = (level > level.min() + 0.1) & (level < level.max() - 0.1) & (np.abs(level) > 0.2)
+    shown: BoolArray = (
+        (level > level.min() + 0.1) & (level < level.max() - 0.1) & (np.abs(level) > 0.2)
+    )
     if shown.sum() < _FEWEST:
         return None
     thickness_mm = float(np.median(height[shown] / level[shown]))
@@ -164,8 +166,7 @@ def _fit(planes: list[FloatImage], part: slice, axis: int, reach: int) -> _Fit |
     seen = ink * window
     total = float(seen.sum())
     on_ink, on_known, at_all = (
-        _moved_sums(image, mask, reach)
-        for image, mask in ((ink, own), (known, own), (seen, grown))
+        _moved_sums(image, mask, reach) for image, mask in ((ink, own), (known, own), (seen, grown))
     )
     if total < _FEWEST or float(own.sum()) < _FEWEST:
         return None

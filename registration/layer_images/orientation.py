@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 
 from registration.layer_images.moved_part import moved_part
+from registration.layer_images.options import IN_PART
 from registration.layer_images.values import (
-    IN_PART,
     BoolArray,
     ExpectedLines,
     FloatArray,

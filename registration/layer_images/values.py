@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,6 @@ FloatImage = NDArray[np.float32]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 Image = NDArray[Any]
-
-IN_PART: Final = "at one end against the other"
-"""How words on a move end that one part of a picture shows alone."""
 
 
 class Frame(Protocol):
@@ -82,12 +79,8 @@ class Lumen:
         half = np.linspace(-np.pi / 2, np.pi / 2, 17)
         angles = turn + np.concatenate([half, half + np.pi])
         middles = np.repeat([end, start], 17, axis=0)
-        round_mm = (
-            0.5
-            * width_mm
-            * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
-        )
-        return Lumen(name, middles + round_mm, width_mm)
+        out = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
+        return Lumen(name, middles + 0.5 * width_mm * out, width_mm)
 
 
 class Unseen(IntEnum):
@@ -378,12 +371,10 @@ class LayerFindings:
         Way of a line whose ink lies at the layer's height where none should (a profiler's maps).
     aside : bool
         Whether all of its ink lies aside, however unsure by how much.
-    least_gap_mm : float, mm
-        Shortest gap that surely shows in a profiler's map; 0 where it isn't known.
-    by_height_share : float
-        Of the expected way, that was seen over older ink, where heights tell gaps and no widths.
-    waver : float
-        Standard deviation of ink's height there, in thicknesses of the layer; NaN for none.
+    least_gap_mm, by_height_share, waver : float
+        Of a profiler's map: shortest gap that surely shows, mm (0: not known); share of the way
+        seen over older ink, where heights tell gaps and no widths; standard deviation of ink's
+        height there, in thicknesses of the layer (NaN for none).
     """
 
     stations: Stations
