@@ -74,8 +74,7 @@ class Lumen:
     def capsule(name: str, start: FloatArray, end: FloatArray, width_mm: float) -> Lumen:
         """Return the area nearer than half a width to a straight piece; a disc of start = end."""
         start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
-        way = (end - start)[:2]
-        turn = math.atan2(way[1], way[0]) if way.any() else 0.0
+        turn = math.atan2(*(end - start)[1::-1].tolist())
         half = np.linspace(-np.pi / 2, np.pi / 2, 17)
         angles = turn + np.concatenate([half, half + np.pi])
         middles = np.repeat([end, start], 17, axis=0)
@@ -170,17 +169,15 @@ class Gap:
     stroke : int
     from_mm, to_mm : float, mm
         Along the stroke, on the line's middle: from the tip of the ink before to the tip of that
-        behind, round or square. Where ink isn't told by its level in light (rims, slopes, heights,
-        older ink): where presence falls below one half.
+        behind, round or square. Where ink isn't told by its level in light or a profiler's heights
+        (rims, slopes, older ink): where presence falls below one half.
     start_mm, end_mm : (float, float), mm
         The same as places, on the expected line.
-    u_tip_mm : float, mm
-        Standard uncertainty of either end in the picture, with not knowing how round it is.
+    u_tip_mm, u_shift_mm : float, mm
+        Standard uncertainty of either end in the picture, and of the layer's place along the line.
     p_value : float
         Chance of so little ink or less, here, by the picture's noise, where the line is as
         expected. Many places are tested: `LayerFindings.places`.
-    u_shift_mm : float, mm
-        Standard uncertainty of the layer's place along the line, which moves both ends alike.
     """
 
     stroke: int
@@ -305,10 +302,8 @@ class Shift:
     @property
     def u_mm(self) -> tuple[float, float]:
         """Standard uncertainties of dx and dy, mm."""
-        return (
-            math.sqrt(float(self.covariance_mm2[0, 0])),
-            math.sqrt(float(self.covariance_mm2[1, 1])),
-        )
+        u_x, u_y = np.sqrt(np.diag(self.covariance_mm2)).tolist()
+        return u_x, u_y
 
 
 @dataclass(frozen=True)
@@ -372,9 +367,8 @@ class LayerFindings:
     aside : bool
         Whether all of its ink lies aside, however unsure by how much.
     least_gap_mm, by_height_share, waver : float
-        Of a profiler's map: shortest gap that surely shows, mm (0: not known); share of the way
-        seen over older ink, where heights tell gaps and no widths; standard deviation of ink's
-        height there, in thicknesses of the layer (NaN for none).
+        Of a profiler's map: shortest gap that surely shows, mm; share of the way seen over older
+        ink, where no widths are told; standard deviation of ink's height there, thicknesses.
     """
 
     stations: Stations

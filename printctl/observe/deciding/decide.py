@@ -31,13 +31,12 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Final, Literal
 
-from printctl.observe.deciding.doubts import doubts, unconfirmed_words
+from printctl.observe.deciding.doubts import cause_of_turn, doubts, unconfirmed_words
 from printctl.observe.deciding.evidence import SURE, Evidence, LayersSeen
 from printctl.observe.deciding.flow_control import FlowControl, FlowLimits
 from printctl.observe.deciding.gap_test import GapTest, confirmed_gaps
 from printctl.observe.deciding.ink_supply import SupplyState
 from printctl.observe.deciding.thin import Thin
-from registration.layer_images.options import IN_PART
 from registration.layer_images.values import Gap
 
 Mode = Literal["tell", "ask", "mend"]
@@ -239,12 +238,8 @@ class Decider:
     def _turned(self, evidence: Evidence) -> Decision | None:
         if evidence.turned is None:
             return None
-        cause = "check the device's axes and observe.frame"
-        if evidence.turned.endswith(IN_PART):
-            cause = "the map lacks rows or columns, or motors lost steps in the layer: look anew"
-        elif evidence.turned.startswith("moved"):
-            cause = "motors have lost steps, or dish or device moved: check both, then the frame"
         fits = f"the picture fits the layer better {evidence.turned}"
+        cause = cause_of_turn(evidence.turned)
         return Decision(DecisionKind.PAUSE, f"{fits}: {cause}; nothing is mended by it")
 
     def _shifted(self, evidence: Evidence) -> Decision | None:
