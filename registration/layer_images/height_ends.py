@@ -49,6 +49,8 @@ _UNLIKE: Final = 0.05
 """Of a width: what ends differ by from either model."""
 _PARALLEL: Final = 0.94
 """Cosine of 20 degrees, between lines that run side by side."""
+_CORNER: Final = 2.5
+"""Way along a line over the distance of two of its places, from which on it has come back."""
 _ALONE: Final = 0.8
 """Share of the places around a gap whose sides must be free, for its ends' flanks to be seen."""
 
@@ -164,7 +166,9 @@ class HeightsAlong:
         row = rows[np.abs(self.ways.along[rows] - at_mm).argmin()]
         away = np.linalg.norm(self.ways.point[:, :2] - self.ways.point[row, :2], axis=1)
         alike = np.abs(self.ways.normal @ self.ways.normal[row])
-        crosses = (away < width) & (alike < _PARALLEL)
+        way = np.abs(self.ways.along - self.ways.along[row])
+        itself = (self.ways.run == self.ways.run[row]) & (way <= _CORNER * away)
+        crosses = (away < width) & (alike < _PARALLEL) & ~itself
         return width / math.sqrt(3.0) if crosses.any() else 0.0
 
     def _run_of(self, gap: Gap) -> IntArray:
