@@ -138,6 +138,9 @@ def evidence_of(
         unplaced=gaps_of_job(findings.unplaced, layer.mended),
         half_seen=gaps_of_job(_half_seen(findings, again, ink), layer.mended),
         beside_mm=findings.beside_mm,
+        least_gap_mm=findings.least_gap_mm,
+        by_height_share=findings.by_height_share,
+        waver=findings.waver,
     )
 
 
@@ -191,7 +194,13 @@ def figures(findings: LayerFindings, evidence: Evidence) -> dict[str, Any]:
         "coverage": _number(findings.coverage),
         "shift_mm": [_number(findings.shift.dx_mm), _number(findings.shift.dy_mm)],
         "gaps": [
-            {"stroke": gap.stroke, "from_mm": gap.from_mm, "to_mm": gap.to_mm, "p": gap.p_value}
+            {
+                "stroke": gap.stroke,
+                "from_mm": gap.from_mm,
+                "to_mm": gap.to_mm,
+                "u_mm": _number(gap.u_mm),
+                "p": gap.p_value,
+            }
             for gap in findings.gaps
         ],
         "stretches": len(findings.stretches),

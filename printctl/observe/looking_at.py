@@ -253,7 +253,8 @@ class ObservedJob:
             layered = at.ink.style == "layered"
             is_height = self.order.tells_heights and layered
             if self.order.tells_heights:  # a camera's marks hold its frame themselves
-                at.turned = better_turned(image, frame, at.layer.lines, view.scan)
+                laser = view.hidden is not None
+                at.turned = better_turned(image, frame, at.layer.lines, view.scan, in_parts=laser)
             image = image if view.filaments is None else view.filaments
             see = partial(
                 see_layer,

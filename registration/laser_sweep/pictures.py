@@ -13,13 +13,15 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from registration.errors import PictureError
+from registration.errors import PictureError, ScanFileError
+from registration.readers.broken_files import scan_file_errors
 
 Image = NDArray[Any]
 Reader = Callable[[], Image]
 
 _PICTURES: Final = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp"})
 _VIDEOS: Final = frozenset({".avi", ".mp4", ".mkv", ".mov"})
+_TIFF: Final = "or cut off TIFF of pictures"
 _TIFFS: Final = frozenset({".tif", ".tiff"})
 
 
@@ -74,10 +76,10 @@ def _page(path: Path, number: int) -> Image:
 @contextmanager
 def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
     try:
-        with tifffile.TiffFile(path, _multifile=False) as tiff:
+        with scan_file_errors(path, _TIFF), tifffile.TiffFile(path, _multifile=False) as tiff:
             yield tiff
-    except (OSError, ValueError, tifffile.TiffFileError) as exc:
-        raise PictureError(f"{path} can't be read as a TIFF of pictures ({exc})") from exc
+    except ScanFileError as exc:  # whatever a decoder trips over, too
+        raise PictureError(str(exc)) from exc
 
 
 def _of_video(path: Path) -> Iterator[Reader]:

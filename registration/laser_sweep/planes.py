@@ -7,6 +7,7 @@ insert, two places of each plane, tells the whole plane, and no picture needs a 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Final, NamedTuple
@@ -71,9 +72,14 @@ def fit_laser(traced: Traced, frame: CameraFrame, flat_z_mm: float, now: datetim
     Raises
     ------
     PictureError
-        When the face lies as high as the insert, is seen in too few pictures or places, or the
-        planes share no point.
+        When the height is no number, the face lies as high as the insert, is seen in too few
+        pictures or places, or the planes share no point.
     """
+    if not math.isfinite(flat_z_mm):
+        raise PictureError(
+            f"the flat face's height is {flat_z_mm} mm; touch the face with the needle and give "
+            "its Z (--floor-z)"
+        )
     apart = abs(flat_z_mm - frame.middle_mm[2])
     if apart < _LEAST_APART_MM:
         raise PictureError(

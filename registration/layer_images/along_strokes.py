@@ -212,6 +212,6 @@ def _with(new: Gap, touching: list[Gap]) -> Gap:
         first,
         to_mm=last.to_mm,
         end_mm=last.end_mm,
-        u_mm=max(first.u_mm, last.u_mm),
+        u_tip_mm=max(first.u_tip_mm, last.u_tip_mm),
         p_value=min(one.p_value for one in touching or [new]),
     )

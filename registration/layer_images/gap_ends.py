@@ -171,7 +171,7 @@ class LightAlong:
         look = _Along(s, *self._light(rows, s, width), has_ink, self.bead.width_mm, self.px_mm)
         near = np.abs(along - 0.5 * (gap.from_mm + gap.to_mm)) < 0.5 * gap.length_mm + width
         alone = bool(free[rows][near].mean() > _ALONE)
-        old = ((gap.from_mm, gap.u_mm), (gap.to_mm, gap.u_mm))
+        old = ((gap.from_mm, gap.u_tip_mm), (gap.to_mm, gap.u_tip_mm))
         begin, end = (
             look.end(gap, way, shapes, alone) or kept
             for way, kept in zip((-1, 1), old, strict=True)
@@ -185,7 +185,7 @@ class LightAlong:
         )  # fmt: skip
         u = max(begin[1], end[1])
         return replace(
-            gap, from_mm=begin[0], to_mm=end[0], start_mm=start_mm, end_mm=end_mm, u_mm=u
+            gap, from_mm=begin[0], to_mm=end[0], start_mm=start_mm, end_mm=end_mm, u_tip_mm=u
         )
 
     def _run_of(self, gap: Gap) -> IntArray:

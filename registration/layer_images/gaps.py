@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from registration.layer_images.presence import END, INK, WindowNoise, averaged
-from registration.layer_images.values import BoolArray, FloatArray, Gap, IntArray, Unseen
+from registration.layer_images.values import BoolArray, FloatArray, Gap, IntArray, Shift, Unseen
 from registration.layer_images.ways import Ways
 
 LEAST: Final = 0.6
@@ -247,7 +247,7 @@ def merged(gaps: list[Gap], ways: Ways) -> tuple[Gap, ...]:
             if gap.from_mm - before.to_mm < near:
                 out[-1] = Gap(
                     gap.stroke, before.from_mm, gap.to_mm, before.start_mm, gap.end_mm,
-                    max(before.u_mm, gap.u_mm), min(before.p_value, gap.p_value),
+                    max(before.u_tip_mm, gap.u_tip_mm), min(before.p_value, gap.p_value),
                 )  # fmt: skip
                 continue
         out.append(gap)
@@ -275,3 +275,12 @@ def lit_along(
         return False
     why[rows] = int(Unseen.UNCLEAR)
     return True
+
+
+def shift_along(gap: Gap, ways: Ways, shift: Shift) -> float:
+    """Standard uncertainty of the layer's place along the line at a gap's ends, the larger, mm."""
+    own = np.flatnonzero(ways.stroke == gap.stroke)
+    at = [own[np.abs(ways.along[own] - end).argmin()] for end in (gap.from_mm, gap.to_mm)]
+    ahead = np.column_stack([ways.normal[at, 1], -ways.normal[at, 0]])
+    power = np.einsum("ij,jk,ik->i", ahead, shift.covariance_mm2, ahead)
+    return float(np.sqrt(max(power.max(), 0.0)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
@@ -16,7 +17,8 @@ from registration.layer_images.blobs import find_blobs
 from registration.layer_images.changed import unchanged
 from registration.layer_images.debris import is_bare
 from registration.layer_images.gap_ends import LightAlong
-from registration.layer_images.gaps import find_gaps, lit_along, merged
+from registration.layer_images.gaps import find_gaps, lit_along, merged, shift_along
+from registration.layer_images.height_ends import HeightsAlong, Section
 from registration.layer_images.in_light import LightMix
 from registration.layer_images.ink_image import ACROSS, SMOOTH, angle_of
 from registration.layer_images.lumens_seen import see_lumens
@@ -53,6 +55,9 @@ _HALF_SHOWN: Final = 0.5
 """Of a width, by which a line may lie aside and still show as half of its presence."""
 _LIKELIER: Final = 30.0
 """Times a gap's p-value, up to which a stretch in faint ink is asked about."""
+_HOLE_PX: Final = 3.0
+"""Working pixels: holes that are as wide are filled with what lies around."""
+_FEWEST_HEIGHTS: Final = 20
 _TOUCHING: Final = 0.8
 """In widths from a line's middle: ink that begins nearer touches it."""
 
@@ -161,7 +166,7 @@ def findings_of(
     covered = float((np.clip(look.present[good], 0.0, 1.0) * way[good]).sum())
     return LayerFindings(
         stations=stations,
-        gaps=merged(gaps, ways),
+        gaps=_placed(merged(gaps, ways), look, shift, good),
         stretches=stretches,
         blobs=blobs,
         lumens=seen_lumens,
@@ -179,7 +184,37 @@ def findings_of(
             look, why, gaps, doubted, options.gap_mm, options.unseen_mm, options.false_rate
         ),
         faint_share=float(way[faint & ~good].sum()) / float(way.sum()),
+        least_gap_mm=_least_gap_mm(look),
+        by_height_share=float(way[_by_height(look, good)].sum()) / float(way.sum()),
+        waver=_waver(look, good),
     )
+
+
+def _least_gap_mm(look: SeenLayer) -> float:
+    """Shortest gap that surely shows in a profiler's map, mm.
+
+    Its ground beyond the shadow of the layer's height (45 degrees) is wider than what is filled in
+    as a small hole.
+    """
+    if not look.work.flanks_lost or look.thickness_mm is None:
+        return 0.0
+    return look.thickness_mm + _HOLE_PX / look.work.px_per_mm
+
+
+def _by_height(look: SeenLayer, good: BoolArray) -> BoolArray:
+    """Places over older ink that are told by height, (n,)."""
+    return np.asarray(good & look.over_old & look.by_height & ~look.inferred)
+
+
+def _waver(look: SeenLayer, good: BoolArray) -> float:
+    """Standard deviation of the heights of ink over older ink, by stations; NaN for too few."""
+    use = _by_height(look, good)
+    height = look.group.mean(np.nan_to_num(look.present), use)
+    ink = height[np.isfinite(height) & (height > INK)]
+    if len(ink) < _FEWEST_HEIGHTS:
+        return math.nan
+    low, high = np.percentile(ink, [15.87, 84.13])
+    return 0.5 * float(high - low)
 
 
 def _gaps(
@@ -292,6 +327,24 @@ def _with_ends(gaps: list[Gap], look: SeenLayer, told: Told, clear: BoolArray) -
     px_mm = 1.0 / look.work.px_per_mm
     ends = LightAlong(look.flat, mix, look.ways, look.seen, width, look.widths.shade, px_mm)
     return ends.measured(gaps, clear & (look.present > INK), alone)
+
+
+def _placed(
+    gaps: tuple[Gap, ...], look: SeenLayer, shift: Shift, good: BoolArray
+) -> tuple[Gap, ...]:
+    """Gaps with what the layer's shift adds to their ends' uncertainty; a profiler's end at tips.
+
+    ``good`` are places that are seen, (n,).
+    """
+    if look.work.flanks_lost and look.work.height is not None and look.thickness_mm:
+        told = look.widths.width_mm / look.ways.width[look.group.first]
+        ends = HeightsAlong(
+            look.work.height / np.float32(look.thickness_mm), look.work.hidden, look.ways,
+            look.seen, Section.of_widths(told), look.thickness_mm, 1.0 / look.work.px_per_mm,
+        )  # fmt: skip
+        alone = np.minimum(look.sides.left, look.sides.right) > _TOUCHING
+        gaps = tuple(ends.measured(gaps, good & (look.present > INK), alone))
+    return tuple(replace(gap, u_shift_mm=shift_along(gap, look.ways, shift)) for gap in gaps)
 
 
 def _blobs(look: SeenLayer, options: SeeingOptions) -> tuple[tuple[Blob, ...], BoolArray]:

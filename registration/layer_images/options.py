@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
+
+IN_PART: Final = "at one end against the other"
+"""How words on a move end that one part of a picture shows alone."""
 
 
 @dataclass(frozen=True)

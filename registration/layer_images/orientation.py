@@ -16,6 +16,8 @@ import cv2
 import numpy as np
 
 from registration.layer_images.height import HeightFrame
+from registration.layer_images.moved_part import moved_part
+from registration.layer_images.options import IN_PART
 from registration.layer_images.own_depth import ScanByDepth, TurnedMaps
 from registration.layer_images.values import (
     BoolArray,
@@ -51,7 +53,11 @@ _TURNS: Final[Mapping[str, Callable[[FloatImage], FloatImage]]] = {
 
 
 def better_turned(
-    picture: FloatImage, frame: Frame, lines: ExpectedLines, scan: Scan | None = None
+    picture: FloatImage,
+    frame: Frame,
+    lines: ExpectedLines,
+    scan: Scan | None = None,
+    in_parts: bool = True,
 ) -> str | None:
     """Return how a picture fits its lines clearly better; None where it fits as it is.
 
@@ -67,6 +73,8 @@ def better_turned(
     scan : Scan or None
         Of a bath: lines are then looked for at their own depths. In one slab over all of them thin
         clear ink hardly shows.
+    in_parts : bool
+        Whether to check if one end of it is moved against the other: for a `surface_of`.
     """
     rows = _at_its_height(lines)
     ends = np.stack([frame.to_pixels(one[rows]) for one in (lines.start, lines.end)], axis=1)
@@ -121,7 +129,12 @@ def better_turned(
     needed = max(_FITS, as_it_is + _BETTER)
     if far > max(needed, fits[best] - _BETTER):
         return _moved_words(off_px, frame, lines)
-    return best if fits[best] > needed else None
+    if fits[best] > needed:
+        return best
+    off = moved_part(picture, frame, lines) if in_parts and picture.shape[2] == 2 else None
+    if off is None:
+        return None
+    return f"{_moved_words(off, frame, lines)} {IN_PART}"
 
 
 def _moved_words(off_px: FloatArray, frame: Frame, lines: ExpectedLines) -> str:

@@ -88,6 +88,7 @@ class SeenLayer:
     widths: Widths
     by_height: bool
     by_change: bool
+    thickness_mm: float | None = None
 
 
 def seen_at_shift(
@@ -166,7 +167,7 @@ def seen_at_shift(
         )
     return SeenLayer(
         work, frame, ways, moved, seen, flat, masks, sides, over_old, inferred, bath, old, *joined,
-        group, widths, by_height, by_change,
+        group, widths, by_height, by_change, thickness_mm,
     )  # fmt: skip
 
 

@@ -74,17 +74,12 @@ class Lumen:
     def capsule(name: str, start: FloatArray, end: FloatArray, width_mm: float) -> Lumen:
         """Return the area nearer than half a width to a straight piece; a disc of start = end."""
         start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
-        way = (end - start)[:2]
-        turn = math.atan2(way[1], way[0]) if way.any() else 0.0
+        turn = math.atan2(*(end - start)[1::-1].tolist())
         half = np.linspace(-np.pi / 2, np.pi / 2, 17)
         angles = turn + np.concatenate([half, half + np.pi])
         middles = np.repeat([end, start], 17, axis=0)
-        round_mm = (
-            0.5
-            * width_mm
-            * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
-        )
-        return Lumen(name, middles + round_mm, width_mm)
+        out = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
+        return Lumen(name, middles + 0.5 * width_mm * out, width_mm)
 
 
 class Unseen(IntEnum):
@@ -174,13 +169,12 @@ class Gap:
     stroke : int
     from_mm, to_mm : float, mm
         Along the stroke, on the line's middle: from the tip of the ink before to the tip of that
-        behind, round or square. Where ink isn't told by its level in light (rims, slopes, heights,
-        older ink): where presence falls below one half.
+        behind, round or square. Where ink isn't told by its level in light or a profiler's heights
+        (rims, slopes, older ink): where presence falls below one half.
     start_mm, end_mm : (float, float), mm
         The same as places, on the expected line.
-    u_mm : float, mm
-        Standard uncertainty of either end, with not knowing how round it is; without the layer's
-        shift along the line (`Shift`), which moves both alike.
+    u_tip_mm, u_shift_mm : float, mm
+        Standard uncertainty of either end in the picture, and of the layer's place along the line.
     p_value : float
         Chance of so little ink or less, here, by the picture's noise, where the line is as
         expected. Many places are tested: `LayerFindings.places`.
@@ -191,8 +185,14 @@ class Gap:
     to_mm: float
     start_mm: tuple[float, float]
     end_mm: tuple[float, float]
-    u_mm: float
+    u_tip_mm: float
     p_value: float
+    u_shift_mm: float = 0.0
+
+    @property
+    def u_mm(self) -> float:
+        """Standard uncertainty of either end along the designed line, mm."""
+        return math.hypot(self.u_tip_mm, self.u_shift_mm)
 
     @property
     def length_mm(self) -> float:
@@ -202,7 +202,7 @@ class Gap:
     @property
     def u_length_mm(self) -> float:
         """Standard uncertainty of the length, mm."""
-        return math.sqrt(2.0) * self.u_mm
+        return math.sqrt(2.0) * self.u_tip_mm
 
     def meets(self, other: Gap, apart_mm: float = 0.0) -> bool:
         """Whether another stretch of the stroke overlaps it, or lies nearer than that."""
@@ -302,10 +302,8 @@ class Shift:
     @property
     def u_mm(self) -> tuple[float, float]:
         """Standard uncertainties of dx and dy, mm."""
-        return (
-            math.sqrt(float(self.covariance_mm2[0, 0])),
-            math.sqrt(float(self.covariance_mm2[1, 1])),
-        )
+        u_x, u_y = np.sqrt(np.diag(self.covariance_mm2)).tolist()
+        return u_x, u_y
 
 
 @dataclass(frozen=True)
@@ -368,6 +366,9 @@ class LayerFindings:
         Way of a line whose ink lies at the layer's height where none should (a profiler's maps).
     aside : bool
         Whether all of its ink lies aside, however unsure by how much.
+    least_gap_mm, by_height_share, waver : float
+        Of a profiler's map: shortest gap that surely shows, mm; share of the way seen over older
+        ink, where no widths are told; standard deviation of ink's height there, thicknesses.
     """
 
     stations: Stations
@@ -390,6 +391,9 @@ class LayerFindings:
     unplaced: tuple[Gap, ...] = ()
     beside_mm: float = 0.0
     aside: bool = False
+    least_gap_mm: float = 0.0
+    by_height_share: float = 0.0
+    waver: float = math.nan
 
 
 Outlines = Sequence[FloatArray]

@@ -31,7 +31,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Final, Literal
 
-from printctl.observe.deciding.doubts import doubts, unconfirmed_words
+from printctl.observe.deciding.doubts import cause_of_turn, doubts, unconfirmed_words
 from printctl.observe.deciding.evidence import SURE, Evidence, LayersSeen
 from printctl.observe.deciding.flow_control import FlowControl, FlowLimits
 from printctl.observe.deciding.gap_test import GapTest, confirmed_gaps
@@ -189,9 +189,8 @@ class Decider:
             )
         if hardly := any_seen and self._hardly_seen(evidence):
             seen = f"only {evidence.seen_share:.0%} was seen; that is {seen}"
-        if evidence.stretches:
-            percent = self.limits.width_percent
-            seen = f"{evidence.stretches} stretches beyond {percent:g} % of their width, told alone"
+        if many := evidence.stretches:
+            seen = f"{many} stretches beyond {self.limits.width_percent:g} % of width, told alone"
         seen += self._rest(evidence) if any_seen and not hardly else evidence.hidden_words
         told = f"; {evidence.over_old_share:.0%} lies over older ink and can't be told from it"
         seen += told * (evidence.over_old_share >= 0.01)
@@ -200,8 +199,11 @@ class Decider:
     def _rest(self, evidence: Evidence) -> str:
         """How much wasn't seen, in words, where that is more than a tolerated gap."""
         unseen_mm = evidence.way_mm * (1.0 - evidence.seen_share - evidence.over_old_share)
-        told = f"; {unseen_mm:.1f} of {evidence.way_mm:.1f} mm weren't seen"
-        return (told + evidence.hidden_words) * (unseen_mm >= self.limits.gap.least_mm)
+        told = f"; {unseen_mm:.1f} of {evidence.way_mm:.1f} mm weren't seen{evidence.hidden_words}"
+        least_mm = self.limits.gap.least_mm
+        return told * (unseen_mm >= least_mm) + evidence.unjudged_words(
+            least_mm, self.limits.width_percent
+        )
 
     def _as_allowed(self, wanted: Decision, evidence: Evidence) -> Decision:
         mode = self.limits.mend
@@ -236,12 +238,8 @@ class Decider:
     def _turned(self, evidence: Evidence) -> Decision | None:
         if evidence.turned is None:
             return None
-        cause = "check the device's axes and observe.frame"
-        if evidence.turned.startswith("moved"):
-            cause = (
-                "motors have lost steps, or dish or device have moved: check both, then the frame"
-            )
         fits = f"the picture fits the layer better {evidence.turned}"
+        cause = cause_of_turn(evidence.turned)
         return Decision(DecisionKind.PAUSE, f"{fits}: {cause}; nothing is mended by it")
 
     def _shifted(self, evidence: Evidence) -> Decision | None:
@@ -331,8 +329,8 @@ class Decider:
         if thin:
             reasons.append(f"{math.fsum(one.length_mm for one in thin):.2f} mm of thin lines")
         corrected = "" if factor is None else f"; flow {control.flow:.0%}: factor {factor:.2f}"
-        why = f"{', '.join(reasons)}{corrected}{self._rest(evidence)}"
-        return Decision(DecisionKind.MEND, why, gaps, factor, thin=thin)
+        reasons[-1] += f"{corrected}{self._rest(evidence)}"
+        return Decision(DecisionKind.MEND, ", ".join(reasons), gaps, factor, thin=thin)
 
     def _believed(self, evidence: Evidence) -> tuple[Gap, ...]:
         return confirmed_gaps(evidence.gaps, evidence.places, evidence.second, self.limits.gap)

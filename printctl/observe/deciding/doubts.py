@@ -8,6 +8,7 @@ from typing import Final
 
 from printctl.observe.deciding.evidence import Evidence
 from printctl.observe.deciding.gap_test import GapTest
+from registration.layer_images.options import IN_PART
 from registration.layer_images.values import Gap
 
 _LIKE_AMOUNT: Final = 0.5
@@ -53,6 +54,15 @@ def doubts(
         words = ", ".join(one.words for one in next_to)
         reasons.append(f"next to {_many(believed)}, {words} can't be told")
     return reasons, (*once, *(one.gap for one in next_to))
+
+
+def cause_of_turn(turned: str) -> str:
+    """What to check where a picture fits its layer better turned or moved, as that says."""
+    if turned.endswith(IN_PART):
+        return "the map lacks rows or columns, or motors lost steps within the layer: look anew"
+    if turned.startswith("moved"):
+        return "motors have lost steps, or dish or device have moved: check both, then the frame"
+    return "check the device's axes and observe.frame"
 
 
 def unconfirmed_words(evidence: Evidence, test: GapTest) -> str:

@@ -17,6 +17,8 @@ _LISTED: Final = 3
 """Stretches that aren't seen, told by their places."""
 _SHOWS: Final = 0.3
 """Of a layer's way, on which grainy or faint ink shows, for ink to have come at all."""
+_TOLD: Final = 0.1
+"""Of the way over older ink, from which on it is said what isn't judged there."""
 _HIDDEN: Final = 0.1
 """Of a layer so little could be seen at best that a look says nothing about the view."""
 
@@ -122,6 +124,12 @@ class Evidence:
         Of the first picture's, those of which a second one of a layer sees less than half.
     beside_mm : float, mm
         Way of a line whose ink lies where none should.
+    least_gap_mm : float, mm
+        Shortest gap that surely shows in a profiler's map; 0 where it isn't known.
+    by_height_share : float
+        Of the way, seen over older ink, where heights tell gaps and no widths.
+    waver : float
+        Standard deviation of ink's height there, in thicknesses of the layer.
     """
 
     places: int
@@ -148,6 +156,33 @@ class Evidence:
     unplaced: tuple[Gap, ...] = ()
     half_seen: tuple[Gap, ...] = ()
     beside_mm: float = 0.0
+    least_gap_mm: float = 0.0
+    by_height_share: float = 0.0
+    waver: float = math.nan
+
+    def unjudged_words(self, gap_mm: float, width_percent: float) -> str:
+        """What tolerances a profiler's map doesn't judge, in words; empty for nothing.
+
+        Parameters
+        ----------
+        gap_mm : float, mm
+        width_percent : float
+            Of its width, by which a line may be thinner or wider.
+        """
+        words = ""
+        if self.least_gap_mm > gap_mm:
+            words += (
+                f"; gaps shorter than {self.least_gap_mm:.2f} mm may not show (gap_mm is "
+                f"{gap_mm:g}): a finer map, or a higher gap_mm"
+            )
+        if self.by_height_share >= _TOLD and math.isfinite(self.waver):
+            over = f", more than the {width_percent:g} % that widths may be off"
+            words += (
+                f"; on {self.by_height_share:.0%} (over older ink) gaps are told and no widths; "
+                f"the ink's height wavers there by {self.waver:.0%} of a layer"
+                f"{over * (100.0 * self.waver > width_percent)}"
+            )
+        return words
 
     @property
     def hidden_words(self) -> str:

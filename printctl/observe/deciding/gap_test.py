@@ -34,7 +34,7 @@ class GapTest:
 
     def significant(self, gap: Gap, places: int) -> bool:
         """Whether a gap is long enough (its ends are unsure), and believed among ``places``."""
-        longest = gap.length_mm + 2.0 * gap.u_mm
+        longest = gap.length_mm + 2.0 * gap.u_tip_mm
         return longest >= self.least_mm and gap.p_value * max(places, 1) <= self.rate
 
 

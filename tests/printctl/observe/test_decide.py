@@ -161,6 +161,25 @@ def test_a_turned_picture_pauses_and_nothing_is_learned_or_mended_by_it():
     assert decider.decide(evidence()).kind is DecisionKind.GO_ON
 
 
+def test_a_map_of_which_a_part_is_moved_pauses_and_names_lost_rows():
+    decider = Decider(Limits(mend="mend"))
+    moved = "moved by +0.4 mm along x and +0.0 mm along y at one end against the other"
+    found = decider.decide(evidence(gaps=(GAP,), turned=moved))
+    assert (found.kind, found.gaps) == (DecisionKind.PAUSE, ())
+    assert "the map lacks rows or columns" in found.why
+
+
+def test_what_a_profilers_map_doesnt_judge_is_said():
+    short = decided(least_gap_mm=0.35).why
+    assert "gaps shorter than 0.35 mm may not show (gap_mm is 0.2)" in short
+    assert "may not show" not in decided(least_gap_mm=0.15).why
+    even, wavering = (decided(by_height_share=0.8, waver=one).why for one in (0.06, 0.17))
+    assert "on 80% (over older ink) gaps are told and no widths" in even
+    assert "wavers there by 6% of a layer" in even
+    assert "more than the 15 %" not in even
+    assert "wavers there by 17% of a layer, more than the 15 % that widths may be off" in wavering
+
+
 def test_a_way_without_ink_is_never_called_as_expected():
     bare = decided(coverage=0.003, seen_share=0.2, over_old_share=0.3)
     assert bare.kind is DecisionKind.PAUSE

@@ -56,6 +56,8 @@ def test_a_sweep_that_tells_nothing_is_refused(tmp_path: Path) -> None:
     traced = trace(sweeps.written(sweeps.flat(), tmp_path / "flat"), scene.frame())
     with pytest.raises(PictureError, match=r"0\.20 mm from the insert's face"):
         fit_laser(traced, scene.frame(), scene.frame().middle_mm[2] - 0.2, NOW)
+    with pytest.raises(PictureError, match="height is nan mm; touch the face"):
+        fit_laser(traced, scene.frame(), float("nan"), NOW)
     few = sweeps.written(sweeps.flat()[:9], tmp_path / "few")
     with pytest.raises(PictureError, match=r"in [5-9] of 9 pictures \(12 wanted\)"):
         trace(few, scene.frame())
@@ -112,6 +114,21 @@ def test_pages_and_a_video_are_read_as_a_folder_is(tmp_path: Path) -> None:
     seen = [read() for read in readers(tmp_path / "all.avi")]
     assert len(seen) == 4
     assert np.abs(seen[2].mean(axis=2) - pictures[2]).mean() < 3
+
+
+@pytest.mark.parametrize("compression", [None, "zlib"])
+def test_a_tiff_that_is_cut_off_is_told_with_a_remedy(
+    compression: str | None, tmp_path: Path
+) -> None:
+    whole, cut = tmp_path / "whole.tif", tmp_path / "cut.tif"
+    with tifffile.TiffWriter(whole) as file:
+        for one in sweeps.flat()[:3]:
+            file.write(one, compression=compression, contiguous=False)
+    data = whole.read_bytes()
+    for share in (0.2, 0.9):
+        cut.write_bytes(data[: int(share * len(data))])
+        with pytest.raises(PictureError, match=r"cut off TIFF.*copy or export"):
+            [read() for read in readers(cut)]
 
 
 def test_a_line_is_found_between_pixels_and_lost_where_it_isnt_sure() -> None:
