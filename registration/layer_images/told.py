@@ -241,7 +241,7 @@ def _by_mix(
         long_bath, image, free, LONG * ground.gap_mm, ground.work.px_per_mm, width_px, template,
         least, rng,
     )  # fmt: skip
-    noise, contrast, faint = _sureness(
+    noise, contrast, faint = sureness(
         present, good, ways, fake_present, ground, known is not None, template, over_long
     )
     look = Appearance(mix, template.terms * template.scale, template.filled, ink)
@@ -253,7 +253,7 @@ def _by_mix(
     )  # fmt: skip
 
 
-def _sureness(
+def sureness(
     present: FloatArray,
     good: BoolArray,
     ways: Ways,

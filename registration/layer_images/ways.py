@@ -176,7 +176,7 @@ def lay_ways(lines: ExpectedLines, step_mm: float) -> Ways:
     """Return places each ``step_mm`` or so along all fresh runs."""
     length = np.linalg.norm(lines.end - lines.start, axis=1)
     flat = np.linalg.norm((lines.end - lines.start)[:, :2], axis=1)
-    before = _from_stroke_begin(lines.stroke, length)
+    before = from_stroke_begin(lines.stroke, length)
     row = np.flatnonzero(lines.fresh & (length > 0) & (flat > _STEEP * length))
     if not len(row):
         raise PictureError("expected lines: no fresh line has a way that can be seen from above")
@@ -222,7 +222,7 @@ def lay_ways(lines: ExpectedLines, step_mm: float) -> Ways:
     )
 
 
-def _from_stroke_begin(stroke: IntArray, length: FloatArray) -> FloatArray:
+def from_stroke_begin(stroke: IntArray, length: FloatArray) -> FloatArray:
     """Way along its stroke up to each piece, (n,), mm; a stroke's pieces follow each other."""
     end = np.cumsum(length)
     fresh_stroke = np.concatenate([[True], np.diff(stroke) != 0])
