@@ -211,12 +211,12 @@ def _gaps(
             around = _strange_around(look, told, near, beside)
             clear = rows & (good if not told.faint else told.why == Unseen.SEEN)
             # Slopes and edges scatter with the light, not with noise alone.
-            certain = needed * (_EDGES_RATE if told.template.by_edges else 1.0)
+            certain = needed * (_EDGES_RATE if told.template.by_edges and not told.shaded else 1.0)
             gaps, unclear = find_gaps(
                 look.present, clear, look.inferred, look.ways, told.noise, options.gap_mm, certain,
-                around, told.faint and told is look.bath,
+                around, told.faint and told is look.bath, told.strength,
             )  # fmt: skip
-            if told.template.slant > ASIDE:
+            if told.template.slant > ASIDE and not told.shaded:
                 angle = angle_of(look.seen)
                 gaps = [
                     gap

@@ -14,7 +14,9 @@ dark flanks, ends and turns tell where the ridges truly lie.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import cv2
@@ -38,12 +40,12 @@ _KNOTS: Final = np.array([0.0, 0.12, 0.24, 0.36, 0.48, 0.6, 0.72])
 _FAR: Final = 1.05
 _GRID: Final = 0.11
 """Widths between samples."""
-_MOST: Final = 5_000
+_MOST: Final = 2_000
 _FEWEST: Final = 400
 _REACH: Final = 0.5
 """Widths, by which the symmetric look may have been off."""
 _STEPS: Final = 9
-_FINER: Final = 4
+_FINER: Final = 3
 _AXIS: Final = 0.05
 """Widths between the points that stand for lines."""
 _MOST_LEFT: Final = 0.5
@@ -58,8 +60,16 @@ _RIVAL_WORSE: Final = 1.1
 """Times what the best place leaves, that a rival leaves at least."""
 _TOGETHER: Final = 20.0
 """Samples that share a bath's texture."""
+_BLURS: Final = (0.04, 0.08, 0.12, 0.16, 0.2)
+"""Widths: standard deviations of blur that are tried."""
+_CENTRE: Final = 0.4
+"""Weight of the middle one of the points that stand for blur."""
 _LEAST_U: Final = 0.05
 """Widths: standard uncertainty of a place by shading at least."""
+
+
+Nearest = Callable[[FloatArray], tuple[FloatArray, BoolArray]]
+"""Vectors to places from the nearest line's middle, mm, and whether any is near."""
 
 
 @dataclass(frozen=True)
@@ -132,6 +142,8 @@ class RidgeLight:
     to_picture : (2, 2) float64, px/mm
     axes : Axes
     width_mm : float, mm
+    blur_mm : float, mm
+        Standard deviation of the picture's blur, which smooths creases where beads meet.
     shift : Shift
     """
 
@@ -141,6 +153,7 @@ class RidgeLight:
     to_picture: FloatArray
     axes: Axes
     width_mm: float
+    blur_mm: float
     shift: Shift
 
     @property
@@ -148,21 +161,30 @@ class RidgeLight:
         """Root of the power of the odd part over that of the even one."""
         return _slant(self.terms)
 
-    def shade(self, apart: FloatArray, near: BoolArray) -> FloatArray:
-        """Brightness over the bath at places so far from the nearest line, (k,); 0 where it is far.
-
-        Parameters
-        ----------
-        apart : (k, 2) float64, mm
-        near : (k,) bool
-        """
-        return np.asarray(_basis(apart, near, self.to_picture, self.width_mm) @ _flat(self.terms))
+    def shade(self, at: FloatArray, nearest: Nearest) -> FloatArray:
+        """Brightness over the bath at places (k, 2), mm, whose nearest lines are looked up."""
+        basis = _blurred(at, nearest, self.to_picture, self.width_mm, self.blur_mm)
+        return np.asarray(basis @ _flat(self.terms))
 
     def across(self) -> FloatArray:
         """m0, m1, m2 over `ACROSS`, (3, 61)."""
         sides = np.stack([np.interp(np.abs(ACROSS), _KNOTS, row) for row in self.terms])
         sides[1:] *= np.sign(ACROSS)
         return np.asarray(np.where(np.abs(ACROSS) <= _KNOTS[-1], sides, 0.0))
+
+
+def _blurred(
+    at: FloatArray, nearest: Nearest, to_picture: FloatArray, width_mm: float, blur_mm: float
+) -> FloatArray:
+    """`_basis` averaged over five points that have a blur's variance, (k, 16)."""
+    out = _basis(*nearest(at), to_picture, width_mm)
+    if blur_mm <= 0:
+        return out
+    out *= _CENTRE
+    side = blur_mm * np.sqrt(2.0 / (1.0 - _CENTRE))
+    for off in side * np.array([(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]):
+        out += 0.25 * (1.0 - _CENTRE) * _basis(*nearest(at + off), to_picture, width_mm)
+    return out
 
 
 def _basis(
@@ -206,16 +228,20 @@ class _Samples:
     to_picture: FloatArray
     width_mm: float
 
-    def left(self, shift_mm: FloatArray, even: bool = False) -> tuple[float, FloatArray]:
-        """Variance that the shading leaves with the layer there, and its coefficients, (17,)."""
-        apart, near = self.axes.nearest(self.at - shift_mm, _KNOTS[-1] * self.width_mm)
-        basis = _basis(apart, near, self.to_picture, self.width_mm)
-        basis = basis[:, : len(_KNOTS) - 1] if even else basis
-        basis = np.hstack([basis, np.ones((len(basis), 1))])
+    def left(self, shift_mm: FloatArray, blur: float = 0.0) -> tuple[float, float, FloatArray]:
+        """Variance left by the shading with the layer there, by m0 alone, and coefficients, (17,)."""
+        nearest = partial(self.axes.nearest, within_mm=_KNOTS[-1] * self.width_mm)
+        at, blur_mm = self.at - shift_mm, blur * self.width_mm
+        basis = _blurred(at, nearest, self.to_picture, self.width_mm, blur_mm)
+        basis = np.hstack([np.ones((len(basis), 1)), basis])
         power = basis.T @ basis + 1e-3 * np.eye(basis.shape[1])
-        best = np.linalg.solve(power, basis.T @ self.values)
-        rest = self.values - basis @ best
-        return float(rest @ rest) / len(rest), np.asarray(best)
+        both, total = basis.T @ self.values, float(self.values @ self.values)
+        best = np.linalg.solve(power, both)
+        even = len(_KNOTS)
+        alone = np.linalg.solve(power[:even, :even], both[:even])
+        count = len(self.values)
+        left = (total - float(best @ both)) / count
+        return left, (total - float(alone @ both[:even])) / count, np.asarray(best)
 
 
 def ridge_light(
@@ -257,8 +283,8 @@ def ridge_light(
         samples = _Samples(at, values, axes, to_picture, width)
         found = _fitted(samples, begun)
         if found is not None and found[0] < least:
-            least, terms, level, moved = found
-            best = RidgeLight(terms, level, channels, to_picture, axes, width, moved)
+            least, terms, level, blur_mm, moved = found
+            best = RidgeLight(terms, level, channels, to_picture, axes, width, blur_mm, moved)
     return best
 
 
@@ -301,36 +327,37 @@ def _places(
 
 def _fitted(
     samples: _Samples, begun: FloatArray
-) -> tuple[float, FloatArray, float, Shift] | None:
-    """Share of variance left, terms, level and shift; None where they aren't those of ridges."""
+) -> tuple[float, FloatArray, float, float, Shift] | None:
+    """Share of variance left, terms, level, blur and shift; None where they aren't those of ridges."""
     total = float(samples.values.var())
     steps = np.linspace(-_REACH, _REACH, _STEPS) * samples.width_mm
     grid = np.stack(np.meshgrid(steps, steps), axis=2).reshape(-1, 2) + begun
-    left = np.array([samples.left(one)[0] for one in grid])
+    left, symmetric = np.array([samples.left(one)[:2] for one in grid]).T
     best, least = grid[int(left.argmin())], float(left.min())
     rival = np.linalg.norm(grid - best, axis=1) > _RIVAL * samples.width_mm
-    even = min(samples.left(one, even=True)[0] for one in grid[::2])
-    if least > _MOST_LEFT * total or least > _LESS * even:
+    if least > _MOST_LEFT * total or least > _LESS * float(symmetric.min()):
         return None
+    blur = min(_BLURS, key=lambda one: samples.left(best, one)[0])
     half = steps[1] - steps[0]
     for _ in range(_FINER):
         half *= 0.5
         near = best + half * np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
-        best = near[int(np.argmin([samples.left(one)[0] for one in near]))]
-    least, values = samples.left(best)
-    terms = _terms(values[:-1])
+        best = near[int(np.argmin([samples.left(one, blur)[0] for one in near]))]
+    least, _, values = samples.left(best, blur)
+    terms = _terms(values[1:])
     if _slant(terms) < _ODD or float(left[rival].min()) < _RIVAL_WORSE * least:
         return None
-    covariance = _covariance(samples, best, least)
-    return least / total, terms, float(values[-1]), Shift(float(best[0]), float(best[1]), covariance)
+    covariance = _covariance(samples, best, least, blur)
+    shift = Shift(float(best[0]), float(best[1]), covariance)
+    return least / total, terms, float(values[0]), blur * samples.width_mm, shift
 
 
-def _covariance(samples: _Samples, best: FloatArray, least: float) -> FloatArray:
+def _covariance(samples: _Samples, best: FloatArray, least: float, blur: float) -> FloatArray:
     """Covariance of a shift, mm², by how much worse the shading fits beside it."""
     h = 0.1 * samples.width_mm
     x, y = h * np.eye(2)
     beside = {
-        (i, j): samples.left(best + i * x + j * y)[0] for i in (-1, 0, 1) for j in (-1, 0, 1)
+        (i, j): samples.left(best + i * x + j * y, blur)[0] for i in (-1, 0, 1) for j in (-1, 0, 1)
     }
     bend = np.array([[beside[1, 0] + beside[-1, 0] - 2 * least, 0.0], [0.0, 0.0]])
     bend[1, 1] = beside[0, 1] + beside[0, -1] - 2 * least

@@ -14,15 +14,17 @@ from typing import Final
 
 import numpy as np
 
-from registration.layer_images.ink_image import ACROSS, WITHIN, Template
+from registration.layer_images.ink_image import ACROSS, WITHIN, BathNoise, Template
 from registration.layer_images.place_reasons import reasons
-from registration.layer_images.presence import fake_places, long_bath
+from registration.layer_images.presence import INK, fake_places, long_bath, spread_of
 from registration.layer_images.ridge_light import RidgeLight
-from registration.layer_images.told import LONG, Ground, Told, sureness
+from registration.layer_images.strange import strangeness, unlike_bath
+from registration.layer_images.told import LONG, Ground, Told, strange_in, sureness
 from registration.layer_images.values import (
     Appearance,
     BoolArray,
     FloatArray,
+    FloatImage,
     Unseen,
 )
 from registration.layer_images.ways import Seen, Ways
@@ -30,6 +32,11 @@ from registration.layer_images.ways import Seen, Ways
 _WEAK: Final = 0.45
 """Of the usual strength: lines that shading shows so faintly aren't told."""
 _RIDGE: Final = 0.3
+_UNLEARNED: Final = 2.5
+"""Times the usual scatter, near turns, where too few of them are seen to learn it."""
+_FEWEST: Final = 16
+_FEW: Final = 5.0
+"""Spreads of n places are widened by 1 + 5 / n."""
 
 
 def tell_ridges(
@@ -43,7 +50,7 @@ def tell_ridges(
 ) -> Told:
     """Return ink over the bath by its shading, at places ``use`` (n,).
 
-    ``usual`` is the same by a symmetric look, from which what is strange in the picture is taken.
+    ``usual`` is the same by a symmetric look.
     """
     terms = light.across()
     scale = float(np.sqrt((terms[1:] ** 2).sum(axis=0)).max())
@@ -64,25 +71,28 @@ def tell_ridges(
     power = np.maximum((missing * weights).sum(axis=1), 1e-12)
     present = ((profiles[:, WITHIN] - without) * weights).sum(axis=1) / power
     strength = np.sqrt(power)
-    why = reasons(ground.work, seen, ways, usual.strange)
+    away = _strangeness(ground, scale, rng)
+    strange = strange_in(ground, away, width_px, False)
+    why = reasons(ground.work, seen, ways, strange)
     usable = use & (why == Unseen.SEEN)
     common = float(np.percentile(strength[usable], 75)) if usable.any() else 1.0
     share = np.minimum(strength / common, 1.0)
-    # Noise is as much stronger as shading is weaker: evened, all places scatter alike.
-    present = 1.0 + (present - 1.0) * share
     why[(why == Unseen.SEEN) & (share < _WEAK)] = int(Unseen.FAINT)
     good = use & (why == Unseen.SEEN)
     fake_present = None
     if bath is not None:
         pick = rng.choice(np.flatnonzero(good if good.any() else use), len(bath) // 8).repeat(8)
         fake_present = (bath * weights[pick]).sum(axis=1) / power[pick] * share[pick]
+    # Noise is as much stronger as shading is weaker: evened, all places scatter alike.
+    share = share / _rougher_turns(1.0 + (present - 1.0) * share, good & (present > INK), ways)
+    evened = 1.0 + (present - 1.0) * share
     template = Template(terms / scale, scale, False, light.slant)
     over_long = partial(
         long_bath, image, ground.free, LONG * ground.gap_mm, ground.work.px_per_mm, width_px,
         template, 1.0, rng,
     )  # fmt: skip
     noise_found, contrast, faint = sureness(
-        present, good, ways, fake_present, ground, False, template, over_long
+        evened, good, ways, fake_present, ground, False, template, over_long
     )
     count = ground.flat.shape[2]
     mix = np.zeros(count)
@@ -91,8 +101,30 @@ def tell_ridges(
         usual, image=image, profiles=profiles, present=present, plain=present, why=why,
         template=template, noise=noise_found, contrast=contrast, faint=faint,
         appearance=Appearance(mix, terms, False, usual.ink), log_step=0.0,
-        level=np.ones(len(ways)),
+        level=np.ones(len(ways)), strength=share, shaded=True, strange=strange, unlike_bath=unlike_bath(away, ground.free),
     )  # fmt: skip
+
+
+def _rougher_turns(evened: FloatArray, ink: BoolArray, ways: Ways) -> FloatArray:
+    """Return how much more presence scatters at places near turns than elsewhere, (n,); 1 or more.
+
+    Creases where beads meet are smoothed by blur and by ink's surface tension, as no line is.
+    """
+    turns = ways.corners()
+    near, far = (evened[ink & one] for one in (turns, ~turns))
+    ratio = _UNLEARNED
+    if min(len(near), len(far)) >= _FEWEST:
+        ratio = spread_of(near) * (1.0 + _FEW / len(near)) / max(spread_of(far), 1e-9)
+    return np.where(turns, max(ratio, 1.0), 1.0)
+
+
+def _strangeness(ground: Ground, scale: float, rng: np.random.Generator) -> FloatImage:
+    """`strangeness` where ridges may be brighter and darker than the bath, (h, w)."""
+    bath = BathNoise.of(ground.smooth, ground.free, rng)
+    assert bath is not None  # or there would be no usual look
+    flank = np.full(ground.smooth.shape[2], scale)
+    both = (strangeness(ground.smooth, bath, way * flank, True) for way in (1.0, -1.0))
+    return np.asarray(np.minimum(*both))
 
 
 def _drawn(light: RidgeLight, ways: Ways, gap_mm: float) -> tuple[FloatArray, FloatArray]:
@@ -103,7 +135,8 @@ def _drawn(light: RidgeLight, ways: Ways, gap_mm: float) -> tuple[FloatArray, Fl
     stroke, along = (np.repeat(one, count) for one in (ways.stroke, ways.along))
     within = 0.75 * light.width_mm
     apart = 0.5 * (gap_mm + light.width_mm)
-    near = light.axes.nearest(at, within)
-    other = light.axes.nearest_other(at, stroke, along, apart, within)
-    with_it, without = (light.shade(*one).reshape(-1, count) for one in (near, other))
+    near = partial(light.axes.nearest, within_mm=within)
+    stretch = {"stroke": stroke, "along": along, "apart_mm": apart}
+    other = partial(light.axes.nearest_other, within_mm=within, **stretch)
+    with_it, without = (light.shade(at, one).reshape(-1, count) for one in (near, other))
     return with_it, without
