@@ -229,7 +229,7 @@ class _Samples:
     width_mm: float
 
     def left(self, shift_mm: FloatArray, blur: float = 0.0) -> tuple[float, float, FloatArray]:
-        """Variance left by the shading with the layer there, by m0 alone, and coefficients, (17,)."""
+        """Variance left by the shading, by m0 alone, and coefficients, (17,), with the layer there."""
         nearest = partial(self.axes.nearest, within_mm=_KNOTS[-1] * self.width_mm)
         at, blur_mm = self.at - shift_mm, blur * self.width_mm
         basis = _blurred(at, nearest, self.to_picture, self.width_mm, blur_mm)
@@ -304,7 +304,7 @@ def _places(
     z_mm: float,
     rng: np.random.Generator,
 ) -> tuple[FloatArray, FloatArray]:
-    """Places around the lines, mm, away from all that isn't fresh ink or bath; and in the picture."""
+    """Places around the lines, where only fresh ink or bath is; mm, and in the picture."""
     low, high = axes.tree.mins - _FAR * width, axes.tree.maxes + _FAR * width
     x, y = (np.arange(a, b, _GRID * width) for a, b in zip(low, high, strict=True))
     at = np.stack(np.meshgrid(x, y), axis=2).reshape(-1, 2)
@@ -328,14 +328,14 @@ def _places(
 def _fitted(
     samples: _Samples, begun: FloatArray
 ) -> tuple[float, FloatArray, float, float, Shift] | None:
-    """Share of variance left, terms, level, blur and shift; None where they aren't those of ridges."""
+    """Share of variance left, terms, level, blur and shift; None where they aren't ridges'."""
     total = float(samples.values.var())
     steps = np.linspace(-_REACH, _REACH, _STEPS) * samples.width_mm
     grid = np.stack(np.meshgrid(steps, steps), axis=2).reshape(-1, 2) + begun
     left, symmetric = np.array([samples.left(one)[:2] for one in grid]).T
-    best, least = grid[int(left.argmin())], float(left.min())
+    best, coarse = grid[int(left.argmin())], float(left.min())
     rival = np.linalg.norm(grid - best, axis=1) > _RIVAL * samples.width_mm
-    if least > _MOST_LEFT * total or least > _LESS * float(symmetric.min()):
+    if coarse > min(_MOST_LEFT * total, _LESS * float(symmetric.min())):
         return None
     blur = min(_BLURS, key=lambda one: samples.left(best, one)[0])
     half = steps[1] - steps[0]
@@ -345,7 +345,7 @@ def _fitted(
         best = near[int(np.argmin([samples.left(one, blur)[0] for one in near]))]
     least, _, values = samples.left(best, blur)
     terms = _terms(values[1:])
-    if _slant(terms) < _ODD or float(left[rival].min()) < _RIVAL_WORSE * least:
+    if _slant(terms) < _ODD or float(left[rival].min()) < _RIVAL_WORSE * coarse:
         return None
     covariance = _covariance(samples, best, least, blur)
     shift = Shift(float(best[0]), float(best[1]), covariance)
@@ -361,9 +361,7 @@ def _covariance(samples: _Samples, best: FloatArray, least: float, blur: float) 
     }
     bend = np.array([[beside[1, 0] + beside[-1, 0] - 2 * least, 0.0], [0.0, 0.0]])
     bend[1, 1] = beside[0, 1] + beside[0, -1] - 2 * least
-    bend[0, 1] = bend[1, 0] = 0.25 * (
-        beside[1, 1] + beside[-1, -1] - beside[1, -1] - beside[-1, 1]
-    )
+    bend[0, 1] = bend[1, 0] = 0.25 * (beside[1, 1] + beside[-1, -1] - beside[1, -1] - beside[-1, 1])
     share, axes = np.linalg.eigh(bend / h**2 * len(samples.values) / (2.0 * _TOGETHER * least))
     reach = _REACH * samples.width_mm
     known = (axes / np.maximum(share, 1.0 / reach**2)) @ axes.T

@@ -109,7 +109,7 @@ class Told:
     strength : (n,) float64
         Of what shows a line at each place, over the usual: its noise is as much larger; at most 1.
     shaded : bool
-        Whether it is told by the shading of ridges, drawn at each place (`told_by_ridges`).
+        Whether by the shading of ridges, drawn at each place (`told_by_ridges`).
     """
 
     image: FloatImage
