@@ -229,7 +229,7 @@ class _Samples:
     width_mm: float
 
     def left(self, shift_mm: FloatArray, blur: float = 0.0) -> tuple[float, float, FloatArray]:
-        """Variance left by the shading, by m0 alone, and coefficients, (17,), with the layer there."""
+        """Variance left by the shading and by m0 alone at a shift, and coefficients, (17,)."""
         nearest = partial(self.axes.nearest, within_mm=_KNOTS[-1] * self.width_mm)
         at, blur_mm = self.at - shift_mm, blur * self.width_mm
         basis = _blurred(at, nearest, self.to_picture, self.width_mm, blur_mm)
