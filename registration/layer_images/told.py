@@ -67,8 +67,7 @@ _MORE_SEEN = 1.5
 _SHOWN = 0.5
 """Of its known level, below which lines aren't what ink looks like."""
 _EVEN = 0.05
-"""Least scatter of what lies beside lines in a map of heights, thicknesses: cut off below the
-layer it has next to none, and the foot of a line would count as a strange thing."""
+"""Least scatter beside lines in a map of heights, thicknesses: else a line's foot is strange."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,7 @@ class Told:
     level : (n,) float64
         Presence of each place's own line, by which ``present`` was divided.
     strength : (n,) float64
-        Of what shows a line at each place, over the usual: its noise is as much larger; at most 1.
+        Of what shows a line there, over the usual, at most 1: noise is as much larger.
     shaded : bool
         Whether by the shading of ridges, drawn at each place (`told_by_ridges`).
     """

@@ -34,6 +34,8 @@ _WEAK: Final = 0.45
 _RIDGE: Final = 0.3
 _UNLEARNED: Final = 2.5
 """Times the usual scatter, near turns, where too few of them are seen to learn it."""
+_AT_TURN: Final = 0.6
+"""Widths from a turn, within which beads that meet scatter more."""
 _FEWEST: Final = 16
 _FEW: Final = 5.0
 """Spreads of n places are widened by 1 + 5 / n."""
@@ -111,7 +113,7 @@ def _rougher_turns(evened: FloatArray, ink: BoolArray, ways: Ways) -> FloatArray
 
     Creases where beads meet are smoothed by blur and by ink's surface tension, as no line is.
     """
-    turns = ways.corners()
+    turns = ways.corners(_AT_TURN)
     near, far = (evened[ink & one] for one in (turns, ~turns))
     ratio = _UNLEARNED
     if min(len(near), len(far)) >= _FEWEST:

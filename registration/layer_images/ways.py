@@ -72,10 +72,10 @@ class Ways:
     def __len__(self) -> int:
         return len(self.piece)
 
-    def corners(self) -> BoolArray:
-        """Places nearer than about a width to a turn of the way, (n,)."""
+    def corners(self, within: float = _NEAR_TURN) -> BoolArray:
+        """Places nearer than about so many widths to a turn of the way, (n,)."""
         turned = np.zeros(len(self), dtype=np.bool_)
-        count = np.maximum(1, np.rint(_NEAR_TURN * self.width / self.step)).astype(np.int64)
+        count = np.maximum(1, np.rint(within * self.width / self.step)).astype(np.int64)
         index = np.arange(len(self))
         back, ahead = np.maximum(index - count, 0), np.minimum(index + count, len(self) - 1)
         back = np.where(self.run[back] == self.run, back, index)
