@@ -315,6 +315,8 @@ def _places(
     at = at if len(at) <= _MOST else at[rng.choice(len(at), _MOST, replace=False)]
     at = at + begun
     px = frame.to_pixels(np.column_stack([at, np.full(len(at), z_mm)]))
+    finite = np.isfinite(px).all(axis=1)
+    at, px = at[finite], px[finite]
     cell = np.rint(px).astype(np.int64)
     inside = ((cell >= 1) & (cell < np.array(work.shape[::-1]) - 1)).all(axis=1)
     at, px, cell = at[inside], px[inside], cell[inside]
