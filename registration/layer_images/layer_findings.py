@@ -82,8 +82,9 @@ def may_be_ridges(look: SeenLayer, shift: Shift) -> bool:
         return False
     told = look.bath
     moved = float(np.hypot(shift.dx_mm, shift.dy_mm)) / float(np.median(look.ways.width))
-    unsure = told is None or told.noise is None or told.faint or moved > _MOVED
-    return unsure or told.template.by_edges or told.template.slant > _SLANT
+    if told is None or told.noise is None or told.faint or moved > _MOVED:
+        return True
+    return told.template.by_edges or told.template.slant > _SLANT
 
 
 def honest_shift(shift: Shift, look: SeenLayer, reach_mm: float) -> Shift:

@@ -65,11 +65,13 @@ def tell_ridges(
     step_px = float(np.median(ways.step)) * ground.work.px_per_mm
     fakes = fake_places(ground.free, width_px, step_px, rng)
     bath = None if fakes is None else fakes.profiles(image, width_px * ACROSS[None, :])[:, WITHIN]
-    weights = missing
+    weights: FloatArray = missing
     if bath is not None:
         noise = np.cov(bath[::4].T)
         ridge = _RIDGE * float(np.trace(noise)) / len(noise)
-        weights = np.linalg.solve(noise + ridge * np.eye(len(noise)), missing.T).T
+        weights = np.asarray(
+            np.linalg.solve(noise + ridge * np.eye(len(noise)), missing.T).T, dtype=np.float64
+        )
     power = np.maximum((missing * weights).sum(axis=1), 1e-12)
     present = ((profiles[:, WITHIN] - without) * weights).sum(axis=1) / power
     strength = np.sqrt(power)
@@ -139,7 +141,8 @@ def _drawn(light: RidgeLight, ways: Ways, gap_mm: float) -> tuple[FloatArray, Fl
     within = 0.75 * light.width_mm
     apart = 0.5 * (gap_mm + light.width_mm)
     near = partial(light.axes.nearest, within_mm=within)
-    stretch = {"stroke": stroke, "along": along, "apart_mm": apart}
-    other = partial(light.axes.nearest_other, within_mm=within, **stretch)
+    other = partial(
+        light.axes.nearest_other, stroke=stroke, along=along, apart_mm=apart, within_mm=within
+    )
     with_it, without = (light.shade(at, one).reshape(-1, count) for one in (near, other))
     return with_it, without
