@@ -137,7 +137,7 @@ def _drawn(light: RidgeLight, ways: Ways, gap_mm: float) -> tuple[FloatArray, Fl
     count = int(WITHIN.sum())
     across = (ways.width[:, None] * ACROSS[WITHIN])[:, :, None] * ways.normal[:, None, :]
     at = (ways.point[:, None, :2] + across).reshape(-1, 2)
-    stroke, along = (np.repeat(one, count) for one in (ways.stroke, ways.along))
+    stroke, along = np.repeat(ways.stroke, count), np.repeat(ways.along, count)
     within = 0.75 * light.width_mm
     apart = 0.5 * (gap_mm + light.width_mm)
     near = partial(light.axes.nearest, within_mm=within)
