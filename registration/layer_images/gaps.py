@@ -36,6 +36,7 @@ def find_gaps(
     p_needed: float,
     strange: FloatArray,
     faint: bool = False,
+    strength: FloatArray | None = None,
 ) -> tuple[list[Gap], BoolArray]:
     """Return gaps, and places whose surroundings contradict a gap there, (n,).
 
@@ -57,7 +58,10 @@ def find_gaps(
     faint : bool
         Whether ink is too faint for a tolerated gap: noise would cut longer ones into pieces, so
         that several lengths are averaged over, and each is tested.
+    strength : (n,) float64 or None
+        Of what shows a line, over the usual: presence scatters as much more; None for 1.
     """
+    strength = np.ones(len(ways)) if strength is None else strength
     levels = (
         [averaged(present, good, ways.run, _count(ways, size * gap_mm)) for size in _FAINT]
         if faint
@@ -67,7 +71,7 @@ def find_gaps(
     found = list[Gap]()
     for smooth in levels:
         places = Tested(
-            present, smooth, good, inferred, ways, noise, gap_mm, p_needed / len(levels)
+            present, smooth, good, inferred, ways, noise, gap_mm, p_needed / len(levels), strength
         )
         gaps, doubtful = places.gaps(strange)
         found += gaps
@@ -106,6 +110,7 @@ class Tested:
     noise: WindowNoise
     gap_mm: float
     p_needed: float
+    strength: FloatArray
 
     def gaps(self, strange: FloatArray) -> tuple[list[Gap], BoolArray]:
         """Gaps, and places that are neither ink nor bath."""
@@ -158,7 +163,8 @@ class Tested:
         if not shown.any() or _only_an_end(ways, rows, end - begin, self.gap_mm):
             return None
         told_mm = end - begin - float(ways.step[rows][~shown].sum())
-        p_value = noise.p_value(float(self.present[rows][shown].mean()), told_mm)
+        evened = noise.middle + self.strength[rows] * (self.present[rows] - noise.middle)
+        p_value = noise.p_value(float(evened[shown].mean()), told_mm)
         if end - begin < LEAST * self.gap_mm or p_value > self.p_needed:
             return None
         u = float(np.hypot(ways.step[first] / np.sqrt(12), _end_noise(noise) * self.gap_mm))

@@ -51,6 +51,8 @@ _SLANT: Final = 0.08
 """Lack of symmetry from which on light from the side must be reckoned with."""
 _LIT_ASIDE: Final = 0.3
 """Of a width and of the slant: uncertainty of where a line lies that is lit from the side."""
+_MOVED: Final = 0.2
+"""Widths, by which a look that takes bright flanks for lines may have moved the layer."""
 _HALF_SHOWN: Final = 0.5
 """Of a width, by which a line may lie aside and still show as half of its presence."""
 _LIKELIER: Final = 30.0
@@ -77,6 +79,17 @@ def _bare_anyway(look: SeenLayer, reach_mm: float) -> BoolArray:
     if look.bath is not None and look.bath.noise is not None:
         none |= ~look.over_old & (look.present < BARE * look.bath.noise.middle)
     return none & (reach_mm < _HALF_SHOWN * look.ways.width)
+
+
+def may_be_ridges(look: SeenLayer, shift: Shift) -> bool:
+    """Whether a picture of light may be one of ridges lit from the side, by a symmetric look."""
+    if not look.work.is_log or look.ways.varied:
+        return False
+    told = look.bath
+    moved = float(np.hypot(shift.dx_mm, shift.dy_mm)) / float(np.median(look.ways.width))
+    if told is None or told.noise is None or told.faint or moved > _MOVED:
+        return True
+    return told.template.by_edges or told.template.slant > _SLANT
 
 
 def honest_shift(shift: Shift, look: SeenLayer, reach_mm: float) -> Shift:
@@ -234,12 +247,12 @@ def _gaps(
             around = _strange_around(look, told, near, beside)
             clear = rows & (good if not told.faint else told.why == Unseen.SEEN)
             # Slopes and edges scatter with the light, not with noise alone.
-            certain = needed * (_EDGES_RATE if told.template.by_edges else 1.0)
+            certain = needed * (_EDGES_RATE if told.template.by_edges and not told.shaded else 1.0)
             gaps, unclear = find_gaps(
                 look.present, clear, look.inferred, look.ways, told.noise, options.gap_mm, certain,
-                around, told.faint and told is look.bath,
+                around, told.faint and told is look.bath, told.strength,
             )  # fmt: skip
-            if told.template.slant > ASIDE:
+            if told.template.slant > ASIDE and not told.shaded:
                 angle = angle_of(look.seen)
                 gaps = [
                     gap

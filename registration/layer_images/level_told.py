@@ -77,4 +77,5 @@ def told_by_level(
         ink=nothing,
         faint=not noise.can_tell(gap_mm, needed),
         level=np.ones(len(ways)),
+        strength=np.ones(len(ways)),
     )

@@ -22,10 +22,11 @@ import numpy as np
 from registration.errors import PictureError
 from registration.layer_images.before import with_before
 from registration.layer_images.first_shift import first_shift
-from registration.layer_images.layer_findings import findings_of, honest_shift
+from registration.layer_images.layer_findings import findings_of, honest_shift, may_be_ridges
 from registration.layer_images.layer_shift import PLENTY, fit_shift
 from registration.layer_images.options import SeeingOptions
 from registration.layer_images.out_of_place import ink_beside_mm, unless_elsewhere
+from registration.layer_images.ridge_light import RidgeLight, ridge_light
 from registration.layer_images.seen_layer import SeenLayer, seen_at_shift
 from registration.layer_images.values import (
     Appearance,
@@ -104,8 +105,10 @@ def see_layer(
         work = with_before(work, own, picture, before, lines, lines.fresh | late)
     _check_thickness(thickness_mm, work)
 
-    def seen_at(shift: Shift) -> SeenLayer:
-        return seen_at_shift(work, own, lines, late, ways, shift, options, known, thickness_mm, rng)
+    def seen_at(shift: Shift, light: RidgeLight | None = None) -> SeenLayer:
+        return seen_at_shift(
+            work, own, lines, late, ways, shift, options, known, thickness_mm, rng, light
+        )
 
     shift = first_shift(work, own, lines, ways, options)
     for _ in range(_ROUNDS):
@@ -119,7 +122,14 @@ def see_layer(
             break
     else:
         look = seen_at(shift)
-    found = findings_of(look, lumens, honest_shift(shift, look, options.shift_mm), options)
+    light = None
+    if may_be_ridges(look, shift) and not options.round_lines:
+        light = ridge_light(work, own, lines, ways, look.masks, look.flat, shift, rng)
+    if light is not None:
+        look, honest = seen_at(light.shift, light), light.shift
+    else:
+        honest = honest_shift(shift, look, options.shift_mm)
+    found = findings_of(look, lumens, honest, options)
     if work.flanks_lost and thickness_mm and found.gaps:
         found = replace(found, beside_mm=ink_beside_mm(look, lines, thickness_mm))
         if finer is None and (shift.dx_mm or shift.dy_mm):

@@ -16,6 +16,7 @@ from registration.layer_images.light import flattened
 from registration.layer_images.options import SeeingOptions
 from registration.layer_images.place_reasons import reasons
 from registration.layer_images.presence import Sides
+from registration.layer_images.ridge_light import RidgeLight
 from registration.layer_images.stations import Grouping, station_widths
 from registration.layer_images.step_height import tell_by_height
 from registration.layer_images.told import (
@@ -25,6 +26,7 @@ from registration.layer_images.told import (
     differs_enough,
     tell_ink,
 )
+from registration.layer_images.told_by_ridges import tell_ridges
 from registration.layer_images.values import (
     Appearance,
     BoolArray,
@@ -102,8 +104,12 @@ def seen_at_shift(
     known: Appearance | None,
     thickness_mm: float | None,
     rng: np.random.Generator,
+    light: RidgeLight | None = None,
 ) -> SeenLayer:
-    """Learn ink over the bath and over older ink, presence and widths at one shift."""
+    """Learn ink over the bath and over older ink, presence and widths at one shift.
+
+    With a ``light`` on ridges ink over the bath is told by their shading.
+    """
     by = np.array([shift.dx_mm, shift.dy_mm])
     masks, moved = Masks.of(lines, frame, work, by), ways.moved(by)
     seen = Seen.of(moved, frame, options.round_lines)
@@ -130,6 +136,8 @@ def seen_at_shift(
         # alone counts little there.
         for_widths = bath if by_itself is None or by_itself.noise is None else by_itself
         bath = better(bath, by_itself)
+    if light is not None and bath is not None:
+        bath = for_widths = tell_ridges(light, ground, ways, seen, alone, bath, rng)
     # A gap in a solid layer lies in the shadow of the lines beside it, as a profiler sees it: what
     # shows of its ground tells it.
     nothing = np.zeros(work.shape, dtype=np.bool_)

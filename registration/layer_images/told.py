@@ -68,7 +68,7 @@ _MORE_SEEN = 1.5
 _SHOWN = 0.5
 """Of its known level, below which lines aren't what ink looks like."""
 _EVEN = 0.05
-"""Least scatter, thicknesses, of what lies beside lines of a height map: cut off, it has none."""
+"""Least scatter beside lines in a map of heights, thicknesses: else a line's foot is strange."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +106,10 @@ class Told:
         Whether a gap that is just tolerated might be missed; longer ones may still be told.
     level : (n,) float64
         Presence of each place's own line, by which ``present`` was divided.
+    strength : (n,) float64
+        Of what shows a line there, over the usual, at most 1: noise is as much larger.
+    shaded : bool
+        Whether by the shading of ridges, drawn at each place (`told_by_ridges`).
     """
 
     image: FloatImage
@@ -124,6 +128,8 @@ class Told:
     ink: FloatArray
     faint: bool
     level: FloatArray
+    strength: FloatArray
+    shaded: bool = False
 
 
 @dataclass(frozen=True)
@@ -195,7 +201,7 @@ def _by_mix(
     width_px = float(np.median(ways.width)) * ground.work.px_per_mm
     among = among_lines(ground.smooth, ways, seen, use) if ways.varied else None
     away = strangeness(ground.smooth, bath, ink, ground.work.is_log, among)
-    strange = _strange(ground, away, width_px, bool(ink.sum() > 0))
+    strange = strange_in(ground, away, width_px, bool(ink.sum() > 0))
     profiles = seen.profiles(mixed, ways.width[:, None] * ACROSS)
     why, angle = reasons(ground.work, seen, ways, strange), angle_of(seen)
     learn = _alone(ways, use & (why == Unseen.SEEN))
@@ -241,7 +247,7 @@ def _by_mix(
         long_bath, image, free, LONG * ground.gap_mm, ground.work.px_per_mm, width_px, template,
         least, rng,
     )  # fmt: skip
-    noise, contrast, faint = _sureness(
+    noise, contrast, faint = sureness(
         present, good, ways, fake_present, ground, known is not None, template, over_long
     )
     look = Appearance(mix, template.terms * template.scale, template.filled, ink)
@@ -249,11 +255,11 @@ def _by_mix(
         image, profiles, present, plain, why, template, noise, contrast, strange,
         unlike_bath(away, ground.free), look, bath_spread,
         _log_step(mix, ink, ground.work.is_log), ink, faint,
-        level,
+        level, np.ones(len(ways)),
     )  # fmt: skip
 
 
-def _sureness(
+def sureness(
     present: FloatArray,
     good: BoolArray,
     ways: Ways,
@@ -360,7 +366,7 @@ def _log_step(mix: FloatArray, ink: FloatArray, is_log: bool) -> float:
     return float(np.clip(weight @ ink / weight.sum(), -3.0, 3.0))
 
 
-def _strange(ground: Ground, away: FloatImage, width_px: float, is_bright: bool) -> BoolArray:
+def strange_in(ground: Ground, away: FloatImage, width_px: float, is_bright: bool) -> BoolArray:
     """Where neither ink nor bath is seen, (h, w): glints, too, unless bright ink saturates."""
     found = strange_places(away, ground.free, ground.fresh, width_px)
     saturated = ground.work.bad

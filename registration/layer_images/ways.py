@@ -72,10 +72,10 @@ class Ways:
     def __len__(self) -> int:
         return len(self.piece)
 
-    def corners(self) -> BoolArray:
-        """Places nearer than about a width to a turn of the way, (n,)."""
+    def corners(self, within: float = _NEAR_TURN) -> BoolArray:
+        """Places nearer than about so many widths to a turn of the way, (n,)."""
         turned = np.zeros(len(self), dtype=np.bool_)
-        count = np.maximum(1, np.rint(_NEAR_TURN * self.width / self.step)).astype(np.int64)
+        count = np.maximum(1, np.rint(within * self.width / self.step)).astype(np.int64)
         index = np.arange(len(self))
         back, ahead = np.maximum(index - count, 0), np.minimum(index + count, len(self) - 1)
         back = np.where(self.run[back] == self.run, back, index)
@@ -176,7 +176,7 @@ def lay_ways(lines: ExpectedLines, step_mm: float) -> Ways:
     """Return places each ``step_mm`` or so along all fresh runs."""
     length = np.linalg.norm(lines.end - lines.start, axis=1)
     flat = np.linalg.norm((lines.end - lines.start)[:, :2], axis=1)
-    before = _from_stroke_begin(lines.stroke, length)
+    before = from_stroke_begin(lines.stroke, length)
     row = np.flatnonzero(lines.fresh & (length > 0) & (flat > _STEEP * length))
     if not len(row):
         raise PictureError("expected lines: no fresh line has a way that can be seen from above")
@@ -222,7 +222,7 @@ def lay_ways(lines: ExpectedLines, step_mm: float) -> Ways:
     )
 
 
-def _from_stroke_begin(stroke: IntArray, length: FloatArray) -> FloatArray:
+def from_stroke_begin(stroke: IntArray, length: FloatArray) -> FloatArray:
     """Way along its stroke up to each piece, (n,), mm; a stroke's pieces follow each other."""
     end = np.cumsum(length)
     fresh_stroke = np.concatenate([[True], np.diff(stroke) != 0])

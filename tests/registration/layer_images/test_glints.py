@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from registration.layer_images import ExpectedLines, LayerFindings, SeeingOptions, see_layer
-from registration.layer_images.told import Ground, _strange
+from registration.layer_images.told import Ground, strange_in
 
 PX_MM = 0.025
 MIDDLE = 3.0
@@ -102,5 +102,5 @@ def test_only_ink_brighter_than_the_bath_may_be_what_saturates(is_bright: bool) 
         work=SimpleNamespace(bad=bad > 0), fresh=fresh, free=(fresh == 0).astype(np.uint8)
     )
     away = np.zeros(fresh.shape, np.float32)
-    strange = _strange(cast(Ground, ground), away, 20.0, is_bright)
+    strange = strange_in(cast(Ground, ground), away, 20.0, is_bright)
     assert strange[50, 50] == (not is_bright)
