@@ -138,6 +138,8 @@ def evidence_of(
         unplaced=gaps_of_job(findings.unplaced, layer.mended),
         half_seen=gaps_of_job(_half_seen(findings, again, ink), layer.mended),
         beside_mm=findings.beside_mm,
+        older_mm=findings.older_mm,
+        older_step=findings.older_step,
     )
 
 

@@ -179,6 +179,8 @@ def findings_of(
             look, why, gaps, doubted, options.gap_mm, options.unseen_mm, options.false_rate
         ),
         faint_share=float(way[faint & ~good].sum()) / float(way.sum()),
+        older_mm=float(way[look.over_old].sum()),
+        older_step=look.older_step,
     )
 
 

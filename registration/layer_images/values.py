@@ -368,6 +368,8 @@ class LayerFindings:
         Way of a line whose ink lies at the layer's height where none should (a profiler's maps).
     aside : bool
         Whether all of its ink lies aside, however unsure by how much.
+    older_mm, older_step : float
+        Way over older ink, mm, and by what logarithm it changed since the picture before, or NaN.
     """
 
     stations: Stations
@@ -390,6 +392,8 @@ class LayerFindings:
     unplaced: tuple[Gap, ...] = ()
     beside_mm: float = 0.0
     aside: bool = False
+    older_mm: float = 0.0
+    older_step: float = math.nan
 
 
 Outlines = Sequence[FloatArray]
