@@ -233,11 +233,11 @@ class LayersSeen:
         step, shows = evidence.older_step, evidence.seen_share + evidence.faint_share > 0.0
         if evidence.older_mm < _SOME_MM or math.isnan(step):
             return
-        if shows or step >= _UNCHANGED * self.older_step:
-            self.blank_mm = 0.0
-            self.older_step = step if step >= _SHOWN_STEP else 0.0
-        else:
+        if not shows and step < _UNCHANGED * self.older_step:
             self.blank_mm += evidence.older_mm
+            return
+        most = step if shows else min(step, self.older_step)
+        self.blank_mm, self.older_step = 0.0, most if step >= _SHOWN_STEP else 0.0
 
     def none_yet(self) -> str:
         """Say once that no ink was seen so far: none can be known by its look then."""
