@@ -193,7 +193,8 @@ def _level(work: Working, places: Places, width_px: float) -> tuple[FloatImage, 
     raw = work.channels[:, :, work.channels.shape[2] // 2 :]
     light = _light(raw, places.ground)
     blur = max(0.6, _SOFT * width_px)
-    return cv2.GaussianBlur(raw - light, (0, 0), blur).reshape(raw.shape), light
+    soft = cv2.GaussianBlur(raw - light, (0, 0), blur).reshape(raw.shape)
+    return np.asarray(soft, dtype=np.float32), light
 
 
 def _light(raw: FloatImage, ground: Mask) -> FloatImage:
