@@ -166,7 +166,7 @@ def _changed(
         return None
     mix = channel_mix(level, ground, places.seen, places.ways.width, rows)
     mix = (mix * np.sign(step @ mix)).astype(np.float32)
-    mixed = np.asarray((level - ground.mean.astype(np.float32)) @ mix)
+    mixed = np.asarray((level - ground.mean.astype(np.float32)) @ mix, dtype=np.float32)
     return mixed, float(step[np.argmax(np.abs(step))])
 
 
