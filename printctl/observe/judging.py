@@ -141,6 +141,8 @@ def evidence_of(
         least_gap_mm=findings.least_gap_mm,
         by_height_share=findings.by_height_share,
         waver=findings.waver,
+        older_mm=findings.older_mm,
+        older_step=findings.older_step,
     )
 
 

@@ -10,6 +10,7 @@ pictures (a bubble that stayed, a speck) hides what is below.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -154,10 +155,7 @@ def _changed(
 
     None where ink changes the level by no more than light and drying may.
     """
-    raw = work.channels[:, :, work.channels.shape[2] // 2 :]
-    light = _light(raw, places.ground)
-    blur = max(0.6, _SOFT * width_px)
-    level = cv2.GaussianBlur(raw - light, (0, 0), blur).reshape(raw.shape)
+    level, light = _level(work, places, width_px)
     ground = BathNoise.of(level, places.ground, rng)
     rows = places.use & places.settled
     if ground is None or rows.sum() < _FEWEST:
@@ -168,8 +166,35 @@ def _changed(
         return None
     mix = channel_mix(level, ground, places.seen, places.ways.width, rows)
     mix = (mix * np.sign(step @ mix)).astype(np.float32)
-    mixed = np.asarray((level - ground.mean.astype(np.float32)) @ mix)
+    mixed = np.asarray((level - ground.mean.astype(np.float32)) @ mix, dtype=np.float32)
     return mixed, float(step[np.argmax(np.abs(step))])
+
+
+def change_of_level(work: Working, places: Places) -> float:
+    """Most by which the level changed along lines over older ink; NaN where too few lie there.
+
+    Half of them may be missing.
+    """
+    rows = places.use & places.settled & _in_view(work, places)
+    if rows.sum() < _FEWEST:
+        return math.nan
+    width_px = float(np.median(places.ways.width)) * work.px_per_mm
+    level, _ = _level(work, places, width_px)
+    at = _core(level, places.seen, places.ways.width[:, None] * _CORE)[rows]
+    return float(np.abs(_usual_step(at)).max())
+
+
+def _in_view(work: Working, places: Places) -> BoolArray:
+    return np.asarray(reasons(work, places.seen, places.ways, work.bad) == Unseen.SEEN)
+
+
+def _level(work: Working, places: Places, width_px: float) -> tuple[FloatImage, FloatImage]:
+    """What changed beside the light, softened, and how the light did; each (h, w, c)."""
+    raw = work.channels[:, :, work.channels.shape[2] // 2 :]
+    light = _light(raw, places.ground)
+    blur = max(0.6, _SOFT * width_px)
+    soft = cv2.GaussianBlur(raw - light, (0, 0), blur).reshape(raw.shape)
+    return np.asarray(soft, dtype=np.float32), light
 
 
 def _light(raw: FloatImage, ground: Mask) -> FloatImage:

@@ -200,6 +200,8 @@ def findings_of(
         least_gap_mm=_least_gap_mm(look),
         by_height_share=float(way[_by_height(look, good)].sum()) / float(way.sum()),
         waver=_waver(look, good),
+        older_mm=float(way[look.over_old].sum()),
+        older_step=look.older_step,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -9,7 +10,7 @@ import cv2
 import numpy as np
 
 from registration.layer_images.between_older import infer_missing, is_contradicted
-from registration.layer_images.changed import Places, tell_by_change
+from registration.layer_images.changed import Places, change_of_level, tell_by_change
 from registration.layer_images.covered import Covers
 from registration.layer_images.ink_image import ACROSS, smoothed
 from registration.layer_images.light import flattened
@@ -68,6 +69,8 @@ class SeenLayer:
         As of `Told`, of both together.
     why : (n,) int64
         `Unseen`.
+    older_step : float
+        Logarithm by which places over older ink changed since the picture before; NaN without one.
     """
 
     work: Working
@@ -90,6 +93,7 @@ class SeenLayer:
     widths: Widths
     by_height: bool
     by_change: bool
+    older_step: float
     thickness_mm: float | None = None
 
 
@@ -142,7 +146,7 @@ def seen_at_shift(
     # shows of its ground tells it.
     nothing = np.zeros(work.shape, dtype=np.bool_)
     place = reasons(work, seen, ways, nothing, by_hidden=thickness_mm is None)
-    old = None
+    old, older_step = None, math.nan
     if over_old.any() and thickness_mm is not None:
         below = _directly_below(work, frame, lines, by, thickness_mm)
         old = tell_by_height(
@@ -150,7 +154,9 @@ def seen_at_shift(
             options.gap_mm, options.false_rate,
         )  # fmt: skip
     elif over_old.any() and work.earlier is not None:
-        old = _by_change(work, frame, lines, late, by, masks, ways, seen, over_old, options, rng)
+        places = _places(work, frame, lines, late, by, masks, ways, seen, over_old)
+        old = tell_by_change(work, places, options.gap_mm, options.false_rate, rng)
+        older_step = change_of_level(work, places)
     elif over_old.any():
         old = _by_contrast(ground, masks, ways, seen, over_old, bath, rng)
     if _is_contradicted(bath, old, over_old, ways):
@@ -175,7 +181,7 @@ def seen_at_shift(
         )
     return SeenLayer(
         work, frame, ways, moved, seen, flat, masks, sides, over_old, inferred, bath, old, *joined,
-        group, widths, by_height, by_change, thickness_mm,
+        group, widths, by_height, by_change, older_step, thickness_mm,
     )  # fmt: skip
 
 
@@ -239,7 +245,7 @@ def _onto(
     return out
 
 
-def _by_change(
+def _places(
     work: Working,
     frame: WorkingFrame,
     lines: ExpectedLines,
@@ -249,10 +255,8 @@ def _by_change(
     ways: Ways,
     seen: Seen,
     over_old: BoolArray,
-    options: SeeingOptions,
-    rng: np.random.Generator,
-) -> Told | None:
-    """Tell fresh ink over older ink by the picture before."""
+) -> Places:
+    """Places over older ink, to be told by the picture before."""
     written = masks.fresh.copy()
     settled = np.ones(len(ways), dtype=np.bool_)
     if late.any():
@@ -267,8 +271,7 @@ def _by_change(
     assert work.earlier is not None
     earlier = flattened(work.earlier, masks.free, masks.core, work.px_per_mm)
     onto = _onto(work, frame, lines, by_mm, ways, seen)
-    places = Places(ways, seen, over_old, settled, onto, ground, masks.old & masks.fresh, earlier)
-    return tell_by_change(work, places, options.gap_mm, options.false_rate, rng)
+    return Places(ways, seen, over_old, settled, onto, ground, masks.old & masks.fresh, earlier)
 
 
 def _is_contradicted(bath: Told | None, old: Told | None, over_old: BoolArray, ways: Ways) -> bool:

@@ -369,6 +369,8 @@ class LayerFindings:
     least_gap_mm, by_height_share, waver : float
         Of a profiler's map: shortest gap that surely shows, mm; share of the way seen over older
         ink, where no widths are told; standard deviation of ink's height there, thicknesses.
+    older_mm, older_step : float
+        Way over older ink, mm, and by what logarithm it changed since the picture before, or NaN.
     """
 
     stations: Stations
@@ -394,6 +396,8 @@ class LayerFindings:
     least_gap_mm: float = 0.0
     by_height_share: float = 0.0
     waver: float = math.nan
+    older_mm: float = 0.0
+    older_step: float = math.nan
 
 
 Outlines = Sequence[FloatArray]

@@ -13,7 +13,7 @@ Rules, in their order; the first that holds decides:
 5. gaps and thin lines that two pictures show (one, where there is no second): mend, fill up, and
    correct the flow;
    where ink lies on less than a third of what was seen, yet no gap is sure, or where none was seen
-   yet since the print began: pause;
+   yet since the print began, or older ink doesn't change any more as it did: pause;
 6. a flow beyond the bounds of the correction: pause; within them: correct it;
 7. after a clog, a layer that nothing can be told of: pause, once;
 8. too little was seen of several layers in a row: pause.
@@ -53,8 +53,6 @@ _ANY: Final = 0.005
 """Of the way, less than which is nothing."""
 _CLOG_MM: Final = 2.0
 """Of one gap, from which on ink had stopped coming; short lines lack a plunger's step."""
-_FIRST_MM: Final = 5.0
-"""Way of the print's first lines of which some must be seen."""
 
 
 class DecisionKind(StrEnum):
@@ -336,17 +334,9 @@ class Decider:
         return confirmed_gaps(evidence.gaps, evidence.places, evidence.second, self.limits.gap)
 
     def _none_yet(self, _: Evidence) -> Decision | None:
-        """Say once that no ink was seen so far: none can be known by its look then."""
-        way_mm = self.layers.first_mm
-        if way_mm is None or way_mm < _FIRST_MM:
-            return None
-        self.layers.first_mm = None
-        return Decision(
-            DecisionKind.PAUSE,
-            f"no ink is seen yet where {way_mm:.0f} mm of lines should lie: the needle is clogged, "
-            "the syringe empty, or the device can't tell this ink from what lies around it; look "
-            "before you go on",
-        )
+        """Say once that no ink was seen so far, or that none comes any more over older ink."""
+        why = self.layers.none_yet() or self.layers.none_any_more()
+        return Decision(DecisionKind.PAUSE, why) if why else None
 
     def _flow(self, evidence: Evidence) -> Decision | None:
         control = self.control

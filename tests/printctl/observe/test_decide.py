@@ -130,6 +130,27 @@ def test_after_a_clog_a_layer_that_cannot_be_told_is_asked_about_once():
         assert ("another clog would go unseen" in first.why) == (gap is clog)
 
 
+@pytest.mark.parametrize(
+    ("steps", "shows", "paused"),
+    [
+        ((0.2, 0.0004, 0.0004), True, True),
+        ((0.2, 0.1, 0.03, 0.004, 0.002), True, False),
+        ((0.01, 0.0004), True, False),
+        ((0.11, 0.05, 0.11, 0.003), False, False),  # sound: sides of ridges changed, nothing more
+    ],
+)
+def test_a_layer_over_older_ink_of_which_nothing_changes_pauses_once(steps, shows, paused):
+    """A clog for good went unseen for five layers, each told as not to be told from older ink."""
+    decider = Decider(Limits(mend="mend"))
+    older = {"seen_share": 0.0, "over_old_share": 1.0, "older_mm": 12.0}
+    shown = {**older, "faint_share": 1.0}
+    decider.decide(evidence(**(shown if shows else older), level_mm=0.1, older_step=steps[0]))
+    found = [decider.decide(evidence(**older, level_mm=0.2, older_step=one)) for one in steps[1:]]
+    pauses = [one for one in found if one.kind is DecisionKind.PAUSE]
+    assert len(pauses) == paused
+    assert all("nothing has changed along the last 12 mm" in one.why for one in pauses)
+
+
 def test_next_to_nothing_seen_is_nothing_seen():
     assert decided(seen_share=0.0006).why == "nothing was seen"
 
