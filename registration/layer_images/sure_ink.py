@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from registration.layer_images.gaps import LEAST
 from registration.layer_images.presence import WindowNoise, averaged
 from registration.layer_images.values import BoolArray, FloatArray
 from registration.layer_images.ways import Ways
@@ -45,14 +46,18 @@ def unsure_places(
     strength : (n,) float64
         Of what shows a line, over the usual: presence scatters as much more.
     """
-    count = max(1, round(gap_mm / float(np.median(ways.step)))) | 1
+    step = float(np.median(ways.step))
+    whole, bare = (max(1, round(size * gap_mm / step)) | 1 for size in (1.0, LEAST))
     evened = noise.middle + strength * (present - noise.middle)
-    mean, share = (averaged(one, good, ways.run, count) for one in (evened, strength))
-    gap = noise.middle * (1.0 - share)
-    scatter = noise.middle / max(noise.contrast(gap_mm), 1e-9)
-    told = np.array([noise.p_value(float(one), gap_mm) for one in gap + _Z * noise.bath])
-    unsure = good & ((told > p_needed) | (mean < gap + _Z * scatter))
-    return good & _spread(unsure, ways, count // 2)
+    gap = noise.middle * (1.0 - averaged(strength, good, ways.run, whole)) + _Z * noise.bath
+    untold = np.array([noise.p_value(float(one), gap_mm) for one in gap]) > p_needed
+    # Ends reach into a gap, so that its middle alone shows none.
+    mean, share = (averaged(one, good, ways.run, bare) for one in (evened, strength))
+    scatter = noise.middle / max(noise.contrast(LEAST * gap_mm), 1e-9)
+    like_gap = mean < noise.middle * (1.0 - share) + _Z * scatter
+    return good & (
+        _spread(good & untold, ways, whole // 2) | _spread(good & like_gap, ways, bare // 2)
+    )
 
 
 def _spread(flags: BoolArray, ways: Ways, reach: int) -> BoolArray:
