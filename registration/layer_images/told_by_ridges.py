@@ -163,7 +163,7 @@ def _drawn_at(
     count = int(WITHIN.sum())
     across = (ways.width[rows, None] * ACROSS[WITHIN])[:, :, None] * ways.normal[rows, None, :]
     at = (ways.point[rows, None, :2] + across).reshape(-1, 2)
-    stroke, along = (np.repeat(one[rows], count) for one in (ways.stroke, ways.along))
+    stroke, along = np.repeat(ways.stroke[rows], count), np.repeat(ways.along[rows], count)
     within = 0.75 * light.width_mm
     apart = 0.5 * (gap_mm + light.width_mm)
     near = partial(light.axes.nearest, within_mm=within)
