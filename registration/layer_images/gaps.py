@@ -260,6 +260,15 @@ def merged(gaps: list[Gap], ways: Ways) -> tuple[Gap, ...]:
     return tuple(out)
 
 
+def inside(gaps: list[Gap], ways: Ways) -> BoolArray:
+    """Places inside gaps, (n,)."""
+    out = np.zeros(len(ways), dtype=np.bool_)
+    for gap in gaps:
+        own = ways.stroke == gap.stroke
+        out |= own & (ways.along > gap.from_mm) & (ways.along < gap.to_mm)
+    return out
+
+
 def lit_along(
     gap: Gap,
     ways: Ways,

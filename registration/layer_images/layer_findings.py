@@ -17,7 +17,7 @@ from registration.layer_images.blobs import find_blobs
 from registration.layer_images.changed import unchanged
 from registration.layer_images.debris import is_bare
 from registration.layer_images.gap_ends import LightAlong
-from registration.layer_images.gaps import find_gaps, lit_along, merged, shift_along
+from registration.layer_images.gaps import find_gaps, inside, lit_along, merged, shift_along
 from registration.layer_images.height_ends import HeightsAlong, Section
 from registration.layer_images.in_light import LightMix
 from registration.layer_images.ink_image import ACROSS, SMOOTH, angle_of
@@ -28,6 +28,7 @@ from registration.layer_images.presence import INK
 from registration.layer_images.seen_layer import SeenLayer
 from registration.layer_images.step_height import stepped
 from registration.layer_images.stretches import find_stretches, width_ratio
+from registration.layer_images.sure_ink import unsure_places
 from registration.layer_images.told import ASIDE, Told
 from registration.layer_images.unseen_ways import unseen_ways
 from registration.layer_images.values import (
@@ -282,6 +283,12 @@ def _gaps(
             found += gaps
             why[unclear] = int(Unseen.UNCLEAR)
             noise = told.noise
+            if told.shaded:
+                unsure = unsure_places(
+                    look.present, clear & (why == Unseen.SEEN), look.ways, noise, options.gap_mm,
+                    certain, told.strength,
+                )  # fmt: skip
+                why[unsure & ~inside(gaps, look.ways)] = int(Unseen.UNCLEAR)
             # Bath that looks like ink beside a line that doesn't: light changes there.
             doubt = good & rows & (look.plain < INK * noise.middle) & (look.present > INK)
             why[doubt & (look.plain < 0.25 * noise.middle)] = int(Unseen.UNCLEAR)

@@ -1,42 +1,30 @@
-"""Fit the shading of ridges that are lit from the side, and where the layer lies by it.
+"""Fit the light on ridges that are lit from the side, and where the layer lies by it.
 
-A bead's surface is brighter where it slopes to the light and darker where it slopes away, so that
-brightness (logarithm, over the bath) at a place is, with d its distance from the nearest line's
-middle in widths and a the direction to it from there in the picture,
-
-    m(d, a) = m0(d) + m1(d) cos a + m2(d) sin a,
-
-each a function of d alone: Lambert's law for a small slope, whatever the bead's section. Ends and
-turns follow from the nearest line, as the height of beads that run into each other does. A picture
-of bright flanks alone fits nearly as well a quarter of a width aside, where it seems symmetric; the
-dark flanks, ends and turns tell where the ridges truly lie.
+A picture of bright flanks alone fits nearly as well a quarter of a width aside, where it seems
+symmetric; the dark flanks, ends and turns tell where the ridges truly lie.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
 
-from registration.layer_images.ink_image import ACROSS
-from registration.layer_images.values import (
-    BoolArray,
-    ExpectedLines,
-    FloatArray,
-    FloatImage,
-    IntArray,
-    Shift,
+from registration.layer_images.ridge_axes import Axes
+from registration.layer_images.ridge_shading import (
+    KNOTS,
+    RidgeLight,
+    blurred_basis,
+    slant_of,
+    terms_of,
 )
-from registration.layer_images.ways import Ways, from_stroke_begin
+from registration.layer_images.values import ExpectedLines, FloatArray, FloatImage, Shift
+from registration.layer_images.ways import Ways
 from registration.layer_images.working import Masks, Working, WorkingFrame
 
-_KNOTS: Final = np.array([0.0, 0.12, 0.24, 0.36, 0.48, 0.6, 0.72])
-"""Widths from a line's middle; beyond the last lies bath. Blur carries light over the edge."""
 _FAR: Final = 1.05
 _GRID: Final = 0.11
 """Widths between samples."""
@@ -46,8 +34,6 @@ _REACH: Final = 0.5
 """Widths, by which the symmetric look may have been off."""
 _STEPS: Final = 9
 _FINER: Final = 3
-_AXIS: Final = 0.05
-"""Widths between the points that stand for lines."""
 _MOST_LEFT: Final = 0.5
 """Of the picture's variance around the lines, that the shading may leave."""
 _LESS: Final = 0.6
@@ -62,160 +48,8 @@ _TOGETHER: Final = 20.0
 """Samples that share a bath's texture."""
 _BLURS: Final = (0.04, 0.08, 0.12, 0.16, 0.2)
 """Widths: standard deviations of blur that are tried."""
-_CENTRE: Final = 0.4
-"""Weight of the middle one of the points that stand for blur."""
 _LEAST_U: Final = 0.05
 """Widths: standard uncertainty of a place by shading at least."""
-
-
-Nearest = Callable[[FloatArray], tuple[FloatArray, BoolArray]]
-"""Vectors to places from the nearest line's middle, mm, and whether any is near."""
-
-
-@dataclass(frozen=True)
-class Axes:
-    """Points along the middles of fresh lines.
-
-    Attributes
-    ----------
-    tree : cKDTree
-        Of (m, 2) points, mm.
-    stroke : (m,) int64
-    along : (m,) float64, mm
-        From the stroke's begin.
-    step_mm : float, mm
-        Between neighbours, at most.
-    """
-
-    tree: cKDTree
-    stroke: IntArray
-    along: FloatArray
-    step_mm: float
-
-    @staticmethod
-    def of(lines: ExpectedLines) -> Axes:
-        """Lay points along all fresh lines, their ends included."""
-        step = _AXIS * float(np.median(lines.width_mm[lines.fresh]))
-        length = np.linalg.norm(lines.end - lines.start, axis=1)
-        begin = from_stroke_begin(lines.stroke, length)
-        rows = np.flatnonzero(lines.fresh)
-        count = np.maximum(2, np.ceil(length[rows] / step).astype(np.int64) + 1)
-        own = np.repeat(rows, count)
-        share = np.concatenate([np.linspace(0.0, 1.0, n) for n in count])
-        at = lines.start[own] + share[:, None] * (lines.end - lines.start)[own]
-        along = begin[own] + share * length[own]
-        return Axes(cKDTree(at[:, :2]), lines.stroke[own], along, step)
-
-    def nearest(self, at: FloatArray, within_mm: float) -> tuple[FloatArray, BoolArray]:
-        """Vectors to places (k, 2) from the nearest point, mm, and whether it is so near, (k,)."""
-        far, row = self.tree.query(at, distance_upper_bound=within_mm)
-        near = np.isfinite(far)
-        return at - self.tree.data[np.where(near, row, 0)], np.asarray(near)
-
-    def nearest_other(
-        self, at: FloatArray, stroke: IntArray, along: FloatArray, apart_mm: float, within_mm: float
-    ) -> tuple[FloatArray, BoolArray]:
-        """The same from the nearest point that isn't within ``apart_mm`` along its own stroke."""
-        count = min(int(2.0 * apart_mm / self.step_mm) + 4, len(self.along))
-        far, row = self.tree.query(at, k=count, distance_upper_bound=within_mm)
-        near = np.isfinite(far)
-        row = np.where(near, row, 0)
-        own = self.stroke[row] == stroke[:, None]
-        other = near & ~(own & (np.abs(self.along[row] - along[:, None]) < apart_mm))
-        first = other.argmax(axis=1)
-        found = row[np.arange(len(at)), first]
-        return at - self.tree.data[found], other.any(axis=1)
-
-
-@dataclass(frozen=True)
-class RidgeLight:
-    """Shading of ridges, and the layer's shift by it.
-
-    Attributes
-    ----------
-    terms : (3, 7) float64
-        m0, m1, m2 at `_KNOTS`.
-    level : float
-        Of the bath.
-    channels : slice
-        Those of the picture whose mean it describes.
-    to_picture : (2, 2) float64, px/mm
-    axes : Axes
-    width_mm : float, mm
-    blur_mm : float, mm
-        Standard deviation of the picture's blur, which smooths creases where beads meet.
-    shift : Shift
-    """
-
-    terms: FloatArray
-    level: float
-    channels: slice
-    to_picture: FloatArray
-    axes: Axes
-    width_mm: float
-    blur_mm: float
-    shift: Shift
-
-    @property
-    def slant(self) -> float:
-        """Root of the power of the odd part over that of the even one."""
-        return _slant(self.terms)
-
-    def shade(self, at: FloatArray, nearest: Nearest) -> FloatArray:
-        """Brightness over the bath at places (k, 2), mm, whose nearest lines are looked up."""
-        basis = _blurred(at, nearest, self.to_picture, self.width_mm, self.blur_mm)
-        return np.asarray(basis @ _flat(self.terms))
-
-    def across(self) -> FloatArray:
-        """m0, m1, m2 over `ACROSS`, (3, 61)."""
-        sides = np.stack([np.interp(np.abs(ACROSS), _KNOTS, row) for row in self.terms])
-        sides[1:] *= np.sign(ACROSS)
-        return np.asarray(np.where(np.abs(ACROSS) <= _KNOTS[-1], sides, 0.0))
-
-
-def _blurred(
-    at: FloatArray, nearest: Nearest, to_picture: FloatArray, width_mm: float, blur_mm: float
-) -> FloatArray:
-    """`_basis` averaged over five points that have a blur's variance, (k, 16)."""
-    out = _basis(*nearest(at), to_picture, width_mm)
-    if blur_mm <= 0:
-        return out
-    out *= _CENTRE
-    side = blur_mm * np.sqrt(2.0 / (1.0 - _CENTRE))
-    for off in side * np.array([(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]):
-        out += 0.25 * (1.0 - _CENTRE) * _basis(*nearest(at + off), to_picture, width_mm)
-    return out
-
-
-def _basis(
-    apart: FloatArray, near: BoolArray, to_picture: FloatArray, width_mm: float
-) -> FloatArray:
-    """Value of each term's knots (all but the last; the odd ones without the first), (k, 16)."""
-    d = np.linalg.norm(apart, axis=1) / width_mm
-    seen = apart @ to_picture.T
-    way = seen / np.maximum(np.linalg.norm(seen, axis=1), 1e-9)[:, None]
-    inner = len(_KNOTS) - 1
-    hats = np.column_stack([np.interp(d, _KNOTS, one) for one in np.eye(inner, len(_KNOTS))])
-    hats[~near | (d > _KNOTS[-1])] = 0.0
-    return np.hstack([hats, hats[:, 1:] * way[:, :1], hats[:, 1:] * way[:, 1:]])
-
-
-def _flat(terms: FloatArray) -> FloatArray:
-    return np.concatenate([terms[0, :-1], terms[1, 1:-1], terms[2, 1:-1]])
-
-
-def _terms(values: FloatArray) -> FloatArray:
-    inner = len(_KNOTS) - 1
-    out = np.zeros((3, len(_KNOTS)))
-    out[0, :-1] = values[:inner]
-    out[1:, 1:-1] = values[inner : 3 * inner - 2].reshape(2, inner - 1)
-    return out
-
-
-def _slant(terms: FloatArray) -> float:
-    """Root of odd over even power, as of `Template`."""
-    odd, even = float((terms[1:] ** 2).sum()), float((terms[0] ** 2).sum())
-    return float(np.sqrt(odd / max(even, 1e-12)))
 
 
 @dataclass(frozen=True)
@@ -230,14 +64,14 @@ class _Samples:
 
     def left(self, shift_mm: FloatArray, blur: float = 0.0) -> tuple[float, float, FloatArray]:
         """Variance left by the shading and by m0 alone at a shift, and coefficients, (17,)."""
-        nearest = partial(self.axes.nearest, within_mm=_KNOTS[-1] * self.width_mm)
+        nearest = partial(self.axes.nearest, within_mm=KNOTS[-1] * self.width_mm)
         at, blur_mm = self.at - shift_mm, blur * self.width_mm
-        basis = _blurred(at, nearest, self.to_picture, self.width_mm, blur_mm)
+        basis = blurred_basis(at, nearest, self.to_picture, self.width_mm, blur_mm)
         basis = np.hstack([np.ones((len(basis), 1)), basis])
         power = basis.T @ basis + 1e-3 * np.eye(basis.shape[1])
         both, total = basis.T @ self.values, float(self.values @ self.values)
         best = np.linalg.solve(power, both)
-        even = len(_KNOTS)
+        even = len(KNOTS)
         alone = np.linalg.solve(power[:even, :even], both[:even])
         count = len(self.values)
         left = (total - float(best @ both)) / count
@@ -309,10 +143,10 @@ def _places(
     x, y = (np.arange(a, b, _GRID * width) for a, b in zip(low, high, strict=True))
     at = np.stack(np.meshgrid(x, y), axis=2).reshape(-1, 2)
     if len(at) > 20 * _MOST:
-        at = at[rng.choice(len(at), 20 * _MOST, replace=False)]
+        at = at[np.sort(rng.choice(len(at), 20 * _MOST, replace=False))]
     _, near = axes.nearest(at, _FAR * width)
     at = at[near]
-    at = at if len(at) <= _MOST else at[rng.choice(len(at), _MOST, replace=False)]
+    at = at if len(at) <= _MOST else at[np.sort(rng.choice(len(at), _MOST, replace=False))]
     at = at + begun
     px = frame.to_pixels(np.column_stack([at, np.full(len(at), z_mm)]))
     finite = np.isfinite(px).all(axis=1)
@@ -346,8 +180,8 @@ def _fitted(
         near = best + half * np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
         best = near[int(np.argmin([samples.left(one, blur)[0] for one in near]))]
     least, _, values = samples.left(best, blur)
-    terms = _terms(values[1:])
-    if _slant(terms) < _ODD or float(left[rival].min()) < _RIVAL_WORSE * coarse:
+    terms = terms_of(values[1:])
+    if slant_of(terms) < _ODD or float(left[rival].min()) < _RIVAL_WORSE * coarse:
         return None
     covariance = _covariance(samples, best, least, blur)
     shift = Shift(float(best[0]), float(best[1]), covariance)

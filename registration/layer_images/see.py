@@ -26,7 +26,8 @@ from registration.layer_images.layer_findings import findings_of, honest_shift, 
 from registration.layer_images.layer_shift import PLENTY, fit_shift
 from registration.layer_images.options import SeeingOptions
 from registration.layer_images.out_of_place import ink_beside_mm, unless_elsewhere
-from registration.layer_images.ridge_light import RidgeLight, ridge_light
+from registration.layer_images.ridge_light import ridge_light
+from registration.layer_images.ridge_shading import RidgeLight
 from registration.layer_images.seen_layer import SeenLayer, seen_at_shift
 from registration.layer_images.values import (
     Appearance,

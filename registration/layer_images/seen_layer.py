@@ -17,14 +17,12 @@ from registration.layer_images.light import flattened
 from registration.layer_images.options import SeeingOptions
 from registration.layer_images.place_reasons import reasons
 from registration.layer_images.presence import Sides
-from registration.layer_images.ridge_light import RidgeLight
+from registration.layer_images.ridge_shading import RidgeLight
 from registration.layer_images.stations import Grouping, station_widths
 from registration.layer_images.step_height import tell_by_height
 from registration.layer_images.told import (
     Ground,
     Told,
-    better,
-    differs_enough,
     tell_ink,
 )
 from registration.layer_images.told_by_ridges import tell_ridges
@@ -45,6 +43,9 @@ from registration.layer_images.working import Mask, Masks, Working, WorkingFrame
 
 _MOST_OLD: Final = 0.3
 """Of a line's width over older ink: more, and it is judged against that."""
+_OWN_LOOK: Final = 0.3
+"""Of the difference of ink and bath that fresh ink must show over older ink."""
+_MORE_SEEN: Final = 1.5
 _ONE_BELOW: Final = 1.5
 """Thicknesses from middle to middle, within which an older line lies directly below."""
 _SAME_HEIGHT: Final = 0.25
@@ -139,7 +140,7 @@ def seen_at_shift(
         # What tells ink best by the change is brightness, whose edges rims and ridges move; colour
         # alone counts little there.
         for_widths = bath if by_itself is None or by_itself.noise is None else by_itself
-        bath = better(bath, by_itself)
+        bath = _better(bath, by_itself)
     if light is not None and bath is not None:
         bath = for_widths = tell_ridges(light, ground, ways, seen, alone, bath, rng)
     # A gap in a solid layer lies in the shadow of the lines beside it, as a profiler sees it: what
@@ -200,7 +201,28 @@ def _by_contrast(
     bare = (bare & ~(work.bad | work.hidden)).astype(np.uint8)
     touching = Sides(np.full(len(ways), 0.5), np.full(len(ways), 0.5))
     old = tell_ink(replace(ground, free=bare, known=None), ways, seen, touching, over_old, rng)
-    return old if old is not None and differs_enough(old, bath) else None
+    return old if old is not None and _differs_enough(old, bath) else None
+
+
+def _differs_enough(told: Told, bath: Told | None) -> bool:
+    """Whether fresh ink differs from older ink by more than edges and focus do.
+
+    Older ink of the same kind looks as a line would that isn't there.
+    """
+    if bath is None:
+        return True
+    usual = abs(float(told.appearance.mix @ bath.ink))
+    return abs(told.template.scale) > _OWN_LOOK * usual
+
+
+def _better(one: Told | None, other: Told | None) -> Told | None:
+    """Return the first of two, or the second where that tells ink at clearly more places."""
+    if one is None or other is None:
+        return one or other
+    if one.noise is None or other.noise is None:
+        return one if one.noise is not None else other
+    seen, other_seen = (int((each.why == Unseen.SEEN).sum()) for each in (one, other))
+    return other if other_seen > _MORE_SEEN * seen else one
 
 
 def _without(covered: BoolArray, told: Told | None) -> Told | None:

@@ -50,8 +50,6 @@ _INK_SATURATED, _MORE_OFTEN = 0.05, 4.0
 _FEWEST, _FEW_ALIKE = 10, 20
 _PLENTY = 15.0
 """A contrast from which on no other mix of the channels is tried."""
-_OWN_LOOK = 0.3
-"""Of the difference of ink and bath that fresh ink must show over older ink."""
 LONG = 6.0
 """Tolerated gaps: a length of which one must be told, for a look to be worth anything."""
 _ALONE = 0.8
@@ -64,7 +62,6 @@ _SECTORS = 12
 _LEAST_INK = 0.7
 _WEAK = 0.4
 """Of the usual strength: lines along the light that ridges are told by aren't seen."""
-_MORE_SEEN = 1.5
 _SHOWN = 0.5
 """Of its known level, below which lines aren't what ink looks like."""
 _EVEN = 0.05
@@ -315,27 +312,6 @@ def _unlearned(angle: FloatArray, present: FloatArray) -> BoolArray:
     number = np.bincount(sector, minlength=_SECTORS)
     ink = np.bincount(sector, weights=present > INK, minlength=_SECTORS)
     return np.asarray((ink < _LEAST_INK * np.maximum(number, _FEW_ALIKE))[sector])
-
-
-def differs_enough(told: Told, bath: Told | None) -> bool:
-    """Whether fresh ink differs from older ink by more than edges and focus do.
-
-    Older ink of the same kind looks as a line would that isn't there.
-    """
-    if bath is None:
-        return True
-    usual = abs(float(told.appearance.mix @ bath.ink))
-    return abs(told.template.scale) > _OWN_LOOK * usual
-
-
-def better(one: Told | None, other: Told | None) -> Told | None:
-    """Return the first of two, or the second where that tells ink at clearly more places."""
-    if one is None or other is None:
-        return one or other
-    if one.noise is None or other.noise is None:
-        return one if one.noise is not None else other
-    seen, other_seen = (int((each.why == Unseen.SEEN).sum()) for each in (one, other))
-    return other if other_seen > _MORE_SEEN * seen else one
 
 
 def _fits(known: Appearance | None, channels: int) -> bool:

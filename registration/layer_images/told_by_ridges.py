@@ -1,8 +1,8 @@
 """Measure presence of ridges lit from the side against the shading expected at each place.
 
 The shading of a line beside a turn, or between neighbours that touch it, isn't that of a line that
-stands alone. With the light known (`ridge_light`) the picture of beads that run into each other is
-drawn for each place twice, with its line and without, and presence is what the picture shows of
+stands alone. With the light known (`ridge_shading`) the picture of beads that run into each other
+is drawn for each place twice, with its line and without, and presence is what the picture shows of
 the difference: a matched filter of its own at every place.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 from registration.layer_images.ink_image import ACROSS, WITHIN, BathNoise, Template
 from registration.layer_images.place_reasons import reasons
 from registration.layer_images.presence import INK, fake_places, long_bath, spread_of
-from registration.layer_images.ridge_light import RidgeLight
+from registration.layer_images.ridge_shading import RidgeLight
 from registration.layer_images.strange import strangeness, unlike_bath
 from registration.layer_images.told import LONG, Ground, Told, strange_in, sureness
 from registration.layer_images.values import (
@@ -25,6 +25,7 @@ from registration.layer_images.values import (
     BoolArray,
     FloatArray,
     FloatImage,
+    IntArray,
     Unseen,
 )
 from registration.layer_images.ways import Seen, Ways
@@ -36,6 +37,10 @@ _UNLEARNED: Final = 2.5
 """Times the usual scatter, near turns, where too few of them are seen to learn it."""
 _AT_TURN: Final = 0.6
 """Widths from a turn, within which beads that meet scatter more."""
+_DRAWN_BESIDE: Final = 2.0
+"""Widths beyond a gap, by which a turn may lie away and yet change what is drawn."""
+_EACH: Final = 4
+"""Of the places along straight ways, that is drawn."""
 _FEWEST: Final = 16
 _FEW: Final = 5.0
 """Spreads of n places are widened by 1 + 5 / n."""
@@ -133,11 +138,32 @@ def _strangeness(ground: Ground, scale: float, rng: np.random.Generator) -> Floa
 
 
 def _drawn(light: RidgeLight, ways: Ways, gap_mm: float) -> tuple[FloatArray, FloatArray]:
-    """Shading across all places with their line and without a stretch of it, (n, 21) each."""
+    """Shading across all places with their line and without a stretch of it, (n, 21) each.
+
+    Along straight ways it hardly changes: some places are drawn there, and those between follow.
+    """
+    reach = gap_mm / light.width_mm + _DRAWN_BESIDE
+    number = np.arange(len(ways))
+    end = np.diff(ways.run, prepend=-1, append=-1) != 0
+    own = ways.corners(reach) | ways.crossed | end[:-1] | end[1:] | (number % _EACH == 0)
+    rows = np.flatnonzero(own)
+    after = np.minimum(np.searchsorted(rows, number), len(rows) - 1)
+    before = np.maximum(after - (rows[after] > number), 0)
+    part = (number - rows[before]) / np.maximum(rows[after] - rows[before], 1)
+    with_it, without = (
+        one[before] + part[:, None] * (one[after] - one[before])
+        for one in _drawn_at(rows, light, ways, gap_mm)
+    )
+    return with_it, without
+
+
+def _drawn_at(
+    rows: IntArray, light: RidgeLight, ways: Ways, gap_mm: float
+) -> tuple[FloatArray, FloatArray]:
     count = int(WITHIN.sum())
-    across = (ways.width[:, None] * ACROSS[WITHIN])[:, :, None] * ways.normal[:, None, :]
-    at = (ways.point[:, None, :2] + across).reshape(-1, 2)
-    stroke, along = np.repeat(ways.stroke, count), np.repeat(ways.along, count)
+    across = (ways.width[rows, None] * ACROSS[WITHIN])[:, :, None] * ways.normal[rows, None, :]
+    at = (ways.point[rows, None, :2] + across).reshape(-1, 2)
+    stroke, along = np.repeat(ways.stroke[rows], count), np.repeat(ways.along[rows], count)
     within = 0.75 * light.width_mm
     apart = 0.5 * (gap_mm + light.width_mm)
     near = partial(light.axes.nearest, within_mm=within)

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from registration.layer_images.gaps import stretches_of
+from registration.layer_images.gaps import inside, stretches_of
 from registration.layer_images.presence import INK
 from registration.layer_images.seen_layer import SeenLayer
 from registration.layer_images.standing_ink import standing_ink
@@ -62,12 +62,12 @@ def unseen_ways(
     standing, lacking, glints = standing_ink(look, why, np.random.default_rng(31))
     told = (why == Unseen.SEEN) | (_told_when_long(look, why, most, rate) & ~glints)
     told = (told | standing) & ~(lacking & ~(look.present > INK))
-    doubtful = _inside(doubted, ways) & ~standing
-    told = (told & ~doubtful) | _inside(gaps, ways)
+    doubtful = inside(doubted, ways) & ~standing
+    told = (told & ~doubtful) | inside(gaps, ways)
     for first, last in stretches_of(told, ways.run):
-        inside = first > 0 and last < len(ways) - 1
-        inside = inside and ways.run[first - 1] == ways.run[first] == ways.run[last + 1]
-        if inside and _length(ways, first, last) < _SEEN_MM:
+        between = first > 0 and last < len(ways) - 1
+        between = between and ways.run[first - 1] == ways.run[first] == ways.run[last + 1]
+        if between and _length(ways, first, last) < _SEEN_MM:
             told[first : last + 1] = False
     out = []
     low = ((why == Unseen.UNCLEAR) & ~(look.present > INK)) | doubtful
@@ -82,15 +82,6 @@ def unseen_ways(
             (begin, start), (end, stop) = _edge(ways, first, -0.5), _edge(ways, last, 0.5)
             out.append(Gap(int(ways.stroke[first]), begin, end, start, stop, 0.0, 1.0))
     return tuple(out)
-
-
-def _inside(gaps: list[Gap], ways: Ways) -> BoolArray:
-    """Places inside gaps, (n,)."""
-    out = np.zeros(len(ways), dtype=np.bool_)
-    for gap in gaps:
-        own = ways.stroke == gap.stroke
-        out |= own & (ways.along > gap.from_mm) & (ways.along < gap.to_mm)
-    return out
 
 
 def _is_beside(ways: Ways, first: int, last: int, gaps: list[Gap]) -> bool:

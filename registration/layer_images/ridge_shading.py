@@ -1,0 +1,119 @@
+"""Shading of beads' ridges that are lit from the side.
+
+A bead's surface is brighter where it slopes to the light and darker where it slopes away, so that
+brightness (logarithm, over the bath) at a place is, with d its distance from the nearest line's
+middle in widths and a the direction to it from there in the picture,
+
+    m(d, a) = m0(d) + m1(d) cos a + m2(d) sin a,
+
+each a function of d alone: Lambert's law for a small slope, whatever the bead's section. Ends and
+turns follow from the nearest line, as the height of beads that run into each other does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from registration.layer_images.ink_image import ACROSS
+from registration.layer_images.ridge_axes import Axes, Nearest
+from registration.layer_images.values import BoolArray, FloatArray, Shift
+
+KNOTS: Final = np.linspace(0.0, 0.72, 7)
+"""Widths from a line's middle; beyond the last lies bath. Blur carries light over the edge."""
+_CENTRE: Final = 0.4
+"""Weight of the middle one of the points that stand for blur."""
+
+
+@dataclass(frozen=True)
+class RidgeLight:
+    """Shading of ridges, and the layer's shift by it.
+
+    Attributes
+    ----------
+    terms : (3, 7) float64
+        m0, m1, m2 at `KNOTS`.
+    level : float
+        Of the bath.
+    channels : slice
+        Those of the picture whose mean it describes.
+    to_picture : (2, 2) float64, px/mm
+    axes : Axes
+    width_mm : float, mm
+    blur_mm : float, mm
+        Standard deviation of the picture's blur, which smooths creases where beads meet.
+    shift : Shift
+    """
+
+    terms: FloatArray
+    level: float
+    channels: slice
+    to_picture: FloatArray
+    axes: Axes
+    width_mm: float
+    blur_mm: float
+    shift: Shift
+
+    @property
+    def slant(self) -> float:
+        """Root of the power of the odd part over that of the even one."""
+        return slant_of(self.terms)
+
+    def shade(self, at: FloatArray, nearest: Nearest) -> FloatArray:
+        """Brightness over the bath at places (k, 2), mm, whose nearest lines are looked up."""
+        basis = blurred_basis(at, nearest, self.to_picture, self.width_mm, self.blur_mm)
+        return np.asarray(basis @ _flat(self.terms))
+
+    def across(self) -> FloatArray:
+        """m0, m1, m2 over `ACROSS`, (3, 61)."""
+        sides = np.stack([np.interp(np.abs(ACROSS), KNOTS, row) for row in self.terms])
+        sides[1:] *= np.sign(ACROSS)
+        return np.asarray(np.where(np.abs(ACROSS) <= KNOTS[-1], sides, 0.0))
+
+
+def blurred_basis(
+    at: FloatArray, nearest: Nearest, to_picture: FloatArray, width_mm: float, blur_mm: float
+) -> FloatArray:
+    """`_basis` averaged over five points that have a blur's variance, (k, 16)."""
+    out = _basis(*nearest(at), to_picture, width_mm)
+    if blur_mm <= 0:
+        return out
+    out *= _CENTRE
+    side = blur_mm * np.sqrt(2.0 / (1.0 - _CENTRE))
+    for off in side * np.array([(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]):
+        out += 0.25 * (1.0 - _CENTRE) * _basis(*nearest(at + off), to_picture, width_mm)
+    return out
+
+
+def _basis(
+    apart: FloatArray, near: BoolArray, to_picture: FloatArray, width_mm: float
+) -> FloatArray:
+    """Value of each term's knots (all but the last; the odd ones without the first), (k, 16)."""
+    d = np.linalg.norm(apart, axis=1) / width_mm
+    seen = apart @ to_picture.T
+    way = seen / np.maximum(np.linalg.norm(seen, axis=1), 1e-9)[:, None]
+    knot = np.arange(len(KNOTS) - 1)
+    hats = np.clip(1.0 - np.abs(d[:, None] / KNOTS[1] - knot), 0.0, 1.0)
+    hats[~near | (d > KNOTS[-1])] = 0.0
+    return np.hstack([hats, hats[:, 1:] * way[:, :1], hats[:, 1:] * way[:, 1:]])
+
+
+def _flat(terms: FloatArray) -> FloatArray:
+    return np.concatenate([terms[0, :-1], terms[1, 1:-1], terms[2, 1:-1]])
+
+
+def terms_of(values: FloatArray) -> FloatArray:
+    """m0, m1, m2 at `KNOTS`, (3, 7), of coefficients (16,) of `blurred_basis`."""
+    inner = len(KNOTS) - 1
+    out = np.zeros((3, len(KNOTS)))
+    out[0, :-1] = values[:inner]
+    out[1:, 1:-1] = values[inner : 3 * inner - 2].reshape(2, inner - 1)
+    return out
+
+
+def slant_of(terms: FloatArray) -> float:
+    """Root of odd over even power, as of `Template`."""
+    odd, even = float((terms[1:] ** 2).sum()), float((terms[0] ** 2).sum())
+    return float(np.sqrt(odd / max(even, 1e-12)))
