@@ -256,14 +256,15 @@ class ObservedJob:
                 laser = view.hidden is not None
                 at.turned = better_turned(image, frame, at.layer.lines, view.scan, in_parts=laser)
             image = image if view.filaments is None else view.filaments
+            shown = view.shown_lines(at.layer.lines)
             see = partial(
                 see_layer,
                 image,
                 frame,
-                at.layer.lines,
+                shown.lines,
                 lumens=at.lumens,
                 before=before,
-                since=at.since,
+                since=at.since[shown.row],
                 hidden=() if view.hidden is None else view.hidden,
                 # In a bath ink is as dark as it is thick and near: each look learns its own.
                 known=self._appearance if layered else None,
@@ -273,6 +274,7 @@ class ObservedJob:
                 lambda options: see(options=options), self._options(), self.order.limits.shift_mm,
                 lone=layered and bool(at.layer.lines.fresh.all()),
             )  # fmt: skip
+            findings = shown.as_given(findings)
             refuse_other_height(at.size, findings.seen_share, findings.coverage)
             if not at.found:
                 self._appearance = learned_appearance(

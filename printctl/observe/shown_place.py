@@ -34,17 +34,21 @@ def seen_where_ink_shows(
     would show in the bath between older lines, if it lay there. A lone line whose end is missing
     fits best moved along itself: a move that isn't sure excuses no missing ink. Ink as long as it
     should be, more of whose ends show at the moved place, lies there: a gap makes it shorter, a
-    move along itself doesn't. Where no older line lies there (``lone``), nearly all of the ink
-    shows at a moved place, and less than half within tolerance, none is missing: it lies aside.
-    Such a place is looked for twice as far as others.
+    move along itself doesn't; where the end that such a move leads with isn't seen, nothing tells
+    them apart. Where no older line lies there (``lone``), nearly all of the ink shows at a moved
+    place, and less than half within tolerance, none is missing: it lies aside. Such a place is
+    looked for twice as far as others.
     """
     findings = see(options)
     moved_mm, u_mm = shift_of(findings)
     unsure = moved_mm > tolerated_mm >= moved_mm - SURE * u_mm
+    slid = moved_mm > tolerated_mm and _across_mm(findings) <= tolerated_mm
+    unsure = unsure or slid
     if not unsure and findings.coverage >= _SHOWN:
         return findings
     within = see(replace(options, shift_mm=tolerated_mm))
     whole = unsure and findings.coverage > _WHOLE and not findings.gaps
+    whole = whole and not (slid and _leads_unseen(findings, moved_mm))
     if whole:
         ink_mm = [_at_ends_mm(one, 2 * moved_mm) for one in (findings, within)]
         if ink_mm[0] - ink_mm[1] > _MORE * tolerated_mm:
@@ -54,6 +58,28 @@ def seen_where_ink_shows(
             if one.seen_share * one.coverage > _ALL and shift_of(one)[0] > tolerated_mm:
                 return replace(one, aside=True)
     return within
+
+
+def _across_mm(findings: LayerFindings) -> float:
+    """How far a layer seems moved across its lines, mm, root mean square."""
+    by = np.array([findings.shift.dx_mm, findings.shift.dy_mm])
+    normal = findings.stations.normal
+    return float(np.sqrt(np.mean((normal @ by) ** 2))) if len(normal) else 0.0
+
+
+def _leads_unseen(findings: LayerFindings, moved_mm: float) -> bool:
+    """Whether too little is seen of the ends that would lie beyond their place, moved so.
+
+    An end that is missing looks like a move to the other one, whose ink may lie in older ink.
+    """
+    stations, by = findings.stations, np.array([findings.shift.dx_mm, findings.shift.dy_mm])
+    ahead = stations.at_mm @ by / moved_mm
+    leads = np.zeros(len(ahead), dtype=np.bool_)
+    for stroke in np.unique(stations.stroke):
+        own = stations.stroke == stroke
+        leads |= own & (ahead > ahead[own].max() - moved_mm)
+    length = stations.length_mm
+    return float(length[leads & stations.seen].sum()) < _ALL * float(length[leads].sum())
 
 
 def _at_ends_mm(findings: LayerFindings, reach_mm: float) -> float:

@@ -19,7 +19,14 @@ from printctl.observe.profiler import FRAME_KEY, open_surface, read_matrix
 from printctl.observe.scan_place import ScanSize, refuse_elsewhere
 from registration.camera_frame.frame import CameraFrame, read_frame
 from registration.errors import ScanFileError
-from registration.layer_images import ExpectedLines, Frame, filament_map, height_map
+from registration.layer_images import (
+    ExpectedLines,
+    Frame,
+    HeightFrame,
+    ShownLines,
+    filament_map,
+    height_map,
+)
 from registration.readers.read import read_scan
 from registration.scan import Scan
 from sim.camera.camera_file import load_camera
@@ -94,6 +101,13 @@ class View(NamedTuple):
     def drawn_into(self) -> Image:
         """Picture that findings are drawn into."""
         return self.image if self.shown is None else self.shown
+
+    def shown_lines(self, lines: ExpectedLines) -> ShownLines:
+        """Lines without older ones that a volume in a bath doesn't show where they lie."""
+        if self.scan is None or not lines.fresh.any():
+            return ShownLines(lines, np.arange(len(lines)))
+        assert isinstance(self.frame, HeightFrame)
+        return ShownLines.of(lines, self.frame, self.scan.depth_down)
 
 
 def open_view(

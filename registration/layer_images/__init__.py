@@ -12,6 +12,7 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from registration.layer_images.annotate import annotated
+    from registration.layer_images.below import ShownLines
     from registration.layer_images.height import HeightFrame, height_map
     from registration.layer_images.options import SeeingOptions
     from registration.layer_images.orientation import better_turned
@@ -45,6 +46,7 @@ __all__ = [
     "LumenSeen",
     "SeeingOptions",
     "Shift",
+    "ShownLines",
     "Stations",
     "Stretch",
     "Surface",

@@ -59,7 +59,8 @@ def test_a_shift_that_isnt_sure_is_looked_at_again_within_tolerance(
         searched.append(options.shift_mm)
         moved = min(shift_mm, options.shift_mm)
         shift = SimpleNamespace(dx_mm=0.0, dy_mm=moved, covariance_mm2=u_mm**2 * np.eye(2))
-        return SimpleNamespace(shift=shift, coverage=coverage)
+        across = SimpleNamespace(normal=np.array([[0.0, 1.0]]))
+        return SimpleNamespace(shift=shift, coverage=coverage, stations=across)
 
     found = seen_where_ink_shows(see, SeeingOptions(shift_mm=0.5), 0.1)
     assert searched == searched_mm

@@ -24,15 +24,19 @@ class Found:
     aside: bool = False
     ink_mm: float = 2.0
     gaps: tuple[int, ...] = ()
+    normal: tuple[float, float] = (0.0, 1.0)
+    unseen: int = 0
 
     @property
     def stations(self) -> SimpleNamespace:
         """Ten of 0.2 mm; the last one lacks what isn't there."""
         one = np.ones(10)
         present = np.append(one[1:], 1.0 - (2.0 - self.ink_mm) / 0.2)
+        along = 0.2 * np.arange(10)
         return SimpleNamespace(
-            stroke=0 * one, along_mm=0.2 * np.arange(10), length_mm=0.2 * one, present=present,
-            seen=one > 0,
+            stroke=0 * one, along_mm=along, length_mm=0.2 * one, present=present,
+            seen=np.arange(10) < 10 - self.unseen, normal=np.tile(self.normal, (10, 1)),
+            at_mm=np.column_stack([0 * along, along]),
         )  # fmt: skip
 
 
@@ -93,3 +97,18 @@ def test_a_line_that_is_as_long_as_it_should_be_is_moved_along_itself(gaps, ink_
     found = seen_where_ink_shows(cast(Any, see), SeeingOptions(shift_mm=0.5), 0.1)
     assert found.aside is aside
     assert found.coverage == (0.98 if aside else 0.93)
+
+
+@pytest.mark.parametrize(("unseen", "aside"), [(0, True), (2, False)])
+def test_a_move_along_lines_tells_nothing_where_its_leading_end_is_not_seen(unseen, aside):
+    """A clog at the end of a steep part, whose begin lies in older ink, was told as lost steps."""
+
+    def see(options: SeeingOptions) -> Found:
+        if options.shift_mm < 0.5:
+            return Found(Shift(0.0, 0.0, 0.01 * np.eye(2)), 0.6, ink_mm=1.6, normal=(1.0, 0.0))
+        sure = Shift(0.0, 0.4, 1e-4 * np.eye(2))
+        return Found(sure, 0.99, normal=(1.0, 0.0), unseen=unseen)
+
+    found = seen_where_ink_shows(cast(Any, see), SeeingOptions(shift_mm=0.5), 0.1)
+    assert found.aside is aside
+    assert found.coverage == (0.99 if aside else 0.6)
