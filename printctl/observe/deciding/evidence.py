@@ -195,6 +195,7 @@ class Evidence:
                 f"{over * (100.0 * self.waver > width_percent)}"
             )
         return words
+
     older_mm: float = 0.0
     older_step: float = math.nan
 
