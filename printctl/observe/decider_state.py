@@ -1,4 +1,4 @@
-"""What a decider has learned so far, as it is kept with each look's record."""
+"""State of a decider: what it has learned so far, as each look's record keeps it."""
 
 from __future__ import annotations
 
