@@ -339,7 +339,7 @@ class Observer:
         pause = DecisionKind.PAUSE.value
         if put.given_up:
             mend = DecisionKind.MEND.value
-            self._amend(look, why, put.left_mm, decision=pause, asked=mend)
+            self._amend(look, why, decision=pause, asked=mend)  # nothing is mended: all stays left
             self._ask(look, decision, why)
             return
         why = f"{why}; it can't be mended from here"
@@ -357,7 +357,7 @@ class Observer:
         mend = self.mend_lines(look, gaps, thin, flow, approved) if gaps or thin else none
         left = f"; not mended: {mend.left}" if mend.left else ""
         if mend.given_up:
-            return _Put(False, left, mend.left_mm, given_up=True)
+            return _Put(False, left, given_up=True)
         if not mend.lines and decision.factor is None:
             return _Put(not gaps, left, mend.left_mm)  # thin lines are no reason to stop
         try:

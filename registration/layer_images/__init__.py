@@ -19,20 +19,20 @@ if TYPE_CHECKING:
     from registration.layer_images.own_depth import filament_map
     from registration.layer_images.see import see_layer
     from registration.layer_images.surface import Surface, surface_of
-from registration.layer_images.values import (
-    Appearance,
-    Blob,
-    ExpectedLines,
-    Frame,
-    Gap,
-    LayerFindings,
-    Lumen,
-    LumenSeen,
-    Shift,
-    Stations,
-    Stretch,
-    Unseen,
-)
+    from registration.layer_images.values import (
+        Appearance,
+        Blob,
+        ExpectedLines,
+        Frame,
+        Gap,
+        LayerFindings,
+        Lumen,
+        LumenSeen,
+        Shift,
+        Stations,
+        Stretch,
+        Unseen,
+    )
 
 __all__ = [
     "Appearance",

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
+from registration.layer_images.gap_run import FINE, GapRun
 from registration.layer_images.in_light import LightMix
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage, Gap, IntArray
 from registration.layer_images.ways import Seen, Ways
@@ -29,10 +30,6 @@ _CORE: Final = 0.15
 """Half of the part of a width along which ends are looked for."""
 _FLANK: Final = (0.28, 0.42)
 """From a line's middle to where its flanks are looked at, in widths."""
-_BEYOND: Final = 2.5
-"""Widths of ink beside a gap that are looked at."""
-_FINE: Final = 3
-"""Samples in a pixel."""
 _SMOOTH_PX: Final = 0.7
 _CELLS: Final = 12
 """Of a modelled end, in a bead's radius."""
@@ -40,8 +37,6 @@ _SURE_PX: Final = 0.2
 """What an end's place is off by in the picture itself."""
 _SOUND: Final = 0.75
 """Widths beyond a gap from which on ink is as it should be."""
-_ALONE: Final = 0.8
-"""Share of the places around a gap whose sides must be free, for its ends' flanks to be seen."""
 _UNLIKE: Final = 0.04
 """Of a width: what ends differ by from either model."""
 _PLAIN: Final = (1.0, 2.0)
@@ -160,39 +155,17 @@ class LightAlong:
         return [self._measured(gap, ink, free, shapes) for gap in gaps]
 
     def _measured(self, gap: Gap, ink: BoolArray, free: BoolArray, shapes: Shapes) -> Gap:
-        rows = self._run_of(gap)
-        along, width = self.ways.along[rows], float(self.ways.width[rows].max())
-        reach = _BEYOND * width
-        low, high = max(gap.from_mm - reach, along[0]), min(gap.to_mm + reach, along[-1])
-        s = np.arange(low, high, self.px_mm / _FINE)
-        if len(s) < 4 * _FINE:
+        run = GapRun.of(gap, self.ways, self.px_mm)
+        if run is None:
             return gap
-        has_ink = np.interp(s, along, ink[rows].astype(np.float64)) > 0.99
-        look = _Along(s, *self._light(rows, s, width), has_ink, self.bead.width_mm, self.px_mm)
-        near = np.abs(along - 0.5 * (gap.from_mm + gap.to_mm)) < 0.5 * gap.length_mm + width
-        alone = bool(free[rows][near].mean() > _ALONE)
+        light = self._light(run.rows, run.s, run.width_mm)
+        look = _Along(run.s, *light, run.has_ink(ink), self.bead.width_mm, self.px_mm)
         old = ((gap.from_mm, gap.u_tip_mm), (gap.to_mm, gap.u_tip_mm))
-        begin, end = (
-            look.end(gap, way, shapes, alone) or kept
+        ends = [
+            look.end(gap, way, shapes, run.is_alone(free)) or kept
             for way, kept in zip((-1, 1), old, strict=True)
-        )
-        if end[0] <= begin[0]:
-            return gap
-        start_mm, end_mm = (
-            (float(np.interp(at, along, self.ways.point[rows, 0])),
-             float(np.interp(at, along, self.ways.point[rows, 1])))
-            for at in (begin[0], end[0])
-        )  # fmt: skip
-        u = max(begin[1], end[1])
-        return replace(
-            gap, from_mm=begin[0], to_mm=end[0], start_mm=start_mm, end_mm=end_mm, u_tip_mm=u
-        )
-
-    def _run_of(self, gap: Gap) -> IntArray:
-        """Places of the unbroken run that a gap lies on."""
-        rows = np.flatnonzero(self.ways.stroke == gap.stroke)
-        off = np.abs(self.ways.along[rows] - 0.5 * (gap.from_mm + gap.to_mm))
-        return rows[self.ways.run[rows] == self.ways.run[rows[off.argmin()]]]
+        ]
+        return run.with_ends([at for at, _ in ends], max(u for _, u in ends))
 
     def _light(self, rows: IntArray, s: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
         """Light along a run in a line's middle and on its flanks, (k,): bath 0, ink about 1."""
@@ -211,7 +184,7 @@ class LightAlong:
                 cv2.BORDER_REPLICATE,
             )  # fmt: skip
         light = self.mix.values(logs)
-        smooth = gaussian_filter1d(light, _SMOOTH_PX * _FINE, axis=0, mode="nearest")
+        smooth = gaussian_filter1d(light, _SMOOTH_PX * FINE, axis=0, mode="nearest")
         return smooth[:, np.abs(u) <= _CORE].mean(axis=1), smooth[:, _flank(u)].mean(axis=1)
 
 
@@ -271,16 +244,16 @@ def _crossing(out: FloatArray, light: FloatArray, far: BoolArray) -> tuple[float
 
     None where too little ink is seen, or no end of it.
     """
-    if far.sum() < 2 * _FINE:
+    if far.sum() < 2 * FINE:
         return None
     level = 0.5 * float(np.median(light[far]))
     stays = light >= level
-    for k in range(1, _FINE + 1):
+    for k in range(1, FINE + 1):
         stays[:-k] &= light[k:] >= level
     if stays[0] or not stays.any():
         return None
     k = int(stays.argmax())
-    low, high = max(k - _FINE, 0), min(k + _FINE, len(light) - 1)
+    low, high = max(k - FINE, 0), min(k + FINE, len(light) - 1)
     slope = float(light[high] - light[low]) / float(out[high] - out[low])
     rise = float(light[k] - light[k - 1])
     if slope <= 0 or rise <= 0:

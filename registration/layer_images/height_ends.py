@@ -13,27 +13,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from registration.layer_images.gap_run import FINE, GapRun
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage, Gap, IntArray
 from registration.layer_images.ways import Seen, Ways
 
 _CORE: Final = np.linspace(-0.15, 0.15, 5)
 _FLANK: Final = np.array([-0.42, -0.35, -0.28, 0.28, 0.35, 0.42])
 """Across a line, in widths: where its middle and its flanks are looked at."""
-_BEYOND: Final = 2.5
-"""Widths of ink beside a gap that are looked at."""
 _SOUND: Final = 0.75
 """Widths beyond a gap from which on ink is as it should be."""
 _NEAREST, _FARTHEST = 0.5, 1.5
 """Widths within and beyond a gap's end as it was found, between which its tip lies."""
-_FINE: Final = 3
-"""Samples in a pixel."""
 _SMOOTH_PX: Final = 0.7
 _LEAST_DEPTH, _MOST_DEPTH = 0.6, 1.0
 """Thicknesses from ink down to what lies below a gap: a short one is all slope, and between older
@@ -51,8 +48,6 @@ _PARALLEL: Final = 0.94
 """Cosine of 20 degrees, between lines that run side by side."""
 _CORNER: Final = 2.5
 """Way along a line over the distance of two of its places, from which on it has come back."""
-_ALONE: Final = 0.8
-"""Share of the places around a gap whose sides must be free, for its ends' flanks to be seen."""
 
 
 @dataclass(frozen=True)
@@ -112,16 +107,7 @@ class HeightsAlong:
     px_mm: float
 
     def measured(self, gaps: Sequence[Gap], ink: BoolArray, free: BoolArray) -> list[Gap]:
-        """Return gaps with ends at the ink's tips.
-
-        Parameters
-        ----------
-        gaps : sequence of Gap
-        ink : (n,) bool
-            Where it is seen.
-        free : (n,) bool
-            Where both sides are: a neighbour that touches hides how round an end is.
-        """
+        """Return gaps with ends at the ink's tips, as `gap_ends.LightAlong.measured` does."""
         return [self._measured(gap, ink, free) for gap in gaps]
 
     @cached_property
@@ -130,36 +116,21 @@ class HeightsAlong:
         return (~self.hidden).astype(np.float32)
 
     def _measured(self, gap: Gap, ink: BoolArray, free: BoolArray) -> Gap:
-        rows = self._run_of(gap)
-        along, width = self.ways.along[rows], float(self.ways.width[rows].max())
-        reach = _BEYOND * width
-        low, high = max(gap.from_mm - reach, along[0]), min(gap.to_mm + reach, along[-1])
-        s = np.arange(low, high, self.px_mm / _FINE)
-        if len(s) < 4 * _FINE:
+        run = GapRun.of(gap, self.ways, self.px_mm)
+        if run is None:
             return gap
+        rows, s, width = run.rows, run.s, run.width_mm
         core, flank = (self._heights(rows, s, width * across) for across in (_CORE, _FLANK))
-        has_ink = np.interp(s, along, ink[rows].astype(np.float64)) > 0.99
-        near = np.abs(along - 0.5 * (gap.from_mm + gap.to_mm)) < 0.5 * gap.length_mm + width
-        alone = bool(free[rows][near].mean() > _ALONE)
-        look = _Fall(s, core, flank if alone else None, has_ink, width, self)
+        alone = run.is_alone(free)
+        look = _Fall(s, core, flank if alone else None, run.has_ink(ink), width, self)
         old = ((gap.from_mm, gap.u_tip_mm), (gap.to_mm, gap.u_tip_mm))
         covered = [self._covered(rows, at, width) for at, _ in old]
-        begin, end = (
+        ends = [
             kept if under else look.end(gap, way) or kept
             for way, kept, under in zip((-1, 1), old, covered, strict=True)
-        )
-        if end[0] <= begin[0]:
-            return gap
-        u = max(math.hypot(one[1], under) for one, under in zip((begin, end), covered, strict=True))
-        start_mm, end_mm = (
-            (float(np.interp(at, along, self.ways.point[rows, 0])),
-             float(np.interp(at, along, self.ways.point[rows, 1])))
-            for at in (begin[0], end[0])
-        )  # fmt: skip
-        return replace(
-            gap, from_mm=begin[0], to_mm=end[0], start_mm=start_mm, end_mm=end_mm,
-            u_tip_mm=u,
-        )  # fmt: skip
+        ]
+        u = max(math.hypot(one[1], under) for one, under in zip(ends, covered, strict=True))
+        return run.with_ends([at for at, _ in ends], u)
 
     def _covered(self, rows: IntArray, at_mm: float, width: float) -> float:
         """Doubt of an end beside a line that crosses there: it may lie anywhere below, mm."""
@@ -170,12 +141,6 @@ class HeightsAlong:
         itself = (self.ways.run == self.ways.run[row]) & (way <= _CORNER * away)
         crosses = (away < width) & (alike < _PARALLEL) & ~itself
         return width / math.sqrt(3.0) if crosses.any() else 0.0
-
-    def _run_of(self, gap: Gap) -> IntArray:
-        """Places of the unbroken run that a gap lies on."""
-        rows = np.flatnonzero(self.ways.stroke == gap.stroke)
-        off = np.abs(self.ways.along[rows] - 0.5 * (gap.from_mm + gap.to_mm))
-        return rows[self.ways.run[rows] == self.ways.run[rows[off.argmin()]]]
 
     def _heights(self, rows: IntArray, s: FloatArray, across_mm: FloatArray) -> FloatArray:
         """Mean height across a line at places along it, (k,), thicknesses; NaN where hidden."""
@@ -270,13 +235,13 @@ class _Fall:
         """
         ink = height[far & np.isfinite(height)]
         shown = np.flatnonzero(np.isfinite(height))
-        if len(ink) < 2 * _FINE or not math.isfinite(floor):
+        if len(ink) < 2 * FINE or not math.isfinite(floor):
             return None
         top = float(np.median(ink))
         depth = min(max(top - floor, _LEAST_DEPTH), _MOST_DEPTH)
         level, x, z = top - 0.5 * depth, out[shown], _smooth(height[shown])
         stays = z >= level
-        for k in range(1, _FINE + 1):
+        for k in range(1, FINE + 1):
             stays[:-k] &= z[k:] >= level
         if stays[0] or not stays.any():
             return None
@@ -286,7 +251,7 @@ class _Fall:
             if dark > _SHADE * self.whole.thickness_mm + 2.0 * self.whole.px_mm:
                 return math.nan, dark / math.sqrt(12.0)
             return float(x[k]), _IN_SHADE * dark
-        low, high = max(k - _FINE, 0), min(k + _FINE, len(z) - 1)
+        low, high = max(k - FINE, 0), min(k + FINE, len(z) - 1)
         slope = max(float(z[high] - z[low]) / float(x[high] - x[low]), 0.2 * depth / self.width_mm)
         noise = 1.4826 * float(np.median(np.abs(ink - top)))
         part = (level - z[k - 1]) / max(float(z[k] - z[k - 1]), 1e-9)
@@ -300,4 +265,4 @@ def _median(values: FloatArray) -> float:
 
 
 def _smooth(values: FloatArray) -> FloatArray:
-    return np.asarray(gaussian_filter1d(values, _SMOOTH_PX * _FINE, mode="nearest"))
+    return np.asarray(gaussian_filter1d(values, _SMOOTH_PX * FINE, mode="nearest"))

@@ -10,6 +10,7 @@ where a picture fits by neither sign as it is, either counts.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Final
 
 import cv2
@@ -90,30 +91,9 @@ def better_turned(
 
     flat_ink = _shrunk(picture[:, :, 0], shrink)
     ink = shown(np.asarray)
-    wide = lines.width_mm[rows] * px_per_mm
     reach = max(1, round(_REACH_MM * px_per_mm / shrink))
 
-    def fit(turned: FloatImage, more: int = 0) -> dict[int, tuple[float, FloatArray]]:
-        """Best correlation with bright ink (1) and dark (-1), and where, pixels of the picture.
-
-        Moved by so much more than usual.
-        """
-        shape = tuple(round(count * shrink) for count in turned.shape)
-        drawn = drawn_lines((shape[0], shape[1]), ends, wide).astype(np.float32)
-        mask = cv2.resize(drawn, turned.shape[::-1], interpolation=cv2.INTER_AREA)
-        inner = mask[reach:-reach, reach:-reach]
-        if min(inner.shape, default=0) < 8 or inner.std() < 1e-3:
-            return dict.fromkeys((1, -1), (0.0, np.zeros(2)))
-        usual = float(np.median(turned))
-        image = cv2.copyMakeBorder(turned, *(more,) * 4, cv2.BORDER_CONSTANT, value=usual)
-        found = cv2.matchTemplate(np.ascontiguousarray(image), inner, cv2.TM_CCOEFF_NORMED)
-        least, most, low, high = cv2.minMaxLoc(found)
-        both = {1: (most, high), -1: (-least, low)}
-        return {
-            sign: (size, (np.array(at, dtype=np.float64) - reach - more) * shrink)
-            for sign, (size, at) in both.items()
-        }
-
+    fit = partial(_fit, ends, lines.width_mm[rows] * px_per_mm, reach, shrink)
     here = fit(ink)
     sign = max(here, key=lambda one: here[one][0])
     as_it_is = here[sign][0]
@@ -137,6 +117,35 @@ def better_turned(
     if off is None:
         return None
     return f"{_moved_words(off, frame, lines)} {IN_PART}"
+
+
+def _fit(
+    ends: FloatArray,
+    width_px: FloatArray,
+    reach: int,
+    shrink: float,
+    turned: FloatImage,
+    more: int = 0,
+) -> dict[int, tuple[float, FloatArray]]:
+    """Best correlation of lines with bright ink (1) and dark (-1), and where, px of the picture.
+
+    Moved by ``more`` pixels more than ``reach``.
+    """
+    shape = tuple(round(count * shrink) for count in turned.shape)
+    drawn = drawn_lines((shape[0], shape[1]), ends, width_px).astype(np.float32)
+    mask = cv2.resize(drawn, turned.shape[::-1], interpolation=cv2.INTER_AREA)
+    inner = mask[reach:-reach, reach:-reach]
+    if min(inner.shape, default=0) < 8 or inner.std() < 1e-3:
+        return dict.fromkeys((1, -1), (0.0, np.zeros(2)))
+    usual = float(np.median(turned))
+    image = cv2.copyMakeBorder(turned, *(more,) * 4, cv2.BORDER_CONSTANT, value=usual)
+    found = cv2.matchTemplate(np.ascontiguousarray(image), inner, cv2.TM_CCOEFF_NORMED)
+    least, most, low, high = cv2.minMaxLoc(found)
+    both = {1: (most, high), -1: (-least, low)}
+    return {
+        sign: (size, (np.array(at, dtype=np.float64) - reach - more) * shrink)
+        for sign, (size, at) in both.items()
+    }
 
 
 def _moved_words(off_px: FloatArray, frame: Frame, lines: ExpectedLines) -> str:

@@ -13,7 +13,7 @@ touch singly (their coverage is told, not their widths), ink of the bath's own c
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -37,11 +37,10 @@ from registration.layer_images.values import (
     Image,
     LayerFindings,
     Lumen,
-    Outlines,
     Shift,
 )
 from registration.layer_images.ways import check_lines, lay_ways
-from registration.layer_images.working import Working, prepare
+from registration.layer_images.working import Outlines, Working, prepare
 
 _STEPS_IN_GAP: Final = 4
 _SAME_PX: Final = 0.4
@@ -111,18 +110,8 @@ def see_layer(
             work, own, lines, late, ways, shift, options, known, thickness_mm, rng, light
         )
 
-    shift = first_shift(work, own, lines, ways, options)
-    for _ in range(_ROUNDS):
-        look = seen_at(shift)
-        finer = _finer(look, shift, options, work)
-        if finer is None:
-            break
-        moved = np.hypot(finer.dx_mm - shift.dx_mm, finer.dy_mm - shift.dy_mm) * work.px_per_mm
-        shift = finer
-        if moved < _SAME_PX:
-            break
-    else:
-        look = seen_at(shift)
+    first = first_shift(work, own, lines, ways, options)
+    look, shift, finer = _at_finest(seen_at, first, options, work)
     light = None
     if may_be_ridges(look, shift) and not options.round_lines:
         light = ridge_light(work, own, lines, ways, look.masks, look.flat, shift, rng)
@@ -137,6 +126,22 @@ def see_layer(
             rival = findings_of(seen_at(_DESIGNED), (), _DESIGNED, options)
             found = unless_elsewhere(found, rival)
     return found
+
+
+def _at_finest(
+    seen_at: Callable[[Shift], SeenLayer], shift: Shift, options: SeeingOptions, work: Working
+) -> tuple[SeenLayer, Shift, Shift | None]:
+    """Look at a shift and at finer ones until they settle; look, shift, the last finer one."""
+    for _ in range(_ROUNDS):
+        look = seen_at(shift)
+        finer = _finer(look, shift, options, work)
+        if finer is None:
+            return look, shift, None
+        moved = np.hypot(finer.dx_mm - shift.dx_mm, finer.dy_mm - shift.dy_mm) * work.px_per_mm
+        shift = finer
+        if moved < _SAME_PX:
+            return look, shift, finer
+    return seen_at(shift), shift, finer
 
 
 def _check_thickness(thickness_mm: float | None, work: Working) -> None:

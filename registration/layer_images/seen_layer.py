@@ -130,19 +130,7 @@ def seen_at_shift(
     over_old = np.asarray(older.mean(axis=1) > _MOST_OLD)
     covers = Covers.of(moved, seen)
     alone = ~over_old & ~covers.places
-    bath = for_widths = tell_ink(ground, ways, seen, sides, alone, rng)
-    if work.earlier is not None:
-        # A difference helps in a grainy bath, and tells less of ink that a bubble's light falls on.
-        count = work.earlier.shape[2]
-        parts = [np.ascontiguousarray(each[:, :, :count]) for each in (ground.smooth, flat)]
-        itself = replace(ground, smooth=parts[0], flat=parts[1])
-        by_itself = tell_ink(itself, ways, seen, sides, alone, rng)
-        # What tells ink best by the change is brightness, whose edges rims and ridges move; colour
-        # alone counts little there.
-        for_widths = bath if by_itself is None or by_itself.noise is None else by_itself
-        bath = _better(bath, by_itself)
-    if light is not None and bath is not None:
-        bath = for_widths = tell_ridges(light, ground, ways, seen, alone, bath, rng)
+    bath, for_widths = _over_bath(ground, ways, seen, sides, alone, light, rng)
     # A gap in a solid layer lies in the shadow of the lines beside it, as a profiler sees it: what
     # shows of its ground tells it.
     nothing = np.zeros(work.shape, dtype=np.bool_)
@@ -184,6 +172,33 @@ def seen_at_shift(
         work, frame, ways, moved, seen, flat, masks, sides, over_old, inferred, bath, old, *joined,
         group, widths, by_height, by_change, older_step, thickness_mm,
     )  # fmt: skip
+
+
+def _over_bath(
+    ground: Ground,
+    ways: Ways,
+    seen: Seen,
+    sides: Sides,
+    alone: BoolArray,
+    light: RidgeLight | None,
+    rng: np.random.Generator,
+) -> tuple[Told | None, Told | None]:
+    """Ink over the bath, and what its widths are told by."""
+    bath = for_widths = tell_ink(ground, ways, seen, sides, alone, rng)
+    if ground.work.earlier is not None:
+        # A difference helps in a grainy bath, and tells less of ink that a bubble's light falls on.
+        count = ground.work.earlier.shape[2]
+        both = (ground.smooth, ground.flat)
+        smooth, flat = (np.ascontiguousarray(each[:, :, :count]) for each in both)
+        itself = replace(ground, smooth=smooth, flat=flat)
+        by_itself = tell_ink(itself, ways, seen, sides, alone, rng)
+        # What tells ink best by the change is brightness, whose edges rims and ridges move; colour
+        # alone counts little there.
+        for_widths = bath if by_itself is None or by_itself.noise is None else by_itself
+        bath = _better(bath, by_itself)
+    if light is not None and bath is not None:
+        bath = for_widths = tell_ridges(light, ground, ways, seen, alone, bath, rng)
+    return bath, for_widths
 
 
 def _by_contrast(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, Literal, Protocol
@@ -398,7 +397,3 @@ class LayerFindings:
     waver: float = math.nan
     older_mm: float = 0.0
     older_step: float = math.nan
-
-
-Outlines = Sequence[FloatArray]
-"""Polygons (k, 2), px of the picture."""

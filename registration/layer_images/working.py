@@ -19,7 +19,6 @@ from registration.layer_images.values import (
     FloatImage,
     Frame,
     Image,
-    Outlines,
 )
 from registration.layer_images.ways import Seen, Ways
 
@@ -37,6 +36,8 @@ _HIT = 25
 """Of 255, from which on a working pixel counts as saturated."""
 _SHIFT = 4
 
+Outlines = Sequence[FloatArray]
+"""Polygons (k, 2), px of the picture."""
 Mask = NDArray[np.uint8]
 
 
