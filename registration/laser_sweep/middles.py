@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit
+
+_TOGETHER: Final = 64
+"""Columns that are looked at together."""
 
 
 @jit
@@ -32,19 +35,29 @@ def line_middles(
     """
     rows, columns = image.shape
     share = np.float32(gain)
+    # A second peak matters above half of the first: darker places are passed by many at once.
+    dark = np.float32(0.49 * least)
     best = np.zeros(columns, np.float32)
     second = np.zeros(columns, np.float32)
     at = np.zeros(columns, np.int64)
     for row in range(rows):
-        for column in range(columns):
-            over = np.float32(image[row, column]) - share * np.float32(ground[row, column])
-            if over > best[column]:
-                if row - at[column] > widest:
-                    second[column] = max(second[column], best[column])
-                best[column] = over
-                at[column] = row
-            elif over > second[column] and row - at[column] > widest:
-                second[column] = over
+        for first in range(0, columns, _TOGETHER):
+            last = min(first + _TOGETHER, columns)
+            light, view = image[row, first:last], ground[row, first:last]
+            bright = 0
+            for k in range(last - first):
+                bright += np.float32(light[k]) - share * np.float32(view[k]) > dark
+            if bright == 0:
+                continue
+            for column in range(first, last):
+                over = np.float32(image[row, column]) - share * np.float32(ground[row, column])
+                if over > best[column]:
+                    if row - at[column] > widest:
+                        second[column] = max(second[column], best[column])
+                    best[column] = over
+                    at[column] = row
+                elif over > second[column] and row - at[column] > widest:
+                    second[column] = over
     middle = np.full(columns, np.nan)
     for column in range(columns):
         if best[column] < least or second[column] > 0.5 * best[column]:

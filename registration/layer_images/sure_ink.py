@@ -50,7 +50,7 @@ def unsure_places(
     whole, bare = (max(1, round(size * gap_mm / step)) | 1 for size in (1.0, LEAST))
     evened = noise.middle + strength * (present - noise.middle)
     gap = noise.middle * (1.0 - averaged(strength, good, ways.run, whole)) + _Z * noise.bath
-    untold = np.array([noise.p_value(float(one), gap_mm) for one in gap]) > p_needed
+    untold = noise.p_values(gap, gap_mm) > p_needed
     # Ends reach into a gap, so that its middle alone shows none.
     mean, share = (averaged(one, good, ways.run, bare) for one in (evened, strength))
     scatter = noise.middle / max(noise.contrast(LEAST * gap_mm), 1e-9)

@@ -14,7 +14,7 @@ import tifffile
 from registration.errors import PictureError
 from registration.laser_sweep import fit_laser, read_laser, sweep_heights, trace, write_laser
 from registration.laser_sweep.middles import line_middles
-from registration.laser_sweep.pictures import readers
+from registration.laser_sweep.pictures import sweep_pictures
 from tests.registration.camera_frame import scene
 from tests.registration.laser_sweep import sweeps
 
@@ -103,15 +103,16 @@ def test_one_picture_unlike_the_others_is_refused(tmp_path: Path) -> None:
 def test_pages_and_a_video_are_read_as_a_folder_is(tmp_path: Path) -> None:
     pictures = sweeps.flat()[:4]
     tifffile.imwrite(tmp_path / "all.tif", np.stack(pictures), photometric="minisblack")
-    each = list(readers(tmp_path / "all.tif"))
-    for one, read in zip(pictures, each, strict=True):
-        assert np.array_equal(read(), one)
+    with sweep_pictures(tmp_path / "all.tif") as each:
+        for one, read in zip(pictures, each, strict=True):
+            assert np.array_equal(read(), one)
     codec = cv2.VideoWriter.fourcc(*"MJPG")
     film = cv2.VideoWriter(str(tmp_path / "all.avi"), codec, 30.0, pictures[0].shape[::-1])
     for one in pictures:
         film.write(cv2.cvtColor(one, cv2.COLOR_GRAY2BGR))
     film.release()
-    seen = [read() for read in readers(tmp_path / "all.avi")]
+    with sweep_pictures(tmp_path / "all.avi") as each:
+        seen = [read() for read in each]
     assert len(seen) == 4
     assert np.abs(seen[2].mean(axis=2) - pictures[2]).mean() < 3
 
@@ -127,8 +128,11 @@ def test_a_tiff_that_is_cut_off_is_told_with_a_remedy(
     data = whole.read_bytes()
     for share in (0.2, 0.9):
         cut.write_bytes(data[: int(share * len(data))])
-        with pytest.raises(PictureError, match=r"cut off TIFF.*copy or export"):
-            [read() for read in readers(cut)]
+        with (
+            pytest.raises(PictureError, match=r"cut off TIFF.*copy or export"),
+            sweep_pictures(cut) as each,
+        ):
+            [read() for read in each]
 
 
 def test_a_line_is_found_between_pixels_and_lost_where_it_isnt_sure() -> None:
