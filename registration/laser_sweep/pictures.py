@@ -104,7 +104,9 @@ class _Video:
         video = cv2.VideoCapture(str(self.path))
         try:
             if not video.isOpened():
-                raise PictureError(f"{self.path} can't be read as a video; give a folder of pictures")
+                raise PictureError(
+                    f"{self.path} can't be read as a video; give a folder of pictures"
+                )
             while True:
                 there, image = video.read()
                 if not there:

@@ -118,7 +118,7 @@ def trace(path: Path, frame: CameraFrame) -> Traced:
 
 @dataclass(frozen=True)
 class _Tracer:
-    """What all pictures of a sweep share; of a line that runs upright all is transposed."""
+    """What all pictures share; ``even`` and ``grid`` are transposed where the line runs upright."""
 
     frame: CameraFrame
     whole: Image
@@ -150,23 +150,20 @@ class _Tracer:
         upright = _is_upright(over, 0.5 * brightest)
         grid = _ray_grid(frame, (height, width))
         middle = frame.to_pixels(np.array([frame.middle_mm]))[0, 1 if upright else 0]
-        turned = np.ascontiguousarray(ground.T) if upright else ground
+        even = _even(np.ascontiguousarray(ground.T) if upright else ground)
         if upright:
             grid = np.ascontiguousarray(grid.transpose(1, 0, 2))
-        even = _even(turned)
         widest = max(6, round(1e3 * _WIDEST_MM / frame.um_per_px))
         return _Tracer(
-            frame, whole, turned, channel, upright, least, even, grid, float(middle), widest,
+            frame, whole, ground, channel, upright, least, even, grid, float(middle), widest,
             np.array(frame.eye_mm),
         )  # fmt: skip
 
     def profile(self, image: Image) -> Profile | None:
         """Line of one picture; None where the insert doesn't show it."""
         single = _one(image, self.channel)
-        if self.upright:
-            single = np.asarray(cv2.transpose(single))
         gain = _gain(single, self.ground)
-        row = line_middles(single, self.ground, gain, self.least, self.widest)
+        row = line_middles(single, self.ground, gain, self.least, self.widest, self.upright)
         column = np.flatnonzero(np.isfinite(row)).astype(np.float64)
         row = row[np.isfinite(row)]
         slopes = _bilinear(self.grid, row / _GRID_PX, column / _GRID_PX)

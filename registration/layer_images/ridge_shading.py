@@ -68,9 +68,7 @@ class RidgeLight:
 
     def shade(self, at: FloatArray, without: Stretch) -> FloatArray:
         """Brightness over the bath at places (k, 2), mm, without a stretch of each one's line."""
-        basis = blurred_basis(
-            self.axes, at, without, self.to_picture, self.width_mm, self.blur_mm
-        )
+        basis = blurred_basis(self.axes, at, without, self.to_picture, self.width_mm, self.blur_mm)
         return np.asarray(basis @ _flat(self.terms))
 
     def across(self) -> FloatArray:

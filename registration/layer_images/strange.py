@@ -59,7 +59,10 @@ def strangeness(
 
 @jit
 def _off_lines(values: FloatImage, stretches: FloatImage) -> FloatImage:
-    """Distance of values (h, w, c) from the nearest of stretches of lines (n, 2, c), (h, w)."""
+    """Distance of values (h, w, c) from the nearest of stretches of lines (n, 2, c), (h, w).
+
+    NaN where a value is.
+    """
     high, wide, count = values.shape
     out = np.empty((high, wide), np.float32)
     way = stretches[:, 1] - stretches[:, 0]
@@ -79,7 +82,8 @@ def _off_lines(values: FloatImage, stretches: FloatImage) -> FloatImage:
                 for c in range(count):
                     off = values[row, column, c] - stretches[n, 0, c] - share * way[n, c]
                     square += off * off
-                least = min(least, square)
+                if square < least or np.isnan(square):
+                    least = square
             out[row, column] = np.sqrt(least)
     return out
 
