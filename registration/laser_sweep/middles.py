@@ -54,7 +54,7 @@ def line_middles(
             light, view = image[i, first:last], ground[i, first:last]
             bright = 0
             for k in range(last - first):
-                bright += np.float32(light[k]) - share * np.float32(view[k]) > dark
+                bright += int(np.float32(light[k]) - share * np.float32(view[k]) > dark)
             if bright == 0:
                 continue
             for j in range(first, last):

@@ -20,7 +20,7 @@ from registration.layer_images.ways import Ways
 _Z: Final = 1.64
 """Standard deviations that a bare stretch exceeds once in twenty times."""
 _RARE: Final = 1e-3
-"""Chance of a presence as low as that of a stretch, by noise, below which it isn't taken for ink."""
+"""Chance by noise of presence as low as a stretch's, below which it isn't taken for ink."""
 _LOW: Final = 0.75
 """Of ink's usual presence, below which places next to such a stretch belong to it."""
 

@@ -31,7 +31,7 @@ def test_a_stretch_that_might_be_bare_isnt_seen() -> None:
 
 
 def test_a_stretch_that_noise_doesnt_explain_isnt_seen() -> None:
-    """Gaps of 0.2 mm beside turns of ridges showed 0.3 to 0.45 of what ink does: ink, it was said."""
+    """Gaps of 0.2 mm beside turns of ridges showed 0.3 to 0.45 of ink, and were taken for it."""
     low, sound = _unsure(0.42, 1.0)
     assert low.all()
     assert not sound.any()
