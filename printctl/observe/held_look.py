@@ -47,6 +47,8 @@ class HeldLook:
         ink that it was about.
     turned : str or None
         How the last picture would fit the layer clearly better.
+    lacks : str
+        Rows or columns that a height map lacks, in words.
     size : ScanSize or None
         Of the last volume.
     """
@@ -62,6 +64,7 @@ class HeldLook:
     found: dict[Path, LayerFindings] = field(default_factory=dict)
     mends_alone: bool = False
     turned: str | None = None
+    lacks: str = ""
     size: ScanSize | None = None
 
 

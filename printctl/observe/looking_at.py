@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial
 from hashlib import blake2b
 from pathlib import Path
@@ -41,6 +41,7 @@ from printctl.observe.judging import (
     nothing_seen,
     without_rest,
 )
+from printctl.observe.last_map import LastMap
 from printctl.observe.lumen_areas import lumens_at
 from printctl.observe.mending import HeldPrint, Voids, checked_mend
 from printctl.observe.mends_again import (
@@ -103,6 +104,7 @@ class ObservedJob:
     _digest: bytes = b""  # of what was taken last
     _last: HeldLook | None = None
     _size: ScanSize | None = None  # of the last scan in which lines were seen
+    _map: LastMap = field(default_factory=LastMap)
 
     @cached_property
     def network(self) -> VesselNetwork | None:
@@ -208,7 +210,8 @@ class ObservedJob:
             tolerated=limits.width_percent / 100,
         )
         each = [one for one in (first, second) if one is not None]
-        evidence = replace(evidence, turned=at.turned, unseen=self._unseen(at, each))
+        unseen = self._unseen(at, each)
+        evidence = replace(evidence, turned=at.turned, lacks=at.lacks, unseen=unseen)
         if at.ink.style == "embedded":
             hidden = hidden_stretches(at, each, limits.gap.least_mm)
             evidence = replace(evidence, hidden=hidden)
@@ -252,6 +255,7 @@ class ObservedJob:
             self._check_new(view.taken, before)
             layered = at.ink.style == "layered"
             is_height = self.order.tells_heights and layered
+            at.lacks = at.lacks or self._map.lacks(at, view)
             if self.order.tells_heights:  # a camera's marks hold its frame themselves
                 laser = view.hidden is not None
                 at.turned = better_turned(image, frame, at.layer.lines, view.scan, in_parts=laser)

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit
 
+_TOGETHER: Final = 32
+"""Columns that are looked at together."""
+
 
 @jit
 def line_middles(
-    image: NDArray[Any], ground: NDArray[Any], gain: float, least: float, widest: int
+    image: NDArray[Any],
+    ground: NDArray[Any],
+    gain: float,
+    least: float,
+    widest: int,
+    upright: bool = False,
 ) -> NDArray[np.float64]:
     """Return the row of the line's middle in each column, (columns,); NaN where lost.
 
@@ -29,40 +37,56 @@ def line_middles(
         Least height of a peak over the ground.
     widest : int, px
         A wider line is lost; a second peak so far from the first is another one.
+    upright : bool
+        Whether the line runs from top to bottom: rows count as columns, and columns as rows.
     """
-    rows, columns = image.shape
+    high, wide = image.shape
+    rows, columns = (wide, high) if upright else (high, wide)
     share = np.float32(gain)
+    # A second peak matters above half of the first: darker places are passed by many at once.
+    dark = np.float32(0.49 * least)
     best = np.zeros(columns, np.float32)
     second = np.zeros(columns, np.float32)
     at = np.zeros(columns, np.int64)
-    for row in range(rows):
-        for column in range(columns):
-            over = np.float32(image[row, column]) - share * np.float32(ground[row, column])
-            if over > best[column]:
-                if row - at[column] > widest:
-                    second[column] = max(second[column], best[column])
-                best[column] = over
-                at[column] = row
-            elif over > second[column] and row - at[column] > widest:
-                second[column] = over
+    for i in range(high):
+        for first in range(0, wide, _TOGETHER):
+            last = min(first + _TOGETHER, wide)
+            light, view = image[i, first:last], ground[i, first:last]
+            bright = 0
+            for k in range(last - first):
+                bright += int(np.float32(light[k]) - share * np.float32(view[k]) > dark)
+            if bright == 0:
+                continue
+            for j in range(first, last):
+                over = np.float32(image[i, j]) - share * np.float32(ground[i, j])
+                if over <= dark:
+                    continue
+                row, column = (j, i) if upright else (i, j)
+                if over > best[column]:
+                    if row - at[column] > widest:
+                        second[column] = max(second[column], best[column])
+                    best[column] = over
+                    at[column] = row
+                elif over > second[column] and row - at[column] > widest:
+                    second[column] = over
     middle = np.full(columns, np.nan)
     for column in range(columns):
         if best[column] < least or second[column] > 0.5 * best[column]:
             continue
         half = 0.5 * best[column]
-        total, moment, wide = 0.0, 0.0, 0
+        total, moment, count = 0.0, 0.0, 0
         for way in (-1, 1):
             row = at[column] if way == 1 else at[column] - 1
-            while 0 <= row < rows and wide <= widest:
-                light = np.float32(image[row, column])
-                over = light - share * np.float32(ground[row, column]) - half
+            while 0 <= row < rows and count <= widest:
+                i, j = (column, row) if upright else (row, column)
+                over = np.float32(image[i, j]) - share * np.float32(ground[i, j]) - half
                 if over <= 0:
                     break
                 total += over
                 moment += over * row
-                wide += 1
+                count += 1
                 row += way
-        if wide > widest or at[column] < 2 or at[column] > rows - 3:
+        if count > widest or at[column] < 2 or at[column] > rows - 3:
             continue
         middle[column] = moment / total
     return middle

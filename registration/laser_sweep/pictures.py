@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -25,24 +26,28 @@ _TIFF: Final = "or cut off TIFF of pictures"
 _TIFFS: Final = frozenset({".tif", ".tiff"})
 
 
-def readers(path: Path) -> Iterator[Reader]:
-    """Yield a function for each picture that reads it; those of files may run side by side.
+@contextmanager
+def sweep_pictures(path: Path) -> Iterator[Iterable[Reader]]:
+    """Open a sweep: a function for each picture, that reads it; those of files side by side.
+
+    They can be gone through again, and hold until the sweep is left.
 
     Raises
     ------
     PictureError
-        When there is none; by a function, when its picture can't be read.
+        When there is none, or a picture can't be read; by a function, too.
     """
     ending = path.suffix.lower()
     if path.is_dir():
         files = sorted(one for one in path.iterdir() if one.suffix.lower() in _PICTURES)
         if not files:
             raise PictureError(f"{path} holds no picture (PNG, TIFF, JPEG, BMP)")
-        yield from (_of_file(one) for one in files)
+        yield [_of_file(one) for one in files]
     elif ending in _VIDEOS:
-        yield from _of_video(path)
+        yield _Video(path)
     elif ending in _TIFFS:
-        yield from _of_pages(path)
+        with _opened(path) as pages:
+            yield pages
     else:
         raise PictureError(
             f"{path} isn't a sweep of a laser line: give a folder of pictures, a TIFF of several "
@@ -60,37 +65,52 @@ def _of_file(path: Path) -> Reader:
     return read
 
 
-def _of_pages(path: Path) -> Iterator[Reader]:
-    with _opened(path) as tiff:
-        count = len(tiff.pages)
-    yield from (partial(_page, path, number) for number in range(count))
+@contextmanager
+def _opened(path: Path) -> Iterator[list[Reader]]:
+    """Functions that read a TIFF's pages.
+
+    Page by page alone would go through the file up to each one's place.
+    """
+    with ExitStack() as stack:
+        with _errors(path):
+            tiff = stack.enter_context(tifffile.TiffFile(path, _multifile=False))
+            tiff.filehandle.set_lock(True)  # pages are read side by side
+            pages = [tiff.pages[number] for number in range(len(tiff.pages))]
+        yield [partial(_page, path, page) for page in pages]
 
 
-def _page(path: Path, number: int) -> Image:
-    """A page, by a file handle of its own: pages are read side by side."""
-    with _opened(path) as tiff:
-        image = tiff.pages[number].asarray()
+def _page(path: Path, page: tifffile.TiffPage | tifffile.TiffFrame) -> Image:
+    with _errors(path):
+        image = page.asarray()
     return np.asarray(image if image.ndim == 2 else image[:, :, 2::-1])
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
+def _errors(path: Path) -> Iterator[None]:
     try:
-        with scan_file_errors(path, _TIFF), tifffile.TiffFile(path, _multifile=False) as tiff:
-            yield tiff
+        with scan_file_errors(path, _TIFF):
+            yield
     except ScanFileError as exc:  # whatever a decoder trips over, too
         raise PictureError(str(exc)) from exc
 
 
-def _of_video(path: Path) -> Iterator[Reader]:
-    video = cv2.VideoCapture(str(path))
-    try:
-        if not video.isOpened():
-            raise PictureError(f"{path} can't be read as a video; give a folder of pictures")
-        while True:
-            there, image = video.read()
-            if not there:
-                return
-            yield partial(np.asarray, image)
-    finally:
-        video.release()
+@dataclass(frozen=True)
+class _Video:
+    """Pictures of a video, which come one after the other."""
+
+    path: Path
+
+    def __iter__(self) -> Iterator[Reader]:
+        video = cv2.VideoCapture(str(self.path))
+        try:
+            if not video.isOpened():
+                raise PictureError(
+                    f"{self.path} can't be read as a video; give a folder of pictures"
+                )
+            while True:
+                there, image = video.read()
+                if not there:
+                    return
+                yield partial(np.asarray, image)
+        finally:
+            video.release()

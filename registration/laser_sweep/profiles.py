@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
@@ -12,15 +13,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels import jit
 from kernels.arrays import FloatArray
 from registration.camera_frame.frame import CameraFrame
 from registration.camera_frame.projection import rays
 from registration.errors import PictureError
 from registration.laser_sweep.middles import line_middles
-from registration.laser_sweep.pictures import Image, Reader, readers
+from registration.laser_sweep.pictures import Image, Reader, sweep_pictures
 from registration.laser_sweep.straight import straight_line
 
 BoolArray = NDArray[np.bool_]
+FloatImage = NDArray[np.float32]
 
 FEWEST: Final = 12
 """Pictures with the line on the insert, and places of the line on either side of the dish."""
@@ -90,7 +93,6 @@ def trace(path: Path, frame: CameraFrame) -> Traced:
         When pictures can't be read, differ in size from the frame's, or too few have a line on the
         insert.
     """
-    tracer = _Tracer.of(path, frame)
     profiles = list[Profile]()
     count = 0
 
@@ -99,8 +101,9 @@ def trace(path: Path, frame: CameraFrame) -> Traced:
         _check_like(image, tracer.whole, path, frame)
         return tracer.profile(image)
 
-    with ThreadPoolExecutor(2) as pool:
-        each = readers(path)
+    with sweep_pictures(path) as pictures, ThreadPoolExecutor(2) as pool:
+        tracer = _Tracer.of(pictures, path, frame)
+        each = iter(pictures)
         while some := list(islice(each, _AT_ONCE)):
             count += len(some)
             profiles += [one for one in pool.map(profile, some) if one is not None]
@@ -115,7 +118,7 @@ def trace(path: Path, frame: CameraFrame) -> Traced:
 
 @dataclass(frozen=True)
 class _Tracer:
-    """What all pictures of a sweep share; of a line that runs upright all is transposed."""
+    """What all pictures share; ``even`` and ``grid`` are transposed where the line runs upright."""
 
     frame: CameraFrame
     whole: Image
@@ -130,8 +133,8 @@ class _Tracer:
     eye: FloatArray
 
     @staticmethod
-    def of(path: Path, frame: CameraFrame) -> _Tracer:
-        some = _spread(path)
+    def of(pictures: Iterable[Reader], path: Path, frame: CameraFrame) -> _Tracer:
+        some = _spread(pictures)
         for one in some:
             _check_like(one, some[0], path, frame)
         whole = some[0]
@@ -147,23 +150,20 @@ class _Tracer:
         upright = _is_upright(over, 0.5 * brightest)
         grid = _ray_grid(frame, (height, width))
         middle = frame.to_pixels(np.array([frame.middle_mm]))[0, 1 if upright else 0]
-        turned = np.ascontiguousarray(ground.T) if upright else ground
+        even = _even(np.ascontiguousarray(ground.T) if upright else ground)
         if upright:
             grid = np.ascontiguousarray(grid.transpose(1, 0, 2))
-        even = _even(turned)
         widest = max(6, round(1e3 * _WIDEST_MM / frame.um_per_px))
         return _Tracer(
-            frame, whole, turned, channel, upright, least, even, grid, float(middle), widest,
+            frame, whole, ground, channel, upright, least, even, grid, float(middle), widest,
             np.array(frame.eye_mm),
         )  # fmt: skip
 
     def profile(self, image: Image) -> Profile | None:
         """Line of one picture; None where the insert doesn't show it."""
         single = _one(image, self.channel)
-        if self.upright:
-            single = np.asarray(cv2.transpose(single))
         gain = _gain(single, self.ground)
-        row = line_middles(single, self.ground, gain, self.least, self.widest)
+        row = line_middles(single, self.ground, gain, self.least, self.widest, self.upright)
         column = np.flatnonzero(np.isfinite(row)).astype(np.float64)
         row = row[np.isfinite(row)]
         slopes = _bilinear(self.grid, row / _GRID_PX, column / _GRID_PX)
@@ -209,11 +209,10 @@ def _kind(image: Image) -> str:
     return f"{'grey' if image.ndim == 2 else 'in colour'}, of type {image.dtype}"
 
 
-def _spread(path: Path) -> list[Image]:
+def _spread(pictures: Iterable[Reader]) -> list[Image]:
     """Some pictures from all over a sweep."""
-    count = sum(1 for _ in readers(path))
-    step = max(1, count // _GROUNDS)
-    return [read() for read in islice(readers(path), step // 2, None, step)][:_GROUNDS]
+    step = max(1, sum(1 for _ in pictures) // _GROUNDS)
+    return [read() for read in islice(pictures, step // 2, None, step)][:_GROUNDS]
 
 
 def _channel(some: list[Image], ground: Image) -> int:
@@ -235,11 +234,11 @@ def _gain(image: Image, ground: Image) -> float:
     return float(image[some].mean() / max(ground[some].mean(), 1.0))
 
 
-def _over(image: Image, ground: Image) -> FloatArray:
-    return np.asarray(image - np.float32(_gain(image, ground)) * ground, dtype=np.float64)
+def _over(image: Image, ground: Image) -> FloatImage:
+    return np.asarray(image - np.float32(_gain(image, ground)) * ground, dtype=np.float32)
 
 
-def _is_upright(over: list[FloatArray], bright: float) -> bool:
+def _is_upright(over: list[FloatImage], bright: float) -> bool:
     """Whether the line runs from top to bottom rather than from left to right."""
     votes = 0
     for one in over:
@@ -265,13 +264,18 @@ def _ray_grid(frame: CameraFrame, shape: tuple[int, int]) -> FloatArray:
     return np.asarray((way[:, :2] / way[:, 2:]).reshape(*uu.shape, 2))
 
 
+@jit
 def _bilinear(grid: FloatArray, row: FloatArray, column: FloatArray) -> FloatArray:
     """Values of a grid (rows, columns, 2) between its nodes, (n, 2)."""
-    i, j = row.astype(int), column.astype(int)
-    down, across = (row - i)[:, None], (column - j)[:, None]
-    upper = grid[i, j] * (1 - across) + grid[i, j + 1] * across
-    lower = grid[i + 1, j] * (1 - across) + grid[i + 1, j + 1] * across
-    return np.asarray(upper * (1 - down) + lower * down)
+    out = np.empty((len(row), 2))
+    for k in range(len(row)):
+        i, j = int(row[k]), int(column[k])
+        down, across = row[k] - i, column[k] - j
+        for n in range(2):
+            upper = grid[i, j, n] * (1 - across) + grid[i, j + 1, n] * across
+            lower = grid[i + 1, j, n] * (1 - across) + grid[i + 1, j + 1, n] * across
+            out[k, n] = upper * (1 - down) + lower * down
+    return out
 
 
 def _places(frame: CameraFrame, at: FloatArray) -> tuple[BoolArray, BoolArray]:

@@ -137,9 +137,9 @@ class BySize:
     least: float
     spread: FloatArray
 
-    def evened(self, presence: float) -> float:
+    def evened(self, presence: FloatArray) -> FloatArray:
         """Presence on a scale on which ink scatters as much everywhere."""
-        return math.asinh(presence / self.least)
+        return np.arcsinh(presence / self.least)
 
 
 @dataclass(frozen=True)
@@ -170,12 +170,16 @@ class WindowNoise:
 
     def p_value(self, mean: float, length_mm: float) -> float:
         """Chance of so low a mean over a stretch, by noise."""
-        lengths, spreads, ink = self.length_mm, self.spread, self.middle
+        return float(self.p_values(np.array(mean), length_mm))
+
+    def p_values(self, mean: FloatArray, length_mm: float) -> FloatArray:
+        """The same of several means, (n,)."""
+        spreads, ink = self.spread, np.array(self.middle)
         if self.by_size is not None:
             spreads = self.by_size.spread
             mean, ink = self.by_size.evened(mean), self.by_size.evened(ink)
-        spread = float(np.interp(length_mm, lengths, spreads))
-        return float(ndtr((mean - ink) / max(spread, 1e-9)))
+        spread = float(np.interp(length_mm, self.length_mm, spreads))
+        return np.asarray(ndtr((mean - ink) / max(spread, 1e-9)))
 
     def contrast(self, length_mm: float) -> float:
         """Ink over bath, in standard deviations of a stretch."""

@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from kernels import jit
 from registration.layer_images.values import BoolArray, ExpectedLines, FloatArray, IntArray
 from registration.layer_images.ways import from_stroke_begin
 
 _APART: Final = 0.15
 """Widths between the points that stand for lines, at most."""
+_CELL: Final = 0.8
+"""Widths, side of the cells that points are sorted by: about as far as lines are looked for."""
+_MOST_CELLS: Final = 1000
+"""Each way."""
 
 
-Nearest = Callable[[FloatArray], tuple[FloatArray, BoolArray]]
-"""Vectors to places from the nearest line's middle, mm, and whether any is near."""
-
-
-@dataclass(frozen=True)
-class Axes:
+class Axes(NamedTuple):
     """Points along the middles of fresh lines, each of which stands for the piece around it.
 
     Attributes
     ----------
-    tree : cKDTree
-        Of (m, 2) points, mm.
+    at : (m, 2) float64, mm
+        Sorted by cell, rows first.
     ahead : (m, 2) float64
         Way of the line, a unit vector.
     piece : (m, 2) float64, mm
@@ -35,57 +32,117 @@ class Axes:
     stroke : (m,) int64
     along : (m,) float64, mm
         From the stroke's begin.
-    step_mm : float, mm
-        Between neighbours, at most.
+    first : (rows, columns + 1) int64
+        Each cell's first point; the next one's is the end of its points.
+    low : (2,) float64, mm
+        Corner of the first cell.
+    side : float, mm
+        Of a cell.
+    longest : float, mm
+        Half of a piece at most.
     """
 
-    tree: cKDTree
+    at: FloatArray
     ahead: FloatArray
     piece: FloatArray
     stroke: IntArray
     along: FloatArray
-    step_mm: float
+    first: IntArray
+    low: FloatArray
+    side: float
+    longest: float
+
+
+class Stretch(NamedTuple):
+    """A stretch of each place's own line that is left out.
+
+    Attributes
+    ----------
+    stroke : (k,) int64
+    along : (k,) float64, mm
+        Its middle.
+    half_mm : float, mm
+        Half of its length; 0 leaves nothing out.
+    """
+
+    stroke: IntArray
+    along: FloatArray
+    half_mm: float
 
     @staticmethod
-    def of(lines: ExpectedLines) -> Axes:
-        """Lay points along all fresh lines, their ends included."""
-        step = _APART * float(np.median(lines.width_mm[lines.fresh]))
-        way = lines.end - lines.start
-        length = np.linalg.norm(way, axis=1)
-        begin = from_stroke_begin(lines.stroke, length)
-        rows = np.flatnonzero(lines.fresh)
-        count = np.maximum(2, np.ceil(length[rows] / step).astype(np.int64) + 1)
-        own = np.repeat(rows, count)
-        share = np.concatenate([np.linspace(0.0, 1.0, n) for n in count])
-        at = lines.start[own, :2] + share[:, None] * way[own, :2]
-        flat = np.linalg.norm(way[own, :2], axis=1)
-        half = 0.5 * flat / np.repeat(count - 1, count)
-        piece = np.column_stack([np.where(share > 0, -half, 0.0), np.where(share < 1, half, 0.0)])
-        ahead = way[own, :2] / np.maximum(flat, 1e-9)[:, None]
-        along = begin[own] + share * length[own]
-        return Axes(cKDTree(at), ahead, piece, lines.stroke[own], along, step)
+    def nothing(count: int) -> Stretch:
+        """Leave nothing out at so many places."""
+        return Stretch(np.zeros(count, np.int64), np.zeros(count), 0.0)
 
-    def nearest(self, at: FloatArray, within_mm: float) -> tuple[FloatArray, BoolArray]:
-        """Vectors to places (k, 2) from the nearest line, mm, and whether one is so near, (k,)."""
-        far, row = self.tree.query(at, distance_upper_bound=within_mm)
-        near = np.isfinite(far)
-        return self._from_line(at, np.where(near, row, 0)), np.asarray(near)
 
-    def nearest_other(
-        self, at: FloatArray, stroke: IntArray, along: FloatArray, apart_mm: float, within_mm: float
-    ) -> tuple[FloatArray, BoolArray]:
-        """The same from the nearest line that isn't within ``apart_mm`` along its own stroke."""
-        count = min(int(2.0 * apart_mm / self.step_mm) + 4, len(self.along))
-        far, row = self.tree.query(at, k=count, distance_upper_bound=within_mm)
-        near = np.isfinite(far)
-        row = np.where(near, row, 0)
-        own = self.stroke[row] == stroke[:, None]
-        other = near & ~(own & (np.abs(self.along[row] - along[:, None]) < apart_mm))
-        found = row[np.arange(len(at)), other.argmax(axis=1)]
-        return self._from_line(at, found), other.any(axis=1)
+def axes_of(lines: ExpectedLines) -> Axes:
+    """Lay points along all fresh lines, their ends included."""
+    width = float(np.median(lines.width_mm[lines.fresh]))
+    way = lines.end - lines.start
+    length = np.linalg.norm(way, axis=1)
+    begin = from_stroke_begin(lines.stroke, length)
+    rows = np.flatnonzero(lines.fresh)
+    count = np.maximum(2, np.ceil(length[rows] / (_APART * width)).astype(np.int64) + 1)
+    own = np.repeat(rows, count)
+    share = np.concatenate([np.linspace(0.0, 1.0, n) for n in count])
+    at = lines.start[own, :2] + share[:, None] * way[own, :2]
+    flat = np.linalg.norm(way[own, :2], axis=1)
+    half = 0.5 * flat / np.repeat(count - 1, count)
+    piece = np.column_stack([np.where(share > 0, -half, 0.0), np.where(share < 1, half, 0.0)])
+    ahead = way[own, :2] / np.maximum(flat, 1e-9)[:, None]
+    along = begin[own] + share * length[own]
+    low = at.min(axis=0)
+    side = max(_CELL * width, float(np.ptp(at, axis=0).max()) / _MOST_CELLS)
+    column, row = ((at - low) / side).astype(np.int64).T
+    columns, cells = int(column.max()) + 1, (int(row.max()) + 1) * (int(column.max()) + 1)
+    cell = row * columns + column
+    order = np.argsort(cell, kind="stable")
+    first = np.searchsorted(cell[order], np.arange(cells + 1))
+    bounds = np.column_stack([first[:-1].reshape(-1, columns), first[columns::columns]])
+    return Axes(
+        at[order], ahead[order], piece[order], lines.stroke[own][order], along[order],
+        bounds, low, side, float(half.max()),
+    )  # fmt: skip
 
-    def _from_line(self, at: FloatArray, row: IntArray) -> FloatArray:
-        """Vectors to places from the piece around a point, mm."""
-        off, ahead = at - self.tree.data[row], self.ahead[row]
-        t = np.clip(np.einsum("ij,ij->i", off, ahead), *self.piece[row].T)
-        return np.asarray(off - t[:, None] * ahead)
+
+@jit
+def nearest_axis(
+    axes: Axes, x: float, y: float, within: float, stroke: int, along: float, half: float
+) -> tuple[float, float, float]:
+    """Return a place's distance from the nearest piece, mm, and the vector from there.
+
+    The distance is infinite where none lies ``within``, mm; of the stroke what lies nearer than
+    ``half`` along it isn't looked at.
+    """
+    reach = int((within + axes.longest) / axes.side) + 1
+    rows, columns = axes.first.shape[0], axes.first.shape[1] - 1
+    column = int(np.floor((x - axes.low[0]) / axes.side))
+    row = int(np.floor((y - axes.low[1]) / axes.side))
+    best, to_x, to_y = within * within, 0.0, 0.0
+    found = False
+    left, right = max(column - reach, 0), min(column + reach, columns - 1)
+    for i in range(max(row - reach, 0), min(row + reach, rows - 1) + 1):
+        if left > right:
+            break
+        for k in range(axes.first[i, left], axes.first[i, right + 1]):
+            if axes.stroke[k] == stroke and abs(axes.along[k] - along) < half:
+                continue
+            dx, dy = x - axes.at[k, 0], y - axes.at[k, 1]
+            t = dx * axes.ahead[k, 0] + dy * axes.ahead[k, 1]
+            t = min(max(t, axes.piece[k, 0]), axes.piece[k, 1])
+            dx -= t * axes.ahead[k, 0]
+            dy -= t * axes.ahead[k, 1]
+            square = dx * dx + dy * dy
+            if square <= best:
+                best, to_x, to_y, found = square, dx, dy, True
+    return (np.sqrt(best) if found else np.inf), to_x, to_y
+
+
+@jit
+def are_near(axes: Axes, at: FloatArray, within: float) -> BoolArray:
+    """Whether places (k, 2), mm, lie within so many mm of a line, (k,)."""
+    out = np.zeros(len(at), np.bool_)
+    for k in range(len(at)):
+        far, _, _ = nearest_axis(axes, at[k, 0], at[k, 1], within, 0, 0.0, 0.0)
+        out[k] = far < np.inf
+    return out

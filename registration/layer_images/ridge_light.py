@@ -7,13 +7,12 @@ symmetric; the dark flanks, ends and turns tell where the ridges truly lie.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Final
 
 import cv2
 import numpy as np
 
-from registration.layer_images.ridge_axes import Axes
+from registration.layer_images.ridge_axes import Axes, Stretch, are_near, axes_of
 from registration.layer_images.ridge_shading import (
     KNOTS,
     RidgeLight,
@@ -64,9 +63,10 @@ class _Samples:
 
     def left(self, shift_mm: FloatArray, blur: float = 0.0) -> tuple[float, float, FloatArray]:
         """Variance left by the shading and by m0 alone at a shift, and coefficients, (17,)."""
-        nearest = partial(self.axes.nearest, within_mm=KNOTS[-1] * self.width_mm)
-        at, blur_mm = self.at - shift_mm, blur * self.width_mm
-        basis = blurred_basis(at, nearest, self.to_picture, self.width_mm, blur_mm)
+        at, whole = self.at - shift_mm, Stretch.nothing(len(self.at))
+        basis = blurred_basis(
+            self.axes, at, whole, self.to_picture, self.width_mm, blur * self.width_mm
+        )
         basis = np.hstack([np.ones((len(basis), 1)), basis])
         power = basis.T @ basis + 1e-3 * np.eye(basis.shape[1])
         both, total = basis.T @ self.values, float(self.values @ self.values)
@@ -100,7 +100,7 @@ def ridge_light(
         Where the layer seems to lie.
     rng : Generator
     """
-    axes, width = Axes.of(lines), float(np.median(ways.width))
+    axes, width = axes_of(lines), float(np.median(ways.width))
     middle = ways.point.mean(axis=0)
     step = 0.5 * width * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     to_picture = (frame.to_pixels(middle + step) - frame.to_pixels(middle - step)).T / width
@@ -139,13 +139,12 @@ def _places(
     rng: np.random.Generator,
 ) -> tuple[FloatArray, FloatArray]:
     """Places around the lines, where only fresh ink or bath is; mm, and in the picture."""
-    low, high = axes.tree.mins - _FAR * width, axes.tree.maxes + _FAR * width
+    low, high = axes.at.min(axis=0) - _FAR * width, axes.at.max(axis=0) + _FAR * width
     x, y = (np.arange(a, b, _GRID * width) for a, b in zip(low, high, strict=True))
     at = np.stack(np.meshgrid(x, y), axis=2).reshape(-1, 2)
     if len(at) > 20 * _MOST:
         at = at[np.sort(rng.choice(len(at), 20 * _MOST, replace=False))]
-    _, near = axes.nearest(at, _FAR * width)
-    at = at[near]
+    at = at[are_near(axes, at, _FAR * width)]
     at = at if len(at) <= _MOST else at[np.sort(rng.choice(len(at), _MOST, replace=False))]
     at = at + begun
     px = frame.to_pixels(np.column_stack([at, np.full(len(at), z_mm)]))

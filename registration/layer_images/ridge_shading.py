@@ -17,14 +17,19 @@ from typing import Final
 
 import numpy as np
 
+from kernels import jit
 from registration.layer_images.ink_image import ACROSS
-from registration.layer_images.ridge_axes import Axes, Nearest
-from registration.layer_images.values import BoolArray, FloatArray, Shift
+from registration.layer_images.ridge_axes import Axes, Stretch, nearest_axis
+from registration.layer_images.values import FloatArray, Shift
 
 KNOTS: Final = np.linspace(0.0, 0.72, 7)
 """Widths from a line's middle; beyond the last lies bath. Blur carries light over the edge."""
+_TERMS: Final = 16
+"""Knots of m0, and those of m1 and m2 without their first."""
 _CENTRE: Final = 0.4
 """Weight of the middle one of the points that stand for blur."""
+_AROUND: Final = np.array([(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])
+_WEIGHTS: Final = np.array([_CENTRE, *[0.25 * (1.0 - _CENTRE)] * 4])
 
 
 @dataclass(frozen=True)
@@ -61,9 +66,9 @@ class RidgeLight:
         """Root of the power of the odd part over that of the even one."""
         return slant_of(self.terms)
 
-    def shade(self, at: FloatArray, nearest: Nearest) -> FloatArray:
-        """Brightness over the bath at places (k, 2), mm, whose nearest lines are looked up."""
-        basis = blurred_basis(at, nearest, self.to_picture, self.width_mm, self.blur_mm)
+    def shade(self, at: FloatArray, without: Stretch) -> FloatArray:
+        """Brightness over the bath at places (k, 2), mm, without a stretch of each one's line."""
+        basis = blurred_basis(self.axes, at, without, self.to_picture, self.width_mm, self.blur_mm)
         return np.asarray(basis @ _flat(self.terms))
 
     def across(self) -> FloatArray:
@@ -74,30 +79,55 @@ class RidgeLight:
 
 
 def blurred_basis(
-    at: FloatArray, nearest: Nearest, to_picture: FloatArray, width_mm: float, blur_mm: float
+    axes: Axes,
+    at: FloatArray,
+    without: Stretch,
+    to_picture: FloatArray,
+    width_mm: float,
+    blur_mm: float,
 ) -> FloatArray:
-    """`_basis` averaged over five points that have a blur's variance, (k, 16)."""
-    out = _basis(*nearest(at), to_picture, width_mm)
-    if blur_mm <= 0:
-        return out
-    out *= _CENTRE
-    side = blur_mm * np.sqrt(2.0 / (1.0 - _CENTRE))
-    for off in side * np.array([(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]):
-        out += 0.25 * (1.0 - _CENTRE) * _basis(*nearest(at + off), to_picture, width_mm)
-    return out
+    """Value of each term's knots (all but the last; the odd ones without the first), (k, 16).
+
+    The mean over five points that have a blur's variance.
+    """
+    off, weight = (_AROUND, _WEIGHTS) if blur_mm > 0 else (_AROUND[:1], np.ones(1))
+    off = blur_mm * np.sqrt(2.0 / (1.0 - _CENTRE)) * off
+    return _basis(axes, at, without, to_picture, width_mm, off, weight)
 
 
+@jit
 def _basis(
-    apart: FloatArray, near: BoolArray, to_picture: FloatArray, width_mm: float
+    axes: Axes,
+    at: FloatArray,
+    without: Stretch,
+    to_picture: FloatArray,
+    width_mm: float,
+    off: FloatArray,
+    weight: FloatArray,
 ) -> FloatArray:
-    """Value of each term's knots (all but the last; the odd ones without the first), (k, 16)."""
-    d = np.linalg.norm(apart, axis=1) / width_mm
-    seen = apart @ to_picture.T
-    way = seen / np.maximum(np.linalg.norm(seen, axis=1), 1e-9)[:, None]
-    knot = np.arange(len(KNOTS) - 1)
-    hats = np.clip(1.0 - np.abs(d[:, None] / KNOTS[1] - knot), 0.0, 1.0)
-    hats[~near | (d > KNOTS[-1])] = 0.0
-    return np.hstack([hats, hats[:, 1:] * way[:, :1], hats[:, 1:] * way[:, 1:]])
+    """`blurred_basis` of weighted points around each place."""
+    inner = len(KNOTS) - 1
+    step, reach = width_mm * KNOTS[1], width_mm * KNOTS[-1]
+    out = np.zeros((len(at), _TERMS))
+    for k in range(len(at)):
+        for n in range(len(off)):
+            far, x, y = nearest_axis(
+                axes, at[k, 0] + off[n, 0], at[k, 1] + off[n, 1], reach,
+                without.stroke[k], without.along[k], without.half_mm,
+            )  # fmt: skip
+            if far > reach:
+                continue
+            u = to_picture[0, 0] * x + to_picture[0, 1] * y
+            v = to_picture[1, 0] * x + to_picture[1, 1] * y
+            size = max(np.sqrt(u * u + v * v), 1e-9)
+            knot = int(far / step)
+            for j in range(knot, min(knot + 2, inner)):
+                hat = weight[n] * (1.0 - abs(far / step - j))
+                out[k, j] += hat
+                if j > 0:
+                    out[k, inner + j - 1] += hat * u / size
+                    out[k, 2 * inner + j - 2] += hat * v / size
+    return out
 
 
 def _flat(terms: FloatArray) -> FloatArray:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import cv2
 import numpy as np
 
+from kernels import jit
 from registration.layer_images.ink_image import BathNoise
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage
 from registration.layer_images.working import Mask
@@ -51,20 +50,42 @@ def strangeness(
     covariance = covariance if among_inks is None else covariance + among_inks
     root = np.linalg.cholesky(np.linalg.inv(covariance)).astype(np.float32)
     whitened = (smooth - bath.mean.astype(np.float32)) @ root
-    square = _off_line(whitened, np.zeros(count), _MOST_INK * ink @ root)
+    stretches = [np.array([np.zeros(count), _MOST_INK * ink @ root])]
     if is_log:
         edge = np.log1p(np.outer(_OF_EDGE, np.expm1(ink))) @ root
-        for begin, end in pairwise(edge):
-            square = np.minimum(square, _off_line(whitened, begin, end))
-    return np.asarray(np.sqrt(square))
+        stretches += [edge[k : k + 2] for k in range(len(edge) - 1)]
+    return _off_lines(whitened, np.array(stretches, dtype=np.float32))
 
 
-def _off_line(values: FloatImage, begin: FloatArray, end: FloatArray) -> FloatImage:
-    """Squared distance of values (h, w, c) from a stretch of a line, (h, w)."""
-    first, way = begin.astype(np.float32), (end - begin).astype(np.float32)
-    off = values - first
-    share = np.clip(off @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
-    return np.asarray(((off - share[:, :, None] * way) ** 2).sum(axis=2))
+@jit
+def _off_lines(values: FloatImage, stretches: FloatImage) -> FloatImage:
+    """Distance of values (h, w, c) from the nearest of stretches of lines (n, 2, c), (h, w).
+
+    NaN where a value is.
+    """
+    high, wide, count = values.shape
+    out = np.empty((high, wide), np.float32)
+    way = stretches[:, 1] - stretches[:, 0]
+    power = np.empty(len(way), np.float32)
+    for n in range(len(way)):
+        power[n] = max((way[n] * way[n]).sum(), np.float32(1e-12))
+    zero, one = np.float32(0.0), np.float32(1.0)
+    for row in range(high):
+        for column in range(wide):
+            least = np.float32(np.inf)
+            for n in range(len(way)):
+                dot = zero
+                for c in range(count):
+                    dot += (values[row, column, c] - stretches[n, 0, c]) * way[n, c]
+                share = min(max(dot / power[n], zero), one)
+                square = zero
+                for c in range(count):
+                    off = values[row, column, c] - stretches[n, 0, c] - share * way[n, c]
+                    square += off * off
+                if square < least or np.isnan(square):
+                    least = square
+            out[row, column] = np.sqrt(least)
+    return out
 
 
 def strange_places(away: FloatImage, free: Mask, fresh: Mask, width_px: float) -> BoolArray:

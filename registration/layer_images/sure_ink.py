@@ -2,7 +2,8 @@
 
 A stretch whose presence is low, but not so low that noise alone is next to impossible, is no gap
 that may be told of, nor is it ink. It is seen only where a gap would be found, nineteen times in
-twenty, and where presence is above what a gap would show, as often.
+twenty, and where presence is above what a gap would show, as often. Gaps of the tolerated length
+beside turns show up to half of what ink does: so little is ink's only where noise explains it.
 """
 
 from __future__ import annotations
@@ -12,12 +13,16 @@ from typing import Final
 import numpy as np
 
 from registration.layer_images.gaps import LEAST
-from registration.layer_images.presence import WindowNoise, averaged
+from registration.layer_images.presence import INK, WindowNoise, averaged
 from registration.layer_images.values import BoolArray, FloatArray
 from registration.layer_images.ways import Ways
 
 _Z: Final = 1.64
 """Standard deviations that a bare stretch exceeds once in twenty times."""
+_RARE: Final = 1e-3
+"""Chance by noise of presence as low as a stretch's, below which it isn't taken for ink."""
+_LOW: Final = 0.75
+"""Of ink's usual presence, below which places next to such a stretch belong to it."""
 
 
 def unsure_places(
@@ -50,13 +55,18 @@ def unsure_places(
     whole, bare = (max(1, round(size * gap_mm / step)) | 1 for size in (1.0, LEAST))
     evened = noise.middle + strength * (present - noise.middle)
     gap = noise.middle * (1.0 - averaged(strength, good, ways.run, whole)) + _Z * noise.bath
-    untold = np.array([noise.p_value(float(one), gap_mm) for one in gap]) > p_needed
+    untold = noise.p_values(gap, gap_mm) > p_needed
     # Ends reach into a gap, so that its middle alone shows none.
     mean, share = (averaged(one, good, ways.run, bare) for one in (evened, strength))
     scatter = noise.middle / max(noise.contrast(LEAST * gap_mm), 1e-9)
     like_gap = mean < noise.middle * (1.0 - share) + _Z * scatter
+    shown = averaged(present, good, ways.run, bare)
+    unlike_ink = (shown < INK * noise.middle) & (noise.p_values(mean, LEAST * gap_mm) < _RARE)
+    low = present < _LOW * noise.middle
     return good & (
-        _spread(good & untold, ways, whole // 2) | _spread(good & like_gap, ways, bare // 2)
+        (_spread(good & unlike_ink, ways, whole // 2) & low)
+        | _spread(good & untold, ways, whole // 2)
+        | _spread(good & like_gap, ways, bare // 2)
     )
 
 

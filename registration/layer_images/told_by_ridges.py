@@ -17,6 +17,7 @@ import numpy as np
 from registration.layer_images.ink_image import ACROSS, WITHIN, BathNoise, Template
 from registration.layer_images.place_reasons import reasons
 from registration.layer_images.presence import INK, fake_places, long_bath, spread_of
+from registration.layer_images.ridge_axes import Stretch
 from registration.layer_images.ridge_shading import RidgeLight
 from registration.layer_images.strange import strangeness, unlike_bath
 from registration.layer_images.told import LONG, Ground, Told, strange_in, sureness
@@ -164,11 +165,8 @@ def _drawn_at(
     across = (ways.width[rows, None] * ACROSS[WITHIN])[:, :, None] * ways.normal[rows, None, :]
     at = (ways.point[rows, None, :2] + across).reshape(-1, 2)
     stroke, along = np.repeat(ways.stroke[rows], count), np.repeat(ways.along[rows], count)
-    within = 0.75 * light.width_mm
     apart = 0.5 * (gap_mm + light.width_mm)
-    near = partial(light.axes.nearest, within_mm=within)
-    other = partial(
-        light.axes.nearest_other, stroke=stroke, along=along, apart_mm=apart, within_mm=within
+    with_it, without = (
+        light.shade(at, Stretch(stroke, along, half)).reshape(-1, count) for half in (0.0, apart)
     )
-    with_it, without = (light.shade(at, one).reshape(-1, count) for one in (near, other))
     return with_it, without

@@ -9,7 +9,8 @@ Rules, in their order; the first that holds decides:
 2. no ink comes out any more (clog, empty syringe): pause;
 3. a lumen is closed, or narrowed beyond tolerance: pause; no ink can be taken away;
 4. in a bath a whole vessel isn't seen: pause, and ask whether it is to be written again;
-   gaps that another place of the layer explains, or one of two pictures hardly sees: ask;
+   gaps that another place of the layer explains, that one of two pictures hardly sees, or that
+   a map shows which lacks rows: ask;
 5. gaps and thin lines that two pictures show (one, where there is no second): mend, fill up, and
    correct the flow;
    where ink lies on less than a third of what was seen, yet no gap is sure, or where none was seen
@@ -153,7 +154,7 @@ class Decider:
         """Return what the look calls for, as the mode allows."""
         self.layers.add(evidence, self.limits.least_seen)
         stopping = evidence.supply.state in _STOPPING  # thin because it is about to stop: no drift
-        if not stopping and evidence.turned is None:
+        if not stopping and evidence.turned is None and not evidence.lacks:
             self.control.learn(evidence.flow)
         longest = max((gap.length_mm for gap in self._believed(evidence)), default=0.0)
         self.layers.failed |= stopping or bool(longest > _CLOG_MM)  # a NumPy one can't be saved

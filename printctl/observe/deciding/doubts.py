@@ -29,6 +29,11 @@ def doubts(
     """
     missing, beside = _way(believed), evidence.beside_mm
     reasons = list[str]()
+    if evidence.lacks and (believed or evidence.thin):
+        reasons.append(
+            f"the map lacks {evidence.lacks} against the last look's: what lies behind lost ones "
+            "shows aside, as if ink were missing; look anew"
+        )
     if believed and beside > _LIKE_AMOUNT * missing:
         reasons.append(
             f"{missing:.1f} mm seem to be missing, and {beside:.1f} mm of a line lie where none "

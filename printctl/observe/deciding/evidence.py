@@ -142,6 +142,8 @@ class Evidence:
         Standard deviation of ink's height there, in thicknesses of the layer.
     older_mm, older_step : float
         Way over older ink, mm, and by what logarithm it changed since the picture before, or NaN.
+    lacks : str
+        Rows or columns that a height map lacks against the last look's, in words.
     """
 
     places: int
@@ -171,6 +173,9 @@ class Evidence:
     least_gap_mm: float = 0.0
     by_height_share: float = 0.0
     waver: float = math.nan
+    older_mm: float = 0.0
+    older_step: float = math.nan
+    lacks: str = ""
 
     def unjudged_words(self, gap_mm: float, width_percent: float) -> str:
         """What tolerances a profiler's map doesn't judge, in words; empty for nothing.
@@ -195,9 +200,6 @@ class Evidence:
                 f"{over * (100.0 * self.waver > width_percent)}"
             )
         return words
-
-    older_mm: float = 0.0
-    older_step: float = math.nan
 
     @property
     def hidden_words(self) -> str:

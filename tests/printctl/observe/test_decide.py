@@ -190,6 +190,15 @@ def test_a_map_of_which_a_part_is_moved_pauses_and_names_lost_rows():
     assert "the map lacks rows or columns" in found.why
 
 
+def test_gaps_in_a_map_that_lacks_rows_are_asked_about_and_no_flow_is_learned():
+    decider = Decider(Limits(mend="mend"))
+    lacks = "20 of 300 rows (400 µm)"
+    found = decider.decide(evidence(gaps=(GAP,), flow=flow(0.8), lacks=lacks))
+    assert (found.kind, found.ask, found.gaps) == (DecisionKind.PAUSE, DecisionKind.MEND, (GAP,))
+    assert "lacks 20 of 300 rows (400 µm) against the last look's" in found.why
+    assert decider.decide(evidence(lacks=lacks)).kind is DecisionKind.GO_ON
+
+
 def test_what_a_profilers_map_doesnt_judge_is_said():
     short = decided(least_gap_mm=0.35).why
     assert "gaps shorter than 0.35 mm may not show (gap_mm is 0.2)" in short

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,7 +15,8 @@ import tifffile
 from registration.errors import PictureError
 from registration.laser_sweep import fit_laser, read_laser, sweep_heights, trace, write_laser
 from registration.laser_sweep.middles import line_middles
-from registration.laser_sweep.pictures import readers
+from registration.laser_sweep.pictures import sweep_pictures
+from registration.laser_sweep.straight import straight_line
 from tests.registration.camera_frame import scene
 from tests.registration.laser_sweep import sweeps
 
@@ -103,15 +105,16 @@ def test_one_picture_unlike_the_others_is_refused(tmp_path: Path) -> None:
 def test_pages_and_a_video_are_read_as_a_folder_is(tmp_path: Path) -> None:
     pictures = sweeps.flat()[:4]
     tifffile.imwrite(tmp_path / "all.tif", np.stack(pictures), photometric="minisblack")
-    each = list(readers(tmp_path / "all.tif"))
-    for one, read in zip(pictures, each, strict=True):
-        assert np.array_equal(read(), one)
+    with sweep_pictures(tmp_path / "all.tif") as each:
+        for one, read in zip(pictures, each, strict=True):
+            assert np.array_equal(read(), one)
     codec = cv2.VideoWriter.fourcc(*"MJPG")
     film = cv2.VideoWriter(str(tmp_path / "all.avi"), codec, 30.0, pictures[0].shape[::-1])
     for one in pictures:
         film.write(cv2.cvtColor(one, cv2.COLOR_GRAY2BGR))
     film.release()
-    seen = [read() for read in readers(tmp_path / "all.avi")]
+    with sweep_pictures(tmp_path / "all.avi") as each:
+        seen = [read() for read in each]
     assert len(seen) == 4
     assert np.abs(seen[2].mean(axis=2) - pictures[2]).mean() < 3
 
@@ -127,8 +130,11 @@ def test_a_tiff_that_is_cut_off_is_told_with_a_remedy(
     data = whole.read_bytes()
     for share in (0.2, 0.9):
         cut.write_bytes(data[: int(share * len(data))])
-        with pytest.raises(PictureError, match=r"cut off TIFF.*copy or export"):
-            [read() for read in readers(cut)]
+        with (
+            pytest.raises(PictureError, match=r"cut off TIFF.*copy or export"),
+            sweep_pictures(cut) as each,
+        ):
+            [read() for read in each]
 
 
 def test_a_line_is_found_between_pixels_and_lost_where_it_isnt_sure() -> None:
@@ -141,5 +147,40 @@ def test_a_line_is_found_between_pixels_and_lost_where_it_isnt_sure() -> None:
     ground = np.full((60, 40), 20, np.uint8)
     image = np.clip(line + 20, 0, 255).astype(np.uint8)  # saturated
     middle = line_middles(image, ground, 1.0, 10.0, 9)
+    upright = line_middles(np.ascontiguousarray(image.T), ground.T.copy(), 1.0, 10.0, 9, True)
+    assert np.array_equal(upright, middle, equal_nan=True)
     assert np.isnan(middle[30:33]).all()
     assert np.abs(np.delete(middle - true, [30, 31, 32])).max() < 0.08
+
+
+def test_a_line_is_the_one_that_both_sides_lie_on() -> None:
+    """Against a fit of its own to the places that were made to lie on it."""
+    rng = np.random.default_rng(6)
+    true = np.linspace([-20.0, 3.0], [20.0, 5.0], 400)
+    at = true + rng.normal(0.0, 0.01, true.shape)
+    other = rng.random(400) < 0.3
+    at[other, 1] += rng.uniform(0.5, 6.0, other.sum())
+    found = straight_line(at, at[:, 0] < 0, 12)
+    assert found is not None
+    slope, level = np.polyfit(*at[~other].T, 1)
+    assert np.allclose(found.ends[:, 1], slope * found.ends[:, 0] + level, atol=0.003)
+    assert np.allclose(found.ends[:, 0], [at[~other, 0].min(), at[~other, 0].max()], atol=0.3)
+    assert found.off_mm == pytest.approx(0.01, rel=0.15)
+    assert straight_line(at[:210], at[:210, 0] < 0, 12) is None
+
+
+def test_pages_of_a_tiff_are_found_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each page's place lay behind a walk over all before it, anew for each."""
+    with tifffile.TiffWriter(tmp_path / "all.tif") as file:
+        for one in sweeps.flat():
+            file.write(one, photometric="minisblack", contiguous=False)
+    opened = list[object]()
+    whole = tifffile.TiffFile.__init__
+
+    def counted(*args: Any, **kwargs: Any) -> None:
+        opened.append(args)
+        whole(*args, **kwargs)
+
+    monkeypatch.setattr(tifffile.TiffFile, "__init__", counted)
+    assert trace(tmp_path / "all.tif", scene.frame()).pictures == 24
+    assert len(opened) == 1
