@@ -37,6 +37,8 @@ from registration.layer_images.values import Gap
 
 log = logging.getLogger(__name__)
 _ANSWER_POLL_S: Final = 0.2
+_HARDLY: Final = 0.1
+"""Share of the lines: of a picture taken too early a part may lie over bath."""
 
 
 @dataclass(frozen=True)
@@ -255,12 +257,12 @@ class Observer:
     def _judged(self, look: Look, place: Path) -> Judged:
         """Judge one picture; another has the last word on gaps, thin lines and vessels not seen.
 
-        A picture in which nothing is seen is taken anew: a device that takes them by itself may
-        have begun with it before the needle was held, and one that hangs gives the same again.
+        A picture in which hardly anything is seen is taken anew: a device that takes them by itself
+        may have begun with it before the needle was held, and one that hangs gives the same again.
         """
         picture = self.acquire(look, place / "picture")
         judged = self.judge(look, picture, None)
-        if judged.evidence.seen_share == 0.0 and not look.within_vessel:
+        if judged.evidence.seen_share < _HARDLY and not look.within_vessel:
             picture = self.acquire(look, place / "picture")
             judged = self.judge(look, picture, None)
         limits, evidence = self.decider.limits, judged.evidence
