@@ -224,7 +224,9 @@ class Observer:
 
         Its pictures may show what was written since, so what they tell isn't kept.
         """
-        why = "not judged: by somebody's word the print went on, or ended, before; nothing was mended"
+        why = (
+            "not judged: by somebody's word the print went on, or ended, before; nothing was mended"
+        )
         record = self._record(look, DecisionKind.GO_ON, why, {}, begun)
         save_look(self.folder, record)
         return record
