@@ -101,8 +101,8 @@ def _refuse_in_look(folder: Path, status: Status) -> None:
     if status.state is not LinkState.LOOKING or look is None or not alive(folder, OBSERVER_LOCK):
         return
     raise PrintctlError(
-        f"look {look['number']} is being judged, and the print in {folder} isn't paused: it goes on "
-        f"when that is decided, and is paused where that takes more than {look['limit_s']:g} s "
+        f"look {look['number']} is being judged, and the print in {folder} isn't paused: it goes "
+        f"on when that is decided, and is paused where that takes more than {look['limit_s']:g} s "
         "(observe.limit_s). `printctl resume RUN --unobserved` goes on without this look"
     )
 

@@ -15,10 +15,10 @@ from printctl.link.care import Care
 from printctl.link.errors import PortMissing, Refused
 from printctl.link.journal import Journal
 from printctl.link.marks import MarkKind
+from printctl.link.process import hold_folder
 from printctl.link.record import JOURNAL, LinkRecord
 from printctl.link.resuming import resumable
 from printctl.link.states import LinkState
-from printctl.link.process import hold_folder
 from printctl.observe.records import OBSERVER_LOCK, ORDER, READY, LookRecord, save_look
 from printctl.observe.starting import ObserverError
 from printctl.print_state.continue_print import continue_print
