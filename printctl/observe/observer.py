@@ -11,10 +11,10 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from printctl.link.errors import LinkError, Refused
 from printctl.link.marks import Mark, MarkKind
@@ -22,6 +22,7 @@ from printctl.observe.decider_state import restore, state_of
 from printctl.observe.deciding import Decider, Decision, DecisionKind, Evidence
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError, picture_of
+from printctl.observe.print_link import PrintLink
 from printctl.observe.records import (
     POSTPONED,
     Answer,
@@ -110,32 +111,6 @@ class MendLines:
     left_mm: float = 0.0
     mended: tuple[dict[str, Any], ...] = ()
     given_up: bool = False
-
-
-class PrintLink(Protocol):
-    """What the observer asks of a print's link."""
-
-    def insert(
-        self,
-        look: int,
-        lines: Sequence[str],
-        why: str,
-        flow: float | None = None,
-        again: bool = False,
-    ) -> object:
-        """Put lines into the job where it is held, and correct the flow of its rest.
-
-        With ``again`` another look is made once they are written.
-        """
-
-    def look_done(self, look: int, decision: str, why: str, again: bool = False) -> None:
-        """End a look: ``go_on``, ``pause`` or ``stop``; ``again`` where it failed."""
-
-    def resume(self) -> None:
-        """Go on after a pause."""
-
-    def stop(self) -> None:
-        """Stop the print."""
 
 
 @dataclass
