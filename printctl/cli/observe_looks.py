@@ -11,10 +11,12 @@ import typer
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.run_folder import RunArg, print_folder
 from printctl.errors import UsageError
+from printctl.link.find_link import alive
 from printctl.link.record import JOURNAL
 from printctl.link.states import Status
 from printctl.observe.look_words import proposal_words, seen_words, total_words
 from printctl.observe.records import (
+    OBSERVER_LOCK,
     ORDER,
     Answer,
     LookRecord,
@@ -53,6 +55,11 @@ def asking_lines(folder: Path, status: Status) -> list[str]:
     last = asking_look(looks, status)
     if last is None or answer_of(folder, last.number) is not None:
         return []
+    if not alive(folder, OBSERVER_LOCK):
+        return [
+            f"look {last.number} asks to {proposal_words(last)}, but its observer is gone: "
+            "`printctl resume RUN` starts another one, which asks again"
+        ]
     return [
         f"look {last.number} asks to {proposal_words(last)}: see "
         f"{look_folder(folder, last.number)}, then `printctl observe answer RUN approve --look "

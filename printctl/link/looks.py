@@ -131,7 +131,7 @@ class Looks:
 
     def _paused(self, look: Look, ending: _Ending) -> str:
         """What the operator is told of a pause that came of a look."""
-        then = "goes on"
+        then = "goes on as it is" if ending.by == OBSERVER else "goes on"
         if self._is_made_again(look, ending):
             then = "makes this look again (with --unobserved it goes on without)"
         elif ending.again:

@@ -189,6 +189,8 @@ class ObservedJob:
             When a picture can't be read, or is the last one to the last bit.
         """
         at = self._held(look)
+        if again is None:  # a first picture, or one that was taken anew
+            at.found.clear()
         try:
             first = self._findings(at, picture)
         except PictureError as exc:

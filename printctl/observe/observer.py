@@ -11,17 +11,18 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
-from printctl.link.errors import Refused
+from printctl.link.errors import LinkError, Refused
 from printctl.link.marks import Mark, MarkKind
 from printctl.observe.decider_state import restore, state_of
 from printctl.observe.deciding import Decider, Decision, DecisionKind, Evidence
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError, picture_of
+from printctl.observe.print_link import PrintLink
 from printctl.observe.records import (
     POSTPONED,
     Answer,
@@ -37,6 +38,8 @@ from registration.layer_images.values import Gap
 
 log = logging.getLogger(__name__)
 _ANSWER_POLL_S: Final = 0.2
+_HARDLY: Final = 0.1
+"""Share of the lines: of a picture taken too early a part may lie over bath."""
 
 
 @dataclass(frozen=True)
@@ -110,32 +113,6 @@ class MendLines:
     given_up: bool = False
 
 
-class PrintLink(Protocol):
-    """What the observer asks of a print's link."""
-
-    def insert(
-        self,
-        look: int,
-        lines: Sequence[str],
-        why: str,
-        flow: float | None = None,
-        again: bool = False,
-    ) -> object:
-        """Put lines into the job where it is held, and correct the flow of its rest.
-
-        With ``again`` another look is made once they are written.
-        """
-
-    def look_done(self, look: int, decision: str, why: str, again: bool = False) -> None:
-        """End a look: ``go_on``, ``pause`` or ``stop``; ``again`` where it failed."""
-
-    def resume(self) -> None:
-        """Go on after a pause."""
-
-    def stop(self) -> None:
-        """Stop the print."""
-
-
 @dataclass
 class Observer:
     """One print's observer.
@@ -197,6 +174,8 @@ class Observer:
             save_look(self.folder, record)
             self.link.look_done(look.number, "pause", record.why, again=True)
             return record
+        if self._over(look.number):
+            return self._went_on(look, begun)
         decision = self._decided(judged)
         found = _with_left(judged.found, math.fsum(gap.length_mm for gap in decision.gaps))
         record = replace(
@@ -207,6 +186,25 @@ class Observer:
         save_look(self.folder, record)
         self._act(look, decision)
         return self._kept(look.number) or record
+
+    def _over(self, number: int) -> bool:
+        """Whether somebody else has ended a look; a link that is silent hasn't."""
+        try:
+            return self.ended(number)
+        except LinkError:
+            return False
+
+    def _went_on(self, look: Look, begun: float) -> LookRecord:
+        """Keep a record of a look that somebody ended before it was judged.
+
+        Its pictures may show what was written since, so what they tell isn't kept.
+        """
+        why = (
+            "not judged: by somebody's word the print went on, or ended, before; nothing was mended"
+        )
+        record = self._record(look, DecisionKind.GO_ON, why, {}, begun)
+        save_look(self.folder, record)
+        return record
 
     def note_failure(self, look: Look, why: str) -> None:
         """Keep a record of a look that failed: what is written there wasn't looked at.
@@ -234,9 +232,16 @@ class Observer:
         return replace(decision, why=f"{decision.why} ({unseen})") if unseen else decision
 
     def _judged(self, look: Look, place: Path) -> Judged:
-        """Judge one picture; another has the last word on gaps, thin lines and vessels not seen."""
+        """Judge one picture; another has the last word on gaps, thin lines and vessels not seen.
+
+        A picture in which hardly anything is seen is taken anew: a device that takes them by itself
+        may have begun with it before the needle was held, and one that hangs gives the same again.
+        """
         picture = self.acquire(look, place / "picture")
         judged = self.judge(look, picture, None)
+        if judged.evidence.seen_share < _HARDLY and not look.within_vessel:
+            picture = self.acquire(look, place / "picture")
+            judged = self.judge(look, picture, None)
         limits, evidence = self.decider.limits, judged.evidence
         gaps = any(limits.gap.significant(gap, evidence.places) for gap in evidence.gaps)
         if look.within_vessel and not gaps and evidence.seen_share < limits.least_seen:

@@ -155,4 +155,5 @@ def _last_line(log: Path) -> str:
 
 
 def _refusal(why: str, remedy: str) -> str:
-    return f"no observer can be started: {why}. Nothing was moved; see to it, or {remedy}"
+    end = "" if why.endswith("?") else "."
+    return f"no observer can be started: {why}{end} Nothing was moved; see to it, or {remedy}"

@@ -174,12 +174,17 @@ def open_view(
 
 
 def camera_frame(order: ObserverOrder) -> Frame:
-    """Return the camera's frame; a simulated camera's own where nobody calibrated it."""
-    return _camera_frame(order.frame, order.device.extra.get("camera", ""))
+    """Return the camera's frame; a simulated camera's own where nobody calibrated it.
+
+    One that was fitted anew in a pause counts from then on.
+    """
+    file = Path(order.frame)
+    written = file.stat().st_mtime_ns if order.frame and file.is_file() else 0
+    return _camera_frame(order.frame, written, order.device.extra.get("camera", ""))
 
 
 @lru_cache(maxsize=1)
-def _camera_frame(frame: str, simulated: str) -> Frame:
+def _camera_frame(frame: str, _written: int, simulated: str) -> Frame:
     if frame:
         return read_frame(Path(frame))
     file = load_camera(Path(simulated))

@@ -78,7 +78,7 @@ def _order(context: RunContext, part: ObservePart) -> ObserverOrder:
         oct=part.device == "oct",
         laser=part.device == "laser_line",
         frame="" if part.frame is None else str((context.recipe_folder / part.frame).resolve()),
-        device=_device(context, part),
+        device=device_settings(context, part),
         capacity_ul=usable_mm(syringe, context.printer) * syringe.area_mm2,
         network=str((folder / NETWORK_FILE).resolve()),
         place_mm=(x, y, z),
@@ -101,7 +101,8 @@ def _limits(part: ObservePart) -> Limits:
     )
 
 
-def _device(context: RunContext, part: ObservePart) -> DeviceSettings:
+def device_settings(context: RunContext, part: ObservePart) -> DeviceSettings:
+    """Return how an observer takes a picture: by a camera, folder, program or simulated device."""
     limit_s = 0.8 * part.limit_s
     if not part.source:
         return DeviceSettings("simulated", limit_s=limit_s, extra=_twin(context, part))
@@ -109,7 +110,7 @@ def _device(context: RunContext, part: ObservePart) -> DeviceSettings:
     if "{out}" in part.source:
         return DeviceSettings("command", part.source, limit_s=limit_s, tables=tables)
     place = context.recipe_folder / part.source
-    if part.device != "camera" or place.is_dir():
+    if part.device != "camera" or place.is_dir() or part.source.endswith("/"):
         return DeviceSettings("folder", str(place.resolve()), limit_s=limit_s, tables=tables)
     frame = read_frame(context.recipe_folder / str(part.frame))
     return DeviceSettings("camera", part.source, frame.lens.size_px, limit_s)

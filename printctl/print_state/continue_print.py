@@ -9,11 +9,12 @@ from firmware_profiles import Printer, Syringe, load
 from printctl.errors import PrintctlError, UsageError
 from printctl.link.care import Care, NewSyringe
 from printctl.link.client import PrintClient, attach, resume_print
+from printctl.link.find_link import alive
 from printctl.link.journalled_print import read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.record import JOURNAL, load_record
 from printctl.link.states import LinkState, Status
-from printctl.observe.records import asking_look, read_looks
+from printctl.observe.records import OBSERVER_LOCK, asking_look, read_looks
 from printctl.observe.starting import end_idle_observer, ensure_observer
 from printctl.print_state.actions import refuse_forgotten
 from printctl.printing.journal_facts import read_journal_facts
@@ -57,7 +58,7 @@ def continue_print(
     ObserverError
         When no observer can be started; nothing has moved.
     PrintctlError
-        When the print isn't paused.
+        When the print isn't paused, or its observer is judging a look.
     LinkError
         When the printer can't be reached, or the print can't be gone on with.
     """
@@ -72,6 +73,8 @@ def continue_print(
         )
     if changed and status.ended:
         _refuse_unchanged(folder)
+    if not unobserved:
+        _refuse_in_look(folder, status)
     started = not (status.ended or unobserved) and ensure_observer(folder)
     with restart(folder, port, unobserved) if status.ended else attach(folder) as client:
         if status.ended and client.status.state is not LinkState.PAUSED:
@@ -85,6 +88,23 @@ def continue_print(
         if not awaits_observer(folder, client.status, started):
             client.resume(change, unchanged, unobserved)
         return client.status
+
+
+def _refuse_in_look(folder: Path, status: Status) -> None:
+    """Refuse to go on while an observer judges a look: nothing of it would be mended.
+
+    Raises
+    ------
+    PrintctlError
+    """
+    look = status.look
+    if status.state is not LinkState.LOOKING or look is None or not alive(folder, OBSERVER_LOCK):
+        return
+    raise PrintctlError(
+        f"look {look['number']} is being judged, and the print in {folder} isn't paused: it goes "
+        f"on when that is decided, and is paused where that takes more than {look['limit_s']:g} s "
+        "(observe.limit_s). `printctl resume RUN --unobserved` goes on without this look"
+    )
 
 
 def awaits_observer(folder: Path, status: Status, started: bool) -> bool:

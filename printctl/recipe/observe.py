@@ -9,7 +9,7 @@ from typing import Annotated, Final, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from printctl.recipe.marks import FILE
-from printctl.recipe.parts import Part, Point
+from printctl.recipe.parts import Part
 
 _EVERY: Final = re.compile(r"(layer|vessel)|(\d+(?:\.\d+)?) *(mm|min|s)( +written)?")
 _HIGHEST_MM: Final = 5.0
@@ -136,7 +136,7 @@ class ObservePart(Part):
     flow_factor: tuple[
         Annotated[float, Field(ge=0.3, le=1)], Annotated[float, Field(ge=1, le=3)]
     ] = Field(default=(0.6, 1.7), description="Bounds of the correction of the flow.")
-    park_mm: Point | None = Field(
+    park_mm: tuple[float, float, float] | None = Field(
         default=None,
         description="Where the needle waits outside of the view, printer's frame; straight above "
         "by default.",

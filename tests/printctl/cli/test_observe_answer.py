@@ -47,3 +47,15 @@ def test_an_answer_is_taken_once_and_none_when_the_print_went_on(tmp_path, capsy
         assert answer_of(folder, 1) is None
         looks(folder)
         assert "asks to" not in capsys.readouterr().out
+
+
+def test_of_a_look_whose_observer_is_gone_it_is_said_how_to_have_another(
+    tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr("printctl.cli.observe_looks.alive", lambda *_: False)
+    workspace = Workspace(tmp_path).make()
+    with print_held_for_a_look(workspace):
+        looks(workspace.print_folder(JOB))
+    said = capsys.readouterr().out
+    assert "its observer is gone: `printctl resume RUN` starts another one" in said
+    assert "approve --look" not in said

@@ -88,7 +88,8 @@ class Bench:
         return Observer(
             self.folder, self.link, self.acquire, self.judge,
             self.mend_lines,
-            Decider(Limits(mend=self.mode), FlowControl()), lambda _: self.over,
+            Decider(Limits(mend=self.mode), FlowControl()),
+            lambda _: self.over and bool(self.link.said),
         )  # fmt: skip
 
     def mend_lines(self, look, gaps, thin, flow, approved):
@@ -138,6 +139,31 @@ def test_a_part_of_a_vessel_that_tells_little_is_left_to_the_next_look(tmp_path)
     )
     assert broken.judged
     assert broken.decision != "go_on"
+
+
+def test_a_picture_in_which_hardly_anything_is_seen_is_taken_anew(tmp_path):
+    bench = Bench(tmp_path, gaps=(GAP,), seen_share=0.04)
+    judge = bench.observer.judge
+
+    def first_is_stale(look, picture, again):
+        seen = judge(look, picture, again)
+        if len(bench.pictures) > 1:
+            return replace(seen, evidence=replace(seen.evidence, seen_share=0.9))
+        return replace(seen, evidence=replace(seen.evidence, gaps=()))
+
+    bench.observer.judge = first_is_stale
+    assert bench.observer.look(LOOK).decision == "mend"
+    assert bench.pictures == ["picture", "picture", "again"]
+
+
+def test_a_look_that_somebody_ends_while_it_is_judged_keeps_nothing_of_its_pictures(tmp_path):
+    bench = Bench(tmp_path, gaps=(GAP,))
+    bench.observer.ended = lambda _: True
+    bench.observer.look(LOOK)
+    assert bench.link.said == []
+    (record,) = read_looks(tmp_path)
+    assert "not judged" in record.why
+    assert not record.judged
 
 
 def test_a_gap_in_two_pictures_is_mended_and_told(tmp_path):

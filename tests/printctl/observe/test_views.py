@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -38,6 +40,16 @@ def test_a_moved_camera_is_refused_at_each_picture(tmp_path, monkeypatch, holds)
     else:
         with pytest.raises(DeviceError, match="180 µm; fit it anew"):
             views.open_view(path, order, 1.0, 0.1)
+
+
+def test_a_frame_that_was_fitted_anew_counts_at_the_next_picture(tmp_path, monkeypatch):
+    path = tmp_path / "frame.yaml"
+    monkeypatch.setattr(views, "read_frame", lambda file: file.read_text())
+    order = SimpleNamespace(frame=str(path), device=SimpleNamespace(extra={}))
+    for moment, text in enumerate(["as it was", "fitted anew"], 1):
+        path.write_text(text)
+        os.utime(path, ns=(moment, moment))
+        assert views.camera_frame(order) == text
 
 
 def test_what_is_no_picture_is_told(tmp_path):

@@ -13,7 +13,7 @@ from firmware_profiles import Printer, load
 from printctl.errors import RecipeError, UsageError
 from printctl.link.marks import MarkKind
 from printctl.pipeline.observable import refuse_unobservable
-from printctl.pipeline.observing import look_care
+from printctl.pipeline.observing import device_settings, look_care
 from printctl.pipeline.stages.toolpath import looks_within
 from printctl.recipe import parse_recipe
 
@@ -46,6 +46,12 @@ def recipe(observe, **printer):
 def test_every_says_when_the_print_is_held(every, care):
     part = recipe({"device": "camera", "every": every}).observe
     assert look_care(part, embedded=False) == {"look_limit_s": 120.0, "look_park_mm": None, **care}
+
+
+def test_a_folder_that_isnt_there_yet_is_no_camera(tmp_path):
+    part = recipe({"device": "camera", "source": "pictures/", "frame": "frame.yaml"}).observe
+    settings = device_settings(SimpleNamespace(recipe_folder=tmp_path), part)
+    assert (settings.kind, settings.source) == ("folder", str(tmp_path.resolve() / "pictures"))
 
 
 def test_without_the_section_nobody_looks():

@@ -15,10 +15,11 @@ from printctl.link.care import Care
 from printctl.link.errors import PortMissing, Refused
 from printctl.link.journal import Journal
 from printctl.link.marks import MarkKind
+from printctl.link.process import hold_folder
 from printctl.link.record import JOURNAL, LinkRecord
 from printctl.link.resuming import resumable
 from printctl.link.states import LinkState
-from printctl.observe.records import ORDER, READY, LookRecord, save_look
+from printctl.observe.records import OBSERVER_LOCK, ORDER, READY, LookRecord, save_look
 from printctl.observe.starting import ObserverError
 from printctl.print_state.continue_print import continue_print
 from tests.printctl.link.jobs import parse_job
@@ -95,6 +96,26 @@ def test_a_new_observer_makes_the_look_that_the_print_is_held_for(
     monkeypatch.setattr(module, "attach", lambda _: nullcontext(client))
     monkeypatch.setattr(module, "ensure_observer", lambda _: started)
     assert continue_print(tmp_path) is client.status
+    assert len(said) == resumed
+
+
+@pytest.mark.parametrize(("unobserved", "resumed"), [(False, 0), (True, 1)])
+def test_a_look_that_is_being_judged_is_not_gone_on_with(
+    tmp_path, monkeypatch, unobserved, resumed
+):
+    said = []
+    look = {"number": 4, "decision": "", "limit_s": 120.0}
+    client = SimpleNamespace(
+        status=SimpleNamespace(
+            state=LinkState.LOOKING, waits_for="a decision", ended=False, look=look
+        ),
+        resume=lambda *words: said.append(words),
+    )
+    monkeypatch.setattr(module, "attach", lambda _: nullcontext(client))
+    with hold_folder(tmp_path, OBSERVER_LOCK, "an observer is at work"):
+        refused = pytest.raises(PrintctlError, match=r"look 4 is being judged.*120 s.*--unobserved")
+        with nullcontext() if unobserved else refused:
+            continue_print(tmp_path, unobserved=unobserved)
     assert len(said) == resumed
 
 

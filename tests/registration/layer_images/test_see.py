@@ -155,6 +155,26 @@ def test_the_overlay_shows_gaps_red_and_changes_nothing_else() -> None:
     assert red[300:].sum() > 50  # below the legend
 
 
+def test_the_overlay_of_a_small_part_in_a_wide_view_shows_the_part() -> None:
+    painted = Scene(3).paint(((1, 1.0, 1.6),))
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+    aside = [3 * length for length in painted.picture.shape[:2]]
+    wide = np.pad(
+        painted.picture,
+        [(aside[0], aside[0]), (aside[1], aside[1]), (0, 0)][: painted.picture.ndim],
+    )
+
+    class Moved:
+        def to_pixels(self, points_mm):
+            return painted.frame.to_pixels(points_mm) + np.array(aside[::-1])
+
+    drawn = annotated(wide, Moved(), findings)
+    red = (drawn[..., 2] > 200) & (drawn[..., 1] < 60) & (drawn[..., 0] < 60)
+    whole = annotated(painted.picture, painted.frame, findings)
+    assert max(drawn.shape) < 1.5 * max(whole.shape)
+    assert red.sum() > 50
+
+
 def test_the_overlay_shows_a_narrowed_lumen_red() -> None:
     painted = Scene(3).paint(())
     findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
