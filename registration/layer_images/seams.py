@@ -1,0 +1,177 @@
+"""Tell lines that touch their neighbours and are too thin, by bath that shows at their seams.
+
+Lines that touch merge at their edges, so that no width is told of them (`widths`). What can be told
+is how much of the way from a line's middle to its seams, half a pitch aside, is ink: the mean level
+of that way over the level of the middle is a share that neither changes with the light nor, much,
+with blur. Round lines of translucent ink have a valley at a sound seam as well: each layer is held
+against what is usual in itself, so that a layer that is too thin throughout isn't told.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from registration.layer_images.gaps import stretches_of
+from registration.layer_images.ink_image import ACROSS
+from registration.layer_images.presence import spread_of, widened
+from registration.layer_images.values import BoolArray, FloatArray, FloatImage, IntArray, Stretch
+from registration.layer_images.ways import Ways
+
+_MIDDLE: Final = 0.15
+"""Of a width, to either side, that is a line's middle."""
+_WIDTHS: Final = 0.5
+"""Of a width, to a part of a line."""
+_WINDOW: Final = 6
+"""Parts of a line together."""
+_LEAST: Final = 0.7
+"""Of a part, that must be told."""
+_LEAST_INK: Final = 0.5
+"""Level of a middle that may be less than usual, being a gap's."""
+_SLANT: Final = 0.1
+"""Light from the side, from which on valleys between lines are of the light."""
+_FEWEST: Final = 20
+"""Windows from which what is usual is learned."""
+_USUAL: Final = 80.0
+"""Percentile of all windows, that is sound ink's even where much is thin."""
+_ROUNDS: Final = 5
+_SURE: Final = 4.0
+"""Standard deviations beyond the tolerance."""
+_MUCH: Final = 0.5
+"""Of a line's ink: where less may be missing untold, widths aren't told by seams."""
+
+
+@dataclass(frozen=True)
+class SeamLevels:
+    """How much ink lies between lines' middles and their seams.
+
+    Attributes
+    ----------
+    share : (n,) float64
+        Of ink over sound ink, at each place; NaN where it isn't told.
+    thin : (n,) bool
+        Places of stretches that lack surely more than is tolerated.
+    least : float
+        Share of ink below which a window is told to be thin; 0 where none could be.
+    windows : (n,) float64
+        Mean over the window around each place, over what is usual; NaN where it isn't told.
+    """
+
+    share: FloatArray
+    thin: BoolArray
+    least: float
+    windows: FloatArray = field(repr=False)
+
+    @staticmethod
+    def nothing(count: int) -> SeamLevels:
+        """None is told at so many places."""
+        none = np.full(count, np.nan)
+        return SeamLevels(none, np.zeros(count, dtype=np.bool_), 0.0, none)
+
+
+def seam_levels(
+    profiles: FloatImage, good: BoolArray, ways: Ways, filled: bool, slant: float, tolerance: float
+) -> SeamLevels:
+    """Judge the seams of lines that touch.
+
+    Parameters
+    ----------
+    profiles : (n, 61) float32
+        Across all places; bath 0, ink 1, linear in light.
+    good : (n,) bool
+        Places over bath that are seen.
+    ways : Ways
+    filled : bool
+        Whether ink is told by its level.
+    slant : float
+        Of light from the side.
+    tolerance : float
+        Share of its ink that a line may lack.
+    """
+    nothing = SeamLevels.nothing(len(ways))
+    judged = good & straight_seams(ways)
+    if not filled or slant > _SLANT or not judged.any():
+        return nothing
+    level = _to_seams(profiles, ways)
+    middle = profiles[:, np.abs(ACROSS) <= _MIDDLE + 1e-9].mean(axis=1)
+    part = _parts(ways)
+    share = _means(level, judged, part) / np.maximum(_means(middle, judged, part), _LEAST_INK)
+    first = np.unique(part, return_index=True)[1]
+    window = _window_means(share, ways.run[first])
+    known = window[np.isfinite(window)]
+    if len(known) < _FEWEST:
+        return nothing
+    usual, spread = _usual(known, tolerance)
+    least = 1.0 - tolerance - _SURE * spread / usual
+    low = np.nan_to_num(window, nan=np.inf) < least * usual
+    thin = np.isfinite(share) & _around(low, ways.run[first])
+    sound = _means(level, judged, part)
+    sound = sound / np.nanmedian(sound[np.isfinite(share) & ~thin])
+    return SeamLevels(np.minimum(sound, share / usual)[part], thin[part], least, (window / usual)[part])
+
+
+def straight_seams(ways: Ways) -> BoolArray:
+    """Places along straight ways that touch a line beside them, (n,)."""
+    touching = np.isfinite(ways.seams).any(axis=0)
+    ends = ways.to_end > 0.6 * ways.width
+    return np.asarray(touching & ends & ~ways.corners() & ~ways.crossed)
+
+
+def _to_seams(profiles: FloatImage, ways: Ways) -> FloatArray:
+    """Mean level from the middle to the seams, (n,); NaN without."""
+    total, count = np.zeros(len(profiles)), np.zeros(len(profiles))
+    for way, seam in zip((1.0, -1.0), ways.seams, strict=True):
+        zone = (way * ACROSS >= 0) & (way * ACROSS <= np.nan_to_num(seam)[:, None] + 1e-9)
+        own = np.isfinite(seam)
+        total += own * np.where(zone, profiles, 0.0).sum(axis=1) / zone.sum(axis=1)
+        count += own
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(total / count)
+
+
+def _parts(ways: Ways) -> IntArray:
+    """Part of its line that each place belongs to, (n,)."""
+    size = np.maximum(1, np.rint(_WIDTHS * ways.width / ways.step)).astype(np.int64)
+    begin = np.flatnonzero(np.diff(ways.run, prepend=-1) != 0)
+    number = np.arange(len(ways)) - np.repeat(begin, np.diff(np.append(begin, len(ways))))
+    new = number % size == 0
+    return np.asarray(np.cumsum(new) - 1, dtype=np.int64)
+
+
+def _means(values: FloatArray, use: BoolArray, part: IntArray) -> FloatArray:
+    """Means over the used places of each part, (m,); NaN where too few are used."""
+    number, whole = np.bincount(part, use), np.bincount(part)
+    total = np.bincount(part, np.where(use, values, 0.0))
+    return np.where(number > _LEAST * whole, total / np.maximum(number, 1), np.nan)
+
+
+def _window_means(values: FloatArray, run: IntArray) -> FloatArray:
+    """Means over windows from each part on, (m,); NaN where one isn't of one line, or not told."""
+    out = np.full(len(values), np.nan)
+    if len(values) >= _WINDOW:
+        same = run[_WINDOW - 1 :] == run[: 1 - _WINDOW]
+        means = np.convolve(values, np.ones(_WINDOW) / _WINDOW, "valid")
+        out[: 1 - _WINDOW] = np.where(same, means, np.nan)
+    return out
+
+
+def _around(low: BoolArray, run: IntArray) -> BoolArray:
+    """Parts of the windows that begin at ``low`` ones, (m,)."""
+    out = np.zeros_like(low)
+    for first, last in stretches_of(low, run):
+        out[first : last + _WINDOW] = True
+    return out
+
+
+def _usual(means: FloatArray, tolerance: float) -> tuple[float, float]:
+    """What sound ink shows, and its standard deviation by what lies above: thin ink lies below."""
+    usual, spread = float(np.percentile(means, _USUAL)), np.inf
+    for _ in range(_ROUNDS):
+        near = min(spread * _SURE, usual * tolerance)
+        sound = means[means > usual - near]
+        usual = float(np.median(sound))
+        above = sound[sound > usual] - usual
+        spread = widened(spread_of(np.concatenate([above, -above])), len(above))
+    return usual, spread
