@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from registration.layer_images.annotate import annotated
     from registration.layer_images.below import ShownLines
     from registration.layer_images.height import HeightFrame, height_map
+    from registration.layer_images.lumen_values import Lumen, LumenSeen
     from registration.layer_images.options import SeeingOptions
     from registration.layer_images.orientation import better_turned
     from registration.layer_images.own_depth import filament_map
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
         Frame,
         Gap,
         LayerFindings,
-        Lumen,
-        LumenSeen,
         Shift,
         Stations,
         Stretch,

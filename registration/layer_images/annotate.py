@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from registration.layer_images.lumen_values import Lumen
 from registration.layer_images.values import (
     FloatArray,
     Frame,
     Image,
     LayerFindings,
-    Lumen,
     Stations,
     Unseen,
 )

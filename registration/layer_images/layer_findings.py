@@ -21,10 +21,12 @@ from registration.layer_images.gaps import find_gaps, inside, lit_along, merged,
 from registration.layer_images.height_ends import HeightsAlong, Section
 from registration.layer_images.in_light import LightMix
 from registration.layer_images.ink_image import ACROSS, SMOOTH, angle_of
+from registration.layer_images.lumen_values import Lumen
 from registration.layer_images.lumens_seen import see_lumens
 from registration.layer_images.options import SeeingOptions
 from registration.layer_images.plane_map import PlaneMap
 from registration.layer_images.presence import INK
+from registration.layer_images.seams import straight_seams
 from registration.layer_images.seen_layer import SeenLayer
 from registration.layer_images.step_height import stepped
 from registration.layer_images.stretches import find_stretches, width_ratio
@@ -38,7 +40,6 @@ from registration.layer_images.values import (
     Gap,
     IntArray,
     LayerFindings,
-    Lumen,
     Shift,
     Unseen,
 )
@@ -162,6 +163,18 @@ def findings_of(
     stations = look.group.stations(ways, look.present, why, widths)
     stretches = find_stretches(stations, widths, options.width_percent)
     told = look.bath
+    seams = None if told is None else told.seams
+    ink = np.clip(look.present, 0.0, 1.0)
+    if seams is not None:
+        thin = seams.thin & ~inside(gaps, ways)
+        seams = replace(seams, thin=thin)
+        stretches += seams.stretches(ways)
+        ink = np.where(thin, np.minimum(ink, seams.share), ink)
+        share = look.group.mean(seams.share, seams.told & ~inside(gaps, ways))
+        stations = replace(stations, seam_share=share)
+    lone = np.isfinite(stations.width_mm)[look.group.of]
+    untold = good & ~look.over_old & straight_seams(ways) & ~lone
+    untold &= True if seams is None else ~seams.told
     usable = told is not None and told.noise is not None and told.template.filled
     lost = look.work.bad | look.work.hidden if told is None else told.strange | look.work.hidden
     seen_lumens = see_lumens(
@@ -177,7 +190,7 @@ def findings_of(
     ratio, u_ratio = width_ratio(stations, widths)
     way = ways.step
     seen_mm = float(way[good].sum())
-    covered = float((np.clip(look.present[good], 0.0, 1.0) * way[good]).sum())
+    covered = float((ink[good] * way[good]).sum())
     return LayerFindings(
         stations=stations,
         gaps=_placed(merged(gaps, ways), look, shift, good),
@@ -203,6 +216,7 @@ def findings_of(
         waver=_waver(look, good),
         older_mm=float(way[look.over_old].sum()),
         older_step=look.older_step,
+        untold_seams=float(way[untold].sum()) / float(way.sum()),
     )
 
 

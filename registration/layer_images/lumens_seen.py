@@ -10,13 +10,12 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.special import ndtr
 
+from registration.layer_images.lumen_values import Lumen, LumenSeen
 from registration.layer_images.values import (
     BoolArray,
     FloatArray,
     FloatImage,
     Frame,
-    Lumen,
-    LumenSeen,
 )
 from registration.layer_images.working import Mask
 

@@ -9,15 +9,16 @@ against what is usual in itself, so that a layer that is too thin throughout isn
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.special import ndtr
 
 from registration.layer_images.gaps import stretches_of
 from registration.layer_images.ink_image import ACROSS
 from registration.layer_images.presence import spread_of, widened
-from registration.layer_images.values import BoolArray, FloatArray, FloatImage, IntArray, Stretch
+from registration.layer_images.values import BoolArray, FloatArray, IntArray, Stretch
 from registration.layer_images.ways import Ways
 
 _MIDDLE: Final = 0.15
@@ -40,7 +41,9 @@ _ROUNDS: Final = 5
 _SURE: Final = 4.0
 """Standard deviations beyond the tolerance."""
 _MUCH: Final = 0.5
-"""Of a line's ink: where less may be missing untold, widths aren't told by seams."""
+"""Of sound ink's share: what is told only where there is less isn't worth telling."""
+_LEAST_USUAL: Final = 0.7
+"""Share of a sound layer: flat lines have 1, round ones of translucent ink a quarter of pi."""
 
 
 @dataclass(frozen=True)
@@ -53,63 +56,68 @@ class SeamLevels:
         Of ink over sound ink, at each place; NaN where it isn't told.
     thin : (n,) bool
         Places of stretches that lack surely more than is tolerated.
-    least : float
-        Share of ink below which a window is told to be thin; 0 where none could be.
-    windows : (n,) float64
-        Mean over the window around each place, over what is usual; NaN where it isn't told.
+    told : (n,) bool
+        Places at which a stretch that lacks half of its ink would be.
+    u : float
+        Standard uncertainty of a stretch's share.
     """
 
     share: FloatArray
     thin: BoolArray
-    least: float
-    windows: FloatArray = field(repr=False)
+    told: BoolArray
+    u: float
 
-    @staticmethod
-    def nothing(count: int) -> SeamLevels:
-        """None is told at so many places."""
-        none = np.full(count, np.nan)
-        return SeamLevels(none, np.zeros(count, dtype=np.bool_), 0.0, none)
+    def stretches(self, ways: Ways) -> tuple[Stretch, ...]:
+        """Return what is too thin, by strokes."""
+        out = []
+        for first, last in stretches_of(self.thin, ways.run):
+            share = float(self.share[first : last + 1].mean())
+            begin, end = (
+                float(ways.along[k] + w * ways.step[k] / 2) for k, w in ((first, -1), (last, 1))
+            )
+            p_value = float(ndtr((share - 1.0) / self.u))
+            out.append(Stretch("thin", int(ways.stroke[first]), begin, end, share, self.u, p_value))
+        return tuple(out)
 
 
 def seam_levels(
-    profiles: FloatImage, good: BoolArray, ways: Ways, filled: bool, slant: float, tolerance: float
-) -> SeamLevels:
-    """Judge the seams of lines that touch.
+    profiles: FloatArray, good: BoolArray, ways: Ways, slant: float, tolerance: float
+) -> SeamLevels | None:
+    """Judge the seams of lines that touch; None where they don't tell of half the ink.
 
     Parameters
     ----------
-    profiles : (n, 61) float32
-        Across all places; bath 0, ink 1, linear in light.
+    profiles : (n, 61) float64
+        Across all places; bath 0, ink 1, linear in light: ink that is told by its level.
     good : (n,) bool
         Places over bath that are seen.
     ways : Ways
-    filled : bool
-        Whether ink is told by its level.
     slant : float
         Of light from the side.
     tolerance : float
         Share of its ink that a line may lack.
     """
-    nothing = SeamLevels.nothing(len(ways))
     judged = good & straight_seams(ways)
-    if not filled or slant > _SLANT or not judged.any():
-        return nothing
+    if slant > _SLANT or not judged.any():
+        return None
     level = _to_seams(profiles, ways)
     middle = profiles[:, np.abs(ACROSS) <= _MIDDLE + 1e-9].mean(axis=1)
     part = _parts(ways)
-    share = _means(level, judged, part) / np.maximum(_means(middle, judged, part), _LEAST_INK)
-    first = np.unique(part, return_index=True)[1]
-    window = _window_means(share, ways.run[first])
-    known = window[np.isfinite(window)]
-    if len(known) < _FEWEST:
-        return nothing
-    usual, spread = _usual(known, tolerance)
+    ink = _means(level, judged, part)
+    share = ink / np.maximum(_means(middle, judged, part), _LEAST_INK)
+    run = ways.run[np.unique(part, return_index=True)[1]]
+    window = _window_means(share, run)
+    known = np.isfinite(window)
+    if known.sum() < _FEWEST:
+        return None
+    usual, spread = _usual(window[known], tolerance)
     least = 1.0 - tolerance - _SURE * spread / usual
-    low = np.nan_to_num(window, nan=np.inf) < least * usual
-    thin = np.isfinite(share) & _around(low, ways.run[first])
-    sound = _means(level, judged, part)
-    sound = sound / np.nanmedian(sound[np.isfinite(share) & ~thin])
-    return SeamLevels(np.minimum(sound, share / usual)[part], thin[part], least, (window / usual)[part])
+    if usual < _LEAST_USUAL or least < _MUCH:
+        return None
+    low = known & (np.nan_to_num(window) < least * usual)
+    thin, told = (_around(one, run) & np.isfinite(share) for one in (low, known))
+    of_sound = np.minimum(ink / np.median(ink[told & ~thin]), share / usual)
+    return SeamLevels(of_sound[part], thin[part], told[part], spread / usual)
 
 
 def straight_seams(ways: Ways) -> BoolArray:
@@ -119,7 +127,7 @@ def straight_seams(ways: Ways) -> BoolArray:
     return np.asarray(touching & ends & ~ways.corners() & ~ways.crossed)
 
 
-def _to_seams(profiles: FloatImage, ways: Ways) -> FloatArray:
+def _to_seams(profiles: FloatArray, ways: Ways) -> FloatArray:
     """Mean level from the middle to the seams, (n,); NaN without."""
     total, count = np.zeros(len(profiles)), np.zeros(len(profiles))
     for way, seam in zip((1.0, -1.0), ways.seams, strict=True):

@@ -24,6 +24,7 @@ from registration.layer_images.before import with_before
 from registration.layer_images.first_shift import first_shift
 from registration.layer_images.layer_findings import findings_of, honest_shift, may_be_ridges
 from registration.layer_images.layer_shift import PLENTY, fit_shift
+from registration.layer_images.lumen_values import Lumen
 from registration.layer_images.options import SeeingOptions
 from registration.layer_images.out_of_place import ink_beside_mm, unless_elsewhere
 from registration.layer_images.ridge_light import ridge_light
@@ -36,7 +37,6 @@ from registration.layer_images.values import (
     Frame,
     Image,
     LayerFindings,
-    Lumen,
     Shift,
 )
 from registration.layer_images.ways import check_lines, lay_ways

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from registration.layer_images.in_light import in_light
 from registration.layer_images.ink_image import ACROSS
 from registration.layer_images.presence import INK, Sides
 from registration.layer_images.told import Told
@@ -140,7 +141,7 @@ def station_widths(
     # Where neighbours leave too little bath for a level of its own, that of all bath counts.
     left, right = np.nan_to_num(left), np.nan_to_num(right)
     tilt = 0.5 * (left + right)[:, None] + 0.5 * (left - right)[:, None] * np.clip(ACROSS, -1, 1)
-    level = _linear(np.where(tell[:, None], mean - tilt, 0.0), bath.log_step).astype(np.float32)
+    level = in_light(np.where(tell[:, None], mean - tilt, 0.0), bath.log_step).astype(np.float32)
     return measure_widths(
         level,
         ways.width[group.first],
@@ -152,13 +153,6 @@ def station_widths(
         work.is_log,
         work.flanks_lost,
     )
-
-
-def _linear(values: FloatArray, log_step: float) -> FloatArray:
-    """Levels from logarithms to brightness, bath 0 and ink 1: a picture's blur is one of light."""
-    if abs(log_step) < 0.02:
-        return values
-    return np.asarray(np.expm1(log_step * np.clip(values, -1.0, 3.0)) / np.expm1(log_step))
 
 
 def _noise(level: FloatImage, tell: BoolArray, sides: Sides, group: Grouping) -> float:

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from registration.layer_images.in_light import in_light
 from registration.layer_images.ink_image import (
     ACROSS,
     WITHIN,
@@ -30,6 +31,7 @@ from registration.layer_images.presence import (
     window_noise,
     without_lows,
 )
+from registration.layer_images.seams import SeamLevels, seam_levels
 from registration.layer_images.short_lines import SHORT, short_noise
 from registration.layer_images.strange import grown, strange_places, strangeness, unlike_bath
 from registration.layer_images.values import (
@@ -107,6 +109,8 @@ class Told:
         Of what shows a line there, over the usual, at most 1: noise is as much larger.
     shaded : bool
         Whether by the shading of ridges, drawn at each place (`told_by_ridges`).
+    seams : SeamLevels or None
+        Ink between lines that touch; None where nothing tells of it.
     """
 
     image: FloatImage
@@ -127,6 +131,7 @@ class Told:
     level: FloatArray
     strength: FloatArray
     shaded: bool = False
+    seams: SeamLevels | None = None
 
 
 @dataclass(frozen=True)
@@ -145,6 +150,8 @@ class Ground:
     rate : float
         False findings per sound layer.
     known : Appearance or None
+    tolerance : float
+        Share of its ink that a line may lack.
     """
 
     smooth: FloatImage
@@ -155,6 +162,7 @@ class Ground:
     gap_mm: float
     rate: float
     known: Appearance | None
+    tolerance: float = 0.15
 
 
 def tell_ink(
@@ -240,19 +248,23 @@ def _by_mix(
     if template.one_sided or template.slant > ASIDE:
         why[(why == Unseen.SEEN) & _unlearned(angle, present)] = int(Unseen.FAINT)
     good = use & (why == Unseen.SEEN)
+    log_step, seams = _log_step(mix, ink, ground.work.is_log), None
+    if ground.work.is_log and template.filled:
+        light = in_light(profiles, log_step)
+        seams = seam_levels(light, good, ways, template.slant, ground.tolerance)
+    sound = good if seams is None else good & ~seams.thin  # thin ink isn't sound ink's scatter
     over_long = partial(
         long_bath, image, free, LONG * ground.gap_mm, ground.work.px_per_mm, width_px, template,
         least, rng,
     )  # fmt: skip
     noise, contrast, faint = sureness(
-        present, good, ways, fake_present, ground, known is not None, template, over_long
+        present, sound, ways, fake_present, ground, known is not None, template, over_long
     )
     look = Appearance(mix, template.terms * template.scale, template.filled, ink)
     return Told(
         image, profiles, present, plain, why, template, noise, contrast, strange,
         unlike_bath(away, ground.free), look, bath_spread,
-        _log_step(mix, ink, ground.work.is_log), ink, faint,
-        level, np.ones(len(ways)),
+        log_step, ink, faint, level, np.ones(len(ways)), seams=seams,
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Data classes of a layer evaluation: expected lines and lumens; gaps, blobs, widths found."""
+"""Data classes of a layer evaluation: expected lines; gaps, blobs, widths found."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from registration.layer_images.lumen_values import LumenSeen
 
 FloatArray = NDArray[np.float64]
 FloatImage = NDArray[np.float32]
@@ -50,35 +52,6 @@ class ExpectedLines:
 
     def __len__(self) -> int:
         return len(self.width_mm)
-
-
-@dataclass(frozen=True)
-class Lumen:
-    """Area of the layer that must stay free of ink.
-
-    Attributes
-    ----------
-    name : str
-    outline : (k, 3) float64, mm
-        Closed polygon.
-    width_mm : float, mm
-        Expected, across.
-    """
-
-    name: str
-    outline: FloatArray
-    width_mm: float
-
-    @staticmethod
-    def capsule(name: str, start: FloatArray, end: FloatArray, width_mm: float) -> Lumen:
-        """Return the area nearer than half a width to a straight piece; a disc of start = end."""
-        start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
-        turn = math.atan2(*(end - start)[1::-1].tolist())
-        half = np.linspace(-np.pi / 2, np.pi / 2, 17)
-        angles = turn + np.concatenate([half, half + np.pi])
-        middles = np.repeat([end, start], 17, axis=0)
-        out = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
-        return Lumen(name, middles + 0.5 * width_mm * out, width_mm)
 
 
 class Unseen(IntEnum):
@@ -131,6 +104,8 @@ class Stations:
     seen : (m,) bool
     why : (m,) int64
         `Unseen`.
+    seam_share : (m,) float64 or None
+        Ink over sound ink between seams, where lines touch; NaN where it isn't told, None nowhere.
     """
 
     at_mm: FloatArray
@@ -147,6 +122,7 @@ class Stations:
     present: FloatArray
     seen: BoolArray
     why: IntArray
+    seam_share: FloatArray | None = None
 
     def within(self, gap: Gap) -> BoolArray:
         """Return which lie within a stretch, (m,)."""
@@ -258,32 +234,6 @@ class Blob:
 
 
 @dataclass(frozen=True)
-class LumenSeen:
-    """What is seen of a lumen.
-
-    Attributes
-    ----------
-    name : str
-    expected_mm : float, mm
-    width_mm, u_width_mm : float, mm
-        Narrowest free width and its standard uncertainty; NaN where not seen.
-    open_share : float
-        Of its area without ink; NaN where not seen.
-    seen : bool
-    p_value : float
-        Chance of so narrow a lumen, by noise, where it is as expected; 1 where not seen.
-    """
-
-    name: str
-    expected_mm: float
-    width_mm: float
-    u_width_mm: float
-    open_share: float
-    seen: bool
-    p_value: float
-
-
-@dataclass(frozen=True)
 class Shift:
     """How far the fresh layer lies from where it should; printer's frame.
 
@@ -370,6 +320,8 @@ class LayerFindings:
         ink, where no widths are told; standard deviation of ink's height there, thicknesses.
     older_mm, older_step : float
         Way over older ink, mm, and by what logarithm it changed since the picture before, or NaN.
+    untold_seams : float
+        Share of the way that is seen and touches neighbours, so that nothing tells of thin ink.
     """
 
     stations: Stations
@@ -397,3 +349,4 @@ class LayerFindings:
     waver: float = math.nan
     older_mm: float = 0.0
     older_step: float = math.nan
+    untold_seams: float = 0.0

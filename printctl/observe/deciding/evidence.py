@@ -18,7 +18,7 @@ _LISTED: Final = 3
 _SHOWS: Final = 0.3
 """Of a layer's way, on which grainy or faint ink shows, for ink to have come at all."""
 _TOLD: Final = 0.1
-"""Of the way over older ink, from which on it is said what isn't judged there."""
+"""Of the way, from which on it is said what isn't judged there."""
 _HIDDEN: Final = 0.1
 """Of a layer so little could be seen at best that a look says nothing about the view."""
 _FIRST_MM: Final = 5.0
@@ -142,6 +142,8 @@ class Evidence:
         Standard deviation of ink's height there, in thicknesses of the layer.
     older_mm, older_step : float
         Way over older ink, mm, and by what logarithm it changed since the picture before, or NaN.
+    untold_seams : float
+        Share of the way that touches its neighbours and was seen, so that thin ink isn't told.
     lacks : str
         Rows or columns that a height map lacks against the last look's, in words.
     """
@@ -175,10 +177,11 @@ class Evidence:
     waver: float = math.nan
     older_mm: float = 0.0
     older_step: float = math.nan
+    untold_seams: float = 0.0
     lacks: str = ""
 
     def unjudged_words(self, gap_mm: float, width_percent: float) -> str:
-        """What tolerances a profiler's map doesn't judge, in words; empty for nothing.
+        """What tolerances a look doesn't judge though it sees, in words; empty for nothing.
 
         Parameters
         ----------
@@ -187,6 +190,10 @@ class Evidence:
             Of its width, by which a line may be thinner or wider.
         """
         words = ""
+        if self.untold_seams >= _TOLD:
+            words += (
+                f"; on {self.untold_seams:.0%} lines touch, and it isn't seen whether they are thin"
+            )
         if self.least_gap_mm > gap_mm:
             words += (
                 f"; gaps shorter than {self.least_gap_mm:.2f} mm may not show (gap_mm is "
