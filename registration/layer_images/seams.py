@@ -103,8 +103,8 @@ def seam_levels(
     level = _to_seams(profiles, ways)
     middle = profiles[:, np.abs(ACROSS) <= _MIDDLE + 1e-9].mean(axis=1)
     part = _parts(ways)
-    ink = _means(level, judged, part)
-    share = ink / np.maximum(_means(middle, judged, part), _LEAST_INK)
+    ink, top = (_means(one, judged, part) for one in (level, middle))
+    share = ink / np.maximum(top, _LEAST_INK)
     run = ways.run[np.unique(part, return_index=True)[1]]
     window = _window_means(share, run)
     known = np.isfinite(window)
@@ -116,7 +116,11 @@ def seam_levels(
         return None
     low = known & (np.nan_to_num(window) < least * usual)
     thin, told = (_around(one, run) & np.isfinite(share) for one in (low, known))
-    of_sound = np.minimum(ink / np.median(ink[told & ~thin]), share / usual)
+    sound, valley = told & ~thin, top - ink
+    # Thin ink is taken for light: its bath seems inked, or else its middle fainter than it is.
+    by_level = ink / np.median(ink[sound])
+    by_valley = 1.0 - (valley - np.median(valley[sound])) / np.median(ink[sound])
+    of_sound = np.minimum(np.minimum(by_level, by_valley), share / usual)
     return SeamLevels(of_sound[part], thin[part], told[part], spread / usual)
 
 
