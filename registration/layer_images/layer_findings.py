@@ -154,6 +154,9 @@ def findings_of(
         why[good & under.any(axis=1)] = int(Unseen.HIDDEN)
         good = why == Unseen.SEEN
     gaps, told_there = _gaps(look, good, why, places, options)
+    seams = None if look.bath is None else look.bath.seams
+    if seams is not None:
+        gaps = [gap for gap in gaps if not seams.thins(gap, ways, look.present)]
     doubted = _doubted(look, gaps, places, options)
     gaps, lost = _beside(look, gaps, told_there, why)
     why[lost] = int(Unseen.SEEN)
@@ -163,13 +166,11 @@ def findings_of(
     stations = look.group.stations(ways, look.present, why, widths)
     stretches = find_stretches(stations, widths, options.width_percent)
     told = look.bath
-    seams = None if told is None else told.seams
     ink = np.clip(look.present, 0.0, 1.0)
     if seams is not None:
-        thin = seams.thin & ~inside(gaps, ways)
-        seams = replace(seams, thin=thin)
+        seams = replace(seams, thin=seams.thin & ~inside(gaps, ways))
         stretches += seams.stretches(ways)
-        ink = np.where(thin, np.minimum(ink, seams.share), ink)
+        ink = np.where(seams.thin, np.fmin(ink, seams.share), ink)
         share = look.group.mean(seams.share, seams.told & ~inside(gaps, ways))
         stations = replace(stations, seam_share=share)
     lone = np.isfinite(stations.width_mm)[look.group.of]

@@ -18,7 +18,7 @@ from scipy.special import ndtr
 from registration.layer_images.gaps import stretches_of
 from registration.layer_images.ink_image import ACROSS
 from registration.layer_images.presence import spread_of, widened
-from registration.layer_images.values import BoolArray, FloatArray, IntArray, Stretch
+from registration.layer_images.values import BoolArray, FloatArray, Gap, IntArray, Stretch
 from registration.layer_images.ways import Ways
 
 _MIDDLE: Final = 0.15
@@ -42,6 +42,10 @@ _SURE: Final = 4.0
 """Standard deviations beyond the tolerance."""
 _MUCH: Final = 0.5
 """Of sound ink's share: what is told only where there is less isn't worth telling."""
+_SOME: Final = 0.3
+"""Of sound ink: what shows more is thin, and no gap."""
+_TURN: Final = 6.0
+"""Widths of a way between two thin stretches, that nothing is told of and is thin as well."""
 _LEAST_USUAL: Final = 0.7
 """Share of a sound layer: flat lines have 1, round ones of translucent ink a quarter of pi."""
 
@@ -67,11 +71,26 @@ class SeamLevels:
     told: BoolArray
     u: float
 
+    def thins(self, gap: Gap, ways: Ways, present: FloatArray) -> bool:
+        """Whether a gap is thin ink: some is ``present`` in the middle of the line, (n,)."""
+        own = (ways.stroke == gap.stroke) & (ways.along > gap.from_mm) & (ways.along < gap.to_mm)
+        thin = own & self.thin
+        return bool(2 * thin.sum() > own.sum() and present[thin].mean() > _SOME)
+
+    def near(self, ways: Ways) -> BoolArray:
+        """Places in thin stretches and some widths around them, (n,)."""
+        out = self.thin.copy()
+        for first, last in stretches_of(self.thin, ways.run):
+            reach = round(_TURN * float(ways.width[first]) / float(ways.step[first]))
+            own = slice(max(0, first - reach), last + reach + 1)
+            out[own] |= ways.run[own] == ways.run[first]
+        return out
+
     def stretches(self, ways: Ways) -> tuple[Stretch, ...]:
         """Return what is too thin, by strokes."""
         out = []
         for first, last in stretches_of(self.thin, ways.run):
-            share = float(self.share[first : last + 1].mean())
+            share = float(np.nanmean(self.share[first : last + 1]))
             begin, end = (
                 float(ways.along[k] + w * ways.step[k] / 2) for k, w in ((first, -1), (last, 1))
             )
@@ -121,7 +140,8 @@ def seam_levels(
     by_level = ink / np.median(ink[sound])
     by_valley = 1.0 - (valley - np.median(valley[sound])) / np.median(ink[sound])
     of_sound = np.minimum(np.minimum(by_level, by_valley), share / usual)
-    return SeamLevels(of_sound[part], thin[part], told[part], spread / usual)
+    at_places = _with_turns(thin[part], told[part], ways)
+    return SeamLevels(of_sound[part], at_places, told[part], spread / usual)
 
 
 def straight_seams(ways: Ways) -> BoolArray:
@@ -174,6 +194,18 @@ def _around(low: BoolArray, run: IntArray) -> BoolArray:
     out = np.zeros_like(low)
     for first, last in stretches_of(low, run):
         out[first : last + _WINDOW] = True
+    return out
+
+
+def _with_turns(thin: BoolArray, told: BoolArray, ways: Ways) -> BoolArray:
+    """Thin places, (n,), and the turns between them, at which nothing is told."""
+    out = thin.copy()
+    for first, last in stretches_of(~told, ways.run):
+        inner = first > 0 and last < len(ways) - 1
+        inner = inner and ways.run[first - 1] == ways.run[first] == ways.run[last + 1]
+        if inner and thin[first - 1] and thin[last + 1]:
+            short = float(ways.step[first : last + 1].sum()) < _TURN * float(ways.width[first])
+            out[first : last + 1] |= short
     return out
 
 

@@ -252,7 +252,7 @@ def _by_mix(
     if ground.work.is_log and template.filled:
         light = in_light(profiles, log_step)
         seams = seam_levels(light, good, ways, template.slant, ground.tolerance)
-    sound = good if seams is None else good & ~seams.thin  # thin ink isn't sound ink's scatter
+    sound = good if seams is None else good & ~seams.near(ways)  # thin ink is no scatter
     over_long = partial(
         long_bath, image, free, LONG * ground.gap_mm, ground.work.px_per_mm, width_px, template,
         least, rng,
