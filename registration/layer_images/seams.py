@@ -33,7 +33,7 @@ _LEAST_INK: Final = 0.5
 """Level of a middle that may be less than usual, being a gap's."""
 _SLANT: Final = 0.1
 """Light from the side, from which on valleys between lines are of the light."""
-_FEWEST: Final = 20
+_FEWEST: Final = 12
 """Windows from which what is usual is learned."""
 _USUAL: Final = 80.0
 """Percentile of all windows, that is sound ink's even where much is thin."""

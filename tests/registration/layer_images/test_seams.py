@@ -35,10 +35,11 @@ def test_two_fifths_of_the_flow_in_a_filled_layer_are_told(
         told |= (along > one.from_mm) & (along < one.to_mm)
     thin = (along > FROM + _END) & (along < TO - _END)
     near = (along > FROM - _END) & (along < TO + _END)
-    assert told[thin].mean() > 0.7  # turns of the way tell no width
+    assert told[thin].mean() > 0.95
     assert not told[~near].any()
     assert all(one.kind == "thin" and 0.3 < one.ratio < 0.7 for one in findings.stretches)
-    assert findings.seen_share > 0.95
+    assert sum(one.to_mm - one.from_mm for one in findings.gaps) < 1.5
+    assert findings.seen_share > 0.85  # thin ink isn't taken for sound ink's scatter
     assert findings.coverage < 0.93
 
 
@@ -50,7 +51,7 @@ def test_sound_filled_layers_show_no_thin_line_though_round_ink_has_valleys(
     findings = seen(replace(FILLED, seed=seed, kind=kind))
     assert not findings.stretches
     assert findings.coverage > 0.95
-    assert findings.untold_seams < 0.05
+    assert findings.untold_seams < 0.1
 
 
 def test_what_lacks_less_than_is_tolerated_is_none() -> None:
