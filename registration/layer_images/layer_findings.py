@@ -26,7 +26,7 @@ from registration.layer_images.lumens_seen import see_lumens
 from registration.layer_images.options import SeeingOptions
 from registration.layer_images.plane_map import PlaneMap
 from registration.layer_images.presence import INK
-from registration.layer_images.seams import straight_seams
+from registration.layer_images.seam_findings import seam_findings, without_thin
 from registration.layer_images.seen_layer import SeenLayer
 from registration.layer_images.step_height import stepped
 from registration.layer_images.stretches import find_stretches, width_ratio
@@ -154,28 +154,18 @@ def findings_of(
         why[good & under.any(axis=1)] = int(Unseen.HIDDEN)
         good = why == Unseen.SEEN
     gaps, told_there = _gaps(look, good, why, places, options)
-    seams = None if look.bath is None else look.bath.seams
-    if seams is not None:
-        gaps = [gap for gap in gaps if not seams.thins(gap, ways, look.present)]
+    gaps = without_thin(look, gaps)
     doubted = _doubted(look, gaps, places, options)
     gaps, lost = _beside(look, gaps, told_there, why)
     why[lost] = int(Unseen.SEEN)
     look = replace(look, present=np.where(lost, 0.0, look.present))
     good = why == Unseen.SEEN  # without what turned out unclear
     widths = _lit_widths(look, shift)
+    seams = seam_findings(look, gaps, good)
     stations = look.group.stations(ways, look.present, why, widths)
-    stretches = find_stretches(stations, widths, options.width_percent)
+    stations = replace(stations, seam_share=seams.share)
+    stretches = find_stretches(stations, widths, options.width_percent) + seams.stretches
     told = look.bath
-    ink = np.clip(look.present, 0.0, 1.0)
-    if seams is not None:
-        seams = replace(seams, thin=seams.thin & ~inside(gaps, ways))
-        stretches += seams.stretches(ways)
-        ink = np.where(seams.thin, np.fmin(ink, seams.share), ink)
-        share = look.group.mean(seams.share, seams.told & ~inside(gaps, ways))
-        stations = replace(stations, seam_share=share)
-    lone = np.isfinite(stations.width_mm)[look.group.of]
-    untold = good & ~look.over_old & straight_seams(ways) & ~lone
-    untold &= True if seams is None else ~seams.told
     usable = told is not None and told.noise is not None and told.template.filled
     lost = look.work.bad | look.work.hidden if told is None else told.strange | look.work.hidden
     seen_lumens = see_lumens(
@@ -191,7 +181,7 @@ def findings_of(
     ratio, u_ratio = width_ratio(stations, widths)
     way = ways.step
     seen_mm = float(way[good].sum())
-    covered = float((ink[good] * way[good]).sum())
+    covered = float((seams.ink[good] * way[good]).sum())
     return LayerFindings(
         stations=stations,
         gaps=_placed(merged(gaps, ways), look, shift, good),
@@ -217,7 +207,7 @@ def findings_of(
         waver=_waver(look, good),
         older_mm=float(way[look.over_old].sum()),
         older_step=look.older_step,
-        untold_seams=float(way[untold].sum()) / float(way.sum()),
+        untold_seams=seams.untold,
     )
 
 

@@ -108,7 +108,8 @@ def test_thin_lines_that_touch_are_filled_up_by_the_share_of_ink_at_their_seams(
     )  # fmt: skip
     stretch = Stretch("thin", 0, 3.5, 5.5, 0.4, 0.01, 1e-9)
     findings = SimpleNamespace(stations=stations, stretches=(stretch,))
-    ink = SimpleNamespace(style="layered")
+    one = np.ones(1)
+    ink = SimpleNamespace(style="layered", height_mm=HEIGHT * one, width_mm=WIDTH * one)
     (found,) = _thin(findings, ink, SimpleNamespace(row=row), section)
     assert (found.from_mm, found.to_mm) == pytest.approx((3.0, 6.0), abs=0.2)
     assert found.missing == pytest.approx(0.6, abs=0.02)
