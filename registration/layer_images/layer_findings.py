@@ -161,7 +161,7 @@ def findings_of(
     look = replace(look, present=np.where(lost, 0.0, look.present))
     good = why == Unseen.SEEN  # without what turned out unclear
     widths = _lit_widths(look, shift)
-    seams = seam_findings(look, gaps, good)
+    seams = seam_findings(look, gaps, why)
     stations = look.group.stations(ways, look.present, why, widths)
     stations = replace(stations, seam_share=seams.share)
     stretches = find_stretches(stations, widths, options.width_percent) + seams.stretches

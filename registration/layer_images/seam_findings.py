@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
 from registration.layer_images.gaps import inside
 from registration.layer_images.seams import straight_seams
 from registration.layer_images.seen_layer import SeenLayer
-from registration.layer_images.values import BoolArray, FloatArray, Gap, Stretch
+from registration.layer_images.values import FloatArray, Gap, IntArray, Stretch, Unseen
+
+_NOWHERE: Final = (Unseen.OUTSIDE, Unseen.HIDDEN, Unseen.GLARE, Unseen.UNCLEAR)
+"""Ink that is merely too faint for a gap to be told may yet be thin."""
 
 
 @dataclass(frozen=True)
@@ -42,14 +46,16 @@ def without_thin(look: SeenLayer, gaps: list[Gap]) -> list[Gap]:
     return [gap for gap in gaps if not seams.thins(gap, look.ways, look.present)]
 
 
-def seam_findings(look: SeenLayer, gaps: list[Gap], good: BoolArray) -> SeamFindings:
-    """Return what lines that touch tell outside gaps; ``good`` are places that are seen, (n,)."""
+def seam_findings(look: SeenLayer, gaps: list[Gap], why: IntArray) -> SeamFindings:
+    """Return what lines that touch tell outside gaps; ``why`` is `Unseen`, (n,)."""
     ways, ink = look.ways, np.clip(look.present, 0.0, 1.0)
     alone = np.isfinite(look.widths.width_mm)[look.group.of]
-    untold = good & ~look.over_old & straight_seams(ways) & ~alone
-    seams, stretches, share = None if look.bath is None else look.bath.seams, (), None
+    untold = (why == Unseen.SEEN) & ~look.over_old & straight_seams(ways) & ~alone
+    seams = None if look.bath is None else look.bath.seams
+    stretches: tuple[Stretch, ...] = ()
+    share = None
     if seams is not None:
-        whole = ~inside(gaps, ways)
+        whole = ~inside(gaps, ways) & ~np.isin(why, _NOWHERE)
         seams = replace(seams, thin=seams.thin & whole)
         stretches, ink = seams.stretches(ways), np.where(seams.thin, np.fmin(ink, seams.share), ink)
         share = look.group.mean(seams.share, seams.told & whole)
