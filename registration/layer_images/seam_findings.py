@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
@@ -11,9 +10,6 @@ from registration.layer_images.gaps import inside
 from registration.layer_images.seams import straight_seams
 from registration.layer_images.seen_layer import SeenLayer
 from registration.layer_images.values import FloatArray, Gap, IntArray, Stretch, Unseen
-
-_NOWHERE: Final = (Unseen.OUTSIDE, Unseen.HIDDEN, Unseen.GLARE, Unseen.UNCLEAR)
-"""Ink that is merely too faint for a gap to be told may yet be thin."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +51,7 @@ def seam_findings(look: SeenLayer, gaps: list[Gap], why: IntArray) -> SeamFindin
     stretches: tuple[Stretch, ...] = ()
     share = None
     if seams is not None:
-        whole = ~inside(gaps, ways) & ~np.isin(why, _NOWHERE)
+        whole = ~inside(gaps, ways) & (why == Unseen.SEEN)
         seams = replace(seams, thin=seams.thin & whole)
         stretches, ink = seams.stretches(ways), np.where(seams.thin, np.fmin(ink, seams.share), ink)
         share = look.group.mean(seams.share, seams.told & whole)

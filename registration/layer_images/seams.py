@@ -18,8 +18,16 @@ from scipy.special import ndtr
 from registration.layer_images.gaps import stretches_of
 from registration.layer_images.ink_image import ACROSS
 from registration.layer_images.presence import spread_of, widened
-from registration.layer_images.values import BoolArray, FloatArray, Gap, IntArray, Stretch
+from registration.layer_images.values import (
+    BoolArray,
+    FloatArray,
+    FloatImage,
+    Gap,
+    IntArray,
+    Stretch,
+)
 from registration.layer_images.ways import Ways
+from registration.layer_images.working import Mask
 
 _MIDDLE: Final = 0.15
 """Of a width, to either side, that is a line's middle."""
@@ -46,6 +54,10 @@ _SOME: Final = 0.3
 """Of sound ink: what shows more is thin, and no gap."""
 _TURN: Final = 6.0
 """Widths of a way between two thin stretches, that nothing is told of and is thin as well."""
+_OFF: Final = 0.25
+"""Of ink's level, that bath may be off."""
+_SOME_OFF: Final = 0.003
+"""Of a picture."""
 _LEAST_USUAL: Final = 0.7
 """Share of a sound layer: flat lines have 1, round ones of translucent ink a quarter of pi."""
 
@@ -90,6 +102,8 @@ class SeamLevels:
         """Return what is too thin, by strokes."""
         out = []
         for first, last in stretches_of(self.thin, ways.run):
+            if not np.isfinite(self.share[first : last + 1]).any():
+                continue
             share = float(np.nanmean(self.share[first : last + 1]))
             begin, end = (
                 float(ways.along[k] + w * ways.step[k] / 2) for k, w in ((first, -1), (last, 1))
@@ -100,7 +114,12 @@ class SeamLevels:
 
 
 def seam_levels(
-    profiles: FloatArray, good: BoolArray, ways: Ways, slant: float, tolerance: float
+    profiles: FloatArray,
+    good: BoolArray,
+    ways: Ways,
+    slant: float,
+    tolerance: float,
+    disturbed: bool,
 ) -> SeamLevels | None:
     """Judge the seams of lines that touch; None where they don't tell of half the ink.
 
@@ -115,6 +134,8 @@ def seam_levels(
         Of light from the side.
     tolerance : float
         Share of its ink that a line may lack.
+    disturbed : bool
+        Whether what is taken for light may be another thing's.
     """
     judged = good & straight_seams(ways)
     if slant > _SLANT or not judged.any():
@@ -123,25 +144,61 @@ def seam_levels(
     middle = profiles[:, np.abs(ACROSS) <= _MIDDLE + 1e-9].mean(axis=1)
     part = _parts(ways)
     ink, top = (_means(one, judged, part) for one in (level, middle))
-    share = ink / np.maximum(top, _LEAST_INK)
     run = ways.run[np.unique(part, return_index=True)[1]]
+    both = _over_usual(ink, top, run, tolerance)
+    if both is None:
+        return None
+    share: FloatArray = np.maximum(*both) if disturbed else both[0]
     window = _window_means(share, run)
     known = np.isfinite(window)
-    if known.sum() < _FEWEST:
-        return None
     usual, spread = _usual(window[known], tolerance)
-    least = 1.0 - tolerance - _SURE * spread / usual
-    if usual < _LEAST_USUAL or least < _MUCH:
+    least = usual * (1.0 - tolerance) - _SURE * spread
+    if least < _MUCH:
         return None
-    low = known & (np.nan_to_num(window) < least * usual)
+    each = _window_means((share < 0.5 * (usual + least)).astype(np.float64), run)
+    low = known & (np.nan_to_num(window) < least) & (_WINDOW * each > _WINDOW - 1.5)
     thin, told = (_around(one, run) & np.isfinite(share) for one in (low, known))
-    sound, valley = told & ~thin, top - ink
-    # Thin ink is taken for light: its bath seems inked, or else its middle fainter than it is.
-    by_level = ink / np.median(ink[sound])
-    by_valley = 1.0 - (valley - np.median(valley[sound])) / np.median(ink[sound])
-    of_sound = np.minimum(np.minimum(by_level, by_valley), share / usual)
+    by_level = ink / np.median(ink[told & ~thin])
+    of_sound = np.minimum(np.minimum(*both), by_level)
     at_places = _with_turns(thin[part], told[part], ways)
     return SeamLevels(of_sound[part], at_places, told[part], spread / usual)
+
+
+def _over_usual(
+    ink: FloatArray, top: FloatArray, run: IntArray, tolerance: float
+) -> tuple[FloatArray, FloatArray] | None:
+    """Share of ink of each part by the ratio to its middle, and by its valley, over usual ones.
+
+    Blur lessens a valley, not the ratio; light that is off by a step changes the ratio alone.
+    """
+    ratio = ink / np.maximum(top, _LEAST_INK)
+    windows = _window_means(ratio, run)
+    known = windows[np.isfinite(windows)]
+    if len(known) < _FEWEST:
+        return None
+    usual, _ = _usual(known, tolerance)
+    sound = ratio > (1.0 - tolerance) * usual
+    if usual < _LEAST_USUAL or sound.sum() < _FEWEST:
+        return None
+    valley = top - ink
+    deeper = (valley - np.median(valley[sound])) / np.median(ink[sound])
+    return ratio / usual, 1.0 - deeper
+
+
+def is_disturbed(level: FloatImage, free: Mask, lost: BoolArray) -> bool:
+    """Whether a picture shows more than ink and bath: a needle or glare pulls the fitted light.
+
+    Parameters
+    ----------
+    level : (h, w) float32
+        Bath 0, ink 1.
+    free : (h, w) uint8
+        Where there is bath alone.
+    lost : (h, w) bool
+        Strange or saturated.
+    """
+    off = np.abs(level[free > 0]) > _OFF
+    return bool(lost.mean() > _SOME_OFF or (len(off) and off.mean() > _SOME_OFF))
 
 
 def straight_seams(ways: Ways) -> BoolArray:

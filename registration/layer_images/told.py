@@ -31,7 +31,7 @@ from registration.layer_images.presence import (
     window_noise,
     without_lows,
 )
-from registration.layer_images.seams import SeamLevels, seam_levels
+from registration.layer_images.seams import SeamLevels, is_disturbed, seam_levels
 from registration.layer_images.short_lines import SHORT, short_noise
 from registration.layer_images.strange import grown, strange_places, strangeness, unlike_bath
 from registration.layer_images.values import (
@@ -251,7 +251,9 @@ def _by_mix(
     log_step, seams = _log_step(mix, ink, ground.work.is_log), None
     if ground.work.is_log and template.filled:
         light = in_light(profiles, log_step)
-        seams = seam_levels(light, good, ways, template.slant, ground.tolerance)
+        level = (ground.smooth @ mix.astype(np.float32) - np.float32(bath.mean @ mix)) / scale
+        odd = is_disturbed(level, ground.free, strange | ground.work.bad)
+        seams = seam_levels(light, good, ways, template.slant, ground.tolerance, odd)
     sound = good if seams is None else good & ~seams.near(ways)  # thin ink is no scatter
     over_long = partial(
         long_bath, image, free, LONG * ground.gap_mm, ground.work.px_per_mm, width_px, template,
