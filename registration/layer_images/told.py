@@ -251,8 +251,8 @@ def _by_mix(
     log_step, seams = _log_step(mix, ink, ground.work.is_log), None
     if ground.work.is_log and template.filled:
         light = in_light(profiles, log_step)
-        level = (ground.smooth @ mix.astype(np.float32) - np.float32(bath.mean @ mix)) / scale
-        odd = is_disturbed(level, ground.free, strange | ground.work.bad)
+        evened = np.asarray(ground.smooth @ mix - bath.mean @ mix, np.float32) / scale
+        odd = is_disturbed(evened, ground.free, strange | ground.work.bad)
         seams = seam_levels(light, good, ways, template.slant, ground.tolerance, odd)
     sound = good if seams is None else good & ~seams.near(ways)  # thin ink is no scatter
     over_long = partial(
