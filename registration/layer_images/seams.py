@@ -108,7 +108,7 @@ class SeamLevels:
             begin, end = (
                 float(ways.along[k] + w * ways.step[k] / 2) for k, w in ((first, -1), (last, 1))
             )
-            p_value = float(ndtr((share - 1.0) / self.u))
+            p_value = float(ndtr((share - 1.0) / max(self.u, 1e-9)))
             out.append(Stretch("thin", int(ways.stroke[first]), begin, end, share, self.u, p_value))
         return tuple(out)
 
@@ -274,5 +274,7 @@ def _usual(means: FloatArray, tolerance: float) -> tuple[float, float]:
         sound = means[means > usual - near]
         usual = float(np.median(sound))
         above = sound[sound > usual] - usual
+        if not len(above):
+            return usual, 0.0
         spread = widened(spread_of(np.concatenate([above, -above])), len(above))
     return usual, spread
