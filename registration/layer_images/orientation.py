@@ -106,10 +106,10 @@ def better_turned(
     moved = fit(flat_ink, round((_FAR_MM - _REACH_MM) * px_per_mm / shrink))
     far, off_px = max((moved[one] for one in own), key=lambda found: found[0])
     best = max(fits, key=lambda name: fits[name])
-    needed = max(_FITS, as_it_is + _BETTER)
     # Ink of bright rims fits in one slab far better than at its own depth.
     near = max(flat[one][0] for one in own)
-    if far > max(needed, near + _BETTER, fits[best] - _BETTER):
+    needed = max(_FITS, max(as_it_is, near) + _BETTER)
+    if far > max(needed, fits[best] - _BETTER):
         return _moved_words(off_px, frame, lines)
     if fits[best] > needed:
         return best

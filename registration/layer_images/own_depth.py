@@ -25,7 +25,7 @@ from registration.layer_images.height import (
     speckle_less,
 )
 from registration.layer_images.unmeasured import unmeasured_scans
-from registration.layer_images.values import BoolArray, ExpectedLines, FloatArray, FloatImage
+from registration.layer_images.values import BoolArray, ExpectedLines, FloatArray, FloatImage, IntArray
 from registration.scan import Scan
 
 _STEP_MM: Final = 0.05
@@ -33,6 +33,11 @@ _LEAST_HALF: Final = 1.0
 """Voxels of depth to either side."""
 _HEIGHT: Final = 0.7
 """Of a round filament's width, over which it is averaged: beyond, its sides are bath."""
+_MORE: Final = 1.6
+"""Times that, for ink that shows by its rim: upper and lower one are among it."""
+HEIGHTS: Final = (_HEIGHT, _HEIGHT * _MORE)
+_BETTER: Final = 1.5
+"""Times as much as it must stand out then: an average over more has less noise."""
 _LEAST_FLOOR: Final = 0.05
 """Of what the bath sends back, below which nothing is told apart."""
 _BRIGHT: Final = 4.0
@@ -147,10 +152,33 @@ def filament_map(scan: Scan, frame: HeightFrame, lines: ExpectedLines) -> FloatI
     place, width = _places(lines, lines.fresh)
     by_depth = ScanByDepth.of(scan)
     level, half = by_depth.depths(frame, place, width, by_depth.unmeasured.shape)
-    slab = by_depth.along(level, half)
-    floor = np.float32(FLOOR) * _ink_level(slab, level, frame.to_pixels(place))
+    at = frame.to_pixels(place)
+    inner, whole = (_logarithm(by_depth.along(level, k * half), level, at) for k in (1.0, _MORE))
+    shown = [_stands_out(one, at) for one in (inner, whole)]
+    return (whole if shown[1] > _BETTER * shown[0] else inner)[:, :, None]
+
+
+def _logarithm(slab: FloatImage, level: FloatArray, at: FloatArray) -> FloatImage:
+    floor = np.float32(FLOOR) * _ink_level(slab, level, at)
     floor = np.maximum(floor, np.float32(_LEAST_FLOOR))
-    return np.log((slab + floor) / (1 + floor))[:, :, None]
+    return np.asarray(np.log((slab + floor) / (1 + floor)))
+
+
+def _stands_out(image: FloatImage, at: FloatArray) -> float:
+    """By how much filaments' middles ``at`` (n, 2) px differ from all, over the scatter of all."""
+    usual = float(np.nanmedian(image))
+    spread = float(np.nanmedian(np.abs(image - usual)))
+    row, column = _inside(at, image.shape)
+    shown = np.abs(image[row, column] - usual)
+    known = np.isfinite(shown)
+    return float(np.median(shown[known])) / max(spread, 1e-9) if known.any() else 0.0
+
+
+def _inside(at: FloatArray, shape: tuple[int, ...]) -> tuple[IntArray, IntArray]:
+    """Rows and columns of places (n, 2) px within a picture."""
+    column, row = np.rint(at).astype(np.int64).T
+    inside = (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
+    return row[inside], column[inside]
 
 
 def _ink_level(slab: FloatImage, level: FloatArray, at: FloatArray) -> FloatImage:
@@ -158,9 +186,7 @@ def _ink_level(slab: FloatImage, level: FloatArray, at: FloatArray) -> FloatImag
 
     A logarithm without a floor makes the blurred rim of such ink as wide as the ink itself.
     """
-    column, row = np.rint(at).astype(np.int64).T
-    inside = (row >= 0) & (row < slab.shape[0]) & (column >= 0) & (column < slab.shape[1])
-    row, column = row[inside], column[inside]
+    row, column = _inside(at, slab.shape)
     bright = slab[row, column] > _BRIGHT
     row, column = row[bright], column[bright]
     if len(row) < _FEWEST:
