@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from registration.layer_images.gaps import stretches_of
 from registration.layer_images.ink_image import ACROSS, CORE
 from registration.layer_images.line_levels import lines_of
+from registration.layer_images.own_depth import CLEARLY, OVER
 from registration.layer_images.presence import INK, averaged
 from registration.layer_images.told import Told
 from registration.layer_images.values import BoolArray, FloatArray, IntArray, Unseen
@@ -85,13 +86,14 @@ class Covers:
             return Covers(np.zeros(len(ways), dtype=np.bool_), nothing, nothing, none)
         half = 0.5 * ways.width * np.linalg.norm(seen.across, axis=1)
         shown = np.flatnonzero(np.isfinite(seen.at).all(axis=1) & np.isfinite(half))
-        reach = 2.0 * float(half[shown].max(initial=0.0))
+        within = OVER if scanner else _WITHIN
+        reach = 2.0 * (0.5 + within) * float(half[shown].max(initial=0.0))
         pairs = cKDTree(seen.at[shown]).query_pairs(reach, output_type="ndarray")
         one, other = shown[pairs].reshape(-1, 2).T
         one, other = np.concatenate([one, other]), np.concatenate([other, one])
         another = ~_goes_on(ways, one, other)
         one, other = one[another], other[another]
-        hit = _apart(seen, half, one, other, _ACROSS) < _WITHIN
+        hit = _apart(seen, half, one, other, _ACROSS) < within
         above = height[other] - height[one]
         apart = (scanner * above if scanner else np.abs(above)) > 0.5 * ways.width[other]
         across = np.zeros((len(ways), len(_ACROSS)), dtype=np.bool_)
@@ -101,7 +103,7 @@ class Covers:
         core = _apart(seen, half, one, other, ACROSS[CORE])
         places = across.mean(axis=1) > _MOST
         if scanner:
-            places |= _at_others_depth(ways, seen, half)
+            places |= _at_others_depth(ways, seen, half, scanner)
         return Covers(places, one, other, core, bool(scanner))
 
     def untold(
@@ -174,15 +176,19 @@ class Covers:
         return np.asarray(np.bincount(key // count, most * share, len(level)), dtype=np.float64)
 
 
-def _at_others_depth(ways: Ways, seen: Seen, half: FloatArray) -> BoolArray:
-    """Places, (n,), of which a part is nearer to another line, of another height, in the view."""
+def _at_others_depth(ways: Ways, seen: Seen, half: FloatArray, scanner: int) -> BoolArray:
+    """Places, (n,), of which a part is nearer to another line, of another height, in the view.
+
+    Over one that lies clearly below, a line is shown at its own depth (`own_depth`).
+    """
     out = np.zeros(len(ways), dtype=np.bool_)
     shown = np.flatnonzero(np.isfinite(seen.at).all(axis=1) & np.isfinite(half))
     way = seen.across[shown] / np.linalg.norm(seen.across[shown], axis=1, keepdims=True)
     part = (2.0 * half[shown, None] * _ACROSS)[:, :, None]
     near = shown[cKDTree(seen.at[shown]).query(seen.at[shown][:, None] + part * way[:, None])[1]]
     own = np.broadcast_to(shown[:, None], near.shape)
-    off = np.abs(ways.point[own, 2] - ways.point[near, 2]) > _OTHER_DEPTH * ways.width[own]
+    above = scanner * (ways.point[own, 2] - ways.point[near, 2]) / ways.width[own]
+    off = (np.abs(above) > _OTHER_DEPTH) & (above < CLEARLY)
     wrong = off & ~_goes_on(ways, own.ravel(), near.ravel()).reshape(near.shape)
     out[shown] = wrong.mean(axis=1) > _MOST_WRONG
     return out

@@ -29,6 +29,10 @@ from registration.layer_images.values import BoolArray, ExpectedLines, FloatArra
 from registration.scan import Scan
 
 _STEP_MM: Final = 0.05
+OVER: Final = 0.75
+"""Widths from a line's middle, so far it is shown where it lies over another."""
+CLEARLY: Final = 0.5
+"""Of its width, by which it lies higher then."""
 _LEAST_HALF: Final = 1.0
 """Voxels of depth to either side."""
 _HEIGHT: Final = 0.7
@@ -46,6 +50,63 @@ _FEWEST: Final = 20
 """Places by which that is known."""
 _MOST: Final = 400
 """And about as many are enough."""
+
+
+@dataclass(frozen=True)
+class LinePlaces:
+    """Places along lines.
+
+    Attributes
+    ----------
+    at : (n, 3) float64, mm
+    width : (n,) float64, mm
+    stroke : (n,) int64
+    """
+
+    at: FloatArray
+    width: FloatArray
+    stroke: IntArray
+
+    @staticmethod
+    def of(lines: ExpectedLines, use: BoolArray) -> LinePlaces:
+        """Lay them closely along lines ``use`` (m,)."""
+        rows = np.flatnonzero(use)
+        length = np.linalg.norm((lines.end - lines.start)[rows], axis=1)
+        count = np.maximum(2, np.ceil(length / _STEP_MM).astype(np.int64) + 1)
+        own = np.repeat(rows, count)
+        number = np.arange(len(own)) - np.repeat(np.cumsum(count) - count, count)
+        share = (number / np.repeat(count - 1, count))[:, None]
+        at = lines.start[own] * (1 - share) + lines.end[own] * share
+        return LinePlaces(at, lines.width_mm[own], lines.stroke[own])
+
+    def upper(self, near: IntArray, pixel: FloatArray, frame: HeightFrame) -> IntArray:
+        """Replace the place next to each column, (rows, columns), by one that lies over it.
+
+        ``pixel`` (n, 2) is where the picture shows the places.
+        """
+        out, sign = near.copy(), 1.0 if frame.from_above else -1.0
+        px = self.width * np.sqrt(abs(np.linalg.det(frame.matrix[:2, :2])))
+        for one in self._over_others(pixel, px, sign):
+            low = np.maximum(np.floor(pixel[one] - OVER * px[one]).astype(int), 0)
+            high = np.maximum(np.ceil(pixel[one] + OVER * px[one]).astype(int) + 1, 0)
+            own = out[low[1] : high[1], low[0] : high[0]]
+            row, column = np.indices(own.shape)
+            away = np.hypot(column + low[0] - pixel[one, 0], row + low[1] - pixel[one, 1])
+            above = sign * (self.at[one, 2] - self.at[own, 2]) > CLEARLY * self.width[one]
+            other = self.stroke[own] != self.stroke[one]
+            own[(away < OVER * px[one]) & above & other] = one
+        return out
+
+    def _over_others(self, pixel: FloatArray, px: FloatArray, sign: float) -> list[int]:
+        """Places near which the picture shows a lower line, the lowest first."""
+        pair = cKDTree(pixel).query_pairs(2 * OVER * float(px.max()), output_type="ndarray")
+        pair = pair[self.stroke[pair[:, 0]] != self.stroke[pair[:, 1]]]
+        height = sign * self.at[:, 2]
+        first = height[pair[:, 0]] > height[pair[:, 1]]
+        upper = np.where(first, pair[:, 0], pair[:, 1])
+        apart = np.abs(height[pair[:, 0]] - height[pair[:, 1]])
+        found = np.unique(upper[apart > CLEARLY * self.width[upper]])
+        return found[np.argsort(height[found])].tolist()  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True)
@@ -83,17 +144,19 @@ class ScanByDepth:
         return ScanByDepth(np.stack(planes), np.asarray(share > 0.5)), HeightFrame(matrix)
 
     def depths(
-        self, frame: HeightFrame, place: FloatArray, width: FloatArray, shape: tuple[int, ...]
+        self, frame: HeightFrame, places: LinePlaces, shape: tuple[int, ...]
     ) -> tuple[FloatArray, FloatArray]:
         """Return depths of filaments, and half of the heights to average over, (rows, columns).
 
-        In voxels, of the filament place (n, 3), mm, next to each column of a picture of ``shape``.
+        In voxels, of the filament next to each column of a picture of ``shape``; where one lies
+        clearly over another, of the one nearer to the scanner, which shades the other.
         """
         column, row = np.meshgrid(*(np.arange(count) for count in shape[::-1]))
-        at = np.column_stack([column.ravel(), row.ravel()])
-        near = cKDTree(frame.to_pixels(place)).query(at)[1].reshape(column.shape)
-        level = depth_of(frame, place[near, 2], (len(self.planes), *shape))
-        half = 0.5 * _HEIGHT * width[near] * abs(float(frame.matrix[2, 2]))
+        pixel = frame.to_pixels(places.at)
+        near = cKDTree(pixel).query(np.column_stack([column.ravel(), row.ravel()]))[1]
+        near = places.upper(near.reshape(column.shape), pixel, frame)
+        level = depth_of(frame, places.at[near, 2], (len(self.planes), *shape))
+        half = 0.5 * _HEIGHT * places.width[near] * abs(float(frame.matrix[2, 2]))
         return level, np.maximum(half, _LEAST_HALF)
 
     def along(
@@ -131,8 +194,8 @@ class TurnedMaps:
         """Return the logarithm at each filament's own depth, (rows, columns)."""
         shape = turn(self.by_depth.unmeasured).shape
         if shape not in self._depths:
-            place, width = _places(self.lines, self.use)
-            self._depths[shape] = self.by_depth.depths(self.frame, place, width, shape)
+            places = LinePlaces.of(self.lines, self.use)
+            self._depths[shape] = self.by_depth.depths(self.frame, places, shape)
         return np.asarray(
             np.log(self.by_depth.along(*self._depths[shape], turn) + np.float32(FLOOR))
         )
@@ -149,10 +212,10 @@ def filament_map(scan: Scan, frame: HeightFrame, lines: ExpectedLines) -> FloatI
     lines : ExpectedLines
         Those written last (``fresh``) are followed.
     """
-    place, width = _places(lines, lines.fresh)
+    places = LinePlaces.of(lines, lines.fresh)
     by_depth = ScanByDepth.of(scan)
-    level, half = by_depth.depths(frame, place, width, by_depth.unmeasured.shape)
-    at = frame.to_pixels(place)
+    level, half = by_depth.depths(frame, places, by_depth.unmeasured.shape)
+    at = frame.to_pixels(places.at)
     inner, whole = (_logarithm(by_depth.along(level, k * half), level, at) for k in (1.0, _MORE))
     shown = [_stands_out(one, at) for one in (inner, whole)]
     return (whole if shown[1] > _BETTER * shown[0] else inner)[:, :, None]
@@ -197,14 +260,3 @@ def _ink_level(slab: FloatImage, level: FloatArray, at: FloatArray) -> FloatImag
     slope, begin = (fade.slope, fade.intercept) if fade else (0.0, float(np.median(ink)))
     known = np.clip(level, depth.min(), depth.max())
     return np.exp(begin + slope * known).astype(np.float32)
-
-
-def _places(lines: ExpectedLines, use: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Places (n, 3) along lines ``use``, mm, and their widths, (n,)."""
-    rows = np.flatnonzero(use)
-    length = np.linalg.norm((lines.end - lines.start)[rows], axis=1)
-    count = np.maximum(2, np.ceil(length / _STEP_MM).astype(np.int64) + 1)
-    own = np.repeat(rows, count)
-    number = np.arange(len(own)) - np.repeat(np.cumsum(count) - count, count)
-    share = (number / np.repeat(count - 1, count))[:, None]
-    return lines.start[own] * (1 - share) + lines.end[own] * share, lines.width_mm[own]
