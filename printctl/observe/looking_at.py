@@ -59,7 +59,7 @@ from printctl.observe.order import ObserverOrder
 from printctl.observe.profiler import refuse_other_height
 from printctl.observe.records import DRAWN, read_looks
 from printctl.observe.scan_place import ScanSize
-from printctl.observe.shown_place import lies_in_place, seen_where_ink_shows
+from printctl.observe.shown_place import seen_where_ink_shows
 from printctl.observe.view_before import picture_before
 from printctl.observe.views import open_view, read_picture
 from registration.errors import PictureError
@@ -270,15 +270,11 @@ class ObservedJob:
                 known=self._appearance if layered else None,
                 thickness_mm=slab_mm[1] if is_height else None,
             )
-            lone = bool(at.layer.lines.fresh.all())
             findings = seen_where_ink_shows(
                 lambda options: see(options=options), self._options(), self.order.limits.shift_mm,
-                lone=layered and lone,
+                lone=layered and bool(at.layer.lines.fresh.all()),
             )  # fmt: skip
             findings = shown.as_given(findings)
-            moved = view.scan is not None and (at.turned or "").startswith("moved")
-            if moved and lone and lies_in_place(findings, self.order.limits.shift_mm):
-                at.turned = None
             refuse_other_height(at.size, findings.seen_share, findings.coverage)
             if not at.found:
                 self._appearance = learned_appearance(

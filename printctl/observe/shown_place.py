@@ -60,16 +60,6 @@ def seen_where_ink_shows(
     return within
 
 
-def lies_in_place(findings: LayerFindings, tolerated_mm: float) -> bool:
-    """Whether all of a layer's ink is seen within tolerance of its place.
-
-    A dead column or a bubble elsewhere may fit a short line as well; lines that were moved can't
-    all lie where they should, too.
-    """
-    whole = min(findings.seen_share, findings.coverage) > _WHOLE
-    return whole and not findings.gaps and shift_of(findings)[0] <= tolerated_mm
-
-
 def _across_mm(findings: LayerFindings) -> float:
     """How far a layer seems moved across its lines, mm, root mean square."""
     by = np.array([findings.shift.dx_mm, findings.shift.dy_mm])

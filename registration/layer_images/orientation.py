@@ -42,6 +42,11 @@ _BETTER: Final = 0.1
 _SIGN: Final = 0.25
 """Correlation as it is, from which on it says whether ink is bright or dark."""
 
+_DARK: Final = 3.0
+"""Times what a quarter of the picture is darker by: two standard deviations of a bath."""
+_NEARLY_ALL: Final = 90
+"""Percentile of a row or column."""
+
 _TURNS: Final[Mapping[str, Callable[[FloatImage], FloatImage]]] = {
     "turned by 180°": lambda image: image[::-1, ::-1],
     "turned by 90°": lambda image: np.rot90(image),
@@ -99,10 +104,13 @@ def better_turned(
     as_it_is = here[sign][0]
     # Lines followed in depth fit by their own sign far better than by chance.
     signs = (sign,) if as_it_is > _SIGN and maps is None else (1, -1)
-    turns = {name: fit(shown(turn)) for name, turn in _TURNS.items()}
-    fits = {name: max(found[one][0] for one in signs) for name, found in turns.items()}
     flat = here if maps is None else fit(flat_ink)  # what lies far off shows at no one's depth
     own = tuple(one for one in signs if maps is None or flat[one][0] >= flat[-one][0])
+    fits = dict[str, float]()
+    for name, turn in _TURNS.items():
+        found, slab = fit(shown(turn)), here if maps is None else fit(turn(flat_ink))
+        each = [found[one][0] for one in signs]
+        fits[name] = max(each + [slab[one][0] for one in own if maps is not None])
     moved = fit(flat_ink, round((_FAR_MM - _REACH_MM) * px_per_mm / shrink))
     far, off_px = max((moved[one] for one in own), key=lambda found: found[0])
     best = max(fits, key=lambda name: fits[name])
@@ -170,6 +178,15 @@ def _shrunk(image: FloatImage, by: float) -> FloatImage:
     """Image of fewer pixels, its darkest and brightest clipped; usual where nothing is known."""
     image = np.nan_to_num(image, nan=float(np.nanmedian(image)))
     size = (max(1, round(image.shape[1] / by)), max(1, round(image.shape[0] / by)))
-    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    small = _without_dead_lines(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
     low, high = np.percentile(small, [1, 99])
     return np.asarray(np.clip(small, low, high), dtype=np.float32)
+
+
+def _without_dead_lines(image: FloatImage) -> FloatImage:
+    """Image in which rows and columns that are dark from end to end show what is usual."""
+    out, usual = image.copy(), float(np.median(image))
+    dark = usual - _DARK * (usual - float(np.percentile(image, 25)))
+    out[:, np.percentile(image, _NEARLY_ALL, axis=0) < dark] = usual
+    out[np.percentile(image, _NEARLY_ALL, axis=1) < dark] = usual
+    return out

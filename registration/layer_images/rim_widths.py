@@ -19,24 +19,26 @@ import numpy as np
 from registration.layer_images.ink_image import ACROSS, Template
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage
 
-MOST_MISFIT: Final = 0.15
-"""Root mean square of what a fit leaves, of the rim's height: more is no rim's."""
+MOST_MISFIT: Final = 0.1
+"""Root mean square of what a fit leaves, of the profile's height: more is no rim's."""
 _SHOWN: Final = 0.1
 """Of the middle's height, from which on edges of the other sign are a rim."""
 _NEAR: Final = 1.2
 """Expected widths from the middle, over which is fitted."""
-_DIAMETERS: Final = np.linspace(0.6, 1.5, 61)
-_SHELLS: Final = np.array([0.04, 0.1, 0.16, 0.24, 0.32, 0.4, 0.5, 0.6, 0.8])
+_DIAMETERS: Final = np.linspace(0.6, 1.5, 46)
+_SHELLS: Final = np.array([0.04, 0.1, 0.16, 0.22, 0.28, 0.34, 0.4, 0.5, 0.6, 0.8])
 """Twice a shell's thickness, of the diameter."""
-_BLURS: Final = np.array([0.0, 0.02, 0.04, 0.06, 0.09, 0.13, 0.18, 0.25])
+_BLURS: Final = np.array([0.0, *np.geomspace(0.02, 0.25, 15)])
 """Of an expected width, beyond the least blur."""
 _LOBE: Final = (0.2, 0.65)
 """Expected widths from the middle, between which a rim is looked for."""
-_PLACES: Final = np.linspace(-1.6, 1.6, 321)
+_NEAR_RIM: Final = (np.abs(ACROSS) >= _LOBE[0]) & (np.abs(ACROSS) <= _LOBE[1])
+_PLACES: Final = np.linspace(-1.6, 1.6, 241)
 """Of a filament that is computed, expected widths."""
 _TOGETHER: Final = 6.0
 """Neighbouring places of a profile that aren't independent."""
-_LEAST_RMS: Final = 0.01
+_LEAST_RMS: Final = 0.02
+"""Of the profile's height: no filament is rounder, no rim more even."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class Rim:
     diameter, u_diameter : float
         Outer diameter and its standard uncertainty.
     misfit : float
-        Root mean square of what stays, of the rim's height.
+        Root mean square of what stays, of the profile's height.
     """
 
     diameter: float
@@ -61,20 +63,18 @@ def rim_edges(profiles: FloatImage, mean: FloatArray) -> tuple[FloatArray, Float
 
     ``mean`` (61,) is even; in expected widths, slopes per width.
     """
-    sign, _, height = _lobe(mean)
+    sign, height = _lobe(mean)
     strength = np.clip(profiles @ mean / float(mean @ mean), 0.4, 2.5)
     left, right = (_outer(sign * profiles[:, ::way], 0.5 * height * strength) for way in (1, -1))
     return left[0], right[0], np.minimum(left[1], right[1])
 
 
-def _lobe(mean: FloatArray) -> tuple[float, int, float]:
-    """Sign, place (of `ACROSS`) and height of the rim of a mean profile."""
-    near = np.flatnonzero((ACROSS >= _LOBE[0]) & (ACROSS <= _LOBE[1]))
-    core = _core(mean)
-    own = np.where(mean[near] * core < 0, np.abs(mean[near]), 0.0)
-    own = own if own.any() else np.abs(mean[near])
-    at = int(near[np.argmax(own)])
-    return float(np.sign(mean[at])), at, abs(float(mean[at]))
+def _lobe(mean: FloatArray) -> tuple[float, float]:
+    """Sign and height of the rim of a mean profile."""
+    own = np.where(_other_sign(mean), mean, 0.0)
+    own = own if own.any() else np.where(_NEAR_RIM, mean, 0.0)
+    height = float(own[np.argmax(np.abs(own))])
+    return float(np.sign(height)), abs(height)
 
 
 def _core(mean: FloatArray) -> float:
@@ -84,7 +84,7 @@ def _core(mean: FloatArray) -> float:
 def has_rim(template: Template) -> bool:
     """Whether ink shows most at its edges, or those differ from the bath otherwise than it does."""
     values = template.values
-    brighter = _lobe(values)[2] > (1.0 + _SHOWN) * abs(_core(values))
+    brighter = _lobe(values)[1] > (1.0 + _SHOWN) * abs(_core(values))
     return not template.filled or brighter or bool(_other_sign(values).any())
 
 
@@ -115,8 +115,7 @@ def rim_presence(profiles: FloatImage, template: Template) -> FloatArray:
 def _other_sign(values: FloatArray) -> BoolArray:
     """Places of a mean profile (61,) that differ from the bath clearly otherwise than its middle."""
     core = _core(values)
-    near = (np.abs(ACROSS) >= _LOBE[0]) & (np.abs(ACROSS) <= _LOBE[1])
-    return np.asarray(near & (-values * np.sign(core) > _SHOWN * abs(core)))
+    return np.asarray(_NEAR_RIM & (-values * np.sign(core) > _SHOWN * abs(core)))
 
 
 def _outer(values: FloatArray, level: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -146,7 +145,7 @@ def fit_rim(mean: FloatArray, least_blur: float, heights: Sequence[float]) -> Ri
         Of the expected width, over one of which the picture is a mean.
     """
     near = np.abs(ACROSS) <= _NEAR
-    values = mean[near] / _lobe(mean)[2]
+    values = mean[near] / np.abs(mean[near]).max()
     away = ACROSS[near][:, None] - _PLACES
     sigma = np.hypot(_BLURS, least_blur)[:, None, None]
     blurred = np.exp(-0.5 * (away / sigma) ** 2)

@@ -31,6 +31,8 @@ _THIN, _THIN_INK = 0.08, 0.5
 """Relative doubt of ink so thin (μ d below the second) that its rims may look like bath."""
 _SLANTED = 0.06
 """Of the slant: light from the side moves edges."""
+_OFF_MIDDLE: Final = np.linspace(-0.25, 0.25, 41)
+"""Expected widths, by which a line may lie beside its expected middle."""
 _OF_RIMS: Final = 0.03
 """Relative doubt of widths from rim to rim, beyond what the fit says."""
 _LEAST_BLUR: Final = 0.5
@@ -137,9 +139,11 @@ def _rims(profiles: FloatImage, tell: BoolArray) -> tuple[FloatArray, ...]:
 
 
 def _even(profiles: FloatImage) -> FloatArray:
-    """Median profile, the same to both sides."""
+    """Median profile about its own middle, the same to both sides."""
     mean = np.median(profiles, axis=0).astype(np.float64)
-    return np.asarray(0.5 * (mean + mean[::-1]))
+    each = [np.interp(ACROSS + by, ACROSS, mean) for by in _OFF_MIDDLE]
+    best = max(each, key=lambda one: float(one @ one[::-1]))
+    return np.asarray(0.5 * (best + best[::-1]))
 
 
 def _from_rim_to_rim(
