@@ -110,7 +110,7 @@ def better_turned(
     for name, turn in _TURNS.items():
         found, slab = fit(shown(turn)), here if maps is None else fit(turn(flat_ink))
         each = [found[one][0] for one in signs]
-        fits[name] = max(each + [slab[one][0] for one in own if maps is not None])
+        fits[name] = max(each + [slab[one][0] for one in signs if maps is not None])
     moved = fit(flat_ink, round((_FAR_MM - _REACH_MM) * px_per_mm / shrink))
     far, off_px = max((moved[one] for one in own), key=lambda found: found[0])
     best = max(fits, key=lambda name: fits[name])
