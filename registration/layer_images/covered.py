@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from registration.layer_images.gaps import stretches_of
 from registration.layer_images.ink_image import ACROSS, CORE
 from registration.layer_images.line_levels import lines_of
-from registration.layer_images.own_depth import CLEARLY, OVER
+from registration.layer_images.line_places import CLEARLY, OVER
 from registration.layer_images.presence import INK, averaged
 from registration.layer_images.told import Told
 from registration.layer_images.values import BoolArray, FloatArray, IntArray, Unseen
@@ -114,8 +114,9 @@ class Covers:
         In a volume none of `places` tells: the nearer line shades the other one, and columns taken
         at another line's depth show bath or ink of there.
 
-        Other lines' ink only adds in a picture: less than the line's own shows that it is missing. What is
-        clearly more than the other lines', which grow thin to their sides, shows that it is there.
+        In a picture other lines' ink only adds: less than the line's own shows that it is missing.
+        What is clearly more than the other lines', which grow thin to their sides, shows that it is
+        there.
 
         Parameters
         ----------
@@ -179,7 +180,7 @@ class Covers:
 def _at_others_depth(ways: Ways, seen: Seen, half: FloatArray, scanner: int) -> BoolArray:
     """Places, (n,), of which a part is nearer to another line, of another height, in the view.
 
-    Over one that lies clearly below, a line is shown at its own depth (`own_depth`).
+    Over one that lies clearly below, a line is shown at its own depth (`line_places`).
     """
     out = np.zeros(len(ways), dtype=np.bool_)
     shown = np.flatnonzero(np.isfinite(seen.at).all(axis=1) & np.isfinite(half))

@@ -32,6 +32,8 @@ _BLURS: Final = np.array([0.0, *np.geomspace(0.02, 0.25, 15)])
 """Of an expected width, beyond the least blur."""
 _LOBE: Final = (0.2, 0.65)
 """Expected widths from the middle, between which a rim is looked for."""
+_BEYOND: Final = 1.0
+"""And so far, where ink ends."""
 _NEAR_RIM: Final = (np.abs(ACROSS) >= _LOBE[0]) & (np.abs(ACROSS) <= _LOBE[1])
 _PLACES: Final = np.linspace(-1.6, 1.6, 241)
 """Of a filament that is computed, expected widths."""
@@ -113,15 +115,15 @@ def rim_presence(profiles: FloatImage, template: Template) -> FloatArray:
 
 
 def _other_sign(values: FloatArray) -> BoolArray:
-    """Places of a mean profile (61,) that differ from the bath clearly otherwise than its middle."""
+    """Places of a mean profile (61,) that differ from the bath otherwise than its middle."""
     core = _core(values)
     return np.asarray(_NEAR_RIM & (-values * np.sign(core) > _SHOWN * abs(core)))
 
 
-def _outer(values: FloatArray, level: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _outer(values: FloatImage | FloatArray, level: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Outermost place to the right at which values (m, 61) exceed a level (m,), and the slope."""
     step, rows = float(ACROSS[1] - ACROSS[0]), np.arange(len(values))
-    side = (ACROSS >= _LOBE[0]) & (ACROSS <= 1.0)
+    side = (_LOBE[0] <= ACROSS) & (ACROSS <= _BEYOND)
     above = side & (values > level[:, None])
     k = np.where(above.any(axis=1), len(ACROSS) - 1 - above[:, ::-1].argmax(axis=1), -1)
     inner = np.clip(k, 0, len(ACROSS) - 2)

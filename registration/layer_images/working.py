@@ -86,7 +86,7 @@ class Working:
 
     @property
     def is_scatter(self) -> bool:
-        """Whether channels are logarithms of what filaments in a volume scatter (`filament_map`)."""
+        """Whether it shows what a volume's filaments scatter, in logarithms (`filament_map`)."""
         return not self.is_log and self.height is None
 
     @property
