@@ -160,3 +160,10 @@ def test_of_two_fresh_vessels_that_cross_the_lower_one_is_not_seen_there(
     assert below.any()
     assert set(at.why[below]) == {Unseen.COVERED}
     assert at.seen[at.stroke == 1].all()
+
+
+def test_a_gap_of_the_lower_vessel_that_is_wider_than_the_crossing_is_asked_about() -> None:
+    """Bath shows on both sides, too little for a gap on either: it went on."""
+    found = _look(CROSS, 0.4, 0.4, 4.0, (4.0, 0.01), bare={0: (1.35, 2.75)})
+    assert [one.stroke for one in (*found.gaps, *found.unseen)] == [0]
+    assert _look(CROSS, 0.4, 0.4, 4.0, (4.0, 0.01)).unseen == ()
