@@ -10,6 +10,7 @@ where a picture fits by neither sign as it is, either counts.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -89,7 +90,11 @@ def better_turned(
     shrink = max(1.0, float(np.sqrt(picture[:, :, 0].size / _PIXELS)))
     maps = None
     if scan is not None and isinstance(frame, HeightFrame):
-        maps = TurnedMaps(*ScanByDepth.of(scan).smaller(shrink, frame), lines, rows)
+        by_depth = ScanByDepth.of(scan)
+        shaded = _shaded(lines, rows, frame, picture.shape[:2], px_per_mm)
+        by_depth = replace(by_depth, unmeasured=by_depth.unmeasured | shaded)
+        picture = np.where(shaded[:, :, None], np.float32(np.nan), picture)
+        maps = TurnedMaps(*by_depth.smaller(shrink, frame), lines, rows)
 
     def shown(turn: Callable[[FloatImage], FloatImage]) -> FloatImage:
         return turn(flat_ink) if maps is None else _shrunk(maps.of(turn), 1.0)
@@ -164,6 +169,17 @@ def _moved_words(off_px: FloatArray, frame: Frame, lines: ExpectedLines) -> str:
     axes = np.column_stack([one - origin for one in ends])
     x, y = np.round(np.linalg.solve(axes, off_px), 1) + 0.0  # no -0.0
     return f"moved by {x:+.1f} mm along x and {y:+.1f} mm along y"
+
+
+def _shaded(
+    lines: ExpectedLines, rows: BoolArray, frame: HeightFrame, shape: tuple[int, ...], scale: float
+) -> BoolArray:
+    """Pixels under lines between the scanner and those of ``rows``: dark by their shadow."""
+    sign = 1.0 if frame.from_above else -1.0
+    middle = sign * 0.5 * (lines.start[:, 2] + lines.end[:, 2])
+    over = ~rows & (middle > middle[lines.fresh].max())
+    ends = np.stack([frame.to_pixels(one[over]) for one in (lines.start, lines.end)], axis=1)
+    return drawn_lines((shape[0], shape[1]), ends, lines.width_mm[over] * scale) > 0
 
 
 def _at_its_height(lines: ExpectedLines) -> BoolArray:
