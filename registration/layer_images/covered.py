@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from registration.layer_images.gaps import stretches_of
 from registration.layer_images.ink_image import ACROSS, CORE
 from registration.layer_images.line_levels import lines_of
+from registration.layer_images.line_places import CLEARLY, OVER
 from registration.layer_images.presence import INK, averaged
 from registration.layer_images.told import Told
 from registration.layer_images.values import BoolArray, FloatArray, IntArray, Unseen
@@ -26,6 +27,10 @@ _MOST: Final = 0.3
 _ACROSS: Final = np.linspace(-0.5, 0.5, 9)
 """Of a width."""
 _WITHIN: Final = 0.5
+_OTHER_DEPTH: Final = 0.25
+"""Of a line's width: a column shown higher or lower by more doesn't show its middle."""
+_MOST_WRONG: Final = 0.15
+"""Of a line's width, that may be shown at another line's depth."""
 _LEAST: Final = 0.05
 """Of another line's level, that it adds where it touches a place."""
 _KNOWN: Final = 2.0
@@ -51,20 +56,29 @@ class Covers:
     places : (n,) bool
         Places over or under which the view shows another line, whose middle is higher or lower by
         more than its radius.
+        In a volume: places that a line nearer to the scanner shades, or that are shown at another
+        line's depth.
     one, other : (k,) int64
         All pairs of places of lines that the view shows over each other, whatever their height.
     apart : (k, u) float64
         How far the core of ``one``, as of `ACROSS`, lies from ``other``, in widths of that.
+    in_volume : bool
+        Whether the picture is one of a volume.
     """
 
     places: BoolArray
     one: IntArray
     other: IntArray
     apart: FloatArray
+    in_volume: bool = False
 
     @staticmethod
-    def of(ways: Ways, seen: Seen) -> Covers:
-        """Find them among the places ``ways``, which lie in the picture as ``seen`` says."""
+    def of(ways: Ways, seen: Seen, scanner: int = 0) -> Covers:
+        """Find them among the places ``ways``, which lie in the picture as ``seen`` says.
+
+        ``scanner`` is 1 for a picture of a volume (`filament_map`) scanned from above, -1 from
+        below, 0 for others.
+        """
         nothing = np.zeros(0, dtype=np.int64)
         height = ways.point[:, 2]
         if np.ptp(height) <= 0.5 * float(ways.width.min()):  # of one layer
@@ -72,28 +86,37 @@ class Covers:
             return Covers(np.zeros(len(ways), dtype=np.bool_), nothing, nothing, none)
         half = 0.5 * ways.width * np.linalg.norm(seen.across, axis=1)
         shown = np.flatnonzero(np.isfinite(seen.at).all(axis=1) & np.isfinite(half))
-        reach = 2.0 * float(half[shown].max(initial=0.0))
+        within = OVER if scanner else _WITHIN
+        reach = 2.0 * (0.5 + within) * float(half[shown].max(initial=0.0))
         pairs = cKDTree(seen.at[shown]).query_pairs(reach, output_type="ndarray")
         one, other = shown[pairs].reshape(-1, 2).T
         one, other = np.concatenate([one, other]), np.concatenate([other, one])
         another = ~_goes_on(ways, one, other)
         one, other = one[another], other[another]
-        hit = _apart(seen, half, one, other, _ACROSS) < _WITHIN
-        apart = np.abs(height[one] - height[other]) > 0.5 * ways.width[other]
+        hit = _apart(seen, half, one, other, _ACROSS) < within
+        above = height[other] - height[one]
+        apart = (scanner * above if scanner else np.abs(above)) > 0.5 * ways.width[other]
         across = np.zeros((len(ways), len(_ACROSS)), dtype=np.bool_)
         np.logical_or.at(across, one[apart], hit[apart])
         touching = hit.any(axis=1)
         one, other = one[touching], other[touching]
         core = _apart(seen, half, one, other, ACROSS[CORE])
-        return Covers(across.mean(axis=1) > _MOST, one, other, core)
+        places = across.mean(axis=1) > _MOST
+        if scanner:
+            places |= _at_others_depth(ways, seen, half, scanner)
+        return Covers(places, one, other, core, bool(scanner))
 
     def untold(
         self, told: Told | None, over_old: BoolArray, ways: Ways, gap_mm: float
     ) -> BoolArray:
         """Return the places that tell nothing of their own line, (n,).
 
-        Other lines' ink only adds: less than the line's own shows that it is missing. What is
-        clearly more than the other lines', which grow thin to their sides, shows that it is there.
+        In a volume none of `places` tells: the nearer line shades the other one, and columns taken
+        at another line's depth show bath or ink of there.
+
+        In a picture other lines' ink only adds: less than the line's own shows that it is missing.
+        What is clearly more than the other lines', which grow thin to their sides, shows that it is
+        there.
 
         Parameters
         ----------
@@ -105,7 +128,7 @@ class Covers:
         gap_mm : float, mm
             Tolerated.
         """
-        if told is None or told.noise is None or not self.places.any():
+        if self.in_volume or told is None or told.noise is None or not self.places.any():
             return self.places
         ink, line = INK * told.noise.middle, lines_of(ways)
         sure = ~self.places & ~over_old & (told.why == Unseen.SEEN) & (told.present > ink)
@@ -152,6 +175,24 @@ class Covers:
         own = profile[CORE]
         share = np.maximum(light @ own / float(own @ own), _LEAST)
         return np.asarray(np.bincount(key // count, most * share, len(level)), dtype=np.float64)
+
+
+def _at_others_depth(ways: Ways, seen: Seen, half: FloatArray, scanner: int) -> BoolArray:
+    """Places, (n,), of which a part is nearer to another line, of another height, in the view.
+
+    Over one that lies clearly below, a line is shown at its own depth (`line_places`).
+    """
+    out = np.zeros(len(ways), dtype=np.bool_)
+    shown = np.flatnonzero(np.isfinite(seen.at).all(axis=1) & np.isfinite(half))
+    way = seen.across[shown] / np.linalg.norm(seen.across[shown], axis=1, keepdims=True)
+    part = (2.0 * half[shown, None] * _ACROSS)[:, :, None]
+    near = shown[cKDTree(seen.at[shown]).query(seen.at[shown][:, None] + part * way[:, None])[1]]
+    own = np.broadcast_to(shown[:, None], near.shape)
+    above = scanner * (ways.point[own, 2] - ways.point[near, 2]) / ways.width[own]
+    off = (np.abs(above) > _OTHER_DEPTH) & (above < CLEARLY)
+    wrong = off & ~_goes_on(ways, own.ravel(), near.ravel()).reshape(near.shape)
+    out[shown] = wrong.mean(axis=1) > _MOST_WRONG
+    return out
 
 
 def _goes_on(ways: Ways, one: IntArray, other: IntArray) -> BoolArray:

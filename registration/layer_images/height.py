@@ -40,9 +40,12 @@ class HeightFrame:
     ----------
     matrix : (4, 4) float64
         Takes x, y, z, 1 (mm, printer) to column, row, depth (voxels), 1.
+    from_above : bool
+        Whether the scanner looks down on the print.
     """
 
     matrix: FloatArray
+    from_above: bool = True
 
     def to_voxels(self, points_mm: FloatArray) -> FloatArray:
         """Return column, row and depth (n, 3) of places (n, 3), mm."""
@@ -85,8 +88,9 @@ def height_map(
         When the slab lies outside the volume.
     """
     dz, dy, dx = scan.geometric_voxel_mm
-    frame = HeightFrame(np.diag([1 / dx, 1 / dy, 1 / dz, 1.0]) @ np.asarray(to_scan, dtype=float))
-    depth_per_mm = float(frame.matrix[2, 2])
+    matrix = np.diag([1 / dx, 1 / dy, 1 / dz, 1.0]) @ np.asarray(to_scan, dtype=float)
+    depth_per_mm = float(matrix[2, 2])
+    frame = HeightFrame(matrix, (depth_per_mm < 0) == scan.depth_down)
     if abs(depth_per_mm) < 1e-9:
         raise PictureError("the scan's depth doesn't run along the printer's z; check its frame")
     level = depth_of(frame, middle_z_mm, scan.volume.shape)

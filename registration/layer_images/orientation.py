@@ -10,6 +10,7 @@ where a picture fits by neither sign as it is, either counts.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -41,6 +42,11 @@ _FITS: Final = 0.5
 _BETTER: Final = 0.1
 _SIGN: Final = 0.25
 """Correlation as it is, from which on it says whether ink is bright or dark."""
+
+_DARK: Final = 3.0
+"""Times what a quarter of the picture is darker by: two standard deviations of a bath."""
+_NEARLY_ALL: Final = 90
+"""Percentile of a row or column."""
 
 _TURNS: Final[Mapping[str, Callable[[FloatImage], FloatImage]]] = {
     "turned by 180°": lambda image: image[::-1, ::-1],
@@ -84,7 +90,11 @@ def better_turned(
     shrink = max(1.0, float(np.sqrt(picture[:, :, 0].size / _PIXELS)))
     maps = None
     if scan is not None and isinstance(frame, HeightFrame):
-        maps = TurnedMaps(*ScanByDepth.of(scan).smaller(shrink, frame), lines, rows)
+        by_depth = ScanByDepth.of(scan)
+        shaded = _shaded(lines, rows, frame, picture.shape[:2], px_per_mm)
+        by_depth = replace(by_depth, unmeasured=by_depth.unmeasured | shaded)
+        picture = np.where(shaded[:, :, None], np.float32(np.nan), picture)
+        maps = TurnedMaps(*by_depth.smaller(shrink, frame), lines, rows)
 
     def shown(turn: Callable[[FloatImage], FloatImage]) -> FloatImage:
         return turn(flat_ink) if maps is None else _shrunk(maps.of(turn), 1.0)
@@ -99,17 +109,20 @@ def better_turned(
     as_it_is = here[sign][0]
     # Lines followed in depth fit by their own sign far better than by chance.
     signs = (sign,) if as_it_is > _SIGN and maps is None else (1, -1)
-    turns = {name: fit(shown(turn)) for name, turn in _TURNS.items()}
-    fits = {name: max(found[one][0] for one in signs) for name, found in turns.items()}
     flat = here if maps is None else fit(flat_ink)  # what lies far off shows at no one's depth
     own = tuple(one for one in signs if maps is None or flat[one][0] >= flat[-one][0])
+    fits = dict[str, float]()
+    for name, turn in _TURNS.items():
+        found, slab = fit(shown(turn)), here if maps is None else fit(turn(flat_ink))
+        each = [found[one][0] for one in signs]
+        fits[name] = max(each + [slab[one][0] for one in signs if maps is not None])
     moved = fit(flat_ink, round((_FAR_MM - _REACH_MM) * px_per_mm / shrink))
     far, off_px = max((moved[one] for one in own), key=lambda found: found[0])
     best = max(fits, key=lambda name: fits[name])
-    needed = max(_FITS, as_it_is + _BETTER)
     # Ink of bright rims fits in one slab far better than at its own depth.
     near = max(flat[one][0] for one in own)
-    if far > max(needed, near + _BETTER, fits[best] - _BETTER):
+    needed = max(_FITS, max(as_it_is, near) + _BETTER)
+    if far > max(needed, fits[best] - _BETTER):
         return _moved_words(off_px, frame, lines)
     if fits[best] > needed:
         return best
@@ -158,6 +171,17 @@ def _moved_words(off_px: FloatArray, frame: Frame, lines: ExpectedLines) -> str:
     return f"moved by {x:+.1f} mm along x and {y:+.1f} mm along y"
 
 
+def _shaded(
+    lines: ExpectedLines, rows: BoolArray, frame: HeightFrame, shape: tuple[int, ...], scale: float
+) -> BoolArray:
+    """Pixels under lines between the scanner and those of ``rows``: dark by their shadow."""
+    sign = 1.0 if frame.from_above else -1.0
+    middle = sign * 0.5 * (lines.start[:, 2] + lines.end[:, 2])
+    over = ~rows & (middle > middle[lines.fresh].max())
+    ends = np.stack([frame.to_pixels(one[over]) for one in (lines.start, lines.end)], axis=1)
+    return drawn_lines((shape[0], shape[1]), ends, lines.width_mm[over] * scale) > 0
+
+
 def _at_its_height(lines: ExpectedLines) -> BoolArray:
     """Fresh lines, and older ones that reach between their lowest and highest place, (n,)."""
     ends = np.stack([lines.start[:, 2], lines.end[:, 2]])
@@ -170,6 +194,15 @@ def _shrunk(image: FloatImage, by: float) -> FloatImage:
     """Image of fewer pixels, its darkest and brightest clipped; usual where nothing is known."""
     image = np.nan_to_num(image, nan=float(np.nanmedian(image)))
     size = (max(1, round(image.shape[1] / by)), max(1, round(image.shape[0] / by)))
-    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    small = _without_dead_lines(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
     low, high = np.percentile(small, [1, 99])
     return np.asarray(np.clip(small, low, high), dtype=np.float32)
+
+
+def _without_dead_lines(image: FloatImage) -> FloatImage:
+    """Image in which rows and columns that are dark from end to end show what is usual."""
+    out, usual = image.copy(), float(np.median(image))
+    dark = usual - _DARK * (usual - float(np.percentile(image, 25)))
+    out[:, np.percentile(image, _NEARLY_ALL, axis=0) < dark] = usual
+    out[np.percentile(image, _NEARLY_ALL, axis=1) < dark] = usual
+    return out

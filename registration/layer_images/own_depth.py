@@ -24,15 +24,26 @@ from registration.layer_images.height import (
     slab_mean,
     speckle_less,
 )
+from registration.layer_images.line_places import LinePlaces
 from registration.layer_images.unmeasured import unmeasured_scans
-from registration.layer_images.values import BoolArray, ExpectedLines, FloatArray, FloatImage
+from registration.layer_images.values import (
+    BoolArray,
+    ExpectedLines,
+    FloatArray,
+    FloatImage,
+    IntArray,
+)
 from registration.scan import Scan
 
-_STEP_MM: Final = 0.05
 _LEAST_HALF: Final = 1.0
 """Voxels of depth to either side."""
 _HEIGHT: Final = 0.7
 """Of a round filament's width, over which it is averaged: beyond, its sides are bath."""
+_MORE: Final = 1.6
+"""Times that, for ink that shows by its rim: upper and lower one are among it."""
+HEIGHTS: Final = (_HEIGHT, _HEIGHT * _MORE)
+_BETTER: Final = 1.5
+"""Times as much as it must stand out then: an average over more has less noise."""
 _LEAST_FLOOR: Final = 0.05
 """Of what the bath sends back, below which nothing is told apart."""
 _BRIGHT: Final = 4.0
@@ -78,17 +89,19 @@ class ScanByDepth:
         return ScanByDepth(np.stack(planes), np.asarray(share > 0.5)), HeightFrame(matrix)
 
     def depths(
-        self, frame: HeightFrame, place: FloatArray, width: FloatArray, shape: tuple[int, ...]
+        self, frame: HeightFrame, places: LinePlaces, shape: tuple[int, ...]
     ) -> tuple[FloatArray, FloatArray]:
         """Return depths of filaments, and half of the heights to average over, (rows, columns).
 
-        In voxels, of the filament place (n, 3), mm, next to each column of a picture of ``shape``.
+        In voxels, of the filament next to each column of a picture of ``shape``; where one lies
+        clearly over another, of the one nearer to the scanner, which shades the other.
         """
         column, row = np.meshgrid(*(np.arange(count) for count in shape[::-1]))
-        at = np.column_stack([column.ravel(), row.ravel()])
-        near = cKDTree(frame.to_pixels(place)).query(at)[1].reshape(column.shape)
-        level = depth_of(frame, place[near, 2], (len(self.planes), *shape))
-        half = 0.5 * _HEIGHT * width[near] * abs(float(frame.matrix[2, 2]))
+        pixel = frame.to_pixels(places.at)
+        near = cKDTree(pixel).query(np.column_stack([column.ravel(), row.ravel()]))[1]
+        near = places.upper(near.reshape(column.shape), pixel, frame)
+        level = depth_of(frame, places.at[near, 2], (len(self.planes), *shape))
+        half = 0.5 * _HEIGHT * places.width[near] * abs(float(frame.matrix[2, 2]))
         return level, np.maximum(half, _LEAST_HALF)
 
     def along(
@@ -126,8 +139,8 @@ class TurnedMaps:
         """Return the logarithm at each filament's own depth, (rows, columns)."""
         shape = turn(self.by_depth.unmeasured).shape
         if shape not in self._depths:
-            place, width = _places(self.lines, self.use)
-            self._depths[shape] = self.by_depth.depths(self.frame, place, width, shape)
+            places = LinePlaces.of(self.lines, self.use)
+            self._depths[shape] = self.by_depth.depths(self.frame, places, shape)
         return np.asarray(
             np.log(self.by_depth.along(*self._depths[shape], turn) + np.float32(FLOOR))
         )
@@ -144,13 +157,36 @@ def filament_map(scan: Scan, frame: HeightFrame, lines: ExpectedLines) -> FloatI
     lines : ExpectedLines
         Those written last (``fresh``) are followed.
     """
-    place, width = _places(lines, lines.fresh)
+    places = LinePlaces.of(lines, lines.fresh)
     by_depth = ScanByDepth.of(scan)
-    level, half = by_depth.depths(frame, place, width, by_depth.unmeasured.shape)
-    slab = by_depth.along(level, half)
-    floor = np.float32(FLOOR) * _ink_level(slab, level, frame.to_pixels(place))
+    level, half = by_depth.depths(frame, places, by_depth.unmeasured.shape)
+    at = frame.to_pixels(places.at)
+    inner, whole = (_logarithm(by_depth.along(level, k * half), level, at) for k in (1.0, _MORE))
+    shown = [_stands_out(one, at) for one in (inner, whole)]
+    return (whole if shown[1] > _BETTER * shown[0] else inner)[:, :, None]
+
+
+def _logarithm(slab: FloatImage, level: FloatArray, at: FloatArray) -> FloatImage:
+    floor = np.float32(FLOOR) * _ink_level(slab, level, at)
     floor = np.maximum(floor, np.float32(_LEAST_FLOOR))
-    return np.log((slab + floor) / (1 + floor))[:, :, None]
+    return np.asarray(np.log((slab + floor) / (1 + floor)))
+
+
+def _stands_out(image: FloatImage, at: FloatArray) -> float:
+    """By how much filaments' middles ``at`` (n, 2) px differ from all, over the scatter of all."""
+    usual = float(np.nanmedian(image))
+    spread = float(np.nanmedian(np.abs(image - usual)))
+    row, column = _inside(at, image.shape)
+    shown = np.abs(image[row, column] - usual)
+    known = np.isfinite(shown)
+    return float(np.median(shown[known])) / max(spread, 1e-9) if known.any() else 0.0
+
+
+def _inside(at: FloatArray, shape: tuple[int, ...]) -> tuple[IntArray, IntArray]:
+    """Rows and columns of places (n, 2) px within a picture."""
+    column, row = np.rint(at).astype(np.int64).T
+    inside = (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
+    return row[inside], column[inside]
 
 
 def _ink_level(slab: FloatImage, level: FloatArray, at: FloatArray) -> FloatImage:
@@ -158,9 +194,7 @@ def _ink_level(slab: FloatImage, level: FloatArray, at: FloatArray) -> FloatImag
 
     A logarithm without a floor makes the blurred rim of such ink as wide as the ink itself.
     """
-    column, row = np.rint(at).astype(np.int64).T
-    inside = (row >= 0) & (row < slab.shape[0]) & (column >= 0) & (column < slab.shape[1])
-    row, column = row[inside], column[inside]
+    row, column = _inside(at, slab.shape)
     bright = slab[row, column] > _BRIGHT
     row, column = row[bright], column[bright]
     if len(row) < _FEWEST:
@@ -171,14 +205,3 @@ def _ink_level(slab: FloatImage, level: FloatArray, at: FloatArray) -> FloatImag
     slope, begin = (fade.slope, fade.intercept) if fade else (0.0, float(np.median(ink)))
     known = np.clip(level, depth.min(), depth.max())
     return np.exp(begin + slope * known).astype(np.float32)
-
-
-def _places(lines: ExpectedLines, use: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Places (n, 3) along lines ``use``, mm, and their widths, (n,)."""
-    rows = np.flatnonzero(use)
-    length = np.linalg.norm((lines.end - lines.start)[rows], axis=1)
-    count = np.maximum(2, np.ceil(length / _STEP_MM).astype(np.int64) + 1)
-    own = np.repeat(rows, count)
-    number = np.arange(len(own)) - np.repeat(np.cumsum(count) - count, count)
-    share = (number / np.repeat(count - 1, count))[:, None]
-    return lines.start[own] * (1 - share) + lines.end[own] * share, lines.width_mm[own]

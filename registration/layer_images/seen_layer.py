@@ -12,6 +12,7 @@ import numpy as np
 from registration.layer_images.between_older import infer_missing, is_contradicted
 from registration.layer_images.changed import Places, change_of_level, tell_by_change
 from registration.layer_images.covered import Covers
+from registration.layer_images.height import HeightFrame
 from registration.layer_images.ink_image import ACROSS, smoothed
 from registration.layer_images.light import flattened
 from registration.layer_images.options import SeeingOptions
@@ -128,7 +129,7 @@ def seen_at_shift(
     )  # fmt: skip
     older = seen.profiles(masks.old, ways.width[:, None] * np.linspace(-0.5, 0.5, 9), nearest=True)
     over_old = np.asarray(older.mean(axis=1) > _MOST_OLD)
-    covers = Covers.of(moved, seen)
+    covers = Covers.of(moved, seen, _scanner(work, frame))
     alone = ~over_old & ~covers.places
     bath, for_widths = _over_bath(ground, ways, seen, sides, alone, light, rng)
     # A gap in a solid layer lies in the shadow of the lines beside it, as a profiler sees it: what
@@ -172,6 +173,13 @@ def seen_at_shift(
         work, frame, ways, moved, seen, flat, masks, sides, over_old, inferred, bath, old, *joined,
         group, widths, by_height, by_change, older_step, thickness_mm,
     )  # fmt: skip
+
+
+def _scanner(work: Working, frame: WorkingFrame) -> int:
+    """Side from which a volume is scanned, as of `Covers.of`; 0 for other pictures."""
+    if not work.is_scatter or not isinstance(frame.frame, HeightFrame):
+        return 0
+    return 1 if frame.frame.from_above else -1
 
 
 def _over_bath(

@@ -8,6 +8,7 @@ import numpy as np
 
 from registration.layer_images.ink_image import ACROSS
 from registration.layer_images.presence import INK, Sides
+from registration.layer_images.rim_widths import has_rim
 from registration.layer_images.told import Told
 from registration.layer_images.values import (
     BoolArray,
@@ -140,7 +141,9 @@ def station_widths(
     # Where neighbours leave too little bath for a level of its own, that of all bath counts.
     left, right = np.nan_to_num(left), np.nan_to_num(right)
     tilt = 0.5 * (left + right)[:, None] + 0.5 * (left - right)[:, None] * np.clip(ACROSS, -1, 1)
-    level = _linear(np.where(tell[:, None], mean - tilt, 0.0), bath.log_step).astype(np.float32)
+    rimmed = work.is_scatter and has_rim(bath.template)  # no OCT sharpens its edges
+    log_step = bath.scatter_step if rimmed else bath.log_step
+    level = _linear(np.where(tell[:, None], mean - tilt, 0.0), log_step).astype(np.float32)
     return measure_widths(
         level,
         ways.width[group.first],
@@ -151,6 +154,7 @@ def station_widths(
         _noise(level, tell, sides, group),
         work.is_log,
         work.flanks_lost,
+        rimmed,
     )
 
 

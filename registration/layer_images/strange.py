@@ -28,6 +28,7 @@ def strangeness(
     ink: FloatArray,
     is_log: bool,
     among_inks: FloatArray | None = None,
+    rim: FloatArray | None = None,
 ) -> FloatImage:
     """Deviations of the smoothed channels (h, w, c) from bath, ink and all between, (h, w).
 
@@ -44,13 +45,16 @@ def strangeness(
         Whether channels are logarithms.
     among_inks : (c, c) float64 or None
         Covariance of the ink of strokes that differ.
+    rim : (c,) float64 or None
+        What ink's edges show over the bath, where that isn't between bath and ink.
     """
     count = smooth.shape[2]
     covariance = bath.covariance + 1e-4 * np.diag(ink**2) + 1e-12 * np.eye(count)
     covariance = covariance if among_inks is None else covariance + among_inks
     root = np.linalg.cholesky(np.linalg.inv(covariance)).astype(np.float32)
+    begin = np.zeros(count) if rim is None else rim
     whitened = (smooth - bath.mean.astype(np.float32)) @ root
-    stretches = [np.array([np.zeros(count), _MOST_INK * ink @ root])]
+    stretches = [np.array([_MOST_INK * begin @ root, _MOST_INK * ink @ root])]
     if is_log:
         edge = np.log1p(np.outer(_OF_EDGE, np.expm1(ink))) @ root
         stretches += [edge[k : k + 2] for k in range(len(edge) - 1)]

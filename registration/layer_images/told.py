@@ -30,6 +30,7 @@ from registration.layer_images.presence import (
     window_noise,
     without_lows,
 )
+from registration.layer_images.rim_widths import rim_presence, rim_share, shows_rim
 from registration.layer_images.short_lines import SHORT, short_noise
 from registration.layer_images.strange import grown, strange_places, strangeness, unlike_bath
 from registration.layer_images.values import (
@@ -128,6 +129,11 @@ class Told:
     strength: FloatArray
     shaded: bool = False
 
+    @property
+    def scatter_step(self) -> float:
+        """The same as ``log_step`` of a picture that is a logarithm itself, of one channel."""
+        return float(np.clip(self.template.scale / self.appearance.mix[0], -3.0, 3.0))
+
 
 @dataclass(frozen=True)
 class Ground:
@@ -197,10 +203,14 @@ def _by_mix(
     mixed = np.asarray(ground.flat @ mix.astype(np.float32) - np.float32(bath.mean @ mix))
     width_px = float(np.median(ways.width)) * ground.work.px_per_mm
     among = among_lines(ground.smooth, ways, seen, use) if ways.varied else None
-    away = strangeness(ground.smooth, bath, ink, ground.work.is_log, among)
+    profiles, angle = seen.profiles(mixed, ways.width[:, None] * ACROSS), angle_of(seen)
+    rim = None
+    if ground.work.is_scatter:
+        first = learn_template(profiles[use], sides.usable()[use], angle[use])
+        rim = -rim_share(first) * ink
+    away = strangeness(ground.smooth, bath, ink, ground.work.is_log, among, rim)
     strange = strange_in(ground, away, width_px, bool(ink.sum() > 0))
-    profiles = seen.profiles(mixed, ways.width[:, None] * ACROSS)
-    why, angle = reasons(ground.work, seen, ways, strange), angle_of(seen)
+    why = reasons(ground.work, seen, ways, strange)
     learn = _alone(ways, use & (why == Unseen.SEEN))
     if learn.sum() < _FEWEST and known is None:
         return None
@@ -224,6 +234,11 @@ def _by_mix(
     if fakes is not None:
         own, _ = template.weights(fakes[1], noise_across)
         fake_present = (fakes[0] * own).sum(axis=1).astype(np.float64)
+    if ground.work.is_scatter and shows_rim(template):
+        rims = rim_presence(profiles, template)
+        present, plain = np.maximum(present, rims), np.maximum(plain, rims)
+        if fakes is not None and fake_present is not None:
+            fake_present = np.maximum(fake_present, rim_presence(fakes[0], template))
     least, level = 1.0, np.ones(len(ways))
     if ways.varied:
         level = line_levels(plain, ways, use & (why == Unseen.SEEN), fake_present)

@@ -40,8 +40,8 @@ def unseen_ways(
     Of vessels shorter than twice that half counts. They have the form of gaps, with p-values of 1.
     Ink that is too faint for a tolerated gap, but not for one of that length, isn't told of here,
     nor is what plainly shows older filaments' ink. Shorter ones count where ink doesn't show, and
-    only what lies around keeps them from being gaps, and where a glint or another thing hides what
-    lies beside a found gap.
+    only what lies around keeps them from being gaps, where a glint or another thing hides what
+    lies beside a found gap, and where a volume shows bath before and behind them.
 
     Parameters
     ----------
@@ -70,6 +70,7 @@ def unseen_ways(
         if between and _length(ways, first, last) < _SEEN_MM:
             told[first : last + 1] = False
     out = []
+    bare = (look.present < INK) & ~inside(gaps, ways)
     low = ((why == Unseen.UNCLEAR) & ~(look.present > INK)) | doubtful
     for first, last in stretches_of(~told, ways.run):
         own = slice(first, last + 1)
@@ -77,11 +78,24 @@ def unseen_ways(
         lacking_mm = float(ways.step[own][lacking[own] & ~(look.present[own] > INK)].sum())
         hides = np.isin(why[own], _HIDING)
         beside_mm = float(ways.step[own][hides].sum()) * _is_beside(ways, first, last, gaps)
+        bare_first, bare_last = _with_bare_sides(bare, ways, first, last)
+        if look.work.is_scatter and bare_first < first and last < bare_last:
+            first, last, lacking_mm = bare_first, bare_last, np.inf  # a gap runs below another line
         doubt = max(low_mm, beside_mm) > _DOUBTED * gap_mm or lacking_mm > _LACKING * gap_mm
         if _length(ways, first, last) > most[first] or doubt:
             (begin, start), (end, stop) = _edge(ways, first, -0.5), _edge(ways, last, 0.5)
             out.append(Gap(int(ways.stroke[first]), begin, end, start, stop, 0.0, 1.0))
     return tuple(out)
+
+
+def _with_bare_sides(bare: BoolArray, ways: Ways, first: int, last: int) -> tuple[int, int]:
+    """First and last place of a stretch with the bare ones before and behind it."""
+    run = ways.run
+    while first > 0 and run[first - 1] == run[first] and bare[first - 1]:
+        first -= 1
+    while last < len(run) - 1 and run[last + 1] == run[last] and bare[last + 1]:
+        last += 1
+    return first, last
 
 
 def _is_beside(ways: Ways, first: int, last: int, gaps: list[Gap]) -> bool:

@@ -14,6 +14,8 @@ from typing import Final
 import numpy as np
 
 from registration.layer_images.ink_image import ACROSS, WITHIN, Template
+from registration.layer_images.own_depth import HEIGHTS
+from registration.layer_images.rim_widths import MOST_MISFIT, fit_rim, rim_edges
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage, IntArray
 from registration.microscope.ink_absorption import Shade, fit_shade
 
@@ -29,6 +31,12 @@ _THIN, _THIN_INK = 0.08, 0.5
 """Relative doubt of ink so thin (μ d below the second) that its rims may look like bath."""
 _SLANTED = 0.06
 """Of the slant: light from the side moves edges."""
+_OFF_MIDDLE: Final = np.linspace(-0.25, 0.25, 41)
+"""Expected widths, by which a line may lie beside its expected middle."""
+_OF_RIMS: Final = 0.03
+"""Relative doubt of widths from rim to rim, beyond what the fit says."""
+_LEAST_BLUR: Final = 0.5
+"""Pixels: standard deviation of the least blur."""
 _MISFIT = 0.1
 """Of a profile's height: one that fits worse isn't a line's, and its widths aren't told."""
 
@@ -74,6 +82,7 @@ def measure_widths(
     noise: float,
     is_light: bool,
     flanks_lost: bool = False,
+    rimmed: bool = False,
 ) -> Widths:
     """Measure widths where they can be told.
 
@@ -94,19 +103,26 @@ def measure_widths(
         Whether the picture is one of light, and not a map of heights.
     flanks_lost : bool
         Whether what measured it loses points on steep flanks.
+    rimmed : bool
+        Whether they are an OCT's, of ink that shows by its rim (`rim_widths.has_rim`).
     """
     count = len(profiles)
     nothing = np.full(count, np.nan)
     if tell.sum() < _FEWEST:
         return Widths(nothing, nothing, nothing, 0.0, 0.0)
-    left, right, slope = _edges(profiles, template)
+    left, right, slope = _rims(profiles, tell) if rimmed else _edges(profiles, template)
     wide = (left + right) * expected_mm
     good = tell & np.isfinite(wide)
     if good.sum() < _FEWEST:
         return Widths(nothing, nothing, nothing, 0.0, 0.0)
-    width, common, common_mm, shade = _true_widths(
-        profiles, expected_mm, wide, good, template, px_mm, is_light, flanks_lost
-    )
+    if rimmed:
+        told = profiles[good], expected_mm[good], wide[good]
+        ratio, common = _from_rim_to_rim(*told, px_mm)
+        width, common_mm, shade = wide * ratio, 0.0, None
+    else:
+        width, common, common_mm, shade = _true_widths(
+            profiles, expected_mm, wide, good, template, px_mm, is_light, flanks_lost
+        )
     if not np.isfinite(width[good]).any():
         return Widths(nothing, nothing, nothing, 0.0, 0.0)
     by_noise = np.sqrt(2.0) * noise / np.maximum(slope, 0.3) * expected_mm
@@ -116,6 +132,31 @@ def measure_widths(
     keep = np.where(good, 1.0, np.nan)
     offset = 0.5 * (left - right) * expected_mm
     return Widths(width * keep, random * keep, offset * keep, common, common_mm, shade)
+
+
+def _rims(profiles: FloatImage, tell: BoolArray) -> tuple[FloatArray, ...]:
+    return rim_edges(profiles, _even(profiles[tell]))
+
+
+def _even(profiles: FloatImage) -> FloatArray:
+    """Median profile about its own middle, the same to both sides."""
+    mean = np.median(profiles, axis=0).astype(np.float64)
+    each = [np.interp(ACROSS + by, ACROSS, mean) for by in _OFF_MIDDLE]
+    best = max(each, key=lambda one: float(one @ one[::-1]))
+    return np.asarray(0.5 * (best + best[::-1]))
+
+
+def _from_rim_to_rim(
+    profiles: FloatImage, expected_mm: FloatArray, wide_mm: FloatArray, px_mm: float
+) -> tuple[float, float]:
+    """True width over that at half of the rims' height, and its relative uncertainty; NaN."""
+    typical = _middle_value(expected_mm)
+    alike = np.abs(expected_mm - typical) < 0.15 * typical
+    rim = fit_rim(_even(profiles[alike]), _LEAST_BLUR * px_mm / typical, HEIGHTS)
+    if rim.misfit > MOST_MISFIT:
+        return math.nan, 0.0
+    wide = float(np.median(wide_mm[alike] / expected_mm[alike]))
+    return rim.diameter / wide, float(np.hypot(_OF_RIMS, rim.u_diameter / rim.diameter))
 
 
 def _edges(profiles: FloatImage, template: Template) -> tuple[FloatArray, ...]:

@@ -85,6 +85,11 @@ class Working:
     flanks_lost: bool = False
 
     @property
+    def is_scatter(self) -> bool:
+        """Whether it shows what a volume's filaments scatter, in logarithms (`filament_map`)."""
+        return not self.is_log and self.height is None
+
+    @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
         return self.channels.shape[0], self.channels.shape[1]
