@@ -243,6 +243,12 @@ def _gap(
     return Gap(int(ways.stroke[first]), begin, end, places[0], places[1], u, p_value)
 
 
+def stretch_gap(ways: Ways, first: int, last: int) -> Gap:
+    """Places from ``first`` to ``last`` as a stretch, of which no chance is known."""
+    begin, end = (float(ways.along[k] + by * ways.step[k]) for k, by in ((first, -0.5), (last, 0.5)))
+    return _gap(ways, first, last, begin, end, float(ways.step[first]), 1.0)
+
+
 def merged(gaps: list[Gap], ways: Ways) -> tuple[Gap, ...]:
     """Gaps in order, those of one stroke that are nearer than half a width as one."""
     out: list[Gap] = []

@@ -30,6 +30,7 @@ from registration.layer_images.step_height import stepped
 from registration.layer_images.stretches import find_stretches, width_ratio
 from registration.layer_images.sure_ink import unsure_places
 from registration.layer_images.told import ASIDE, Told
+from registration.layer_images.told_by_all import told_by_all
 from registration.layer_images.unseen_ways import unseen_ways
 from registration.layer_images.values import (
     Blob,
@@ -178,6 +179,7 @@ def findings_of(
     way = ways.step
     seen_mm = float(way[good].sum())
     covered = float((np.clip(look.present[good], 0.0, 1.0) * way[good]).sum())
+    step, limit = (math.nan, math.nan) if look.change is None else look.change.over(look.over_old)
     return LayerFindings(
         stations=stations,
         gaps=_placed(merged(gaps, ways), look, shift, good),
@@ -202,7 +204,9 @@ def findings_of(
         by_height_share=float(way[_by_height(look, good)].sum()) / float(way.sum()),
         waver=_waver(look, good),
         older_mm=float(way[look.over_old].sum()),
-        older_step=look.older_step,
+        older_step=step,
+        older_limit=limit,
+        told=told_by_all(look, good, faint),
     )
 
 
@@ -267,10 +271,13 @@ def _gaps(
                 unclear |= doubtful
                 vague |= doubtful
             elif look.by_change and told is look.old:
-                for judge in (unchanged, stepped):
-                    gaps, doubtful = judge(gaps, look.present, clear, look.ways)
-                    unclear |= doubtful
-                    vague |= doubtful
+                assert look.change is not None
+                gaps, doubtful = unchanged(
+                    gaps, look.present, clear, look.ways, look.change.share
+                )
+                gaps, more = stepped(gaps, look.present, clear, look.ways)
+                unclear |= doubtful | more
+                vague |= doubtful | more
             else:
                 shown = ~look.inferred
                 gaps = [

@@ -328,6 +328,32 @@ class Appearance:
 
 
 @dataclass(frozen=True)
+class ToldOfInk:
+    """What all measures together tell of whether ink came, in the order of writing.
+
+    Attributes
+    ----------
+    came_mm : float, mm
+        Way that isn't seen, along which the picture changed as ink changes it.
+    ink_mm : float, mm
+        Way on which ink surely lies by any of them.
+    head_mm : float, mm
+        Way in front of the first such place.
+    still : tuple of Gap
+        Stretches that aren't seen and didn't change, though others like them did.
+    untold, tail : tuple of Gap
+        What nothing tells of; and of that, with gaps, what lies behind the last place with ink.
+    """
+
+    came_mm: float = 0.0
+    ink_mm: float = 0.0
+    head_mm: float = 0.0
+    still: tuple[Gap, ...] = ()
+    untold: tuple[Gap, ...] = ()
+    tail: tuple[Gap, ...] = ()
+
+
+@dataclass(frozen=True)
 class LayerFindings:
     """What a look at a layer told.
 
@@ -368,8 +394,10 @@ class LayerFindings:
     least_gap_mm, by_height_share, waver : float
         Of a profiler's map: shortest gap that surely shows, mm; share of the way seen over older
         ink, where no widths are told; standard deviation of ink's height there, thicknesses.
-    older_mm, older_step : float
-        Way over older ink, mm, and by what logarithm it changed since the picture before, or NaN.
+    older_mm, older_step, older_limit : float
+        Way over older ink, mm; by what logarithm it changed since the picture before, and by what
+        it may without ink; or NaN.
+    told : ToldOfInk
     """
 
     stations: Stations
@@ -397,3 +425,5 @@ class LayerFindings:
     waver: float = math.nan
     older_mm: float = 0.0
     older_step: float = math.nan
+    older_limit: float = math.nan
+    told: ToldOfInk = ToldOfInk()

@@ -32,7 +32,7 @@ from enum import StrEnum
 from typing import Final, Literal
 
 from printctl.observe.deciding.doubts import cause_of_turn, doubts, unconfirmed_words
-from printctl.observe.deciding.evidence import SURE, Evidence, LayersSeen
+from printctl.observe.deciding.evidence import SURE, Evidence, LayersSeen, where
 from printctl.observe.deciding.flow_control import FlowControl, FlowLimits
 from printctl.observe.deciding.gap_test import GapTest, confirmed_gaps
 from printctl.observe.deciding.ink_supply import SupplyState
@@ -53,6 +53,12 @@ _ANY: Final = 0.005
 """Of the way, less than which is nothing."""
 _CLOG_MM: Final = 2.0
 """Of one gap, from which on ink had stopped coming; short lines lack a plunger's step."""
+
+
+_STILL_MM: Final = 2.0
+"""Stretch that didn't change, from which on it is asked about."""
+_NAMED: Final = 3
+"""Stretches that are told by their places."""
 
 
 class DecisionKind(StrEnum):
@@ -170,6 +176,8 @@ class Decider:
             self._gaps,
             self._bare,
             self._none_yet,
+            self._none_any_more,
+            self._still,
             self._flow,
             self._hidden,
             self._blind,
@@ -191,7 +199,7 @@ class Decider:
             seen = f"{many} stretches beyond {self.limits.width_percent:g} % of width, told alone"
         seen += self._rest(evidence) if any_seen and not hardly else evidence.hidden_words
         told = f"; {evidence.over_old_share:.0%} lies over older ink and can't be told from it"
-        seen += told * (evidence.over_old_share >= 0.01)
+        seen += told * (evidence.over_old_share >= 0.01) + evidence.came_words
         return Decision(DecisionKind.GO_ON, seen + unconfirmed_words(evidence, self.limits.gap))
 
     def _rest(self, evidence: Evidence) -> str:
@@ -259,12 +267,15 @@ class Decider:
             return None
         empty = supply.state is SupplyState.EMPTY
         cause = "the syringe is empty" if empty else "the needle is clogged"
-        gaps = self._believed(evidence)
+        gaps, untold = self._believed(evidence), self.layers.untold()
         then = (
             "what is missing is mended after the cause"
             if gaps
             else "which stretches are missing isn't sure yet, and nothing is mended by this look"
         )
+        if gaps and untold:
+            then += f", with what the look before left untold{where(untold)}"
+            gaps = (*untold, *gaps)
         why = f"no ink for the last {supply.since_ul or 0:.3g} µL: {cause}; {then}"
         return Decision(DecisionKind.PAUSE, why, gaps, ask=DecisionKind.MEND if gaps else None)
 
@@ -334,9 +345,39 @@ class Decider:
         return confirmed_gaps(evidence.gaps, evidence.places, evidence.second, self.limits.gap)
 
     def _none_yet(self, _: Evidence) -> Decision | None:
-        """Say once that no ink was seen so far, or that none comes any more over older ink."""
-        why = self.layers.none_yet() or self.layers.none_any_more()
+        """Say once that no ink was seen so far."""
+        why = self.layers.none_yet()
         return Decision(DecisionKind.PAUSE, why) if why else None
+
+    def _none_any_more(self, _: Evidence) -> Decision | None:
+        """Ask once about what didn't change though ink should lie there."""
+        why, gaps = self.layers.none_any_more()
+        return self._asked(why, gaps) if why else None
+
+    def _still(self, evidence: Evidence) -> Decision | None:
+        """Ask about stretches that didn't change though others of the look did."""
+        still = () if evidence.told is None else evidence.told.still
+        gaps = tuple(one for one in still if one.length_mm >= _STILL_MM)
+        if not gaps:
+            return None
+        way = math.fsum(one.length_mm for one in gaps)
+        places = ",".join(where([one]) for one in gaps[:_NAMED])
+        places += f" and {len(gaps) - _NAMED} more" * (len(gaps) > _NAMED)
+        begun = gaps[0].stroke == still[0].stroke and evidence.told is not None
+        untold = self.layers.untold() if begun else ()
+        before = f", and the look before told nothing of{where(untold)}" if untold else ""
+        return self._asked(
+            f"nothing has changed along {way:.1f} mm over older ink{places}, though it did along "
+            f"the rest{before}: a clog, or ink that didn't stick",
+            (*untold, *gaps),
+        )
+
+    def _asked(self, why: str, gaps: tuple[Gap, ...]) -> Decision:
+        """Ask whether stretches are to be written again."""
+        if not gaps:
+            return Decision(DecisionKind.PAUSE, f"{why}; nothing is mended by this look")
+        then = "approve writes them again once its cause is seen to, go on leaves them"
+        return Decision(DecisionKind.PAUSE, f"{why}; {then}", gaps, ask=DecisionKind.MEND)
 
     def _flow(self, evidence: Evidence) -> Decision | None:
         control = self.control
@@ -366,7 +407,7 @@ class Decider:
 
     def _hidden(self, evidence: Evidence) -> Decision | None:
         """Say once, where ink has failed before, that from here on nothing tells of it."""
-        if evidence.level_mm is None or not (self.layers.failed and self.layers.hidden):
+        if evidence.level_mm is None or not (self.layers.failed and self.layers.untellable):
             return None
         self.layers.failed = False
         return Decision(
@@ -377,6 +418,8 @@ class Decider:
         )
 
     def _blind(self, evidence: Evidence) -> Decision | None:
+        if why := self.layers.blind() if evidence.level_mm is not None else "":
+            return Decision(DecisionKind.PAUSE, why)
         unseen = self.layers.unseen
         if unseen < self.limits.unseen_looks:
             return None

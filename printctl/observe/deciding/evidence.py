@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Final
 
 from printctl.observe.deciding.flow_control import FlowBlocks
 from printctl.observe.deciding.ink_supply import InkSupply
 from printctl.observe.deciding.thin import Thin
-from registration.layer_images.values import Gap
+from registration.layer_images.values import Gap, ToldOfInk
 
 SURE: Final = 3.29
 """Standard uncertainties beyond the tolerance: one in 2,000 by chance, one-sided."""
@@ -26,8 +27,16 @@ _FIRST_MM: Final = 5.0
 older ink's level."""
 _SOME_MM: Final = 1.0
 """Way over older ink, less than which tells nothing of how ink shows there."""
-_SHOWN_STEP: Final = 0.025
-"""Logarithm by which fresh ink surely changes older ink's level; light and drying do by less."""
+_GROUNDS: Final = 3.0
+"""Times what the ground's own change reaches: less may be no ink."""
+_DRYING: Final = 0.01
+"""And what older ink may change by in drying, otherwise than the ground (0.008 was seen)."""
+_SURELY: Final = 20.0
+"""Times the ground's own change: so much shows ink though nothing of it is seen."""
+_BLIND_MM: Final = 20.0
+"""Way of lines in a row of which nothing is told, after which the operator is."""
+_JOINED_MM: Final = 1.0
+"""Way without ink at a look's begin that joins it to what the looks before left untold."""
 _UNCHANGED: Final = 0.1
 """Of what fresh ink changed last: less, and nothing has come. Each layer shows as much of what the
 one before did as ink lets light through; inks of which that is less are opaque by the third."""
@@ -140,8 +149,11 @@ class Evidence:
         Of the way, seen over older ink, where heights tell gaps and no widths.
     waver : float
         Standard deviation of ink's height there, in thicknesses of the layer.
-    older_mm, older_step : float
-        Way over older ink, mm, and by what logarithm it changed since the picture before, or NaN.
+    older_mm, older_step, older_limit : float
+        Way over older ink, mm; by what logarithm it changed since the picture before, and by what
+        it may without ink; or NaN.
+    told : ToldOfInk or None
+        What all measures together tell of whether ink came; None for mends alone.
     """
 
     places: int
@@ -198,6 +210,16 @@ class Evidence:
 
     older_mm: float = 0.0
     older_step: float = math.nan
+    older_limit: float = 0.01
+    told: ToldOfInk | None = None
+
+    @property
+    def came_words(self) -> str:
+        """Where the picture changed as fresh ink changes it, though no gaps are told there."""
+        came_mm = 0.0 if self.told is None else self.told.came_mm
+        if came_mm < _SOME_MM:
+            return ""
+        return f"; along {came_mm:.1f} mm the picture changed as by fresh ink: gaps aren't told"
 
     @property
     def hidden_words(self) -> str:
@@ -219,16 +241,24 @@ class LayersSeen:
     before : int
         Without the one in hand.
     level_mm : float or None, mm
-    way_mm, visible_mm, seen_mm : float, mm
-        Of the layer in hand: written; what a clean view can show of it; seen.
+    way_mm, visible_mm, seen_mm, came_mm : float, mm
+        Of the layer in hand: written; what a clean view can show of it; seen; changed as by ink.
     first_mm : float or None, mm
         Way written in layers while no ink was seen at all; None once some was, or that was told.
     failed : bool
         Whether ink stopped coming for a while, and nobody was told since that layers are hidden.
     older_step : float
-        Logarithm by which fresh ink last changed older ink's level; 0 where it hardly does.
+        Logarithm by which fresh ink last changed the picture of older ink; 0 where it hardly does.
     blank_mm : float, mm
         Way in a row since, over older ink, of which nothing was seen and which hasn't changed.
+    blank : list of Gap
+        Of that, what nothing told of, with what the look before it left untold.
+    tail : list of Gap
+        What nothing told of since the last place with ink, in the order of writing.
+    before_tail : list of Gap
+        The same at the look before, where that goes on without ink.
+    blind_said : bool
+        Whether it was said that nothing tells of such ink.
     """
 
     unseen: int = 0
@@ -237,15 +267,25 @@ class LayersSeen:
     way_mm: float = 0.0
     visible_mm: float = 0.0
     seen_mm: float = 0.0
+    came_mm: float = 0.0
     first_mm: float | None = 0.0
     failed: bool = False
     older_step: float = 0.0
     blank_mm: float = 0.0
+    blank: list[Gap] = field(default_factory=list)
+    tail: list[Gap] = field(default_factory=list)
+    before_tail: list[Gap] = field(default_factory=list)
+    blind_said: bool = False
 
     @property
     def hidden(self) -> bool:
         """Whether nearly all of the layer in hand lies over ink from which it can't be told."""
         return self.visible_mm < _HIDDEN * self.way_mm
+
+    @property
+    def untellable(self) -> bool:
+        """Whether it is hidden, and what changed tells hardly of any ink either."""
+        return self.hidden and self.came_mm < 0.5 * self.way_mm
 
     def add(self, evidence: Evidence, least_share: float) -> None:
         """Take in a look; several in one layer count as one."""
@@ -254,10 +294,13 @@ class LayersSeen:
             shows = evidence.seen_share > 0 or evidence.faint_share > _SHOWS
             self.first_mm = None if shows else self.first_mm + visible_mm
         self._add_older(evidence)
+        self._add_tail(evidence)
         if evidence.level_mm is None or evidence.level_mm != self.level_mm:
             self.before, self.level_mm = self.unseen, evidence.level_mm
-            self.way_mm = self.visible_mm = self.seen_mm = 0.0
+            self.way_mm = self.visible_mm = self.seen_mm = self.came_mm = 0.0
         self.way_mm += evidence.way_mm
+        came_mm = 0.0 if evidence.told is None else evidence.told.came_mm
+        self.came_mm += came_mm
         self.visible_mm += evidence.way_mm * (1.0 - evidence.over_old_share)
         self.seen_mm += evidence.way_mm * evidence.seen_share
         # No cleaner view would show a hidden one.
@@ -269,11 +312,31 @@ class LayersSeen:
         step, shows = evidence.older_step, evidence.seen_share + evidence.faint_share > 0.0
         if evidence.older_mm < _SOME_MM or math.isnan(step):
             return
-        if not shows and step < _UNCHANGED * self.older_step:
-            self.blank_mm += evidence.older_mm
+        ground, last = evidence.older_limit, self.older_step
+        if not shows and step < min(_UNCHANGED * last, max(_GROUNDS * ground, _DRYING)):
+            if last > _GROUNDS * ground:
+                self._add_blank(evidence)
             return
-        most = step if shows else min(step, self.older_step)
-        self.blank_mm, self.older_step = 0.0, most if step >= _SHOWN_STEP else 0.0
+        most = step if shows or step > _SURELY * ground else min(step, last)
+        self.blank_mm, self.blank = 0.0, []
+        self.older_step = most if step >= _GROUNDS * ground else 0.0
+
+    def _add_blank(self, evidence: Evidence) -> None:
+        """Take in a look in which nothing changed, with what the look before it left untold."""
+        if not self.blank_mm:
+            self.blank = list(self.tail)
+        self.blank_mm += evidence.older_mm
+        self.blank += () if evidence.told is None else evidence.told.untold
+
+    def _add_tail(self, evidence: Evidence) -> None:
+        """Take in what nothing tells of, behind the last place with ink."""
+        told = evidence.told
+        if told is None or evidence.level_mm is None:
+            return
+        any_ink = told.ink_mm > 0
+        joined = not any_ink or told.head_mm >= _JOINED_MM
+        self.before_tail = self.tail if joined else []
+        self.tail = [*([] if any_ink else self.tail), *told.tail]
 
     def none_yet(self) -> str:
         """Say once that no ink was seen so far: none can be known by its look then."""
@@ -286,13 +349,45 @@ class LayersSeen:
             "before you go on"
         )
 
-    def none_any_more(self) -> str:
-        """Say once that older ink doesn't change any more where fresh ink should lie on it."""
+    def none_any_more(self) -> tuple[str, tuple[Gap, ...]]:
+        """Say once that older ink doesn't change any more where fresh ink should lie on it.
+
+        With the stretches of which nothing tells that ink came.
+        """
         if self.blank_mm < _FIRST_MM:
-            return ""
-        way_mm, self.blank_mm, self.older_step = self.blank_mm, 0.0, 0.0
+            return "", ()
+        way_mm, stretches = self.blank_mm, tuple(self.blank)
+        self.blank_mm, self.older_step, self.blank, self.tail = 0.0, 0.0, [], []
         return (
             f"nothing has changed along the last {way_mm:.0f} mm over older ink, though fresh ink "
-            "showed there before: the needle is clogged or the syringe empty; nothing is "
-            "mended by this look; look before you go on"
+            "showed there before: the needle is clogged or the syringe empty"
+            f"{where(stretches)}; look before you go on",
+            stretches,
         )
+
+    def blind(self) -> str:
+        """Say once that nothing tells of what was written for long."""
+        way_mm = math.fsum(one.length_mm for one in self.tail)
+        if self.blind_said or way_mm < _BLIND_MM:
+            return ""
+        words = where(self.tail)
+        self.blind_said, self.tail = True, []
+        return (
+            f"nothing tells whether ink lies on the last {way_mm:.0f} mm{words}: ink on older ink "
+            "of its own look, light or grain hides it; look whether it is there; the print goes on "
+            "without a word where that stays so"
+        )
+
+    def untold(self) -> tuple[Gap, ...]:
+        """Return what the looks before left untold directly in front of ink that doesn't come."""
+        return tuple(self.before_tail)
+
+
+def where(stretches: Sequence[Gap]) -> str:
+    """From where to where stretches run, in the order of writing, in words; empty for none."""
+    if not stretches:
+        return ""
+    begin, end = stretches[0].start_mm, stretches[-1].end_mm
+    places = (f"X {x:.1f} Y {y:.1f}" for x, y in (begin, end))
+    way_mm = math.fsum(one.length_mm for one in stretches)
+    return f" ({' to '.join(places)}, {way_mm:.1f} mm)"
