@@ -195,7 +195,9 @@ def nothing_seen() -> Evidence:
 def without_rest(evidence: Evidence) -> Evidence:
     """Return what a look at mends alone tells: gaps, lumens and shift."""
     nothing = nothing_seen()
-    return replace(evidence, flow=nothing.flow, supply=nothing.supply, thin=(), seem_thin=(), told=None)
+    return replace(
+        evidence, flow=nothing.flow, supply=nothing.supply, thin=(), seem_thin=(), told=None
+    )
 
 
 def figures(findings: LayerFindings, evidence: Evidence) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -22,6 +22,7 @@ from printctl.observe.decider_state import restore, state_of
 from printctl.observe.deciding import Decider, Decision, DecisionKind, Evidence
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError, picture_of
+from printctl.observe.learned import STATE
 from printctl.observe.records import (
     POSTPONED,
     Answer,
@@ -78,11 +79,14 @@ class Judged:
         Figures for the record.
     flow : float
         Factor in force, as the job's inserts have it.
+    learned : dict
+        Of ink and scanner, for the records (`printctl.observe.learned`).
     """
 
     evidence: Evidence
     found: dict[str, Any]
     flow: float = 1.0
+    learned: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -204,6 +208,8 @@ class Observer:
             asked=decision.ask.value if decision.ask else "",
             factor=decision.factor,
         )
+        if judged.learned:
+            record = replace(record, control={**record.control, STATE: judged.learned})
         save_look(self.folder, record)
         self._act(look, decision)
         return self._kept(look.number) or record

@@ -11,7 +11,7 @@ pictures (a bubble that stayed, a speck) hides what is below.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -63,9 +63,10 @@ _SHORTEST: Final = 0.75
 _ALIKE: Final = 0.6
 """Of the most change on older ink of any height; on ink of a height with less it isn't told."""
 _FEWEST_ALIKE: Final = 12
-_SHADED: Final = 0.2
-"""Most change in a gap, over ink's, of level and ridges together: opaque ink may be level as what
-it lies on, and its ridges differ then (0.24 to 1.2 in 60 of a sound print)."""
+_SHADED, _MUCH = 0.1, 0.35
+"""Change in a gap, over ink's, of level and ridges together, from which on it is doubted, and not
+told. Lines that touch shade a bare one by 0.3; opaque ink that is level as what it lies on changed
+by 0.24 to 1.2 (60 stretches)."""
 _FULL: Final = 1.5
 """Change, over ink's, that counts at most."""
 _MOST: Final = 100_000
@@ -330,8 +331,9 @@ def unchanged(
         inner = present[own & good]
         long = gap.length_mm > _SHORTEST * float(ways.width[own].max(initial=0.0))
         same = len(inner) > 0 and float(np.median(np.abs(inner))) < _UNCHANGED
-        if long and same and not changed(own) > _SHADED:
-            kept.append(gap)
+        share = changed(own) if long and same else np.inf
+        if share < _MUCH:
+            kept.append(replace(gap, shaded=share > _SHADED))
         else:
             doubtful |= own
     return kept, doubtful

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import cv2
@@ -271,9 +272,8 @@ def _gaps(
                 unclear |= doubtful
                 vague |= doubtful
             elif look.by_change and told is look.old:
-                assert look.change is not None
                 gaps, doubtful = unchanged(
-                    gaps, look.present, clear, look.ways, look.change.share
+                    gaps, look.present, clear, look.ways, partial(_changed_share, look)
                 )
                 gaps, more = stepped(gaps, look.present, clear, look.ways)
                 unclear |= doubtful | more
@@ -300,6 +300,12 @@ def _gaps(
             doubt = good & rows & (look.plain < INK * noise.middle) & (look.present > INK)
             why[doubt & (look.plain < 0.25 * noise.middle)] = int(Unseen.UNCLEAR)
     return found, good & (vague | (why == Unseen.SEEN))
+
+
+def _changed_share(look: SeenLayer, rows: BoolArray) -> float:
+    """How much the picture changed at places, over what it does by ink on such lines."""
+    assert look.change is not None
+    return look.change.share(rows, look.ways.normal)
 
 
 def _doubted(look: SeenLayer, gaps: list[Gap], places: int, options: SeeingOptions) -> list[Gap]:

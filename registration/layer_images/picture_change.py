@@ -50,6 +50,11 @@ _ALIKE: Final = 0.6
 """Of the most change on older ink of any height; where it is less nothing is still."""
 
 
+_LEAST: Final = 1e-12
+_PARALLEL: Final = 0.95
+"""Cosine of the angle between lines of one direction."""
+
+
 @dataclass(frozen=True)
 class Change:
     """How much the picture changed along lines.
@@ -86,13 +91,22 @@ class Change:
         sure = self.alike & (self.usual > _SHOWS * self.limit)
         return np.asarray(sure & (self.rms < _STILL * self.limit))
 
-    def share(self, rows: BoolArray) -> float:
-        """Change of some places over that of ink there; NaN where nothing is known of them."""
-        known = rows & np.isfinite(self.energy) & (self.usual > 0)
+    def share(self, rows: BoolArray, normal: FloatArray) -> float:
+        """Change of some places over that of ink on lines of their direction (``normal`` (n, 2)).
+
+        Ridges along the light show least. NaN where nothing is known of either.
+        """
+        known = rows & np.isfinite(self.rms)
         if not known.any():
             return math.nan
-        above = float(np.median(self.energy[known] - self.own[known]))  # its ends show ink
-        return math.sqrt(max(above, 0.0)) / float(np.median(self.usual[known]))
+        turned = np.abs(normal @ normal[known].T) > _PARALLEL
+        beside = ~rows & np.isfinite(self.rms) & turned.any(axis=1)
+        if beside.sum() < _FEWEST:
+            return math.nan
+        inner = _inner(known)  # ink shows at its ends
+        above = float((self.energy[inner] - self.own[inner]).mean())
+        usual = float(np.percentile(self.rms[beside], _HIGHEST))
+        return math.sqrt(max(above, 0.0)) / max(usual, 1e-9)
 
     def over(self, rows: BoolArray) -> tuple[float, float]:
         """Ink's change of places ``rows``, and what their ground's reaches; NaN, where unknown."""
@@ -140,7 +154,7 @@ def change_along(
     shown = bare.settled & (reasons(work, seen, ways, work.bad) == Unseen.SEEN)
     energy = np.where(shown, _energy(image, seen, ways.width), np.nan)
     count = _count(ways)
-    mean = averaged(np.nan_to_num(energy), shown, ways.run, count)
+    mean = np.exp(averaged(np.log(np.nan_to_num(energy, nan=1.0)), shown, ways.run, count))
     nothing = np.full(len(ways), np.nan)
     rms, usual, limit, own = nothing.copy(), nothing.copy(), nothing.copy(), nothing.copy()
     alike = np.ones(len(ways), dtype=np.bool_)
@@ -180,12 +194,18 @@ def _count(ways: Ways) -> int:
     return max(1, round(_WINDOW * float(np.median(ways.width / ways.step)))) | 1
 
 
+def _inner(rows: BoolArray) -> IntArray:
+    """Rows without a sixth of them at either end."""
+    own = np.flatnonzero(rows)
+    return own[len(own) // 6 : len(own) - len(own) // 6]
+
+
 def _energy(image: FloatImage, seen: Seen, width: FloatArray) -> FloatArray:
     """Mean square of the change across each place, (n,)."""
     channels = range(image.shape[2])
     each = [seen.profiles(np.ascontiguousarray(image[:, :, c]), width[:, None] * _ACROSS)
             for c in channels]  # fmt: skip
-    return np.asarray(np.mean([(one.astype(np.float64) ** 2).mean(axis=1) for one in each], axis=0))
+    return np.mean([(x.astype(np.float64) ** 2).mean(axis=1) for x in each], axis=0) + _LEAST
 
 
 def _on_bath(
@@ -202,7 +222,7 @@ def _on_bath(
         return None
     inside = lines.profiles(free, width_px * _ACROSS, nearest=True).all(axis=1)
     energy = _energy(image, lines, np.full(len(lines.at), width_px)).reshape(-1, 8)
-    found = energy[inside.reshape(-1, 8).all(axis=1)].mean(axis=1)
+    found = np.exp(np.log(energy[inside.reshape(-1, 8).all(axis=1)]).mean(axis=1))
     return found if len(found) >= _FEWEST else None
 
 
@@ -214,5 +234,6 @@ def _on_older(
     free = seen.profiles(ground, older.width[:, None] * _ACROSS, nearest=True).all(axis=1)
     free &= seen.inside(work.shape, 0.5 * older.width)
     count = _count(older)
-    found = window_means(_energy(image, seen, older.width), free, older.run, count, False)
+    logs = np.log(_energy(image, seen, older.width))
+    found = np.exp(window_means(logs, free, older.run, count, False))
     return found if len(found) >= _FEWEST * count // 2 else None

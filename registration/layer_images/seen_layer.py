@@ -138,9 +138,9 @@ def seen_at_shift(
     old, change = None, None
     if work.earlier is not None and thickness_mm is None:
         bare = _unwritten(work, frame, lines, late, by, masks, ways, seen, over_old)
-        older = lay_older(lines, late, ways)
-        older = None if older is None else older.moved(by)
-        change = change_along(work, frame, ways, seen, older, bare)
+        lower = lay_older(lines, late, ways)
+        lower = None if lower is None else lower.moved(by)
+        change = change_along(work, frame, ways, seen, lower, bare)
     if over_old.any() and thickness_mm is not None:
         below = _directly_below(work, frame, lines, by, thickness_mm)
         old = tell_by_height(

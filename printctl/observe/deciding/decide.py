@@ -28,18 +28,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
-from typing import Final, Literal
+from typing import Final
 
+from printctl.observe.deciding.decision import Decision, DecisionKind, Limits
 from printctl.observe.deciding.doubts import cause_of_turn, doubts, unconfirmed_words
-from printctl.observe.deciding.evidence import SURE, Evidence, LayersSeen, where
-from printctl.observe.deciding.flow_control import FlowControl, FlowLimits
-from printctl.observe.deciding.gap_test import GapTest, confirmed_gaps
+from printctl.observe.deciding.evidence import SURE, Evidence
+from printctl.observe.deciding.flow_control import FlowControl
+from printctl.observe.deciding.gap_test import confirmed_gaps
 from printctl.observe.deciding.ink_supply import SupplyState
-from printctl.observe.deciding.thin import Thin
+from printctl.observe.deciding.layers_seen import LayersSeen, where
 from registration.layer_images.values import Gap
-
-Mode = Literal["tell", "ask", "mend"]
 
 _STOPPING: Final = (SupplyState.CLOGGED, SupplyState.EMPTY)
 _MOST_MISSING: Final = 1 / 3
@@ -59,83 +57,6 @@ _STILL_MM: Final = 2.0
 """Stretch that didn't change, from which on it is asked about."""
 _NAMED: Final = 3
 """Stretches that are told by their places."""
-
-
-class DecisionKind(StrEnum):
-    """What is done after a look."""
-
-    GO_ON = "go_on"
-    FLOW = "flow"
-    MEND = "mend"
-    PAUSE = "pause"
-    STOP = "stop"
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Tolerances, and what may be done unasked.
-
-    Attributes
-    ----------
-    gap : GapTest
-    flow : FlowLimits
-    width_percent : float
-        Deviation of a line's width that isn't told.
-    lumen_percent : float
-        By which a lumen may be seen narrower.
-    shift_mm : float, mm
-        By which a layer may lie beside its place.
-    unseen_mm : float, mm
-        Stretch of a vessel in a bath that needn't be seen.
-    least_seen : float
-        Share of the way that must be seen for a look to count.
-    unseen_looks : int
-        Layers in a row (in a bath looks) that didn't count, after which the print is paused.
-    mend : "tell", "ask" or "mend"
-    """
-
-    gap: GapTest = field(default_factory=GapTest)
-    flow: FlowLimits = field(default_factory=FlowLimits)
-    width_percent: float = 15.0
-    lumen_percent: float = 10.0
-    shift_mm: float = 0.1
-    unseen_mm: float = 1.5
-    least_seen: float = 0.5
-    unseen_looks: int = 3
-    mend: Mode = "ask"
-
-    @property
-    def least_open(self) -> float:
-        """Share of a lumen's width that must be open."""
-        return 1.0 - self.lumen_percent / 100.0
-
-
-@dataclass(frozen=True)
-class Decision:
-    """Outcome of a look.
-
-    Attributes
-    ----------
-    kind : DecisionKind
-        What is done now.
-    why : str
-        For operator and journal.
-    gaps : tuple of Gap
-        To be mended; told alone where the print just goes on.
-    thin : tuple of Thin
-        To be filled up.
-    factor : float or None
-        Flow factor from here on.
-    ask : DecisionKind or None
-        What the operator is asked to approve, while the print waits; None for nothing.
-    """
-
-    kind: DecisionKind
-    why: str
-    gaps: tuple[Gap, ...] = ()
-    factor: float | None = None
-    ask: DecisionKind | None = None
-    thin: tuple[Thin, ...] = ()
 
 
 @dataclass
@@ -234,6 +155,12 @@ class Decider:
         missing = math.fsum(gap.length_mm for gap in self._believed(evidence)) / evidence.way_mm
         if missing > _MOST_MISSING:
             return f"{missing:.0%} of what was written would be missing"
+        if shaded := [gap for gap in self._believed(evidence) if gap.shaded]:
+            way_mm = math.fsum(gap.length_mm for gap in shaded)
+            return (
+                f"along {way_mm:.2f} mm of it the picture changed since the one before: by the "
+                "shade of lines that touch, or by ink that is level with what it lies on"
+            )
         return f"only {evidence.seen_share:.0%} was seen" if self._hardly_seen(evidence) else ""
 
     def _hardly_seen(self, evidence: Evidence) -> bool:
@@ -418,8 +345,9 @@ class Decider:
         )
 
     def _blind(self, evidence: Evidence) -> Decision | None:
-        if why := self.layers.blind() if evidence.level_mm is not None else "":
-            return Decision(DecisionKind.PAUSE, why)
+        why, stretches = self.layers.blind() if evidence.level_mm is not None else ("", ())
+        if why:
+            return self._asked(why, stretches)
         unseen = self.layers.unseen
         if unseen < self.limits.unseen_looks:
             return None
