@@ -180,7 +180,7 @@ def findings_of(
     way = ways.step
     seen_mm = float(way[good].sum())
     covered = float((np.clip(look.present[good], 0.0, 1.0) * way[good]).sum())
-    step, limit = (math.nan, math.nan) if look.change is None else look.change.over(look.over_old)
+    step, limit = (math.nan, math.nan) if look.change is None else look.change.over_older()
     return LayerFindings(
         stations=stations,
         gaps=_placed(merged(gaps, ways), look, shift, good),

@@ -46,6 +46,7 @@ _DRYING: Final = 0.015
 _STILL: Final = 1.5
 """Times the ground's, below which nothing was, where ink's is `_SHOWS` times that."""
 _SHOWS: Final = 10.0
+_DRAWS: Final = 200
 _ALIKE: Final = 0.6
 """Of the most change on older ink of any height; where it is less nothing is still."""
 
@@ -71,6 +72,11 @@ class Change:
         The ground's usual mean square.
     alike : (n,) bool
         Where ink changes about as much as anywhere over such ground.
+    over_old : (n,) bool
+    ground : (k,) float64 or None
+        Mean squares of the ground's windows, for places over older ink.
+    count : int
+        Places of a window.
     """
 
     energy: FloatArray
@@ -79,6 +85,9 @@ class Change:
     limit: FloatArray
     own: FloatArray
     alike: BoolArray
+    over_old: BoolArray
+    ground: FloatArray | None
+    count: int
 
     @property
     def came(self) -> BoolArray:
@@ -108,12 +117,17 @@ class Change:
         usual = float(np.percentile(self.rms[beside], _HIGHEST))
         return math.sqrt(max(above, 0.0)) / max(usual, 1e-9)
 
-    def over(self, rows: BoolArray) -> tuple[float, float]:
-        """Ink's change of places ``rows``, and what their ground's reaches; NaN, where unknown."""
-        known = rows & np.isfinite(self.rms)
-        if not known.any():
+    def over_older(self) -> tuple[float, float]:
+        """Ink's change over older ink, and what as many windows of ground reach, or NaN."""
+        known = self.over_old & np.isfinite(self.rms)
+        if not known.any() or self.ground is None:
             return math.nan, math.nan
-        return float(np.percentile(self.rms[known], _HIGHEST)), float(np.max(self.limit[known]))
+        drawn = np.random.default_rng(38).choice(
+            self.ground, (_DRAWS, max(1, int(known.sum()) // self.count))
+        )
+        above = np.percentile(drawn, _HIGHEST, axis=1) - float(np.median(self.ground))
+        limit = math.sqrt(max(float(np.percentile(above, _FAR)), _LEAST))
+        return float(np.percentile(self.rms[known], _HIGHEST)), limit
 
 
 @dataclass(frozen=True)
@@ -160,8 +174,8 @@ def change_along(
     alike = np.ones(len(ways), dtype=np.bool_)
     on_bath = _on_bath(image, bare, width_px, count * float(np.median(ways.step)), work)
     on_old = None if older is None else _on_older(image, frame, older, bare.ground, work)
-    for kind, ground in ((bare.over_old, on_bath if on_old is None else on_old),
-                         (~bare.over_old, on_bath)):  # fmt: skip
+    on_old = on_bath if on_old is None else on_old
+    for kind, ground in ((bare.over_old, on_old), (~bare.over_old, on_bath)):
         if ground is None:
             continue
         rows = kind & shown & np.isfinite(mean)
@@ -174,7 +188,7 @@ def change_along(
         rows = bare.over_old & (bare.onto == rank) & np.isfinite(rms)
         if rows.any():
             alike[rows] = np.percentile(rms[rows], _HIGHEST) > _ALIKE * usual[rows][0]
-    return Change(energy, rms, usual, limit, own, alike)
+    return Change(energy, rms, usual, limit, own, alike, bare.over_old, on_old, count)
 
 
 def lay_older(lines: ExpectedLines, late: BoolArray, ways: Ways) -> Ways | None:

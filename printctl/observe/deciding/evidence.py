@@ -189,7 +189,7 @@ class Evidence:
 
     older_mm: float = 0.0
     older_step: float = math.nan
-    older_limit: float = 0.01
+    older_limit: float = 0.02
     told: ToldOfInk | None = None
 
     @property

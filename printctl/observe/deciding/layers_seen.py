@@ -25,7 +25,7 @@ _GROUNDS: Final = 3.0
 """Times what the ground's own change reaches: less may be no ink."""
 _DRYING: Final = 0.01
 """And what older ink may change by in drying, otherwise than the ground (0.008 was seen)."""
-_SURELY: Final = 20.0
+_SURELY: Final = 6.0
 """Times the ground's own change: so much shows ink though nothing of it is seen."""
 _BLIND_MM: Final = 20.0
 """Way of lines in a row of which nothing is told, after which the operator is."""
