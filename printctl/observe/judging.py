@@ -32,7 +32,7 @@ from registration.layer_images import (
     Stations,
     Unseen,
 )
-from registration.layer_images.values import ToldOfInk
+from registration.layer_images.findings import ToldOfInk
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

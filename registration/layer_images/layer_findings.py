@@ -17,6 +17,7 @@ from registration.layer_images.between_older import BARE
 from registration.layer_images.blobs import find_blobs
 from registration.layer_images.changed import unchanged
 from registration.layer_images.debris import is_bare
+from registration.layer_images.findings import LayerFindings
 from registration.layer_images.gap_ends import LightAlong
 from registration.layer_images.gaps import find_gaps, inside, lit_along, merged, shift_along
 from registration.layer_images.height_ends import HeightsAlong, Section
@@ -39,7 +40,6 @@ from registration.layer_images.values import (
     FloatArray,
     Gap,
     IntArray,
-    LayerFindings,
     Lumen,
     Shift,
     Unseen,

@@ -6,10 +6,11 @@ from typing import Final
 
 import numpy as np
 
+from registration.layer_images.findings import ToldOfInk
 from registration.layer_images.gaps import stretch_gap, stretches_of
 from registration.layer_images.presence import INK
 from registration.layer_images.seen_layer import SeenLayer
-from registration.layer_images.values import BoolArray, Gap, ToldOfInk
+from registration.layer_images.values import BoolArray, Gap
 
 _LEAST: Final = 3.0
 """Widths of a stretch that is told as still: change is averaged over as many."""

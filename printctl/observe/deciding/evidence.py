@@ -9,7 +9,8 @@ from typing import Final
 from printctl.observe.deciding.flow_control import FlowBlocks
 from printctl.observe.deciding.ink_supply import InkSupply
 from printctl.observe.deciding.thin import Thin
-from registration.layer_images.values import Gap, ToldOfInk
+from registration.layer_images.findings import ToldOfInk
+from registration.layer_images.values import Gap
 
 SURE: Final = 3.29
 """Standard uncertainties beyond the tolerance: one in 2,000 by chance, one-sided."""

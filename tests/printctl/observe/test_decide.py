@@ -19,7 +19,8 @@ from printctl.observe.deciding import (
 )
 from printctl.observe.deciding.evidence import Narrowed, UnseenPath
 from printctl.observe.deciding.thin import Thin
-from registration.layer_images.values import Gap, ToldOfInk
+from registration.layer_images.findings import ToldOfInk
+from registration.layer_images.values import Gap
 
 FLOWING = InkSupply(SupplyState.FLOWING, 0.0, None, 0)
 GAP = Gap(2, 0.0, 1.0, (0.0, 0.0), (1.0, 0.0), 0.01, 1e-12)
