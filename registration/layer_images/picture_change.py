@@ -37,8 +37,8 @@ _FEWEST: Final = 12
 """Windows on ground: of fewer nothing is known."""
 _FAR: Final = 95.0
 """Percentile of the ground's windows, up to which a change may be the ground's own."""
-_HIGHEST: Final = 75.0
-"""Percentile of the places that stands for ink's change: a part may be missing."""
+_HIGHEST: Final = 95.0
+"""Percentile of the places that stands for ink's change: nearly all may be missing."""
 _CAME: Final = 2.0
 """Times what the ground's reaches, beyond which something was written."""
 _DRYING: Final = 0.015

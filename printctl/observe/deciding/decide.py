@@ -93,12 +93,12 @@ class Decider:
             self._stopped,
             self._narrowed,
             self._unseen,
+            self._still,
             self._doubted,
             self._gaps,
             self._bare,
             self._none_yet,
             self._none_any_more,
-            self._still,
             self._flow,
             self._hidden,
             self._blind,
@@ -202,7 +202,8 @@ class Decider:
         )
         if gaps and untold:
             then += f", with what the look before left untold{where(untold)}"
-            gaps = (*untold, *gaps)
+        if gaps:
+            gaps = (*untold, *gaps, *_unchanged(evidence))
         why = f"no ink for the last {supply.since_ul or 0:.3g} µL: {cause}; {then}"
         return Decision(DecisionKind.PAUSE, why, gaps, ask=DecisionKind.MEND if gaps else None)
 
@@ -283,20 +284,20 @@ class Decider:
 
     def _still(self, evidence: Evidence) -> Decision | None:
         """Ask about stretches that didn't change though others of the look did."""
-        still = () if evidence.told is None else evidence.told.still
-        gaps = tuple(one for one in still if one.length_mm >= _STILL_MM)
-        if not gaps:
+        still = _unchanged(evidence)
+        if not still:
             return None
-        way = math.fsum(one.length_mm for one in gaps)
-        places = ",".join(where([one]) for one in gaps[:_NAMED])
-        places += f" and {len(gaps) - _NAMED} more" * (len(gaps) > _NAMED)
-        begun = gaps[0].stroke == still[0].stroke and evidence.told is not None
-        untold = self.layers.untold() if begun else ()
+        gaps, untold = self._believed(evidence), self.layers.untold()
+        way = math.fsum(one.length_mm for one in still)
+        places = ",".join(where([one]) for one in still[:_NAMED])
+        places += f" and {len(still) - _NAMED} more" * (len(still) > _NAMED)
         before = f", and the look before told nothing of{where(untold)}" if untold else ""
+        more = math.fsum(one.length_mm for one in gaps)
+        before += f"; {more:.2f} mm are surely missing" * bool(gaps)
         return self._asked(
-            f"nothing has changed along {way:.1f} mm over older ink{places}, though it did along "
-            f"the rest{before}: a clog, or ink that didn't stick",
-            (*untold, *gaps),
+            f"nothing has changed along {way:.1f} mm{places}, though it did along the rest{before}"
+            ": a clog, or ink that didn't stick",
+            (*untold, *gaps, *still),
         )
 
     def _asked(self, why: str, gaps: tuple[Gap, ...]) -> Decision:
@@ -357,3 +358,9 @@ class Decider:
             f"{unseen} {one} in a row showed less than {self.limits.least_seen:.0%} of what was "
             f"written (the last {evidence.seen_share:.0%}): clean the view, or set observe off",
         )
+
+
+def _unchanged(evidence: Evidence) -> tuple[Gap, ...]:
+    """Stretches that surely didn't change and aren't told otherwise, long enough to be asked of."""
+    still = () if evidence.told is None else evidence.told.still
+    return tuple(one for one in still if one.length_mm >= _STILL_MM)
