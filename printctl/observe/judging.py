@@ -196,7 +196,7 @@ def without_rest(evidence: Evidence) -> Evidence:
     """Return what a look at mends alone tells: gaps, lumens and shift."""
     nothing = nothing_seen()
     return replace(
-        evidence, flow=nothing.flow, supply=nothing.supply, thin=(), seem_thin=(), told=None
+        evidence, flow=nothing.flow, supply=nothing.supply, thin=(), seem_thin=(), mends=True
     )
 
 

@@ -15,7 +15,8 @@ Rules, in their order; the first that holds decides:
    where ink lies on less than a third of what was seen, yet no gap is sure, or where none was seen
    yet since the print began, or older ink doesn't change any more as it did: pause;
 6. a flow beyond the bounds of the correction: pause; within them: correct it;
-7. after a clog, a layer that nothing can be told of: pause, once;
+7. lines of which nothing is told for long, and after a clog a layer of which nothing can be: pause,
+   once;
 8. too little was seen of several layers in a row: pause.
 
 What is unsure is told, and the print goes on. By `Limits.mend` the operator is only told
@@ -55,6 +56,8 @@ _CLOG_MM: Final = 2.0
 
 _STILL_MM: Final = 2.0
 """Stretch that didn't change, from which on it is asked about."""
+_TAIL_MM: Final = 0.2
+"""Least stretch that isn't told behind the last ink before a clog."""
 _NAMED: Final = 3
 """Stretches that are told by their places."""
 
@@ -100,6 +103,7 @@ class Decider:
             self._none_yet,
             self._none_any_more,
             self._flow,
+            self._untold,
             self._hidden,
             self._blind,
         )
@@ -203,7 +207,7 @@ class Decider:
         if gaps and untold:
             then += f", with what the look before left untold{where(untold)}"
         if gaps:
-            gaps = (*untold, *gaps, *_unchanged(evidence))
+            gaps = (*untold, *_with_untold(gaps, evidence))
         why = f"no ink for the last {supply.since_ul or 0:.3g} µL: {cause}; {then}"
         return Decision(DecisionKind.PAUSE, why, gaps, ask=DecisionKind.MEND if gaps else None)
 
@@ -345,10 +349,12 @@ class Decider:
             "needle from here on (or use an OCT); resume goes on",
         )
 
-    def _blind(self, evidence: Evidence) -> Decision | None:
+    def _untold(self, evidence: Evidence) -> Decision | None:
+        """Say once that nothing tells of what was written for long."""
         why, stretches = self.layers.blind() if evidence.level_mm is not None else ("", ())
-        if why:
-            return self._asked(why, stretches)
+        return self._asked(why, stretches) if why else None
+
+    def _blind(self, evidence: Evidence) -> Decision | None:
         unseen = self.layers.unseen
         if unseen < self.limits.unseen_looks:
             return None
@@ -364,3 +370,13 @@ def _unchanged(evidence: Evidence) -> tuple[Gap, ...]:
     """Stretches that surely didn't change and aren't told otherwise, long enough to be asked of."""
     still = () if evidence.told is None else evidence.told.still
     return tuple(one for one in still if one.length_mm >= _STILL_MM)
+
+
+def _with_untold(gaps: tuple[Gap, ...], evidence: Evidence) -> tuple[Gap, ...]:
+    """Gaps of a look at whose end no ink comes, with what isn't told behind the last of it."""
+    behind = () if evidence.told is None else evidence.told.tail
+    out = list(gaps)
+    for one in (*behind, *_unchanged(evidence)):
+        if one.length_mm >= _TAIL_MM and not any(one.meets(other) for other in out):
+            out.append(one)
+    return tuple(out)

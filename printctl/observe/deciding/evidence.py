@@ -133,7 +133,9 @@ class Evidence:
         Way over older ink, mm; by what logarithm it changed since the picture before, and by what
         it may without ink; or NaN.
     told : ToldOfInk or None
-        What all measures together tell of whether ink came; None for mends alone.
+        What all measures together tell of whether ink came; None where nobody said.
+    mends : bool
+        Whether the look is about mends alone.
     """
 
     places: int
@@ -192,6 +194,7 @@ class Evidence:
     older_step: float = math.nan
     older_limit: float = 0.02
     told: ToldOfInk | None = None
+    mends: bool = False
 
     @property
     def came_words(self) -> str:

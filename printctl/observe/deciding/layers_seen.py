@@ -138,7 +138,7 @@ class LayersSeen:
     def _add_tail(self, evidence: Evidence) -> None:
         """Take in what nothing tells of, behind the last place with ink."""
         told = evidence.told
-        if told is None or evidence.level_mm is None:
+        if told is None or evidence.level_mm is None or evidence.mends:
             return
         any_ink = told.ink_mm > 0
         joined = not any_ink or told.head_mm >= _JOINED_MM

@@ -203,9 +203,9 @@ def test_a_clog_that_is_seen_names_what_the_look_before_left_untold():
     tail = (stretch(1, 3.0),)
     decider.decide(evidence(told=ToldOfInk(ink_mm=9.0, tail=tail), level_mm=0.1))
     clogged = InkSupply(SupplyState.CLOGGED, 0.2, 0.2, 1)
-    bare = ToldOfInk(head_mm=1.0)
+    bare = ToldOfInk(head_mm=1.0, tail=(stretch(3, 8.0),))
     found = decider.decide(evidence(gaps=(GAP,), supply=clogged, told=bare, level_mm=0.1))
-    assert [one.stroke for one in found.gaps] == [1, 2]
+    assert [one.stroke for one in found.gaps] == [1, 2, 3]
     assert "with what the look before left untold (X 98.0 Y 101.0 to X 101.0 Y 101.0" in found.why
 
 
