@@ -39,8 +39,9 @@ from printctl.link.record import JOURNAL
 from printctl.link.watch import DueTask, Watch
 from printctl.observe.deciding import Decider, FlowControl, Limits
 from printctl.observe.devices import DeviceSettings
+from printctl.observe.look_values import Look
 from printctl.observe.looking_at import ObservedJob
-from printctl.observe.observer import Look, Observer
+from printctl.observe.observer import Observer
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import answer_look, look_folder, read_looks
 from printctl.observe.view_before import EMPTY

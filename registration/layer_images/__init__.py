@@ -13,6 +13,7 @@ from design.on_demand import on_demand
 if TYPE_CHECKING:
     from registration.layer_images.annotate import annotated
     from registration.layer_images.below import ShownLines
+    from registration.layer_images.findings import LayerFindings
     from registration.layer_images.height import HeightFrame, height_map
     from registration.layer_images.options import SeeingOptions
     from registration.layer_images.orientation import better_turned
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
         ExpectedLines,
         Frame,
         Gap,
-        LayerFindings,
         Lumen,
         LumenSeen,
         Shift,

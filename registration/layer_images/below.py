@@ -12,14 +12,9 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
+from registration.layer_images.findings import LayerFindings
 from registration.layer_images.height import HeightFrame
-from registration.layer_images.values import (
-    BoolArray,
-    ExpectedLines,
-    FloatArray,
-    IntArray,
-    LayerFindings,
-)
+from registration.layer_images.values import BoolArray, ExpectedLines, FloatArray, IntArray
 
 _STEP_MM: Final = 0.1
 _CLEAR_MM: Final = 0.1

@@ -10,8 +10,8 @@ pictures (a bubble that stayed, a speck) hides what is below.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -63,6 +63,10 @@ _SHORTEST: Final = 0.75
 _ALIKE: Final = 0.6
 """Of the most change on older ink of any height; on ink of a height with less it isn't told."""
 _FEWEST_ALIKE: Final = 12
+_SHADED, _MUCH = 0.1, 0.35
+"""Change in a gap, over ink's, of level and ridges together, from which on it is doubted, and not
+told. Lines that touch shade a bare one by 0.3; opaque ink that is level as what it lies on changed
+by 0.24 to 1.2 (60 stretches)."""
 _FULL: Final = 1.5
 """Change, over ink's, that counts at most."""
 _MOST: Final = 100_000
@@ -155,7 +159,7 @@ def _changed(
 
     None where ink changes the level by no more than light and drying may.
     """
-    level, light = _level(work, places, width_px)
+    level, light = light_less(work, places.ground, width_px)
     ground = BathNoise.of(level, places.ground, rng)
     rows = places.use & places.settled
     if ground is None or rows.sum() < _FEWEST:
@@ -170,28 +174,10 @@ def _changed(
     return mixed, float(step[np.argmax(np.abs(step))])
 
 
-def change_of_level(work: Working, places: Places) -> float:
-    """Most by which the level changed along lines over older ink; NaN where too few lie there.
-
-    Half of them may be missing.
-    """
-    rows = places.use & places.settled & _in_view(work, places)
-    if rows.sum() < _FEWEST:
-        return math.nan
-    width_px = float(np.median(places.ways.width)) * work.px_per_mm
-    level, _ = _level(work, places, width_px)
-    at = _core(level, places.seen, places.ways.width[:, None] * _CORE)[rows]
-    return float(np.abs(_usual_step(at)).max())
-
-
-def _in_view(work: Working, places: Places) -> BoolArray:
-    return np.asarray(reasons(work, places.seen, places.ways, work.bad) == Unseen.SEEN)
-
-
-def _level(work: Working, places: Places, width_px: float) -> tuple[FloatImage, FloatImage]:
+def light_less(work: Working, ground: Mask, width_px: float) -> tuple[FloatImage, FloatImage]:
     """What changed beside the light, softened, and how the light did; each (h, w, c)."""
     raw = work.channels[:, :, work.channels.shape[2] // 2 :]
-    light = _light(raw, places.ground)
+    light = _light(raw, ground)
     blur = max(0.6, _SOFT * width_px)
     soft = cv2.GaussianBlur(raw - light, (0, 0), blur).reshape(raw.shape)
     return np.asarray(soft, dtype=np.float32), light
@@ -328,16 +314,26 @@ def _inside(places: Places, width_px: float) -> BoolArray:
 
 
 def unchanged(
-    gaps: list[Gap], present: FloatArray, good: BoolArray, ways: Ways
+    gaps: list[Gap],
+    present: FloatArray,
+    good: BoolArray,
+    ways: Ways,
+    changed: Callable[[BoolArray], float],
 ) -> tuple[list[Gap], BoolArray]:
-    """Return gaps in which nothing changed, and the places of all others, (n,)."""
+    """Return gaps in which nothing changed, and the places of all others, (n,).
+
+    ``changed`` is how much the picture did at some places (n,), over what ink does, whatever its
+    level: ridges and their shades, too.
+    """
     kept, doubtful = [], np.zeros(len(ways), dtype=np.bool_)
     for gap in gaps:
         own = (ways.stroke == gap.stroke) & (ways.along >= gap.from_mm) & (ways.along <= gap.to_mm)
         inner = present[own & good]
         long = gap.length_mm > _SHORTEST * float(ways.width[own].max(initial=0.0))
-        if long and len(inner) and float(np.median(np.abs(inner))) < _UNCHANGED:
-            kept.append(gap)
+        same = len(inner) > 0 and float(np.median(np.abs(inner))) < _UNCHANGED
+        share = changed(own) if long and same else np.inf
+        if share < _MUCH:
+            kept.append(replace(gap, shaded=share > _SHADED))
         else:
             doubtful |= own
     return kept, doubtful

@@ -243,6 +243,14 @@ def _gap(
     return Gap(int(ways.stroke[first]), begin, end, places[0], places[1], u, p_value)
 
 
+def stretch_gap(ways: Ways, first: int, last: int) -> Gap:
+    """Places from ``first`` to ``last`` as a stretch, of which no chance is known."""
+    begin, end = (
+        float(ways.along[k] + by * ways.step[k]) for k, by in ((first, -0.5), (last, 0.5))
+    )
+    return _gap(ways, first, last, begin, end, float(ways.step[first]), 1.0)
+
+
 def merged(gaps: list[Gap], ways: Ways) -> tuple[Gap, ...]:
     """Gaps in order, those of one stroke that are nearer than half a width as one."""
     out: list[Gap] = []
@@ -254,6 +262,7 @@ def merged(gaps: list[Gap], ways: Ways) -> tuple[Gap, ...]:
                 out[-1] = Gap(
                     gap.stroke, before.from_mm, gap.to_mm, before.start_mm, gap.end_mm,
                     max(before.u_tip_mm, gap.u_tip_mm), min(before.p_value, gap.p_value),
+                    shaded=before.shaded or gap.shaded,
                 )  # fmt: skip
                 continue
         out.append(gap)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import cv2
@@ -16,6 +17,7 @@ from registration.layer_images.between_older import BARE
 from registration.layer_images.blobs import find_blobs
 from registration.layer_images.changed import unchanged
 from registration.layer_images.debris import is_bare
+from registration.layer_images.findings import LayerFindings
 from registration.layer_images.gap_ends import LightAlong
 from registration.layer_images.gaps import find_gaps, inside, lit_along, merged, shift_along
 from registration.layer_images.height_ends import HeightsAlong, Section
@@ -30,6 +32,7 @@ from registration.layer_images.step_height import stepped
 from registration.layer_images.stretches import find_stretches, width_ratio
 from registration.layer_images.sure_ink import unsure_places
 from registration.layer_images.told import ASIDE, Told
+from registration.layer_images.told_by_all import told_by_all
 from registration.layer_images.unseen_ways import unseen_ways
 from registration.layer_images.values import (
     Blob,
@@ -37,7 +40,6 @@ from registration.layer_images.values import (
     FloatArray,
     Gap,
     IntArray,
-    LayerFindings,
     Lumen,
     Shift,
     Unseen,
@@ -178,6 +180,7 @@ def findings_of(
     way = ways.step
     seen_mm = float(way[good].sum())
     covered = float((np.clip(look.present[good], 0.0, 1.0) * way[good]).sum())
+    step, limit = (math.nan, math.nan) if look.change is None else look.change.over_older()
     return LayerFindings(
         stations=stations,
         gaps=_placed(merged(gaps, ways), look, shift, good),
@@ -202,7 +205,9 @@ def findings_of(
         by_height_share=float(way[_by_height(look, good)].sum()) / float(way.sum()),
         waver=_waver(look, good),
         older_mm=float(way[look.over_old].sum()),
-        older_step=look.older_step,
+        older_step=step,
+        older_limit=limit,
+        told=told_by_all(look, good, faint),
     )
 
 
@@ -267,10 +272,12 @@ def _gaps(
                 unclear |= doubtful
                 vague |= doubtful
             elif look.by_change and told is look.old:
-                for judge in (unchanged, stepped):
-                    gaps, doubtful = judge(gaps, look.present, clear, look.ways)
-                    unclear |= doubtful
-                    vague |= doubtful
+                gaps, doubtful = unchanged(
+                    gaps, look.present, clear, look.ways, partial(_changed_share, look)
+                )
+                gaps, more = stepped(gaps, look.present, clear, look.ways)
+                unclear |= doubtful | more
+                vague |= doubtful | more
             else:
                 shown = ~look.inferred
                 gaps = [
@@ -293,6 +300,12 @@ def _gaps(
             doubt = good & rows & (look.plain < INK * noise.middle) & (look.present > INK)
             why[doubt & (look.plain < 0.25 * noise.middle)] = int(Unseen.UNCLEAR)
     return found, good & (vague | (why == Unseen.SEEN))
+
+
+def _changed_share(look: SeenLayer, rows: BoolArray) -> float:
+    """How much the picture changed at places, over what it does by ink on such lines."""
+    assert look.change is not None
+    return look.change.share(rows, look.ways.normal)
 
 
 def _doubted(look: SeenLayer, gaps: list[Gap], places: int, options: SeeingOptions) -> list[Gap]:

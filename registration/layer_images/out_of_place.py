@@ -14,16 +14,10 @@ from typing import Final
 import cv2
 import numpy as np
 
+from registration.layer_images.findings import LayerFindings
 from registration.layer_images.presence import INK
 from registration.layer_images.seen_layer import SeenLayer
-from registration.layer_images.values import (
-    BoolArray,
-    ExpectedLines,
-    FloatImage,
-    Gap,
-    LayerFindings,
-    Unseen,
-)
+from registration.layer_images.values import BoolArray, ExpectedLines, FloatImage, Gap, Unseen
 from registration.layer_images.working import Mask, drawn_lines
 
 _BY_HALF: Final = 0.5

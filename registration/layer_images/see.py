@@ -21,6 +21,7 @@ import numpy as np
 
 from registration.errors import PictureError
 from registration.layer_images.before import with_before
+from registration.layer_images.findings import LayerFindings
 from registration.layer_images.first_shift import first_shift
 from registration.layer_images.layer_findings import findings_of, honest_shift, may_be_ridges
 from registration.layer_images.layer_shift import PLENTY, fit_shift
@@ -35,7 +36,6 @@ from registration.layer_images.values import (
     ExpectedLines,
     Frame,
     Image,
-    LayerFindings,
     Lumen,
     Shift,
 )

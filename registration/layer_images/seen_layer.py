@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -10,12 +9,13 @@ import cv2
 import numpy as np
 
 from registration.layer_images.between_older import infer_missing, is_contradicted
-from registration.layer_images.changed import Places, change_of_level, tell_by_change
+from registration.layer_images.changed import Places, tell_by_change
 from registration.layer_images.covered import Covers
 from registration.layer_images.height import HeightFrame
 from registration.layer_images.ink_image import ACROSS, smoothed
 from registration.layer_images.light import flattened
 from registration.layer_images.options import SeeingOptions
+from registration.layer_images.picture_change import Change, Unwritten, change_along, lay_older
 from registration.layer_images.place_reasons import reasons
 from registration.layer_images.presence import Sides
 from registration.layer_images.ridge_shading import RidgeLight
@@ -71,8 +71,8 @@ class SeenLayer:
         As of `Told`, of both together.
     why : (n,) int64
         `Unseen`.
-    older_step : float
-        Logarithm by which places over older ink changed since the picture before; NaN without one.
+    change : Change or None
+        Of the picture since the one before; None without one.
     """
 
     work: Working
@@ -95,7 +95,7 @@ class SeenLayer:
     widths: Widths
     by_height: bool
     by_change: bool
-    older_step: float
+    change: Change | None
     thickness_mm: float | None = None
 
 
@@ -136,7 +136,12 @@ def seen_at_shift(
     # shows of its ground tells it.
     nothing = np.zeros(work.shape, dtype=np.bool_)
     place = reasons(work, seen, ways, nothing, by_hidden=thickness_mm is None)
-    old, older_step = None, math.nan
+    old, change = None, None
+    if work.earlier is not None and thickness_mm is None:
+        bare = _unwritten(work, frame, lines, late, by, masks, ways, seen, over_old)
+        lower = lay_older(lines, late, ways)
+        lower = None if lower is None else lower.moved(by)
+        change = change_along(work, frame, ways, seen, lower, bare)
     if over_old.any() and thickness_mm is not None:
         below = _directly_below(work, frame, lines, by, thickness_mm)
         old = tell_by_height(
@@ -144,9 +149,8 @@ def seen_at_shift(
             options.gap_mm, options.false_rate,
         )  # fmt: skip
     elif over_old.any() and work.earlier is not None:
-        places = _places(work, frame, lines, late, by, masks, ways, seen, over_old)
+        places = _places(work, bare, masks, ways, seen)
         old = tell_by_change(work, places, options.gap_mm, options.false_rate, rng)
-        older_step = change_of_level(work, places)
     elif over_old.any():
         old = _by_contrast(ground, masks, ways, seen, over_old, bath, rng)
     if _is_contradicted(bath, old, over_old, ways):
@@ -171,7 +175,7 @@ def seen_at_shift(
         )
     return SeenLayer(
         work, frame, ways, moved, seen, flat, masks, sides, over_old, inferred, bath, old, *joined,
-        group, widths, by_height, by_change, older_step, thickness_mm,
+        group, widths, by_height, by_change, change, thickness_mm,
     )  # fmt: skip
 
 
@@ -290,7 +294,7 @@ def _onto(
     return out
 
 
-def _places(
+def _unwritten(
     work: Working,
     frame: WorkingFrame,
     lines: ExpectedLines,
@@ -300,8 +304,8 @@ def _places(
     ways: Ways,
     seen: Seen,
     over_old: BoolArray,
-) -> Places:
-    """Places over older ink, to be told by the picture before."""
+) -> Unwritten:
+    """What was written since the picture before, and what not."""
     written = masks.fresh.copy()
     settled = np.ones(len(ways), dtype=np.bool_)
     if late.any():
@@ -313,10 +317,16 @@ def _places(
     side = 2 * round(0.4 * float(np.median(ways.width)) * work.px_per_mm) + 5
     lost = (work.bad | work.hidden).astype(np.uint8)
     ground = 1 - (cv2.dilate(written, np.ones((side, side), np.uint8)) | lost)
+    onto = _onto(work, frame, lines, by_mm, ways, seen)
+    return Unwritten(settled, ground, masks.old, over_old, onto)
+
+
+def _places(work: Working, bare: Unwritten, masks: Masks, ways: Ways, seen: Seen) -> Places:
+    """Places over older ink, to be told by the picture before."""
     assert work.earlier is not None
     earlier = flattened(work.earlier, masks.free, masks.core, work.px_per_mm)
-    onto = _onto(work, frame, lines, by_mm, ways, seen)
-    return Places(ways, seen, over_old, settled, onto, ground, masks.old & masks.fresh, earlier)
+    both = masks.old & masks.fresh
+    return Places(ways, seen, bare.over_old, bare.settled, bare.onto, bare.ground, both, earlier)
 
 
 def _is_contradicted(bath: Told | None, old: Told | None, over_old: BoolArray, ways: Ways) -> bool:

@@ -177,6 +177,8 @@ class Gap:
     p_value : float
         Chance of so little ink or less, here, by the picture's noise, where the line is as
         expected. Many places are tested: `LayerFindings.places`.
+    shaded : bool
+        Whether its level alone says so, and the picture changed there as a line's shade may.
     """
 
     stroke: int
@@ -187,6 +189,7 @@ class Gap:
     u_tip_mm: float
     p_value: float
     u_shift_mm: float = 0.0
+    shaded: bool = False
 
     @property
     def u_mm(self) -> float:
@@ -325,75 +328,3 @@ class Appearance:
     terms: FloatArray
     filled: bool
     ink: FloatArray
-
-
-@dataclass(frozen=True)
-class LayerFindings:
-    """What a look at a layer told.
-
-    Attributes
-    ----------
-    stations : Stations
-    gaps : tuple of Gap
-    stretches : tuple of Stretch
-    blobs : tuple of Blob
-    lumens : tuple of LumenSeen
-    width_ratio, u_width_ratio : float
-        Width seen over expected where there is ink, common doubt included; NaN and inf without.
-    seen_share : float
-        Of the expected way.
-    coverage : float
-        Ink seen over expected on the way that was seen; NaN where nothing was.
-    shift : Shift
-    places : int
-        Independent places that were tested for gaps.
-    contrast : float
-        Ink over bath, in standard deviations of a place as long as a tolerated gap.
-    appearance : Appearance or None
-        None where ink couldn't be told from bath.
-    moved_px : float
-        By how many pixels the camera moved since the picture before; NaN without one.
-    bare : tuple of int
-        Strokes of which nothing is seen or stands out: their ink is missing, or too faint.
-    unseen : tuple of Gap
-        Stretches longer than `SeeingOptions.unseen_mm` of which nothing is told, ink or gap.
-    faint_share : float
-        Of the expected way, on which ink shows, but gaps longer than a tolerated one alone do.
-    unplaced : tuple of Gap
-        What is missing by one of two places that the layer may have, and not by the other.
-    beside_mm : float, mm
-        Way of a line whose ink lies at the layer's height where none should (a profiler's maps).
-    aside : bool
-        Whether all of its ink lies aside, however unsure by how much.
-    least_gap_mm, by_height_share, waver : float
-        Of a profiler's map: shortest gap that surely shows, mm; share of the way seen over older
-        ink, where no widths are told; standard deviation of ink's height there, thicknesses.
-    older_mm, older_step : float
-        Way over older ink, mm, and by what logarithm it changed since the picture before, or NaN.
-    """
-
-    stations: Stations
-    gaps: tuple[Gap, ...]
-    stretches: tuple[Stretch, ...]
-    blobs: tuple[Blob, ...]
-    lumens: tuple[LumenSeen, ...]
-    width_ratio: float
-    u_width_ratio: float
-    seen_share: float
-    coverage: float
-    shift: Shift
-    places: int
-    contrast: float
-    appearance: Appearance | None
-    moved_px: float = math.nan
-    bare: tuple[int, ...] = ()
-    unseen: tuple[Gap, ...] = ()
-    faint_share: float = 0.0
-    unplaced: tuple[Gap, ...] = ()
-    beside_mm: float = 0.0
-    aside: bool = False
-    least_gap_mm: float = 0.0
-    by_height_share: float = 0.0
-    waver: float = math.nan
-    older_mm: float = 0.0
-    older_step: float = math.nan
