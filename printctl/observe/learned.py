@@ -1,4 +1,4 @@
-"""What pictures have taught of ink and scanner, as each look's record keeps it."""
+"""Ink and scanner as learned from pictures, as each look's record keeps it."""
 
 from __future__ import annotations
 

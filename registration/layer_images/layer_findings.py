@@ -11,29 +11,27 @@ from typing import Final
 import cv2
 import numpy as np
 
-from registration.layer_images.along_strokes import reached
-from registration.layer_images.bare_strokes import bare_strokes
-from registration.layer_images.between_older import BARE
-from registration.layer_images.blobs import find_blobs
-from registration.layer_images.changed import unchanged
-from registration.layer_images.debris import is_bare
 from registration.layer_images.findings import LayerFindings
-from registration.layer_images.gap_ends import LightAlong
-from registration.layer_images.gaps import find_gaps, inside, lit_along, merged, shift_along
-from registration.layer_images.height_ends import HeightsAlong, Section
-from registration.layer_images.in_light import LightMix
-from registration.layer_images.ink_image import ACROSS, SMOOTH, angle_of
-from registration.layer_images.lumens_seen import see_lumens
+from registration.layer_images.gaps.along_strokes import reached
+from registration.layer_images.gaps.between_older import BARE
+from registration.layer_images.gaps.gap_ends import LightAlong
+from registration.layer_images.gaps.gaps import find_gaps, inside, lit_along, merged, shift_along
+from registration.layer_images.gaps.height_ends import HeightsAlong, Section
+from registration.layer_images.gaps.sure_ink import unsure_places
+from registration.layer_images.ink.in_light import LightMix
+from registration.layer_images.ink.ink_image import ACROSS, SMOOTH, angle_of
+from registration.layer_images.ink.presence import INK
+from registration.layer_images.ink.told import ASIDE, Told
 from registration.layer_images.options import SeeingOptions
-from registration.layer_images.plane_map import PlaneMap
-from registration.layer_images.presence import INK
+from registration.layer_images.over_ink.changed import unchanged
+from registration.layer_images.over_ink.step_height import stepped
+from registration.layer_images.pictures.plane_map import PlaneMap
+from registration.layer_images.pictures.working import Mask
 from registration.layer_images.seen_layer import SeenLayer
-from registration.layer_images.step_height import stepped
-from registration.layer_images.stretches import find_stretches, width_ratio
-from registration.layer_images.sure_ink import unsure_places
-from registration.layer_images.told import ASIDE, Told
-from registration.layer_images.told_by_all import told_by_all
-from registration.layer_images.unseen_ways import unseen_ways
+from registration.layer_images.unseen.bare_strokes import bare_strokes
+from registration.layer_images.unseen.debris import is_bare
+from registration.layer_images.unseen.told_by_all import told_by_all
+from registration.layer_images.unseen.unseen_ways import unseen_ways
 from registration.layer_images.values import (
     Blob,
     BoolArray,
@@ -45,8 +43,10 @@ from registration.layer_images.values import (
     Unseen,
 )
 from registration.layer_images.ways import Ways
-from registration.layer_images.widths import Widths
-from registration.layer_images.working import Mask
+from registration.layer_images.widths.blobs import find_blobs
+from registration.layer_images.widths.lumens_seen import see_lumens
+from registration.layer_images.widths.stretches import find_stretches, width_ratio
+from registration.layer_images.widths.widths import Widths
 
 _EDGES_RATE: Final = 1e-4
 """Ink that is told by its edges or slopes must be missing by so much more surely."""

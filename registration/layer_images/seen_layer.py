@@ -8,25 +8,36 @@ from typing import Final
 import cv2
 import numpy as np
 
-from registration.layer_images.between_older import infer_missing, is_contradicted
-from registration.layer_images.changed import Places, tell_by_change
-from registration.layer_images.covered import Covers
-from registration.layer_images.height import HeightFrame
-from registration.layer_images.ink_image import ACROSS, smoothed
-from registration.layer_images.light import flattened
-from registration.layer_images.options import SeeingOptions
-from registration.layer_images.picture_change import Change, Unwritten, change_along, lay_older
-from registration.layer_images.place_reasons import reasons
-from registration.layer_images.presence import Sides
-from registration.layer_images.ridge_shading import RidgeLight
-from registration.layer_images.stations import Grouping, station_widths
-from registration.layer_images.step_height import tell_by_height
-from registration.layer_images.told import (
+from registration.layer_images.gaps.between_older import infer_missing, is_contradicted
+from registration.layer_images.heights.height import HeightFrame
+from registration.layer_images.ink.ink_image import ACROSS, smoothed
+from registration.layer_images.ink.place_reasons import reasons
+from registration.layer_images.ink.presence import Sides
+from registration.layer_images.ink.told import (
     Ground,
     Told,
     tell_ink,
 )
-from registration.layer_images.told_by_ridges import tell_ridges
+from registration.layer_images.options import SeeingOptions
+from registration.layer_images.over_ink.changed import Places, tell_by_change
+from registration.layer_images.over_ink.covered import Covers
+from registration.layer_images.over_ink.picture_change import (
+    Change,
+    Unwritten,
+    change_along,
+    lay_older,
+)
+from registration.layer_images.over_ink.step_height import tell_by_height
+from registration.layer_images.pictures.light import flattened
+from registration.layer_images.pictures.working import (
+    Mask,
+    Masks,
+    Working,
+    WorkingFrame,
+    drawn_lines,
+)
+from registration.layer_images.ridges.ridge_shading import RidgeLight
+from registration.layer_images.ridges.told_by_ridges import tell_ridges
 from registration.layer_images.values import (
     Appearance,
     BoolArray,
@@ -38,9 +49,9 @@ from registration.layer_images.values import (
     Unseen,
 )
 from registration.layer_images.ways import Seen, Ways
-from registration.layer_images.widths import Widths
-from registration.layer_images.widths_by_change import widths_by_change
-from registration.layer_images.working import Mask, Masks, Working, WorkingFrame, drawn_lines
+from registration.layer_images.widths.stations import Grouping, station_widths
+from registration.layer_images.widths.widths import Widths
+from registration.layer_images.widths.widths_by_change import widths_by_change
 
 _MOST_OLD: Final = 0.3
 """Of a line's width over older ink: more, and it is judged against that."""

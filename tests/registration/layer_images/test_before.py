@@ -12,7 +12,7 @@ from benchmarks.checkers.stacked_layers import Stack, stack
 from benchmarks.observe_before import expected, look
 from registration.errors import PictureError
 from registration.layer_images import Unseen, see_layer
-from registration.layer_images.earlier_view import camera_move
+from registration.layer_images.pictures.earlier_view import camera_move
 from tests.slower import first_of
 
 SEEN = 4

@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from registration.layer_images import ExpectedLines, see_layer
-from registration.layer_images.changed import unchanged
+from registration.layer_images.over_ink.changed import unchanged
 from registration.layer_images.values import FloatArray, Gap, Image
 from registration.layer_images.ways import lay_ways
 

@@ -17,8 +17,8 @@ from registration.layer_images import (
     height_map,
     see_layer,
 )
-from registration.layer_images.ink_image import ACROSS
-from registration.layer_images.rim_widths import fit_rim
+from registration.layer_images.ink.ink_image import ACROSS
+from registration.layer_images.widths.rim_widths import fit_rim
 from registration.scan import Scan
 
 VOXEL = (0.012, 0.025, 0.025)
