@@ -39,8 +39,9 @@ from printctl.link.record import JOURNAL
 from printctl.link.watch import DueTask, Watch
 from printctl.observe.deciding import Decider, FlowControl, Limits
 from printctl.observe.devices import DeviceSettings
+from printctl.observe.look_values import Look
 from printctl.observe.looking_at import ObservedJob
-from printctl.observe.observer import Look, Observer
+from printctl.observe.observer import Observer
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import answer_look, look_folder, read_looks
 from printctl.observe.view_before import EMPTY
@@ -171,6 +172,9 @@ class World:
     watch: Watch | None = None
     looks: int = 0
     decisions: list[str] = field(default_factory=list)
+    decided: int = 0
+    """The look that was decided last."""
+    pictures: int = 0
 
     def lies(self, done: int | None = None, faults: InkFaults | None = None) -> Laid:
         """Ink that lies there after so many lines of the grown job."""
@@ -212,6 +216,7 @@ class World:
     def look_done(self, look: int, decision: str, why: str, again: bool = False) -> None:
         """Note the decision; the operator clears a clogged needle and approves what is asked."""
         self.decisions.append(f"{decision}: {why}")
+        self.decided = look
         asked = read_looks(self.folder)[-1].asked
         if asked or "the needle is clogged" in why:
             self.clear_needle()
@@ -260,8 +265,8 @@ def observed(folder: Path, faults: InkFaults, camera: Path, path: Path, every: s
 
     def acquire(look: Look, out: Path) -> Path:
         ink = world.lies(world.done) if look.number else nothing_laid()
-        number = 2 * look.number + (out.name != "picture")
-        picture = paint(ink, seen.camera, seen.scene, number)
+        world.pictures += 1
+        picture = paint(ink, seen.camera, seen.scene, world.pictures)
         cv2.imwrite(str(out.with_suffix(".png")), picture)
         return out.with_suffix(".png")
 
@@ -269,7 +274,10 @@ def observed(folder: Path, faults: InkFaults, camera: Path, path: Path, every: s
     acquire(Look(EMPTY, 0, 0, 0, "begin"), look_folder(folder, EMPTY) / "picture")
     job.begun = time.time()
     decider = Decider(order.limits, FlowControl(order.limits.flow))
-    observer = Observer(folder, world, acquire, job.judge, job.mend_lines, decider, lambda _: True)
+    observer = Observer(
+        folder, world, acquire, job.judge, job.mend_lines, decider,
+        lambda number: world.decided >= number,
+    )  # fmt: skip
     part = ObservePart(device="camera", every=every)
     watch = Watch(world.job.marks, Care(None, **look_care(part, embedded=False)), world.job.lines)
     world.watch, number = watch, 0

@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from printctl.observe.deciding import Decider, LayersSeen
+from registration.layer_images.values import Gap
 
 
 def state_of(decider: Decider) -> dict[str, Any]:
@@ -25,4 +26,7 @@ def restore(decider: Decider, state: dict[str, Any]) -> None:
     control = decider.control
     control.log_flow = state["log_flow"]
     control.variance, control.time_s = state["variance"], state["time_s"]
-    decider.layers, decider.last_shift_mm = LayersSeen(**state["layers"]), state["last_shift_mm"]
+    layers = dict(state["layers"])
+    for name in ("blank", "tail", "before_tail"):
+        layers[name] = [Gap(**one) for one in layers.get(name, ())]
+    decider.layers, decider.last_shift_mm = LayersSeen(**layers), state["last_shift_mm"]

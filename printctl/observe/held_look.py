@@ -13,10 +13,10 @@ from printctl.link.marks import MarkKind, Marks
 from printctl.observe.deciding.evidence import UnseenPath
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.expected import ExpectedInk
+from printctl.observe.look_values import Look
 from printctl.observe.mending import HeldPrint
 from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.mends_again import LayerInk, mended_of
-from printctl.observe.observer import Look
 from printctl.observe.scan_place import ScanSize
 from registration.layer_images import Appearance, Gap, LayerFindings, Lumen, Stations, Unseen
 from registration.layer_images.values import BoolArray

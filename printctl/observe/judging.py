@@ -32,6 +32,7 @@ from registration.layer_images import (
     Stations,
     Unseen,
 )
+from registration.layer_images.findings import ToldOfInk
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -143,6 +144,8 @@ def evidence_of(
         waver=findings.waver,
         older_mm=findings.older_mm,
         older_step=findings.older_step,
+        older_limit=findings.older_limit,
+        told=_told(findings, layer),
         untold_seams=findings.untold_seams,
     )
 
@@ -159,6 +162,14 @@ def _half_seen(
     if again is None or ink.style == "embedded":
         return ()
     return tuple(gap for gap in findings.gaps if not again.stations.tell(gap))
+
+
+def _told(findings: LayerFindings, layer: LayerInk) -> ToldOfInk:
+    """Whether ink came, on the job's own paths."""
+    told, mended = findings.told, layer.mended
+    each = (gaps_of_job(one, mended) for one in (told.still, told.untold, told.tail))
+    still, untold, tail = each
+    return replace(told, still=still, untold=untold, tail=tail)
 
 
 def open_width(lumen: LumenSeen) -> Narrowed:
@@ -185,7 +196,9 @@ def nothing_seen() -> Evidence:
 def without_rest(evidence: Evidence) -> Evidence:
     """Return what a look at mends alone tells: gaps, lumens and shift."""
     nothing = nothing_seen()
-    return replace(evidence, flow=nothing.flow, supply=nothing.supply, thin=(), seem_thin=())
+    return replace(
+        evidence, flow=nothing.flow, supply=nothing.supply, thin=(), seem_thin=(), mends=True
+    )
 
 
 def figures(findings: LayerFindings, evidence: Evidence) -> dict[str, Any]:

@@ -12,9 +12,9 @@ from printctl.observe.held_look import HeldLook
 from printctl.observe.scan_place import ScanSize
 from printctl.observe.views import View
 from registration.layer_images import ExpectedLines, HeightFrame
-from registration.layer_images.lost_rows import lost_rows
+from registration.layer_images.heights.lost_rows import lost_rows
+from registration.layer_images.pictures.working import drawn_lines
 from registration.layer_images.values import FloatImage
-from registration.layer_images.working import drawn_lines
 
 _WIDER = 2.0
 """Widths of a line, beside which its ink and its shadow change a map."""

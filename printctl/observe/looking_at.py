@@ -42,6 +42,8 @@ from printctl.observe.judging import (
     without_rest,
 )
 from printctl.observe.last_map import LastMap
+from printctl.observe.learned import Learned
+from printctl.observe.look_values import Judged, Look, MendLines
 from printctl.observe.lumen_areas import lumens_at
 from printctl.observe.mending import HeldPrint, Voids, checked_mend
 from printctl.observe.mends_again import (
@@ -55,17 +57,14 @@ from printctl.observe.mends_again import (
     with_mends,
     writes_since,
 )
-from printctl.observe.observer import Judged, Look, MendLines
 from printctl.observe.order import ObserverOrder
 from printctl.observe.profiler import refuse_other_height
 from printctl.observe.records import DRAWN, read_looks
-from printctl.observe.scan_place import ScanSize
 from printctl.observe.shown_place import seen_where_ink_shows
 from printctl.observe.view_before import picture_before
 from printctl.observe.views import open_view, read_picture
 from registration.errors import PictureError
 from registration.layer_images import (
-    Appearance,
     Gap,
     LayerFindings,
     Lumen,
@@ -100,10 +99,9 @@ class ObservedJob:
     folder: Path
     order: ObserverOrder
     begun: float = 0.0
-    _appearance: Appearance | None = None
+    _learned: Learned | None = None  # None until the records of another observer were read
     _digest: bytes = b""  # of what was taken last
     _last: HeldLook | None = None
-    _size: ScanSize | None = None  # of the last scan in which lines were seen
     _map: LastMap = field(default_factory=LastMap)
 
     @cached_property
@@ -178,6 +176,10 @@ class ObservedJob:
         high = np.append(ends[:, :2].max(axis=0) + _ASIDE_MM, top + _ABOVE_MM)
         return _place(low), _place(high)
 
+    @property
+    def _known(self) -> Learned:
+        return self._learned or Learned()
+
     # --- judging ---------------------------------------------------------------------------------
 
     def judge(self, look: Look, picture: Path, again: Path | None) -> Judged:
@@ -189,6 +191,12 @@ class ObservedJob:
             When a picture can't be read, or is the last one to the last bit.
         """
         at = self._held(look)
+        if self._learned is None:
+            self._learned = Learned.before(read_looks(self.folder, self.begun), look.number)
+        judged = self._judged(at, picture, again)
+        return replace(judged, learned=self._learned.state())
+
+    def _judged(self, at: HeldLook, picture: Path, again: Path | None) -> Judged:
         if again is None:  # a first picture, or one that was taken anew
             at.found.clear()
         try:
@@ -221,25 +229,14 @@ class ObservedJob:
             evidence = without_rest(evidence)
         found = {**figures(first, evidence), "about_from": at.look.before}
         if at.size and first.seen_share < self.order.limits.least_seen:
-            found["not_seen"] = self._size_words(at.size)
+            found["not_seen"] = self._known.size_words(at.size)
             # A scanner tells heights: what it doesn't see isn't hidden by older ink.
             evidence = replace(evidence, over_old_share=0.0)
         elif at.size:
-            self._size = at.size
+            self._learned = self._known.with_size(at.size)
         if words := unseen_words(first, at.layer.mended):
             found["not_seen"] = words
         return Judged(evidence, found, at.flow)
-
-    def _size_words(self, size: ScanSize) -> str:
-        """Where a scan that tells little lies; raises where the last one had another spacing."""
-        if self._size and self._size.voxel_mm != size.voxel_mm:
-            raise DeviceError(
-                f"nothing fits the lines in this scan: it has {size.words}; the last one that did "
-                f"had {self._size.words}; set the scanner as before, or correct the voxel size (in "
-                "the file or beside it), then resume"
-            )
-        wrong = "where that isn't so, correct the voxel size or observe.frame"
-        return f"the scan has {size.words}: {wrong}"
 
     def _unseen(self, at: HeldLook, each: list[LayerFindings]) -> tuple[UnseenPath, ...]:
         """Vessels in a bath of which no picture shows more than is tolerated."""
@@ -273,7 +270,7 @@ class ObservedJob:
                 since=at.since[shown.row],
                 hidden=() if view.hidden is None else view.hidden,
                 # In a bath ink is as dark as it is thick and near: each look learns its own.
-                known=self._appearance if layered else None,
+                known=self._known.appearance if layered else None,
                 thickness_mm=slab_mm[1] if is_height else None,
             )
             findings = seen_where_ink_shows(
@@ -283,9 +280,9 @@ class ObservedJob:
             findings = shown.as_given(findings)
             refuse_other_height(at.size, findings.seen_share, findings.coverage)
             if not at.found:
-                self._appearance = learned_appearance(
-                    self._appearance, findings, self.order.limits.least_seen
-                )
+                known, least = self._known, self.order.limits.least_seen
+                look = learned_appearance(known.appearance, findings, least)
+                self._learned = replace(known, appearance=look)
                 least = self.order.limits.least_open
                 narrowed = narrowed_lumens(at.lumens, findings.lumens, least)
                 drawn = annotated(view.drawn_into, frame, findings, narrowed)

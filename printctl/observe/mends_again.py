@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from printctl.observe.expected import ExpectedInk
+from printctl.observe.look_values import Look
 from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.mending.gap import NotMended
 from printctl.observe.mending.laid_ink import LaidInk, sound_spans, stretch_of
-from printctl.observe.observer import Look
 from printctl.observe.records import LookRecord
 from registration.layer_images import ExpectedLines, Gap, LayerFindings, Stations
+from registration.layer_images.findings import ToldOfInk
 
 IntArray = NDArray[np.int64]
 
@@ -204,7 +205,10 @@ def of_mends(findings: LayerFindings) -> LayerFindings:
     """Return findings on mends alone."""
     gaps = tuple(one for one in findings.gaps if one.stroke >= _FIRST)
     bare = tuple(stroke for stroke in findings.bare if stroke >= _FIRST)
-    return replace(findings, gaps=gaps, bare=bare, unseen=(), stretches=())
+    # Beside a sure gap what is untold of a mend isn't there either: it didn't change the picture.
+    still = findings.told.untold if gaps else findings.told.still
+    told = ToldOfInk(still=tuple(one for one in still if one.stroke >= _FIRST))
+    return replace(findings, gaps=gaps, bare=bare, unseen=(), stretches=(), told=told)
 
 
 def unseen_words(findings: LayerFindings, mended: Sequence[Mended]) -> str:

@@ -17,11 +17,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from printctl.link.errors import LinkError, Refused
-from printctl.link.marks import Mark, MarkKind
 from printctl.observe.decider_state import restore, state_of
-from printctl.observe.deciding import Decider, Decision, DecisionKind, Evidence
+from printctl.observe.deciding import Decider, Decision, DecisionKind
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError, picture_of
+from printctl.observe.learned import STATE
+from printctl.observe.look_values import Judged, Look, MendLines
 from printctl.observe.print_link import PrintLink
 from printctl.observe.records import (
     POSTPONED,
@@ -40,77 +41,6 @@ log = logging.getLogger(__name__)
 _ANSWER_POLL_S: Final = 0.2
 _HARDLY: Final = 0.1
 """Share of the lines: of a picture taken too early a part may lie over bath."""
-
-
-@dataclass(frozen=True)
-class Look:
-    """A look that the link waits for.
-
-    Attributes
-    ----------
-    number : int
-    done : int
-        Command lines of the growing job that were taken.
-    job_line : int
-        Command lines of the job's file among them.
-    before : int
-        The same at the look before.
-    mark : str
-    """
-
-    number: int
-    done: int
-    job_line: int
-    before: int
-    mark: str
-
-    @property
-    def within_vessel(self) -> bool:
-        """Whether more of the vessel follows."""
-        return self.mark.startswith(str(Mark(0, MarkKind.PART)))
-
-
-@dataclass(frozen=True)
-class Judged:
-    """What the pictures of a look have told.
-
-    Attributes
-    ----------
-    evidence : Evidence
-    found : dict
-        Figures for the record.
-    flow : float
-        Factor in force, as the job's inserts have it.
-    """
-
-    evidence: Evidence
-    found: dict[str, Any]
-    flow: float = 1.0
-
-
-@dataclass(frozen=True)
-class MendLines:
-    """What mends the gaps and thin lines of a look.
-
-    Attributes
-    ----------
-    lines : tuple of str
-        None where nothing can be mended.
-    left : str
-        What isn't mended by them, and why; empty for nothing.
-    left_mm : float, mm
-    mended : tuple of dict
-        Gaps that they write again (`printctl.observe.mends_again.Mended`), which are looked at
-        once more.
-    given_up : bool
-        Whether a gap was written so often in vain that the operator alone has it written again.
-    """
-
-    lines: tuple[str, ...] = ()
-    left: str = ""
-    left_mm: float = 0.0
-    mended: tuple[dict[str, Any], ...] = ()
-    given_up: bool = False
 
 
 @dataclass
@@ -183,6 +113,8 @@ class Observer:
             asked=decision.ask.value if decision.ask else "",
             factor=decision.factor,
         )
+        if judged.learned:
+            record = replace(record, control={**record.control, STATE: judged.learned})
         save_look(self.folder, record)
         self._act(look, decision)
         return self._kept(look.number) or record

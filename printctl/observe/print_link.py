@@ -1,4 +1,4 @@
-"""What an observer asks of a print's link process."""
+"""Requests of an observer to a print's link process."""
 
 from __future__ import annotations
 

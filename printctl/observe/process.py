@@ -24,8 +24,9 @@ from printctl.link.record import JOURNAL, load_record
 from printctl.link.states import LinkState, Status
 from printctl.observe.deciding import Decider, FlowControl
 from printctl.observe.devices import acquire
+from printctl.observe.look_values import Look
 from printctl.observe.looking_at import ObservedJob
-from printctl.observe.observer import Look, Observer
+from printctl.observe.observer import Observer
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import OBSERVER_LOCK, READY, read_looks
 from printctl.observe.trying import try_device

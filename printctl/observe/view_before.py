@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Final
 
-from printctl.observe.observer import Look
+from printctl.observe.look_values import Look
 from printctl.observe.records import LOOKS, read_looks
 
 EMPTY: Final = 0

@@ -3,7 +3,10 @@
 Names are loaded when first asked for.
 
 Goes in: a picture, its frame, expected lines. Comes out: widths along every line, gaps, blobs,
-lumens, the layer's shift, or "not seen". Begin with `see.py`.
+lumens, the layer's shift, or "not seen". Begin with `see.py`, which calls the rooms in this order:
+`heights` (a picture made from a volume or a height map), `pictures` (cropped, evenly lit), `place`
+(the layer's shift), `ink` and `ridges` (how much ink lies along each line), `over_ink` (the same on
+older ink), `gaps`, `widths`, and `unseen` (what the picture can't tell).
 """
 
 from typing import TYPE_CHECKING
@@ -12,21 +15,22 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from registration.layer_images.annotate import annotated
-    from registration.layer_images.below import ShownLines
-    from registration.layer_images.height import HeightFrame, height_map
-    from registration.layer_images.lumen_values import Lumen, LumenSeen
+    from registration.layer_images.findings import LayerFindings
+    from registration.layer_images.heights.below import ShownLines
+    from registration.layer_images.heights.height import HeightFrame, height_map
+    from registration.layer_images.heights.orientation import better_turned
+    from registration.layer_images.heights.own_depth import filament_map
+    from registration.layer_images.heights.surface import Surface, surface_of
     from registration.layer_images.options import SeeingOptions
-    from registration.layer_images.orientation import better_turned
-    from registration.layer_images.own_depth import filament_map
     from registration.layer_images.see import see_layer
-    from registration.layer_images.surface import Surface, surface_of
     from registration.layer_images.values import (
         Appearance,
         Blob,
         ExpectedLines,
         Frame,
         Gap,
-        LayerFindings,
+        Lumen,
+        LumenSeen,
         Shift,
         Stations,
         Stretch,

@@ -10,15 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.layer_images.lumen_values import Lumen
-from registration.layer_images.values import (
-    FloatArray,
-    Frame,
-    Image,
-    LayerFindings,
-    Stations,
-    Unseen,
-)
+from registration.layer_images.findings import LayerFindings
+from registration.layer_images.values import FloatArray, Frame, Image, Lumen, Stations, Unseen
 
 _SHIFT: Final = 4
 # Blue, green, red.

@@ -5,47 +5,49 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import cv2
 import numpy as np
 
-from registration.layer_images.along_strokes import reached
-from registration.layer_images.bare_strokes import bare_strokes
-from registration.layer_images.between_older import BARE
-from registration.layer_images.blobs import find_blobs
-from registration.layer_images.changed import unchanged
-from registration.layer_images.debris import is_bare
-from registration.layer_images.gap_ends import LightAlong
-from registration.layer_images.gaps import find_gaps, inside, lit_along, merged, shift_along
-from registration.layer_images.height_ends import HeightsAlong, Section
-from registration.layer_images.in_light import LightMix
-from registration.layer_images.ink_image import ACROSS, SMOOTH, angle_of
-from registration.layer_images.lumen_values import Lumen
-from registration.layer_images.lumens_seen import see_lumens
+from registration.layer_images.findings import LayerFindings
+from registration.layer_images.gaps.along_strokes import reached
+from registration.layer_images.gaps.between_older import BARE
+from registration.layer_images.gaps.gap_ends import LightAlong
+from registration.layer_images.gaps.gaps import find_gaps, inside, lit_along, merged, shift_along
+from registration.layer_images.gaps.height_ends import HeightsAlong, Section
+from registration.layer_images.gaps.sure_ink import unsure_places
+from registration.layer_images.ink.in_light import LightMix
+from registration.layer_images.ink.ink_image import ACROSS, SMOOTH, angle_of
+from registration.layer_images.ink.presence import INK
+from registration.layer_images.ink.told import ASIDE, Told
 from registration.layer_images.options import SeeingOptions
-from registration.layer_images.plane_map import PlaneMap
-from registration.layer_images.presence import INK
-from registration.layer_images.seam_findings import seam_findings, without_thin
+from registration.layer_images.over_ink.changed import unchanged
+from registration.layer_images.over_ink.step_height import stepped
+from registration.layer_images.pictures.plane_map import PlaneMap
+from registration.layer_images.pictures.working import Mask
 from registration.layer_images.seen_layer import SeenLayer
-from registration.layer_images.step_height import stepped
-from registration.layer_images.stretches import find_stretches, width_ratio
-from registration.layer_images.sure_ink import unsure_places
-from registration.layer_images.told import ASIDE, Told
-from registration.layer_images.unseen_ways import unseen_ways
+from registration.layer_images.unseen.bare_strokes import bare_strokes
+from registration.layer_images.unseen.debris import is_bare
+from registration.layer_images.unseen.seam_findings import seam_findings, without_thin
+from registration.layer_images.unseen.told_by_all import told_by_all
+from registration.layer_images.unseen.unseen_ways import doubted_gaps, unseen_ways
 from registration.layer_images.values import (
     Blob,
     BoolArray,
     FloatArray,
     Gap,
     IntArray,
-    LayerFindings,
+    Lumen,
     Shift,
     Unseen,
 )
 from registration.layer_images.ways import Ways
-from registration.layer_images.widths import Widths
-from registration.layer_images.working import Mask
+from registration.layer_images.widths.blobs import find_blobs
+from registration.layer_images.widths.lumens_seen import see_lumens
+from registration.layer_images.widths.stretches import find_stretches, width_ratio
+from registration.layer_images.widths.widths import Widths
 
 _EDGES_RATE: Final = 1e-4
 """Ink that is told by its edges or slopes must be missing by so much more surely."""
@@ -57,8 +59,6 @@ _MOVED: Final = 0.2
 """Widths, by which a look that takes bright flanks for lines may have moved the layer."""
 _HALF_SHOWN: Final = 0.5
 """Of a width, by which a line may lie aside and still show as half of its presence."""
-_LIKELIER: Final = 30.0
-"""Times a gap's p-value, up to which a stretch in faint ink is asked about."""
 _HOLE_PX: Final = 3.0
 """Working pixels: holes that are as wide are filled with what lies around."""
 _FEWEST_HEIGHTS: Final = 20
@@ -155,7 +155,7 @@ def findings_of(
         good = why == Unseen.SEEN
     gaps, told_there = _gaps(look, good, why, places, options)
     gaps = without_thin(look, gaps)
-    doubted = _doubted(look, gaps, places, options)
+    doubted = doubted_gaps(look, gaps, places, options)
     gaps, lost = _beside(look, gaps, told_there, why)
     why[lost] = int(Unseen.SEEN)
     look = replace(look, present=np.where(lost, 0.0, look.present))
@@ -182,6 +182,7 @@ def findings_of(
     way = ways.step
     seen_mm = float(way[good].sum())
     covered = float((seams.ink[good] * way[good]).sum())
+    step, limit = (math.nan, math.nan) if look.change is None else look.change.over_older()
     return LayerFindings(
         stations=stations,
         gaps=_placed(merged(gaps, ways), look, shift, good),
@@ -206,7 +207,9 @@ def findings_of(
         by_height_share=float(way[_by_height(look, good)].sum()) / float(way.sum()),
         waver=_waver(look, good),
         older_mm=float(way[look.over_old].sum()),
-        older_step=look.older_step,
+        older_step=step,
+        older_limit=limit,
+        told=told_by_all(look, good, faint),
         untold_seams=seams.untold,
     )
 
@@ -272,10 +275,12 @@ def _gaps(
                 unclear |= doubtful
                 vague |= doubtful
             elif look.by_change and told is look.old:
-                for judge in (unchanged, stepped):
-                    gaps, doubtful = judge(gaps, look.present, clear, look.ways)
-                    unclear |= doubtful
-                    vague |= doubtful
+                gaps, doubtful = unchanged(
+                    gaps, look.present, clear, look.ways, partial(_changed_share, look)
+                )
+                gaps, more = stepped(gaps, look.present, clear, look.ways)
+                unclear |= doubtful | more
+                vague |= doubtful | more
             else:
                 shown = ~look.inferred
                 gaps = [
@@ -300,19 +305,10 @@ def _gaps(
     return found, good & (vague | (why == Unseen.SEEN))
 
 
-def _doubted(look: SeenLayer, gaps: list[Gap], places: int, options: SeeingOptions) -> list[Gap]:
-    """Stretches that look bare in faint ink, too likely by noise to be gaps."""
-    told = look.bath
-    if told is None or told.noise is None or not told.faint:
-        return []
-    around = np.zeros(len(look.ways))
-    clear = ~look.over_old & (told.why == Unseen.SEEN)
-    likely = _LIKELIER * options.false_rate / places
-    found, _ = find_gaps(
-        look.present, clear, look.inferred, look.ways, told.noise, options.gap_mm, likely, around,
-        True,
-    )  # fmt: skip
-    return [one for one in found if one not in gaps]
+def _changed_share(look: SeenLayer, rows: BoolArray) -> float:
+    """How much the picture changed at places, over what it does by ink on such lines."""
+    assert look.change is not None
+    return look.change.share(rows, look.ways.normal)
 
 
 def _beside(

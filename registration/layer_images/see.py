@@ -22,27 +22,27 @@ from typing import Final
 import numpy as np
 
 from registration.errors import PictureError
-from registration.layer_images.before import with_before
-from registration.layer_images.first_shift import first_shift
+from registration.layer_images.findings import LayerFindings
 from registration.layer_images.layer_findings import findings_of, honest_shift, may_be_ridges
-from registration.layer_images.layer_shift import PLENTY, fit_shift
-from registration.layer_images.lumen_values import Lumen
 from registration.layer_images.options import SeeingOptions
-from registration.layer_images.out_of_place import ink_beside_mm, unless_elsewhere
-from registration.layer_images.ridge_light import ridge_light
-from registration.layer_images.ridge_shading import RidgeLight
+from registration.layer_images.pictures.before import with_before
+from registration.layer_images.pictures.working import Outlines, Working, prepare
+from registration.layer_images.place.first_shift import first_shift
+from registration.layer_images.place.layer_shift import PLENTY, fit_shift
+from registration.layer_images.ridges.ridge_light import ridge_light
+from registration.layer_images.ridges.ridge_shading import RidgeLight
 from registration.layer_images.seen_layer import SeenLayer, seen_at_shift
+from registration.layer_images.unseen.out_of_place import ink_beside_mm, unless_elsewhere
 from registration.layer_images.values import (
     Appearance,
     BoolArray,
     ExpectedLines,
     Frame,
     Image,
-    LayerFindings,
+    Lumen,
     Shift,
 )
 from registration.layer_images.ways import check_lines, lay_ways
-from registration.layer_images.working import Outlines, Working, prepare
 
 _STEPS_IN_GAP: Final = 4
 _SAME_PX: Final = 0.4

@@ -2,30 +2,42 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
 import numpy as np
 
-from registration.layer_images.between_older import infer_missing, is_contradicted
-from registration.layer_images.changed import Places, change_of_level, tell_by_change
-from registration.layer_images.covered import Covers
-from registration.layer_images.ink_image import ACROSS, smoothed
-from registration.layer_images.light import flattened
-from registration.layer_images.options import SeeingOptions
-from registration.layer_images.place_reasons import reasons
-from registration.layer_images.presence import Sides
-from registration.layer_images.ridge_shading import RidgeLight
-from registration.layer_images.stations import Grouping, station_widths
-from registration.layer_images.step_height import tell_by_height
-from registration.layer_images.told import (
+from registration.layer_images.gaps.between_older import infer_missing, is_contradicted
+from registration.layer_images.heights.height import HeightFrame
+from registration.layer_images.ink.ink_image import ACROSS, smoothed
+from registration.layer_images.ink.place_reasons import reasons
+from registration.layer_images.ink.presence import Sides
+from registration.layer_images.ink.told import (
     Ground,
     Told,
     tell_ink,
 )
-from registration.layer_images.told_by_ridges import tell_ridges
+from registration.layer_images.options import SeeingOptions
+from registration.layer_images.over_ink.changed import Places, tell_by_change
+from registration.layer_images.over_ink.covered import Covers
+from registration.layer_images.over_ink.picture_change import (
+    Change,
+    Unwritten,
+    change_along,
+    lay_older,
+)
+from registration.layer_images.over_ink.step_height import tell_by_height
+from registration.layer_images.pictures.light import flattened
+from registration.layer_images.pictures.working import (
+    Mask,
+    Masks,
+    Working,
+    WorkingFrame,
+    drawn_lines,
+)
+from registration.layer_images.ridges.ridge_shading import RidgeLight
+from registration.layer_images.ridges.told_by_ridges import tell_ridges
 from registration.layer_images.values import (
     Appearance,
     BoolArray,
@@ -37,9 +49,9 @@ from registration.layer_images.values import (
     Unseen,
 )
 from registration.layer_images.ways import Seen, Ways
-from registration.layer_images.widths import Widths
-from registration.layer_images.widths_by_change import widths_by_change
-from registration.layer_images.working import Mask, Masks, Working, WorkingFrame, drawn_lines
+from registration.layer_images.widths.stations import Grouping, station_widths
+from registration.layer_images.widths.widths import Widths
+from registration.layer_images.widths.widths_by_change import widths_by_change
 
 _MOST_OLD: Final = 0.3
 """Of a line's width over older ink: more, and it is judged against that."""
@@ -70,8 +82,8 @@ class SeenLayer:
         As of `Told`, of both together.
     why : (n,) int64
         `Unseen`.
-    older_step : float
-        Logarithm by which places over older ink changed since the picture before; NaN without one.
+    change : Change or None
+        Of the picture since the one before; None without one.
     """
 
     work: Working
@@ -94,7 +106,7 @@ class SeenLayer:
     widths: Widths
     by_height: bool
     by_change: bool
-    older_step: float
+    change: Change | None
     thickness_mm: float | None = None
 
 
@@ -128,14 +140,19 @@ def seen_at_shift(
     )  # fmt: skip
     older = seen.profiles(masks.old, ways.width[:, None] * np.linspace(-0.5, 0.5, 9), nearest=True)
     over_old = np.asarray(older.mean(axis=1) > _MOST_OLD)
-    covers = Covers.of(moved, seen)
+    covers = Covers.of(moved, seen, _scanner(work, frame))
     alone = ~over_old & ~covers.places
     bath, for_widths = _over_bath(ground, ways, seen, sides, alone, light, rng)
     # A gap in a solid layer lies in the shadow of the lines beside it, as a profiler sees it: what
     # shows of its ground tells it.
     nothing = np.zeros(work.shape, dtype=np.bool_)
     place = reasons(work, seen, ways, nothing, by_hidden=thickness_mm is None)
-    old, older_step = None, math.nan
+    old, change = None, None
+    if work.earlier is not None and thickness_mm is None:
+        bare = _unwritten(work, frame, lines, late, by, masks, ways, seen, over_old)
+        lower = lay_older(lines, late, ways)
+        lower = None if lower is None else lower.moved(by)
+        change = change_along(work, frame, ways, seen, lower, bare)
     if over_old.any() and thickness_mm is not None:
         below = _directly_below(work, frame, lines, by, thickness_mm)
         old = tell_by_height(
@@ -143,9 +160,8 @@ def seen_at_shift(
             options.gap_mm, options.false_rate,
         )  # fmt: skip
     elif over_old.any() and work.earlier is not None:
-        places = _places(work, frame, lines, late, by, masks, ways, seen, over_old)
+        places = _places(work, bare, masks, ways, seen)
         old = tell_by_change(work, places, options.gap_mm, options.false_rate, rng)
-        older_step = change_of_level(work, places)
     elif over_old.any():
         old = _by_contrast(ground, masks, ways, seen, over_old, bath, rng)
     if _is_contradicted(bath, old, over_old, ways):
@@ -170,8 +186,15 @@ def seen_at_shift(
         )
     return SeenLayer(
         work, frame, ways, moved, seen, flat, masks, sides, over_old, inferred, bath, old, *joined,
-        group, widths, by_height, by_change, older_step, thickness_mm,
+        group, widths, by_height, by_change, change, thickness_mm,
     )  # fmt: skip
+
+
+def _scanner(work: Working, frame: WorkingFrame) -> int:
+    """Side from which a volume is scanned, as of `Covers.of`; 0 for other pictures."""
+    if not work.is_scatter or not isinstance(frame.frame, HeightFrame):
+        return 0
+    return 1 if frame.frame.from_above else -1
 
 
 def _over_bath(
@@ -282,7 +305,7 @@ def _onto(
     return out
 
 
-def _places(
+def _unwritten(
     work: Working,
     frame: WorkingFrame,
     lines: ExpectedLines,
@@ -292,8 +315,8 @@ def _places(
     ways: Ways,
     seen: Seen,
     over_old: BoolArray,
-) -> Places:
-    """Places over older ink, to be told by the picture before."""
+) -> Unwritten:
+    """What was written since the picture before, and what not."""
     written = masks.fresh.copy()
     settled = np.ones(len(ways), dtype=np.bool_)
     if late.any():
@@ -305,10 +328,16 @@ def _places(
     side = 2 * round(0.4 * float(np.median(ways.width)) * work.px_per_mm) + 5
     lost = (work.bad | work.hidden).astype(np.uint8)
     ground = 1 - (cv2.dilate(written, np.ones((side, side), np.uint8)) | lost)
+    onto = _onto(work, frame, lines, by_mm, ways, seen)
+    return Unwritten(settled, ground, masks.old, over_old, onto)
+
+
+def _places(work: Working, bare: Unwritten, masks: Masks, ways: Ways, seen: Seen) -> Places:
+    """Places over older ink, to be told by the picture before."""
     assert work.earlier is not None
     earlier = flattened(work.earlier, masks.free, masks.core, work.px_per_mm)
-    onto = _onto(work, frame, lines, by_mm, ways, seen)
-    return Places(ways, seen, over_old, settled, onto, ground, masks.old & masks.fresh, earlier)
+    both = masks.old & masks.fresh
+    return Places(ways, seen, bare.over_old, bare.settled, bare.onto, bare.ground, both, earlier)
 
 
 def _is_contradicted(bath: Told | None, old: Told | None, over_old: BoolArray, ways: Ways) -> bool:

@@ -1,4 +1,4 @@
-"""Data classes of a layer evaluation: expected lines; gaps, blobs, widths found."""
+"""Data classes of a layer evaluation: expected lines and lumens; gaps, blobs, widths found."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-
-from registration.layer_images.lumen_values import LumenSeen
 
 FloatArray = NDArray[np.float64]
 FloatImage = NDArray[np.float32]
@@ -52,6 +50,35 @@ class ExpectedLines:
 
     def __len__(self) -> int:
         return len(self.width_mm)
+
+
+@dataclass(frozen=True)
+class Lumen:
+    """Area of the layer that must stay free of ink.
+
+    Attributes
+    ----------
+    name : str
+    outline : (k, 3) float64, mm
+        Closed polygon.
+    width_mm : float, mm
+        Expected, across.
+    """
+
+    name: str
+    outline: FloatArray
+    width_mm: float
+
+    @staticmethod
+    def capsule(name: str, start: FloatArray, end: FloatArray, width_mm: float) -> Lumen:
+        """Return the area nearer than half a width to a straight piece; a disc of start = end."""
+        start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
+        turn = math.atan2(*(end - start)[1::-1].tolist())
+        half = np.linspace(-np.pi / 2, np.pi / 2, 17)
+        angles = turn + np.concatenate([half, half + np.pi])
+        middles = np.repeat([end, start], 17, axis=0)
+        out = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
+        return Lumen(name, middles + 0.5 * width_mm * out, width_mm)
 
 
 class Unseen(IntEnum):
@@ -153,6 +180,8 @@ class Gap:
     p_value : float
         Chance of so little ink or less, here, by the picture's noise, where the line is as
         expected. Many places are tested: `LayerFindings.places`.
+    shaded : bool
+        Whether its level alone says so, and the picture changed there as a line's shade may.
     """
 
     stroke: int
@@ -163,6 +192,7 @@ class Gap:
     u_tip_mm: float
     p_value: float
     u_shift_mm: float = 0.0
+    shaded: bool = False
 
     @property
     def u_mm(self) -> float:
@@ -234,6 +264,32 @@ class Blob:
 
 
 @dataclass(frozen=True)
+class LumenSeen:
+    """What is seen of a lumen.
+
+    Attributes
+    ----------
+    name : str
+    expected_mm : float, mm
+    width_mm, u_width_mm : float, mm
+        Narrowest free width and its standard uncertainty; NaN where not seen.
+    open_share : float
+        Of its area without ink; NaN where not seen.
+    seen : bool
+    p_value : float
+        Chance of so narrow a lumen, by noise, where it is as expected; 1 where not seen.
+    """
+
+    name: str
+    expected_mm: float
+    width_mm: float
+    u_width_mm: float
+    open_share: float
+    seen: bool
+    p_value: float
+
+
+@dataclass(frozen=True)
 class Shift:
     """How far the fresh layer lies from where it should; printer's frame.
 
@@ -275,78 +331,3 @@ class Appearance:
     terms: FloatArray
     filled: bool
     ink: FloatArray
-
-
-@dataclass(frozen=True)
-class LayerFindings:
-    """What a look at a layer told.
-
-    Attributes
-    ----------
-    stations : Stations
-    gaps : tuple of Gap
-    stretches : tuple of Stretch
-    blobs : tuple of Blob
-    lumens : tuple of LumenSeen
-    width_ratio, u_width_ratio : float
-        Width seen over expected where there is ink, common doubt included; NaN and inf without.
-    seen_share : float
-        Of the expected way.
-    coverage : float
-        Ink seen over expected on the way that was seen; NaN where nothing was.
-    shift : Shift
-    places : int
-        Independent places that were tested for gaps.
-    contrast : float
-        Ink over bath, in standard deviations of a place as long as a tolerated gap.
-    appearance : Appearance or None
-        None where ink couldn't be told from bath.
-    moved_px : float
-        By how many pixels the camera moved since the picture before; NaN without one.
-    bare : tuple of int
-        Strokes of which nothing is seen or stands out: their ink is missing, or too faint.
-    unseen : tuple of Gap
-        Stretches longer than `SeeingOptions.unseen_mm` of which nothing is told, ink or gap.
-    faint_share : float
-        Of the expected way, on which ink shows, but gaps longer than a tolerated one alone do.
-    unplaced : tuple of Gap
-        What is missing by one of two places that the layer may have, and not by the other.
-    beside_mm : float, mm
-        Way of a line whose ink lies at the layer's height where none should (a profiler's maps).
-    aside : bool
-        Whether all of its ink lies aside, however unsure by how much.
-    least_gap_mm, by_height_share, waver : float
-        Of a profiler's map: shortest gap that surely shows, mm; share of the way seen over older
-        ink, where no widths are told; standard deviation of ink's height there, thicknesses.
-    older_mm, older_step : float
-        Way over older ink, mm, and by what logarithm it changed since the picture before, or NaN.
-    untold_seams : float
-        Share of the way that is seen and touches neighbours, so that nothing tells of thin ink.
-    """
-
-    stations: Stations
-    gaps: tuple[Gap, ...]
-    stretches: tuple[Stretch, ...]
-    blobs: tuple[Blob, ...]
-    lumens: tuple[LumenSeen, ...]
-    width_ratio: float
-    u_width_ratio: float
-    seen_share: float
-    coverage: float
-    shift: Shift
-    places: int
-    contrast: float
-    appearance: Appearance | None
-    moved_px: float = math.nan
-    bare: tuple[int, ...] = ()
-    unseen: tuple[Gap, ...] = ()
-    faint_share: float = 0.0
-    unplaced: tuple[Gap, ...] = ()
-    beside_mm: float = 0.0
-    aside: bool = False
-    least_gap_mm: float = 0.0
-    by_height_share: float = 0.0
-    waver: float = math.nan
-    older_mm: float = 0.0
-    older_step: float = math.nan
-    untold_seams: float = 0.0

@@ -322,3 +322,12 @@ class Seen:
             place = self.at + side * across_mm[:, None] * self.across
             ok &= ((place >= 0) & (place <= (shape[1] - 1, shape[0] - 1))).all(axis=1)
         return ok
+
+
+def stretches_of(low: BoolArray, run: IntArray) -> list[tuple[int, int]]:
+    """First and last row of each unbroken stretch of one run."""
+    cut = np.concatenate([[True], run[1:] != run[:-1]])
+    before = np.concatenate([[False], low[:-1]]) & ~cut
+    after = np.concatenate([low[1:], [False]]) & ~np.append(cut[1:], True)
+    first, last = np.flatnonzero(low & ~before), np.flatnonzero(low & ~after)
+    return list(zip(first.tolist(), last.tolist(), strict=True))

@@ -16,7 +16,8 @@ Rules, in their order; the first that holds decides:
    where ink lies on less than a third of what was seen, yet no gap is sure, or where none was seen
    yet since the print began, or older ink doesn't change any more as it did: pause;
 6. a flow beyond the bounds of the correction: pause; within them: correct it;
-7. after a clog, a layer that nothing can be told of: pause, once;
+7. lines of which nothing is told for long, and after a clog a layer of which nothing can be: pause,
+   once;
 8. too little was seen of several layers in a row: pause.
 
 What is unsure is told, and the print goes on. By `Limits.mend` the operator is only told
@@ -29,18 +30,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
-from typing import Final, Literal
+from typing import Final
 
+from printctl.observe.deciding.decision import Decision, DecisionKind, Limits
 from printctl.observe.deciding.doubts import cause_of_turn, doubts, unconfirmed_words
-from printctl.observe.deciding.evidence import SURE, Evidence, LayersSeen
-from printctl.observe.deciding.flow_control import FlowControl, FlowLimits
-from printctl.observe.deciding.gap_test import GapTest, confirmed_gaps
+from printctl.observe.deciding.evidence import SURE, Evidence
+from printctl.observe.deciding.flow_control import FlowControl
+from printctl.observe.deciding.gap_test import confirmed_gaps
 from printctl.observe.deciding.ink_supply import SupplyState
-from printctl.observe.deciding.thin import Thin
+from printctl.observe.deciding.layers_seen import LayersSeen, where
 from registration.layer_images.values import Gap
-
-Mode = Literal["tell", "ask", "mend"]
 
 _STOPPING: Final = (SupplyState.CLOGGED, SupplyState.EMPTY)
 _MOST_MISSING: Final = 1 / 3
@@ -56,81 +55,12 @@ _CLOG_MM: Final = 2.0
 """Of one gap, from which on ink had stopped coming; short lines lack a plunger's step."""
 
 
-class DecisionKind(StrEnum):
-    """What is done after a look."""
-
-    GO_ON = "go_on"
-    FLOW = "flow"
-    MEND = "mend"
-    PAUSE = "pause"
-    STOP = "stop"
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Tolerances, and what may be done unasked.
-
-    Attributes
-    ----------
-    gap : GapTest
-    flow : FlowLimits
-    width_percent : float
-        Deviation of a line's width that isn't told.
-    lumen_percent : float
-        By which a lumen may be seen narrower.
-    shift_mm : float, mm
-        By which a layer may lie beside its place.
-    unseen_mm : float, mm
-        Stretch of a vessel in a bath that needn't be seen.
-    least_seen : float
-        Share of the way that must be seen for a look to count.
-    unseen_looks : int
-        Layers in a row (in a bath looks) that didn't count, after which the print is paused.
-    mend : "tell", "ask" or "mend"
-    """
-
-    gap: GapTest = field(default_factory=GapTest)
-    flow: FlowLimits = field(default_factory=FlowLimits)
-    width_percent: float = 15.0
-    lumen_percent: float = 10.0
-    shift_mm: float = 0.1
-    unseen_mm: float = 1.5
-    least_seen: float = 0.5
-    unseen_looks: int = 3
-    mend: Mode = "ask"
-
-    @property
-    def least_open(self) -> float:
-        """Share of a lumen's width that must be open."""
-        return 1.0 - self.lumen_percent / 100.0
-
-
-@dataclass(frozen=True)
-class Decision:
-    """Outcome of a look.
-
-    Attributes
-    ----------
-    kind : DecisionKind
-        What is done now.
-    why : str
-        For operator and journal.
-    gaps : tuple of Gap
-        To be mended; told alone where the print just goes on.
-    thin : tuple of Thin
-        To be filled up.
-    factor : float or None
-        Flow factor from here on.
-    ask : DecisionKind or None
-        What the operator is asked to approve, while the print waits; None for nothing.
-    """
-
-    kind: DecisionKind
-    why: str
-    gaps: tuple[Gap, ...] = ()
-    factor: float | None = None
-    ask: DecisionKind | None = None
-    thin: tuple[Thin, ...] = ()
+_STILL_MM: Final = 2.0
+"""Stretch that didn't change, from which on it is asked about."""
+_TAIL_MM: Final = 0.2
+"""Least stretch that isn't told behind the last ink before a clog."""
+_NAMED: Final = 3
+"""Stretches that are told by their places."""
 
 
 @dataclass
@@ -167,11 +97,14 @@ class Decider:
             self._stopped,
             self._narrowed,
             self._unseen,
+            self._still,
             self._doubted,
             self._gaps,
             self._bare,
             self._none_yet,
+            self._none_any_more,
             self._flow,
+            self._untold,
             self._hidden,
             self._blind,
         )
@@ -192,7 +125,7 @@ class Decider:
             seen = f"{many} stretches beyond {self.limits.width_percent:g} % of width, told alone"
         seen += self._rest(evidence) if any_seen and not hardly else evidence.hidden_words
         told = f"; {evidence.over_old_share:.0%} lies over older ink and can't be told from it"
-        seen += told * (evidence.over_old_share >= 0.01)
+        seen += told * (evidence.over_old_share >= 0.01) + evidence.came_words
         return Decision(DecisionKind.GO_ON, seen + unconfirmed_words(evidence, self.limits.gap))
 
     def _rest(self, evidence: Evidence) -> str:
@@ -227,6 +160,12 @@ class Decider:
         missing = math.fsum(gap.length_mm for gap in self._believed(evidence)) / evidence.way_mm
         if missing > _MOST_MISSING:
             return f"{missing:.0%} of what was written would be missing"
+        if shaded := [gap for gap in self._believed(evidence) if gap.shaded]:
+            way_mm = math.fsum(gap.length_mm for gap in shaded)
+            return (
+                f"along {way_mm:.2f} mm of it the picture changed since the one before: by the "
+                "shade of lines that touch, or by ink that is level with what it lies on"
+            )
         return f"only {evidence.seen_share:.0%} was seen" if self._hardly_seen(evidence) else ""
 
     def _hardly_seen(self, evidence: Evidence) -> bool:
@@ -260,12 +199,16 @@ class Decider:
             return None
         empty = supply.state is SupplyState.EMPTY
         cause = "the syringe is empty" if empty else "the needle is clogged"
-        gaps = self._believed(evidence)
+        gaps, untold = self._believed(evidence), self.layers.untold()
         then = (
             "what is missing is mended after the cause"
             if gaps
             else "which stretches are missing isn't sure yet, and nothing is mended by this look"
         )
+        if gaps and untold:
+            then += f", with what the look before left untold{where(untold)}"
+        if gaps:
+            gaps = (*untold, *_with_untold(gaps, evidence))
         why = f"no ink for the last {supply.since_ul or 0:.3g} µL: {cause}; {then}"
         return Decision(DecisionKind.PAUSE, why, gaps, ask=DecisionKind.MEND if gaps else None)
 
@@ -335,9 +278,39 @@ class Decider:
         return confirmed_gaps(evidence.gaps, evidence.places, evidence.second, self.limits.gap)
 
     def _none_yet(self, _: Evidence) -> Decision | None:
-        """Say once that no ink was seen so far, or that none comes any more over older ink."""
-        why = self.layers.none_yet() or self.layers.none_any_more()
+        """Say once that no ink was seen so far."""
+        why = self.layers.none_yet()
         return Decision(DecisionKind.PAUSE, why) if why else None
+
+    def _none_any_more(self, _: Evidence) -> Decision | None:
+        """Ask once about what didn't change though ink should lie there."""
+        why, gaps = self.layers.none_any_more()
+        return self._asked(why, gaps) if why else None
+
+    def _still(self, evidence: Evidence) -> Decision | None:
+        """Ask about stretches that didn't change though others of the look did."""
+        still = _unchanged(evidence)
+        if not still:
+            return None
+        gaps, untold = self._believed(evidence), self.layers.untold()
+        way = math.fsum(one.length_mm for one in still)
+        places = ",".join(where([one]) for one in still[:_NAMED])
+        places += f" and {len(still) - _NAMED} more" * (len(still) > _NAMED)
+        before = f", and the look before told nothing of{where(untold)}" if untold else ""
+        more = math.fsum(one.length_mm for one in gaps)
+        before += f"; {more:.2f} mm are surely missing" * bool(gaps)
+        return self._asked(
+            f"nothing has changed along {way:.1f} mm{places}, though it did along the rest{before}"
+            ": a clog, or ink that didn't stick",
+            (*untold, *gaps, *still),
+        )
+
+    def _asked(self, why: str, gaps: tuple[Gap, ...]) -> Decision:
+        """Ask whether stretches are to be written again."""
+        if not gaps:
+            return Decision(DecisionKind.PAUSE, f"{why}; nothing is mended by this look")
+        then = "approve writes them again once its cause is seen to, go on leaves them"
+        return Decision(DecisionKind.PAUSE, f"{why}; {then}", gaps, ask=DecisionKind.MEND)
 
     def _flow(self, evidence: Evidence) -> Decision | None:
         control = self.control
@@ -367,7 +340,7 @@ class Decider:
 
     def _hidden(self, evidence: Evidence) -> Decision | None:
         """Say once, where ink has failed before, that from here on nothing tells of it."""
-        if evidence.level_mm is None or not (self.layers.failed and self.layers.hidden):
+        if evidence.level_mm is None or not (self.layers.failed and self.layers.untellable):
             return None
         self.layers.failed = False
         return Decision(
@@ -376,6 +349,11 @@ class Decider:
             "over older ink and can't be told from it: another clog would go unseen; watch the "
             "needle from here on (or use an OCT); resume goes on",
         )
+
+    def _untold(self, evidence: Evidence) -> Decision | None:
+        """Say once that nothing tells of what was written for long."""
+        why, stretches = self.layers.blind() if evidence.level_mm is not None else ("", ())
+        return self._asked(why, stretches) if why else None
 
     def _blind(self, evidence: Evidence) -> Decision | None:
         unseen = self.layers.unseen
@@ -387,3 +365,19 @@ class Decider:
             f"{unseen} {one} in a row showed less than {self.limits.least_seen:.0%} of what was "
             f"written (the last {evidence.seen_share:.0%}): clean the view, or set observe off",
         )
+
+
+def _unchanged(evidence: Evidence) -> tuple[Gap, ...]:
+    """Stretches that surely didn't change and aren't told otherwise, long enough to be asked of."""
+    still = () if evidence.told is None else evidence.told.still
+    return tuple(one for one in still if one.length_mm >= _STILL_MM)
+
+
+def _with_untold(gaps: tuple[Gap, ...], evidence: Evidence) -> tuple[Gap, ...]:
+    """Gaps of a look at whose end no ink comes, with what isn't told behind the last of it."""
+    behind = () if evidence.told is None else evidence.told.tail
+    out = list(gaps)
+    for one in (*behind, *_unchanged(evidence)):
+        if one.length_mm >= _TAIL_MM and not any(one.meets(other) for other in out):
+            out.append(one)
+    return tuple(out)

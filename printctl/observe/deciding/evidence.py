@@ -9,28 +9,17 @@ from typing import Final
 from printctl.observe.deciding.flow_control import FlowBlocks
 from printctl.observe.deciding.ink_supply import InkSupply
 from printctl.observe.deciding.thin import Thin
+from registration.layer_images.findings import ToldOfInk
 from registration.layer_images.values import Gap
 
 SURE: Final = 3.29
 """Standard uncertainties beyond the tolerance: one in 2,000 by chance, one-sided."""
 _LISTED: Final = 3
 """Stretches that aren't seen, told by their places."""
-_SHOWS: Final = 0.3
-"""Of a layer's way, on which grainy or faint ink shows, for ink to have come at all."""
 _TOLD: Final = 0.1
 """Of the way, from which on it is said what isn't judged there."""
-_HIDDEN: Final = 0.1
-"""Of a layer so little could be seen at best that a look says nothing about the view."""
-_FIRST_MM: Final = 5.0
-"""Way of lines of which some must be seen: of the print's first, and later of those that change
-older ink's level."""
 _SOME_MM: Final = 1.0
 """Way over older ink, less than which tells nothing of how ink shows there."""
-_SHOWN_STEP: Final = 0.025
-"""Logarithm by which fresh ink surely changes older ink's level; light and drying do by less."""
-_UNCHANGED: Final = 0.1
-"""Of what fresh ink changed last: less, and nothing has come. Each layer shows as much of what the
-one before did as ink lets light through; inks of which that is less are opaque by the third."""
 
 
 @dataclass(frozen=True)
@@ -140,12 +129,17 @@ class Evidence:
         Of the way, seen over older ink, where heights tell gaps and no widths.
     waver : float
         Standard deviation of ink's height there, in thicknesses of the layer.
-    older_mm, older_step : float
-        Way over older ink, mm, and by what logarithm it changed since the picture before, or NaN.
+    older_mm, older_step, older_limit : float
+        Way over older ink, mm; by what logarithm it changed since the picture before, and by what
+        it may without ink; or NaN.
+    told : ToldOfInk or None
+        What all measures together tell of whether ink came; None where nobody said.
     untold_seams : float
         Share of the way that touches its neighbours and was seen, so that thin ink isn't told.
     lacks : str
         Rows or columns that a height map lacks against the last look's, in words.
+    mends : bool
+        Whether the look is about mends alone.
     """
 
     places: int
@@ -177,8 +171,11 @@ class Evidence:
     waver: float = math.nan
     older_mm: float = 0.0
     older_step: float = math.nan
+    older_limit: float = 0.02
+    told: ToldOfInk | None = None
     untold_seams: float = 0.0
     lacks: str = ""
+    mends: bool = False
 
     def unjudged_words(self, gap_mm: float, width_percent: float) -> str:
         """What tolerances a look doesn't judge though it sees, in words; empty for nothing.
@@ -209,99 +206,17 @@ class Evidence:
         return words
 
     @property
+    def came_words(self) -> str:
+        """Where the picture changed as fresh ink changes it, though no gaps are told there."""
+        came_mm = 0.0 if self.told is None else self.told.came_mm
+        if came_mm < _SOME_MM:
+            return ""
+        return f"; along {came_mm:.1f} mm the picture changed as by fresh ink: gaps aren't told"
+
+    @property
     def hidden_words(self) -> str:
         """The longest stretches that no picture shows, in words; empty where there is none."""
         longest = sorted(self.hidden, key=lambda one: -one.gap.length_mm)
         words = [one.words for one in longest[:_LISTED]]
         more = f" and {len(longest) - _LISTED} shorter" if len(longest) > _LISTED else ""
         return f": {', '.join(words)}{more}" if words else ""
-
-
-@dataclass
-class LayersSeen:
-    """How much was seen of the layer in hand, and how many in a row too little was seen of.
-
-    Attributes
-    ----------
-    unseen : int
-        In a row, the one in hand included.
-    before : int
-        Without the one in hand.
-    level_mm : float or None, mm
-    way_mm, visible_mm, seen_mm : float, mm
-        Of the layer in hand: written; what a clean view can show of it; seen.
-    first_mm : float or None, mm
-        Way written in layers while no ink was seen at all; None once some was, or that was told.
-    failed : bool
-        Whether ink stopped coming for a while, and nobody was told since that layers are hidden.
-    older_step : float
-        Logarithm by which fresh ink last changed older ink's level; 0 where it hardly does.
-    blank_mm : float, mm
-        Way in a row since, over older ink, of which nothing was seen and which hasn't changed.
-    """
-
-    unseen: int = 0
-    before: int = 0
-    level_mm: float | None = None
-    way_mm: float = 0.0
-    visible_mm: float = 0.0
-    seen_mm: float = 0.0
-    first_mm: float | None = 0.0
-    failed: bool = False
-    older_step: float = 0.0
-    blank_mm: float = 0.0
-
-    @property
-    def hidden(self) -> bool:
-        """Whether nearly all of the layer in hand lies over ink from which it can't be told."""
-        return self.visible_mm < _HIDDEN * self.way_mm
-
-    def add(self, evidence: Evidence, least_share: float) -> None:
-        """Take in a look; several in one layer count as one."""
-        if self.first_mm is not None and evidence.level_mm is not None:
-            visible_mm = evidence.way_mm * (1.0 - evidence.over_old_share)
-            shows = evidence.seen_share > 0 or evidence.faint_share > _SHOWS
-            self.first_mm = None if shows else self.first_mm + visible_mm
-        self._add_older(evidence)
-        if evidence.level_mm is None or evidence.level_mm != self.level_mm:
-            self.before, self.level_mm = self.unseen, evidence.level_mm
-            self.way_mm = self.visible_mm = self.seen_mm = 0.0
-        self.way_mm += evidence.way_mm
-        self.visible_mm += evidence.way_mm * (1.0 - evidence.over_old_share)
-        self.seen_mm += evidence.way_mm * evidence.seen_share
-        # No cleaner view would show a hidden one.
-        counts = self.hidden or self.seen_mm >= least_share * self.visible_mm
-        self.unseen = 0 if counts else self.before + 1
-
-    def _add_older(self, evidence: Evidence) -> None:
-        """Take in whether older ink changed; where it does less by and by, ink is opaque."""
-        step, shows = evidence.older_step, evidence.seen_share + evidence.faint_share > 0.0
-        if evidence.older_mm < _SOME_MM or math.isnan(step):
-            return
-        if not shows and step < _UNCHANGED * self.older_step:
-            self.blank_mm += evidence.older_mm
-            return
-        most = step if shows else min(step, self.older_step)
-        self.blank_mm, self.older_step = 0.0, most if step >= _SHOWN_STEP else 0.0
-
-    def none_yet(self) -> str:
-        """Say once that no ink was seen so far: none can be known by its look then."""
-        if self.first_mm is None or self.first_mm < _FIRST_MM:
-            return ""
-        way_mm, self.first_mm = self.first_mm, None
-        return (
-            f"no ink is seen yet where {way_mm:.0f} mm of lines should lie: the needle is clogged, "
-            "the syringe empty, or the device can't tell this ink from what lies around it; look "
-            "before you go on"
-        )
-
-    def none_any_more(self) -> str:
-        """Say once that older ink doesn't change any more where fresh ink should lie on it."""
-        if self.blank_mm < _FIRST_MM:
-            return ""
-        way_mm, self.blank_mm, self.older_step = self.blank_mm, 0.0, 0.0
-        return (
-            f"nothing has changed along the last {way_mm:.0f} mm over older ink, though fresh ink "
-            "showed there before: the needle is clogged or the syringe empty; nothing is "
-            "mended by this look; look before you go on"
-        )

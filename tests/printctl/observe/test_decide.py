@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
+from printctl.observe.decider_state import restore, state_of
 from printctl.observe.deciding import (
     Decider,
     DecisionKind,
@@ -18,6 +19,7 @@ from printctl.observe.deciding import (
 )
 from printctl.observe.deciding.evidence import Narrowed, UnseenPath
 from printctl.observe.deciding.thin import Thin
+from registration.layer_images.findings import ToldOfInk
 from registration.layer_images.values import Gap
 
 FLOWING = InkSupply(SupplyState.FLOWING, 0.0, None, 0)
@@ -149,6 +151,85 @@ def test_a_layer_over_older_ink_of_which_nothing_changes_pauses_once(steps, show
     pauses = [one for one in found if one.kind is DecisionKind.PAUSE]
     assert len(pauses) == paused
     assert all("nothing has changed along the last 12 mm" in one.why for one in pauses)
+
+
+def stretch(stroke, length_mm):
+    return Gap(stroke, 0.0, length_mm, (98.0, 101.0), (98.0 + length_mm, 101.0), 0.1, 1.0)
+
+
+def untold(way_mm, stroke=7, **changed):
+    """A look of which nothing is told, over older ink."""
+    tail = (stretch(stroke, way_mm),)
+    told = ToldOfInk(head_mm=way_mm, untold=tail, tail=tail)
+    older = {"seen_share": 0.0, "over_old_share": 1.0, "older_mm": way_mm, "way_mm": way_mm}
+    return evidence(**{**older, "told": told, "level_mm": 0.2, **changed})
+
+
+def test_an_observer_that_is_blind_says_so_once_and_names_the_stretch():
+    """100 mm were missing over older ink on which fresh ink never showed, without a word."""
+    decider = Decider(Limits(mend="mend"))
+    found = [decider.decide(untold(8.0, stroke=k, older_step=0.001)) for k in range(12)]
+    paused = [k for k, one in enumerate(found) if one.kind is DecisionKind.PAUSE]
+    assert paused == [2]
+    assert "nothing tells whether ink lies on the last 24 mm (X 98.0 Y 101.0 to" in found[2].why
+
+
+def test_ink_that_comes_by_the_change_alone_is_no_blindness():
+    decider = Decider(Limits(mend="mend"))
+    came = untold(8.0, told=ToldOfInk(came_mm=8.0, ink_mm=8.0), older_step=0.05)
+    found = [decider.decide(came) for _ in range(12)]
+    assert {one.kind for one in found} == {DecisionKind.GO_ON}
+    assert "along 8.0 mm the picture changed as by fresh ink" in found[0].why
+
+
+def test_a_clog_over_ink_that_never_was_seen_there_is_asked_about_with_what_was_left_untold():
+    """The look before had left the clog's first 3 mm untold; they were lost to the mend."""
+    decider = Decider(Limits(mend="mend"))
+    tail = (stretch(3, 3.0),)
+    begun = ToldOfInk(came_mm=9.0, ink_mm=9.0, untold=tail, tail=tail)
+    limit = {"older_limit": 0.0005}
+    assert (
+        decider.decide(untold(12.0, told=begun, older_step=0.05, **limit)).kind
+        is DecisionKind.GO_ON
+    )
+    found = decider.decide(untold(12.0, older_step=0.0004, **limit))
+    assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
+    assert [one.stroke for one in found.gaps] == [3, 7]
+    assert "15.0 mm)" in found.why
+
+
+def test_a_clog_that_is_seen_names_what_the_look_before_left_untold():
+    decider = Decider(Limits(mend="mend"))
+    tail = (stretch(1, 3.0),)
+    decider.decide(evidence(told=ToldOfInk(ink_mm=9.0, tail=tail), level_mm=0.1))
+    clogged = InkSupply(SupplyState.CLOGGED, 0.2, 0.2, 1)
+    bare = ToldOfInk(head_mm=1.0, tail=(stretch(3, 8.0),))
+    found = decider.decide(evidence(gaps=(GAP,), supply=clogged, told=bare, level_mm=0.1))
+    assert [one.stroke for one in found.gaps] == [1, 2, 3]
+    assert "with what the look before left untold (X 98.0 Y 101.0 to X 101.0 Y 101.0" in found.why
+
+
+def test_what_did_not_change_beside_what_did_is_asked_about():
+    still = ToldOfInk(came_mm=90.0, ink_mm=90.0, still=(stretch(4, 3.0), stretch(5, 1.0)))
+    found = decided(seen_share=0.0, told=still, level_mm=0.2)
+    assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
+    assert [one.stroke for one in found.gaps] == [4]
+    assert "nothing has changed along 3.0 mm" in found.why
+
+
+def test_a_gap_by_level_alone_is_asked_about_where_the_picture_changed():
+    """Opaque ink beside a line that touches, level as what it lies on: 0.48 mm mended in vain."""
+    found = decided(gaps=(replace(GAP, shaded=True),))
+    assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
+    assert decided(gaps=(GAP,)).kind is DecisionKind.MEND
+
+
+def test_what_looks_left_untold_is_kept_for_another_observer():
+    decider, other = Decider(Limits()), Decider(Limits())
+    decider.decide(untold(8.0, older_step=0.001))
+    restore(other, json.loads(json.dumps(state_of(decider))))
+    assert [one.stroke for one in other.layers.tail] == [7]
+    assert other.layers.tail[0].length_mm == 8.0
 
 
 def test_next_to_nothing_seen_is_nothing_seen():

@@ -20,8 +20,8 @@ from printctl.observe.held_look import (
     slab,
     unseen_paths,
 )
+from printctl.observe.look_values import Look
 from printctl.observe.looking_at import ObservedJob
-from printctl.observe.observer import Look
 from printctl.observe.records import look_folder
 from printctl.observe.shown_place import seen_where_ink_shows
 from registration.layer_images import Gap, LayerFindings, SeeingOptions, Stations, Unseen

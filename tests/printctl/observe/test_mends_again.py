@@ -16,6 +16,7 @@ from printctl.observe.deciding import Decider, DecisionKind, Limits
 from printctl.observe.expected import expected_ink
 from printctl.observe.held_look import unseen_paths
 from printctl.observe.judging import evidence_of, ink_to_judge, without_rest
+from printctl.observe.look_values import Look
 from printctl.observe.mending import Gap as MendGap
 from printctl.observe.mending import HeldPrint, plan_mend
 from printctl.observe.mends_again import (
@@ -27,7 +28,6 @@ from printctl.observe.mends_again import (
     unseen_words,
     with_mends,
 )
-from printctl.observe.observer import Look
 from printctl.observe.records import LookRecord
 from registration.layer_images import Gap, see_layer
 from tests.printctl.observe.mending.small_jobs import (

@@ -20,8 +20,9 @@ from printctl.observe.deciding import (
 )
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError
+from printctl.observe.look_values import Judged, Look, MendLines
 from printctl.observe.look_words import total_words
-from printctl.observe.observer import Judged, Look, MendLines, Observer
+from printctl.observe.observer import Observer
 from printctl.observe.records import answer_look, answer_of, read_looks
 from registration.layer_images.values import Gap
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from printctl.observe.devices import DeviceError
-from printctl.observe.looking_at import ObservedJob
+from printctl.observe.learned import Learned
 from printctl.observe.scan_place import ScanSize, refuse_elsewhere
 from registration.layer_images import ExpectedLines
 from registration.readers.heights import HeightMap
@@ -64,12 +63,13 @@ def test_a_scan_of_other_spacing_or_size_says_what_it_holds(
 
 def test_a_scan_that_tells_nothing_of_another_spacing_than_the_last_is_refused() -> None:
     sizes = [ScanSize.of(scan((0.02, y, 0.03), (100, 200, 200)), TO_SCAN) for y in (0.03, 0.06)]
-    job = ObservedJob(Path(), cast(Any, None))
-    assert job._size_words(sizes[1]).startswith("the scan has 200 × 200 × 100 voxels of 30 × 60")
-    job._size = sizes[0]
-    assert job._size_words(sizes[0]).startswith("the scan has")
+    assert (
+        Learned().size_words(sizes[1]).startswith("the scan has 200 × 200 × 100 voxels of 30 × 60")
+    )
+    known = Learned().with_size(sizes[0])
+    assert known.size_words(sizes[0]).startswith("the scan has")
     with pytest.raises(DeviceError, match=r"30 × 60 × 20 .* the last one that did had .* 30 × 30"):
-        job._size_words(sizes[1])
+        known.size_words(sizes[1])
 
 
 def test_a_height_map_that_holds_the_lines_passes_whatever_its_heights() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from printctl.observe.observer import Look
+from printctl.observe.look_values import Look
 from printctl.observe.records import LookRecord, look_folder, save_look
 from printctl.observe.view_before import EMPTY, picture_before
 

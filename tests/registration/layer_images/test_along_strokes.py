@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from registration.layer_images import ExpectedLines, Gap
-from registration.layer_images.along_strokes import covered_share, reached
+from registration.layer_images.gaps.along_strokes import covered_share, reached
 from registration.layer_images.values import BoolArray, FloatArray
 from registration.layer_images.ways import Ways, lay_ways
 

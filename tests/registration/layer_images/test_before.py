@@ -12,7 +12,7 @@ from benchmarks.checkers.stacked_layers import Stack, stack
 from benchmarks.observe_before import expected, look
 from registration.errors import PictureError
 from registration.layer_images import Unseen, see_layer
-from registration.layer_images.earlier_view import camera_move
+from registration.layer_images.pictures.earlier_view import camera_move
 from tests.slower import first_of
 
 SEEN = 4
@@ -54,6 +54,24 @@ def test_a_layer_that_is_missing_altogether_is_not_seen(painted: Stack) -> None:
     findings = see_layer(painted.before, painted, expected(painted), before=painted.before)
     assert findings.seen_share == 0.0
     assert not findings.gaps
+
+
+@pytest.mark.parametrize("kind", first_of(["opaque", "translucent"]))
+def test_ink_that_came_is_told_by_the_change_though_its_gaps_are_not(kind: str) -> None:
+    """Ten looks at a dark print said the same of ink that came and of a clog: nothing was seen."""
+    there = stack(SEEN, kind)
+    noise = np.random.default_rng(5).normal(0.0, 1.0, there.before.shape)
+    again = np.clip(np.rint(there.before + noise), 0, 255).astype(np.uint8)
+    came, none = (
+        see_layer(one, there, expected(there), before=there.before)
+        for one in (there.picture, again)
+    )
+    way = float(came.stations.length_mm.sum())
+    assert came.told.ink_mm > 0.8 * way
+    assert came.older_step > 3.0 * came.older_limit
+    assert none.told.ink_mm == 0.0
+    assert none.older_step < 0.05 * came.older_step
+    assert sum(one.length_mm for one in none.told.tail) > 0.9 * way
 
 
 def test_a_camera_that_moved_by_pixels_is_told_and_the_picture_before_left_out(

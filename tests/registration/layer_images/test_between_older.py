@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from registration.layer_images import ExpectedLines, Unseen
-from registration.layer_images.between_older import infer_missing, is_contradicted
+from registration.layer_images.gaps.between_older import infer_missing, is_contradicted
 from registration.layer_images.values import BoolArray, FloatArray
 from registration.layer_images.ways import Ways, lay_ways
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from registration.layer_images import ExpectedLines, see_layer
-from registration.layer_images.changed import unchanged
+from registration.layer_images.over_ink.changed import unchanged
 from registration.layer_images.values import FloatArray, Gap, Image
 from registration.layer_images.ways import lay_ways
 
@@ -72,6 +72,8 @@ def test_a_gap_changed_neither_as_ink_does_nor_the_other_way(change: float, kept
         0.05,
     )  # fmt: skip
     gap = Gap(0, 3.0, 4.0, (3.0, 0.0), (4.0, 0.0), 0.02, 1e-12)
-    found, doubtful = unchanged([gap], np.full(len(ways), change), np.ones(len(ways), bool), ways)
+    found, doubtful = unchanged(
+        [gap], np.full(len(ways), change), np.ones(len(ways), bool), ways, lambda _: 0.0
+    )
     assert len(found) == kept
     assert doubtful.any() == (kept == 0)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from registration.layer_images.coarse_shift import coarse_shift
+from registration.layer_images.place.coarse_shift import coarse_shift
 
 REACH = 10
 

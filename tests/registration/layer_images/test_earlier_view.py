@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from registration.layer_images.before import with_halos
-from registration.layer_images.earlier_view import camera_move
+from registration.layer_images.pictures.before import with_halos
+from registration.layer_images.pictures.earlier_view import camera_move
 from tests.slower import first_of
 
 SIZE = 260

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from registration.layer_images import see_layer
-from registration.layer_images.gap_ends import Bead
+from registration.layer_images.gaps.gap_ends import Bead
 from tests.registration.layer_images.painted import Scene, expected
 from tests.slower import first_of
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from registration.layer_images import ExpectedLines, LayerFindings, SeeingOptions, see_layer
-from registration.layer_images.told import Ground, strange_in
+from registration.layer_images.ink.told import Ground, strange_in
 
 PX_MM = 0.025
 MIDDLE = 3.0

@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks.checkers.profiler_painter import Kind
 from benchmarks.observe_laser import planted
-from registration.layer_images.gaps import shift_along
-from registration.layer_images.height_ends import Section
+from registration.layer_images.gaps.gaps import shift_along
+from registration.layer_images.gaps.height_ends import Section
 from registration.layer_images.values import Gap, Shift
 from registration.layer_images.ways import lay_ways
 from tests.registration.layer_images.lines import straight_lines

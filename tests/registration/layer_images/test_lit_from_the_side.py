@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from registration.layer_images.ink_image import BathNoise
+from registration.layer_images.ink.ink_image import BathNoise
+from registration.layer_images.ink.strange import strangeness
 from registration.layer_images.layer_findings import _lit_widths, honest_shift
-from registration.layer_images.strange import strangeness
 from registration.layer_images.values import Shift
-from registration.layer_images.widths import Widths
+from registration.layer_images.widths.widths import Widths
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.checkers.profiler_painter import profiled
-from registration.layer_images.lost_rows import lost_rows
+from registration.layer_images.heights.lost_rows import lost_rows
 from registration.layer_images.values import FloatImage
 
 _CELL = (0.02, 0.02)

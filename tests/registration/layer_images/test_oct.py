@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from registration.layer_images import ExpectedLines, Unseen, better_turned, see_layer
-from registration.layer_images.height import HeightFrame
+from registration.layer_images.heights.height import HeightFrame
 from tests.registration.layer_images.oct_volumes import THICK, Piece, area, painted
 
 SINGLE = [(0, 0.0, 0.0, 3.0, 0.0), (0, 0.0, 1.5, 3.0, 1.5), (0, 0.0, 3.0, 3.0, 3.0)]

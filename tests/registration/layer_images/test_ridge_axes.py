@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from registration.layer_images.ridge_axes import are_near, axes_of, nearest_axis
+from registration.layer_images.ridges.ridge_axes import are_near, axes_of, nearest_axis
 from registration.layer_images.values import ExpectedLines
 
 _WIDTH = 0.4

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from registration.layer_images import ExpectedLines, LayerFindings, SeeingOptions, see_layer
-from registration.layer_images.line_levels import line_levels
-from registration.layer_images.presence import Sides
-from registration.layer_images.standing_ink import _stands_throughout
+from registration.layer_images.ink.line_levels import line_levels
+from registration.layer_images.ink.presence import Sides
+from registration.layer_images.pictures.working import drawn_lines
+from registration.layer_images.unseen.standing_ink import _stands_throughout
 from registration.layer_images.values import FloatArray
 from registration.layer_images.ways import Seen, lay_ways
-from registration.layer_images.working import drawn_lines
 
 PX_MM = 0.025
 Piece = tuple[float, float, float, float, float, float]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from registration.layer_images.presence import WindowNoise
-from registration.layer_images.sure_ink import unsure_places
+from registration.layer_images.gaps.sure_ink import unsure_places
+from registration.layer_images.ink.presence import WindowNoise
 from registration.layer_images.ways import lay_ways
 from tests.registration.layer_images.lines import straight_lines
 

@@ -11,7 +11,7 @@ from benchmarks.checkers.profiler_painter import Kind, profiled
 from benchmarks.observe_laser import expected, look, planted
 from registration.errors import PictureError
 from registration.layer_images import LayerFindings, Surface, Unseen, see_layer, surface_of
-from registration.layer_images.out_of_place import unless_elsewhere
+from registration.layer_images.unseen.out_of_place import unless_elsewhere
 from registration.layer_images.values import FloatArray
 from registration.readers.heights import HeightMap
 

@@ -4,9 +4,9 @@ import pytest
 from benchmarks.checkers import layer_painter as painter
 from benchmarks.checkers import layer_troubles as trouble
 from registration.layer_images import Unseen, see_layer
-from registration.layer_images.light import flattened
-from registration.layer_images.presence import window_noise
-from registration.layer_images.shadow_bars import bar_directions, bar_light
+from registration.layer_images.ink.presence import window_noise
+from registration.layer_images.pictures.light import flattened
+from registration.layer_images.pictures.shadow_bars import bar_directions, bar_light
 from registration.layer_images.ways import Ways, lay_ways
 from tests.registration.layer_images.painted import Scene, expected
 from tests.slower import first_of, first_rows

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from registration.layer_images import Unseen, see_layer
-from registration.layer_images.unmeasured import unmeasured_pixels, unmeasured_scans
+from registration.layer_images.pictures.unmeasured import unmeasured_pixels, unmeasured_scans
 from tests.registration.layer_images.oct_volumes import area, painted
 from tests.registration.layer_images.painted import Scene, expected
 

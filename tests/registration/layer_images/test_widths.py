@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from registration.layer_images.ink_image import ACROSS, Template
-from registration.layer_images.widths import measure_widths
+from registration.layer_images.ink.ink_image import ACROSS, Template
+from registration.layer_images.widths.widths import measure_widths
 from registration.microscope.ink_absorption import shade_profile
 
 PX_MM = 0.02

@@ -1,0 +1,4 @@
+"""Stretches that a picture can't judge, and gaps that something else would explain.
+
+Begin with `unseen_ways.py`.
+"""

@@ -1,0 +1,4 @@
+"""Widths of lines and lumens, and ink beside them.
+
+Begin with `widths.py`.
+"""
