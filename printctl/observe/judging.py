@@ -146,6 +146,7 @@ def evidence_of(
         older_step=findings.older_step,
         older_limit=findings.older_limit,
         told=_told(findings, layer),
+        untold_seams=findings.untold_seams,
     )
 
 
@@ -255,6 +256,9 @@ def _ratios(
     row, told = layer.row[stations.piece], _tells_width(stations)
     ratio = np.full(len(row), np.nan)
     ratio[told] = _area_ratio(stations.width_mm[told], ink, row[told], section)
+    if stations.seam_share is not None:
+        by_seams = ~told & np.isfinite(stations.seam_share) & ~_near_absence(stations)
+        told, ratio = told | by_seams, np.where(by_seams, stations.seam_share, ratio)
     return stations, told, ratio
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -242,7 +242,9 @@ def last_mends(looks: Sequence[LookRecord], look: Look) -> tuple[tuple[Mended, .
 def without_mends(stations: Stations) -> Stations:
     """Return the places along what was written for the first time."""
     own = stations.stroke < _FIRST
-    return Stations(**{item.name: getattr(stations, item.name)[own] for item in fields(Stations)})
+    each = {item.name: getattr(stations, item.name) for item in fields(Stations)}
+    kept: dict[str, Any] = {name: None if one is None else one[own] for name, one in each.items()}
+    return Stations(**kept)
 
 
 def tries_of(gap: MendGap, mended: Sequence[Mended]) -> int:

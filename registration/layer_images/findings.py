@@ -87,6 +87,8 @@ class LayerFindings:
         Way over older ink, mm; by what logarithm it changed since the picture before, and by what
         it may without ink; or NaN.
     told : ToldOfInk
+    untold_seams : float
+        Share of the way that is seen and touches neighbours, so that nothing tells of thin ink.
     """
 
     stations: Stations
@@ -116,3 +118,4 @@ class LayerFindings:
     older_step: float = math.nan
     older_limit: float = math.nan
     told: ToldOfInk = ToldOfInk()
+    untold_seams: float = 0.0

@@ -30,8 +30,9 @@ from registration.layer_images.pictures.working import Mask
 from registration.layer_images.seen_layer import SeenLayer
 from registration.layer_images.unseen.bare_strokes import bare_strokes
 from registration.layer_images.unseen.debris import is_bare
+from registration.layer_images.unseen.seam_findings import seam_findings, without_thin
 from registration.layer_images.unseen.told_by_all import told_by_all
-from registration.layer_images.unseen.unseen_ways import unseen_ways
+from registration.layer_images.unseen.unseen_ways import doubted_gaps, unseen_ways
 from registration.layer_images.values import (
     Blob,
     BoolArray,
@@ -58,8 +59,6 @@ _MOVED: Final = 0.2
 """Widths, by which a look that takes bright flanks for lines may have moved the layer."""
 _HALF_SHOWN: Final = 0.5
 """Of a width, by which a line may lie aside and still show as half of its presence."""
-_LIKELIER: Final = 30.0
-"""Times a gap's p-value, up to which a stretch in faint ink is asked about."""
 _HOLE_PX: Final = 3.0
 """Working pixels: holes that are as wide are filled with what lies around."""
 _FEWEST_HEIGHTS: Final = 20
@@ -155,14 +154,17 @@ def findings_of(
         why[good & under.any(axis=1)] = int(Unseen.HIDDEN)
         good = why == Unseen.SEEN
     gaps, told_there = _gaps(look, good, why, places, options)
-    doubted = _doubted(look, gaps, places, options)
+    gaps = without_thin(look, gaps)
+    doubted = doubted_gaps(look, gaps, places, options)
     gaps, lost = _beside(look, gaps, told_there, why)
     why[lost] = int(Unseen.SEEN)
     look = replace(look, present=np.where(lost, 0.0, look.present))
     good = why == Unseen.SEEN  # without what turned out unclear
     widths = _lit_widths(look, shift)
+    seams = seam_findings(look, gaps, why)
     stations = look.group.stations(ways, look.present, why, widths)
-    stretches = find_stretches(stations, widths, options.width_percent)
+    stations = replace(stations, seam_share=seams.share)
+    stretches = find_stretches(stations, widths, options.width_percent) + seams.stretches
     told = look.bath
     usable = told is not None and told.noise is not None and told.template.filled
     lost = look.work.bad | look.work.hidden if told is None else told.strange | look.work.hidden
@@ -179,7 +181,7 @@ def findings_of(
     ratio, u_ratio = width_ratio(stations, widths)
     way = ways.step
     seen_mm = float(way[good].sum())
-    covered = float((np.clip(look.present[good], 0.0, 1.0) * way[good]).sum())
+    covered = float((seams.ink[good] * way[good]).sum())
     step, limit = (math.nan, math.nan) if look.change is None else look.change.over_older()
     return LayerFindings(
         stations=stations,
@@ -208,6 +210,7 @@ def findings_of(
         older_step=step,
         older_limit=limit,
         told=told_by_all(look, good, faint),
+        untold_seams=seams.untold,
     )
 
 
@@ -306,21 +309,6 @@ def _changed_share(look: SeenLayer, rows: BoolArray) -> float:
     """How much the picture changed at places, over what it does by ink on such lines."""
     assert look.change is not None
     return look.change.share(rows, look.ways.normal)
-
-
-def _doubted(look: SeenLayer, gaps: list[Gap], places: int, options: SeeingOptions) -> list[Gap]:
-    """Stretches that look bare in faint ink, too likely by noise to be gaps."""
-    told = look.bath
-    if told is None or told.noise is None or not told.faint:
-        return []
-    around = np.zeros(len(look.ways))
-    clear = ~look.over_old & (told.why == Unseen.SEEN)
-    likely = _LIKELIER * options.false_rate / places
-    found, _ = find_gaps(
-        look.present, clear, look.inferred, look.ways, told.noise, options.gap_mm, likely, around,
-        True,
-    )  # fmt: skip
-    return [one for one in found if one not in gaps]
 
 
 def _beside(

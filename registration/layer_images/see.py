@@ -5,10 +5,12 @@
 3. Ink is learned from the lines themselves, some of which may be missing (`ink_image`), over the
    bath and over older ink separately (`told`). Ink that can't be told is "not seen".
 4. The shift is fitted to the offsets of the lines, and 2 and 3 are done again (`layer_shift`).
-5. Gaps, widths, stretches, blobs and lumens, each against the noise of the same picture.
+5. Gaps, widths, stretches (of lines that touch by the bath at their `seams`), blobs and lumens,
+   each against the noise of the same picture.
 
-What a picture can't show: height (a thin line is as wide as a thick one that is flat), lines that
-touch singly (their coverage is told, not their widths), ink of the bath's own colour and texture.
+What a picture can't show: height (a thin line is as wide as a thick one that is flat), widths of
+lines that touch (only whether they are thinner than the rest of the layer), ink of the bath's own
+colour and texture.
 """
 
 from __future__ import annotations

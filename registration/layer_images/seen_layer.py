@@ -136,7 +136,7 @@ def seen_at_shift(
     flat = flattened(work.channels, masks.free, masks.core, work.px_per_mm)
     ground = Ground(
         smoothed(flat, width_px), flat, masks.free, masks.fresh, work, options.gap_mm,
-        options.false_rate, known,
+        options.false_rate, known, options.width_percent / 100.0,
     )  # fmt: skip
     older = seen.profiles(masks.old, ways.width[:, None] * np.linspace(-0.5, 0.5, 9), nearest=True)
     over_old = np.asarray(older.mean(axis=1) > _MOST_OLD)

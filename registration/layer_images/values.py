@@ -131,6 +131,8 @@ class Stations:
     seen : (m,) bool
     why : (m,) int64
         `Unseen`.
+    seam_share : (m,) float64 or None
+        Ink over sound ink between seams, where lines touch; NaN where it isn't told, None nowhere.
     """
 
     at_mm: FloatArray
@@ -147,6 +149,7 @@ class Stations:
     present: FloatArray
     seen: BoolArray
     why: IntArray
+    seam_share: FloatArray | None = None
 
     def within(self, gap: Gap) -> BoolArray:
         """Return which lie within a stretch, (m,)."""

@@ -30,6 +30,10 @@ _OVER = 0.85
 DETOUR = 1.25
 """Way along a line over the distance of two of its places, from which on it has turned back."""
 _ROUNDED_MM = 1e-6
+_PARALLEL = 0.98
+"""Cosine of the angle between lines, from which on they go along each other."""
+_NEAREST, _APART = 0.6, 1.03
+"""Of the mean width of two lines: nearer, they lie over each other; farther, a slot is left."""
 _ALONG_RAY = 0.2
 """Sine of a line's angle to the ray that shows it, below which it is seen end on."""
 _DEEPER = 0.5
@@ -108,6 +112,29 @@ class Ways:
         over = (apart < _OVER * 0.5 * (self.width[one] + self.width[other])) & ~same
         out[one[over]] = out[other[over]] = True
         return out
+
+    @cached_property
+    def seams(self) -> FloatArray:
+        """How far from its middle each place meets lines that run along it, (2, n), widths.
+
+        On the left and on the right; NaN where no line touches it there, by design.
+        """
+        at, width = self.point[:, :2], self.width
+        reach = 1.1 * _APART * float(width.max())
+        pairs = cKDTree(at).query_pairs(reach, output_type="ndarray").reshape(-1, 2)
+        one, other = np.concatenate([pairs, pairs[:, ::-1]]).T
+        off, normal = at[other] - at[one], self.normal[one]
+        across = (off * normal).sum(axis=1)
+        along = off[:, 1] * normal[:, 0] - off[:, 0] * normal[:, 1]
+        both = width[one] + width[other]
+        share = 2.0 * np.abs(across) / both
+        meets = np.abs((normal * self.normal[other]).sum(axis=1)) > _PARALLEL
+        meets &= (np.abs(along) < 0.6 * self.step[one]) & (share > _NEAREST) & (share < _APART)
+        seams: FloatArray = np.full((2, len(self)), np.inf)
+        for side, way in zip(seams, (1.0, -1.0), strict=True):
+            own = meets & (way * across > 0)
+            np.minimum.at(side, one[own], np.minimum(np.abs(across[own]) / both[own], 0.5))
+        return np.where(np.isfinite(seams), seams, np.nan)
 
     @cached_property
     def _from_above(self) -> FloatArray:
@@ -295,3 +322,12 @@ class Seen:
             place = self.at + side * across_mm[:, None] * self.across
             ok &= ((place >= 0) & (place <= (shape[1] - 1, shape[0] - 1))).all(axis=1)
         return ok
+
+
+def stretches_of(low: BoolArray, run: IntArray) -> list[tuple[int, int]]:
+    """First and last row of each unbroken stretch of one run."""
+    cut = np.concatenate([[True], run[1:] != run[:-1]])
+    before = np.concatenate([[False], low[:-1]]) & ~cut
+    after = np.concatenate([low[1:], [False]]) & ~np.append(cut[1:], True)
+    first, last = np.flatnonzero(low & ~before), np.flatnonzero(low & ~after)
+    return list(zip(first.tolist(), last.tolist(), strict=True))

@@ -17,7 +17,7 @@ SURE: Final = 3.29
 _LISTED: Final = 3
 """Stretches that aren't seen, told by their places."""
 _TOLD: Final = 0.1
-"""Of the way over older ink, from which on it is said what isn't judged there."""
+"""Of the way, from which on it is said what isn't judged there."""
 _SOME_MM: Final = 1.0
 """Way over older ink, less than which tells nothing of how ink shows there."""
 
@@ -134,6 +134,8 @@ class Evidence:
         it may without ink; or NaN.
     told : ToldOfInk or None
         What all measures together tell of whether ink came; None where nobody said.
+    untold_seams : float
+        Share of the way that touches its neighbours and was seen, so that thin ink isn't told.
     lacks : str
         Rows or columns that a height map lacks against the last look's, in words.
     mends : bool
@@ -171,11 +173,12 @@ class Evidence:
     older_step: float = math.nan
     older_limit: float = 0.02
     told: ToldOfInk | None = None
+    untold_seams: float = 0.0
     lacks: str = ""
     mends: bool = False
 
     def unjudged_words(self, gap_mm: float, width_percent: float) -> str:
-        """What tolerances a profiler's map doesn't judge, in words; empty for nothing.
+        """What tolerances a look doesn't judge though it sees, in words; empty for nothing.
 
         Parameters
         ----------
@@ -184,6 +187,10 @@ class Evidence:
             Of its width, by which a line may be thinner or wider.
         """
         words = ""
+        if self.untold_seams >= _TOLD:
+            words += (
+                f"; on {self.untold_seams:.0%} lines touch, and it isn't seen whether they are thin"
+            )
         if self.least_gap_mm > gap_mm:
             words += (
                 f"; gaps shorter than {self.least_gap_mm:.2f} mm may not show (gap_mm is "

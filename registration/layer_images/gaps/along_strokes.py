@@ -18,9 +18,8 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
-from registration.layer_images.gaps.gaps import stretches_of
 from registration.layer_images.values import BoolArray, FloatArray, Gap, IntArray
-from registration.layer_images.ways import DETOUR, Ways
+from registration.layer_images.ways import DETOUR, Ways, stretches_of
 
 _SURE: Final = 0.99
 """Chance of missing ink from which on it is told."""

@@ -12,10 +12,9 @@ from typing import Final
 
 import numpy as np
 
-from registration.layer_images.gaps.gaps import stretches_of
 from registration.layer_images.ink.presence import INK
 from registration.layer_images.values import BoolArray, FloatArray, IntArray, Unseen
-from registration.layer_images.ways import Ways
+from registration.layer_images.ways import Ways, stretches_of
 
 _WIDEST: Final = 2.5
 """Of the line's width: older ink of that length along it is judged by what lies to its sides."""

@@ -10,7 +10,7 @@ from scipy.ndimage import uniform_filter1d
 
 from registration.layer_images.ink.presence import END, INK, WindowNoise, averaged
 from registration.layer_images.values import BoolArray, FloatArray, Gap, IntArray, Shift, Unseen
-from registration.layer_images.ways import Ways
+from registration.layer_images.ways import Ways, stretches_of
 
 LEAST: Final = 0.6
 """Of the tolerated length: shorter ones aren't told (round ends reach into a gap)."""
@@ -192,15 +192,6 @@ def _along(present: FloatArray, good: BoolArray, ways: Ways, gap_mm: float) -> F
     use = same & (share > 0.3)
     out[use] = total[use] / share[use]
     return out
-
-
-def stretches_of(low: BoolArray, run: IntArray) -> list[tuple[int, int]]:
-    """First and last row of each unbroken stretch of one run."""
-    cut = np.concatenate([[True], run[1:] != run[:-1]])
-    before = np.concatenate([[False], low[:-1]]) & ~cut
-    after = np.concatenate([low[1:], [False]]) & ~np.append(cut[1:], True)
-    first, last = np.flatnonzero(low & ~before), np.flatnonzero(low & ~after)
-    return list(zip(first.tolist(), last.tolist(), strict=True))
 
 
 def _ends(

@@ -62,3 +62,14 @@ def _scaled(logs: FloatArray | FloatImage, ink: float) -> FloatArray:
     most = max(_MOST_LOG, 2.0 * abs(ink))
     light: FloatArray = np.expm1(np.clip(values, -most, most))
     return light * (ink / float(np.expm1(ink)))
+
+
+def in_light(values: FloatArray | FloatImage, log_step: float) -> FloatArray:
+    """Levels from logarithms to brightness, bath 0 and ink 1: a picture's blur is one of light.
+
+    ``log_step`` is ink's logarithm over the bath's.
+    """
+    level = np.asarray(values, dtype=np.float64)
+    if abs(log_step) < _SAME:
+        return level
+    return np.asarray(np.expm1(log_step * np.clip(level, -1.0, 3.0)) / np.expm1(log_step))

@@ -8,6 +8,8 @@ from functools import partial
 
 import numpy as np
 
+from registration.layer_images.ink.directions import unlearned
+from registration.layer_images.ink.in_light import in_light
 from registration.layer_images.ink.ink_image import (
     ACROSS,
     WITHIN,
@@ -20,7 +22,6 @@ from registration.layer_images.ink.ink_image import (
 from registration.layer_images.ink.line_levels import among_lines, line_levels
 from registration.layer_images.ink.place_reasons import reasons
 from registration.layer_images.ink.presence import (
-    INK,
     Sides,
     WindowNoise,
     fake_places,
@@ -31,6 +32,7 @@ from registration.layer_images.ink.presence import (
     without_lows,
 )
 from registration.layer_images.ink.rims import rim_presence, rim_share, shows_rim
+from registration.layer_images.ink.seams import SeamLevels, is_disturbed, seam_levels
 from registration.layer_images.ink.short_lines import SHORT, short_noise
 from registration.layer_images.ink.strange import grown, strange_places, strangeness, unlike_bath
 from registration.layer_images.pictures.working import Mask, Working
@@ -48,7 +50,7 @@ _MOST_SATURATED = 0.3
 """Of the lines: more, and it is the ink that is saturated."""
 _INK_SATURATED, _MORE_OFTEN = 0.05, 4.0
 """Share of the lines, and how many times that of the bath: then it is bright ink, not glare."""
-_FEWEST, _FEW_ALIKE = 10, 20
+_FEWEST = 10
 _PLENTY = 15.0
 """A contrast from which on no other mix of the channels is tried."""
 LONG = 6.0
@@ -59,8 +61,6 @@ ASIDE = 0.1
 """Slant from which on each direction must show ink of its own."""
 _FEW_ALONE, _LEAST_ALONE = 60, 0.05
 """Places without another line over them, and their share, to learn from them alone."""
-_SECTORS = 12
-_LEAST_INK = 0.7
 _WEAK = 0.4
 """Of the usual strength: lines along the light that ridges are told by aren't seen."""
 _SHOWN = 0.5
@@ -108,6 +108,8 @@ class Told:
         Of what shows a line there, over the usual, at most 1: noise is as much larger.
     shaded : bool
         Whether by the shading of ridges, drawn at each place (`told_by_ridges`).
+    seams : SeamLevels or None
+        Ink between lines that touch; None where nothing tells of it.
     """
 
     image: FloatImage
@@ -128,6 +130,7 @@ class Told:
     level: FloatArray
     strength: FloatArray
     shaded: bool = False
+    seams: SeamLevels | None = None
 
     @property
     def scatter_step(self) -> float:
@@ -151,6 +154,8 @@ class Ground:
     rate : float
         False findings per sound layer.
     known : Appearance or None
+    tolerance : float
+        Share of its ink that a line may lack.
     """
 
     smooth: FloatImage
@@ -161,6 +166,7 @@ class Ground:
     gap_mm: float
     rate: float
     known: Appearance | None
+    tolerance: float = 0.15
 
 
 def tell_ink(
@@ -253,21 +259,27 @@ def _by_mix(
         near = np.minimum(sides.left, sides.right) < _ALONE
         why[(why == Unseen.SEEN) & (near | ways.corners())] = int(Unseen.FAINT)
     if template.one_sided or template.slant > ASIDE:
-        why[(why == Unseen.SEEN) & _unlearned(angle, present)] = int(Unseen.FAINT)
+        why[(why == Unseen.SEEN) & unlearned(angle, present)] = int(Unseen.FAINT)
     good = use & (why == Unseen.SEEN)
+    log_step, seams = _log_step(mix, ink, ground.work.is_log), None
+    if ground.work.is_log and template.filled:
+        light = in_light(profiles, log_step)
+        evened = np.asarray(ground.smooth @ mix - bath.mean @ mix, np.float32) / scale
+        odd = is_disturbed(evened, ground.free, strange | ground.work.bad)
+        seams = seam_levels(light, good, ways, template.slant, ground.tolerance, odd)
+    sound = good if seams is None else good & ~seams.near(ways)  # thin ink is no scatter
     over_long = partial(
         long_bath, image, free, LONG * ground.gap_mm, ground.work.px_per_mm, width_px, template,
         least, rng,
     )  # fmt: skip
     noise, contrast, faint = sureness(
-        present, good, ways, fake_present, ground, known is not None, template, over_long
+        present, sound, ways, fake_present, ground, known is not None, template, over_long
     )
     look = Appearance(mix, template.terms * template.scale, template.filled, ink)
     return Told(
         image, profiles, present, plain, why, template, noise, contrast, strange,
         unlike_bath(away, ground.free), look, bath_spread,
-        _log_step(mix, ink, ground.work.is_log), ink, faint,
-        level, np.ones(len(ways)),
+        log_step, ink, faint, level, np.ones(len(ways)), seams=seams,
     )  # fmt: skip
 
 
@@ -315,18 +327,6 @@ def _alone(ways: Ways, use: BoolArray) -> BoolArray:
     """Places over which no other line lies; all where too few of them are left."""
     alone = use & ~ways.crossed
     return alone if alone.sum() > max(_FEW_ALONE, _LEAST_ALONE * use.sum()) else use
-
-
-def _unlearned(angle: FloatArray, present: FloatArray) -> BoolArray:
-    """Places of directions in which hardly any line looks as it should, (n,).
-
-    Light from the side shows lines by their slopes; what a direction looks like is known only where
-    lines of it were seen.
-    """
-    sector = np.floor((angle + np.pi) / (2 * np.pi) * _SECTORS).astype(np.int64) % _SECTORS
-    number = np.bincount(sector, minlength=_SECTORS)
-    ink = np.bincount(sector, weights=present > INK, minlength=_SECTORS)
-    return np.asarray((ink < _LEAST_INK * np.maximum(number, _FEW_ALIKE))[sector])
 
 
 def _fits(known: Appearance | None, channels: int) -> bool:

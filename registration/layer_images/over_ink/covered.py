@@ -13,14 +13,13 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
-from registration.layer_images.gaps.gaps import stretches_of
 from registration.layer_images.heights.line_places import CLEARLY, OVER
 from registration.layer_images.ink.ink_image import ACROSS, CORE
 from registration.layer_images.ink.line_levels import lines_of
 from registration.layer_images.ink.presence import INK, averaged
 from registration.layer_images.ink.told import Told
 from registration.layer_images.values import BoolArray, FloatArray, IntArray, Unseen
-from registration.layer_images.ways import DETOUR, Seen, Ways
+from registration.layer_images.ways import DETOUR, Seen, Ways, stretches_of
 
 _MOST: Final = 0.3
 """Of a line's width in the view, that another line may cover."""

@@ -13,7 +13,6 @@ from typing import Final
 import cv2
 import numpy as np
 
-from registration.layer_images.gaps.gaps import stretches_of
 from registration.layer_images.ink.level_told import told_by_level
 from registration.layer_images.ink.presence import INK, window_noise
 from registration.layer_images.ink.told import Told
@@ -26,7 +25,7 @@ from registration.layer_images.values import (
     IntArray,
     Unseen,
 )
-from registration.layer_images.ways import Seen, Ways
+from registration.layer_images.ways import Seen, Ways, stretches_of
 
 _CORE = np.linspace(-0.3, 0.3, 7)
 _OFF: Final = 0.4

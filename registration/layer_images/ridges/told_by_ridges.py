@@ -111,7 +111,7 @@ def tell_ridges(
         usual, image=image, profiles=profiles, present=present, plain=present, why=why,
         template=template, noise=noise_found, contrast=contrast, faint=faint,
         appearance=Appearance(mix, terms, False, np.zeros(count)), log_step=0.0,
-        level=np.ones(len(ways)), strength=share, shaded=True, strange=strange,
+        level=np.ones(len(ways)), strength=share, shaded=True, seams=None, strange=strange,
         unlike_bath=unlike_bath(away, ground.free),
     )  # fmt: skip
 

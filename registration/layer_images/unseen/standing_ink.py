@@ -15,12 +15,12 @@ import cv2
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from registration.layer_images.gaps.gaps import stretches_of
 from registration.layer_images.ink.presence import INK, fake_places
 from registration.layer_images.pictures.before import with_halos
 from registration.layer_images.seen_layer import SeenLayer
 from registration.layer_images.unseen.bare_strokes import STANDS_OUT, TOGETHER, over_each_side
 from registration.layer_images.values import BoolArray, FloatArray, IntArray, Unseen
+from registration.layer_images.ways import stretches_of
 
 _LEAST: Final = 0.4
 """Of the older filaments' usual level: what a needle without ink leaves in the bath shows less."""

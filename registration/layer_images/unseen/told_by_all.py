@@ -7,10 +7,11 @@ from typing import Final
 import numpy as np
 
 from registration.layer_images.findings import ToldOfInk
-from registration.layer_images.gaps.gaps import stretch_gap, stretches_of
+from registration.layer_images.gaps.gaps import stretch_gap
 from registration.layer_images.ink.presence import INK
 from registration.layer_images.seen_layer import SeenLayer
 from registration.layer_images.values import BoolArray, Gap
+from registration.layer_images.ways import stretches_of
 
 _LEAST: Final = 3.0
 """Widths of a stretch that is told as still: change is averaged over as many."""

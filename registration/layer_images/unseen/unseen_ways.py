@@ -6,12 +6,13 @@ from typing import Final
 
 import numpy as np
 
-from registration.layer_images.gaps.gaps import inside, stretches_of
+from registration.layer_images.gaps.gaps import find_gaps, inside
 from registration.layer_images.ink.presence import INK
+from registration.layer_images.options import SeeingOptions
 from registration.layer_images.seen_layer import SeenLayer
 from registration.layer_images.unseen.standing_ink import standing_ink
 from registration.layer_images.values import BoolArray, FloatArray, Gap, IntArray, Unseen
-from registration.layer_images.ways import Ways
+from registration.layer_images.ways import Ways, stretches_of
 
 _DOUBTED: Final = 1.5
 """Tolerated gaps, from which on a stretch that looks bare is told of, though debris lies by."""
@@ -21,6 +22,8 @@ _SHORT: Final = 0.5
 """Of a vessel, of which no more may go untold, however short it is."""
 _LEAST: Final = 0.2
 """Of the longest stretch that may go untold in any case: whoever lets pass more isn't asked."""
+_LIKELIER: Final = 30.0
+"""Times a gap's p-value, up to which a stretch in faint ink is asked about."""
 _HIDING: Final = (Unseen.GLARE, Unseen.HIDDEN)
 _SEEN_MM: Final = 0.3
 """A seen stretch that is shorter, between two that aren't, doesn't part them."""
@@ -140,3 +143,20 @@ def _edge(ways: Ways, row: int, by: float) -> tuple[float, tuple[float, float]]:
     ahead: FloatArray = np.array([ways.normal[row, 1], -ways.normal[row, 0]])
     x, y = ways.point[row, :2] + far * ahead
     return float(ways.along[row]) + far, (float(x), float(y))
+
+
+def doubted_gaps(
+    look: SeenLayer, gaps: list[Gap], places: int, options: SeeingOptions
+) -> list[Gap]:
+    """Stretches that look bare in faint ink, too likely by noise to be gaps."""
+    told = look.bath
+    if told is None or told.noise is None or not told.faint:
+        return []
+    around = np.zeros(len(look.ways))
+    clear = ~look.over_old & (told.why == Unseen.SEEN)
+    likely = _LIKELIER * options.false_rate / places
+    found, _ = find_gaps(
+        look.present, clear, look.inferred, look.ways, told.noise, options.gap_mm, likely, around,
+        True,
+    )  # fmt: skip
+    return [one for one in found if one not in gaps]

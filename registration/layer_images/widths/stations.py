@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from registration.layer_images.ink.in_light import in_light
 from registration.layer_images.ink.ink_image import ACROSS
 from registration.layer_images.ink.presence import INK, Sides
 from registration.layer_images.ink.rims import has_rim
@@ -143,7 +144,7 @@ def station_widths(
     tilt = 0.5 * (left + right)[:, None] + 0.5 * (left - right)[:, None] * np.clip(ACROSS, -1, 1)
     rimmed = work.is_scatter and has_rim(bath.template)  # no OCT sharpens its edges
     log_step = bath.scatter_step if rimmed else bath.log_step
-    level = _linear(np.where(tell[:, None], mean - tilt, 0.0), log_step).astype(np.float32)
+    level = in_light(np.where(tell[:, None], mean - tilt, 0.0), log_step).astype(np.float32)
     return measure_widths(
         level,
         ways.width[group.first],
@@ -156,13 +157,6 @@ def station_widths(
         work.flanks_lost,
         rimmed,
     )
-
-
-def _linear(values: FloatArray, log_step: float) -> FloatArray:
-    """Levels from logarithms to brightness, bath 0 and ink 1: a picture's blur is one of light."""
-    if abs(log_step) < 0.02:
-        return values
-    return np.asarray(np.expm1(log_step * np.clip(values, -1.0, 3.0)) / np.expm1(log_step))
 
 
 def _noise(level: FloatImage, tell: BoolArray, sides: Sides, group: Grouping) -> float:

@@ -291,6 +291,12 @@ def test_what_a_profilers_map_doesnt_judge_is_said():
     assert "wavers there by 17% of a layer, more than the 15 % that widths may be off" in wavering
 
 
+def test_lines_that_touch_and_tell_nothing_of_their_widths_are_said():
+    words = "on 56% lines touch, and it isn't seen whether they are thin"
+    assert words in decided(untold_seams=0.56).why
+    assert "touch" not in decided(untold_seams=0.05).why
+
+
 def test_a_way_without_ink_is_never_called_as_expected():
     bare = decided(coverage=0.003, seen_share=0.2, over_old_share=0.3)
     assert bare.kind is DecisionKind.PAUSE

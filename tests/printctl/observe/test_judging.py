@@ -10,8 +10,8 @@ import pytest
 from firmware_profiles import Ink, load
 from printctl.observe.deciding import FlowControl
 from printctl.observe.expected import ExpectedInk
-from printctl.observe.judging import _flow, narrowed_lumens, shift_of, telling
-from registration.layer_images import Lumen, LumenSeen, Shift, Stations
+from printctl.observe.judging import _flow, _thin, narrowed_lumens, shift_of, telling
+from registration.layer_images import Lumen, LumenSeen, Shift, Stations, Stretch
 
 HEIGHT, WIDTH = 0.1, 0.25
 
@@ -95,3 +95,21 @@ def test_a_layer_lies_where_the_second_picture_shows_it_if_the_first_shows_none(
     none, moved, there = picture(0.0, 0.0), picture(0.8, 0.3), picture(0.8, 0.0)
     for each, told in (((none, moved), 0.3), ((there, moved), 0.0), ((none, None), 0.0)):
         assert shift_of(telling(*each))[0] == told
+
+
+def test_thin_lines_that_touch_are_filled_up_by_the_share_of_ink_at_their_seams():
+    m, section = 60, load(Ink, "collagen_fresh").bead_section
+    full, row = np.ones(m), np.zeros(m, dtype=np.int64)
+    along = 0.15 * (np.arange(m) + 0.5)
+    share = np.where((along > 3.0) & (along < 6.0), 0.4, 1.0)
+    stations = Stations(
+        np.zeros((m, 2)), full, np.zeros((m, 2)), row, row, along, full * 0.15,
+        full * WIDTH, full * np.nan, full * np.nan, full * np.nan, full, full > 0, row, share,
+    )  # fmt: skip
+    stretch = Stretch("thin", 0, 3.5, 5.5, 0.4, 0.01, 1e-9)
+    findings = SimpleNamespace(stations=stations, stretches=(stretch,))
+    one = np.ones(1)
+    ink = SimpleNamespace(style="layered", height_mm=HEIGHT * one, width_mm=WIDTH * one)
+    (found,) = _thin(findings, ink, SimpleNamespace(row=row), section)
+    assert (found.from_mm, found.to_mm) == pytest.approx((3.0, 6.0), abs=0.2)
+    assert found.missing == pytest.approx(0.6, abs=0.02)

@@ -46,11 +46,20 @@ class Scene:
         return painter.plan_layer(self.layout, self.size, self.width, rng)
 
     def paint(
-        self, gaps: tuple[tuple[int, float, float], ...] = (), ratio: float = 1.0, **more: object
+        self,
+        gaps: tuple[tuple[int, float, float], ...] = (),
+        ratio: float = 1.0,
+        thin: tuple[float, float, float] | None = None,
+        **more: object,
     ) -> painter.Painted:
+        """Paint it, all strokes from one way on to another with a part of their width."""
         rng = np.random.default_rng(self.seed + 1)
         plan = self.plan()
         look = painter.random_look(self.kind, rng, self.contrast)
         look.light = min(look.light, 0.25)
         ink = painter.lay(plan, rng, ratio=ratio, gaps=list(gaps))
+        if thin is not None:
+            at, stroke, along, width = ink
+            less = (along > thin[0]) & (along < thin[1])
+            ink = at, stroke, along, np.where(less, thin[2] * width, width)
         return painter.paint(plan, ink, list(gaps), self.size, self.um_per_px, look, rng, **more)  # type: ignore[arg-type]
