@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import json
 import os
 import resource
@@ -73,8 +74,13 @@ def layered(rng: np.random.Generator) -> Layered:
 
 
 def mend(at: dict[str, float], rng: np.random.Generator) -> list[str]:
-    """A stroke within the file's own space, and back to ``at``."""
+    """A stroke within the file's own space, and back to ``at``.
+
+    Marlin joins a move of less than six steps to the next one, so the way back is longer.
+    """
     (x, y), (to_x, to_y) = 52 + 0.05 * rng.integers(0, 80, (2, 2))
+    while math.hypot(to_x + 0.05 - at["X"], to_y - at["Y"]) < 0.2:
+        to_x, to_y = 52 + 0.05 * rng.integers(0, 80, 2)
     z, e = at["Z"], at["E"]
     return [
         f"G1 Z{z + 1:.2f} F300",
