@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import math
 import json
+import math
 import os
 import resource
 import signal
