@@ -9,9 +9,11 @@ how much camera, light and drying change.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
+import cv2
 import numpy as np
 
 from registration.errors import PictureError
@@ -48,9 +50,14 @@ _STILL: Final = 1.5
 _SHOWS: Final = 10.0
 _DRAWS: Final = 200
 _ALIKE: Final = 0.6
-"""Of the most change on older ink of any height; where it is less nothing is still."""
-
-
+"""Of the most change on older ink, that lines of one height and direction must show somewhere;
+where it is less nothing is still: ridges along the light, and opaque ink, may show none."""
+_DIRECTIONS: Final = 12
+"""Of lines, among which they are compared."""
+_BY_LIGHT: Final = 1 / 3
+"""Of a place's change, which ground beside it may show; more is a shadow that came or went."""
+_BESIDE: Final = 1.5
+"""Widths around a place, over which that ground is averaged."""
 _LEAST: Final = 1e-12
 _PARALLEL: Final = 0.95
 """Cosine of the angle between lines of one direction."""
@@ -71,7 +78,7 @@ class Change:
     own : (n,) float64
         The ground's usual mean square.
     alike : (n,) bool
-        Where ink changes about as much as anywhere over such ground.
+        Where ink changes about as much as anywhere over such ground, on lines of a direction.
     over_old : (n,) bool
     ground : (k,) float64 or None
         Mean squares of the ground's windows, for places over older ink.
@@ -166,29 +173,67 @@ def change_along(
     width_px = float(np.median(ways.width)) * work.px_per_mm
     image, _ = light_less(work, bare.ground, width_px)
     shown = bare.settled & (reasons(work, seen, ways, work.bad) == Unseen.SEEN)
-    energy = np.where(shown, _energy(image, seen, ways.width), np.nan)
-    count = _count(ways)
-    mean = np.exp(averaged(np.log(np.nan_to_num(energy, nan=1.0)), shown, ways.run, count))
+    energy, count = _energy(image, seen, ways.width), _count(ways)
     nothing = np.full(len(ways), np.nan)
-    rms, usual, limit, own = nothing.copy(), nothing.copy(), nothing.copy(), nothing.copy()
+    usual, limit, own = nothing.copy(), nothing.copy(), nothing.copy()
     alike = np.ones(len(ways), dtype=np.bool_)
     on_bath = _on_bath(image, bare, width_px, count * float(np.median(ways.step)), work)
     on_old = None if older is None else _on_older(image, frame, older, bare.ground, work)
     on_old = on_bath if on_old is None else on_old
-    for kind, ground in ((bare.over_old, on_old), (~bare.over_old, on_bath)):
-        if ground is None:
-            continue
-        rows = kind & shown & np.isfinite(mean)
-        own[rows], far = float(np.median(ground)), float(np.percentile(ground, _FAR))
-        limit[rows] = math.sqrt(max(far - float(np.median(ground)), 1e-12))
-        rms[rows] = np.sqrt(np.maximum(mean[rows] - own[rows], 0.0))
+    kinds = [(bare.over_old, on_old), (~bare.over_old, on_bath)]
+    for kind, ground in kinds:
+        if ground is not None:
+            own[kind], far = float(np.median(ground)), float(np.percentile(ground, _FAR))
+            limit[kind] = math.sqrt(max(far - float(np.median(ground)), _LEAST))
+    shown &= ~_by_light(image, energy, limit, bare.ground, seen, ways, width_px)
+    energy = np.where(shown, energy, np.nan)
+    mean = np.exp(averaged(np.log(np.nan_to_num(energy, nan=1.0)), shown, ways.run, count))
+    rms = np.where(shown, np.sqrt(np.maximum(mean - own, 0.0)), np.nan)
+    for kind, _ in kinds:
+        rows = kind & np.isfinite(rms)
         if rows.any():
             usual[rows] = float(np.percentile(rms[rows], _HIGHEST))
-    for rank in np.unique(bare.onto[bare.over_old]):
-        rows = bare.over_old & (bare.onto == rank) & np.isfinite(rms)
-        if rows.any():
-            alike[rows] = np.percentile(rms[rows], _HIGHEST) > _ALIKE * usual[rows][0]
+    for own_kind, like in _kinds(ways, bare, np.isfinite(rms)):
+        alike[own_kind] = np.percentile(rms[like], _HIGHEST) > _ALIKE * usual[own_kind][0]
     return Change(energy, rms, usual, limit, own, alike, bare.over_old, on_old, count)
+
+
+def _by_light(
+    image: FloatImage,
+    energy: FloatArray,
+    limit: FloatArray,
+    ground: Mask,
+    seen: Seen,
+    ways: Ways,
+    width_px: float,
+) -> BoolArray:
+    """Places whose change is that of the ground beside them: a shadow that came or went, (n,).
+
+    A change that counts as neither ink's nor more than ground's ``limit`` (n,) is none.
+    """
+    free = ground.astype(np.float32)
+    square = np.mean(image**2, axis=2)
+    square -= np.median(square[ground > 0]) if ground.any() else 0.0
+    sigma = _BESIDE * width_px
+    share = np.maximum(cv2.GaussianBlur(free, (0, 0), sigma), _LEAST)
+    around = cv2.GaussianBlur(np.asarray(square * free), (0, 0), sigma) / share
+    beside = seen.profiles(around, ways.width[:, None] * _ACROSS).mean(axis=1)
+    least = np.maximum(_BY_LIGHT**2 * np.maximum(energy, _DRYING**2), limit**2)
+    return np.asarray(beside > least)
+
+
+def _kinds(ways: Ways, bare: Unwritten, known: BoolArray) -> Iterator[tuple[BoolArray, BoolArray]]:
+    """Yield places over older ink of one height and direction, and those to compare them with.
+
+    These are of directions up to `_PARALLEL`; both are (n,), of ``known`` (n,) ones.
+    """
+    angle = np.arctan2(ways.normal[:, 1], ways.normal[:, 0])
+    part = np.round(angle / math.pi * _DIRECTIONS).astype(int) % _DIRECTIONS
+    for rank in np.unique(bare.onto[bare.over_old]):
+        rows = bare.over_old & (bare.onto == rank) & known
+        for one in np.unique(part[rows]):
+            near = np.abs(np.cos(angle - one * math.pi / _DIRECTIONS)) > _PARALLEL
+            yield rows & (part == one), rows & near
 
 
 def lay_older(lines: ExpectedLines, late: BoolArray, ways: Ways) -> Ways | None:
