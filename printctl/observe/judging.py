@@ -22,7 +22,7 @@ from printctl.observe.deciding.evidence import Narrowed
 from printctl.observe.deciding.thin import Thin, seen_twice
 from printctl.observe.expected import ExpectedInk
 from printctl.observe.mends_again import LayerInk, gaps_of_job, without_mends
-from printctl.observe.thin_lines import runs_below, thin_lines
+from printctl.observe.thin_lines import low_stretches, runs_below, thin_lines
 from registration.layer_images import (
     ExpectedLines,
     Gap,
@@ -142,6 +142,7 @@ def evidence_of(
         least_gap_mm=findings.least_gap_mm,
         by_height_share=findings.by_height_share,
         waver=findings.waver,
+        low=low_stretches(stations, tolerated) if findings.by_height_share > 0.0 else (),
         older_mm=findings.older_mm,
         older_step=findings.older_step,
         older_limit=findings.older_limit,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from printctl.observe.deciding.thin import Thin
-from registration.layer_images import Stations, Stretch
+from registration.layer_images import Gap, Stations, Stretch
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -18,6 +18,8 @@ _WINDOW: Final = 5
 """Stations whose mean tells whether a place still belongs to a thin stretch."""
 _NEAR_END: Final = 1.5
 """Widths from a line's end within which no width is told."""
+_LOW_MM: Final = 2.0
+"""Shortest way of low ink that is told: scatter and droops of sound layers are shorter."""
 
 
 def thin_lines(
@@ -60,6 +62,26 @@ def runs_below(
             low = _mean(area_ratio[rows]) < below
             thin += _runs(low, low, stations, rows, area_ratio[rows])
     return tuple(thin)
+
+
+def low_stretches(stations: Stations, tolerated: float) -> tuple[Gap, ...]:
+    """Return where ink on older ink stands lower than elsewhere by more than a share of a layer.
+
+    Heights tell no widths there, and lower ink is thin, or lies in a hollow.
+    """
+    by_height = stations.seen & np.isnan(stations.width_mm)
+    runs = runs_below(stations, by_height, stations.present, 1.0 - tolerated)
+    return tuple(_placed(one, stations) for one in runs if one.to_mm - one.from_mm >= _LOW_MM)
+
+
+def _placed(run: Thin, stations: Stations) -> Gap:
+    own = stations.stroke == run.stroke
+    along, at = stations.along_mm[own], stations.at_mm[own]
+    begin, end = (
+        (float(np.interp(one, along, at[:, 0])), float(np.interp(one, along, at[:, 1])))
+        for one in (run.from_mm, run.to_mm)
+    )
+    return Gap(run.stroke, run.from_mm, run.to_mm, begin, end, 0.0, 1.0)
 
 
 def _of_stroke(

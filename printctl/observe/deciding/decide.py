@@ -133,8 +133,21 @@ class Decider:
         unseen_mm = evidence.way_mm * (1.0 - evidence.seen_share - evidence.over_old_share)
         told = f"; {unseen_mm:.1f} of {evidence.way_mm:.1f} mm weren't seen{evidence.hidden_words}"
         least_mm = self.limits.gap.least_mm
-        return told * (unseen_mm >= least_mm) + evidence.unjudged_words(
-            least_mm, self.limits.width_percent
+        return (
+            told * (unseen_mm >= least_mm)
+            + evidence.unjudged_words(least_mm, self.limits.width_percent)
+            + self._low_words(evidence)
+        )
+
+    def _low_words(self, evidence: Evidence) -> str:
+        """Where ink on older ink may be thin, in words; empty for nowhere."""
+        if not evidence.low:
+            return ""
+        low_mm = math.fsum(one.length_mm for one in evidence.low)
+        longest = max(evidence.low, key=lambda one: one.length_mm)
+        return (
+            f"; along {low_mm:.1f} mm it stands more than {self.limits.width_percent:g} % of a "
+            f"layer lower than elsewhere{where((longest,))}: ink may be thin there"
         )
 
     def _as_allowed(self, wanted: Decision, evidence: Evidence) -> Decision:

@@ -129,6 +129,8 @@ class Evidence:
         Of the way, seen over older ink, where heights tell gaps and no widths.
     waver : float
         Standard deviation of ink's height there, in thicknesses of the layer.
+    low : tuple of Gap
+        Stretches there whose ink stands lower than elsewhere by more than is tolerated of widths.
     older_mm, older_step, older_limit : float
         Way over older ink, mm; by what logarithm it changed since the picture before, and by what
         it may without ink; or NaN.
@@ -169,6 +171,7 @@ class Evidence:
     least_gap_mm: float = 0.0
     by_height_share: float = 0.0
     waver: float = math.nan
+    low: tuple[Gap, ...] = ()
     older_mm: float = 0.0
     older_step: float = math.nan
     older_limit: float = 0.02

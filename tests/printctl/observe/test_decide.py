@@ -297,6 +297,14 @@ def test_lines_that_touch_and_tell_nothing_of_their_widths_are_said():
     assert "touch" not in decided(untold_seams=0.05).why
 
 
+def test_ink_that_may_be_thin_on_older_ink_is_told_with_its_place() -> None:
+    low = Gap(3, 2.0, 9.0, (100.0, 101.0), (107.0, 101.0), 0.0, 1.0)
+    found = decided(by_height_share=0.8, waver=0.03, low=(low,))
+    assert found.kind is DecisionKind.GO_ON
+    assert "along 7.0 mm it stands more than 15 % of a layer lower than elsewhere" in found.why
+    assert "(X 100.0 Y 101.0 to X 107.0 Y 101.0, 7.0 mm): ink may be thin there" in found.why
+
+
 def test_a_way_without_ink_is_never_called_as_expected():
     bare = decided(coverage=0.003, seen_share=0.2, over_old_share=0.3)
     assert bare.kind is DecisionKind.PAUSE

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from printctl.observe.deciding.thin import Thin, seen_twice
-from printctl.observe.thin_lines import runs_below, thin_lines
+from printctl.observe.thin_lines import low_stretches, runs_below, thin_lines
 from registration.layer_images import Stations, Stretch
 
 STEP = 0.15
@@ -52,6 +52,18 @@ def test_thick_stretches_and_places_that_tell_nothing_fill_nothing():
 def test_what_one_picture_alone_shows_isnt_filled_up():
     one, other = Thin(1, 2.0, 4.0, 0.3), Thin(1, 6.0, 8.0, 0.3)
     assert seen_twice((one, other), (Thin(1, 3.0, 5.0, 0.3), Thin(2, 6.0, 8.0, 0.3))) == (one,)
+
+
+def test_ink_that_stands_low_on_older_ink_is_told_where_no_width_is() -> None:
+    given = stations()
+    given.present[75:105] = 0.8  # 2.25 to 6.75 mm of stroke 1
+    given.present[10:20] = 0.8  # 1.5 mm: as droops are
+    assert low_stretches(given, 0.15) == ()  # widths tell it
+    given.width_mm[:] = np.nan
+    (found,) = low_stretches(given, 0.15)
+    assert found.stroke == 1
+    assert (found.from_mm, found.to_mm) == pytest.approx((2.25, 6.75), abs=0.31)
+    assert low_stretches(given, 0.25) == ()
 
 
 def test_lines_below_a_level_are_found_to_their_ends():

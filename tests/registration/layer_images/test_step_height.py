@@ -50,6 +50,17 @@ def test_a_gap_over_older_ink_is_found(seed: int) -> None:
     assert (gap.from_mm, gap.to_mm) == pytest.approx((begin, begin + 0.4), abs=0.06)
 
 
+@pytest.mark.parametrize("seed", range(5000, 5006))
+def test_a_short_gap_at_a_rim_is_told_from_a_droop(seed: int) -> None:
+    """A wall of two lines is rim alone: of a stranger's none shorter than three widths showed."""
+    sound = solid_layer(np.random.default_rng(seed))
+    begin = 0.4 * sound.size
+    bare = (begin, begin + 2.0 * sound.width)
+    found = _look(solid_layer(np.random.default_rng(seed), (bare,)))
+    (gap,) = found.gaps
+    assert (gap.from_mm, gap.to_mm) == pytest.approx(bare, abs=0.06)
+
+
 def test_ten_gaps_are_found_and_hide_nothing() -> None:
     """Where ink steps down at many gaps, that isn't the scatter of sound ink's heights."""
     size = solid_layer(np.random.default_rng(5003)).size
