@@ -1,0 +1,47 @@
+"""Stretches with and without ink, by all that a picture tells."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+
+from registration.layer_images import ExpectedLines
+from registration.layer_images.unseen.told_by_all import told_by_all
+from registration.layer_images.values import BoolArray
+from registration.layer_images.ways import lay_ways
+
+WIDTH, LENGTH = 0.25, 10.0
+
+
+def _look(came: BoolArray) -> Any:
+    one = np.zeros(1, np.int64)
+    start, end = np.array([[0.0, 0.0, 0.0]]), np.array([[LENGTH, 0.0, 0.0]])
+    ways = lay_ways(ExpectedLines(start, end, np.array([WIDTH]), one, one, one == 0), 0.05)
+    share = came[(np.arange(len(ways)) * len(came) // len(ways))]
+    change = SimpleNamespace(came=share, still=np.zeros(len(ways), np.bool_))
+    return cast(Any, SimpleNamespace(ways=ways, present=np.zeros(len(ways)), change=change))
+
+
+def _told(came: BoolArray) -> Any:
+    look = _look(came)
+    none = np.zeros(len(look.ways), np.bool_)
+    return told_by_all(look, none, none)
+
+
+def test_passing_highlights_do_not_tell_that_ink_came() -> None:
+    """A clog to the print's end went on: each highlight of clear ink began its stretch anew."""
+    bits = np.zeros(100, np.bool_)
+    bits[[8, 9, 40, 41, 77, 78, 97]] = True  # of 0.1 to 0.2 mm, less than three widths
+    told = _told(bits)
+    assert told.came_mm == told.ink_mm == 0.0
+    assert [round(one.length_mm, 1) for one in told.untold] == [LENGTH]
+
+
+def test_a_stretch_longer_than_three_widths_changed_by_ink() -> None:
+    long = np.zeros(100, np.bool_)
+    long[20:40] = True
+    told = _told(long)
+    assert 1.8 < told.came_mm < 2.2
+    assert [round(one.length_mm) for one in told.tail] == [6]
