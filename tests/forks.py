@@ -2,9 +2,8 @@
 
 To import and collect all tests takes twenty seconds of a core, and pytest-xdist does it in each
 worker. Here it is done once, and each worker is a fork of what was collected. A file is the unit of
-work, as with ``--dist loadfile``; files are handed out in the order of the collection, but whole
-runs come first (one that begins last leaves a core idle), and a worker ends a folder before it
-begins another. Tests in a browser have workers of their own,
+work, as with ``--dist loadfile``; files are handed out in the order of the collection, but a worker
+ends a folder before it begins another. Tests in a browser have workers of their own,
 ``--browsers`` of them, until they are done; a file of them that failed beside others is tried once
 more at the end, alone. A worker that dies fails the test it was
 at; a new one does the rest.
@@ -48,10 +47,6 @@ def pytest_runtestloop(session: pytest.Session) -> bool | None:
 
 def _in_browser(item: pytest.Item) -> bool:
     return item.get_closest_marker("browser") is not None
-
-
-def _whole_run(item: pytest.Item) -> bool:
-    return item.path.parent.name == "system"
 
 
 def _by_file(items: Group) -> list[Group]:
@@ -119,8 +114,7 @@ class _Loop:
         self.session, self.config = session, session.config
         self.groups = _by_file(session.items)
         self.items = {item.nodeid: item for item in session.items}
-        plain = [k for k, group in enumerate(self.groups) if not _in_browser(group[0])]
-        self.plain = deque(sorted(plain, key=lambda k: not _whole_run(self.groups[k][0])))
+        self.plain = deque(k for k, group in enumerate(self.groups) if not _in_browser(group[0]))
         self.pages = deque(k for k, group in enumerate(self.groups) if _in_browser(group[0]))
         self.forks, self.browsers = min(forks, len(self.groups)), browsers
         self.base = session.config._tmp_path_factory.getbasetemp()  # type: ignore[attr-defined]
