@@ -18,10 +18,11 @@ from registration.layer_images.gaps.gap_ends import LightAlong
 from registration.layer_images.gaps.gaps import find_gaps, inside, lit_along, merged, shift_along
 from registration.layer_images.gaps.height_ends import HeightsAlong, Section
 from registration.layer_images.gaps.sure_ink import unsure_places
+from registration.layer_images.ink.directions import ASIDE
 from registration.layer_images.ink.in_light import LightMix
 from registration.layer_images.ink.ink_image import ACROSS, SMOOTH, angle_of
 from registration.layer_images.ink.presence import INK
-from registration.layer_images.ink.told import ASIDE, Told
+from registration.layer_images.ink.told import Told
 from registration.layer_images.options import SeeingOptions
 from registration.layer_images.over_ink.changed import unchanged
 from registration.layer_images.over_ink.step_height import stepped
@@ -40,6 +41,7 @@ from registration.layer_images.values import (
     Gap,
     IntArray,
     Lumen,
+    LumenSeen,
     Shift,
     Unseen,
 )
@@ -141,11 +143,7 @@ def findings_of(
         beside &= ~(look.over_old & look.by_change) & ~_bare_anyway(look, options.shift_mm)
         why[beside & (why == Unseen.SEEN)] = int(Unseen.UNCLEAR)
     good = why == Unseen.SEEN
-    faint = np.zeros_like(good)
-    for told in (look.bath, look.old):
-        if told is not None and told.noise is not None and told.faint:
-            rows = look.over_old if told is look.old else ~look.over_old
-            faint |= rows & (told.why == Unseen.SEEN)
+    faint = _faint(look)
     tested = good | faint
     places = max(1, round(float(ways.step[tested].sum()) / options.gap_mm))
     blobs, big = _blobs(look, options)
@@ -166,18 +164,6 @@ def findings_of(
     stations = replace(stations, seam_share=seams.share)
     stretches = find_stretches(stations, widths, options.width_percent) + seams.stretches
     told = look.bath
-    usable = told is not None and told.noise is not None and told.template.filled
-    lost = look.work.bad | look.work.hidden if told is None else told.strange | look.work.hidden
-    seen_lumens = see_lumens(
-        lumens,
-        told.image if told is not None and usable else None,
-        lost,
-        look.masks.old,
-        look.frame,
-        np.array([shift.dx_mm, shift.dy_mm]),
-        1.0 / look.work.px_per_mm,
-        told.bath_spread if told is not None else 1.0,
-    )
     ratio, u_ratio = width_ratio(stations, widths)
     way = ways.step
     seen_mm = float(way[good].sum())
@@ -188,7 +174,7 @@ def findings_of(
         gaps=_placed(merged(gaps, ways), look, shift, good),
         stretches=stretches,
         blobs=blobs,
-        lumens=seen_lumens,
+        lumens=_lumens(look, lumens, shift),
         width_ratio=ratio,
         u_width_ratio=u_ratio,
         seen_share=seen_mm / float(way.sum()),
@@ -211,6 +197,32 @@ def findings_of(
         older_limit=limit,
         told=told_by_all(look, good, faint),
         untold_seams=seams.untold,
+    )
+
+
+def _faint(look: SeenLayer) -> BoolArray:
+    """Places at which ink shows too faintly for short gaps to be told, (n,)."""
+    faint = np.zeros(len(look.ways), dtype=np.bool_)
+    for told in (look.bath, look.old):
+        if told is not None and told.noise is not None and told.faint:
+            rows = look.over_old if told is look.old else ~look.over_old
+            faint |= rows & (told.why == Unseen.SEEN)
+    return faint
+
+
+def _lumens(look: SeenLayer, lumens: Sequence[Lumen], shift: Shift) -> tuple[LumenSeen, ...]:
+    """Lumens as the picture shows them, not seen where ink and bath can't be told apart."""
+    told = look.bath
+    usable = told is not None and told.noise is not None and told.template.filled
+    return see_lumens(
+        lumens,
+        told.image if told is not None and usable else None,
+        (look.work.bad if told is None else told.strange) | look.work.hidden,
+        look.masks.old,
+        look.frame,
+        np.array([shift.dx_mm, shift.dy_mm]),
+        1.0 / look.work.px_per_mm,
+        told.bath_spread if told is not None else 1.0,
     )
 
 

@@ -1,12 +1,18 @@
-"""Tell directions in which a picture hardly shows lines as they should look."""
+"""Tell places whose line lies in a way that a picture hardly shows as it should look."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from registration.layer_images.ink.presence import INK
+from registration.layer_images.ink.ink_image import Template
+from registration.layer_images.ink.presence import INK, Sides
 from registration.layer_images.values import BoolArray, FloatArray
+from registration.layer_images.ways import Ways
 
+_ALONE = 0.8
+"""Widths to the next ink: nearer, and edges by which ink is told may be missing."""
+ASIDE = 0.1
+"""Slant from which on each direction must show ink of its own."""
 _SECTORS = 12
 _LEAST_INK = 0.7
 _FEW_ALIKE = 20
@@ -22,3 +28,15 @@ def unlearned(angle: FloatArray, present: FloatArray) -> BoolArray:
     number = np.bincount(sector, minlength=_SECTORS)
     ink = np.bincount(sector, weights=present > INK, minlength=_SECTORS)
     return np.asarray((ink < _LEAST_INK * np.maximum(number, _FEW_ALIKE))[sector])
+
+
+def untold(
+    template: Template, sides: Sides, ways: Ways, angle: FloatArray, present: FloatArray
+) -> BoolArray:
+    """Places, (n,), that edges alone, or light from one side, don't tell."""
+    none = np.zeros(len(ways), dtype=np.bool_)
+    if template.by_edges:
+        none |= (np.minimum(sides.left, sides.right) < _ALONE) | ways.corners()
+    if template.one_sided or template.slant > ASIDE:
+        none |= unlearned(angle, present)
+    return none

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from registration.layer_images.ink.directions import unlearned
+from registration.layer_images.ink.directions import untold
 from registration.layer_images.ink.in_light import in_light
 from registration.layer_images.ink.ink_image import (
     ACROSS,
@@ -55,10 +55,6 @@ _PLENTY = 15.0
 """A contrast from which on no other mix of the channels is tried."""
 LONG = 6.0
 """Tolerated gaps: a length of which one must be told, for a look to be worth anything."""
-_ALONE = 0.8
-"""Widths to the next ink: nearer, and edges by which ink is told may be missing."""
-ASIDE = 0.1
-"""Slant from which on each direction must show ink of its own."""
 _FEW_ALONE, _LEAST_ALONE = 60, 0.05
 """Places without another line over them, and their share, to learn from them alone."""
 _WEAK = 0.4
@@ -210,10 +206,7 @@ def _by_mix(
     width_px = float(np.median(ways.width)) * ground.work.px_per_mm
     among = among_lines(ground.smooth, ways, seen, use) if ways.varied else None
     profiles, angle = seen.profiles(mixed, ways.width[:, None] * ACROSS), angle_of(seen)
-    rim = None
-    if ground.work.is_scatter:
-        first = learn_template(profiles[use], sides.usable()[use], angle[use])
-        rim = -rim_share(first) * ink
+    rim = _rim(profiles, angle, sides, use, ink) if ground.work.is_scatter else None
     away = strangeness(ground.smooth, bath, ink, ground.work.is_log, among, rim)
     strange = strange_in(ground, away, width_px, bool(ink.sum() > 0))
     why = reasons(ground.work, seen, ways, strange)
@@ -255,17 +248,13 @@ def _by_mix(
     if fakes is not None:
         inner = fakes[0][:, WITHIN]
         bath_spread = 1.4826 * float(np.median(np.abs(inner - np.median(inner))))
-    if template.by_edges:
-        near = np.minimum(sides.left, sides.right) < _ALONE
-        why[(why == Unseen.SEEN) & (near | ways.corners())] = int(Unseen.FAINT)
-    if template.one_sided or template.slant > ASIDE:
-        why[(why == Unseen.SEEN) & unlearned(angle, present)] = int(Unseen.FAINT)
+    why[(why == Unseen.SEEN) & untold(template, sides, ways, angle, present)] = int(Unseen.FAINT)
     good = use & (why == Unseen.SEEN)
     log_step, seams = _log_step(mix, ink, ground.work.is_log), None
     if ground.work.is_log and template.filled:
-        light = in_light(profiles, log_step)
         evened = np.asarray(ground.smooth @ mix - bath.mean @ mix, np.float32) / scale
         odd = is_disturbed(evened, ground.free, strange | ground.work.bad)
+        light = in_light(profiles, log_step)
         seams = seam_levels(light, good, ways, template.slant, ground.tolerance, odd)
     sound = good if seams is None else good & ~seams.near(ways)  # thin ink is no scatter
     over_long = partial(
@@ -281,6 +270,13 @@ def _by_mix(
         unlike_bath(away, ground.free), look, bath_spread,
         log_step, ink, faint, level, np.ones(len(ways)), seams=seams,
     )  # fmt: skip
+
+
+def _rim(
+    profiles: FloatImage, angle: FloatArray, sides: Sides, use: BoolArray, ink: FloatArray
+) -> FloatArray:
+    """Levels of the rim that a scan's filaments show about a middle of the other sign, (c,)."""
+    return -rim_share(learn_template(profiles[use], sides.usable()[use], angle[use])) * ink
 
 
 def sureness(

@@ -1,4 +1,4 @@
-"""What looks have learned, for an observer that begins anew."""
+"""State that an observer learned from its looks, as another one that begins anew reads it."""
 
 from __future__ import annotations
 

@@ -2,121 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import replace
 
-import numpy as np
 import pytest
 
-from printctl.link.errors import Refused
-from printctl.observe.deciding import (
-    Decider,
-    Evidence,
-    FlowBlocks,
-    FlowControl,
-    InkSupply,
-    Limits,
-    SupplyState,
-)
 from printctl.observe.deciding.thin import Thin
-from printctl.observe.devices import DeviceError
-from printctl.observe.look_values import Judged, Look, MendLines
 from printctl.observe.look_words import total_words
-from printctl.observe.observer import Observer
-from printctl.observe.records import answer_look, answer_of, read_looks
-from registration.layer_images.values import Gap
-
-GAP = Gap(2, 0.0, 1.0, (0.0, 0.0), (1.0, 0.0), 0.01, 1e-12)
-LOOK = Look(1, 100, 100, 0, "end of layer 0")
-
-
-@dataclass
-class FakeLink:
-    """Notes what is said; refuses inserts where told to."""
-
-    refuses: bool = False
-    said: list[tuple] = field(default_factory=list)
-
-    def insert(self, look, lines, why, flow=None, again=False):
-        if self.refuses:
-            raise Refused("the gate says no")
-        self.said.append(("insert", look, tuple(lines), flow, *["again"] * again))
-
-    def look_done(self, look, decision, why, again=False):
-        self.said.append((decision, look, *["again"] * again))
-
-    def resume(self):
-        self.said.append(("resume",))
-
-    def stop(self):
-        self.said.append(("stop",))
-
-
-def evidence(gaps=(), ratio=1.0):
-    full = np.full(30, ratio)
-    flow = FlowBlocks(np.arange(30.0), full, np.full(30, 0.02), np.ones(30))
-    supply = InkSupply(SupplyState.FLOWING, 0, None, 0)
-    return Evidence(400, gaps, None, supply, flow, 0.9, way_mm=100.0)
-
-
-@dataclass
-class Bench:
-    """An observer between fakes."""
-
-    folder: Path
-    mode: str = "mend"
-    gaps: tuple = ()
-    ratio: float = 1.0
-    again: bool = True
-    refuses: bool = False
-    hangs: bool = False
-    over: bool = False
-    thin: tuple = ()
-    lines: tuple = ("G1 X1 E1",)
-    left: str = ""
-    mended: tuple = ()
-    in_vain: bool = False
-    not_seen: str = ""
-    seen_share: float = 0.9
-    pictures: list[str] = field(default_factory=list)
-
-    def __post_init__(self):
-        self.link = FakeLink(self.refuses)
-        self.observer = self.another()
-
-    def another(self) -> Observer:
-        """An observer that knows nothing but the files."""
-        return Observer(
-            self.folder, self.link, self.acquire, self.judge,
-            self.mend_lines,
-            Decider(Limits(mend=self.mode), FlowControl()),
-            lambda _: self.over and bool(self.link.said),
-        )  # fmt: skip
-
-    def mend_lines(self, look, gaps, thin, flow, approved):
-        given_up = self.in_vain and not approved
-        lines = () if given_up else tuple(self.lines)
-        left = "written 2 times more" if given_up else self.left
-        return MendLines(lines, left, 0.22 * bool(left), self.mended, given_up)
-
-    def acquire(self, look, out):
-        if self.hangs:
-            raise DeviceError("the camera gave no picture within 20 s")
-        self.pictures.append(out.name)
-        path = out.with_suffix(".png")
-        path.touch()
-        return path
-
-    def judge(self, look, picture, again):
-        seen = self.gaps if again is None or self.again else ()
-        one = evidence(self.gaps, self.ratio)
-        second = None if again is None else seen
-        one = replace(one, seen_share=self.seen_share)
-        found = {
-            "seen_share": self.seen_share,
-            **({"not_seen": self.not_seen} if self.not_seen else {}),
-        }
-        return Judged(Evidence(**{**vars(one), "second": second, "thin": self.thin}), found)
+from printctl.observe.records import answer_of, read_looks
+from tests.printctl.observe.observer_bench import GAP, LOOK, Bench, answering
 
 
 def test_a_sound_layer_needs_one_picture(tmp_path):
@@ -238,64 +131,6 @@ def test_the_failure_of_a_look_that_was_recorded_is_added_to_it(tmp_path):
     assert record.why == f"{kept.why}; the observer failed"
 
 
-@pytest.mark.parametrize(
-    ("word", "said"),
-    [
-        ("approve", [("insert", 1, ("G1 X1 E1",), None), ("resume",)]),
-        ("go_on", [("resume",)]),
-        ("stop", [("stop",)]),
-    ],
-)
-def test_an_asked_operator_has_the_word(tmp_path, monkeypatch, word, said):
-    bench = Bench(tmp_path, mode="ask", gaps=(GAP,))
-    monkeypatch.setattr(bench.link, "look_done", _answering(bench, word))
-    bench.observer.look(LOOK)
-    assert bench.link.said == [("pause", 1), *said]
-
-
-def _answering(bench, word):
-    def look_done(look, decision, why, again=False):
-        bench.link.said.append((decision, look))
-        answer_look(bench.folder, look, word)
-
-    return look_done
-
-
-def test_a_look_has_one_answer(tmp_path):
-    Bench(tmp_path, mode="ask", gaps=(GAP,), over=True).observer.look(LOOK)
-    answer_look(tmp_path, 1, "approve")
-    answer_look(tmp_path, 1, "approve")
-    with pytest.raises(ValueError, match="answered before: approve"):
-        answer_look(tmp_path, 1, "stop")
-    assert answer_of(tmp_path, 1) == "approve"
-
-
-def test_an_answer_that_a_full_disk_cut_is_written_again(tmp_path):
-    Bench(tmp_path, mode="ask", gaps=(GAP,), over=True).observer.look(LOOK)
-    answer_look(tmp_path, 1, "approve")
-    (cut,) = tmp_path.glob("looks/*/answer.json")
-    cut.write_text("")
-    answer_look(tmp_path, 1, "go_on")
-    assert answer_of(tmp_path, 1) == "go_on"
-
-
-def test_a_print_that_went_on_by_itself_is_let_be(tmp_path):
-    bench = Bench(tmp_path, mode="ask", gaps=(GAP,), over=True)
-    bench.observer.look(LOOK)
-    assert bench.link.said == [("pause", 1)]
-
-
-def test_another_observer_asks_again_by_the_pictures(tmp_path):
-    bench = Bench(tmp_path, mode="ask", gaps=(GAP,), over=True)
-    bench.observer.look(LOOK)
-    answer_look(tmp_path, 1, "approve")
-    other = bench.another()
-    other.remember(1)
-    other.ask_again(LOOK)
-    assert bench.link.said[1:] == [("insert", 1, ("G1 X1 E1",), None), ("resume",)]
-    assert bench.pictures == ["picture", "again"]
-
-
 def test_gaps_that_are_left_as_they_are_are_counted(tmp_path, monkeypatch):
     for mode, word, left_mm in (
         ("tell", "", GAP.length_mm),
@@ -305,7 +140,7 @@ def test_gaps_that_are_left_as_they_are_are_counted(tmp_path, monkeypatch):
     ):
         bench = Bench(tmp_path, mode=mode, gaps=(GAP,))
         if word:
-            monkeypatch.setattr(bench.link, "look_done", _answering(bench, word))
+            monkeypatch.setattr(bench.link, "look_done", answering(bench, word))
         record = bench.observer.look(LOOK)
         assert record.found.get("left_mm") == left_mm
         told = total_words([record, replace(record, found={"seen_share": 0.0})])
@@ -323,7 +158,7 @@ def test_why_nothing_was_seen_is_told(tmp_path):
 def test_what_a_mend_leaves_is_told(tmp_path, monkeypatch, mode):
     bench = Bench(tmp_path, mode=mode, gaps=(GAP,), left="0.22 mm (ink would reach into a lumen)")
     if mode == "ask":
-        monkeypatch.setattr(bench.link, "look_done", _answering(bench, "approve"))
+        monkeypatch.setattr(bench.link, "look_done", answering(bench, "approve"))
     record = bench.observer.look(LOOK)
     assert record.why.endswith("; not mended: 0.22 mm (ink would reach into a lumen)")
     assert record.found["left_mm"] == 0.22
@@ -347,34 +182,6 @@ def test_another_observer_knows_the_flow(tmp_path):
     assert other.decider.control.flow == bench.observer.decider.control.flow != 1.0
 
 
-def test_an_approval_that_cant_be_carried_out_is_told(tmp_path, monkeypatch):
-    bench = Bench(tmp_path, mode="ask", gaps=(GAP,), refuses=True)
-    monkeypatch.setattr(bench.link, "look_done", _answering(bench, "approve"))
-    bench.observer.look(LOOK)
-    assert bench.link.said == [("pause", 1)]
-    (record,) = read_looks(tmp_path)
-    assert "can't be mended" in record.why
-    assert not record.asked
-
-
-@pytest.mark.parametrize("word", ["approve", "go_on"])
-def test_that_a_link_doesnt_go_on_by_an_answer_is_told(tmp_path, monkeypatch, word):
-    bench = Bench(tmp_path, mode="ask", gaps=(GAP,))
-    monkeypatch.setattr(bench.link, "look_done", _answering(bench, word))
-    monkeypatch.setattr(bench.link, "resume", _refusing("a change of syringe is to be told"))
-    bench.observer.look(LOOK)
-    (record,) = read_looks(tmp_path)
-    assert "a change of syringe is to be told" in record.why
-    assert [one[0] for one in bench.link.said] == ["pause", "insert"][: 1 + (word == "approve")]
-
-
-def _refusing(why):
-    def refuse():
-        raise Refused(why)
-
-    return refuse
-
-
 def test_looks_belong_to_their_print_when_the_clock_is_set_back(tmp_path):
     bench = Bench(tmp_path, ratio=0.8)
     now = bench.observer.clock()
@@ -395,24 +202,3 @@ def test_what_an_earlier_print_left_is_no_part_of_this_one(tmp_path):
     assert bench.observer.decider.control.flow == 1.0
     bench.observer.look(LOOK)
     assert not (tmp_path / "looks" / "0001" / "picture.tif").exists()
-
-
-def test_what_was_mended_in_vain_is_written_once_more_when_the_operator_approves(
-    tmp_path, monkeypatch
-):
-    bench = Bench(tmp_path, gaps=(GAP,), in_vain=True)
-    monkeypatch.setattr(bench.link, "look_done", _answering(bench, "approve"))
-    record = bench.observer.look(LOOK)
-    assert record.asked == "mend"
-    assert [one[0] for one in bench.link.said] == ["pause", "insert", "resume"]
-    assert "not mended" not in read_looks(tmp_path)[-1].why
-
-
-def test_what_was_mended_in_vain_stays_as_it_is_when_the_operator_says_go_on(tmp_path, monkeypatch):
-    bench = Bench(tmp_path, gaps=(GAP,), in_vain=True)
-    monkeypatch.setattr(bench.link, "look_done", _answering(bench, "go_on"))
-    bench.observer.look(LOOK)
-    assert [one[0] for one in bench.link.said] == ["pause", "resume"]
-    kept = read_looks(tmp_path)[-1]
-    assert "written 2 times more" in kept.why
-    assert kept.found["left_mm"] == 1.0  # all of it, what could have been mended included
