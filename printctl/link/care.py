@@ -114,7 +114,7 @@ class Care:
             )
         park = self.look_park_mm
         if park is not None and not (len(park) == 3 and all(map(math.isfinite, park))):
-            raise Refused(f"look_park_mm {park!r} is no place: give x, y and z in mm")
+            raise Refused(f"park_mm {park!r} is no place: give x, y and z in mm")
 
     @property
     def looks(self) -> bool:

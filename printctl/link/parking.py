@@ -31,7 +31,7 @@ def refuse_park(park: Park | None, printer: Printer) -> None:
         span = getattr(printer, f"{axis}_mm")
         if not span.low <= mm <= span.high:
             raise Refused(
-                f"look_park_mm: {axis.upper()} {mm:g} mm is outside {span.low:g} to {span.high:g} "
+                f"park_mm: {axis.upper()} {mm:g} mm is outside {span.low:g} to {span.high:g} "
                 f"mm ({axis}_mm of {printer.name}); give a place within"
             )
 
@@ -79,7 +79,7 @@ class Parking:
 
     def _not_parked(self, why: str) -> None:
         self.channel.logbook.alarm(
-            f"the needle isn't led to look_park_mm, it waits straight above: {why}"
+            f"the needle isn't led to park_mm, it waits straight above: {why}"
         )
 
     def go(self, at: Modal, park: Park) -> None:

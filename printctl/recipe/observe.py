@@ -48,7 +48,7 @@ def look_interval(text: str) -> LookInterval:
         raise ValueError(
             f"{text!r} isn't a place to look at: say layer, vessel, a height gained (0.5 mm), a "
             "time by the clock (10 min), or what is written between looks (40 mm written, 10 s "
-            "written)"
+            "written); amounts are above 0"
         )
     if found[1]:
         return LookInterval("layer" if found[1] == "layer" else "vessel")

@@ -75,7 +75,7 @@ def test_a_cameras_number_may_stand_as_a_number():
     [
         ({"device": "camera", "every": "sometimes"}, "isn't a place to look at"),
         ({"device": "camera", "every": "800 mm"}, "say `800 mm written`"),
-        ({"device": "camera", "every": "0 mm"}, "isn't a place to look at"),
+        ({"device": "camera", "every": "0 mm"}, "amounts are above 0"),
         ({"device": "camera", "every": "10"}, "isn't a place to look at"),
         ({"device": "camera", "every": 10}, "'10' isn't a place to look at"),
         ({"device": "camera", "source": "0"}, "needs frame"),
