@@ -76,7 +76,7 @@ def seen(azimuth: float = 0.8, slope: float = 0.0, count: int = 4) -> list[TipVi
 
 
 def test_two_cameras_find_the_tip_to_20_um() -> None:
-    tip = locate_tip([*seen(count=4)[:2], *seen(azimuth=2.6, count=2)], OUTER)
+    tip = locate_tip([*seen()[:2], *seen(azimuth=2.6, count=2)], OUTER)
     assert np.linalg.norm(tip.offset_mm - OFFSET) < 0.02
     assert tip.u_mm.max() < 0.02
 

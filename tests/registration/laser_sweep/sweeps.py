@@ -40,19 +40,27 @@ def _pictures(kind: str, amounts: np.ndarray, ink: Heights | None, seed: int) ->
 
 
 @cache
-def flat(kind: str = "turns") -> list[np.ndarray]:
+def _flat(kind: str) -> list[np.ndarray]:
     return _pictures(kind, np.linspace(-15, 15, 24), None, 100)
 
 
 @cache
-def over_blocks(kind: str = "turns") -> list[np.ndarray]:
+def _over_blocks(kind: str) -> list[np.ndarray]:
     return _pictures(kind, np.linspace(-5.5, 5.5, 90), blocks(), 300)
+
+
+def flat(kind: str = "turns") -> list[np.ndarray]:
+    return _flat(kind)  # a cache takes f() and f("turns") for two
+
+
+def over_blocks(kind: str = "turns") -> list[np.ndarray]:
+    return _over_blocks(kind)
 
 
 def written(pictures: list[np.ndarray], folder: Path) -> Path:
     folder.mkdir()
     for number, one in enumerate(pictures):
-        cv2.imwrite(str(folder / f"{number:03d}.png"), one)
+        cv2.imwrite(str(folder / f"{number:03d}.tif"), one, [cv2.IMWRITE_TIFF_COMPRESSION, 1])
     return folder
 
 
