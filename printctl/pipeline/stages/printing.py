@@ -24,7 +24,7 @@ from printctl.observe.starting import (
     start_observer,
 )
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.observing import look_care, order_observer
+from printctl.pipeline.observing import look_care, order_observer, unlooked_words
 from printctl.pipeline.stage import Stage
 from printctl.printing import (
     SIMULATED,
@@ -175,6 +175,8 @@ def observe_from_start(context: RunContext, folder: Path) -> None:
     ObserverError
     """
     if context.recipe.observe is not None:
+        if words := unlooked_words(context):
+            context.bars.remark("print", words)
         order_observer(context)
         ObserverOrder.load(context.folder).save(folder)
         start_observer(folder)
