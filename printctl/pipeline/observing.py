@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Final
 
 import yaml
@@ -91,6 +92,13 @@ def order_observer(context: RunContext) -> None:
         (folder / ORDER).unlink(missing_ok=True)
     elif (folder / GCODE).is_file():
         _order(context, part).save(folder)
+
+
+def observed_otherwise(context: RunContext, print_folder: Path) -> bool:
+    """Whether a print that goes on is observed otherwise than the recipe says by now."""
+    begun, now = (folder / ORDER for folder in (print_folder, context.folder))
+    order_observer(context)
+    return begun.is_file() and (not now.is_file() or begun.read_bytes() != now.read_bytes())
 
 
 def _order(context: RunContext, part: ObservePart) -> ObserverOrder:

@@ -12,6 +12,8 @@ import yaml
 from firmware_profiles import Printer, load
 from printctl.errors import RecipeError, UsageError
 from printctl.link.marks import MarkKind
+from printctl.observe.records import ORDER
+from printctl.pipeline import observing
 from printctl.pipeline.observable import refuse_unobservable
 from printctl.pipeline.observing import device_settings, look_care, unlooked_words
 from printctl.pipeline.stages.toolpath import looks_within
@@ -154,3 +156,26 @@ def test_a_print_that_is_over_before_a_look_is_due_is_told(tmp_path, every, unlo
         manifest=SimpleNamespace(stages=stages),
     )
     assert bool(unlooked_words(context)) is unlooked
+
+
+def test_what_changed_in_observe_while_a_print_goes_on_is_told(tmp_path, monkeypatch):
+    """`mend: ask` was changed to `mend` in a pause: the print asked on, and nothing said why."""
+    said = ["ask"]
+
+    class Order:
+        def save(self, folder):
+            (folder / ORDER).write_text(said[0])
+
+    monkeypatch.setattr(observing, "_order", lambda context, part: Order())
+    context = SimpleNamespace(recipe=recipe({"device": "oct"}), folder=tmp_path)
+    begun = tmp_path / "print"
+    begun.mkdir()
+    (tmp_path / GCODE).touch()
+    told = []
+    for said[0], kept in (("ask", ""), ("ask", "ask"), ("mend", "ask")):
+        if kept:
+            (begun / ORDER).write_text(kept)
+        told.append(observing.observed_otherwise(context, begun))
+    assert told == [False, False, True]
+    context.recipe = recipe(None)
+    assert observing.observed_otherwise(context, begun)
