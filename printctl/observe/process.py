@@ -213,8 +213,8 @@ def _look(observer: Observer, told: dict[str, Any]) -> bool:
         return bool(told["decision"]) and isinstance(exc, Refused)
     except Exception as exc:  # a fault of ours must not leave the needle waiting for nobody
         log.exception("look %d failed", told["number"])
-        refused = isinstance(exc, (OSError, MemoryError))  # by the system
-        why = f"the observer failed: {explain(exc).message if refused else exc}"
+        reason = explain(exc).message if isinstance(exc, OSError | MemoryError) else exc
+        why = f"the observer failed: {reason}"
         with suppress(OSError):  # of a full disk
             observer.note_failure(look_of(told, observer), why)
         with suppress(LinkError):  # it was decided already
