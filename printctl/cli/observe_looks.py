@@ -44,7 +44,8 @@ def looks(run: RunArg, as_json: JsonFlag = False) -> None:
         print_json([asdict(one) for one in found])
         return
     if not found:
-        raise UsageError(f"nobody has looked at the print in {folder}; observe is a recipe's part")
+        none_yet = unlooked_lines(folder) or ["observe is a recipe's part"]
+        raise UsageError(f"nobody has looked at the print in {folder}; {none_yet[0]}")
     print_lines(*(_words(one, answer_of(folder, one.number)) for one in found))
     print_lines(*asking_lines(folder, read_print(folder).status))
 
@@ -75,11 +76,16 @@ def looks_lines(run: Path) -> list[str]:
     found = read_looks(folder, read_journal_facts(folder / JOURNAL).started)
     if found:
         return [f"{total_words(found)}; `printctl observe looks {run}`"]
-    if not (run / ORDER).is_file():
+    return [f"nobody looked at the print: {words}" for words in unlooked_lines(run)]
+
+
+def unlooked_lines(folder: Path) -> list[str]:
+    """Why an observed print of a folder has no look; none of a print that isn't observed."""
+    if not (folder / ORDER).is_file():
         return []
     return [
-        "nobody looked at the print: it was over before observe.every asked for a look (a "
-        "simulated printer is quicker than the clock: say `60 s written` or `layer` for it)"
+        "observe.every asked for no look before its end (a simulated printer is quicker than the "
+        "clock, a part may be lower than a height gained: say `60 s written` or `layer`)"
     ]
 
 

@@ -223,10 +223,10 @@ def _asked(request: Request | None) -> _Ending | None:
     if request is Request.STOP:
         raise StopRequested
     if request is Request.PAUSE:
-        return _Ending(LookDecision.PAUSE, "a pause was asked for", "the user")
+        return _Ending(LookDecision.PAUSE, "a pause was asked for", "the user", again=True)
     if request is Request.RELOAD:
         why = "a change of syringe was asked for"
-        return _Ending(LookDecision.PAUSE, why, "the user", changing=True)
+        return _Ending(LookDecision.PAUSE, why, "the user", again=True, changing=True)
     if request is Request.RESUME:
         return _Ending(LookDecision.GO_ON, "the operator's word (resume)", "the user")
     return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from numpy.typing import NDArray
 
 from printctl.observe.devices import DeviceError
@@ -12,6 +13,8 @@ from registration.camera_frame.check import check_frame
 from registration.camera_frame.frame import CameraFrame
 
 _REMEDY: Final = "printctl observe frame"
+_BLACK: Final = 0.02
+"""Of the range, below which the brightest pixel shows no scene."""
 
 
 def refuse_moved(image: NDArray[Any], frame: CameraFrame, path: Path) -> None:
@@ -21,10 +24,17 @@ def refuse_moved(image: NDArray[Any], frame: CameraFrame, path: Path) -> None:
     ------
     DeviceError
     """
+    full = float(np.iinfo(image.dtype).max) if image.dtype.kind == "u" else 1.0
+    brightest = float(image.max()) / full
+    if brightest < _BLACK:
+        raise DeviceError(
+            f"{path} is black: its brightest pixel has {brightest:.1%} of the range; is the light "
+            "on, the lens free, the camera sound?"
+        )
     check = check_frame(image, frame, path)
     if not check.holds:
         why = "; ".join(check.why)
-        remedy = "" if _REMEDY in why else f"; fit it anew ({_REMEDY})"
+        remedy = "" if _REMEDY in why else f"; else fit it anew ({_REMEDY})"
         raise DeviceError(
             f"the camera's frame doesn't hold any more: {why}{remedy}, before the print goes on "
             "observed"

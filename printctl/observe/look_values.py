@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,6 +24,8 @@ class Look:
     before : int
         The same at the look before.
     mark : str
+    until_s : float, s of the monotonic clock
+        By when its pictures are wanted, so that it is decided within the link's limit.
     """
 
     number: int
@@ -30,6 +33,7 @@ class Look:
     job_line: int
     before: int
     mark: str
+    until_s: float = math.inf
 
     @property
     def within_vessel(self) -> bool:

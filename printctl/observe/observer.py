@@ -168,18 +168,26 @@ class Observer:
 
         A picture in which hardly anything is seen is taken anew: a device that takes them by itself
         may have begun with it before the needle was held, and one that hangs gives the same again.
+        Where no other comes (a program that takes one at each look), the first alone tells.
         """
         picture = self.acquire(look, place / "picture")
         judged = self.judge(look, picture, None)
         if judged.evidence.seen_share < _HARDLY and not look.within_vessel:
-            picture = self.acquire(look, place / "picture")
+            try:
+                picture = self.acquire(look, place / "picture")
+            except DeviceError as exc:
+                return _by_one(judged, exc)
             judged = self.judge(look, picture, None)
         limits, evidence = self.decider.limits, judged.evidence
         gaps = any(limits.gap.significant(gap, evidence.places) for gap in evidence.gaps)
         if look.within_vessel and not gaps and evidence.seen_share < limits.least_seen:
             return replace(judged, found={**judged.found, POSTPONED: True})
         if gaps or evidence.thin or evidence.unseen:
-            judged = self.judge(look, picture, self.acquire(look, place / "again"))
+            try:
+                again = self.acquire(look, place / "again")
+            except DeviceError as exc:
+                return _by_one(judged, exc)
+            judged = self.judge(look, picture, again)
         return judged
 
     def _record(
@@ -322,6 +330,11 @@ class _Put:
     left: str
     left_mm: float = 0.0
     given_up: bool = False
+
+
+def _by_one(judged: Judged, why: DeviceError) -> Judged:
+    """Return what one picture tells where no other came; thin lines want two."""
+    return replace(judged, evidence=replace(judged.evidence, thin=(), alone=str(why)))
 
 
 def _with_left(found: dict[str, Any], left_mm: float) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, Protocol
@@ -24,6 +24,7 @@ from printctl.link.record import JOURNAL, load_record
 from printctl.link.states import LinkState, Status
 from printctl.observe.deciding import Decider, FlowControl
 from printctl.observe.devices import acquire
+from printctl.observe.devices.settings import PICTURES
 from printctl.observe.look_values import Look
 from printctl.observe.looking_at import ObservedJob
 from printctl.observe.observer import Observer
@@ -31,10 +32,13 @@ from printctl.observe.order import ObserverOrder
 from printctl.observe.records import OBSERVER_LOCK, READY, read_looks
 from printctl.observe.trying import try_device
 from printctl.printing.journal_facts import read_journal_facts
+from printctl.system_errors import explain
 
 _BEGIN_LIMIT_S: Final = 120.0
 """A print for which its observer was started begins at once, or not at all."""
 _POLL_S: Final = 0.1
+_LEAST_S: Final = 1.0
+"""Time of another picture of a look that has hardly any left."""
 log = logging.getLogger(__name__)
 
 
@@ -168,15 +172,21 @@ def _assembled(job: ObservedJob, words: PrintClient) -> Observer:
     return Observer(
         folder=folder,
         link=LinkWords(words),
-        acquire=lambda look, out: acquire(
-            order.device, out, job.region(look) if order.tells_heights else None
-        ),
+        acquire=partial(_acquired, job),
         judge=job.judge,
         mend_lines=job.mend_lines,
         decider=Decider(order.limits, FlowControl(order.limits.flow)),
         ended=partial(_gone_on, words),
         begun=begun,
     )
+
+
+def _acquired(job: ObservedJob, look: Look, out: Path) -> Path:
+    """Take one of a look's pictures within what time it has."""
+    device = job.order.device
+    left_s = max(look.until_s - time.monotonic(), _LEAST_S)
+    device = replace(device, limit_s=min(device.limit_s, left_s))
+    return acquire(device, out, job.region(look) if job.order.tells_heights else None)
 
 
 def _look(observer: Observer, told: dict[str, Any]) -> bool:
@@ -203,7 +213,8 @@ def _look(observer: Observer, told: dict[str, Any]) -> bool:
         return bool(told["decision"]) and isinstance(exc, Refused)
     except Exception as exc:  # a fault of ours must not leave the needle waiting for nobody
         log.exception("look %d failed", told["number"])
-        why = f"the observer failed: {exc}"
+        reason = explain(exc).message if isinstance(exc, OSError | MemoryError) else exc
+        why = f"the observer failed: {reason}"
         with suppress(OSError):  # of a full disk
             observer.note_failure(look_of(told, observer), why)
         with suppress(LinkError):  # it was decided already
@@ -229,6 +240,7 @@ def look_of(told: dict[str, Any], observer: Observer) -> Look:
         job_line=file_count(done, positions),
         before=max(earlier, default=0),
         mark=str(told["mark"]),
+        until_s=time.monotonic() + PICTURES * float(told["limit_s"]),
     )
 
 

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Final
 
+from printctl.observe.devices import picture_of
 from printctl.observe.look_values import Look
 from printctl.observe.records import LOOKS, read_looks
 
@@ -29,7 +30,7 @@ def picture_before(folder: Path, begun: float, look: Look, now: Path) -> Path | 
         Of the print: what earlier prints left in the folder isn't of it.
     look : Look
     now : Path
-        The picture that is to be judged, of the same kind.
+        The picture that is to be judged; its file may be of another format.
     """
     looks = read_looks(folder, begun)
     judged = [one for one in looks if one.judged and one.number < look.number]
@@ -37,7 +38,9 @@ def picture_before(folder: Path, begun: float, look: Look, now: Path) -> Path | 
     if not there and look.before > 0:
         return None
     number, latest = (there[-1], math.inf) if there else (EMPTY, begun)
-    path = folder / LOOKS / f"{number:04d}" / f"picture{now.suffix}"
+    path = picture_of(folder / LOOKS / f"{number:04d}", "picture")
+    if path is None:
+        return None
     try:
         taken = path.stat().st_mtime
         age = now.stat().st_mtime - taken

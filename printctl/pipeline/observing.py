@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Final
 
 import yaml
@@ -9,9 +10,13 @@ import yaml
 from design.files import write_text
 from design.network_files.csv_format import write_network_csv
 from kernels.arrays import FloatArray
+from printctl.link.care import Care
+from printctl.link.job import load_job
+from printctl.link.look_places import Written, look_places
 from printctl.link.marks import MarkKind
 from printctl.observe.deciding import FlowLimits, GapTest, Limits
 from printctl.observe.devices import DeviceSettings
+from printctl.observe.devices.settings import PICTURES
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import ORDER
 from printctl.pipeline.context import RunContext
@@ -44,11 +49,37 @@ def look_care(part: ObservePart | None, *, embedded: bool) -> dict[str, Any]:
         return {}
     care: dict[str, Any] = {"look_limit_s": part.limit_s, "look_park_mm": part.park_mm}
     interval = look_interval(part.every)
+    if interval.measure == "vessel" and not embedded:  # no vessel ends in a layered job
+        return {**care, "look_after": MarkKind.LAYER}
     if interval.measure in ("layer", "vessel"):
         return {**care, "look_after": MarkKind(interval.measure)}
     if interval.measure in ("written_way", "written_time"):  # what ends is looked at all the same
         care["look_after"] = MarkKind.VESSEL if embedded else MarkKind.LAYER
     return {**care, _CARE[interval.measure]: interval.amount}
+
+
+def unlooked_words(context: RunContext) -> str:
+    """Say that a job is over before `every` asks for a look; empty where it isn't, as planned.
+
+    By the dry run's time: an interval by the clock may be met by a print that takes longer.
+    """
+    part = context.recipe.observe
+    if part is None or not (context.folder / GCODE).is_file():
+        return ""
+    care = Care(**look_care(part, embedded=isinstance(context.recipe.toolpath, Embedded)))
+    job = load_job(context.folder / GCODE, context.printer)
+    places = look_places(job.lines, job.marks, (), within=bool(care.look_every_mm))
+    planned_s = context.manifest.stages["dry run"].summary["duration_s"]
+    if care.look_every_s and care.look_every_s <= planned_s:
+        return ""
+    if care.look_after is not None and job.marks.of(care.look_after):
+        return ""
+    if places.next_due(0, Written(), care) is not None:
+        return ""
+    return (
+        f"NOBODY LOOKS at it: the print ({planned_s:.0f} s by the dry run) is over before "
+        f"observe.every, {part.every}, asks for a look; say layer or less"
+    )
 
 
 def order_observer(context: RunContext) -> None:
@@ -61,6 +92,13 @@ def order_observer(context: RunContext) -> None:
         (folder / ORDER).unlink(missing_ok=True)
     elif (folder / GCODE).is_file():
         _order(context, part).save(folder)
+
+
+def observed_otherwise(context: RunContext, print_folder: Path) -> bool:
+    """Whether a print that goes on is observed otherwise than the recipe says by now."""
+    begun, now = (folder / ORDER for folder in (print_folder, context.folder))
+    order_observer(context)
+    return begun.is_file() and (not now.is_file() or begun.read_bytes() != now.read_bytes())
 
 
 def _order(context: RunContext, part: ObservePart) -> ObserverOrder:
@@ -103,7 +141,7 @@ def _limits(part: ObservePart) -> Limits:
 
 def device_settings(context: RunContext, part: ObservePart) -> DeviceSettings:
     """Return how an observer takes a picture: by a camera, folder, program or simulated device."""
-    limit_s = 0.8 * part.limit_s
+    limit_s = PICTURES * part.limit_s
     if not part.source:
         return DeviceSettings("simulated", limit_s=limit_s, extra=_twin(context, part))
     tables = part.device == "laser_line"

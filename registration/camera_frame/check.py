@@ -138,9 +138,10 @@ class _Shifts:
     def words(self) -> str:
         """What moved, in words."""
         x, y = self.fit[0]
-        slope = self.fit[1:].T / 30.0  # µm/mm = 1e-3
-        turn = np.degrees(1e-3 * (slope[1, 0] - slope[0, 1]) / 2)
-        grown = 0.1 * (slope[0, 0] + slope[1, 1]) / 2
+        slope = 1e-3 * self.fit[1:].T / 30.0
+        cosine, sine = 2.0 + slope[0, 0] + slope[1, 1], slope[1, 0] - slope[0, 1]
+        turn = np.degrees(np.arctan2(sine, cosine))  # of a picture upside down, too
+        grown = 100.0 * (np.hypot(cosine, sine) / 2 - 1.0)
         said = f"camera or insert moved: {self.moved_um:.0f} µm at the dish (x {x:+.0f}, y {y:+.0f}"
         if abs(turn) > 0.02:
             said += f", turned {turn:+.2f} degrees"

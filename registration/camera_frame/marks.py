@@ -115,7 +115,8 @@ def check_size(image: NDArray[Any], lens: Lens, source: Path | str) -> None:
         wide, high = lens.size_px
         raise PictureError(
             f"{source} has {image.shape[1]} x {image.shape[0]} px, and the camera was calibrated "
-            f"at {wide} x {high}; take pictures at that setting, not cropped or resized"
+            f"at {wide} x {high}; take pictures at that setting, not cropped, resized or "
+            "turned (a turn told by EXIF isn't made)"
         )
 
 

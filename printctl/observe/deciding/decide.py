@@ -88,7 +88,10 @@ class Decider:
             self.control.learn(evidence.flow)
         longest = max((gap.length_mm for gap in self._believed(evidence)), default=0.0)
         self.layers.failed |= stopping or bool(longest > _CLOG_MM)  # a NumPy one can't be saved
-        return self._as_allowed(self._wanted(evidence), evidence)
+        decision = self._as_allowed(self._wanted(evidence), evidence)
+        if not evidence.alone:
+            return decision
+        return replace(decision, why=f"{decision.why} (by one picture: {evidence.alone})")
 
     def _wanted(self, evidence: Evidence) -> Decision:
         rules = (
@@ -157,7 +160,7 @@ class Decider:
                 wanted,
                 kind=DecisionKind.PAUSE,
                 ask=DecisionKind.MEND,
-                why=f"{wanted.why}; {doubt}: look at the picture before it is mended by",
+                why=f"{wanted.why}; {doubt}: look at the picture before you approve",
             )
         if wanted.kind is DecisionKind.GO_ON or mode == "mend":
             return wanted
@@ -170,6 +173,8 @@ class Decider:
 
     def _doubt(self, evidence: Evidence) -> str:
         """Why a picture isn't to be mended by unasked; empty where nothing speaks against it."""
+        if evidence.alone:
+            return "no second picture shows it"
         missing = math.fsum(gap.length_mm for gap in self._believed(evidence)) / evidence.way_mm
         if missing > _MOST_MISSING:
             return f"{missing:.0%} of what was written would be missing"

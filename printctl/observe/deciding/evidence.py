@@ -142,6 +142,8 @@ class Evidence:
         Rows or columns that a height map lacks against the last look's, in words.
     mends : bool
         Whether the look is about mends alone.
+    alone : str
+        Why a second picture that was wanted didn't come; empty where none was, or it came.
     """
 
     places: int
@@ -179,6 +181,7 @@ class Evidence:
     untold_seams: float = 0.0
     lacks: str = ""
     mends: bool = False
+    alone: str = ""
 
     def unjudged_words(self, gap_mm: float, width_percent: float) -> str:
         """What tolerances a look doesn't judge though it sees, in words; empty for nothing.

@@ -59,16 +59,27 @@ def acquire(settings: DeviceSettings, out: Path, region: Region | None = None) -
     try:
         said, why = process.communicate(before, timeout=settings.limit_s)
     except subprocess.TimeoutExpired as exc:
-        raise DeviceError(
-            f"the {settings.kind} gave no picture within {settings.limit_s:g} s; is it connected, "
-            "switched on and free (no other program)?"
-        ) from exc
+        raise DeviceError(_late(settings)) from exc
     finally:
         _end(process)
     if process.returncode or not said.strip():
         last = why.strip().splitlines()
         raise DeviceError(last[-1] if last else f"the {settings.kind} failed without a word")
     return Path(said.strip().splitlines()[-1])
+
+
+def _late(settings: DeviceSettings) -> str:
+    """Say that there was no picture within the limit."""
+    if settings.kind == "folder":
+        return (
+            f"no new picture came into {settings.source} within {settings.limit_s:.3g} s; the "
+            "device's program writes one at each look, and another where something is missing in "
+            "it: is it running?"
+        )
+    return (
+        f"the {settings.kind} gave no picture within {settings.limit_s:.3g} s; is it connected, "
+        "switched on and free (no other program)?"
+    )
 
 
 def _files_before(settings: DeviceSettings) -> str:

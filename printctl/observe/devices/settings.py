@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
+PICTURES: Final = 0.8
+"""Share of a look's time limit in which its pictures are taken: the rest is judgement's."""
 Kind = Literal["camera", "folder", "command", "simulated"]
 
 

@@ -24,7 +24,12 @@ from printctl.observe.starting import (
     start_observer,
 )
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.observing import look_care, order_observer
+from printctl.pipeline.observing import (
+    look_care,
+    observed_otherwise,
+    order_observer,
+    unlooked_words,
+)
 from printctl.pipeline.stage import Stage
 from printctl.printing import (
     SIMULATED,
@@ -175,6 +180,8 @@ def observe_from_start(context: RunContext, folder: Path) -> None:
     ObserverError
     """
     if context.recipe.observe is not None:
+        if words := unlooked_words(context):
+            context.bars.remark("print", words)
         order_observer(context)
         ObserverOrder.load(context.folder).save(folder)
         start_observer(folder)
@@ -188,6 +195,12 @@ def _begun(context: RunContext, order: Order, port: Callable[[], str]) -> PrintC
         end_idle_observer(order.folder)
         raise
     if not client.status.ended:
+        if observed_otherwise(context, order.folder):
+            context.bars.remark(
+                "print",
+                "it goes on as it was begun; what was changed in the recipe's observe since counts "
+                "from the next print on",
+            )
         try:
             ensure_observer(order.folder)
         except ObserverError as exc:

@@ -11,7 +11,16 @@ from printctl.link.look_book import LookDecision
 from printctl.link.states import LinkState
 from sim.dry_run.run import dry_run
 from tests.printctl.link.layered import PRINTER, START
-from tests.printctl.link.looking import EVERY_LAYER, Observer, fresh, layered, observed, own_strokes
+from tests.printctl.link.looking import (
+    EVERY_LAYER,
+    Observer,
+    fresh,
+    grown_file,
+    layered,
+    observed,
+    own_strokes,
+    patch,
+)
 from tests.printctl.link.sim_transport import SimTransport
 from tests.printctl.link.simulated_transport import HostDiedError
 
@@ -88,3 +97,32 @@ def test_a_link_that_dies_in_the_pause_makes_the_look_again_once(tmp_path):
     status = observed(data, tmp_path, wire, later, resume=True)
     assert status.state is LinkState.DONE, status
     assert [decision for _, decision in looks_at(tmp_path)] == ["pause", "go_on", "go_on"]
+
+
+@pytest.mark.parametrize("mended", [False, True])
+def test_a_look_in_which_a_pause_is_asked_for_is_made_again(tmp_path, mended):
+    """It was gone on without: what was missing there stayed so. A mend made by then counts once."""
+    data, transport = layered(2, 12), fresh()
+    observer = Observer(
+        decides=lambda number: None if number == 1 else LookDecision.GO_ON,
+        says={1: patch(data, 0)} if mended else {},
+    )
+
+    def says(status):
+        if status.state is LinkState.LOOKING and status.look["number"] == 1:
+            observer.streamer.pause()
+
+    observer.seen_by = says
+    status = observed(data, tmp_path, transport, observer)
+    assert status.state is LinkState.DONE, status
+    (first, decision), (again, _), *_ = looks_at(tmp_path)
+    assert (again, decision) == (first, "pause")
+    assert (
+        "a pause was asked for; `printctl resume RUN` makes this look again" in paused(observer)[0]
+    )
+    inserts = read_journal(tmp_path / "journal.log").inserts
+    assert len(inserts) == mended
+    told = [one.look for one in observer.seen if one.state is LinkState.LOOKING]
+    assert all(bool(one["insert_sha256"]) is mended for one in told if one["number"] == 2)
+    foreseen = dry_run(grown_file(data, inserts), PRINTER, START, cold_extrusion=True).executed
+    assert own_strokes(transport.printer.executed()) == own_strokes(foreseen)

@@ -67,6 +67,7 @@ class Bench:
     again: bool = True
     refuses: bool = False
     hangs: bool = False
+    one_each: bool = False
     over: bool = False
     thin: tuple = ()
     lines: tuple = ("G1 X1 E1",)
@@ -99,6 +100,8 @@ class Bench:
     def acquire(self, look, out):
         if self.hangs:
             raise DeviceError("the camera gave no picture within 20 s")
+        if self.one_each and self.pictures:
+            raise DeviceError("no new picture came into pics within 16 s")
         self.pictures.append(out.name)
         path = out.with_suffix(".png")
         path.touch()

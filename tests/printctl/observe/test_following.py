@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import math
+import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 from printctl.link.errors import LinkError, NoLink, Refused
 from printctl.link.states import LinkState, Status
+from printctl.observe import process
 from printctl.observe.deciding import Decider, FlowControl, Limits
+from printctl.observe.devices import DeviceSettings
+from printctl.observe.look_values import Look
 from printctl.observe.observer import Observer
 from printctl.observe.process import follow
 from printctl.observe.records import LookRecord, save_look
 
-TOLD = {"number": 1, "mark": "end of layer 0", "done": 20, "decision": "", "insert_sha256": ""}
+TOLD = {
+    "number": 1, "mark": "end of layer 0", "done": 20, "decision": "", "insert_sha256": "",
+    "limit_s": 120.0,
+}  # fmt: skip
 
 
 class Events:
@@ -146,7 +155,7 @@ class Link:
         self.said: list[tuple[object, ...]] = []
 
     def look_done(self, look, decision, why, again=False):
-        self.said.append((look, decision, again, "No space" in why))
+        self.said.append((look, decision, again, "the disk is full" in why))
 
 
 @pytest.mark.parametrize("frees", [True, False])
@@ -166,3 +175,15 @@ def test_a_look_whose_record_a_full_disk_refused_is_to_be_made_again(tmp_path, m
     follow(events, observer, lambda: told[len(observer.looked)])
     assert observer.link.said == [(2, "pause", True, True)]
     assert observer.looked == [10, 10]  # what was written since the last look that was judged
+
+
+def test_pictures_of_a_look_share_the_time_that_it_has(monkeypatch, tmp_path):
+    """A second one was waited for as long as a first: the link's limit was over before."""
+    limits = []
+    monkeypatch.setattr(process, "acquire", lambda device, out, _: limits.append(device.limit_s))
+    order = SimpleNamespace(device=DeviceSettings("folder", limit_s=80.0), tells_heights=False)
+    job = SimpleNamespace(order=order)
+    now = time.monotonic()
+    for left_s in (math.inf, 300.0, 30.0, -5.0):
+        process._acquired(job, Look(1, 9, 9, 0, "end of layer 0", now + left_s), tmp_path)
+    assert limits == [80.0, 80.0, pytest.approx(30.0, abs=5.0), 1.0]

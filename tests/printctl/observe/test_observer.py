@@ -77,6 +77,26 @@ def test_thin_lines_are_looked_at_twice_and_never_stop_a_print(tmp_path, lines, 
     assert bench.pictures == ["picture", "again"]
 
 
+@pytest.mark.parametrize("seen_share", [0.9, 0.04])
+@pytest.mark.parametrize("mode", ["mend", "ask"])
+def test_a_gap_of_which_no_second_picture_comes_is_asked_about(tmp_path, mode, seen_share):
+    """A program that writes one file at each look; the look failed, and the gap stayed bare."""
+    bench = Bench(tmp_path, mode, gaps=(GAP,), one_each=True, seen_share=seen_share)
+    bench.link.look_done = answering(bench, "approve")
+    bench.observer.look(LOOK)
+    assert bench.link.said == [("pause", 1), ("insert", 1, ("G1 X1 E1",), None), ("resume",)]
+    (record,) = read_looks(tmp_path)
+    assert record.judged
+    assert "1 gap, 1.00 mm" in record.why
+    assert "by one picture: no new picture came into pics" in record.why
+
+
+def test_thin_lines_of_which_no_second_picture_comes_are_left(tmp_path):
+    bench = Bench(tmp_path, thin=(Thin(2, 0.0, 3.0, 0.3),), one_each=True)
+    assert "by one picture" in bench.observer.look(LOOK).why
+    assert bench.link.said == [("go_on", 1)]
+
+
 def test_a_gap_in_one_picture_alone_isnt(tmp_path):
     bench = Bench(tmp_path, gaps=(GAP,), again=False)
     bench.observer.look(LOOK)

@@ -50,10 +50,14 @@ def test_another_prints_looks_give_none(folder: Path) -> None:
     assert picture_before(folder, 500.0, LOOK, now(folder)) is None
 
 
-def test_a_picture_of_another_kind_or_of_long_ago_is_none(folder: Path) -> None:
+def test_a_picture_in_a_file_of_another_format_counts(folder: Path) -> None:
+    """After PNG, TIFF of the same camera told nothing of a layer over older ink."""
     other = now(folder).with_suffix(".tif")
     other.touch()
-    assert picture_before(folder, 0.0, LOOK, other) is None
+    assert picture_before(folder, 0.0, LOOK, other) == folder / "looks/0002/picture.png"
+
+
+def test_a_picture_of_long_ago_is_none(folder: Path) -> None:
     old = folder / "looks" / "0002" / "picture.png"
     long_ago = now(folder).stat().st_mtime - 7200
     os.utime(old, (long_ago, long_ago))

@@ -30,7 +30,7 @@ class Check:
 @pytest.mark.parametrize("holds", [True, False])
 def test_a_moved_camera_is_refused_at_each_picture(tmp_path, monkeypatch, holds):
     path = tmp_path / "picture.png"
-    cv2.imwrite(str(path), np.zeros((32, 32), np.uint8))
+    cv2.imwrite(str(path), np.full((32, 32), 200, np.uint8))
     frame = CameraFrame.model_construct()
     monkeypatch.setattr(views, "camera_frame", lambda order: frame)
     monkeypatch.setattr(camera_holds, "check_frame", lambda image, frame, path: Check(holds))
@@ -38,8 +38,16 @@ def test_a_moved_camera_is_refused_at_each_picture(tmp_path, monkeypatch, holds)
     if holds:
         assert views.open_view(path, order, 1.0, 0.1)[1] is frame
     else:
-        with pytest.raises(DeviceError, match="180 µm; fit it anew"):
+        with pytest.raises(DeviceError, match="180 µm; else fit it anew"):
             views.open_view(path, order, 1.0, 0.1)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_a_black_picture_is_told_as_that(tmp_path, dtype):
+    """It was told as a frame to be fitted anew: no marks are found in the dark."""
+    black = np.zeros((32, 32), dtype)
+    with pytest.raises(DeviceError, match=r"now.png is black.* 0.0% of the range; is the light on"):
+        camera_holds.refuse_moved(black, CameraFrame.model_construct(), tmp_path / "now.png")
 
 
 def test_a_frame_that_was_fitted_anew_counts_at_the_next_picture(tmp_path, monkeypatch):

@@ -12,10 +12,13 @@ import yaml
 from firmware_profiles import Printer, load
 from printctl.errors import RecipeError, UsageError
 from printctl.link.marks import MarkKind
+from printctl.observe.records import ORDER
+from printctl.pipeline import observing
 from printctl.pipeline.observable import refuse_unobservable
-from printctl.pipeline.observing import device_settings, look_care
+from printctl.pipeline.observing import device_settings, look_care, unlooked_words
 from printctl.pipeline.stages.toolpath import looks_within
 from printctl.recipe import parse_recipe
+from printctl.run_folder.artefacts import GCODE
 
 ROOT = Path(__file__).parents[3]
 GOOD = yaml.safe_load((ROOT / "examples" / "planar_fresh.yaml").read_text())
@@ -34,7 +37,7 @@ def recipe(observe, **printer):
     ("every", "care"),
     [
         ("layer", {"look_after": MarkKind.LAYER}),
-        ("vessel", {"look_after": MarkKind.VESSEL}),
+        ("vessel", {"look_after": MarkKind.LAYER}),
         ("0.5 mm", {"look_every_height_mm": 0.5}),
         ("10 min", {"look_every_s": 600.0}),
         ("30 s", {"look_every_s": 30.0}),
@@ -127,3 +130,52 @@ def test_vessels_are_looked_at_within_where_each_is_asked_for(every, within):
     assert looks_within(SimpleNamespace(recipe=embedded)) is within
     assert not looks_within(SimpleNamespace(recipe=layered))
     assert not looks_within(SimpleNamespace(recipe=parse_recipe(data, "test.yaml")))
+
+
+@pytest.mark.parametrize(
+    ("every", "unlooked"),
+    [("0.05 mm", False), ("0.5 mm", True), ("10 min", True), ("5 s", False), ("vessel", False)],
+)
+def test_a_print_that_is_over_before_a_look_is_due_is_told(tmp_path, every, unlooked):
+    """A part of 0.2 mm, looked at every 0.5 mm, was printed without a look and without a word."""
+    lines = ["M82"]
+    for layer in range(3):
+        lines += [
+            f"G1 X{10 + layer} Y10 Z{0.1 * (layer + 1):g} F600",
+            f"G1 Y20 E{0.1 * (layer + 1):g}",
+        ]
+        lines.append(f";LAYER_END:{layer}")
+    (tmp_path / GCODE).write_text("\n".join([*lines, "G1 Z5"]) + "\n")
+    stages = {"dry run": SimpleNamespace(summary={"duration_s": 20.0})}
+    context = SimpleNamespace(
+        recipe=SimpleNamespace(
+            observe=recipe({"device": "camera", "every": every}).observe, toolpath=None
+        ),
+        folder=tmp_path,
+        printer=load(Printer, "generic_marlin"),
+        manifest=SimpleNamespace(stages=stages),
+    )
+    assert bool(unlooked_words(context)) is unlooked
+
+
+def test_what_changed_in_observe_while_a_print_goes_on_is_told(tmp_path, monkeypatch):
+    """`mend: ask` was changed to `mend` in a pause: the print asked on, and nothing said why."""
+    said = ["ask"]
+
+    class Order:
+        def save(self, folder):
+            (folder / ORDER).write_text(said[0])
+
+    monkeypatch.setattr(observing, "_order", lambda context, part: Order())
+    context = SimpleNamespace(recipe=recipe({"device": "oct"}), folder=tmp_path)
+    begun = tmp_path / "print"
+    begun.mkdir()
+    (tmp_path / GCODE).touch()
+    told = []
+    for said[0], kept in (("ask", ""), ("ask", "ask"), ("mend", "ask")):
+        if kept:
+            (begun / ORDER).write_text(kept)
+        told.append(observing.observed_otherwise(context, begun))
+    assert told == [False, False, True]
+    context.recipe = recipe(None)
+    assert observing.observed_otherwise(context, begun)

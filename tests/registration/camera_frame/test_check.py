@@ -26,6 +26,14 @@ def test_a_bump_of_100_um_is_noticed_with_marks_hidden() -> None:
     assert "camera or insert moved" in answer.why[0]
 
 
+def test_a_picture_upside_down_is_told_as_turned() -> None:
+    """It was told as "-200.41 % larger: zoom, focus or height changed"."""
+    answer = check_frame(np.ascontiguousarray(scene.picture()[::-1, ::-1]), scene.frame())
+    assert not answer.holds
+    assert "turned " in answer.why[0]
+    assert "180." in answer.why[0] or "179." in answer.why[0]
+
+
 def test_a_small_bump_is_told_though_the_frame_holds() -> None:
     answer = check_frame(scene.shifted(0.02, 0.0), scene.frame())
     assert answer.holds
