@@ -56,7 +56,7 @@ def told_by_all(look: SeenLayer, good: BoolArray, faint: BoolArray, thin: ThinCh
         untold=_stretches(look, ~good & ~faint & ~came),
         tail=_stretches(look, behind & ~good),
         unseen=_stretches(look, ~good & ~faint),
-        doubted=_stretches(look, changed & ~came),
+        doubted=_stretches(look, _mostly(look, ~good & ~faint & ~came, changed)),
         thin=_stretches(look, _longer(look, thin.thin, least)),
         thin_untold_mm=float(ways.step[came & ~thin.told].sum()),
     )
@@ -76,6 +76,15 @@ def _without_doubt(look: SeenLayer, rows: BoolArray, bare: BoolArray) -> BoolArr
     for first, last in stretches_of(rows, look.ways.run):
         own = slice(first, last + 1)
         out[own] = bare[own].mean() < _DOUBTED
+    return out
+
+
+def _mostly(look: SeenLayer, rows: BoolArray, part: BoolArray) -> BoolArray:
+    """Places that lie on stretches at half of which another thing holds, (n,)."""
+    out = np.zeros_like(rows)
+    for first, last in stretches_of(rows, look.ways.run):
+        own = slice(first, last + 1)
+        out[own] = 2.0 * part[own].mean() > 1.0
     return out
 
 
