@@ -146,7 +146,7 @@ def evidence_of(
         older_mm=findings.older_mm,
         older_step=findings.older_step,
         older_limit=findings.older_limit,
-        told=_told(findings, layer),
+        told=_told(findings, layer, ink.style),
         untold_seams=findings.untold_seams,
     )
 
@@ -165,12 +165,18 @@ def _half_seen(
     return tuple(gap for gap in findings.gaps if not again.stations.tell(gap))
 
 
-def _told(findings: LayerFindings, layer: LayerInk) -> ToldOfInk:
-    """Whether ink came, on the job's own paths."""
+def _told(findings: LayerFindings, layer: LayerInk, style: str) -> ToldOfInk:
+    """Whether ink came, on the job's own paths; in a bath nothing can be written over a filament.
+
+    Mends have no width of their own to judge.
+    """
     told, mended = findings.told, layer.mended
-    each = (gaps_of_job(one, mended) for one in (told.still, told.untold, told.tail))
-    still, untold, tail = each
-    return replace(told, still=still, untold=untold, tail=tail)
+    each = (told.still, told.untold, told.tail, told.unseen, told.doubted)
+    still, untold, tail, unseen, doubted = (gaps_of_job(one, mended) for one in each)
+    thin = () if style == "embedded" or mended else told.thin
+    return replace(
+        told, still=still, untold=untold, tail=tail, unseen=unseen, doubted=doubted, thin=thin
+    )
 
 
 def open_width(lumen: LumenSeen) -> Narrowed:

@@ -32,6 +32,14 @@ class ToldOfInk:
         Stretches that aren't seen and didn't change, though others like them did.
     untold, tail : tuple of Gap
         What nothing tells of; and of that, with gaps, what lies behind the last place with ink.
+    unseen : tuple of Gap
+        What isn't seen, changed or not.
+    doubted : tuple of Gap
+        Of that, stretches that changed, though their level looks bare.
+    thin : tuple of Gap
+        Stretches without a width that changed near the middle alone: their ink may be thin.
+    thin_untold_mm : float, mm
+        Of `came_mm`, at which that isn't told either.
     """
 
     came_mm: float = 0.0
@@ -40,6 +48,10 @@ class ToldOfInk:
     still: tuple[Gap, ...] = ()
     untold: tuple[Gap, ...] = ()
     tail: tuple[Gap, ...] = ()
+    unseen: tuple[Gap, ...] = ()
+    doubted: tuple[Gap, ...] = ()
+    thin: tuple[Gap, ...] = ()
+    thin_untold_mm: float = 0.0
 
 
 @dataclass(frozen=True)

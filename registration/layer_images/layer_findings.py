@@ -32,7 +32,7 @@ from registration.layer_images.seen_layer import SeenLayer
 from registration.layer_images.unseen.bare_strokes import bare_strokes
 from registration.layer_images.unseen.debris import is_bare
 from registration.layer_images.unseen.seam_findings import seam_findings, without_thin
-from registration.layer_images.unseen.told_by_all import told_by_all
+from registration.layer_images.unseen.told_by_all import thin_without_width, told_by_all
 from registration.layer_images.unseen.unseen_ways import doubted_gaps, unseen_ways
 from registration.layer_images.values import (
     Blob,
@@ -195,7 +195,7 @@ def findings_of(
         older_mm=float(way[look.over_old].sum()),
         older_step=step,
         older_limit=limit,
-        told=told_by_all(look, good, faint),
+        told=told_by_all(look, good, faint, thin_without_width(look)),
         untold_seams=seams.untold,
     )
 

@@ -15,6 +15,7 @@ Rules, in their order; the first that holds decides:
    correct the flow;
    where ink lies on less than a third of what was seen, yet no gap is sure, or where none was seen
    yet since the print began, or older ink doesn't change any more as it did: pause;
+   where the picture changed near a line's middle alone, so that its ink may be thin: ask;
 6. a flow beyond the bounds of the correction: pause; within them: correct it;
 7. lines of which nothing is told for long, and after a clog a layer of which nothing can be: pause,
    once;
@@ -32,6 +33,15 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Final
 
+from printctl.observe.deciding.asked import (
+    asked_with_beside,
+    doubted,
+    low_words,
+    places_of,
+    thin_words,
+    unchanged,
+    with_untold,
+)
 from printctl.observe.deciding.decision import Decision, DecisionKind, Limits
 from printctl.observe.deciding.doubts import cause_of_turn, doubts, unconfirmed_words
 from printctl.observe.deciding.evidence import SURE, Evidence
@@ -39,6 +49,7 @@ from printctl.observe.deciding.flow_control import FlowControl
 from printctl.observe.deciding.gap_test import confirmed_gaps
 from printctl.observe.deciding.ink_supply import SupplyState
 from printctl.observe.deciding.layers_seen import LayersSeen, where
+from printctl.observe.deciding.thin import Thin
 from registration.layer_images.values import Gap
 
 _STOPPING: Final = (SupplyState.CLOGGED, SupplyState.EMPTY)
@@ -53,14 +64,9 @@ _ANY: Final = 0.005
 """Of the way, less than which is nothing."""
 _CLOG_MM: Final = 2.0
 """Of one gap, from which on ink had stopped coming; short lines lack a plunger's step."""
-
-
-_STILL_MM: Final = 2.0
-"""Stretch that didn't change, from which on it is asked about."""
-_TAIL_MM: Final = 0.2
-"""Least stretch that isn't told behind the last ink before a clog."""
-_NAMED: Final = 3
-"""Stretches that are told by their places."""
+_HALF: Final = 0.5
+"""Of its ink, that is written again where a line changed the picture near its middle alone: it has
+a quarter to a half of it."""
 
 
 @dataclass
@@ -106,6 +112,8 @@ class Decider:
             self._bare,
             self._none_yet,
             self._none_any_more,
+            self._looks_bare,
+            self._thin,
             self._flow,
             self._untold,
             self._hidden,
@@ -114,7 +122,8 @@ class Decider:
         for rule in rules:
             decision = rule(evidence)
             if decision is not None:
-                return decision
+                told = "" if rule == self._thin else thin_words(evidence)
+                return replace(decision, why=decision.why + told)
         any_seen = evidence.seen_share >= _ANY
         seen = "as expected, within tolerance" if any_seen else "nothing was seen"
         if not any_seen and evidence.faint_share >= _ANY:
@@ -139,36 +148,21 @@ class Decider:
         return (
             told * (unseen_mm >= least_mm)
             + evidence.unjudged_words(least_mm, self.limits.width_percent)
-            + self._low_words(evidence)
-        )
-
-    def _low_words(self, evidence: Evidence) -> str:
-        """Where ink on older ink may be thin, in words; empty for nowhere."""
-        if not evidence.low:
-            return ""
-        low_mm = math.fsum(one.length_mm for one in evidence.low)
-        longest = max(evidence.low, key=lambda one: one.length_mm)
-        return (
-            f"; along {low_mm:.1f} mm it stands more than {self.limits.width_percent:g} % of a "
-            f"layer lower than elsewhere{where((longest,))}: ink may be thin there"
+            + low_words(evidence, self.limits.width_percent)
         )
 
     def _as_allowed(self, wanted: Decision, evidence: Evidence) -> Decision:
         mode = self.limits.mend
         if mode == "mend" and wanted.kind is DecisionKind.MEND and (doubt := self._doubt(evidence)):
-            return replace(
-                wanted,
-                kind=DecisionKind.PAUSE,
-                ask=DecisionKind.MEND,
-                why=f"{wanted.why}; {doubt}: look at the picture before you approve",
-            )
+            why = f"{wanted.why}; {doubt}: look at the picture before you approve"
+            return asked_with_beside(replace(wanted, why=why), evidence)
         if wanted.kind is DecisionKind.GO_ON or mode == "mend":
             return wanted
         if mode == "tell":
             why = f"{wanted.why} (only told: observe.mend is tell)"
             return Decision(DecisionKind.GO_ON, why, wanted.gaps)
         if wanted.kind in (DecisionKind.MEND, DecisionKind.FLOW):
-            return replace(wanted, kind=DecisionKind.PAUSE, ask=wanted.kind)
+            return asked_with_beside(wanted, evidence)
         return wanted
 
     def _doubt(self, evidence: Evidence) -> str:
@@ -226,7 +220,7 @@ class Decider:
         if gaps and untold:
             then += f", with what the look before left untold{where(untold)}"
         if gaps:
-            gaps = (*untold, *_with_untold(gaps, evidence))
+            gaps = (*untold, *with_untold(gaps, evidence))
         why = f"no ink for the last {supply.since_ul or 0:.3g} µL: {cause}; {then}"
         return Decision(DecisionKind.PAUSE, why, gaps, ask=DecisionKind.MEND if gaps else None)
 
@@ -307,21 +301,42 @@ class Decider:
 
     def _still(self, evidence: Evidence) -> Decision | None:
         """Ask about stretches that didn't change though others of the look did."""
-        still = _unchanged(evidence)
+        still = unchanged(evidence)
         if not still:
             return None
         gaps, untold = self._believed(evidence), self.layers.untold()
         way = math.fsum(one.length_mm for one in still)
-        places = ",".join(where([one]) for one in still[:_NAMED])
-        places += f" and {len(still) - _NAMED} more" * (len(still) > _NAMED)
         before = f", and the look before told nothing of{where(untold)}" if untold else ""
         more = math.fsum(one.length_mm for one in gaps)
         before += f"; {more:.2f} mm are surely missing" * bool(gaps)
         return self._asked(
-            f"nothing has changed along {way:.1f} mm{places}, though it did along the rest{before}"
-            ": a clog, or ink that didn't stick",
+            f"nothing has changed along {way:.1f} mm{places_of(still)}, though it did along the "
+            f"rest{before}: a clog, or ink that didn't stick",
             (*untold, *gaps, *still),
         )
+
+    def _looks_bare(self, evidence: Evidence) -> Decision | None:
+        """Ask about stretches that look bare, though the picture changed there."""
+        if not (bare := doubted(evidence)):
+            return None
+        way_mm = math.fsum(one.length_mm for one in bare)
+        return self._asked(
+            f"{way_mm:.1f} mm{places_of(bare)} look bare, though the picture changed there: a "
+            "bubble, and the shade of lines beside it, or a glint; look at the picture",
+            bare,
+        )
+
+    def _thin(self, evidence: Evidence) -> Decision | None:
+        """Ask whether lines whose ink may be thin are to be filled up."""
+        if evidence.told is None or not evidence.told.thin:
+            return None
+        thin = tuple(Thin(one.stroke, one.from_mm, one.to_mm, _HALF) for one in evidence.told.thin)
+        why = f"{thin_words(evidence).removeprefix('; ')}: a clog in part, or a hollow below"
+        then = "approve writes half of its ink again, go on leaves it"
+        return Decision(
+            DecisionKind.PAUSE, f"{why}; look at the picture; {then}",
+            thin=thin, ask=DecisionKind.MEND,
+        )  # fmt: skip
 
     def _asked(self, why: str, gaps: tuple[Gap, ...]) -> Decision:
         """Ask whether stretches are to be written again."""
@@ -383,19 +398,3 @@ class Decider:
             f"{unseen} {one} in a row showed less than {self.limits.least_seen:.0%} of what was "
             f"written (the last {evidence.seen_share:.0%}): clean the view, or set observe off",
         )
-
-
-def _unchanged(evidence: Evidence) -> tuple[Gap, ...]:
-    """Stretches that surely didn't change and aren't told otherwise, long enough to be asked of."""
-    still = () if evidence.told is None else evidence.told.still
-    return tuple(one for one in still if one.length_mm >= _STILL_MM)
-
-
-def _with_untold(gaps: tuple[Gap, ...], evidence: Evidence) -> tuple[Gap, ...]:
-    """Gaps of a look at whose end no ink comes, with what isn't told behind the last of it."""
-    behind = () if evidence.told is None else evidence.told.tail
-    out = list(gaps)
-    for one in (*behind, *_unchanged(evidence)):
-        if one.length_mm >= _TAIL_MM and not any(one.meets(other) for other in out):
-            out.append(one)
-    return tuple(out)

@@ -217,7 +217,11 @@ class Evidence:
         came_mm = 0.0 if self.told is None else self.told.came_mm
         if came_mm < _SOME_MM:
             return ""
-        return f"; along {came_mm:.1f} mm the picture changed as by fresh ink: gaps aren't told"
+        untold_mm = 0.0 if self.told is None else self.told.thin_untold_mm
+        thin = f", nor along {untold_mm:.1f} mm whether it is thin" * (untold_mm >= _SOME_MM)
+        return (
+            f"; along {came_mm:.1f} mm the picture changed as by fresh ink: gaps aren't told{thin}"
+        )
 
     @property
     def hidden_words(self) -> str:

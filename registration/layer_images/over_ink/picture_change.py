@@ -31,8 +31,8 @@ from registration.layer_images.values import (
 )
 from registration.layer_images.ways import Seen, Ways, lay_ways
 
-_ACROSS: Final = np.linspace(-0.55, 0.55, 12)
-"""Of a width."""
+ACROSS: Final = np.linspace(-0.55, 0.55, 12)
+"""Of a width, where the change is taken."""
 _WINDOW: Final = 3.0
 """Widths along a line."""
 _FEWEST: Final = 12
@@ -84,6 +84,8 @@ class Change:
         Mean squares of the ground's windows, for places over older ink.
     count : int
         Places of a window.
+    profiles : (n, u, c) float32
+        Change across each place, at `ACROSS`.
     """
 
     energy: FloatArray
@@ -95,6 +97,7 @@ class Change:
     over_old: BoolArray
     ground: FloatArray | None
     count: int
+    profiles: FloatImage
 
     @property
     def came(self) -> BoolArray:
@@ -173,7 +176,8 @@ def change_along(
     width_px = float(np.median(ways.width)) * work.px_per_mm
     image, _ = light_less(work, bare.ground, width_px)
     shown = bare.settled & (reasons(work, seen, ways, work.bad) == Unseen.SEEN)
-    energy, count = _energy(image, seen, ways.width), _count(ways)
+    profiles, count = _profiles(image, seen, ways.width), _count(ways)
+    energy = _mean_square(profiles)
     nothing = np.full(len(ways), np.nan)
     usual, limit, own = nothing.copy(), nothing.copy(), nothing.copy()
     alike = np.ones(len(ways), dtype=np.bool_)
@@ -195,7 +199,7 @@ def change_along(
             usual[rows] = float(np.percentile(rms[rows], _HIGHEST))
     for own_kind, like in _kinds(ways, bare, np.isfinite(rms)):
         alike[own_kind] = np.percentile(rms[like], _HIGHEST) > _ALIKE * usual[own_kind][0]
-    return Change(energy, rms, usual, limit, own, alike, bare.over_old, on_old, count)
+    return Change(energy, rms, usual, limit, own, alike, bare.over_old, on_old, count, profiles)
 
 
 def _by_light(
@@ -217,7 +221,7 @@ def _by_light(
     sigma = _BESIDE * width_px
     share = np.maximum(cv2.GaussianBlur(free, (0, 0), sigma), _LEAST)
     around = cv2.GaussianBlur(np.asarray(square * free), (0, 0), sigma) / share
-    beside = seen.profiles(around, ways.width[:, None] * _ACROSS).mean(axis=1)
+    beside = seen.profiles(around, ways.width[:, None] * ACROSS).mean(axis=1)
     least = np.maximum(_BY_LIGHT**2 * np.maximum(energy, _DRYING**2), limit**2)
     return np.asarray(beside > least)
 
@@ -259,12 +263,22 @@ def _inner(rows: BoolArray) -> IntArray:
     return own[len(own) // 6 : len(own) - len(own) // 6]
 
 
+def _profiles(image: FloatImage, seen: Seen, width: FloatArray) -> FloatImage:
+    """Change across each place, (n, u, c)."""
+    channels = range(image.shape[2])
+    each = [seen.profiles(np.ascontiguousarray(image[:, :, c]), width[:, None] * ACROSS)
+            for c in channels]  # fmt: skip
+    return np.stack(each, axis=2)
+
+
+def _mean_square(profiles: FloatImage) -> FloatArray:
+    """Of the change across each place, (n,)."""
+    return np.asarray((profiles.astype(np.float64) ** 2).mean(axis=(1, 2)) + _LEAST)
+
+
 def _energy(image: FloatImage, seen: Seen, width: FloatArray) -> FloatArray:
     """Mean square of the change across each place, (n,)."""
-    channels = range(image.shape[2])
-    each = [seen.profiles(np.ascontiguousarray(image[:, :, c]), width[:, None] * _ACROSS)
-            for c in channels]  # fmt: skip
-    return np.mean([(x.astype(np.float64) ** 2).mean(axis=1) for x in each], axis=0) + _LEAST
+    return _mean_square(_profiles(image, seen, width))
 
 
 def _on_bath(
@@ -279,7 +293,7 @@ def _on_bath(
     lines = fake_places(free, width_px, window_mm * work.px_per_mm / 8, np.random.default_rng(37))
     if lines is None:
         return None
-    inside = lines.profiles(free, width_px * _ACROSS, nearest=True).all(axis=1)
+    inside = lines.profiles(free, width_px * ACROSS, nearest=True).all(axis=1)
     energy = _energy(image, lines, np.full(len(lines.at), width_px)).reshape(-1, 8)
     found = np.exp(np.log(energy[inside.reshape(-1, 8).all(axis=1)]).mean(axis=1))
     return found if len(found) >= _FEWEST else None
@@ -290,7 +304,7 @@ def _on_older(
 ) -> FloatArray | None:
     """Mean squares of windows along older lines on which nothing was written, (k,)."""
     seen = Seen.of(older, frame)
-    free = seen.profiles(ground, older.width[:, None] * _ACROSS, nearest=True).all(axis=1)
+    free = seen.profiles(ground, older.width[:, None] * ACROSS, nearest=True).all(axis=1)
     free &= seen.inside(work.shape, 0.5 * older.width)
     count = _count(older)
     logs = np.log(_energy(image, seen, older.width))

@@ -9,8 +9,9 @@ import numpy as np
 from registration.layer_images.findings import ToldOfInk
 from registration.layer_images.gaps.gaps import stretch_gap
 from registration.layer_images.ink.presence import INK
+from registration.layer_images.over_ink.thin_change import ThinChange, thin_by_change
 from registration.layer_images.seen_layer import SeenLayer
-from registration.layer_images.values import BoolArray, Gap
+from registration.layer_images.values import BoolArray, Gap, Unseen
 from registration.layer_images.ways import stretches_of
 
 _LEAST: Final = 3.0
@@ -18,13 +19,30 @@ _LEAST: Final = 3.0
 highlight that came or went changes no longer one."""
 
 
-def told_by_all(look: SeenLayer, good: BoolArray, faint: BoolArray) -> ToldOfInk:
+_DOUBTED: Final = 0.3
+"""Of a stretch that changed, at which its level looks bare though that isn't sure: the shade of
+lines that touch and glints change a bare one, too, and whether ink came isn't told."""
+
+
+def thin_without_width(look: SeenLayer) -> ThinChange:
+    """What the change tells of thin ink, where no width tells it."""
+    none = np.zeros(len(look.ways), dtype=np.bool_)
+    if look.change is None:
+        return ThinChange(none, none)
+    told = thin_by_change(look.change, look.ways, look.seen, look.masks.old)
+    by_width = np.isfinite(look.widths.width_mm)[look.group.of]
+    return ThinChange(told.thin & ~by_width, told.told | by_width)
+
+
+def told_by_all(look: SeenLayer, good: BoolArray, faint: BoolArray, thin: ThinChange) -> ToldOfInk:
     """Return it for places that are seen, ``good`` (n,), or shown too faint for short gaps."""
     ways, none = look.ways, np.zeros_like(good)
     ink = (good | faint) & (look.present > INK)
     least = _LEAST * float(np.median(ways.width))
     came = none if look.change is None else look.change.came & ~good & ~faint
-    came = _longer(look, came, least)
+    bare = (look.why == Unseen.SEEN) & ~good & (look.present < INK)
+    changed = _longer(look, came, least)
+    came = _without_doubt(look, changed, bare)
     still = none if look.change is None else look.change.still & ~good & ~faint
     any_ink = ink | came
     rows = np.flatnonzero(any_ink)
@@ -37,6 +55,10 @@ def told_by_all(look: SeenLayer, good: BoolArray, faint: BoolArray) -> ToldOfInk
         still=tuple(one for one in _stretches(look, still) if one.length_mm > least),
         untold=_stretches(look, ~good & ~faint & ~came),
         tail=_stretches(look, behind & ~good),
+        unseen=_stretches(look, ~good & ~faint),
+        doubted=_stretches(look, _mostly(look, ~good & ~faint & ~came, changed)),
+        thin=_stretches(look, _longer(look, thin.thin, least)),
+        thin_untold_mm=float(ways.step[came & ~thin.told].sum()),
     )
 
 
@@ -45,6 +67,24 @@ def _longer(look: SeenLayer, rows: BoolArray, least_mm: float) -> BoolArray:
     out = np.zeros_like(rows)
     for first, last in stretches_of(rows, look.ways.run):
         out[first : last + 1] = stretch_gap(look.ways, first, last).length_mm > least_mm
+    return out
+
+
+def _without_doubt(look: SeenLayer, rows: BoolArray, bare: BoolArray) -> BoolArray:
+    """Places that lie on stretches of which too little looks ``bare``, (n,)."""
+    out = rows.copy()
+    for first, last in stretches_of(rows, look.ways.run):
+        own = slice(first, last + 1)
+        out[own] = bare[own].mean() < _DOUBTED
+    return out
+
+
+def _mostly(look: SeenLayer, rows: BoolArray, part: BoolArray) -> BoolArray:
+    """Places that lie on stretches at half of which another thing holds, (n,)."""
+    out = np.zeros_like(rows)
+    for first, last in stretches_of(rows, look.ways.run):
+        own = slice(first, last + 1)
+        out[own] = 2.0 * part[own].mean() > 1.0
     return out
 
 

@@ -120,6 +120,56 @@ def test_what_did_not_change_beside_what_did_is_asked_about():
     assert "nothing has changed along 3.0 mm" in found.why
 
 
+def test_a_stretch_that_looks_bare_though_the_picture_changed_is_asked_about():
+    bare = ToldOfInk(ink_mm=90.0, doubted=(stretch(4, 2.2), stretch(5, 1.0)))
+    found = decided(told=bare, level_mm=0.2)
+    assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
+    assert [one.stroke for one in found.gaps] == [4]
+    assert "2.2 mm (X 98.0 Y 101.0 to X 100.2 Y 101.0, 2.2 mm) look bare" in found.why
+
+
+THIN = ToldOfInk(came_mm=90.0, ink_mm=90.0, thin=(stretch(4, 6.0),))
+
+
+def test_ink_that_may_be_thin_is_asked_about_and_half_of_it_written_again():
+    """Clogs in part over older ink went on as "the picture changed as by fresh ink"."""
+    for mode in ("mend", "ask"):
+        found = decided(mode, told=THIN, level_mm=0.2)
+        assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
+        assert [(one.stroke, one.length_mm, one.missing) for one in found.thin] == [(4, 6.0, 0.5)]
+        assert "along 6.0 mm (X 98.0 Y 101.0 to X 104.0 Y 101.0, 6.0 mm)" in found.why
+        assert "ink may be thin there" in found.why
+
+
+def test_ink_that_may_be_thin_is_told_where_nothing_is_asked_or_something_else_is_done():
+    told = decided("tell", told=THIN, level_mm=0.2)
+    mended = decided(gaps=(GAP,), told=THIN, level_mm=0.2)
+    assert (told.kind, mended.kind) == (DecisionKind.GO_ON, DecisionKind.MEND)
+    assert not mended.thin
+    assert all("ink may be thin there" in one.why for one in (told, mended))
+
+
+def test_a_look_says_along_how_much_ink_that_came_may_be_thin_untold():
+    told = ToldOfInk(came_mm=20.0, ink_mm=20.0, thin_untold_mm=12.0)
+    assert "aren't told, nor along 12.0 mm whether it is thin" in decided(told=told).why
+
+
+def test_approving_a_gap_takes_along_what_joins_it_and_is_not_seen():
+    """5.4 mm beside an approved gap of 2.7 mm stayed bare: the shade of a wall's other line."""
+    shaded = replace(GAP, to_mm=2.7, shaded=True)
+    beside, far, long = (
+        replace(GAP, from_mm=a, to_mm=b) for a, b in ((2.8, 8.2), (9, 12), (3, 40))
+    )
+    unseen = ToldOfInk(ink_mm=60.0, unseen=(beside, far))
+    found = decided(gaps=(shaded,), told=unseen, level_mm=0.2)
+    assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
+    assert found.gaps == (shaded, beside)
+    assert "approve also writes 5.4 mm beside it that isn't told" in found.why
+    longer = decided(gaps=(shaded,), told=ToldOfInk(ink_mm=60.0, unseen=(long,)), level_mm=0.2)
+    assert longer.gaps == (shaded,)
+    assert decided(gaps=(GAP,), told=unseen, level_mm=0.2).gaps == (GAP,)  # mended unasked
+
+
 def test_what_looks_left_untold_is_kept_for_another_observer():
     decider, other = Decider(Limits()), Decider(Limits())
     decider.decide(untold(8.0, older_step=0.001))

@@ -8,8 +8,9 @@ from typing import Any, cast
 import numpy as np
 
 from registration.layer_images import ExpectedLines
+from registration.layer_images.over_ink.thin_change import ThinChange
 from registration.layer_images.unseen.told_by_all import told_by_all
-from registration.layer_images.values import BoolArray
+from registration.layer_images.values import BoolArray, Unseen
 from registration.layer_images.ways import lay_ways
 
 WIDTH, LENGTH = 0.25, 10.0
@@ -21,13 +22,21 @@ def _look(came: BoolArray) -> Any:
     ways = lay_ways(ExpectedLines(start, end, np.array([WIDTH]), one, one, one == 0), 0.05)
     share = came[(np.arange(len(ways)) * len(came) // len(ways))]
     change = SimpleNamespace(came=share, still=np.zeros(len(ways), np.bool_))
-    return cast(Any, SimpleNamespace(ways=ways, present=np.zeros(len(ways)), change=change))
+    return cast(
+        Any,
+        SimpleNamespace(
+            ways=ways,
+            present=np.full(len(ways), np.nan),
+            change=change,
+            why=np.full(len(ways), Unseen.OLD_INK),
+        ),
+    )
 
 
 def _told(came: BoolArray) -> Any:
     look = _look(came)
     none = np.zeros(len(look.ways), np.bool_)
-    return told_by_all(look, none, none)
+    return told_by_all(look, none, none, ThinChange(none, none))
 
 
 def test_passing_highlights_do_not_tell_that_ink_came() -> None:
@@ -45,3 +54,20 @@ def test_a_stretch_longer_than_three_widths_changed_by_ink() -> None:
     told = _told(long)
     assert 1.8 < told.came_mm < 2.2
     assert [round(one.length_mm) for one in told.tail] == [6]
+
+
+def test_a_stretch_that_looks_bare_is_not_told_as_ink_by_the_shade_of_lines_beside_it() -> None:
+    """Bubbles of 2.1 mm between lines that touch changed the picture, and counted as ink."""
+    long = np.zeros(100, np.bool_)
+    long[20:42] = True
+    look = _look(long)
+    look.why[:], look.present[:] = int(Unseen.SEEN), 0.15
+    none = np.zeros(len(look.ways), np.bool_)
+    seen = np.abs(look.ways.along - 3.1) > 1.2  # around them, with a little of what is unseen
+    told = told_by_all(look, seen, none, ThinChange(none, none))
+    assert told.came_mm == 0.0
+    assert [round(one.length_mm, 1) for one in told.doubted] == [2.4]
+    look.present[:] = 0.9
+    told = told_by_all(look, seen, none, ThinChange(none, none))
+    assert round(told.came_mm, 1) == 2.2
+    assert not told.doubted
