@@ -24,7 +24,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from printctl.observe.deciding.answers import Answers
+
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 _STEP_SIGMAS: Final = 3.5
 """Deviation of a reading that may be a step; two in a row by chance: 1 in 4 million pairs."""
@@ -102,6 +105,8 @@ class FlowControl:
         Estimate of the logarithm of delivered over asked flow, uncorrected, and its variance.
     time_s : float or None, s
         Of the last reading.
+    answers : Answers
+        Whether the amount seen answers corrections.
     """
 
     limits: FlowLimits = field(default_factory=FlowLimits)
@@ -109,11 +114,13 @@ class FlowControl:
     log_flow: float = 0.0
     variance: float = 0.01
     time_s: float | None = None
+    answers: Answers = field(default_factory=Answers)
     _far: float = 0.0
 
     def learn(self, blocks: FlowBlocks) -> None:
         """Take in readings; those without a positive finite ratio are left out."""
         sound = np.isfinite(blocks.area_ratio) & (blocks.area_ratio > 0) & np.isfinite(blocks.u)
+        self.answers.learn(*_random(blocks, sound), self.log_flow)
         for k in np.flatnonzero(sound).tolist():
             ratio = float(blocks.area_ratio[k])
             u = max(float(blocks.u[k]) / ratio, _LEAST_U)
@@ -152,6 +159,8 @@ class FlowControl:
     @property
     def out_of_bounds(self) -> bool:
         """Whether no allowed factor corrects the flow, beyond doubt and the deadband."""
+        if self.answers.failed:
+            return False  # nothing is known of it
         wanted, sure = -self.log_flow, 2.0 * math.sqrt(self.variance) + self.limits.deadband
         return not (math.log(self.limits.low) - sure <= wanted <= math.log(self.limits.high) + sure)
 
@@ -159,8 +168,11 @@ class FlowControl:
         """Return the factor that is due; None where the one in force is as good as known.
 
         Corrected is what exceeds the deadband: of a flow that isn't corrected yet, beyond doubt, of
-        another by half a standard uncertainty.
+        another by half a standard uncertainty. Where corrections weren't answered it is the last
+        one that was.
         """
+        if self.answers.failed:
+            return None if self.factor == self.answers.answered else self.answers.answered
         left = self.log_flow + math.log(self.factor)
         sigmas = _SURE if self.factor == 1.0 else _WORTH
         doubt = sigmas * math.hypot(math.sqrt(self.variance), _PICTURE)
@@ -174,3 +186,10 @@ class FlowControl:
     def put_in_force(self, factor: float) -> None:
         """Take notice that the printer has a factor."""
         self.factor = factor
+
+
+def _random(blocks: FlowBlocks, sound: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Logarithm of the ratio seen, its variance without what all share, and the factor."""
+    ratio = blocks.area_ratio[sound]
+    variance = np.maximum((blocks.u[sound] / ratio) ** 2 - blocks.u_common**2, _LEAST_U**2)
+    return np.log(ratio), variance, blocks.factor[sound]
