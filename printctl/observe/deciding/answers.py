@@ -26,6 +26,8 @@ _PART: Final = 0.5
 """Of what a real change of flow moves the seen amount by: less is no answer."""
 _SURE: Final = 2.0
 """Standard uncertainties, on one side."""
+_SAME: Final = 1e-3
+"""Factors that differ by less are one."""
 _PICTURE: Final = 0.015
 """Relative: by which pictures misread the amount differently from each other."""
 
@@ -93,12 +95,14 @@ class Answers:
         estimate : float
             Logarithm of the uncorrected flow, as known before the look.
         """
-        for own in np.split(np.arange(len(factor)), np.flatnonzero(np.diff(factor)) + 1):
+        for own in np.split(
+            np.arange(len(factor)), np.flatnonzero(np.abs(np.diff(factor)) > _SAME) + 1
+        ):
             if not len(own):
                 continue
             first, last = own[: (len(own) + 1) // 2], own[len(own) // 2 :]
             levels, now = log_ratio[own], float(factor[own[0]])
-            if self.last is not None and self.last.factor != now:
+            if self.last is not None and abs(self.last.factor - now) > _SAME:
                 begin = (float(log_ratio[first].mean()), float(levels.mean()))
                 self._add(self.last, Reading(now, begin, _of_mean(variance[first])), estimate)
             end = (float(log_ratio[last].mean()), float(log_ratio[last[-1]]))

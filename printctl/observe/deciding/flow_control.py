@@ -35,6 +35,8 @@ _SURE: Final = 3.29
 """Standard uncertainties beyond the deadband: one in 2,000 by chance, one-sided."""
 _WORTH: Final = 0.5
 """Of its standard uncertainty: a smaller change of a factor that corrects already isn't made."""
+_SAME: Final = 1e-3
+"""Factors that differ by less are one."""
 _PICTURE: Final = 0.015
 """What widths of a picture may be off by, relative, beyond what it says itself: other ink below."""
 _LEAST_U: Final = 0.005
@@ -172,7 +174,8 @@ class FlowControl:
         one that was.
         """
         if self.answers.failed:
-            return None if self.factor == self.answers.answered else self.answers.answered
+            answered = round(self.answers.answered, 4)
+            return None if abs(self.factor - answered) < _SAME else answered
         left = self.log_flow + math.log(self.factor)
         sigmas = _SURE if self.factor == 1.0 else _WORTH
         doubt = sigmas * math.hypot(math.sqrt(self.variance), _PICTURE)

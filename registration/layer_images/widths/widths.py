@@ -35,6 +35,8 @@ _BY_EDGES: Final = 0.08
 """Least relative doubt of lines that are told by their edges."""
 _EVEN: Final = 1.0 / math.sqrt(3.0)
 """Standard uncertainty of what lies anywhere between an estimate and its other end."""
+_RESPONSE: Final = 0.5
+"""Of what another response changes: a camera that measures is linear as a rule."""
 _REBOUND: Final = 0.3
 """Widths beyond a line's edge, within which ink that seems to come again is its own."""
 _MISFITTING: Final = 1.5
@@ -264,12 +266,10 @@ def _true_widths(
     # An opaque line's μ is free: its spread says nothing.
     spread = min(shade.spread, 0.05 if shade.opaque(typical) else _MOST_SPREAD)
     half = 0.5 * float(np.median(wide[alike] / expected_mm[alike]))
-    response = _by_response(wide, otherwise, expected_mm, good, template)
+    response = _RESPONSE * _by_response(wide, otherwise, expected_mm, good, template)
     edges = _EVEN * max(bent, response, _by_rims(mean, half))
     thin = _THIN if shade.per_mm * typical < _THIN_INK else 0.0
-    common = math.hypot(
-        spread, edges, _MISFITTING * shade.misfit, _SLANTED * template.slant, thin
-    )
+    common = math.hypot(spread, edges, _MISFITTING * shade.misfit, _SLANTED * template.slant, thin)
     return width, common, edge_px * px_mm, shade
 
 

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from registration.layer_images.ink.ink_image import ACROSS, Template
 from registration.layer_images.ink.in_light import mixed_in_light
+from registration.layer_images.ink.ink_image import ACROSS, Template
 from registration.layer_images.widths.widths import measure_widths
 from registration.microscope.ink_absorption import shade_profile
 
