@@ -17,6 +17,7 @@ def state_of(decider: Decider) -> dict[str, Any]:
         "log_flow": control.log_flow,
         "variance": control.variance,
         "time_s": control.time_s,
+        "common": control.common,
         "answers": asdict(control.answers),
         "layers": asdict(decider.layers),
         "last_shift_mm": decider.last_shift_mm,
@@ -28,6 +29,7 @@ def restore(decider: Decider, state: dict[str, Any]) -> None:
     control = decider.control
     control.log_flow = state["log_flow"]
     control.variance, control.time_s = state["variance"], state["time_s"]
+    control.common = state["common"]
     answers = dict(state["answers"])
     last = answers.pop("last")
     control.answers = Answers(**answers, last=None if last is None else Reading(**last))

@@ -107,6 +107,8 @@ class FlowControl:
         Estimate of the logarithm of delivered over asked flow, uncorrected, and its variance.
     time_s : float or None, s
         Of the last reading.
+    common : float
+        Part of its uncertainty that readings of the last picture shared.
     answers : Answers
         Whether the amount seen answers corrections.
     """
@@ -116,6 +118,7 @@ class FlowControl:
     log_flow: float = 0.0
     variance: float = 0.01
     time_s: float | None = None
+    common: float = 0.0
     answers: Answers = field(default_factory=Answers)
     _far: float = 0.0
 
@@ -127,16 +130,19 @@ class FlowControl:
             ratio = float(blocks.area_ratio[k])
             u = max(float(blocks.u[k]) / ratio, _LEAST_U)
             reading = math.log(ratio) - math.log(float(blocks.factor[k]))
-            self._update(float(blocks.time_s[k]), reading, u)
+            self._update(float(blocks.time_s[k]), reading, u, blocks.u_common, int(sound.sum()))
         if sound.any():  # more readings of one picture don't tell what they share
             self.variance = max(self.variance, blocks.u_common**2)
+            self.common = blocks.u_common
 
-    def _update(self, time_s: float, reading: float, u: float) -> None:
+    def _update(self, time_s: float, reading: float, u: float, common: float, count: int) -> None:
+        """Take in one of so many readings of a picture, which share a part of their uncertainty."""
         passed = max(time_s - self.time_s, 0.0) if self.time_s is not None else 0.0
         self.time_s = time_s
         self.variance += self.limits.drift_per_root_s**2 * passed
         off = reading - self.log_flow
-        sigmas = off / math.sqrt(self.variance + u * u)
+        sigmas = off / math.sqrt(self._variance_of_change(u, common))
+        own = u * u + (count - 1) * min(common, u) ** 2  # so that all together know no better
         step = abs(sigmas) > _STEP_SIGMAS
         if step and self._far * sigmas > 0:  # the second in a row on this side
             self.variance = max(self.variance, off * off)
@@ -144,9 +150,14 @@ class FlowControl:
             self._far = sigmas
             return
         self._far = sigmas if step else 0.0
-        gain = self.variance / (self.variance + u * u)
+        gain = self.variance / (self.variance + own)
         self.log_flow += gain * off
         self.variance *= 1.0 - gain
+
+    def _variance_of_change(self, u: float, common: float) -> float:
+        """Variance of a reading less the estimate: what both share cancels, but for pictures."""
+        shared = min(self.common**2, self.variance, common**2, u * u)
+        return max(self.variance + u * u - 2.0 * shared, 2.0 * _PICTURE**2)
 
     @property
     def flow(self) -> float:
