@@ -41,6 +41,8 @@ _REBOUND: Final = 0.3
 """Widths beyond a line's edge, within which ink that seems to come again is its own."""
 _MISFITTING: Final = 1.5
 """Of a misfit, by which edges lie elsewhere: they leave most of it."""
+_NO_RIM: Final = 0.01
+"""Of a line's level: noise of a mean profile."""
 _RIM: Final = 0.1
 """Of a line's level, from which on what its edges show beyond it is a rim's."""
 _OFF_MIDDLE: Final = np.linspace(-0.25, 0.25, 41)
@@ -301,11 +303,15 @@ def _by_rims(mean: FloatArray, half: float) -> float:
     u, values = ACROSS[right], mean[right]
     middle = float(mean[np.abs(ACROSS) <= 0.15].mean())
     beside = np.array([mean[(one < ACROSS) & (one + _REBOUND >= ACROSS)].max() for one in u])
-    shines, shades = values - middle, np.where(u > half, beside - values, 0.0)
+    shines, shades = (
+        values - middle,
+        np.where((u > half) & (u < half + _REBOUND), beside - values, 0.0),
+    )
     found = 0.0
     for over in (shines, shades):
         place = int(np.argmax(over))
-        share = min(max(float(over[place]) / max(abs(middle), 1e-9), 0.0) / _RIM, 1.0)
+        more = float(over[place]) / max(abs(middle), 1e-9) - _NO_RIM
+        share = min(max(more, 0.0) / _RIM, 1.0)
         found = max(found, share * abs(half - float(u[place])) / half)
     return found
 
