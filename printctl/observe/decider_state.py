@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from printctl.observe.deciding import Decider, LayersSeen
+from printctl.observe.deciding.answers import Answers, Reading
 from registration.layer_images.values import Gap
 
 
@@ -16,6 +17,8 @@ def state_of(decider: Decider) -> dict[str, Any]:
         "log_flow": control.log_flow,
         "variance": control.variance,
         "time_s": control.time_s,
+        "common": control.common,
+        "answers": asdict(control.answers),
         "layers": asdict(decider.layers),
         "last_shift_mm": decider.last_shift_mm,
     }
@@ -26,6 +29,10 @@ def restore(decider: Decider, state: dict[str, Any]) -> None:
     control = decider.control
     control.log_flow = state["log_flow"]
     control.variance, control.time_s = state["variance"], state["time_s"]
+    control.common = state["common"]
+    answers = dict(state["answers"])
+    last = answers.pop("last")
+    control.answers = Answers(**answers, last=None if last is None else Reading(**last))
     layers = dict(state["layers"])
     for name in ("blank", "tail", "before_tail"):
         layers[name] = [Gap(**one) for one in layers.get(name, ())]

@@ -213,6 +213,9 @@ class Observer:
             self._ask(look, decision, decision.why)
         elif decision.kind in (DecisionKind.MEND, DecisionKind.FLOW):
             self._insert(look, decision)
+        elif decision.kind is DecisionKind.PAUSE and decision.factor is not None:
+            put = self._put_in(look, decision)
+            self.link.look_done(look.number, decision.kind.value, f"{decision.why}{put.left}")
         else:
             self.link.look_done(look.number, decision.kind.value, decision.why)
 

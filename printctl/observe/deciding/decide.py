@@ -16,7 +16,8 @@ Rules, in their order; the first that holds decides:
    where ink lies on less than a third of what was seen, yet no gap is sure, or where none was seen
    yet since the print began, or older ink doesn't change any more as it did: pause;
    where the picture changed near a line's middle alone, so that its ink may be thin: ask;
-6. a flow beyond the bounds of the correction: pause; within them: correct it;
+6. corrections of the flow that the amount seen doesn't answer: take them back and pause, once; a
+   flow beyond the bounds of the correction: pause; within them: correct it;
 7. lines of which nothing is told for long, and after a clog a layer of which nothing can be: pause,
    once;
 8. too little was seen of several layers in a row: pause.
@@ -46,6 +47,7 @@ from printctl.observe.deciding.decision import Decision, DecisionKind, Limits
 from printctl.observe.deciding.doubts import cause_of_turn, doubts, unconfirmed_words
 from printctl.observe.deciding.evidence import SURE, Evidence
 from printctl.observe.deciding.flow_control import FlowControl
+from printctl.observe.deciding.flow_rule import corrected_words, flow_decision, uncorrected_words
 from printctl.observe.deciding.gap_test import confirmed_gaps
 from printctl.observe.deciding.ink_supply import SupplyState
 from printctl.observe.deciding.layers_seen import LayersSeen, where
@@ -138,7 +140,8 @@ class Decider:
         seen += self._rest(evidence) if any_seen and not hardly else evidence.hidden_words
         told = f"; {evidence.over_old_share:.0%} lies over older ink and can't be told from it"
         seen += told * (evidence.over_old_share >= 0.01) + evidence.came_words
-        return Decision(DecisionKind.GO_ON, seen + unconfirmed_words(evidence, self.limits.gap))
+        seen += unconfirmed_words(evidence, self.limits.gap)
+        return Decision(DecisionKind.GO_ON, seen + uncorrected_words(self.control))
 
     def _rest(self, evidence: Evidence) -> str:
         """How much wasn't seen, in words, where that is more than a tolerated gap."""
@@ -163,6 +166,8 @@ class Decider:
             return Decision(DecisionKind.GO_ON, why, wanted.gaps)
         if wanted.kind in (DecisionKind.MEND, DecisionKind.FLOW):
             return asked_with_beside(wanted, evidence)
+        if wanted.factor is not None:
+            return replace(wanted, ask=DecisionKind.FLOW)
         return wanted
 
     def _doubt(self, evidence: Evidence) -> str:
@@ -272,7 +277,9 @@ class Decider:
         gaps, thin = self._believed(evidence), evidence.thin
         state, control = evidence.supply.state, self.control
         factor = None if control.out_of_bounds else control.proposal()
-        if factor is not None and factor > control.factor:
+        if control.answers.failed:
+            thin = ()  # widths tell nothing
+        elif factor is not None and factor > control.factor:
             thin = evidence.seem_thin or thin
         if not gaps and not thin:
             return None
@@ -282,8 +289,7 @@ class Decider:
         reasons = [f"{many}, {way:.2f} mm in all{cause}"] if gaps else []
         if thin:
             reasons.append(f"{math.fsum(one.length_mm for one in thin):.2f} mm of thin lines")
-        corrected = "" if factor is None else f"; flow {control.flow:.0%}: factor {factor:.2f}"
-        reasons[-1] += f"{corrected}{self._rest(evidence)}"
+        reasons[-1] += f"{corrected_words(control, factor)}{self._rest(evidence)}"
         return Decision(DecisionKind.MEND, ", ".join(reasons), gaps, factor, thin=thin)
 
     def _believed(self, evidence: Evidence) -> tuple[Gap, ...]:
@@ -345,20 +351,8 @@ class Decider:
         then = "approve writes them again once its cause is seen to, go on leaves them"
         return Decision(DecisionKind.PAUSE, f"{why}; {then}", gaps, ask=DecisionKind.MEND)
 
-    def _flow(self, evidence: Evidence) -> Decision | None:
-        control = self.control
-        told = (
-            f"the ink flows at {control.flow:.0%} ± {2 * control.u_flow:.0%} of what is asked for"
-        )
-        if control.out_of_bounds:
-            low, high = control.limits.low, control.limits.high
-            return Decision(
-                DecisionKind.PAUSE, f"{told}: beyond a correction by {low:g} to {high:g}"
-            )
-        factor = control.proposal()
-        if factor is None:
-            return None
-        return Decision(DecisionKind.FLOW, f"{told}: factor {factor:.2f}", factor=factor)
+    def _flow(self, _: Evidence) -> Decision | None:
+        return flow_decision(self.control)
 
     def _bare(self, evidence: Evidence) -> Decision | None:
         if not (

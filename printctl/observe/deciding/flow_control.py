@@ -24,7 +24,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from printctl.observe.deciding.answers import Answers
+
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 _STEP_SIGMAS: Final = 3.5
 """Deviation of a reading that may be a step; two in a row by chance: 1 in 4 million pairs."""
@@ -32,6 +35,8 @@ _SURE: Final = 3.29
 """Standard uncertainties beyond the deadband: one in 2,000 by chance, one-sided."""
 _WORTH: Final = 0.5
 """Of its standard uncertainty: a smaller change of a factor that corrects already isn't made."""
+_SAME: Final = 1e-3
+"""Factors that differ by less are one."""
 _PICTURE: Final = 0.015
 """What widths of a picture may be off by, relative, beyond what it says itself: other ink below."""
 _LEAST_U: Final = 0.005
@@ -102,6 +107,10 @@ class FlowControl:
         Estimate of the logarithm of delivered over asked flow, uncorrected, and its variance.
     time_s : float or None, s
         Of the last reading.
+    common : float
+        Part of its uncertainty that readings of the last picture shared.
+    answers : Answers
+        Whether the amount seen answers corrections.
     """
 
     limits: FlowLimits = field(default_factory=FlowLimits)
@@ -109,25 +118,31 @@ class FlowControl:
     log_flow: float = 0.0
     variance: float = 0.01
     time_s: float | None = None
+    common: float = 0.0
+    answers: Answers = field(default_factory=Answers)
     _far: float = 0.0
 
     def learn(self, blocks: FlowBlocks) -> None:
         """Take in readings; those without a positive finite ratio are left out."""
         sound = np.isfinite(blocks.area_ratio) & (blocks.area_ratio > 0) & np.isfinite(blocks.u)
+        self.answers.learn(*_random(blocks, sound), self.log_flow)
         for k in np.flatnonzero(sound).tolist():
             ratio = float(blocks.area_ratio[k])
             u = max(float(blocks.u[k]) / ratio, _LEAST_U)
             reading = math.log(ratio) - math.log(float(blocks.factor[k]))
-            self._update(float(blocks.time_s[k]), reading, u)
+            self._update(float(blocks.time_s[k]), reading, u, blocks.u_common, int(sound.sum()))
         if sound.any():  # more readings of one picture don't tell what they share
             self.variance = max(self.variance, blocks.u_common**2)
+            self.common = blocks.u_common
 
-    def _update(self, time_s: float, reading: float, u: float) -> None:
+    def _update(self, time_s: float, reading: float, u: float, common: float, count: int) -> None:
+        """Take in one of so many readings of a picture, which share a part of their uncertainty."""
         passed = max(time_s - self.time_s, 0.0) if self.time_s is not None else 0.0
         self.time_s = time_s
         self.variance += self.limits.drift_per_root_s**2 * passed
         off = reading - self.log_flow
-        sigmas = off / math.sqrt(self.variance + u * u)
+        sigmas = off / math.sqrt(self._variance_of_change(u, common))
+        own = u * u + (count - 1) * min(common, u) ** 2  # so that all together know no better
         step = abs(sigmas) > _STEP_SIGMAS
         if step and self._far * sigmas > 0:  # the second in a row on this side
             self.variance = max(self.variance, off * off)
@@ -135,9 +150,14 @@ class FlowControl:
             self._far = sigmas
             return
         self._far = sigmas if step else 0.0
-        gain = self.variance / (self.variance + u * u)
+        gain = self.variance / (self.variance + own)
         self.log_flow += gain * off
         self.variance *= 1.0 - gain
+
+    def _variance_of_change(self, u: float, common: float) -> float:
+        """Variance of a reading less the estimate: what both share cancels, but for pictures."""
+        shared = min(self.common**2, self.variance, common**2, u * u)
+        return max(self.variance + u * u - 2.0 * shared, 2.0 * _PICTURE**2)
 
     @property
     def flow(self) -> float:
@@ -152,6 +172,8 @@ class FlowControl:
     @property
     def out_of_bounds(self) -> bool:
         """Whether no allowed factor corrects the flow, beyond doubt and the deadband."""
+        if self.answers.failed:
+            return False  # nothing is known of it
         wanted, sure = -self.log_flow, 2.0 * math.sqrt(self.variance) + self.limits.deadband
         return not (math.log(self.limits.low) - sure <= wanted <= math.log(self.limits.high) + sure)
 
@@ -159,8 +181,12 @@ class FlowControl:
         """Return the factor that is due; None where the one in force is as good as known.
 
         Corrected is what exceeds the deadband: of a flow that isn't corrected yet, beyond doubt, of
-        another by half a standard uncertainty.
+        another by half a standard uncertainty. Where corrections weren't answered it is the last
+        one that was.
         """
+        if self.answers.failed:
+            answered = round(self.answers.answered, 4)
+            return None if abs(self.factor - answered) < _SAME else answered
         left = self.log_flow + math.log(self.factor)
         sigmas = _SURE if self.factor == 1.0 else _WORTH
         doubt = sigmas * math.hypot(math.sqrt(self.variance), _PICTURE)
@@ -174,3 +200,10 @@ class FlowControl:
     def put_in_force(self, factor: float) -> None:
         """Take notice that the printer has a factor."""
         self.factor = factor
+
+
+def _random(blocks: FlowBlocks, sound: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Logarithm of the ratio seen, its variance without what all share, and the factor."""
+    ratio = blocks.area_ratio[sound]
+    variance = np.maximum((blocks.u[sound] / ratio) ** 2 - blocks.u_common**2, _LEAST_U**2)
+    return np.log(ratio), variance, blocks.factor[sound]

@@ -16,6 +16,9 @@ _SAME = 0.02
 _LEAST = 0.05
 """Of all channels' ink: a channel that shows less of it isn't looked at."""
 _MOST_LOG = 4.0
+_SHARES = np.linspace(-1.0, 3.0, 401)
+"""Of ink in light; noise and rims lie beyond 0 and 1."""
+_LEAST_LIGHT = 1e-3
 
 
 @dataclass(frozen=True)
@@ -73,3 +76,35 @@ def in_light(values: FloatArray | FloatImage, log_step: float) -> FloatArray:
     if abs(log_step) < _SAME:
         return level
     return np.asarray(np.expm1(log_step * np.clip(level, -1.0, 3.0)) / np.expm1(log_step))
+
+
+def mixed_in_light(
+    values: FloatArray | FloatImage, mix: FloatArray, ink: FloatArray, response: float = 1.0
+) -> FloatArray | None:
+    """Share of ink in the light, from sums of channels' logarithms; None where none tells it.
+
+    Of light that is a share a of ink's and else the bath's the channel c shows
+    log(1 + a (e^ink_c - 1)). Their weighted sum bends otherwise than any single channel does:
+    colours of ink that is brighter than the bath show a little of it as much.
+
+    Parameters
+    ----------
+    values : (..., k) float
+        Weighted sum, divided by that of ink.
+    mix, ink : (c,) float64
+        Weights, and logarithm of ink over bath.
+    response : float
+        Power of its values that is light: 1 of a camera as it is wanted, 2.2 of coded pictures.
+    """
+    light = LightMix.of(mix, np.asarray(ink))
+    steps = np.expm1(response * light.ink)
+    seen = light.mix @ np.log(np.maximum(1.0 + steps[:, None] * _SHARES, _LEAST_LIGHT))
+    whole = float(np.interp(1.0, _SHARES, seen))
+    if abs(whole) < 1e-9:
+        return None
+    seen = seen / whole
+    if (np.diff(seen[(_SHARES >= 0) & (_SHARES <= 1)]) <= 0).any():
+        return None
+    rise = np.maximum.accumulate(np.where(_SHARES >= 0, seen, 0.0))
+    fall = np.minimum.accumulate(np.where(_SHARES < 0, seen, 0.0)[::-1])[::-1]
+    return np.asarray(np.interp(values, rise + fall, _SHARES))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from registration.layer_images.ink.in_light import in_light
+from registration.layer_images.ink.in_light import in_light, mixed_in_light
 from registration.layer_images.ink.ink_image import ACROSS
 from registration.layer_images.ink.presence import INK, Sides
 from registration.layer_images.ink.rims import has_rim
@@ -31,6 +31,8 @@ _ROOM = 0.2
 _PART = 0.7
 """Of a station, over bath with free sides, for its width to be told."""
 _END = 0.6
+_CODED = 2.2
+"""Power of their values that is light, of pictures coded for screens."""
 _MOST_SLANT = 0.6
 """Of light from the side, from which on edges are of the light, not of the ink."""
 
@@ -143,8 +145,9 @@ def station_widths(
     left, right = np.nan_to_num(left), np.nan_to_num(right)
     tilt = 0.5 * (left + right)[:, None] + 0.5 * (left - right)[:, None] * np.clip(ACROSS, -1, 1)
     rimmed = work.is_scatter and has_rim(bath.template)  # no OCT sharpens its edges
+    logs = np.where(tell[:, None], mean - tilt, 0.0)
     log_step = bath.scatter_step if rimmed else bath.log_step
-    level = in_light(np.where(tell[:, None], mean - tilt, 0.0), log_step).astype(np.float32)
+    level = in_light(logs, log_step).astype(np.float32)
     return measure_widths(
         level,
         ways.width[group.first],
@@ -156,7 +159,19 @@ def station_widths(
         work.is_log,
         work.flanks_lost,
         rimmed,
+        _otherwise(logs, bath) if work.is_log else None,
     )
+
+
+def _otherwise(logs: FloatArray | FloatImage, bath: Told) -> FloatImage | None:
+    """Levels in light if the picture is coded for screens, by all channels; None for no light."""
+    look = bath.appearance
+    whole = float(look.mix @ bath.ink)
+    if bath.log_step == 0.0 or whole == 0.0:
+        return None
+    values = logs * (bath.template.scale / whole)
+    light = mixed_in_light(values, look.mix, bath.ink, _CODED)
+    return None if light is None else light.astype(np.float32)
 
 
 def _noise(level: FloatImage, tell: BoolArray, sides: Sides, group: Grouping) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final, Literal
 
 import numpy as np
@@ -13,6 +14,8 @@ from registration.layer_images.widths.widths import Widths
 
 _WINDOW: Final = 3
 """Stations together."""
+_AS_EXPECTED: Final = 0.03
+"""Least relative doubt of all widths of a layer."""
 _SURE: Final = 4.0
 """Standard uncertainties beyond the tolerance."""
 
@@ -22,6 +25,10 @@ def find_stretches(stations: Stations, widths: Widths, percent: float) -> tuple[
     ratio = stations.width_mm / stations.expected_mm
     known = np.isfinite(ratio)
     found: list[Stretch] = []
+    if known.any():
+        # A layer whose lines are on the whole as wide as they should be isn't misread by much more.
+        off = math.hypot(float(np.median(ratio[known])) - 1.0, _AS_EXPECTED)
+        widths = replace(widths, common=min(widths.common, off))
     for stroke in np.unique(stations.stroke[known]):
         rows = np.flatnonzero(known & (stations.stroke == stroke))
         if len(rows) >= _WINDOW:

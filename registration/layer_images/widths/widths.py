@@ -29,8 +29,22 @@ _FLANKS: Final = 0.06
 _MOST_SPREAD = 0.15
 _THIN, _THIN_INK = 0.08, 0.5
 """Relative doubt of ink so thin (μ d below the second) that its rims may look like bath."""
-_SLANTED = 0.06
+_SLANTED = 0.15
 """Of the slant: light from the side moves edges."""
+_BY_EDGES: Final = 0.08
+"""Least relative doubt of lines that are told by their edges."""
+_EVEN: Final = 1.0 / math.sqrt(3.0)
+"""Standard uncertainty of what lies anywhere between an estimate and its other end."""
+_RESPONSE: Final = 0.5
+"""Of what another response changes: a camera that measures is linear as a rule."""
+_REBOUND: Final = 0.3
+"""Widths beyond a line's edge, within which ink that seems to come again is its own."""
+_MISFITTING: Final = 1.5
+"""Of a misfit, by which edges lie elsewhere: they leave most of it."""
+_NO_RIM: Final = 0.01
+"""Of a line's level: noise of a mean profile."""
+_RIM: Final = 0.1
+"""Of a line's level, from which on what its edges show beyond it is a rim's."""
 _OFF_MIDDLE: Final = np.linspace(-0.25, 0.25, 41)
 """Expected widths, by which a line may lie beside its expected middle."""
 _OF_RIMS: Final = 0.03
@@ -83,6 +97,7 @@ def measure_widths(
     is_light: bool,
     flanks_lost: bool = False,
     rimmed: bool = False,
+    otherwise: FloatImage | None = None,
 ) -> Widths:
     """Measure widths where they can be told.
 
@@ -105,6 +120,8 @@ def measure_widths(
         Whether what measured it loses points on steep flanks.
     rimmed : bool
         Whether they are an OCT's, of ink that shows by its rim (`rim_widths.has_rim`).
+    otherwise : (m, 61) float32 or None
+        The same by another response of the camera, which may be its own: 1 for ink as well.
     """
     count = len(profiles)
     nothing = np.full(count, np.nan)
@@ -121,7 +138,7 @@ def measure_widths(
         width, common_mm, shade = wide * ratio, 0.0, None
     else:
         width, common, common_mm, shade = _true_widths(
-            profiles, expected_mm, wide, good, template, px_mm, is_light, flanks_lost
+            profiles, expected_mm, wide, good, template, px_mm, is_light, flanks_lost, otherwise
         )
     if not np.isfinite(width[good]).any():
         return Widths(nothing, nothing, nothing, 0.0, 0.0)
@@ -132,6 +149,22 @@ def measure_widths(
     keep = np.where(good, 1.0, np.nan)
     offset = 0.5 * (left - right) * expected_mm
     return Widths(width * keep, random * keep, offset * keep, common, common_mm, shade)
+
+
+def _by_response(
+    wide: FloatArray,
+    otherwise: FloatImage | None,
+    expected_mm: FloatArray,
+    good: BoolArray,
+    template: Template,
+) -> float:
+    """What widths at half level may be off by where the camera's response is another, relative."""
+    if otherwise is None:
+        return 0.0
+    left, right, _ = _edges(otherwise, template)
+    ratio = ((left + right) * expected_mm / wide)[good]
+    known = ratio[np.isfinite(ratio)]
+    return abs(float(np.median(known)) - 1.0) if len(known) else 0.0
 
 
 def _rims(profiles: FloatImage, tell: BoolArray) -> tuple[FloatArray, ...]:
@@ -211,12 +244,14 @@ def _true_widths(
     px_mm: float,
     is_light: bool,
     flanks_lost: bool,
+    otherwise: FloatImage | None,
 ) -> tuple[FloatArray, float, float, Shade | None]:
     """Widths from widths at half level, and the uncertainty of all, relative and absolute."""
     typical = _middle_value(expected_mm[good])
     edge_px = _EDGE_PX if is_light else _EDGE_VOXEL
     if not template.filled:
-        return wide, 0.08, edge_px * px_mm, None
+        common = max(_BY_EDGES, _EVEN * _beyond_rim(wide, expected_mm, good, template))
+        return wide, common, edge_px * px_mm, None
     if flanks_lost:
         return wide, _FLANKS, px_mm, None
     if not is_light:
@@ -232,20 +267,58 @@ def _true_widths(
     bent = float(np.nanmedian(np.abs(width / wide - 1.0)))
     # An opaque line's μ is free: its spread says nothing.
     spread = min(shade.spread, 0.05 if shade.opaque(typical) else _MOST_SPREAD)
-    common = float(np.hypot(spread, 0.2 * bent + 0.3 * _doubt(shade)))
+    half = 0.5 * float(np.median(wide[alike] / expected_mm[alike]))
+    response = _RESPONSE * _by_response(wide, otherwise, expected_mm, good, template)
+    edges = _EVEN * max(bent, response, _by_rims(mean, half))
     thin = _THIN if shade.per_mm * typical < _THIN_INK else 0.0
-    common = math.hypot(common, _SLANTED * template.slant, thin)
+    common = math.hypot(spread, edges, _MISFITTING * shade.misfit, _SLANTED * template.slant, thin)
     return width, common, edge_px * px_mm, shade
+
+
+def _beyond_rim(
+    wide: FloatArray, expected_mm: FloatArray, good: BoolArray, template: Template
+) -> float:
+    """How far beyond their strongest place edges are taken, over half of a width."""
+    right = (ACROSS > 0) & (ACROSS <= 0.6)
+    rim = float(ACROSS[right][_peak(template.values[right])])
+    half = 0.5 * float(np.median(wide[good] / expected_mm[good]))
+    return abs(half - rim) / half
+
+
+def _by_rims(mean: FloatArray, half: float) -> float:
+    """What light at a line's edges may put its width off by, relative.
+
+    Edges that are stronger than the middle, or beside which ink seems to come again, are no blur's,
+    halo's or absorption's, but of slopes in the light. The true edge lies between the place where
+    they are strongest and that at half level.
+
+    Parameters
+    ----------
+    mean : (61,) float64
+        Even; linear in light.
+    half : float
+        Half of the width at half level, expected widths.
+    """
+    right = (ACROSS > 0.15) & (ACROSS < 1.0)
+    u, values = ACROSS[right], mean[right]
+    middle = float(mean[np.abs(ACROSS) <= 0.15].mean())
+    beside = np.array([mean[(one < ACROSS) & (one + _REBOUND >= ACROSS)].max() for one in u])
+    shines, shades = (
+        values - middle,
+        np.where((u > half) & (u < half + _REBOUND), beside - values, 0.0),
+    )
+    found = 0.0
+    for over in (shines, shades):
+        place = int(np.argmax(over))
+        more = float(over[place]) / max(abs(middle), 1e-9) - _NO_RIM
+        share = min(max(more, 0.0) / _RIM, 1.0)
+        found = max(found, share * abs(half - float(u[place])) / half)
+    return found
 
 
 def _middle_value(values: FloatArray) -> float:
     """Return the upper median: one of the values, so that it lies beside itself at least."""
     return float(np.partition(values, len(values) // 2)[len(values) // 2])
-
-
-def _doubt(shade: Shade) -> float:
-    """What a profile that no filament has may put widths off by, relative."""
-    return shade.misfit
 
 
 def _scatter(width: FloatArray, stroke: IntArray, good: BoolArray) -> float:

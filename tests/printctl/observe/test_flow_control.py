@@ -117,3 +117,22 @@ def test_a_flow_that_is_surely_off_is_followed_to_within_the_deadband(flow):
         control.learn(picture(rng, flow, 20.0 * k, control.factor, 1.0))
         control.put_in_force(control.proposal() or control.factor)
     assert flow * control.factor == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_step_within_a_look_is_known_though_widths_are_unsure():
+    """Before and behind it a picture misreads widths alike: it took another look, 5 s more."""
+    control = FlowControl()
+    for k in range(3):
+        seen = np.ones(4) if k < 2 else np.array([0.81, 0.7, 0.7, 0.71])
+        u = np.hypot(0.01, 0.07) * seen
+        control.learn(FlowBlocks(4.0 * k + np.arange(4.0), seen, u, np.ones(4), 0.07))
+    assert control.proposal() == pytest.approx(1 / 0.7, abs=0.06)
+
+
+def test_a_picture_that_is_less_sure_than_the_last_is_no_step():
+    """Widths by the change alone looked 17 % narrow; the flow was corrected by that."""
+    control = FlowControl(factor=1.41)
+    for common, seen in ((0.05, 0.985), (0.05, 0.985), (0.1, 0.82)):
+        full = np.full(4, seen)
+        control.learn(FlowBlocks(np.arange(4.0), full, common * full, np.full(4, 1.41), common))
+    assert abs((control.proposal() or 1.41) - 1.41) < 0.1

@@ -1,0 +1,51 @@
+"""Decision about the flow, and what is said of it."""
+
+from __future__ import annotations
+
+from printctl.observe.deciding.decision import Decision, DecisionKind
+from printctl.observe.deciding.flow_control import FlowControl
+
+
+def flow_decision(control: FlowControl) -> Decision | None:
+    """Return what a flow calls for; None where it is as it should be."""
+    if control.answers.failed:
+        return _unanswered(control)
+    told = f"the ink flows at {control.flow:.0%} ± {2 * control.u_flow:.0%} of what is asked for"
+    if control.out_of_bounds:
+        low, high = control.limits.low, control.limits.high
+        return Decision(DecisionKind.PAUSE, f"{told}: beyond a correction by {low:g} to {high:g}")
+    factor = control.proposal()
+    if factor is None:
+        return None
+    return Decision(DecisionKind.FLOW, f"{told}: factor {factor:.2f}", factor=factor)
+
+
+def _unanswered(control: FlowControl) -> Decision | None:
+    """Take corrections back that weren't answered, and say so, once."""
+    if control.answers.told:
+        return None
+    control.answers.told = True
+    factor = control.proposal()
+    back = "" if factor is None else f"; the factor is {factor:.2f} again"
+    return Decision(
+        DecisionKind.PAUSE,
+        f"the flow was corrected to {control.factor:.2f}, and the width of lines hardly changed: "
+        "widths are misread (a halo, blur, light or rims beside the lines), or the flow changed "
+        f"again meanwhile{back}, and is corrected no more in this print: look at the lines, then "
+        "resume or stop",
+        factor=factor,
+    )
+
+
+def corrected_words(control: FlowControl, factor: float | None) -> str:
+    """Which correction goes with a mend, in words; empty for none."""
+    if factor is None:
+        return ""
+    if control.answers.failed:
+        return f"; widths didn't answer corrections of the flow: factor {factor:.2f} again"
+    return f"; flow {control.flow:.0%}: factor {factor:.2f}"
+
+
+def uncorrected_words(control: FlowControl) -> str:
+    """Say that the flow isn't corrected; empty where it is."""
+    return "; the flow isn't corrected: widths didn't answer it" * control.answers.failed
