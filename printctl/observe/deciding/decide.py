@@ -4,13 +4,14 @@ Rules, in their order; the first that holds decides:
 
 0. the picture fits the layer better turned, mirrored or far moved: pause; nothing in it lies where
    it seems;
+   a map lacks rows or columns, and shows missing or moved ink: ask;
 1. the layer lies beside its place by more than tolerance (skipped steps): stop where the shift grew
    since the last look, else pause; no ink laid later could lie right;
 2. no ink comes out any more (clog, empty syringe): pause;
 3. a lumen is closed, or narrowed beyond tolerance: pause; no ink can be taken away;
 4. in a bath a whole vessel isn't seen: pause, and ask whether it is to be written again;
-   gaps that another place of the layer explains, that one of two pictures hardly sees, or that
-   a map shows which lacks rows: ask;
+   gaps that another place of the layer explains, that one of two pictures hardly sees, or of a
+   map of which nothing tells that it is whole: ask;
 5. gaps and thin lines that two pictures show (one, where there is no second): mend, fill up, and
    correct the flow;
    where ink lies on less than a third of what was seen, yet no gap is sure, or where none was seen
@@ -84,7 +85,7 @@ class Decider:
         """Return what the look calls for, as the mode allows."""
         self.layers.add(evidence, self.limits.least_seen)
         stopping = evidence.supply.state in _STOPPING  # thin because it is about to stop: no drift
-        if not stopping and evidence.turned is None and not evidence.lacks:
+        if not stopping and evidence.turned is None and not evidence.map.lacks:
             self.control.learn(evidence.flow)
         longest = max((gap.length_mm for gap in self._believed(evidence)), default=0.0)
         self.layers.failed |= stopping or bool(longest > _CLOG_MM)  # a NumPy one can't be saved
@@ -93,6 +94,7 @@ class Decider:
     def _wanted(self, evidence: Evidence) -> Decision:
         rules = (
             self._turned,
+            self._lacking,
             self._shifted,
             self._stopped,
             self._narrowed,
@@ -192,6 +194,20 @@ class Decider:
         fits = f"the picture fits the layer better {evidence.turned}"
         cause = cause_of_turn(evidence.turned)
         return Decision(DecisionKind.PAUSE, f"{fits}: {cause}; nothing is mended by it")
+
+    def _lacking(self, evidence: Evidence) -> Decision | None:
+        """Ask about what a map shows that isn't whole: moved, missing and no ink look alike."""
+        gaps, shift = self._believed(evidence), evidence.shift_mm - SURE * evidence.u_shift_mm
+        moved = evidence.aside or shift > self.limits.shift_mm
+        if not evidence.map.lacks or not (
+            gaps or evidence.thin or evidence.supply.stopped or moved
+        ):
+            return None
+        why = (
+            f"the map {evidence.map.lacks}: what lies behind lost ones shows aside, as if ink were "
+            "missing or the layer moved; look anew, or look before it is mended"
+        )
+        return Decision(DecisionKind.PAUSE, why, gaps, ask=DecisionKind.MEND if gaps else None)
 
     def _shifted(self, evidence: Evidence) -> Decision | None:
         shift, u = evidence.shift_mm, evidence.u_shift_mm

@@ -29,10 +29,11 @@ def doubts(
     """
     missing, beside = _way(believed), evidence.beside_mm
     reasons = list[str]()
-    if evidence.lacks and (believed or evidence.thin):
+    if evidence.map.unsized and (believed or evidence.thin):
         reasons.append(
-            f"the map lacks {evidence.lacks} against the last look's: what lies behind lost ones "
-            "shows aside, as if ink were missing; look anew"
+            "nothing tells whether the map is whole: there is none before it, observe.frame names "
+            "no size, and the ink at its ends doesn't show it; behind lost rows ink shows aside, "
+            "as if it were missing"
         )
     if believed and beside > _LIKE_AMOUNT * missing:
         reasons.append(

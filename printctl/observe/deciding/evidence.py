@@ -9,8 +9,9 @@ from typing import Final
 from printctl.observe.deciding.flow_control import FlowBlocks
 from printctl.observe.deciding.ink_supply import InkSupply
 from printctl.observe.deciding.thin import Thin
+from printctl.observe.map_check import MapCheck
 from registration.layer_images.findings import ToldOfInk
-from registration.layer_images.values import Gap
+from registration.layer_images.values import Blob, Gap
 
 SURE: Final = 3.29
 """Standard uncertainties beyond the tolerance: one in 2,000 by chance, one-sided."""
@@ -138,8 +139,10 @@ class Evidence:
         What all measures together tell of whether ink came; None where nobody said.
     untold_seams : float
         Share of the way that touches its neighbours and was seen, so that thin ink isn't told.
-    lacks : str
-        Rows or columns that a height map lacks against the last look's, in words.
+    map : MapCheck
+        What is known of a height map's rows and columns.
+    blobs : tuple of Blob
+        What stands over the layer, in a profiler's map.
     mends : bool
         Whether the look is about mends alone.
     """
@@ -177,7 +180,8 @@ class Evidence:
     older_limit: float = 0.02
     told: ToldOfInk | None = None
     untold_seams: float = 0.0
-    lacks: str = ""
+    map: MapCheck = MapCheck()
+    blobs: tuple[Blob, ...] = ()
     mends: bool = False
 
     def unjudged_words(self, gap_mm: float, width_percent: float) -> str:
@@ -206,7 +210,35 @@ class Evidence:
                 f"the ink's height wavers there by {self.waver:.0%} of a layer"
                 f"{over * (100.0 * self.waver > width_percent)}"
             )
+        return words + self._map_words + self._blob_words
+
+    @property
+    def _map_words(self) -> str:
+        """What isn't known of a height map, and that it shows sunken ground."""
+        words = ""
+        if self.map.sunk_mm > 0.0:
+            words += (
+                f"; what the layer lies on has sunk by up to {1e3 * self.map.sunk_mm:.0f} µm, and "
+                "its ink is judged by its rise over that"
+            )
+        if self.map.unchecked and (self.gaps or self.thin):
+            words += "; whether rows were lost and filled up within the map can't be told"
         return words
+
+    @property
+    def _blob_words(self) -> str:
+        """Blobs on the layer, the largest first."""
+        largest = sorted(self.blobs, key=lambda one: -one.area_mm2)
+        if not largest:
+            return ""
+        each = [
+            f"X {one.at_mm[0]:.1f} Y {one.at_mm[1]:.1f}, {one.width_mm:.2f} mm wide, "
+            f"{1e3 * one.height_mm:.0f} µm over the ink"
+            for one in largest[:_LISTED]
+        ]
+        more = f" and {len(largest) - _LISTED} smaller" if len(largest) > _LISTED else ""
+        many = "1 blob stands" if len(largest) == 1 else f"{len(largest)} blobs stand"
+        return f"; {many} on the layer ({'; '.join(each)}{more})"
 
     @property
     def came_words(self) -> str:
