@@ -14,7 +14,7 @@ from printctl.observe.map_check import MapCheck
 from printctl.observe.scan_place import ScanSize
 from printctl.observe.views import View
 from registration.layer_images import ExpectedLines, HeightFrame
-from registration.layer_images.heights.lost_rows import LEAST_MM, lost_rows, slid_rows
+from registration.layer_images.heights.lost_rows import LEAST_MM, gone_mm2, lost_rows
 from registration.layer_images.heights.moved_part import is_in_place
 from registration.layer_images.heights.sunk import lifted
 from registration.layer_images.pictures.working import drawn_lines
@@ -22,6 +22,7 @@ from registration.layer_images.values import FloatImage
 
 _WIDER = 2.0
 """Widths of a line, beside which its ink and its shadow change a map."""
+_GONE_MM2: Final = 0.1
 _LEVELS: Final = 2
 """Of which maps are kept: of a look at mends alone the ground lies two looks back."""
 _NEXT: Final = 0.25
@@ -93,10 +94,7 @@ class LastMap:
             assert now.size.whole is not None
             fewer = _fewer(now, now.size.whole)
             words = _count_words(fewer, now.size.whole, now.size)
-            return MapCheck(
-                f"lacks {words} that observe.frame names" if words else "",
-                unchecked=not words and not _in_place(at, view),
-            )
+            return MapCheck(f"lacks {words} that observe.frame names" if words else "")
         still = ~_changed(last, at.layer.lines, at.since)
         y, x = now.size.voxel_mm
         lost = lost_rows(now.heights, last.heights, still, (y, x))
@@ -104,17 +102,13 @@ class LastMap:
             return MapCheck(f"lacks {words} against the last look's")
         if now.size.placed:
             return MapCheck()
-        slid = slid_rows(now.heights, last.heights, still, (y, x))
-        told = [
-            f"{what} moved by {1e3 * abs(one.by) * mm:.0f} µm"
-            for one, what, mm in zip(slid, ("rows", "columns"), (y, x), strict=True)
-            if one.by
-        ]
-        if told:
+        gone = gone_mm2(now.heights - _laid_over(last, now), view.thickness_mm, (y, x))
+        if gone > _GONE_MM2:
             return MapCheck(
-                f"shows {' and '.join(told)} against the last look's (lost ones were filled up)"
+                f"lacks {gone:.2f} mm² of what stood there at the last look: rows were lost and "
+                "filled up, or it was moved"
             )
-        return MapCheck(unchecked=not (all(one.checked for one in slid) or _in_place(at, view)))
+        return MapCheck()
 
 
 def _in_place(at: HeldLook, view: View) -> bool:

@@ -15,15 +15,12 @@ class MapCheck:
         What it lacks, and against what, in words; empty for nothing.
     unsized : bool
         Whether nothing tells how many rows and columns it should have.
-    unchecked : bool
-        Whether it has as many as it should, and nothing tells that none of them were filled up.
     sunk_mm : float, mm
         By how much the ground of the layer's ink has sunk at most, since it was designed.
     """
 
     lacks: str = ""
     unsized: bool = False
-    unchecked: bool = False
     sunk_mm: float = 0.0
 
     def worse(self, other: MapCheck) -> MapCheck:
@@ -31,6 +28,5 @@ class MapCheck:
         return MapCheck(
             self.lacks or other.lacks,
             self.unsized or other.unsized,
-            self.unchecked or other.unchecked,
             max(self.sunk_mm, other.sunk_mm),
         )

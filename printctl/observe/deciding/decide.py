@@ -4,7 +4,7 @@ Rules, in their order; the first that holds decides:
 
 0. the picture fits the layer better turned, mirrored or far moved: pause; nothing in it lies where
    it seems;
-   a map lacks rows or columns, and shows missing or moved ink: ask;
+   whatever a map shows as missing or moved that lacks rows or columns: ask;
 1. the layer lies beside its place by more than tolerance (skipped steps): stop where the shift grew
    since the last look, else pause; no ink laid later could lie right;
 2. no ink comes out any more (clog, empty syringe): pause;
@@ -94,7 +94,6 @@ class Decider:
     def _wanted(self, evidence: Evidence) -> Decision:
         rules = (
             self._turned,
-            self._lacking,
             self._shifted,
             self._stopped,
             self._narrowed,
@@ -113,7 +112,7 @@ class Decider:
         for rule in rules:
             decision = rule(evidence)
             if decision is not None:
-                return decision
+                return self._of_whole_map(decision, evidence)
         any_seen = evidence.seen_share >= _ANY
         seen = "as expected, within tolerance" if any_seen else "nothing was seen"
         if not any_seen and evidence.faint_share >= _ANY:
@@ -195,19 +194,17 @@ class Decider:
         cause = cause_of_turn(evidence.turned)
         return Decision(DecisionKind.PAUSE, f"{fits}: {cause}; nothing is mended by it")
 
-    def _lacking(self, evidence: Evidence) -> Decision | None:
+    def _of_whole_map(self, wanted: Decision, evidence: Evidence) -> Decision:
         """Ask about what a map shows that isn't whole: moved, missing and no ink look alike."""
-        gaps, shift = self._believed(evidence), evidence.shift_mm - SURE * evidence.u_shift_mm
-        moved = evidence.aside or shift > self.limits.shift_mm
-        if not evidence.map.lacks or not (
-            gaps or evidence.thin or evidence.supply.stopped or moved
-        ):
-            return None
+        lacks, goes_on = evidence.map.lacks, (DecisionKind.GO_ON, DecisionKind.FLOW)
+        if not lacks or evidence.turned is not None or wanted.kind in goes_on:
+            return wanted
         why = (
-            f"the map {evidence.map.lacks}: what lies behind lost ones shows aside, as if ink were "
-            "missing or the layer moved; look anew, or look before it is mended"
+            f"the map {lacks}; what lies behind lost ones shows aside, as if ink were missing or "
+            f"the layer moved: look anew, or look before it is mended ({wanted.why})"
         )
-        return Decision(DecisionKind.PAUSE, why, gaps, ask=DecisionKind.MEND if gaps else None)
+        ask = DecisionKind.MEND if wanted.gaps or wanted.thin else None
+        return replace(wanted, kind=DecisionKind.PAUSE, why=why, ask=ask, factor=None)
 
     def _shifted(self, evidence: Evidence) -> Decision | None:
         shift, u = evidence.shift_mm, evidence.u_shift_mm

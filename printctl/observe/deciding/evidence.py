@@ -214,16 +214,14 @@ class Evidence:
 
     @property
     def _map_words(self) -> str:
-        """What isn't known of a height map, and that it shows sunken ground."""
-        words = ""
-        if self.map.sunk_mm > 0.0:
-            words += (
-                f"; what the layer lies on has sunk by up to {1e3 * self.map.sunk_mm:.0f} µm, and "
-                "its ink is judged by its rise over that"
-            )
-        if self.map.unchecked and (self.gaps or self.thin):
-            words += "; whether rows were lost and filled up within the map can't be told"
-        return words
+        """What a height map lacks, and that it shows sunken ground; empty for neither."""
+        lacks = f"; the map {self.map.lacks}" if self.map.lacks else ""
+        if not self.map.sunk_mm > 0.0:
+            return lacks
+        return (
+            f"{lacks}; what the layer lies on has sunk by up to {1e3 * self.map.sunk_mm:.0f} µm, and "
+            "its ink is judged by its rise over that"
+        )
 
     @property
     def _blob_words(self) -> str:

@@ -3,12 +3,11 @@
 A profiler that misses triggers of its stage delivers fewer profiles, and all behind them lies
 aside. Where the map's end still shows unchanged ground where the earlier map did, it merely ended
 early, and nothing lies aside. A program that fills a short map up to its usual size (repeated or
-stretched rows) hides the loss: then parts of the unchanged ground lie aside.
+stretched rows) hides the loss; but where edges lie aside, what stood there before is gone.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import cv2
@@ -17,9 +16,7 @@ import numpy as np
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage
 
 _PART: Final = 0.3
-"""Of the rows: what counts as the map's end, and how long a part of it is."""
-_STARTS: Final = (0.0, 0.175, 0.35, 0.525, 0.7)
-"""Of the rows: where parts begin."""
+"""Of the rows: what counts as the map's end."""
 _REACH_MM: Final = 2.0
 LEAST_MM: Final = 0.1
 """Fewer rows may be lost: a layer may lie as far beside its place."""
@@ -31,34 +28,10 @@ _FITS: Final = 0.4
 """Of the end's relief, that differs at most where two maps fit."""
 _BETTER: Final = 0.6
 """Times what differs at most other places: bare ground and lines along the rows fit anywhere."""
-_SMOOTH_MM: Final = 0.5
-"""Relief is what is rougher: tilt and bow fit anywhere."""
-_TALLEST: Final = 4.0
-"""Times the middle relief, that single heights count for."""
-_ALIKE: Final = 0.4
-"""Correlation of two parts from which on they show the same ground."""
-_AS_MUCH: Final = 0.5
-"""Of the best correlation: where it is higher in place, nothing is moved."""
-_SINGLE: Final = 0.8
-"""Of the best correlation, that none may reach elsewhere: lines of one pitch fit many times."""
-_CHECKED: Final = 3
-"""Parts in place, from which on a map counts as checked."""
-
-
-@dataclass(frozen=True)
-class Slid:
-    """How parts of a map lie against an earlier one of as many rows.
-
-    Attributes
-    ----------
-    by : int
-        Rows by which the part that lies farthest aside is moved; 0 for none.
-    checked : bool
-        Whether most parts surely lie in place.
-    """
-
-    by: int
-    checked: bool
+_SANK: Final = 0.5
+"""Of a layer, by which what stands sinks at most from look to look."""
+_STRIP_MM: Final = 0.05
+"""Width of what is gone, two cells at least: steep flanks scatter from map to map."""
 
 
 def lost_rows(
@@ -79,21 +52,25 @@ def lost_rows(
     return rows, _lost(now.T, last.T, still.T, cell_mm[1])
 
 
-def slid_rows(
-    now: FloatImage, last: FloatImage, still: BoolArray, cell_mm: tuple[float, float]
-) -> tuple[Slid, Slid]:
-    """Return how parts of a map lie against an earlier one, along rows and along columns.
+def gone_mm2(rise_mm: FloatImage, thickness_mm: float, cell_mm: tuple[float, float]) -> float:
+    """Return the area on which what stood at an earlier look lies lower by half a layer, mm².
 
-    Parameters are those of `lost_rows`.
+    Ink doesn't go away: it was moved in the dish, or in the map.
+
+    Parameters
+    ----------
+    rise_mm : (rows, columns) float32, mm
+        Over the earlier map; NaN where either isn't known.
+    thickness_mm : float, mm
+        Of a layer.
+    cell_mm : (float, float), mm
+        From row to row, and from column to column.
     """
-    rows, columns = (min(one) for one in zip(now.shape, last.shape, strict=True))
-    cut = np.s_[:rows, :columns]
-    own, earlier = (_rough(one[cut], cell_mm) for one in (now, last))
-    unchanged = still[cut]
-    return (
-        _slid(own, earlier, unchanged, cell_mm[0]),
-        _slid(own.T, earlier.T, unchanged.T, cell_mm[1]),
-    )
+    lower = np.nan_to_num(rise_mm, nan=0.0) < -_SANK * thickness_mm
+    high, wide = (max(2, round(_STRIP_MM / one)) for one in cell_mm)
+    kernel = np.ones((high, wide), np.uint8)
+    strips = cv2.morphologyEx(lower.astype(np.uint8), cv2.MORPH_OPEN, kernel)
+    return float(cv2.countNonZero(strips)) * cell_mm[0] * cell_mm[1]
 
 
 def _lost(now: FloatImage, last: FloatImage, still: BoolArray, cell_mm: float) -> int:
@@ -130,51 +107,3 @@ def _misfit(now: FloatImage, last: FloatImage, still: BoolArray, first: int, by:
 def _relief(values: FloatArray | FloatImage) -> float:
     """Mean distance from the median."""
     return float(np.mean(np.abs(values - np.median(values))))
-
-
-def _rough(heights: FloatImage, cell_mm: tuple[float, float]) -> FloatImage:
-    """Heights over their surroundings, single ones cut off; NaN where not measured."""
-    known = np.isfinite(heights)
-    sigma = (_SMOOTH_MM / cell_mm[1], _SMOOTH_MM / cell_mm[0])
-    total, share = (
-        cv2.GaussianBlur(one.astype(np.float32), (0, 0), sigma[0], sigmaY=sigma[1])
-        for one in (np.where(known, heights, 0.0), known)
-    )
-    off = heights - total / np.maximum(share, np.float32(1e-3))
-    most = _TALLEST * float(np.median(np.abs(off[known]))) if known.any() else 0.0
-    return np.asarray(np.clip(off, -most, most), dtype=np.float32)
-
-
-def _slid(now: FloatImage, last: FloatImage, still: BoolArray, cell_mm: float) -> Slid:
-    rows, reach = len(now), max(2, round(_REACH_MM / cell_mm))
-    least, size = max(2, round(LEAST_MM / cell_mm)), round(_PART * rows)
-    step = max(1, size * now.shape[1] // _SAMPLES)
-    own, earlier, unchanged = (one[:, ::step] for one in (now, last, still))
-    moved, in_place = [0], 0
-    for start in _STARTS:
-        part = slice(round(start * rows), round(start * rows) + size)
-        moves = range(-reach, reach + 1)
-        fits = np.array([_alike(own, earlier, unchanged, part, by) for by in moves])
-        best, at = float(fits.max()), int(fits.argmax()) - reach
-        if best < _ALIKE:
-            continue
-        far = np.abs(np.arange(-reach, reach + 1) - at) > least
-        single = not far.any() or float(fits[far].max()) < _SINGLE * best
-        in_place += abs(at) <= 1 and single
-        if abs(at) >= least and single and fits[reach] < _AS_MUCH * best:
-            moved.append(at)
-    return Slid(max(moved, key=abs), in_place >= _CHECKED)
-
-
-def _alike(now: FloatImage, last: FloatImage, still: BoolArray, part: slice, by: int) -> float:
-    """Correlation of a part's rows with those moved ``by`` rows of the earlier map; 0 for few."""
-    low, high = max(part.start, -by), min(part.stop, len(now), len(last) - by)
-    if high <= low:
-        return 0.0
-    own, earlier = now[low:high], last[low + by : high + by]
-    use = still[low + by : high + by] & np.isfinite(own) & np.isfinite(earlier)
-    if use.sum() < _FEWEST:
-        return 0.0
-    a, b = own[use], earlier[use]
-    a, b = a - a.mean(), b - b.mean()
-    return float((a @ b) / max(float(np.sqrt((a @ a) * (b @ b))), 1e-12))
