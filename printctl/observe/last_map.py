@@ -57,10 +57,10 @@ class LastMap:
             self._own = now
         return found
 
-    def judged(self, at: HeldLook, view: View) -> tuple[FloatImage, float]:
-        """Return a map's picture with ink on sunken ground lifted, and by how much at most, mm."""
+    def judged(self, at: HeldLook, view: View) -> FloatImage:
+        """Return a map's picture with ink on sunken ground lifted, and note by how much."""
         if view.hidden is None or view.size is None or self._own is None:
-            return view.image, 0.0
+            return view.image
         now, thick = self._own, view.thickness_mm
         ground = [
             one
@@ -68,14 +68,16 @@ class LastMap:
             if abs(now.top_mm - one.top_mm - thick) < _NEXT * thick and _has_same_cells(now, one)
         ]
         if not ground or now.heights is not view.taken:
-            return view.image, 0.0
+            return view.image
         rise = now.heights - _laid_over(ground[-1], now)
         size = (view.image.shape[1], view.image.shape[0])
         rise = cv2.resize(rise, size, interpolation=cv2.INTER_LINEAR)
         assert isinstance(view.frame, HeightFrame)
         px = float(np.sqrt(abs(np.linalg.det(view.frame.matrix[:2, :2]))))
         width = float(np.median(at.layer.lines.width_mm[at.layer.lines.fresh]))
-        return lifted(view.image, view.hidden, rise, thick, width * px)
+        image, sunk_mm = lifted(view.image, view.hidden, rise, thick, width * px)
+        at.map = at.map.worse(MapCheck(sunk_mm=sunk_mm))
+        return image
 
     def _keep(self) -> None:
         """Keep the last look's map beside those of other levels."""

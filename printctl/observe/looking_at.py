@@ -45,7 +45,6 @@ from printctl.observe.last_map import LastMap
 from printctl.observe.learned import Learned
 from printctl.observe.look_values import Judged, Look, MendLines
 from printctl.observe.lumen_areas import lumens_at
-from printctl.observe.map_check import MapCheck
 from printctl.observe.mending import HeldPrint, Voids, checked_mend
 from printctl.observe.mends_again import (
     MOST_TRIES,
@@ -260,8 +259,7 @@ class ObservedJob:
                 laser = view.hidden is not None
                 at.turned = better_turned(image, frame, at.layer.lines, view.scan, in_parts=laser)
             if is_height and not at.map.lacks:
-                image, sunk_mm = self._map.judged(at, view)
-                at.map = at.map.worse(MapCheck(sunk_mm=sunk_mm))
+                image = self._map.judged(at, view)
             image = image if view.filaments is None else view.filaments
             shown = view.shown_lines(at.layer.lines)
             see = partial(

@@ -116,8 +116,8 @@ def _size(path: Path, value: Any) -> tuple[int, int] | None:
     good = isinstance(value, list) and len(value) == 2
     if not good or not all(type(one) is int and one >= 16 for one in value):
         raise UsageError(
-            f"observe.frame {path}: size is {value!r}; it is [columns, rows] of a whole height map, "
-            "whole numbers of 16 and more"
+            f"observe.frame {path}: size is {value!r}; it is [columns, rows] of a whole height "
+            "map, whole numbers of 16 and more"
         )
     return value[0], value[1]
 
@@ -210,9 +210,7 @@ def refuse_other_height(size: ScanSize | None, seen_share: float, coverage: floa
     )
 
 
-def _read(
-    path: Path, frame_file: str
-) -> tuple[HeightMap, FloatArray, tuple[int, int] | None]:
+def _read(path: Path, frame_file: str) -> tuple[HeightMap, FloatArray, tuple[int, int] | None]:
     """Heights of a file, what takes the printer's places to them, (4, 4), and a map's usual size.
 
     The size is in rows and columns, None where nobody said it.

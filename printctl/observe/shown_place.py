@@ -50,9 +50,8 @@ def seen_where_ink_shows(
     within = see(replace(options, shift_mm=tolerated_mm))
     whole = unsure and findings.coverage > _WHOLE and not findings.gaps
     whole = whole and not (slid and _leads_unseen(findings, moved_mm))
-    if whole:
-        if _more_at_ends_mm(findings, within, 2 * moved_mm) > _MORE * tolerated_mm:
-            return replace(findings, aside=True)
+    if whole and _more_at_ends_mm(findings, within, 2 * moved_mm) > _MORE * tolerated_mm:
+        return replace(findings, aside=True)
     if lone and not within.coverage >= _SHOWN:
         for one in (findings, see(replace(options, shift_mm=2 * options.shift_mm))):
             if one.seen_share * one.coverage > _ALL and shift_of(one)[0] > tolerated_mm:

@@ -23,6 +23,7 @@ from registration.layer_images.ink.in_light import LightMix
 from registration.layer_images.ink.ink_image import ACROSS, SMOOTH, angle_of
 from registration.layer_images.ink.presence import INK
 from registration.layer_images.ink.told import Told
+from registration.layer_images.on_lines import blobs_on_lines
 from registration.layer_images.options import SeeingOptions
 from registration.layer_images.over_ink.changed import unchanged
 from registration.layer_images.over_ink.step_height import stepped
@@ -31,7 +32,6 @@ from registration.layer_images.pictures.working import Mask
 from registration.layer_images.seen_layer import SeenLayer
 from registration.layer_images.unseen.bare_strokes import bare_strokes
 from registration.layer_images.unseen.debris import is_bare
-from registration.layer_images.unseen.out_of_place import over_ink
 from registration.layer_images.unseen.seam_findings import seam_findings, without_thin
 from registration.layer_images.unseen.told_by_all import told_by_all
 from registration.layer_images.unseen.unseen_ways import doubted_gaps, unseen_ways
@@ -48,7 +48,6 @@ from registration.layer_images.values import (
 )
 from registration.layer_images.ways import Ways
 from registration.layer_images.widths.blobs import find_blobs
-from registration.layer_images.widths.high_spots import high_spots
 from registration.layer_images.widths.lumens_seen import see_lumens
 from registration.layer_images.widths.stretches import find_stretches, width_ratio
 from registration.layer_images.widths.widths import Widths
@@ -66,8 +65,6 @@ _HALF_SHOWN: Final = 0.5
 _HOLE_PX: Final = 3.0
 """Working pixels: holes that are as wide are filled with what lies around."""
 _FEWEST_HEIGHTS: Final = 20
-_BESIDE: Final = 0.25
-"""Of a width beside lines, so far blobs on them are looked for: second reflections lie at feet."""
 _TOUCHING: Final = 0.8
 """In widths from a line's middle: ink that begins nearer touches it."""
 
@@ -177,7 +174,7 @@ def findings_of(
         stations=stations,
         gaps=_placed(merged(gaps, ways), look, shift, good),
         stretches=stretches,
-        blobs=blobs + _high_spots(look),
+        blobs=blobs + blobs_on_lines(look),
         lumens=_lumens(look, lumens, shift),
         width_ratio=ratio,
         u_width_ratio=u_ratio,
@@ -384,21 +381,6 @@ def _placed(
         alone = np.minimum(look.sides.left, look.sides.right) > _TOUCHING
         gaps = tuple(ends.measured(gaps, good & (look.present > INK), alone))
     return tuple(replace(gap, u_shift_mm=shift_along(gap, look.ways, shift)) for gap in gaps)
-
-
-def _high_spots(look: SeenLayer) -> tuple[Blob, ...]:
-    """What stands over the ink of a profiler's map, on its lines or beside them."""
-    if not look.work.flanks_lost or look.thickness_mm is None:
-        return ()
-    over = over_ink(look, look.thickness_mm)
-    if over is None:
-        return ()
-    width_px = float(np.median(look.ways.width)) * look.work.px_per_mm
-    side = 2 * round(_BESIDE * width_px) + 1
-    near = cv2.dilate(look.masks.fresh, np.ones((side, side), np.uint8))
-    place = PlaneMap.of(look.frame, look.moved, 1.0 / look.work.px_per_mm)
-    hidden = look.work.hidden | look.work.bad
-    return high_spots(over, near, hidden, look.thickness_mm, width_px, place)
 
 
 def _blobs(look: SeenLayer, options: SeeingOptions) -> tuple[tuple[Blob, ...], BoolArray]:

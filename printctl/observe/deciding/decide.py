@@ -34,7 +34,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from printctl.observe.deciding.decision import Decision, DecisionKind, Limits
-from printctl.observe.deciding.doubts import cause_of_turn, doubts, unconfirmed_words
+from printctl.observe.deciding.doubts import cause_of_turn, doubts, of_whole_map, unconfirmed_words
 from printctl.observe.deciding.evidence import SURE, Evidence
 from printctl.observe.deciding.flow_control import FlowControl
 from printctl.observe.deciding.gap_test import confirmed_gaps
@@ -112,7 +112,7 @@ class Decider:
         for rule in rules:
             decision = rule(evidence)
             if decision is not None:
-                return self._of_whole_map(decision, evidence)
+                return of_whole_map(decision, evidence)
         any_seen = evidence.seen_share >= _ANY
         seen = "as expected, within tolerance" if any_seen else "nothing was seen"
         if not any_seen and evidence.faint_share >= _ANY:
@@ -124,7 +124,7 @@ class Decider:
             seen = f"only {evidence.seen_share:.0%} was seen; that is {seen}"
         if many := evidence.stretches:
             seen = f"{many} stretches beyond {self.limits.width_percent:g} % of width, told alone"
-        seen += self._rest(evidence) if any_seen and not hardly else evidence.hidden_words
+        seen += self._rest(evidence) if any_seen and not hardly else evidence.bare_words
         told = f"; {evidence.over_old_share:.0%} lies over older ink and can't be told from it"
         seen += told * (evidence.over_old_share >= 0.01) + evidence.came_words
         return Decision(DecisionKind.GO_ON, seen + unconfirmed_words(evidence, self.limits.gap))
@@ -193,18 +193,6 @@ class Decider:
         fits = f"the picture fits the layer better {evidence.turned}"
         cause = cause_of_turn(evidence.turned)
         return Decision(DecisionKind.PAUSE, f"{fits}: {cause}; nothing is mended by it")
-
-    def _of_whole_map(self, wanted: Decision, evidence: Evidence) -> Decision:
-        """Ask about what a map shows that isn't whole: moved, missing and no ink look alike."""
-        lacks, goes_on = evidence.map.lacks, (DecisionKind.GO_ON, DecisionKind.FLOW)
-        if not lacks or evidence.turned is not None or wanted.kind in goes_on:
-            return wanted
-        why = (
-            f"the map {lacks}; what lies behind lost ones shows aside, as if ink were missing or "
-            f"the layer moved: look anew, or look before it is mended ({wanted.why})"
-        )
-        ask = DecisionKind.MEND if wanted.gaps or wanted.thin else None
-        return replace(wanted, kind=DecisionKind.PAUSE, why=why, ask=ask, factor=None)
 
     def _shifted(self, evidence: Evidence) -> Decision | None:
         shift, u = evidence.shift_mm, evidence.u_shift_mm

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
+from printctl.observe.deciding.decision import Decision, DecisionKind
 from printctl.observe.deciding.evidence import Evidence
 from printctl.observe.deciding.gap_test import GapTest
 from registration.layer_images.options import IN_PART
@@ -60,6 +62,19 @@ def doubts(
         words = ", ".join(one.words for one in next_to)
         reasons.append(f"next to {_many(believed)}, {words} can't be told")
     return reasons, (*once, *(one.gap for one in next_to))
+
+
+def of_whole_map(wanted: Decision, evidence: Evidence) -> Decision:
+    """Ask about what a map shows that isn't whole: moved, missing and no ink look alike."""
+    lacks, goes_on = evidence.map.lacks, (DecisionKind.GO_ON, DecisionKind.FLOW)
+    if not lacks or evidence.turned is not None or wanted.kind in goes_on:
+        return wanted
+    why = (
+        f"the map {lacks}; what lies behind lost ones shows aside, as if ink were missing or "
+        f"the layer moved: look anew, or look before it is mended ({wanted.why})"
+    )
+    ask = DecisionKind.MEND if wanted.gaps or wanted.thin else None
+    return replace(wanted, kind=DecisionKind.PAUSE, why=why, ask=ask, factor=None)
 
 
 def cause_of_turn(turned: str) -> str:

@@ -210,7 +210,7 @@ class Evidence:
                 f"the ink's height wavers there by {self.waver:.0%} of a layer"
                 f"{over * (100.0 * self.waver > width_percent)}"
             )
-        return words + self._map_words + self._blob_words
+        return words + self._map_words + self.blob_words
 
     @property
     def _map_words(self) -> str:
@@ -224,7 +224,7 @@ class Evidence:
         )
 
     @property
-    def _blob_words(self) -> str:
+    def blob_words(self) -> str:
         """Blobs on the layer, the largest first."""
         largest = sorted(self.blobs, key=lambda one: -one.area_mm2)
         if not largest:
@@ -245,6 +245,11 @@ class Evidence:
         if came_mm < _SOME_MM:
             return ""
         return f"; along {came_mm:.1f} mm the picture changed as by fresh ink: gaps aren't told"
+
+    @property
+    def bare_words(self) -> str:
+        """What is told of a look that sees hardly anything else."""
+        return self.hidden_words + self.blob_words
 
     @property
     def hidden_words(self) -> str:

@@ -21,6 +21,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from registration.layer_images.gaps.gap_run import FINE, GapRun
+from registration.layer_images.gaps.gaps import merged
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage, Gap, IntArray
 from registration.layer_images.ways import Seen, Ways
 
@@ -109,12 +110,12 @@ class HeightsAlong:
     def measured(self, gaps: Sequence[Gap], ink: BoolArray, free: BoolArray) -> list[Gap]:
         """Return gaps with ends at the ink's tips, as `gap_ends.LightAlong.measured` does."""
         grown = [self._grown(gap, ink, _others(gap, gaps)) for gap in gaps]
-        return [self._measured(gap, ink, free) for gap in grown]
+        return [self._measured(gap, ink, free) for gap in merged(grown, self.ways)]
 
     def _grown(self, gap: Gap, ink: BoolArray, between: tuple[float, float]) -> Gap:
         """Gap with what lies as low beside it, up to the next ink that is seen.
 
-        What wasn't told there (near a turn, a rim, a line that crosses) may still be seen to be low.
+        What wasn't told there (near a turn, a rim, a crossing line) may still be seen to be low.
         """
         run = GapRun.of(gap, self.ways, self.px_mm)
         if run is None:

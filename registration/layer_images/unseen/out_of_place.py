@@ -103,6 +103,8 @@ def _ink_level(look: SeenLayer, thickness_mm: float) -> FloatImage | None:
     shape, at = look.work.shape, np.rint(look.seen.at).astype(np.int64)
     inside = ((at >= 0) & (at < np.array(shape[::-1]))).all(axis=1)
     use: BoolArray = inside & (look.why == Unseen.SEEN) & (look.present > INK)
+    if use.sum() < _FEWEST:  # too grainy for gaps, or under blobs
+        use = inside & (np.nan_to_num(look.present) > INK)
     if use.sum() < _FEWEST:
         return None
     x, y = at[use].T
