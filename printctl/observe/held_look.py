@@ -65,7 +65,7 @@ class HeldLook:
     found: dict[Path, LayerFindings] = field(default_factory=dict)
     mends_alone: bool = False
     turned: str | None = None
-    map: MapCheck = MapCheck()
+    map: MapCheck = field(default_factory=MapCheck)
     size: ScanSize | None = None
 
 

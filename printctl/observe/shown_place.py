@@ -86,14 +86,14 @@ def _more_at_ends_mm(moved: LayerFindings, within: LayerFindings, reach_mm: floa
 
     Of a stroke in the mean. Strokes of whose ends either sees less than half tell nothing.
     """
-    more = list[float]()
-    for stroke in np.unique(moved.stations.stroke):
+    more_mm, strokes = 0.0, np.unique(moved.stations.stroke)
+    for stroke in strokes:
         (ink, seen), (ink_within, seen_within) = (
             _at_ends(one, stroke, reach_mm) for one in (moved, within)
         )
         if min(seen, seen_within) >= _ENDS_SEEN:
-            more.append(ink - ink_within)
-    return float(np.mean(more)) if more else 0.0
+            more_mm += ink - ink_within
+    return more_mm / len(strokes)
 
 
 def _at_ends(findings: LayerFindings, stroke: int, reach_mm: float) -> tuple[float, float]:

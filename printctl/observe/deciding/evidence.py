@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from printctl.observe.deciding.flow_control import FlowBlocks
@@ -180,7 +180,7 @@ class Evidence:
     older_limit: float = 0.02
     told: ToldOfInk | None = None
     untold_seams: float = 0.0
-    map: MapCheck = MapCheck()
+    map: MapCheck = field(default_factory=MapCheck)
     blobs: tuple[Blob, ...] = ()
     mends: bool = False
 
@@ -219,8 +219,8 @@ class Evidence:
         if not self.map.sunk_mm > 0.0:
             return lacks
         return (
-            f"{lacks}; what the layer lies on has sunk by up to {1e3 * self.map.sunk_mm:.0f} µm, and "
-            "its ink is judged by its rise over that"
+            f"{lacks}; what the layer lies on has sunk by up to {1e3 * self.map.sunk_mm:.0f} µm, "
+            "and its ink is judged by its rise over that"
         )
 
     @property
