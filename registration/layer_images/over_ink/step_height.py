@@ -38,7 +38,7 @@ _LEAST_INK: Final = 0.35
 """Of the places, that must lie at ink's level."""
 _LOW, _HIGH = -0.6, 1.6
 """Presence of what is neither ink nor older ink: shadow, a hole through it, a bubble."""
-_RAISED: Final = 1.35
+_RAISED: Final = 1.2
 """Presence of a blob on a line."""
 _RIM: Final = 1.0
 """Widths from bath or a rim, within which surfaces droop and have a level of their own."""
