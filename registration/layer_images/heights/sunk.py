@@ -17,6 +17,8 @@ from registration.layer_images.values import BoolArray, FloatImage
 
 _ROSE: Final = 0.5
 """Of a layer, by which fresh ink has risen at least."""
+_BRIDGES: Final = 1.4
+"""Of a layer, from which on ink has bridged what lay deeper, and tells nothing of what sank."""
 _TOP: Final = 0.5
 """Thicknesses from the layer's middle to its top."""
 _LEFT: Final = 0.1
@@ -25,8 +27,11 @@ _TOLD: Final = 0.3
 """Of a layer, from which on it is said."""
 _AROUND: Final = 1.0
 """Widths of a line, over which risen ink is averaged."""
+_FAR: Final = 4.0
+"""The same where none is so near: a line that is missing, or was lost in the earlier map."""
 _SHARE: Final = 0.05
 """Of what lies around, that must have risen."""
+_NONE: Final = 1e-3
 
 
 def lifted(
@@ -53,13 +58,14 @@ def lifted(
         Of a line.
     """
     height, rise = picture[:, :, 1] / thickness_mm, rise_mm / thickness_mm
-    rose = np.nan_to_num(rise, nan=0.0) > _ROSE
-    low = np.where(rose, np.minimum(np.nan_to_num(rise), 1.0) - _TOP - height, 0.0)
-    total, share = (
-        cv2.GaussianBlur(one.astype(np.float32), (0, 0), _AROUND * width_px) for one in (low, rose)
-    )
-    sunk = np.where(share > _SHARE, total / np.maximum(share, np.float32(_SHARE)), 0.0)
-    lift = np.maximum(sunk - _LEFT, 0.0).astype(np.float32)
+    risen = np.nan_to_num(rise, nan=0.0)
+    rose = (risen > _ROSE) & (risen < _BRIDGES)
+    low = np.where(rose, np.minimum(risen, 1.0) - _TOP - height, 0.0)
+    sunk, share = _averaged(low, rose, _AROUND * width_px)
+    far, _ = _averaged(low, rose, _FAR * width_px)
+    lift = np.maximum(np.where(share > _SHARE, sunk, far) - _LEFT, 0.0).astype(np.float32)
+    bare = (share <= _SHARE) & (rise <= _ROSE)  # no higher than what lies where ink is missing
+    lift = np.where(bare, np.clip(-_TOP - height, 0.0, lift), lift)
     if not lift[rose].any():
         return picture, 0.0
     level = np.clip(height + lift, GROUND, HIGHEST)
@@ -67,3 +73,12 @@ def lifted(
     out = np.stack([level, (height + lift) * thickness_mm], axis=2).astype(np.float32)
     most = float(np.percentile(sunk[rose], 99))
     return out, most * thickness_mm if most > _TOLD else 0.0
+
+
+def _averaged(values: FloatImage, use: BoolArray, sigma_px: float) -> tuple[FloatImage, FloatImage]:
+    """Mean of values around each cell that are used, 0 where there are none, and their share."""
+    total, share = (
+        cv2.GaussianBlur(one.astype(np.float32), (0, 0), sigma_px) for one in (values, use)
+    )
+    mean = np.where(share > _NONE, total / np.maximum(share, np.float32(_NONE)), 0.0)
+    return mean.astype(np.float32), np.asarray(share)

@@ -13,7 +13,11 @@ from registration.readers.heights import HeightMap
 
 
 def _looks(
-    kind: Kind, seed: int, sunk: float, bare: tuple[Bare, ...] = ()
+    kind: Kind,
+    seed: int,
+    sunk: float,
+    bare: tuple[Bare, ...] = (),
+    lost: slice | None = None,
 ) -> tuple[LayerFindings, LayerFindings, float]:
     """Looks without and with the last map, in a hollow so many layers deep; how deep it is told."""
     map_ = profiled(seed, kind, bare)
@@ -22,6 +26,8 @@ def _looks(
     hollow = sunk * thick * np.exp(-((x**2 + y**2) ** 2))
     ink = map_.surface > (map_.layer.max() + 0.5) * thick
     rise = np.where(np.isfinite(map_.heights), thick * ink, np.nan).astype(np.float32)
+    if lost is not None:
+        rise[lost] = np.nan
     at = HeightMap((map_.heights - hollow).astype(np.float32), (map_.px, map_.px))
     surface = surface_of(at, map_.to_map, map_.middle_z, thick, lines)
     raised, told = lifted(
@@ -55,3 +61,10 @@ def test_ink_at_its_height_is_left_as_it_is() -> None:
     plain, by_rise, told = _looks("solid", 3, 0.0)
     assert told == 0.0
     assert by_rise.seen_share == pytest.approx(plain.seen_share, abs=0.02)
+
+
+def test_a_line_that_the_last_map_lost_isnt_taken_for_missing() -> None:
+    middle = len(profiled(1, "solid").heights) // 2
+    _, by_rise, _ = _looks("solid", 1, 0.9, lost=slice(middle - 25, middle + 25))
+    assert by_rise.gaps == ()
+    assert by_rise.seen_share > 0.8
