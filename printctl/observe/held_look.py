@@ -14,6 +14,7 @@ from printctl.observe.deciding.evidence import UnseenPath
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.expected import ExpectedInk
 from printctl.observe.look_values import Look
+from printctl.observe.map_check import MapCheck
 from printctl.observe.mending import HeldPrint
 from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.mends_again import LayerInk, mended_of
@@ -47,8 +48,8 @@ class HeldLook:
         ink that it was about.
     turned : str or None
         How the last picture would fit the layer clearly better.
-    lacks : str
-        Rows or columns that a height map lacks, in words.
+    map : MapCheck
+        What is known of the rows and columns of its height maps.
     size : ScanSize or None
         Of the last volume.
     """
@@ -64,7 +65,7 @@ class HeldLook:
     found: dict[Path, LayerFindings] = field(default_factory=dict)
     mends_alone: bool = False
     turned: str | None = None
-    lacks: str = ""
+    map: MapCheck = field(default_factory=MapCheck)
     size: ScanSize | None = None
 
 

@@ -130,6 +130,7 @@ def evidence_of(
         narrowed=tuple(open_width(one) for one in findings.lumens if one.seen),
         stretches=len(findings.stretches),
         thin=thin,
+        blobs=tuple(one for one in findings.blobs if math.isfinite(one.height_mm)),
         seem_thin=_below(findings, ink, layer, section, tolerated),
         over_old_share=_over_old(stations),
         way_mm=float(findings.stations.length_mm.sum()),  # mends can fail, too

@@ -221,7 +221,7 @@ class ObservedJob:
         )
         each = [one for one in (first, second) if one is not None]
         unseen = self._unseen(at, each)
-        evidence = replace(evidence, turned=at.turned, lacks=at.lacks, unseen=unseen)
+        evidence = replace(evidence, turned=at.turned, map=at.map, unseen=unseen)
         if at.ink.style == "embedded":
             hidden = hidden_stretches(at, each, limits.gap.least_mm)
             evidence = replace(evidence, hidden=hidden)
@@ -254,10 +254,12 @@ class ObservedJob:
             self._check_new(view.taken, before)
             layered = at.ink.style == "layered"
             is_height = self.order.tells_heights and layered
-            at.lacks = at.lacks or self._map.lacks(at, view)
+            at.map = at.map.worse(self._map.check(at, view))
             if self.order.tells_heights:  # a camera's marks hold its frame themselves
                 laser = view.hidden is not None
                 at.turned = better_turned(image, frame, at.layer.lines, view.scan, in_parts=laser)
+            if is_height and not at.map.lacks:
+                image = self._map.judged(at, view)
             image = image if view.filaments is None else view.filaments
             shown = view.shown_lines(at.layer.lines)
             see = partial(

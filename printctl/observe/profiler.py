@@ -32,7 +32,7 @@ _FLATTEST, _TALLEST = 0.3, 2.0
 slumped or domed ink stood 0.75 to 1.0 over it."""
 _SHOWS: Final = 0.5
 """Of the way, with ink on it, from which on what stands there is ink."""
-_KEYS: Final = frozenset({FRAME_KEY, "pixel_mm", "count_mm", "lost"})
+_KEYS: Final = frozenset({FRAME_KEY, "pixel_mm", "count_mm", "lost", "size"})
 
 
 @dataclass(frozen=True)
@@ -47,12 +47,15 @@ class ProfilerFrame:
     count_mm : float, mm
     lost : float or None
         These three as of `read_heights`.
+    size : (x, y) or None
+        Columns and rows of a whole map.
     """
 
     to_map: FloatArray
     pixel_mm: tuple[float, float] | None = None
     count_mm: float = 1.0
     lost: float | None = None
+    size: tuple[int, int] | None = None
 
 
 def read_matrix(path: Path, device: str, known: frozenset[str] | None = None) -> dict[str, Any]:
@@ -103,7 +106,20 @@ def read_profiler_frame(path: Path) -> ProfilerFrame:
         ) from exc
     if not all(0 < one < np.inf for one in (count, *(pixel or ()))):
         raise UsageError(f"observe.frame {path}: pixel_mm and count_mm must be above 0 mm")
-    return ProfilerFrame(data[FRAME_KEY], pixel, count, lost)
+    return ProfilerFrame(data[FRAME_KEY], pixel, count, lost, _size(path, data.get("size")))
+
+
+def _size(path: Path, value: Any) -> tuple[int, int] | None:
+    """Columns and rows of a whole map, where its frame says them."""
+    if value is None:
+        return None
+    good = isinstance(value, list) and len(value) == 2
+    if not good or not all(type(one) is int and one >= 16 for one in value):
+        raise UsageError(
+            f"observe.frame {path}: size is {value!r}; it is [columns, rows] of a whole height "
+            "map, whole numbers of 16 and more"
+        )
+    return value[0], value[1]
 
 
 def try_laser_frame(path: Path) -> None:
@@ -148,10 +164,10 @@ def open_surface(
         When the frame can't be read.
     """
     if frame_file and is_laser_file(Path(frame_file)):
-        heights, to_map = _swept(path, Path(frame_file), lines), np.eye(4)
+        heights, to_map, whole = _swept(path, Path(frame_file), lines), np.eye(4), None
     else:
-        heights, to_map = _read(path, frame_file)
-    size = ScanSize.of_heights(heights, to_map)
+        heights, to_map, whole = _read(path, frame_file)
+    size = replace(ScanSize.of_heights(heights, to_map), whole=whole)
     refuse_elsewhere(size, lines)
     try:
         surface = surface_of(heights, to_map, middle_z_mm, thickness_mm, lines)
@@ -194,15 +210,19 @@ def refuse_other_height(size: ScanSize | None, seen_share: float, coverage: floa
     )
 
 
-def _read(path: Path, frame_file: str) -> tuple[HeightMap, FloatArray]:
-    """Heights of a profiler's file, and what takes the printer's places to them, (4, 4)."""
+def _read(path: Path, frame_file: str) -> tuple[HeightMap, FloatArray, tuple[int, int] | None]:
+    """Heights of a file, what takes the printer's places to them, (4, 4), and a map's usual size.
+
+    The size is in rows and columns, None where nobody said it.
+    """
     frame = read_profiler_frame(Path(frame_file)) if frame_file else ProfilerFrame(np.eye(4))
     try:
         heights = read_heights(path, frame.pixel_mm, frame.count_mm, frame.lost)
     except (ScanFileError, OSError) as exc:
         raise DeviceError(" ".join(str(exc).split())) from exc
     told = None if frame_file else heights.to_map
-    return heights, frame.to_map if told is None else told
+    whole = None if frame.size is None or heights.placed else frame.size[::-1]
+    return heights, frame.to_map if told is None else told, whole
 
 
 def _swept(path: Path, laser_file: Path, lines: ExpectedLines) -> HeightMap:

@@ -35,6 +35,10 @@ class ScanSize:
         Its corners in its own frame: x, y, depth, or x, y.
     stands : float
         Height of ink over the bare plate beside it, of what it should be; NaN where it isn't known.
+    whole : (rows, columns) or None
+        Of a whole height map, as its frame says.
+    placed : bool
+        As of `HeightMap`.
     """
 
     voxel_mm: tuple[float, ...]
@@ -43,6 +47,8 @@ class ScanSize:
     low_mm: FloatArray
     high_mm: FloatArray
     stands: float = math.nan
+    whole: tuple[int, int] | None = None
+    placed: bool = False
 
     @staticmethod
     def of(scan: Scan, to_scan: FloatArray) -> ScanSize:
@@ -65,7 +71,7 @@ class ScanSize:
         corners = np.array([(x, y, usual) for x in (low[0], high[0]) for y in (low[1], high[1])])
         where = _covered(corners, to_map, 2)
         words = f"{_count_words(shape, voxel)} (x, y) and covers {where}"
-        return ScanSize(voxel, words, to_map, low, high)
+        return ScanSize(voxel, words, to_map, low, high, placed=heights.placed)
 
 
 def refuse_elsewhere(size: ScanSize, lines: ExpectedLines) -> None:

@@ -17,6 +17,7 @@ _SHOWN: Final = 0.5
 _ALL: Final = 0.8
 """The same, for none of its ink to be missing."""
 _WHOLE: Final = 0.95
+_ENDS_SEEN: Final = 0.5
 _MORE: Final = 0.5
 """Of the tolerance: so much more ink, mm, at a moved place says that it lies there."""
 
@@ -49,10 +50,8 @@ def seen_where_ink_shows(
     within = see(replace(options, shift_mm=tolerated_mm))
     whole = unsure and findings.coverage > _WHOLE and not findings.gaps
     whole = whole and not (slid and _leads_unseen(findings, moved_mm))
-    if whole:
-        ink_mm = [_at_ends_mm(one, 2 * moved_mm) for one in (findings, within)]
-        if ink_mm[0] - ink_mm[1] > _MORE * tolerated_mm:
-            return replace(findings, aside=True)
+    if whole and _more_at_ends_mm(findings, within, 2 * moved_mm) > _MORE * tolerated_mm:
+        return replace(findings, aside=True)
     if lone and not within.coverage >= _SHOWN:
         for one in (findings, see(replace(options, shift_mm=2 * options.shift_mm))):
             if one.seen_share * one.coverage > _ALL and shift_of(one)[0] > tolerated_mm:
@@ -82,14 +81,28 @@ def _leads_unseen(findings: LayerFindings, moved_mm: float) -> bool:
     return float(length[leads & stations.seen].sum()) < _ALL * float(length[leads].sum())
 
 
-def _at_ends_mm(findings: LayerFindings, reach_mm: float) -> float:
-    """Way with ink so near to strokes' ends, mm, of a stroke in the mean."""
-    stations = findings.stations
-    strokes, ink_mm = np.unique(stations.stroke), 0.0
+def _more_at_ends_mm(moved: LayerFindings, within: LayerFindings, reach_mm: float) -> float:
+    """Way with ink so near to strokes' ends at a moved place over that within tolerance, mm.
+
+    Of a stroke in the mean. Strokes of whose ends either sees less than half tell nothing.
+    """
+    more_mm, strokes = 0.0, np.unique(moved.stations.stroke)
     for stroke in strokes:
-        own = (stations.stroke == stroke) & stations.seen
-        along = stations.along_mm[stations.stroke == stroke]
-        at = stations.along_mm[own]
-        near = (at < along.min() + reach_mm) | (at > along.max() - reach_mm)
-        ink_mm += float((stations.length_mm * stations.present)[own][near].sum())
-    return ink_mm / len(strokes)
+        (ink, seen), (ink_within, seen_within) = (
+            _at_ends(one, stroke, reach_mm) for one in (moved, within)
+        )
+        if min(seen, seen_within) >= _ENDS_SEEN:
+            more_mm += ink - ink_within
+    return more_mm / len(strokes)
+
+
+def _at_ends(findings: LayerFindings, stroke: int, reach_mm: float) -> tuple[float, float]:
+    """Way with ink near a stroke's ends, mm, and the share of it that is seen."""
+    stations = findings.stations
+    own = stations.stroke == stroke
+    along, length, seen = stations.along_mm[own], stations.length_mm[own], stations.seen[own]
+    if not len(along):
+        return 0.0, 0.0
+    near = (along < along.min() + reach_mm) | (along > along.max() - reach_mm)
+    ink = (length * stations.present[own])[near & seen].sum()
+    return float(ink), float(length[near & seen].sum() / length[near].sum())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -86,6 +87,8 @@ class View(NamedTuple):
         Of a volume in a bath: each column at the depth of the filament that is expected next to it.
     scan : Scan or None
         A volume in a bath.
+    thickness_mm : float, mm
+        Of the layer in a height map; NaN of others.
     """
 
     image: Image
@@ -96,6 +99,7 @@ class View(NamedTuple):
     shown: Image | None = None
     filaments: Image | None = None
     scan: Scan | None = None
+    thickness_mm: float = math.nan
 
     @property
     def drawn_into(self) -> Image:
@@ -142,7 +146,7 @@ def open_view(
         surface, size, heights = open_surface(path, order.frame, middle_z_mm, thickness_mm, lines)
         return View(
             surface.picture, surface.frame, heights.height_mm, size, surface.hidden,
-            surface.shaded(),
+            surface.shaded(), thickness_mm=thickness_mm,
         )  # fmt: skip
     if order.oct:
         to_scan = _oct_frame(path, order)

@@ -58,7 +58,7 @@ def sweep_heights(
     count[highest - lowest > _CONTRADICTION_MM] = 0
     mean = np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(rows, columns)
     origin = (float(low_mm[0]), float(low_mm[1]))
-    return HeightMap(mean.astype(np.float32), (side, side), origin)
+    return HeightMap(mean.astype(np.float32), (side, side), origin, placed=True)
 
 
 def _points(profile: Profile, laser: LaserSweep) -> FloatArray:

@@ -23,6 +23,7 @@ from registration.layer_images.ink.in_light import LightMix
 from registration.layer_images.ink.ink_image import ACROSS, SMOOTH, angle_of
 from registration.layer_images.ink.presence import INK
 from registration.layer_images.ink.told import Told
+from registration.layer_images.on_lines import blobs_on_lines
 from registration.layer_images.options import SeeingOptions
 from registration.layer_images.over_ink.changed import unchanged
 from registration.layer_images.over_ink.step_height import stepped
@@ -173,7 +174,7 @@ def findings_of(
         stations=stations,
         gaps=_placed(merged(gaps, ways), look, shift, good),
         stretches=stretches,
-        blobs=blobs,
+        blobs=blobs + blobs_on_lines(look),
         lumens=_lumens(look, lumens, shift),
         width_ratio=ratio,
         u_width_ratio=u_ratio,

@@ -253,6 +253,8 @@ class Blob:
     area_mm2 : float, mm²
     touches_line : bool
     p_value : float
+    height_mm : float, mm
+        Over the ink around, in a height map; NaN of others.
     """
 
     kind: Literal["blob", "drag", "object"]
@@ -261,6 +263,12 @@ class Blob:
     area_mm2: float
     touches_line: bool
     p_value: float
+    height_mm: float = math.nan
+
+    @property
+    def width_mm(self) -> float:
+        """Diameter of a disc of its area, mm."""
+        return math.sqrt(4.0 / math.pi * self.area_mm2)
 
 
 @dataclass(frozen=True)

@@ -49,12 +49,15 @@ class HeightMap:
         Middle of the first one.
     to_map : (4, 4) float64 or None
         Takes the printer's places to the profiler's, mm, where the file says it.
+    placed : bool
+        Whether each height's place was measured, so that none can lie aside for one that was lost.
     """
 
     height_mm: HeightArray
     pixel_mm: tuple[float, float]
     origin_mm: tuple[float, float] = (0.0, 0.0)
     to_map: FloatArray | None = None
+    placed: bool = False
 
 
 def read_heights(
@@ -101,7 +104,7 @@ def _of_npz(
         own = np.asarray(file["printer_to_scan"], float) if "printer_to_scan" in file else None
     if own is not None and (wrong := wrong_placement(own)):
         raise ScanFileError(f"{path}: printer_to_scan {wrong}; write it anew or leave it out")
-    return HeightMap(heights, _spacing(path, pixel_mm), to_map=own)
+    return HeightMap(heights, _spacing(path, pixel_mm), to_map=own, placed=own is not None)
 
 
 def _two_numbers(path: Path, pixel_mm: NDArray[Any]) -> tuple[float, float]:
@@ -226,4 +229,5 @@ def _gridded(
     count = np.bincount(at, minlength=rows * columns)
     total = np.bincount(at, z[good] * count_mm, minlength=rows * columns)
     mean = np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(rows, columns)
-    return HeightMap(mean.astype(np.float32), pixel_mm, (float(low[0]), float(low[1])))
+    origin = (float(low[0]), float(low[1]))
+    return HeightMap(mean.astype(np.float32), pixel_mm, origin, placed=True)

@@ -4,13 +4,14 @@ Rules, in their order; the first that holds decides:
 
 0. the picture fits the layer better turned, mirrored or far moved: pause; nothing in it lies where
    it seems;
+   whatever a map shows as missing or moved that lacks rows or columns: ask;
 1. the layer lies beside its place by more than tolerance (skipped steps): stop where the shift grew
    since the last look, else pause; no ink laid later could lie right;
 2. no ink comes out any more (clog, empty syringe): pause;
 3. a lumen is closed, or narrowed beyond tolerance: pause; no ink can be taken away;
 4. in a bath a whole vessel isn't seen: pause, and ask whether it is to be written again;
-   gaps that another place of the layer explains, that one of two pictures hardly sees, or that
-   a map shows which lacks rows: ask;
+   gaps that another place of the layer explains, that one of two pictures hardly sees, or of a
+   map of which nothing tells that it is whole: ask;
 5. gaps and thin lines that two pictures show (one, where there is no second): mend, fill up, and
    correct the flow;
    where ink lies on less than a third of what was seen, yet no gap is sure, or where none was seen
@@ -44,7 +45,7 @@ from printctl.observe.deciding.asked import (
     with_untold,
 )
 from printctl.observe.deciding.decision import Decision, DecisionKind, Limits
-from printctl.observe.deciding.doubts import cause_of_turn, doubts, unconfirmed_words
+from printctl.observe.deciding.doubts import cause_of_turn, doubts, of_whole_map, unconfirmed_words
 from printctl.observe.deciding.evidence import SURE, Evidence
 from printctl.observe.deciding.flow_control import FlowControl
 from printctl.observe.deciding.flow_rule import corrected_words, flow_decision, uncorrected_words
@@ -92,7 +93,7 @@ class Decider:
         """Return what the look calls for, as the mode allows."""
         self.layers.add(evidence, self.limits.least_seen)
         stopping = evidence.supply.state in _STOPPING  # thin because it is about to stop: no drift
-        if not stopping and evidence.turned is None and not evidence.lacks:
+        if not stopping and evidence.turned is None and not evidence.map.lacks:
             self.control.learn(evidence.flow)
         longest = max((gap.length_mm for gap in self._believed(evidence)), default=0.0)
         self.layers.failed |= stopping or bool(longest > _CLOG_MM)  # a NumPy one can't be saved
@@ -124,8 +125,8 @@ class Decider:
         for rule in rules:
             decision = rule(evidence)
             if decision is not None:
-                told = "" if rule == self._thin else thin_words(evidence)
-                return replace(decision, why=decision.why + told)
+                also = "" if rule == self._thin else thin_words(evidence)
+                return of_whole_map(replace(decision, why=decision.why + also), evidence)
         any_seen = evidence.seen_share >= _ANY
         seen = "as expected, within tolerance" if any_seen else "nothing was seen"
         if not any_seen and evidence.faint_share >= _ANY:
@@ -137,7 +138,7 @@ class Decider:
             seen = f"only {evidence.seen_share:.0%} was seen; that is {seen}"
         if many := evidence.stretches:
             seen = f"{many} stretches beyond {self.limits.width_percent:g} % of width, told alone"
-        seen += self._rest(evidence) if any_seen and not hardly else evidence.hidden_words
+        seen += self._rest(evidence) if any_seen and not hardly else evidence.bare_words
         told = f"; {evidence.over_old_share:.0%} lies over older ink and can't be told from it"
         seen += told * (evidence.over_old_share >= 0.01) + evidence.came_words
         seen += unconfirmed_words(evidence, self.limits.gap)

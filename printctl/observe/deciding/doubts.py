@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
+from printctl.observe.deciding.decision import Decision, DecisionKind
 from printctl.observe.deciding.evidence import Evidence
 from printctl.observe.deciding.gap_test import GapTest
 from registration.layer_images.options import IN_PART
@@ -29,10 +31,11 @@ def doubts(
     """
     missing, beside = _way(believed), evidence.beside_mm
     reasons = list[str]()
-    if evidence.lacks and (believed or evidence.thin):
+    if evidence.map.unsized and (believed or evidence.thin):
         reasons.append(
-            f"the map lacks {evidence.lacks} against the last look's: what lies behind lost ones "
-            "shows aside, as if ink were missing; look anew"
+            "nothing tells whether the map is whole: there is none before it, observe.frame names "
+            "no size, and the ink at its ends doesn't show it; behind lost rows ink shows aside, "
+            "as if it were missing"
         )
     if believed and beside > _LIKE_AMOUNT * missing:
         reasons.append(
@@ -59,6 +62,19 @@ def doubts(
         words = ", ".join(one.words for one in next_to)
         reasons.append(f"next to {_many(believed)}, {words} can't be told")
     return reasons, (*once, *(one.gap for one in next_to))
+
+
+def of_whole_map(wanted: Decision, evidence: Evidence) -> Decision:
+    """Ask about what a map shows that isn't whole: moved, missing and no ink look alike."""
+    lacks, goes_on = evidence.map.lacks, (DecisionKind.GO_ON, DecisionKind.FLOW)
+    if not lacks or evidence.turned is not None or wanted.kind in goes_on:
+        return wanted
+    why = (
+        f"the map {lacks}; what lies behind lost ones shows aside, as if ink were missing or "
+        f"the layer moved: look anew, or look before it is mended ({wanted.why})"
+    )
+    ask = DecisionKind.MEND if wanted.gaps or wanted.thin else None
+    return replace(wanted, kind=DecisionKind.PAUSE, why=why, ask=ask, factor=None)
 
 
 def cause_of_turn(turned: str) -> str:

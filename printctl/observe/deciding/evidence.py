@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from printctl.observe.deciding.flow_control import FlowBlocks
 from printctl.observe.deciding.ink_supply import InkSupply
 from printctl.observe.deciding.thin import Thin
+from printctl.observe.map_check import MapCheck
 from registration.layer_images.findings import ToldOfInk
-from registration.layer_images.values import Gap
+from registration.layer_images.values import Blob, Gap
 
 SURE: Final = 3.29
 """Standard uncertainties beyond the tolerance: one in 2,000 by chance, one-sided."""
@@ -138,8 +139,10 @@ class Evidence:
         What all measures together tell of whether ink came; None where nobody said.
     untold_seams : float
         Share of the way that touches its neighbours and was seen, so that thin ink isn't told.
-    lacks : str
-        Rows or columns that a height map lacks against the last look's, in words.
+    map : MapCheck
+        What is known of a height map's rows and columns.
+    blobs : tuple of Blob
+        What stands over the layer, in a profiler's map.
     mends : bool
         Whether the look is about mends alone.
     alone : str
@@ -179,7 +182,8 @@ class Evidence:
     older_limit: float = 0.02
     told: ToldOfInk | None = None
     untold_seams: float = 0.0
-    lacks: str = ""
+    map: MapCheck = field(default_factory=MapCheck)
+    blobs: tuple[Blob, ...] = ()
     mends: bool = False
     alone: str = ""
 
@@ -209,7 +213,33 @@ class Evidence:
                 f"the ink's height wavers there by {self.waver:.0%} of a layer"
                 f"{over * (100.0 * self.waver > width_percent)}"
             )
-        return words
+        return words + self._map_words + self.blob_words
+
+    @property
+    def _map_words(self) -> str:
+        """What a height map lacks, and that it shows sunken ground; empty for neither."""
+        lacks = f"; the map {self.map.lacks}" if self.map.lacks else ""
+        if not self.map.sunk_mm > 0.0:
+            return lacks
+        return (
+            f"{lacks}; what the layer lies on has sunk by up to {1e3 * self.map.sunk_mm:.0f} µm, "
+            "and its ink is judged by its rise over that"
+        )
+
+    @property
+    def blob_words(self) -> str:
+        """Blobs on the layer, the largest first."""
+        largest = sorted(self.blobs, key=lambda one: -one.area_mm2)
+        if not largest:
+            return ""
+        each = [
+            f"X {one.at_mm[0]:.1f} Y {one.at_mm[1]:.1f}, {one.width_mm:.2f} mm wide, "
+            f"{1e3 * one.height_mm:.0f} µm over the ink"
+            for one in largest[:_LISTED]
+        ]
+        more = f" and {len(largest) - _LISTED} smaller" if len(largest) > _LISTED else ""
+        many = "1 blob stands" if len(largest) == 1 else f"{len(largest)} blobs stand"
+        return f"; {many} on the layer ({'; '.join(each)}{more})"
 
     @property
     def came_words(self) -> str:
@@ -222,6 +252,11 @@ class Evidence:
         return (
             f"; along {came_mm:.1f} mm the picture changed as by fresh ink: gaps aren't told{thin}"
         )
+
+    @property
+    def bare_words(self) -> str:
+        """What is told of a look that sees hardly anything else."""
+        return self.hidden_words + self.blob_words
 
     @property
     def hidden_words(self) -> str:

@@ -21,6 +21,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from registration.layer_images.gaps.gap_run import FINE, GapRun
+from registration.layer_images.gaps.gaps import merged
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage, Gap, IntArray
 from registration.layer_images.ways import Seen, Ways
 
@@ -108,7 +109,34 @@ class HeightsAlong:
 
     def measured(self, gaps: Sequence[Gap], ink: BoolArray, free: BoolArray) -> list[Gap]:
         """Return gaps with ends at the ink's tips, as `gap_ends.LightAlong.measured` does."""
-        return [self._measured(gap, ink, free) for gap in gaps]
+        grown = [self._grown(gap, ink, _others(gap, gaps)) for gap in gaps]
+        return [self._measured(gap, ink, free) for gap in merged(grown, self.ways)]
+
+    def _grown(self, gap: Gap, ink: BoolArray, between: tuple[float, float]) -> Gap:
+        """Gap with what lies as low beside it, up to the next ink that is seen.
+
+        What wasn't told there (near a turn, a rim, a crossing line) may still be seen to be low.
+        """
+        run = GapRun.of(gap, self.ways, self.px_mm)
+        if run is None:
+            return gap
+        rows, along = run.rows, self.ways.along[run.rows]
+        height = self._heights(rows, along, run.width_mm * _CORE)
+        own = (along >= gap.from_mm) & (along <= gap.to_mm)
+        sure = ink[rows] & np.isfinite(height)
+        if not own.any() or not sure.any() or not np.isfinite(height[own]).any():
+            return gap
+        top, floor = float(np.median(height[sure])), _median(height[own])
+        low = ~ink[rows] & (height < top - 0.5 * max(top - floor, _LEAST_DEPTH))
+        low &= (along > between[0]) & (along < between[1])
+        at = np.flatnonzero(own)
+        first, last = int(at[0]), int(at[-1])
+        while first > 0 and low[first - 1]:
+            first -= 1
+        while last < len(rows) - 1 and low[last + 1]:
+            last += 1
+        ends = min(gap.from_mm, float(along[first])), max(gap.to_mm, float(along[last]))
+        return run.with_ends(ends, gap.u_tip_mm)
 
     @cached_property
     def _known(self) -> FloatImage:
@@ -256,6 +284,14 @@ class _Fall:
         noise = 1.4826 * float(np.median(np.abs(ink - top)))
         part = (level - z[k - 1]) / max(float(z[k] - z[k - 1]), 1e-9)
         return float(x[k - 1] + min(max(part, 0.0), 1.0) * dark), noise / slope
+
+
+def _others(gap: Gap, gaps: Sequence[Gap]) -> tuple[float, float]:
+    """Ends of the stroke's other gaps next to one, mm along it; infinite for none."""
+    own = [one for one in gaps if one.stroke == gap.stroke]
+    before = [one.to_mm for one in own if one.to_mm <= gap.from_mm]
+    behind = [one.from_mm for one in own if one.from_mm >= gap.to_mm]
+    return max(before, default=-math.inf), min(behind, default=math.inf)
 
 
 def _median(values: FloatArray) -> float:

@@ -2,13 +2,15 @@
 
 A profiler that misses triggers of its stage delivers fewer profiles, and all behind them lies
 aside. Where the map's end still shows unchanged ground where the earlier map did, it merely ended
-early, and nothing lies aside.
+early, and nothing lies aside. A program that fills a short map up to its usual size (repeated or
+stretched rows) hides the loss; but where edges lie aside, what stood there before is gone.
 """
 
 from __future__ import annotations
 
 from typing import Final
 
+import cv2
 import numpy as np
 
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage
@@ -16,7 +18,7 @@ from registration.layer_images.values import BoolArray, FloatArray, FloatImage
 _PART: Final = 0.3
 """Of the rows: what counts as the map's end."""
 _REACH_MM: Final = 2.0
-_LEAST_MM: Final = 0.1
+LEAST_MM: Final = 0.1
 """Fewer rows may be lost: a layer may lie as far beside its place."""
 _SAMPLES: Final = 8_000
 _FEWEST: Final = 400
@@ -26,6 +28,10 @@ _FITS: Final = 0.4
 """Of the end's relief, that differs at most where two maps fit."""
 _BETTER: Final = 0.6
 """Times what differs at most other places: bare ground and lines along the rows fit anywhere."""
+_SANK: Final = 0.5
+"""Of a layer, by which what stands sinks at most from look to look."""
+_STRIP_MM: Final = 0.05
+"""Width of what is gone, two cells at least: steep flanks scatter from map to map."""
 
 
 def lost_rows(
@@ -46,9 +52,30 @@ def lost_rows(
     return rows, _lost(now.T, last.T, still.T, cell_mm[1])
 
 
+def gone_mm2(rise_mm: FloatImage, thickness_mm: float, cell_mm: tuple[float, float]) -> float:
+    """Return the area on which what stood at an earlier look lies lower by half a layer, mm².
+
+    Ink doesn't go away: it was moved in the dish, or in the map.
+
+    Parameters
+    ----------
+    rise_mm : (rows, columns) float32, mm
+        Over the earlier map; NaN where either isn't known.
+    thickness_mm : float, mm
+        Of a layer.
+    cell_mm : (float, float), mm
+        From row to row, and from column to column.
+    """
+    lower = np.nan_to_num(rise_mm, nan=0.0) < -_SANK * thickness_mm
+    high, wide = (max(2, round(_STRIP_MM / one)) for one in cell_mm)
+    kernel = np.ones((high, wide), np.uint8)
+    strips = cv2.morphologyEx(lower.astype(np.uint8), cv2.MORPH_OPEN, kernel)
+    return float(cv2.countNonZero(strips)) * cell_mm[0] * cell_mm[1]
+
+
 def _lost(now: FloatImage, last: FloatImage, still: BoolArray, cell_mm: float) -> int:
     fewer = len(last) - len(now)
-    if fewer < max(2, round(_LEAST_MM / cell_mm)):
+    if fewer < max(2, round(LEAST_MM / cell_mm)):
         return 0
     return 0 if _ends_in_place(now, last, still, max(2, round(_REACH_MM / cell_mm))) else fewer
 

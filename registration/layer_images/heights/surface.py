@@ -32,8 +32,8 @@ _HIDDEN: Final = 0.5
 _LEAST_SHARE: Final = 1e-3
 _APART: Final = 1.7
 """Widths of a line, from which on what lies beside it is bare."""
-_GROUND: Final = -0.5
-_HIGHEST: Final = 1.5
+GROUND: Final = -0.5
+HIGHEST: Final = 1.5
 """Thicknesses from the layer's middle: how far below the layer something lies, or above it stands,
 tells nothing of the layer's ink."""
 _SHADE: Final = 6.0
@@ -122,8 +122,8 @@ def surface_of(
     stands = _along(lines, frame, above - _beside(lines, frame, above)) if alone else np.nan
     whole, hidden, to_square = _square(whole, hidden, heights.pixel_mm)
     frame = HeightFrame(to_square @ frame.matrix)
-    level = np.clip(whole / thickness_mm, _GROUND, _HIGHEST)
-    level[hidden] = _GROUND  # a shadow begins where a line ends
+    level = np.clip(whole / thickness_mm, GROUND, HIGHEST)
+    level[hidden] = GROUND  # a shadow begins where a line ends
     most = FARTHEST * thickness_mm
     picture = np.stack([level, np.clip(whole, -most, most)], axis=2).astype(np.float32)
     return Surface(picture, frame, hidden, thickness_mm, over, stands)

@@ -38,6 +38,8 @@ _LEAST_INK: Final = 0.35
 """Of the places, that must lie at ink's level."""
 _LOW, _HIGH = -0.6, 1.6
 """Presence of what is neither ink nor older ink: shadow, a hole through it, a bubble."""
+_RAISED: Final = 1.2
+"""Presence of a blob on a line."""
 _RIM: Final = 1.0
 """Widths from bath or a rim, within which surfaces droop and have a level of their own."""
 _SHORT_AT_RIM: Final = 3.0
@@ -107,7 +109,8 @@ def tell_by_height(
     unknown |= _short_at_rim(present, touched, unknown, ways, gap_mm)
     why = np.where((why == Unseen.SEEN) & unknown, int(Unseen.OLD_INK), why)
     good = use & (why == Unseen.SEEN)
-    sound = good & ~_near_missing(use & (present < INK), ways, gap_mm)
+    sound = good & ~_near(use & (present < INK), ways, gap_mm)
+    sound &= ~_near(use & (present > _RAISED), ways, gap_mm)
     noise = window_noise(present, sound, ways, None, gap_mm, known=False, even=True)
     if noise is not None:  # what lies below scatters as ink does
         noise = replace(noise, bath=float(noise.spread[0]))
@@ -115,13 +118,13 @@ def tell_by_height(
     return told_by_level(work, ways, use, image, present, why, noise, strange, gap_mm, rate)
 
 
-def _near_missing(low: BoolArray, ways: Ways, gap_mm: float) -> BoolArray:
-    """Places in long ``low`` stretches and a width around, (n,): ink steps, it doesn't scatter.
+def _near(odd: BoolArray, ways: Ways, gap_mm: float) -> BoolArray:
+    """Places in long ``odd`` stretches and a width around, (n,): ink steps, it doesn't scatter.
 
     A sound layer has none that are longer than a tolerated gap and a width.
     """
     out = np.zeros(len(ways), dtype=np.bool_)
-    for first, last in stretches_of(low, ways.run):
+    for first, last in stretches_of(odd, ways.run):
         rows, width = slice(first, last + 1), float(ways.width[first])
         if float(ways.step[rows].sum()) > gap_mm + width:
             own = ways.stroke == ways.stroke[first]

@@ -66,11 +66,9 @@ def ink_beside_mm(look: SeenLayer, lines: ExpectedLines, thickness_mm: float) ->
 
     By the area of what is wider than half a line, beyond what lines may spread to.
     """
-    assert look.work.height is not None
-    level = _ink_level(look, thickness_mm)
-    if level is None:
+    over = over_ink(look, thickness_mm)
+    if over is None:
         return 0.0
-    over = look.work.height / np.float32(thickness_mm) - level
     ink = (over > _LEVEL[0]) & (over < _LEVEL[1]) & ~(look.work.hidden | look.work.bad)
     ink &= _own_lines(look, lines, thickness_mm) == 0
     width_px = float(np.median(look.ways.width)) * look.work.px_per_mm
@@ -78,6 +76,15 @@ def ink_beside_mm(look: SeenLayer, lines: ExpectedLines, thickness_mm: float) ->
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     wide = cv2.morphologyEx(ink.astype(np.uint8), cv2.MORPH_OPEN, disc)
     return float(cv2.countNonZero(wide)) / width_px / look.work.px_per_mm
+
+
+def over_ink(look: SeenLayer, thickness_mm: float) -> FloatImage | None:
+    """Heights over a plane through sound ink's, thicknesses, (h, w); None for too little ink."""
+    assert look.work.height is not None
+    level = _ink_level(look, thickness_mm)
+    if level is None:
+        return None
+    return np.asarray(look.work.height / np.float32(thickness_mm) - level, dtype=np.float32)
 
 
 def _own_lines(look: SeenLayer, lines: ExpectedLines, thickness_mm: float) -> Mask:
@@ -96,6 +103,8 @@ def _ink_level(look: SeenLayer, thickness_mm: float) -> FloatImage | None:
     shape, at = look.work.shape, np.rint(look.seen.at).astype(np.int64)
     inside = ((at >= 0) & (at < np.array(shape[::-1]))).all(axis=1)
     use: BoolArray = inside & (look.why == Unseen.SEEN) & (look.present > INK)
+    if use.sum() < _FEWEST:  # too grainy for gaps, or under blobs
+        use = inside & (np.nan_to_num(look.present) > INK)
     if use.sum() < _FEWEST:
         return None
     x, y = at[use].T

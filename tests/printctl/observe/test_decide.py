@@ -17,7 +17,8 @@ from printctl.observe.deciding import (
 )
 from printctl.observe.deciding.evidence import Narrowed, UnseenPath
 from printctl.observe.deciding.thin import Thin
-from registration.layer_images.values import Gap
+from printctl.observe.map_check import MapCheck
+from registration.layer_images.values import Blob, Gap
 from tests.printctl.observe.decisions import GAP, decided, evidence, flow
 
 
@@ -144,11 +145,41 @@ def test_a_map_of_which_a_part_is_moved_pauses_and_names_lost_rows():
 
 def test_gaps_in_a_map_that_lacks_rows_are_asked_about_and_no_flow_is_learned():
     decider = Decider(Limits(mend="mend"))
-    lacks = "20 of 300 rows (400 µm)"
-    found = decider.decide(evidence(gaps=(GAP,), flow=flow(0.8), lacks=lacks))
+    lacks = MapCheck("lacks 20 of 300 rows (400 µm) against the last look's")
+    found = decider.decide(evidence(gaps=(GAP,), flow=flow(0.8), map=lacks))
     assert (found.kind, found.ask, found.gaps) == (DecisionKind.PAUSE, DecisionKind.MEND, (GAP,))
     assert "lacks 20 of 300 rows (400 µm) against the last look's" in found.why
-    assert decider.decide(evidence(lacks=lacks)).kind is DecisionKind.GO_ON
+    goes_on = decider.decide(evidence(map=lacks))
+    assert goes_on.kind is DecisionKind.GO_ON
+    assert "the map lacks 20 of 300 rows" in goes_on.why
+
+
+def test_a_layer_that_a_map_without_some_rows_shows_aside_or_bare_isnt_called_moved_or_clogged():
+    lacks = MapCheck("lacks 20 of 300 rows (400 µm) against the last look's")
+    aside = decided(map=lacks, shift_mm=0.4, u_shift_mm=0.01)
+    clogged = decided(map=lacks, supply=InkSupply(SupplyState.CLOGGED, 1.0, 3.0, 0), gaps=(GAP,))
+    for found in (aside, clogged):
+        assert found.kind is DecisionKind.PAUSE
+        assert found.why.startswith("the map lacks 20 of 300 rows")
+    assert (aside.ask, clogged.ask) == (None, DecisionKind.MEND)
+
+
+def test_gaps_of_a_map_that_nothing_tells_to_be_whole_are_asked_about():
+    found = decided(gaps=(GAP,), map=MapCheck(unsized=True))
+    assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
+    assert "nothing tells whether the map is whole" in found.why
+    assert decided(map=MapCheck(unsized=True)).kind is DecisionKind.GO_ON
+
+
+def test_blobs_and_sunken_ground_of_a_map_are_told():
+    outline = np.zeros((4, 2))
+    blobs = tuple(
+        Blob("blob", (10.0 + k, 20.0), outline, 0.2 + 0.1 * k, True, 1e-6, 0.21) for k in range(4)
+    )
+    why = decided(blobs=blobs, map=MapCheck(sunk_mm=0.12)).why
+    assert "4 blobs stand on the layer (X 13.0 Y 20.0, 0.80 mm wide, 210 µm over the ink;" in why
+    assert "and 1 smaller)" in why
+    assert "has sunk by up to 120 µm" in why
 
 
 def test_what_a_profilers_map_doesnt_judge_is_said():

@@ -26,16 +26,19 @@ class Found:
     gaps: tuple[int, ...] = ()
     normal: tuple[float, float] = (0.0, 1.0)
     unseen: int = 0
+    first: int = 0
 
     @property
     def stations(self) -> SimpleNamespace:
         """Ten of 0.2 mm; the last one lacks what isn't there."""
         one = np.ones(10)
+        shown = np.arange(10)
         present = np.append(one[1:], 1.0 - (2.0 - self.ink_mm) / 0.2)
         along = 0.2 * np.arange(10)
         return SimpleNamespace(
             stroke=0 * one, along_mm=along, length_mm=0.2 * one, present=present,
-            seen=np.arange(10) < 10 - self.unseen, normal=np.tile(self.normal, (10, 1)),
+            seen=(shown < 10 - self.unseen) & (shown >= self.first),
+            normal=np.tile(self.normal, (10, 1)),
             at_mm=np.column_stack([0 * along, along]),
         )  # fmt: skip
 
@@ -112,3 +115,18 @@ def test_a_move_along_lines_tells_nothing_where_its_leading_end_is_not_seen(unse
     found = seen_where_ink_shows(cast(Any, see), SeeingOptions(shift_mm=0.5), 0.1)
     assert found.aside is aside
     assert found.coverage == (0.99 if aside else 0.6)
+
+
+@pytest.mark.parametrize(("first", "aside"), [(1, False), (0, True)])
+def test_ends_that_hardly_show_tell_no_move(first: int, aside: bool) -> None:
+    """Of a round double wall one place of four showed at its ends, and none within tolerance."""
+
+    def see(options: SeeingOptions) -> Found:
+        unsure = Shift(0.0, 0.3, 0.1**2 * np.eye(2))
+        if options.shift_mm < 0.5:
+            hidden = {"unseen": 2, "first": 2} if first else {"ink_mm": 1.8}
+            return Found(Shift(0.0, 0.0, 0.01 * np.eye(2)), 0.98, **cast(Any, hidden))
+        return Found(unsure, 0.98, first=first, unseen=2 * first)
+
+    found = seen_where_ink_shows(cast(Any, see), SeeingOptions(shift_mm=0.5), 0.1)
+    assert found.aside is aside

@@ -7,12 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.checkers.profiler_painter import Kind
-from benchmarks.observe_laser import planted
+from benchmarks.checkers.profiler_painter import Kind, profiled
+from benchmarks.observe_laser import expected, planted
+from registration.layer_images import surface_of
 from registration.layer_images.gaps.gaps import shift_along
-from registration.layer_images.gaps.height_ends import Section
+from registration.layer_images.gaps.height_ends import HeightsAlong, Section
+from registration.layer_images.pictures.working import prepare
 from registration.layer_images.values import Gap, Shift
-from registration.layer_images.ways import lay_ways
+from registration.layer_images.ways import Seen, lay_ways
+from registration.readers.heights import HeightMap
 from tests.registration.layer_images.lines import straight_lines
 
 
@@ -50,3 +53,27 @@ def test_the_layers_place_along_a_line_is_in_its_ends_uncertainty() -> None:
     assert told.u_shift_mm == pytest.approx(0.04)
     assert told.u_mm == pytest.approx(0.05)
     assert told.u_length_mm == pytest.approx(np.sqrt(2.0) * 0.03)  # both ends move alike
+
+
+def test_a_gap_reaches_over_what_was_not_told_up_to_the_ink() -> None:
+    """Beside turns and rims a part of a bare stretch wasn't told, and its ends were 1 mm off."""
+    begin, end = 1.5, 4.0
+    map_ = profiled(2, "solid", ((4, begin, end),))
+    lines, thick = expected(map_), map_.thickness
+    at = HeightMap(map_.heights, (map_.px, map_.px))
+    surface = surface_of(at, map_.to_map, map_.middle_z, thick, lines)
+    ways = lay_ways(lines, 0.05)
+    work, frame = prepare(surface.picture, surface.frame, ways, 0.2, surface.hidden)
+    assert work.height is not None
+    ends = HeightsAlong(
+        work.height / np.float32(thick), work.hidden, ways, Seen.of(ways, frame),
+        Section.of_widths(np.full(3, np.nan)), thick, 1.0 / work.px_per_mm,
+    )  # fmt: skip
+    stroke = int(np.flatnonzero(map_.layer == map_.layer.max())[4])
+    bare = (ways.stroke == stroke) & (ways.along > begin) & (ways.along < end)
+    part = Gap(stroke, 2.7, 3.4, (0.0, 0.0), (1.0, 0.0), 0.1, 1e-9)
+    (gap,) = ends.measured([part], ~bare, np.zeros(len(ways), np.bool_))
+    assert (gap.from_mm, gap.to_mm) == pytest.approx((begin, end), abs=0.1)
+    other = replace(part, from_mm=3.6, to_mm=3.9)
+    (both,) = ends.measured([part, other], ~bare, np.zeros(len(ways), np.bool_))
+    assert (both.from_mm, both.to_mm) == pytest.approx((begin, end), abs=0.1)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.checkers.profiler_painter import profiled
-from registration.layer_images.heights.lost_rows import lost_rows
+from registration.layer_images.heights.lost_rows import gone_mm2, lost_rows
 from registration.layer_images.values import FloatImage
 
 _CELL = (0.02, 0.02)
@@ -43,3 +43,17 @@ def test_bare_ground_doesnt_tell_where_rows_are_lost() -> None:
     still = np.ones((300, 300), np.bool_)
     assert lost_rows(ground[0, :-20], ground[1], still, _CELL) == (20, 0)
     assert lost_rows(ground[0], ground[1], still, _CELL) == (0, 0)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_rows_that_were_lost_and_filled_up_are_told_by_what_is_gone(axis: int) -> None:
+    now, last = _two(3)
+    short = np.delete(now, slice(80, 92), axis=axis)
+    end = np.take(short, range(-12, 0), axis=axis)
+    filled = np.concatenate([short, end], axis=axis)
+    stretched = np.take(short, np.linspace(0, short.shape[axis] - 1, 200).round().astype(int), axis)
+    assert gone_mm2(now - last, 0.1, _CELL) == 0.0
+    assert gone_mm2(filled[:200, :200] - last[:200, :200], 0.1, _CELL) > 0.3
+    whole = np.take(now, range(200), axis=axis)
+    assert gone_mm2(stretched - np.take(last, range(200), axis=axis), 0.1, _CELL) > 0.3
+    assert gone_mm2(whole - np.take(last, range(200), axis=axis), 0.1, _CELL) == 0.0

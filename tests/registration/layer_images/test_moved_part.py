@@ -7,22 +7,29 @@ import pytest
 
 from benchmarks.checkers.profiler_painter import Kind, profiled
 from benchmarks.observe_laser import expected
-from registration.layer_images import better_turned, surface_of
+from registration.layer_images import ExpectedLines, Surface, better_turned, surface_of
+from registration.layer_images.heights.moved_part import is_in_place
 from registration.layer_images.options import IN_PART
 from registration.layer_images.values import FloatImage
 from registration.readers.heights import HeightMap
 
 
-def _told(
+def _surface(
     kind: Kind, seed: int, lost: slice | None, axis: int = 0, bare: bool = False
-) -> str | None:
+) -> tuple[Surface, ExpectedLines]:
     map_ = profiled(seed, kind, ((0, 0.0, 20.0),) if bare else ())
     lines = expected(map_)
     heights: FloatImage = map_.heights
     if lost is not None:
         heights = np.delete(heights, lost, axis=axis)
     height_map = HeightMap(heights, (map_.px, map_.px))
-    surface = surface_of(height_map, map_.to_map, map_.middle_z, map_.thickness, lines)
+    return surface_of(height_map, map_.to_map, map_.middle_z, map_.thickness, lines), lines
+
+
+def _told(
+    kind: Kind, seed: int, lost: slice | None, axis: int = 0, bare: bool = False
+) -> str | None:
+    surface, lines = _surface(kind, seed, lost, axis, bare)
     return better_turned(surface.picture, surface.frame, lines)
 
 
@@ -44,3 +51,15 @@ def test_a_map_that_lacks_its_middle_rows_is_told(seed: int) -> None:
 @pytest.mark.parametrize("kind", ["plate", "solid"])
 def test_an_outermost_line_that_is_missing_moves_nothing(kind: Kind) -> None:
     assert _told(kind, 4, None, bare=True) is None
+
+
+@pytest.mark.parametrize("seed", [0, 1, 4, 7])
+def test_ink_tells_that_both_ends_of_a_map_lie_in_place_or_not(seed: int) -> None:
+    """A whole line that is missing at a rim looks like lost rows."""
+    whole, lines = _surface("plate", seed, None)
+    assert is_in_place(whole.picture, whole.frame, lines)
+    middle = len(profiled(seed, "plate").heights) // 2
+    lost = slice(middle, middle + 10)
+    for other in ((lost, 0, False), (lost, 1, False), (None, 0, True)):
+        found, _ = _surface("plate", seed, *other)
+        assert not is_in_place(found.picture, found.frame, lines)
