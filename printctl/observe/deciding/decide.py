@@ -297,9 +297,9 @@ class Decider:
         return confirmed_gaps(evidence.gaps, evidence.places, evidence.second, self.limits.gap)
 
     def _none_yet(self, _: Evidence) -> Decision | None:
-        """Say once that no ink was seen so far."""
-        why = self.layers.none_yet()
-        return Decision(DecisionKind.PAUSE, why) if why else None
+        """Ask once about what was written so far, of which no ink is seen."""
+        why, stretches = self.layers.none_yet()
+        return self._asked(why, stretches) if why else None
 
     def _none_any_more(self, _: Evidence) -> Decision | None:
         """Ask once about what didn't change though ink should lie there."""
@@ -329,7 +329,7 @@ class Decider:
         way_mm = math.fsum(one.length_mm for one in bare)
         return self._asked(
             f"{way_mm:.1f} mm{places_of(bare)} look bare, though the picture changed there: a "
-            "bubble, and the shade of lines beside it, or a glint; look at the picture",
+            "gap in the shade of lines beside it, or a glint on ink; look at the picture",
             bare,
         )
 

@@ -145,15 +145,20 @@ class LayersSeen:
         self.before_tail = self.tail if joined else []
         self.tail = [*([] if any_ink else self.tail), *told.tail]
 
-    def none_yet(self) -> str:
-        """Say once that no ink was seen so far: none can be known by its look then."""
+    def none_yet(self) -> tuple[str, tuple[Gap, ...]]:
+        """Say once that no ink was seen so far: none can be known by its look then.
+
+        With the stretches of which nothing tells that ink came.
+        """
         if self.first_mm is None or self.first_mm < _FIRST_MM:
-            return ""
-        way_mm, self.first_mm = self.first_mm, None
+            return "", ()
+        way_mm, self.first_mm, stretches = self.first_mm, None, tuple(self.tail)
+        self.tail = []
         return (
             f"no ink is seen yet where {way_mm:.0f} mm of lines should lie: the needle is clogged, "
             "the syringe empty, or the device can't tell this ink from what lies around it; look "
-            "before you go on"
+            "before you go on",
+            stretches,
         )
 
     def none_any_more(self) -> tuple[str, tuple[Gap, ...]]:

@@ -60,6 +60,18 @@ def stretch(stroke, length_mm):
     return Gap(stroke, 0.0, length_mm, (98.0, 101.0), (98.0 + length_mm, 101.0), 0.1, 1.0)
 
 
+def test_a_first_layer_of_which_no_ink_is_seen_can_be_written_again():
+    """A needle clogged from the start paused, proposed nothing, and 82 mm stayed bare."""
+    bare = {"seen_share": 0.0, "coverage": float("nan"), "level_mm": 0.1}
+    tail = (stretch(0, 6.0), stretch(1, 4.0))
+    found = Decider(Limits(mend="mend")).decide(
+        evidence(**bare, told=ToldOfInk(head_mm=10.0, untold=tail, tail=tail))
+    )
+    assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
+    assert found.gaps == tail
+    assert "no ink is seen yet" in found.why
+
+
 def untold(way_mm, stroke=7, **changed):
     """A look of which nothing is told, over older ink."""
     tail = (stretch(stroke, way_mm),)
