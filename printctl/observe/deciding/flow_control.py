@@ -12,7 +12,9 @@ filter then forgets what it knew.
 A calibrated ink flows as asked, until a deviation is seen beyond doubt: corrected is first what
 exceeds the deadband by so many standard uncertainties that noise does it once in 2,000 looks.
 From then on nothing speaks for the factor in force any more, and the best estimate is followed, but
-for changes that are smaller than half its own uncertainty.
+for changes that are smaller than a quarter of its own uncertainty. What a picture misreads of all
+lines alike the next one misreads in part, too: so a picture that is less sure than what is known
+hardly moves the estimate, and many together know no better than the best.
 """
 
 from __future__ import annotations
@@ -33,12 +35,14 @@ _STEP_SIGMAS: Final = 3.5
 """Deviation of a reading that may be a step; two in a row by chance: 1 in 4 million pairs."""
 _SURE: Final = 3.29
 """Standard uncertainties beyond the deadband: one in 2,000 by chance, one-sided."""
-_WORTH: Final = 0.5
+_WORTH: Final = 0.25
 """Of its standard uncertainty: a smaller change of a factor that corrects already isn't made."""
 _SAME: Final = 1e-3
 """Factors that differ by less are one."""
 _PICTURE: Final = 0.015
 """What widths of a picture may be off by, relative, beyond what it says itself: other ink below."""
+_ALIKE: Final = 0.7
+"""Of what a picture misreads of all lines alike, as a variance: the next one does so, too."""
 _LEAST_U: Final = 0.005
 """No reading of a ratio is better than 0.5 %: the expected width itself is rounded and modelled."""
 
@@ -108,7 +112,7 @@ class FlowControl:
     time_s : float or None, s
         Of the last reading.
     common : float
-        Part of its uncertainty that readings of the last picture shared.
+        Part of its uncertainty that readings of a picture share.
     answers : Answers
         Whether the amount seen answers corrections.
     """
@@ -121,19 +125,21 @@ class FlowControl:
     common: float = 0.0
     answers: Answers = field(default_factory=Answers)
     _far: float = 0.0
+    _known: float = 0.01
 
     def learn(self, blocks: FlowBlocks) -> None:
         """Take in readings; those without a positive finite ratio are left out."""
         sound = np.isfinite(blocks.area_ratio) & (blocks.area_ratio > 0) & np.isfinite(blocks.u)
         self.answers.learn(*_random(blocks, sound), self.log_flow)
+        self._known = self.variance
         for k in np.flatnonzero(sound).tolist():
             ratio = float(blocks.area_ratio[k])
             u = max(float(blocks.u[k]) / ratio, _LEAST_U)
             reading = math.log(ratio) - math.log(float(blocks.factor[k]))
             self._update(float(blocks.time_s[k]), reading, u, blocks.u_common, int(sound.sum()))
         if sound.any():  # more readings of one picture don't tell what they share
-            self.variance = max(self.variance, blocks.u_common**2)
-            self.common = blocks.u_common
+            self.variance = max(self.variance, min(self._known, blocks.u_common**2))
+            self.common = min(math.sqrt(self.variance), blocks.u_common)
 
     def _update(self, time_s: float, reading: float, u: float, common: float, count: int) -> None:
         """Take in one of so many readings of a picture, which share a part of their uncertainty."""
@@ -145,19 +151,24 @@ class FlowControl:
         own = u * u + (count - 1) * min(common, u) ** 2  # so that all together know no better
         step = abs(sigmas) > _STEP_SIGMAS
         if step and self._far * sigmas > 0:  # the second in a row on this side
-            self.variance = max(self.variance, off * off)
+            self.variance = self._known = max(self.variance, off * off)
         elif step:  # an outlier until the next reading says the same
             self._far = sigmas
             return
         self._far = sigmas if step else 0.0
-        gain = self.variance / (self.variance + own)
+        alike = _ALIKE * self._shared(u, common)  # Kalman gain for errors that are correlated
+        gain = (self.variance - alike) / (self.variance + own - 2.0 * alike)
         self.log_flow += gain * off
-        self.variance *= 1.0 - gain
+        self.variance -= gain * (self.variance - alike)
 
     def _variance_of_change(self, u: float, common: float) -> float:
         """Variance of a reading less the estimate: what both share cancels, but for pictures."""
-        shared = min(self.common**2, self.variance, common**2, u * u)
-        return max(self.variance + u * u - 2.0 * shared, 2.0 * _PICTURE**2)
+        both = self.variance + u * u - 2.0 * self._shared(u, common)
+        return max(both, 2.0 * _PICTURE**2)
+
+    def _shared(self, u: float, common: float) -> float:
+        """Variance that a reading and the estimate share."""
+        return min(self.common**2, self.variance, common**2, u * u)
 
     @property
     def flow(self) -> float:
@@ -181,7 +192,7 @@ class FlowControl:
         """Return the factor that is due; None where the one in force is as good as known.
 
         Corrected is what exceeds the deadband: of a flow that isn't corrected yet, beyond doubt, of
-        another by half a standard uncertainty. Where corrections weren't answered it is the last
+        another by a quarter of its uncertainty. Where corrections weren't answered it is the last
         one that was.
         """
         if self.answers.failed:
