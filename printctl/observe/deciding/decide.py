@@ -384,12 +384,11 @@ class Decider:
         return self._asked(why, stretches) if why else None
 
     def _blind(self, evidence: Evidence) -> Decision | None:
-        unseen = self.layers.unseen
-        if unseen < self.limits.unseen_looks:
+        if not self.layers.view_lost(self.limits.unseen_looks):
             return None
-        one = "looks" if evidence.level_mm is None else "layers"
+        many = f"{self.layers.unseen} {'looks' if evidence.level_mm is None else 'layers'} in a row"
         return Decision(
             DecisionKind.PAUSE,
-            f"{unseen} {one} in a row showed less than {self.limits.least_seen:.0%} of what was "
-            f"written (the last {evidence.seen_share:.0%}): clean the view, or set observe off",
+            f"{many} showed less than {self.limits.least_seen:.0%} of what was written (the last "
+            f"{evidence.seen_share:.0%}): clean the view, or set observe off",
         )

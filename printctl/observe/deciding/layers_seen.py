@@ -46,6 +46,8 @@ class LayersSeen:
         In a row, the one in hand included.
     before : int
         Without the one in hand.
+    unseen_said : int
+        How many of them there were when the operator was last told.
     level_mm : float or None, mm
     way_mm, visible_mm, seen_mm, came_mm : float, mm
         Of the layer in hand: written; what a clean view can show of it; seen; changed as by ink.
@@ -69,6 +71,7 @@ class LayersSeen:
 
     unseen: int = 0
     before: int = 0
+    unseen_said: int = 0
     level_mm: float | None = None
     way_mm: float = 0.0
     visible_mm: float = 0.0
@@ -111,8 +114,10 @@ class LayersSeen:
         self.visible_mm += evidence.way_mm * (1.0 - evidence.over_old_share)
         self.seen_mm += evidence.way_mm * evidence.seen_share
         # No cleaner view would show a hidden one.
-        counts = self.hidden or self.seen_mm >= least_share * self.visible_mm
+        told_mm = self.seen_mm + self.came_mm
+        counts = self.hidden or told_mm >= least_share * self.visible_mm
         self.unseen = 0 if counts else self.before + 1
+        self.unseen_said = min(self.unseen_said, self.unseen)
 
     def _add_older(self, evidence: Evidence) -> None:
         """Take in whether older ink changed; where it does less by and by, ink is opaque."""
@@ -190,6 +195,13 @@ class LayersSeen:
             "once)",
             stretches,
         )
+
+    def view_lost(self, layers: int) -> bool:
+        """Say that too little was seen of so many layers in a row, and again after as many more."""
+        if self.unseen < self.unseen_said + layers:
+            return False
+        self.unseen_said = self.unseen
+        return True
 
     def untold(self) -> tuple[Gap, ...]:
         """Return what the looks before left untold directly in front of ink that doesn't come."""

@@ -231,3 +231,23 @@ def test_ink_over_ink_that_nothing_tells_apart_pauses_nobody():
     found = [decider.decide(evidence(seen_share=0.0, over_old_share=0.98)) for _ in range(4)]
     assert {one.kind for one in found} == {DecisionKind.GO_ON}
     assert "older ink" in found[-1].why
+
+
+def test_a_view_in_which_little_is_seen_pauses_at_each_third_layer():
+    """Five sound layers in a row that showed nothing paused after the third and at every look."""
+    decider = Decider(Limits(mend="mend"))
+    decider.decide(evidence(level_mm=0.1))
+    levels = (0.2, 0.3, 0.4, 0.4, 0.5, 0.6, 0.7)
+    found = [decider.decide(evidence(level_mm=z, seen_share=0.1)).kind for z in levels]
+    assert [k for k, kind in enumerate(found) if kind is DecisionKind.PAUSE] == [2, 6]
+
+
+def test_a_layer_in_which_the_picture_changed_as_by_ink_is_seen():
+    decider = Decider(Limits(mend="mend"))
+    decider.decide(evidence(level_mm=0.1))
+    came = ToldOfInk(came_mm=60.0, ink_mm=60.0)
+    found = [
+        decider.decide(evidence(level_mm=z, seen_share=0.1, told=came)).kind
+        for z in (0.2, 0.3, 0.4, 0.5)
+    ]
+    assert set(found) == {DecisionKind.GO_ON}
