@@ -23,7 +23,8 @@ import numpy as np
 
 from registration.errors import PictureError
 from registration.layer_images.findings import LayerFindings
-from registration.layer_images.layer_findings import findings_of, honest_shift, may_be_ridges
+from registration.layer_images.layer_findings import findings_of
+from registration.layer_images.lit_from_the_side import honest_shift, may_be_ridges
 from registration.layer_images.options import SeeingOptions
 from registration.layer_images.pictures.before import with_before
 from registration.layer_images.pictures.working import Outlines, Working, prepare

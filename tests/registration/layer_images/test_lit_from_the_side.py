@@ -9,7 +9,7 @@ import pytest
 
 from registration.layer_images.ink.ink_image import BathNoise
 from registration.layer_images.ink.strange import strangeness
-from registration.layer_images.layer_findings import _lit_widths, honest_shift
+from registration.layer_images.lit_from_the_side import honest_shift, lit_widths
 from registration.layer_images.values import Shift
 from registration.layer_images.widths.widths import Widths
 
@@ -31,7 +31,7 @@ def test_widths_are_doubted_where_shade_could_have_thinned_them(ratio, shift_mm,
     look = SimpleNamespace(
         widths=widths, ways=ways, bath=bath, group=SimpleNamespace(first=np.arange(m))
     )
-    found = _lit_widths(look, Shift(*shift_mm, np.eye(2)))
+    found = lit_widths(look, Shift(*shift_mm, np.eye(2)))
     assert (found.common > 0.1) == doubted
 
 
