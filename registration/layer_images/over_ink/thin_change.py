@@ -137,9 +137,25 @@ def thin_by_change(change: Change, ways: Ways, seen: Seen, old: Mask) -> ThinCha
         if _is_thin(windows, own, edges, middle, low, limit):
             for k in own:
                 thin[windows.first[k] : windows.last[k] + 1] = True
-    for k in np.flatnonzero(np.isfinite(edges)):
+    for k in np.flatnonzero(np.isfinite(edges) & _comparable(windows, edges, low, limit)):
         told[windows.first[k] : windows.last[k] + 1] = True
     return ThinChange(thin, told)
+
+
+def _comparable(windows: _Windows, edges: FloatArray, low: BoolArray, limit: float) -> BoolArray:
+    """Whether enough windows like each changed enough for a thin stretch to be told, (k,)."""
+    sound = ~low & np.isfinite(edges)
+    strength = (windows.edges**2).mean(axis=1)
+    on_line = (windows.line[:, None] == np.unique(windows.line)).astype(np.float64)
+    out = np.zeros(len(windows), dtype=np.bool_)
+    for begin in range(0, len(windows), _CHUNK):
+        rows = np.arange(begin, min(begin + _CHUNK, len(windows)))
+        rest = windows.like(rows) & sound
+        number = rest.sum(axis=1)
+        usual = np.sqrt(rest @ strength / np.maximum(number, 1))
+        lines = (rest @ on_line > 0).sum(axis=1)
+        out[rows] = (number >= _REST) & (lines >= _LINES) & (usual > _GROUNDS * limit)
+    return out
 
 
 def _is_thin(

@@ -89,7 +89,9 @@ def test_ink_that_changes_hardly_more_than_ground_does_tells_no_thin_ink() -> No
     ways = _ways()
     profiles = _profiles(ways, _within(ways))
     assert _told(_change(profiles)).thin.any()
-    assert not _told(_change(profiles, limit=0.02)).thin.any()
+    weak = _told(_change(profiles, limit=0.02))
+    assert not weak.thin.any()
+    assert not weak.told.any()
 
 
 def test_lines_that_have_no_like_tell_no_thin_ink() -> None:
