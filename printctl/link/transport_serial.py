@@ -33,11 +33,18 @@ else:
 WRITE_LIMIT_S: Final = 5.0
 _CHUNK: Final = 65536
 _RESET_PULSE_S: Final = 0.25
+_TERMINALS: Final = "/dev/pts/"
+"""Of programs: a simulated printer's port is one."""
 
 
 def _refusal(name: str, exc: OSError) -> PortError:
     text = str(exc)
     if exc.errno == errno.ENOENT or "FileNotFound" in text:
+        if name.startswith(_TERMINALS):
+            return PortMissing(
+                f"port {name} doesn't exist any more: it was a simulated printer's, which has "
+                "ended; what it had printed is gone with it, so print anew"
+            )
         return PortMissing(
             f"port {name} doesn't exist (ports found: {ports_found()}); check the cable and the "
             "power, or give another --port"

@@ -66,6 +66,8 @@ def test_missing_port_is_named_with_a_remedy(tmp_path, profile):
     write_job(tmp_path / "job.gcode", 3)
     with pytest.raises(PortMissing, match=r"/dev/nowhere doesn't exist \(ports found: .*--port"):
         start_print(tmp_path / "job.gcode", profile, "/dev/nowhere", tmp_path / "run")
+    with pytest.raises(PortMissing, match=r"simulated printer's, which has ended.*print anew"):
+        start_print(tmp_path / "job.gcode", profile, "/dev/pts/99999", tmp_path / "run")
 
 
 def test_job_that_would_dose_twice_is_refused(tmp_path, profile):
