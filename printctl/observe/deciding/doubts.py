@@ -51,7 +51,9 @@ def doubts(
     once = tuple(
         one
         for one in evidence.half_seen
-        if one.stroke not in strokes and test.significant(one, evidence.places)
+        if one.stroke not in strokes
+        and one.length_mm >= test.least_mm
+        and test.significant(one, evidence.places)
     )
     if once:
         reasons.append(f"{_way(once):.2f} mm seem to be missing; a second picture hardly sees them")

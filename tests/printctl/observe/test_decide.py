@@ -298,6 +298,8 @@ def test_a_gap_that_a_second_picture_hardly_sees_is_asked_about():
     found = decided(gaps=(GAP,), second=(), half_seen=(GAP,))
     assert (found.kind, found.ask, found.gaps) == ("pause", "mend", (GAP,))
     assert decided(gaps=(GAP,), second=()).kind is DecisionKind.GO_ON
+    short = replace(GAP, to_mm=0.07, u_tip_mm=0.1)  # within tolerance, as far as is known
+    assert decided(gaps=(short,), second=(), half_seen=(short,)).kind is DecisionKind.GO_ON
 
 
 def test_a_layer_that_lies_aside_is_told_so_however_unsure_by_how_much():
