@@ -25,13 +25,13 @@ def state_of(decider: Decider) -> dict[str, Any]:
 
 
 def restore(decider: Decider, state: dict[str, Any]) -> None:
-    """Set a decider to a state of `state_of`."""
+    """Set a decider to a state of `state_of`; what an older release's lacks isn't known."""
     control = decider.control
     control.log_flow = state["log_flow"]
     control.variance, control.time_s = state["variance"], state["time_s"]
-    control.common = state["common"]
-    answers = dict(state["answers"])
-    last = answers.pop("last")
+    control.common = state.get("common", 0.0)
+    answers = dict(state.get("answers", {}))
+    last = answers.pop("last", None)
     control.answers = Answers(**answers, last=None if last is None else Reading(**last))
     layers = dict(state["layers"])
     for name in ("blank", "tail", "before_tail"):

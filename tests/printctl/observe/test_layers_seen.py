@@ -190,6 +190,13 @@ def test_what_looks_left_untold_is_kept_for_another_observer():
     assert other.layers.tail[0].length_mm == 8.0
 
 
+def test_a_state_of_an_older_release_is_restored():
+    decider = Decider(Limits())
+    state = state_of(decider)
+    restore(decider, {name: state[name] for name in state if name not in ("common", "answers")})
+    assert decider.control.answers.last is None
+
+
 def test_three_blind_looks_pause():
     decider = Decider(Limits(mend="mend"))
     kinds = [decider.decide(evidence(seen_share=0.2)).kind for _ in range(3)]
