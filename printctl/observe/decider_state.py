@@ -17,7 +17,7 @@ def state_of(decider: Decider) -> dict[str, Any]:
         "log_flow": control.log_flow,
         "variance": control.variance,
         "time_s": control.time_s,
-        "common": control.common,
+        "misread": [control.misread, control.misread_variance, control.covariance, control.stated],
         "answers": asdict(control.answers),
         "layers": asdict(decider.layers),
         "last_shift_mm": decider.last_shift_mm,
@@ -29,7 +29,8 @@ def restore(decider: Decider, state: dict[str, Any]) -> None:
     control = decider.control
     control.log_flow = state["log_flow"]
     control.variance, control.time_s = state["variance"], state["time_s"]
-    control.common = state.get("common", 0.0)
+    misread = state.get("misread", (0.0, 1.0, 0.0, 0.0))
+    control.misread, control.misread_variance, control.covariance, control.stated = misread
     answers = dict(state.get("answers", {}))
     last = answers.pop("last", None)
     control.answers = Answers(**answers, last=None if last is None else Reading(**last))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -41,6 +41,9 @@ log = logging.getLogger(__name__)
 _ANSWER_POLL_S: Final = 0.2
 _HARDLY: Final = 0.1
 """Share of the lines: of a picture taken too early a part may lie over bath."""
+_MOST: Final = 0.5
+"""Of a line's ink, which is missing along `_THIN_MM`: a clog in part, that isn't left untold."""
+_THIN_MM: Final = 2.0
 
 
 @dataclass
@@ -307,7 +310,7 @@ class Observer:
         if mend.given_up:
             return _Put(False, left, given_up=True)
         if not mend.lines and decision.factor is None:
-            return _Put(not gaps, left, mend.left_mm)  # thin lines are no reason to stop
+            return _Put(not gaps and not _hardly_any_ink(thin), left, mend.left_mm)
         try:
             self._note_mended(look, mend)
             again = bool(mend.mended)
@@ -323,6 +326,12 @@ class Observer:
         if record is not None and mend.mended:
             found = {**record.found, "mended": list(mend.mended)}
             amend_look(self.folder, replace(record, found=found))
+
+
+def _hardly_any_ink(thin: Sequence[Thin]) -> bool:
+    """Whether so much lacks most of its ink that the operator is to know; other thin lines stay."""
+    way_mm = math.fsum(one.length_mm for one in thin if one.missing > _MOST)
+    return way_mm >= _THIN_MM
 
 
 @dataclass(frozen=True)

@@ -160,6 +160,7 @@ def station_widths(
         work.flanks_lost,
         rimmed,
         _otherwise(logs, bath) if work.is_log else None,
+        work.is_log and bath.log_step > 0.0,
     )
 
 

@@ -44,7 +44,8 @@ def _of_stroke(
     ones = np.ones(_WINDOW) / _WINDOW
     # Neighbours share noise: a window counts as one and a half places, not three.
     mean = np.convolve(ratio, ones, "valid")
-    u = np.sqrt(np.convolve(random**2, ones, "valid") / 1.5 + _common(stations, widths, rows) ** 2)
+    common = _common(stations, widths, rows) * mean  # relative to the width that is seen
+    u = np.sqrt(np.convolve(random**2, ones, "valid") / 1.5 + common**2)
     found = []
     kinds: tuple[tuple[Literal["thin", "thick"], float], ...] = (("thin", -1.0), ("thick", 1.0))
     for kind, way in kinds:

@@ -29,6 +29,9 @@ _FLANKS: Final = 0.06
 _MOST_SPREAD = 0.15
 _THIN, _THIN_INK = 0.08, 0.5
 """Relative doubt of ink so thin (μ d below the second) that its rims may look like bath."""
+_DIM_FLANKS: Final = 0.12
+"""Relative doubt of opaque ink that is brighter than its bath: flanks that face away from the light
+are dim, and look like blur of a narrower line."""
 _SLANTED = 0.15
 """Of the slant: light from the side moves edges."""
 _BY_EDGES: Final = 0.08
@@ -98,6 +101,7 @@ def measure_widths(
     flanks_lost: bool = False,
     rimmed: bool = False,
     otherwise: FloatImage | None = None,
+    bright: bool = False,
 ) -> Widths:
     """Measure widths where they can be told.
 
@@ -122,6 +126,8 @@ def measure_widths(
         Whether they are an OCT's, of ink that shows by its rim (`rim_widths.has_rim`).
     otherwise : (m, 61) float32 or None
         The same by another response of the camera, which may be its own: 1 for ink as well.
+    bright : bool
+        Whether ink is brighter than the bath.
     """
     count = len(profiles)
     nothing = np.full(count, np.nan)
@@ -138,7 +144,16 @@ def measure_widths(
         width, common_mm, shade = wide * ratio, 0.0, None
     else:
         width, common, common_mm, shade = _true_widths(
-            profiles, expected_mm, wide, good, template, px_mm, is_light, flanks_lost, otherwise
+            profiles,
+            expected_mm,
+            wide,
+            good,
+            template,
+            px_mm,
+            is_light,
+            flanks_lost,
+            otherwise,
+            bright,
         )
     if not np.isfinite(width[good]).any():
         return Widths(nothing, nothing, nothing, 0.0, 0.0)
@@ -245,6 +260,7 @@ def _true_widths(
     is_light: bool,
     flanks_lost: bool,
     otherwise: FloatImage | None,
+    bright: bool,
 ) -> tuple[FloatArray, float, float, Shade | None]:
     """Widths from widths at half level, and the uncertainty of all, relative and absolute."""
     typical = _middle_value(expected_mm[good])
@@ -271,7 +287,9 @@ def _true_widths(
     response = _RESPONSE * _by_response(wide, otherwise, expected_mm, good, template)
     edges = _EVEN * max(bent, response, _by_rims(mean, half))
     thin = _THIN if shade.per_mm * typical < _THIN_INK else 0.0
-    common = math.hypot(spread, edges, _MISFITTING * shade.misfit, _SLANTED * template.slant, thin)
+    dim = _DIM_FLANKS if bright and shade.opaque(typical) else 0.0
+    slant = _SLANTED * template.slant
+    common = math.hypot(spread, edges, _MISFITTING * shade.misfit, slant, thin, dim)
     return width, common, edge_px * px_mm, shade
 
 

@@ -77,6 +77,13 @@ def test_thin_lines_are_looked_at_twice_and_never_stop_a_print(tmp_path, lines, 
     assert bench.pictures == ["picture", "again"]
 
 
+def test_lines_that_lack_most_of_their_ink_and_cant_be_filled_up_pause(tmp_path):
+    """A clog in part: 8 mm of a line with 36 % of its ink went on, told in the look's words."""
+    bench = Bench(tmp_path, thin=(Thin(2, 0.0, 3.0, 0.6),), lines=[])
+    bench.observer.look(LOOK)
+    assert bench.link.said == [("pause", 1)]
+
+
 @pytest.mark.parametrize("seen_share", [0.9, 0.04])
 @pytest.mark.parametrize("mode", ["mend", "ask"])
 def test_a_gap_of_which_no_second_picture_comes_is_asked_about(tmp_path, mode, seen_share):

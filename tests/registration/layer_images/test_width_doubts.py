@@ -12,7 +12,7 @@ from registration.microscope.ink_absorption import shade_profile
 PX_MM, WIDTH = 0.013, 0.25
 
 
-def measured(mean, otherwise=None):
+def measured(mean, otherwise=None, bright=False):
     """Ratio and relative common uncertainty of 60 places that look alike."""
     rng = np.random.default_rng(1)
     profiles = (mean + 0.01 * rng.standard_normal((60, len(mean)))).astype(np.float32)
@@ -21,6 +21,7 @@ def measured(mean, otherwise=None):
     found = measure_widths(
         profiles, np.full(60, WIDTH), np.repeat(np.arange(6), 10), np.ones(60, dtype=np.bool_),
         Template(terms, scale=1.0, filled=True), PX_MM, 0.01, is_light=True, otherwise=other,
+        bright=bright,
     )  # fmt: skip
     return float(np.median(found.width_mm)) / WIDTH, found.common
 
@@ -62,6 +63,13 @@ def test_plain_lines_are_known_to_some_hundredths():
     ratio, u = measured(line())
     assert ratio == pytest.approx(1.0, abs=0.02)
     assert u < 0.06
+
+
+def test_bright_opaque_ink_may_hide_its_flanks():
+    """White ink under a ring of light: 0.80 of its width told as ± 0.04, and filled up."""
+    assert measured(line(60.0), bright=True)[1] > 0.1
+    assert measured(line(60.0))[1] < 0.1  # dark ink has no dim flanks
+    assert measured(line(4.0), bright=True)[1] < 0.1
 
 
 def test_a_camera_whose_response_matters_is_less_sure():
