@@ -49,8 +49,6 @@ _SHARED: Final = 0.1
 _BATH_LOOK: Final = 0.12
 """Relative standard uncertainty of filament sections in a look into a bath, beyond what their
 picture says: of a simulated camera that shares no code with printctl widths scattered by 6 %."""
-_BATH_ALWAYS: Final = 0.05
-"""The same of all looks at a print: its ink's edges look wider or narrower than they are."""
 _BELOW: Final = 3
 """Levels below the judged one that may show through."""
 _LEVEL_MM: Final = 1e-3
@@ -343,8 +341,7 @@ def _flow(
     means = mean(ratio)
     u_block = np.hypot(scatter, known * means)
     if ink.style == "embedded":
-        u_block = np.hypot(u_block, _BATH_LOOK * math.sqrt(len(means)) * means)
-        known = math.hypot(known, _BATH_ALWAYS)
+        u_block, known = np.hypot(u_block, _BATH_LOOK * math.sqrt(len(means)) * means), 0.0
     return FlowBlocks(mean(time), means, u_block, mean(ink.factor[row]), known)
 
 

@@ -223,6 +223,10 @@ class FlowControl:
 
     def put_in_force(self, factor: float) -> None:
         """Take notice that the printer has a factor."""
+        if (
+            self.factor == 1.0 != factor
+        ):  # it doesn't flow as calibrated, nor anywhere near for sure
+            self.variance += self.log_flow**2
         self.factor = factor
 
 
