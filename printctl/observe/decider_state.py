@@ -18,6 +18,7 @@ def state_of(decider: Decider) -> dict[str, Any]:
         "variance": control.variance,
         "time_s": control.time_s,
         "misread": [control.misread, control.misread_variance, control.covariance, control.stated],
+        "stepped": control.stepped,
         "answers": asdict(control.answers),
         "layers": asdict(decider.layers),
         "last_shift_mm": decider.last_shift_mm,
@@ -31,6 +32,7 @@ def restore(decider: Decider, state: dict[str, Any]) -> None:
     control.variance, control.time_s = state["variance"], state["time_s"]
     misread = state.get("misread", (0.0, 1.0, 0.0, 0.0))
     control.misread, control.misread_variance, control.covariance, control.stated = misread
+    control.stepped = state.get("stepped", False)
     answers = dict(state.get("answers", {}))
     last = answers.pop("last", None)
     control.answers = Answers(**answers, last=None if last is None else Reading(**last))

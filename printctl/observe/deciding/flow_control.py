@@ -36,6 +36,8 @@ _STEP_SIGMAS: Final = 3.5
 """Deviation of a reading that may be a step; two in a row by chance: 1 in 4 million pairs."""
 _SURE: Final = 3.29
 """Standard uncertainties beyond the deadband: one in 2,000 by chance, one-sided."""
+_STEPPED: Final = 2.5
+"""The same behind a step that is told: the flow surely changed, though to what isn't as sure."""
 _WORTH: Final = 0.25
 """Of its standard uncertainty: a smaller change of a factor that corrects already isn't made."""
 _SAME: Final = 1e-3
@@ -117,6 +119,8 @@ class FlowControl:
         Estimate of what pictures misread of all lines alike, over what they state that it may be.
     covariance : float
         Of both estimates.
+    stepped : bool
+        Whether it has changed surely since the print began.
     stated : float
         What the last picture stated that it may misread, relative; 0 before the first.
     answers : Answers
@@ -132,6 +136,7 @@ class FlowControl:
     misread_variance: float = 1.0
     covariance: float = 0.0
     stated: float = 0.0
+    stepped: bool = False
     answers: Answers = field(default_factory=Answers)
     _far: float = 0.0
 
@@ -161,6 +166,7 @@ class FlowControl:
         step = abs(sigmas) > _STEP_SIGMAS
         if step and self._far * sigmas > 0:  # the second in a row on this side
             self.variance += off * off
+            self.stepped = True
         elif step:  # an outlier until the next reading says the same
             self._far = sigmas
             return
@@ -212,7 +218,9 @@ class FlowControl:
             answered = round(self.answers.answered, 4)
             return None if abs(self.factor - answered) < _SAME else answered
         left = self.log_flow + math.log(self.factor)
-        sigmas = _SURE if self.factor == 1.0 else _WORTH
+        sigmas = _WORTH
+        if self.factor == 1.0:
+            sigmas = _STEPPED if self.stepped else _SURE
         doubt = sigmas * math.hypot(math.sqrt(self.variance), _PICTURE)
         if abs(left) <= self.limits.deadband + doubt:
             return None

@@ -141,9 +141,9 @@ def test_a_picture_that_is_less_sure_than_the_last_is_no_step():
 @pytest.mark.parametrize("flow", [0.7, 1.3])
 @pytest.mark.parametrize("misread", [0.95, 1.0, 1.05])
 def test_a_step_is_corrected_though_all_widths_are_misread_alike(flow, misread):
-    """Levels known to 7 % told no step of 30 %: 9 of 11 drifts of a stranger went on."""
+    """Levels known to 10 % told no step of 30 %: 9 of 11 drifts of a stranger went on."""
     rng = np.random.default_rng(8)
-    control, common = FlowControl(), 0.07
+    control, common = FlowControl(), 0.1
     for k in range(8):
         true = 1.0 if k < 4 else flow
         ratio = noisy(rng, true * misread * control.factor, 5, 0.01)
@@ -154,4 +154,4 @@ def test_a_step_is_corrected_though_all_widths_are_misread_alike(flow, misread):
             control.put_in_force(factor)
         if k < 4:
             assert control.factor == 1.0
-    assert abs(flow * control.factor - 1) < 0.1  # nothing tells the level better
+    assert abs(flow * control.factor - 1) < 0.12  # nothing tells the level better
