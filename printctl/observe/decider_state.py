@@ -17,8 +17,7 @@ def state_of(decider: Decider) -> dict[str, Any]:
         "log_flow": control.log_flow,
         "variance": control.variance,
         "time_s": control.time_s,
-        "misread": [control.misread, control.misread_variance, control.covariance, control.stated],
-        "stepped": control.stepped,
+        "common": control.common,
         "answers": asdict(control.answers),
         "layers": asdict(decider.layers),
         "last_shift_mm": decider.last_shift_mm,
@@ -30,9 +29,7 @@ def restore(decider: Decider, state: dict[str, Any]) -> None:
     control = decider.control
     control.log_flow = state["log_flow"]
     control.variance, control.time_s = state["variance"], state["time_s"]
-    misread = state.get("misread", (0.0, 1.0, 0.0, 0.0))
-    control.misread, control.misread_variance, control.covariance, control.stated = misread
-    control.stepped = state.get("stepped", False)
+    control.common = state.get("common", 0.0)
     answers = dict(state.get("answers", {}))
     last = answers.pop("last", None)
     control.answers = Answers(**answers, last=None if last is None else Reading(**last))

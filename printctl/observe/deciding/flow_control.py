@@ -5,17 +5,16 @@ factor in force added is taken out of each reading first. The factor is its inve
 So nothing integrates while the factor stands at a bound (no wind-up), and a reading of lines that
 were written under an older factor does no harm.
 
-Estimator: Kalman filter (Kalman 1960, J. Basic Eng. 82, 35, doi 10.1115/1.3662552) of two things:
-the logarithm of that ratio, a random walk, and what pictures misread of all lines alike, in units
-of the uncertainty that they state for it, a constant. So a change between pictures is known far
-better than a level, and many pictures know a level no better than one. Two readings in a row far
-from the estimate, on one side, are a step of the flow: it then may be anything, and what is
-misread stays as it was.
+Estimator: Kalman filter of the logarithm of that ratio, a random walk (Kalman 1960, J. Basic Eng.
+82, 35, doi 10.1115/1.3662552). Two readings in a row far from it, on one side, are a step: the
+filter then forgets what it knew.
 
 A calibrated ink flows as asked, until a deviation is seen beyond doubt: corrected is first what
 exceeds the deadband by so many standard uncertainties that noise does it once in 2,000 looks.
 From then on nothing speaks for the factor in force any more, and the best estimate is followed, but
-for changes that are smaller than a quarter of its own uncertainty.
+for changes that are smaller than a quarter of its own uncertainty. What a picture misreads of all
+lines alike the next one misreads in part, too: so a picture that is less sure than what is known
+hardly moves the estimate, and many together know no better than the best.
 """
 
 from __future__ import annotations
@@ -36,17 +35,14 @@ _STEP_SIGMAS: Final = 3.5
 """Deviation of a reading that may be a step; two in a row by chance: 1 in 4 million pairs."""
 _SURE: Final = 3.29
 """Standard uncertainties beyond the deadband: one in 2,000 by chance, one-sided."""
-_STEPPED: Final = 2.5
-"""The same behind a step that is told: the flow surely changed, though to what isn't as sure."""
 _WORTH: Final = 0.25
 """Of its standard uncertainty: a smaller change of a factor that corrects already isn't made."""
 _SAME: Final = 1e-3
 """Factors that differ by less are one."""
 _PICTURE: Final = 0.015
 """What widths of a picture may be off by, relative, beyond what it says itself: other ink below."""
-_ALIKE: Final = 0.9
-"""Of what a picture misreads of all lines alike, as a variance: the next one does so, too, as far
-as it states as much; what it states otherwise is its own (of lines over other ink)."""
+_ALIKE: Final = 0.7
+"""Of what a picture misreads of all lines alike, as a variance: the next one does so, too."""
 _LEAST_U: Final = 0.005
 """No reading of a ratio is better than 0.5 %: the expected width itself is rounded and modelled."""
 
@@ -115,14 +111,8 @@ class FlowControl:
         Estimate of the logarithm of delivered over asked flow, uncorrected, and its variance.
     time_s : float or None, s
         Of the last reading.
-    misread, misread_variance : float
-        Estimate of what pictures misread of all lines alike, over what they state that it may be.
-    covariance : float
-        Of both estimates.
-    stepped : bool
-        Whether it has changed surely since the print began.
-    stated : float
-        What the last picture stated that it may misread, relative; 0 before the first.
+    common : float
+        Part of its uncertainty that readings of a picture share.
     answers : Answers
         Whether the amount seen answers corrections.
     """
@@ -132,62 +122,53 @@ class FlowControl:
     log_flow: float = 0.0
     variance: float = 0.01
     time_s: float | None = None
-    misread: float = 0.0
-    misread_variance: float = 1.0
-    covariance: float = 0.0
-    stated: float = 0.0
-    stepped: bool = False
+    common: float = 0.0
     answers: Answers = field(default_factory=Answers)
     _far: float = 0.0
+    _known: float = 0.01
 
     def learn(self, blocks: FlowBlocks) -> None:
         """Take in readings; those without a positive finite ratio are left out."""
         sound = np.isfinite(blocks.area_ratio) & (blocks.area_ratio > 0) & np.isfinite(blocks.u)
         self.answers.learn(*_random(blocks, sound), self.log_flow)
+        self._known = self.variance
         for k in np.flatnonzero(sound).tolist():
             ratio = float(blocks.area_ratio[k])
             u = max(float(blocks.u[k]) / ratio, _LEAST_U)
             reading = math.log(ratio) - math.log(float(blocks.factor[k]))
             self._update(float(blocks.time_s[k]), reading, u, blocks.u_common, int(sound.sum()))
-        if sound.any():
-            self.stated = blocks.u_common
+        if sound.any():  # more readings of one picture don't tell what they share
+            self.variance = max(self.variance, min(self._known, blocks.u_common**2))
+            self.common = min(math.sqrt(self.variance), blocks.u_common)
 
     def _update(self, time_s: float, reading: float, u: float, common: float, count: int) -> None:
         """Take in one of so many readings of a picture, which share a part of their uncertainty."""
         passed = max(time_s - self.time_s, 0.0) if self.time_s is not None else 0.0
         self.time_s = time_s
         self.variance += self.limits.drift_per_root_s**2 * passed
-        common = min(common, u)
-        own = min((1.0 - _ALIKE) * common**2 + (common - (self.stated or common)) ** 2, common**2)
-        alike, single = math.sqrt(common**2 - own), u * u - common**2
-        off = reading - self.log_flow - alike * self.misread
-        known = max(self._variance_of_sum(alike) + single + own, 2.0 * _PICTURE**2)
-        sigmas = off / math.sqrt(known)
+        off = reading - self.log_flow
+        sigmas = off / math.sqrt(self._variance_of_change(u, common))
+        own = u * u + (count - 1) * min(common, u) ** 2  # so that all together know no better
         step = abs(sigmas) > _STEP_SIGMAS
         if step and self._far * sigmas > 0:  # the second in a row on this side
-            self.variance += off * off
-            self.stepped = True
+            self.variance = self._known = max(self.variance, off * off)
         elif step:  # an outlier until the next reading says the same
             self._far = sigmas
             return
         self._far = sigmas if step else 0.0
-        # Each counts its picture's own part as often as there are readings: together once.
-        self._correct(off, alike, max(single, _LEAST_U**2) + count * own)
+        alike = _ALIKE * self._shared(u, common)  # Kalman gain for errors that are correlated
+        gain = (self.variance - alike) / (self.variance + own - 2.0 * alike)
+        self.log_flow += gain * off
+        self.variance -= gain * (self.variance - alike)
 
-    def _variance_of_sum(self, alike: float) -> float:
-        """Variance of what a reading should be, by the estimates."""
-        return self.variance + 2.0 * alike * self.covariance + alike**2 * self.misread_variance
+    def _variance_of_change(self, u: float, common: float) -> float:
+        """Variance of a reading less the estimate: what both share cancels, but for pictures."""
+        both = self.variance + u * u - 2.0 * self._shared(u, common)
+        return max(both, 2.0 * _PICTURE**2)
 
-    def _correct(self, off: float, alike: float, noise: float) -> None:
-        """Kalman's correction by a reading that is off by so much."""
-        whole = self._variance_of_sum(alike) + noise
-        of_flow = self.variance + alike * self.covariance
-        of_misread = self.covariance + alike * self.misread_variance
-        self.log_flow += of_flow / whole * off
-        self.misread += of_misread / whole * off
-        self.variance -= of_flow**2 / whole
-        self.covariance -= of_flow * of_misread / whole
-        self.misread_variance -= of_misread**2 / whole
+    def _shared(self, u: float, common: float) -> float:
+        """Variance that a reading and the estimate share."""
+        return min(self.common**2, self.variance, common**2, u * u)
 
     @property
     def flow(self) -> float:
@@ -218,9 +199,7 @@ class FlowControl:
             answered = round(self.answers.answered, 4)
             return None if abs(self.factor - answered) < _SAME else answered
         left = self.log_flow + math.log(self.factor)
-        sigmas = _WORTH
-        if self.factor == 1.0:
-            sigmas = _STEPPED if self.stepped else _SURE
+        sigmas = _SURE if self.factor == 1.0 else _WORTH
         doubt = sigmas * math.hypot(math.sqrt(self.variance), _PICTURE)
         if abs(left) <= self.limits.deadband + doubt:
             return None
@@ -231,10 +210,6 @@ class FlowControl:
 
     def put_in_force(self, factor: float) -> None:
         """Take notice that the printer has a factor."""
-        if (
-            self.factor == 1.0 != factor
-        ):  # it doesn't flow as calibrated, nor anywhere near for sure
-            self.variance += self.log_flow**2
         self.factor = factor
 
 

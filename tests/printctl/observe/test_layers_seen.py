@@ -193,7 +193,7 @@ def test_what_looks_left_untold_is_kept_for_another_observer():
 def test_a_state_of_an_older_release_is_restored():
     decider = Decider(Limits())
     state = state_of(decider)
-    restore(decider, {name: state[name] for name in state if name not in ("misread", "answers")})
+    restore(decider, {name: state[name] for name in state if name not in ("common", "answers")})
     assert decider.control.answers.last is None
 
 
