@@ -7,6 +7,7 @@ from typing import Any
 
 from printctl.observe.deciding import Decider, LayersSeen
 from printctl.observe.deciding.answers import Answers, Reading
+from printctl.observe.deciding.seen_flow import SeenFlow, SeenLevel
 from registration.layer_images.values import Gap
 
 
@@ -19,6 +20,7 @@ def state_of(decider: Decider) -> dict[str, Any]:
         "time_s": control.time_s,
         "common": control.common,
         "answers": asdict(control.answers),
+        "seen_flow": asdict(control.seen),
         "layers": asdict(decider.layers),
         "last_shift_mm": decider.last_shift_mm,
     }
@@ -33,6 +35,11 @@ def restore(decider: Decider, state: dict[str, Any]) -> None:
     answers = dict(state.get("answers", {}))
     last = answers.pop("last", None)
     control.answers = Answers(**answers, last=None if last is None else Reading(**last))
+    seen = dict(state.get("seen_flow", {}))
+    for name in ("first", "last"):
+        if seen.get(name) is not None:
+            seen[name] = SeenLevel(**seen[name])
+    control.seen = SeenFlow(**seen)
     layers = dict(state["layers"])
     for name in ("blank", "tail", "before_tail"):
         layers[name] = [Gap(**one) for one in layers.get(name, ())]

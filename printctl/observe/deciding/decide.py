@@ -18,7 +18,8 @@ Rules, in their order; the first that holds decides:
    yet since the print began, or older ink doesn't change any more as it did: pause;
    where the picture changed near a line's middle alone, so that its ink may be thin: ask;
 6. corrections of the flow that the amount seen doesn't answer: take them back and pause, once; a
-   flow beyond the bounds of the correction: pause; within them: correct it;
+   flow beyond the bounds of the correction: pause; within them: correct it; one that is likely
+   off, though not surely: ask once;
 7. lines of which nothing is told for long, and after a clog a layer of which nothing can be: pause,
    once;
 8. too little was seen of several layers in a row: pause.
@@ -352,8 +353,8 @@ class Decider:
         then = "approve writes them again once its cause is seen to, go on leaves them"
         return Decision(DecisionKind.PAUSE, f"{why}; {then}", gaps, ask=DecisionKind.MEND)
 
-    def _flow(self, _: Evidence) -> Decision | None:
-        return flow_decision(self.control)
+    def _flow(self, evidence: Evidence) -> Decision | None:
+        return flow_decision(self.control, self.limits.width_percent / 100.0, evidence.seem_thin)
 
     def _bare(self, evidence: Evidence) -> Decision | None:
         if not (

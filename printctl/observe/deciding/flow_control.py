@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from printctl.observe.deciding.answers import Answers
+from printctl.observe.deciding.seen_flow import SeenFlow
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -115,6 +116,8 @@ class FlowControl:
         Part of its uncertainty that readings of a picture share.
     answers : Answers
         Whether the amount seen answers corrections.
+    seen : SeenFlow
+        What pictures alone say of the flow.
     """
 
     limits: FlowLimits = field(default_factory=FlowLimits)
@@ -124,13 +127,16 @@ class FlowControl:
     time_s: float | None = None
     common: float = 0.0
     answers: Answers = field(default_factory=Answers)
+    seen: SeenFlow = field(default_factory=SeenFlow)
     _far: float = 0.0
     _known: float = 0.01
 
     def learn(self, blocks: FlowBlocks) -> None:
         """Take in readings; those without a positive finite ratio are left out."""
         sound = np.isfinite(blocks.area_ratio) & (blocks.area_ratio > 0) & np.isfinite(blocks.u)
-        self.answers.learn(*_random(blocks, sound), self.log_flow)
+        log_ratio, variance, factor = _random(blocks, sound)
+        self.answers.learn(log_ratio, variance, factor, self.log_flow)
+        self.seen.learn(log_ratio - np.log(factor), variance, blocks.u_common)
         self._known = self.variance
         for k in np.flatnonzero(sound).tolist():
             ratio = float(blocks.area_ratio[k])
@@ -203,13 +209,26 @@ class FlowControl:
         doubt = sigmas * math.hypot(math.sqrt(self.variance), _PICTURE)
         if abs(left) <= self.limits.deadband + doubt:
             return None
-        per = self.limits.steps_per_unit
-        wanted = min(max(math.exp(-self.log_flow), self.limits.low), self.limits.high)
-        rounded = round(wanted * per) / per
+        rounded = self._allowed(self.log_flow)
         return None if rounded == self.factor else rounded
 
+    def by_last_picture(self) -> float | None:
+        """Return the factor that the last picture alone asks for; None where it tells no width."""
+        return None if self.seen.last is None else self._allowed(self.seen.last.level)
+
+    def _allowed(self, log_flow: float) -> float:
+        """Factor that corrects a flow, within bounds, in steps of the firmware."""
+        per = self.limits.steps_per_unit
+        wanted = min(max(math.exp(-log_flow), self.limits.low), self.limits.high)
+        return round(wanted * per) / per
+
     def put_in_force(self, factor: float) -> None:
-        """Take notice that the printer has a factor."""
+        """Take notice that the printer has a factor.
+
+        The first correction says what flows: by the estimate, or by what the operator approved.
+        """
+        if self.factor == 1.0 != factor:
+            self.log_flow = -math.log(factor)
         self.factor = factor
 
 

@@ -2,12 +2,26 @@
 
 from __future__ import annotations
 
+import math
+
 from printctl.observe.deciding.decision import Decision, DecisionKind
 from printctl.observe.deciding.flow_control import FlowControl
+from printctl.observe.deciding.thin import Thin
 
 
-def flow_decision(control: FlowControl) -> Decision | None:
-    """Return what a flow calls for; None where it is as it should be."""
+def flow_decision(
+    control: FlowControl, tolerance: float, seem_thin: tuple[Thin, ...] = ()
+) -> Decision | None:
+    """Return what a flow calls for; None where it is as it should be.
+
+    Parameters
+    ----------
+    control : FlowControl
+    tolerance : float
+        Share by which it may be off.
+    seem_thin : tuple of Thin
+        Lines that seem to have too little ink.
+    """
     if control.answers.failed:
         return _unanswered(control)
     told = f"the ink flows at {control.flow:.0%} ± {2 * control.u_flow:.0%} of what is asked for"
@@ -16,8 +30,31 @@ def flow_decision(control: FlowControl) -> Decision | None:
         return Decision(DecisionKind.PAUSE, f"{told}: beyond a correction by {low:g} to {high:g}")
     factor = control.proposal()
     if factor is None:
-        return None
+        return _likely_off(control, tolerance, seem_thin)
     return Decision(DecisionKind.FLOW, f"{told}: factor {factor:.2f}", factor=factor)
+
+
+def _likely_off(
+    control: FlowControl, tolerance: float, seem_thin: tuple[Thin, ...]
+) -> Decision | None:
+    """Ask once about a flow that is likely off, though not surely."""
+    seen, factor = control.seen, control.by_last_picture()
+    if seen.asked or seen.last is None or factor is None or factor == control.factor:
+        return None
+    if not seen.likely_off(control.factor, tolerance):
+        return None
+    seen.asked = True
+    share = control.factor * math.exp(seen.last.level)
+    thin = seem_thin if factor > control.factor else ()
+    way_mm = math.fsum(one.length_mm for one in thin)
+    then = f"corrects the flow to {factor:.2f}" + f" and fills {way_mm:.1f} mm up" * bool(thin)
+    return Decision(
+        DecisionKind.PAUSE,
+        f"lines seem to have {share:.0%} ± {2 * share * seen.last.u:.0%} of the ink asked for: "
+        "the flow is off, or light makes their edges look so; look at a line or weigh the ink "
+        f"(this is asked once); approve {then}, go on leaves it",
+        factor=factor, ask=DecisionKind.FLOW, thin=thin,
+    )  # fmt: skip
 
 
 def _unanswered(control: FlowControl) -> Decision | None:
