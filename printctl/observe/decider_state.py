@@ -36,7 +36,7 @@ def restore(decider: Decider, state: dict[str, Any]) -> None:
     last = answers.pop("last", None)
     control.answers = Answers(**answers, last=None if last is None else Reading(**last))
     seen = dict(state.get("seen_flow", {}))
-    for name in ("first", "last"):
+    for name in ("first", "last", "asked"):
         if seen.get(name) is not None:
             seen[name] = SeenLevel(**seen[name])
     control.seen = SeenFlow(**seen)

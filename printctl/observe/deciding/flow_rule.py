@@ -37,13 +37,13 @@ def flow_decision(
 def _likely_off(
     control: FlowControl, tolerance: float, seem_thin: tuple[Thin, ...]
 ) -> Decision | None:
-    """Ask once about a flow that is likely off, though not surely."""
+    """Ask about a flow that is likely off, though not surely."""
     seen, factor = control.seen, control.by_last_picture()
-    if seen.asked or seen.last is None or factor is None or factor == control.factor:
+    if seen.last is None or factor is None or factor == control.factor:
         return None
     if not seen.likely_off(control.factor, tolerance):
         return None
-    seen.asked = True
+    seen.asked = seen.last
     share = control.factor * math.exp(seen.last.level)
     thin = seem_thin if factor > control.factor else ()
     way_mm = math.fsum(one.length_mm for one in thin)
@@ -51,8 +51,8 @@ def _likely_off(
     return Decision(
         DecisionKind.PAUSE,
         f"lines seem to have {share:.0%} ± {2 * share * seen.last.u:.0%} of the ink asked for: "
-        "the flow is off, or light makes their edges look so; look at a line or weigh the ink "
-        f"(this is asked once); approve {then}, go on leaves it",
+        "the flow is off, or light makes their edges look so; look at a line or weigh the ink; "
+        f"approve {then}, go on leaves it",
         factor=factor, ask=DecisionKind.FLOW, thin=thin,
     )  # fmt: skip
 

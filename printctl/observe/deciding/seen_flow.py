@@ -1,9 +1,9 @@
 """Flow by the widths of the last picture alone, and whether it is likely to be off.
 
 What surely is off is corrected (`flow_control`). Widths that light, rims or dim flanks make unsure
-tell less: a flow that is likely off is asked about, once. Likely is what exceeds the tolerance and
-either the picture's own uncertainty or, since pictures misread alike, that of the change since the
-print's first picture.
+tell less: a flow that is likely off is asked about. Likely is what exceeds the tolerance and either
+the picture's own uncertainty or, since pictures misread alike, that of the change since the print's
+first picture. Once it was asked about, only such a change since then is asked about again.
 """
 
 from __future__ import annotations
@@ -65,13 +65,13 @@ class SeenFlow:
     ----------
     first, last : SeenLevel or None
         Of the print's first and last picture that told any width.
-    asked : bool
-        Whether the operator was asked about it.
+    asked : SeenLevel or None
+        Of the picture that the operator was asked about last.
     """
 
     first: SeenLevel | None = None
     last: SeenLevel | None = None
-    asked: bool = False
+    asked: SeenLevel | None = None
 
     def learn(self, readings: FloatArray, variance: FloatArray, common: float) -> None:
         """Take in a picture's readings, (n,), in their order: the later half tells what flows."""
@@ -88,6 +88,8 @@ class SeenFlow:
         if self.first is None or self.last is None or self.last.u < _KNOWN:
             return False
         least, left = math.log1p(tolerance), abs(self.last.level + math.log(factor))
-        changed = abs(self.last.level - self.first.level)
-        surely = changed > max(least, _CHANGED * self.last.u_change(self.first))
-        return left > least and (left > _LIKELY * self.last.u or surely)
+        before = self.asked or self.first
+        changed = abs(self.last.level - before.level)
+        surely = changed > max(least, _CHANGED * self.last.u_change(before))
+        likely = self.asked is None and left > _LIKELY * self.last.u
+        return left > least and (likely or surely)

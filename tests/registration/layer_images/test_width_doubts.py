@@ -1,4 +1,4 @@
-"""What a width may be off by: edges that shade or shine, cameras that code, models that misfit."""
+"""Widths that shading edges, a camera's response and misfitting models make unsure."""
 
 import cv2
 import numpy as np
