@@ -48,6 +48,9 @@ _DRYING: Final = 0.015
 _STILL: Final = 1.5
 """Times the ground's, below which nothing was, where ink's is `_SHOWS` times that."""
 _SHOWS: Final = 10.0
+_HARDLY: Final = 0.1
+"""And of what ink changes it by (of a stranger's 14 sound prints 0.65 mm at most changed as
+little): what lies beside a bare line shades it."""
 _DRAWS: Final = 200
 _ALIKE: Final = 0.6
 """Of the most change on older ink, that lines of one height and direction must show somewhere;
@@ -72,7 +75,10 @@ class Change:
     energy : (n,) float64
         Mean square across each place, logarithms; NaN where it isn't known.
     rms : (n,) float64
-        Of a window around it, above the ground's own.
+        Of a window around it, above the ground's own; NaN where it isn't known, or light that
+        changed beside it may have done it.
+    anyway : (n,) float64
+        The same whatever did it.
     usual, limit : (n,) float64
         Of ink on such places, and what the ground's reaches; NaN where it isn't known.
     own : (n,) float64
@@ -90,6 +96,7 @@ class Change:
 
     energy: FloatArray
     rms: FloatArray
+    anyway: FloatArray
     usual: FloatArray
     limit: FloatArray
     own: FloatArray
@@ -106,9 +113,13 @@ class Change:
 
     @property
     def still(self) -> BoolArray:
-        """Places that changed as ground does, though others like them by far more, (n,)."""
+        """Places that changed as ground does, though others like them by far more, (n,).
+
+        Where light changed as well, ink would have changed them all the more.
+        """
         sure = self.alike & (self.usual > _SHOWS * self.limit)
-        return np.asarray(sure & (self.rms < _STILL * self.limit))
+        least = np.maximum(_STILL * self.limit, _HARDLY * self.usual)
+        return np.asarray(sure & (self.anyway < least))
 
     def share(self, rows: BoolArray, normal: FloatArray) -> float:
         """Change of some places over that of ink on lines of their direction (``normal`` (n, 2)).
@@ -189,17 +200,28 @@ def change_along(
         if ground is not None:
             own[kind], far = float(np.median(ground)), float(np.percentile(ground, _FAR))
             limit[kind] = math.sqrt(max(far - float(np.median(ground)), _LEAST))
+    anyway = _windows(energy, shown, ways, count, own)
     shown &= ~_by_light(image, energy, limit, bare.ground, seen, ways, width_px)
+    rms = _windows(energy, shown, ways, count, own)
     energy = np.where(shown, energy, np.nan)
-    mean = np.exp(averaged(np.log(np.nan_to_num(energy, nan=1.0)), shown, ways.run, count))
-    rms = np.where(shown, np.sqrt(np.maximum(mean - own, 0.0)), np.nan)
     for kind, _ in kinds:
         rows = kind & np.isfinite(rms)
         if rows.any():
-            usual[rows] = float(np.percentile(rms[rows], _HIGHEST))
+            usual[kind] = float(np.percentile(rms[rows], _HIGHEST))
     for own_kind, like in _kinds(ways, bare, np.isfinite(rms)):
         alike[own_kind] = np.percentile(rms[like], _HIGHEST) > _ALIKE * usual[own_kind][0]
-    return Change(energy, rms, usual, limit, own, alike, bare.over_old, on_old, count, profiles)
+    return Change(
+        energy, rms, anyway, usual, limit, own, alike, bare.over_old, on_old, count, profiles
+    )
+
+
+def _windows(
+    energy: FloatArray, shown: BoolArray, ways: Ways, count: int, own: FloatArray
+) -> FloatArray:
+    """Change of windows around places that are shown, above the ground's own, (n,)."""
+    logs = np.log(np.where(shown, energy, 1.0))
+    mean = np.exp(averaged(logs, shown, ways.run, count))
+    return np.asarray(np.where(shown, np.sqrt(np.maximum(mean - own, 0.0)), np.nan))
 
 
 def _by_light(
@@ -229,15 +251,15 @@ def _by_light(
 def _kinds(ways: Ways, bare: Unwritten, known: BoolArray) -> Iterator[tuple[BoolArray, BoolArray]]:
     """Yield places over older ink of one height and direction, and those to compare them with.
 
-    These are of directions up to `_PARALLEL`; both are (n,), of ``known`` (n,) ones.
+    These are ``known`` (n,) ones of directions up to `_PARALLEL`; both are (n,).
     """
     angle = np.arctan2(ways.normal[:, 1], ways.normal[:, 0])
     part = np.round(angle / math.pi * _DIRECTIONS).astype(int) % _DIRECTIONS
     for rank in np.unique(bare.onto[bare.over_old]):
-        rows = bare.over_old & (bare.onto == rank) & known
-        for one in np.unique(part[rows]):
+        rows = bare.over_old & (bare.onto == rank)
+        for one in np.unique(part[rows & known]):
             near = np.abs(np.cos(angle - one * math.pi / _DIRECTIONS)) > _PARALLEL
-            yield rows & (part == one), rows & near
+            yield rows & (part == one), rows & near & known
 
 
 def lay_older(lines: ExpectedLines, late: BoolArray, ways: Ways) -> Ways | None:

@@ -44,7 +44,17 @@ def _change(profiles: FloatImage, limit: float = 0.002) -> Change:
     full, all_ = np.full(count, INK), np.ones(count, np.bool_)
     energy = (profiles.astype(np.float64) ** 2).mean(axis=(1, 2))
     return Change(
-        energy, full, full, np.full(count, limit), np.zeros(count), all_, all_, None, 25, profiles
+        energy,
+        full,
+        full,
+        full,
+        np.full(count, limit),
+        np.zeros(count),
+        all_,
+        all_,
+        None,
+        25,
+        profiles,
     )
 
 

@@ -131,3 +131,14 @@ def test_a_shadow_that_went_is_not_taken_for_ink() -> None:
     near = np.abs(scene.ways.point[:, 0] - 0.5 * SIZE) < 2.0  # beyond it other fresh lines cross
     assert not change.came[own & near].any()
     assert change.came[~own].mean() > 0.5
+
+
+def test_a_missing_line_beside_ground_that_changed_is_unchanged() -> None:
+    """Of clear ink 27 mm were missing, and nobody asked: rims beside them lit the ground anew."""
+    scene = _Scene.of(0.15, 0.15, _one_missing())
+    own = scene.ways.stroke == np.unique(scene.ways.stroke)[MISSING]
+    across = np.mgrid[0:COUNT, 0:COUNT][0] / SCALE - EDGE - scene.ways.point[own, 1].mean()
+    lit = np.where((np.abs(across) > 0.7 * WIDTH) & (np.abs(across) < 1.3 * WIDTH), 0.05, 0.0)
+    still = _Scene(scene.lines, scene.ways, scene.ground, scene.difference + lit).changed().still
+    assert still[own].mean() > 0.7
+    assert not still[~own].any()
