@@ -26,9 +26,12 @@ from registration.layer_images.values import BoolArray, ExpectedLines, FloatArra
 MOST_PX: Final = 2.5
 """A camera that moved by more was touched: its picture before isn't used."""
 _MOVED: Final = 2 * math.ceil(MOST_PX) + 1
-_NEAR: Final = 1.4
-"""Widths around fresh lines, and some pixels, that aren't ground."""
+_NEAR: Final = (3.0, 1.4)
+"""Widths around fresh lines, and some pixels, that aren't ground: their shade and light reach so
+far, and moved a camera that stood still by 3 pixels; less only where too little is left."""
 _NEAR_PX: Final = 4.0
+_ENOUGH: Final = 5000
+"""Pixels of ground that are left."""
 _HALO: Final = 2.0
 """Radii of a saturated spot, within which its own light is brighter than the bath's texture."""
 _HALO_PX: Final = 3.0
@@ -68,11 +71,10 @@ def with_before(
     unmeasured = unmeasured_pixels(old_part)
     old_part = measured_alone(old_part, unmeasured)
     lost = _binned_near(unmeasured, work)
-    ground = _ground(work, frame, lines, written) * (1 - lost)
     floor = _floor(part, old_part) if work.is_log else None
     earlier, bad = channels_of(old_part, work.scale, floor)
-    usable = ground * (1 - with_halos(bad | work.bad))
-    move = camera_move(work.channels, earlier, usable)
+    free = (1 - lost) * (1 - with_halos(bad | work.bad))
+    move = camera_move(work.channels, earlier, _ground(work, frame, lines, written, free))
     moved_px = move.most_px * work.scale
     if moved_px > MOST_PX:
         return replace(work, moved_px=moved_px)
@@ -133,9 +135,15 @@ def _floor(part: Image, old_part: Image) -> float:
     return dark_floor(part) * old_light / light
 
 
-def _ground(work: Working, frame: WorkingFrame, lines: ExpectedLines, written: BoolArray) -> Mask:
-    ends = np.stack([frame.to_pixels(lines.start), frame.to_pixels(lines.end)], axis=1)
-    wide = _NEAR * lines.width_mm * work.px_per_mm + _NEAR_PX
-    near = drawn_lines(work.shape, ends[written], wide[written])
-    near = cv2.bitwise_or(near, (work.bad | work.hidden).astype(np.uint8))
-    return np.asarray(1 - near, dtype=np.uint8)
+def _ground(
+    work: Working, frame: WorkingFrame, lines: ExpectedLines, written: BoolArray, free: Mask
+) -> Mask:
+    """What lies ``free`` (h, w) and far from what was written, (h, w) uint8."""
+    ends = np.stack([frame.to_pixels(lines.start), frame.to_pixels(lines.end)], axis=1)[written]
+    free = free * (1 - (work.bad | work.hidden).astype(np.uint8))
+    for widths in _NEAR:
+        wide = widths * lines.width_mm[written] * work.px_per_mm + _NEAR_PX
+        ground = free * (1 - drawn_lines(work.shape, ends, wide))
+        if cv2.countNonZero(ground) >= _ENOUGH:
+            break
+    return np.asarray(ground, dtype=np.uint8)
