@@ -190,7 +190,7 @@ def _tell_unobserved(file: Path, order: Order) -> None:
         messages().print(
             f"note: nobody looks at this print, although {file.parent / ORDER} says how it is "
             "observed: `printctl print` starts no observer; `printctl run RECIPE` and the page "
-            "(`printctl serve`) do",
+            "(`printctl serve`) do for the run's whole part, nobody for the rest of one",
             markup=False,
         )
 

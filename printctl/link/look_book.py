@@ -195,6 +195,10 @@ class LookBook:
         """Whether a look was decided."""
         return number in self._decided
 
+    def has_insert(self, number: int) -> bool:
+        """Whether lines were put into the job at a look."""
+        return number in self._inserts
+
     def failed_before(self, look: Look) -> bool:
         """Whether the look before this one, at the same place, failed as well."""
         record = self._decided.get(look.number - 1, {})

@@ -100,8 +100,10 @@ class Looks:
         if ending.decision is LookDecision.STOP:
             pauses.queue.add(Request.STOP, by=ending.by)
             raise StopRequested
+        changes = pauses.change.begun
         self._leave_look(at, park, look, ending)
-        if self._is_made_again(look, ending) and not pauses.watch.unobserved:
+        changed = pauses.change.begun > changes and not book.has_insert(look.number)
+        if (changed or self._is_made_again(look, ending)) and not pauses.watch.unobserved:
             pauses.watch.look_again()
 
     def _is_made_again(self, look: Look, ending: _Ending) -> bool:

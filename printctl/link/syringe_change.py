@@ -25,6 +25,8 @@ class SyringeChange:
     Attributes
     ----------
     going_on : bool
+    begun : int
+        Changes that were begun so far.
     planned_head : int or None
         Whose syringe it is, where that was said.
     filled : dict of (int or None) to Filling
@@ -34,6 +36,7 @@ class SyringeChange:
     def __init__(self, wiring: Wiring, progress: JobProgress) -> None:
         self._printer, self._progress = wiring.printer, progress
         self.going_on = False
+        self.begun = 0
         self.planned_head: int | None = None
         self.filled: dict[int | None, Filling] = {}
 
@@ -55,6 +58,7 @@ class SyringeChange:
     def begin(self) -> None:
         """Take notice that the plunger's count is about to lose its meaning."""
         self.going_on = True
+        self.begun += 1
 
     def end(self) -> None:
         """Take notice that the print goes on."""

@@ -61,8 +61,8 @@ from printctl.observe.order import ObserverOrder
 from printctl.observe.profiler import refuse_other_height
 from printctl.observe.records import DRAWN, read_looks
 from printctl.observe.shown_place import seen_where_ink_shows
-from printctl.observe.view_before import picture_before
-from printctl.observe.views import open_view, read_picture
+from printctl.observe.view_before import image_before
+from printctl.observe.views import open_view
 from registration.errors import PictureError
 from registration.layer_images import (
     Gap,
@@ -296,14 +296,7 @@ class ObservedJob:
         """Picture of the look before, where it is a camera's of the same view."""
         if self.order.tells_heights:
             return None
-        earlier = picture_before(self.folder, self.begun, at.look, path)
-        if earlier is None:
-            return None
-        try:
-            picture = read_picture(earlier)
-        except DeviceError:
-            return None
-        return picture if picture.shape == image.shape and picture.dtype == image.dtype else None
+        return image_before(self.folder, self.begun, at.look, path, image)
 
     def _check_new(self, taken: Image, before: Image | None) -> None:
         """Raise `DeviceError` for the very picture or volume taken last, or the one before."""

@@ -29,7 +29,7 @@ from printctl.observe.look_values import Look
 from printctl.observe.looking_at import ObservedJob
 from printctl.observe.observer import Observer
 from printctl.observe.order import ObserverOrder
-from printctl.observe.records import OBSERVER_LOCK, READY, read_looks
+from printctl.observe.records import OBSERVER_LOCK, READY, answer_of, read_looks
 from printctl.observe.trying import try_device
 from printctl.printing.journal_facts import read_journal_facts
 from printctl.system_errors import explain
@@ -203,8 +203,11 @@ def _look(observer: Observer, told: dict[str, Any]) -> bool:
                     observer.go_on(told["number"])
                 else:
                     observer.ask_again(look_of(told, observer))
-        elif told["insert_sha256"]:  # an observer put it in and died before it said so
-            observer.link.look_done(told["number"], "go_on", "mended by an observer that died")
+        elif told["insert_sha256"]:  # put in at the look before, or by an observer that died
+            observer.link.look_done(told["number"], "go_on", "mended here already")
+        elif _told_to_go_on(observer, told):  # while the syringe was changed
+            why = "the operator's word at the look before (go_on)"
+            observer.link.look_done(told["number"], "go_on", why)
         else:
             record = observer.look(look_of(told, observer))
             log.info("look %d: %s: %s", record.number, record.decision, record.why)
@@ -226,6 +229,14 @@ def _asked(observer: Observer, number: int) -> bool:
     """Whether a look's record asks the operator for something."""
     looks = read_looks(observer.folder, observer.begun)
     return any(one.number == number and one.asked for one in looks)
+
+
+def _told_to_go_on(observer: Observer, told: dict[str, Any]) -> bool:
+    """Whether the look before, at the same place, was answered so, and is made again."""
+    before = int(told["number"]) - 1
+    looks = read_looks(observer.folder, observer.begun)
+    asked = any(one.number == before and one.done == told["done"] and one.asked for one in looks)
+    return asked and answer_of(observer.folder, before) == "go_on"
 
 
 def look_of(told: dict[str, Any], observer: Observer) -> Look:

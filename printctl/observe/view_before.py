@@ -6,9 +6,10 @@ import math
 from pathlib import Path
 from typing import Final
 
-from printctl.observe.devices import picture_of
+from printctl.observe.devices import DeviceError, picture_of
 from printctl.observe.look_values import Look
 from printctl.observe.records import LOOKS, read_looks
+from printctl.observe.views import Image, read_picture
 
 EMPTY: Final = 0
 """Number of the look whose folder holds the view before anything was written."""
@@ -47,3 +48,38 @@ def picture_before(folder: Path, begun: float, look: Look, now: Path) -> Path | 
     except OSError:
         return None
     return path if 0.0 <= age < _OLDEST_S and taken <= latest else None
+
+
+def image_before(folder: Path, begun: float, look: Look, now: Path, image: Image) -> Image | None:
+    """Return `picture_before`, read; None where there is none, or it shows another view.
+
+    Parameters
+    ----------
+    image : Image
+        The picture that is to be judged.
+
+    Raises
+    ------
+    DeviceError
+        When the two differ in colour or depth: ink as one tells it isn't known in the other.
+    """
+    earlier = picture_before(folder, begun, look, now)
+    if earlier is None:
+        return None
+    try:
+        before = read_picture(earlier)
+    except DeviceError:
+        return None
+    if _kind(before) != _kind(image):
+        raise DeviceError(
+            f"the picture is {_kind(image)}, and the one before was {_kind(before)}: ink can't be "
+            "compared in them; set the camera as before, then resume"
+        )
+    return before if before.shape == image.shape else None
+
+
+def _kind(image: Image) -> str:
+    """Colour and depth of a picture, in words."""
+    colour = "grey" if image.ndim == 2 else "in colour"
+    depth = 8 * image.dtype.itemsize
+    return f"{colour} with {depth} bits{'' if image.ndim == 2 else ' a channel'}"

@@ -214,7 +214,7 @@ def read_oct_frame(path: Path) -> FloatArray:
 
 
 def read_picture(path: Path) -> Image:
-    """Read a picture of any depth; grey ones stay of one channel.
+    """Read a picture of any depth; grey ones stay of one channel, and no alpha is kept.
 
     Raises
     ------
@@ -227,7 +227,8 @@ def read_picture(path: Path) -> Image:
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if known else None
     if image is None:
         raise DeviceError(f"{path} isn't a picture that can be read (PNG, TIFF, JPEG)")
-    return np.asarray(image)
+    picture = np.asarray(image)
+    return picture if picture.ndim == 2 else np.ascontiguousarray(picture[:, :, :3])
 
 
 def _is_cut(path: Path) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,7 +23,7 @@ from printctl.link.states import LinkState
 
 _UNOBSERVED: Final = (
     "The print was observed; nobody looks at the rest: it is a file of its own, without looks and "
-    "mends. Look at each layer yourself."
+    "mends. Look at each layer yourself, the last one that was written, too."
 )
 
 
@@ -76,11 +77,12 @@ def planned(folder: Path, from_line: int | None = None) -> Recovery:
     try:
         care = Care.from_dict(record.care)
         ink, data = _ul_per_mm(care), path.read_bytes()
-        return plan_recovery(job, data, history, printer, retreat, from_line, ink, care.start_mm)
+        plan = plan_recovery(job, data, history, printer, retreat, from_line, ink, care.start_mm)
     except NoCheckpoint:
         raise
     except LinkError as exc:  # nothing was sent, so it isn't the printer that failed
         raise PrintctlError(str(exc)) from exc
+    return replace(plan, steps=(*plan.steps, _UNOBSERVED)) if care.looks else plan
 
 
 def write_rest(folder: Path, plan: Recovery, file: Path | None = None) -> dict[str, Any]:
@@ -107,7 +109,7 @@ def write_rest(folder: Path, plan: Recovery, file: Path | None = None) -> dict[s
     command = f"printctl print {place} --printer {record.profile} --port {record.port}"
     return {
         "file": str(place),
-        "steps": [*plan.steps, *([_UNOBSERVED] if Care.from_dict(record.care).looks else [])],
+        "steps": list(plan.steps),
         "lines_left_out": plan.begin,
         "command": command + (f" --start {start}" if start else ""),
     }

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from printctl.link.care import NewSyringe
 from printctl.link.errors import Refused
 from printctl.link.journal import Journal
 from printctl.link.journalled_print import read_journal
@@ -103,3 +104,35 @@ def test_what_was_inserted_in_a_pause_is_told_where_it_is_looked_again(tmp_path,
     assert len(history.inserts) == 1
     foreseen = dry_run(grown_file(data, history.inserts), PRINTER, START, cold_extrusion=True)
     assert own_strokes(transport.printer.executed()) == own_strokes(foreseen.executed)
+
+
+@pytest.mark.parametrize("mended", [False, True])
+@pytest.mark.parametrize("unchanged", [False, True])
+def test_a_question_that_waits_while_the_syringe_is_changed_is_asked_again(
+    tmp_path, unchanged, mended
+):
+    """To say which syringe is in, `resume` went on without the mend, and nobody was told."""
+    data, transport = layered(2, 12), fresh()
+    asks = {1: LookDecision.PAUSE}
+    observer = Observer(decides=lambda number: asks.get(number, LookDecision.GO_ON), resumes=False)
+
+    def says(status):
+        if status.state is not LinkState.PAUSED:
+            return
+        if status.waits_for != "syringe":
+            observer.streamer.reload()
+            return
+        if mended:
+            observer.insert(1, patch(data, 0))
+        observer.streamer.resume(None if unchanged else NewSyringe(1.0), unchanged)
+
+    observer.seen_by = says
+    status = observed(data, tmp_path, transport, observer)
+    assert status.state is LinkState.DONE, status
+    history = read_journal(tmp_path / "journal.log")
+    assert len(history.inserts) == mended
+    looked = [(one["done"], one["decision"]) for one in history.looked]
+    assert [done for done, _ in looked].count(looked[0][0]) == (1 if mended else 2)
+    grown = grown_file(data, history.inserts)
+    foreseen = dry_run(grown, PRINTER, START, cold_extrusion=True).executed
+    assert written(transport.printer.executed(), None) == written(foreseen, None)

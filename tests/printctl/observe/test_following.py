@@ -17,7 +17,7 @@ from printctl.observe.devices import DeviceSettings
 from printctl.observe.look_values import Look
 from printctl.observe.observer import Observer
 from printctl.observe.process import follow
-from printctl.observe.records import LookRecord, save_look
+from printctl.observe.records import LookRecord, answer_look, save_look
 
 TOLD = {
     "number": 1, "mark": "end of layer 0", "done": 20, "decision": "", "insert_sha256": "",
@@ -156,6 +156,26 @@ class Link:
 
     def look_done(self, look, decision, why, again=False):
         self.said.append((look, decision, again, "the disk is full" in why))
+
+
+@pytest.mark.parametrize(
+    ("answer", "at"), [("go_on", 20), ("approve", 20), ("go_on", 10), ("", 20)]
+)
+def test_a_question_that_was_answered_while_the_syringe_was_changed_isnt_asked_again(
+    tmp_path, answer, at
+):
+    """The word was go on without; the look is made again behind the change."""
+    events, look = Events(), {**TOLD, "number": 2}
+    observer = watching(tmp_path, events)
+    observer.link, events.now = Link(), Status(LinkState.LOOKING, look=look)
+    asked = LookRecord(1, at, at, "end", 0.0, "pause", "a gap", asked="mend")
+    save_look(tmp_path, replace(asked, control=observer._new))
+    if answer:
+        answer_look(tmp_path, 1, answer)
+    follow(SimpleNamespace(events=lambda: [events.now]), observer, lambda: events.now)
+    told = (answer, at) == ("go_on", 20)
+    assert observer.link.said == ([(2, "go_on", False, False)] if told else [])
+    assert len(observer.looked) == (0 if told else 1)
 
 
 @pytest.mark.parametrize("frees", [True, False])

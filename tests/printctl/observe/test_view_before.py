@@ -5,11 +5,15 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
+from printctl.observe.devices import DeviceError
 from printctl.observe.look_values import Look
 from printctl.observe.records import LookRecord, look_folder, save_look
-from printctl.observe.view_before import EMPTY, picture_before
+from printctl.observe.view_before import EMPTY, image_before, picture_before
+from printctl.observe.views import read_picture
 
 LOOK = Look(3, 300, 300, 200, "end of layer 2")
 
@@ -88,3 +92,42 @@ def test_a_look_that_failed_isnt_the_one_before(folder: Path) -> None:
 def test_mends_alone_are_judged_by_the_picture_before_the_ink_they_belong_to(folder: Path) -> None:
     about = Look(3, 220, 200, 100, "end of layer 1")
     assert picture_before(folder, 0.0, about, now(folder)) == folder / "looks/0001/picture.png"
+
+
+COLOUR = np.random.default_rng(1).integers(0, 255, (20, 30, 3), dtype=np.uint8)
+OPAQUE = np.dstack([COLOUR, np.full(COLOUR.shape[:2], 255, np.uint8)])
+
+
+def before_in(folder: Path, image: np.ndarray) -> None:
+    cv2.imwrite(str(folder / "looks/0002/picture.png"), image)
+    now(folder).touch()
+
+
+@pytest.mark.parametrize(
+    ("now_is", "words"),
+    [
+        (COLOUR[:, :, 0], "grey with 8 bits, and the one before was in colour with 8 bits a"),
+        (COLOUR.astype(np.uint16) * 257, "in colour with 16 bits a channel, and the one before"),
+    ],
+)
+def test_a_camera_that_changes_colour_or_depth_in_mid_print_is_told(
+    folder: Path, now_is: np.ndarray, words: str
+) -> None:
+    """Sound ink seemed to be missing then: 4.6 mm of gaps, later a clogged needle."""
+    before_in(folder, COLOUR)
+    with pytest.raises(DeviceError, match=words):
+        image_before(folder, 0.0, LOOK, now(folder), now_is)
+
+
+def test_how_opaque_pixels_are_tells_nothing(folder: Path) -> None:
+    before_in(folder, COLOUR)
+    cv2.imwrite(str(now(folder)), OPAQUE)
+    image = read_picture(now(folder))
+    np.testing.assert_array_equal(image, COLOUR)
+    before = image_before(folder, 0.0, LOOK, now(folder), image)
+    np.testing.assert_array_equal(before, COLOUR)
+
+
+def test_a_view_of_another_size_isnt_compared_with(folder: Path) -> None:
+    before_in(folder, COLOUR)
+    assert image_before(folder, 0.0, LOOK, now(folder), COLOUR[:10]) is None

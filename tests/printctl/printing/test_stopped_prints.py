@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from printctl.errors import PrintctlError
+from printctl.link.care import Care
 from printctl.link.journal import Journal
-from printctl.link.record import JOURNAL, LinkRecord
+from printctl.link.marks import MarkKind
+from printctl.link.record import JOURNAL, LinkRecord, load_record
 from printctl.link.states import LinkState
 from printctl.print_state.state import PrintTruth, read_print
-from printctl.printing.recovery import planned
+from printctl.printing.recovery import planned, write_rest
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.test_stop_in_waits import JOB
 
@@ -69,3 +72,15 @@ def test_a_print_of_which_no_line_was_sent_has_nothing_to_recover(tmp_path):
     assert "Recover" not in read_print(tmp_path).status.message
     with pytest.raises(PrintctlError, match="no line of the job was sent"):
         planned(tmp_path, 3)
+
+
+@pytest.mark.parametrize("care", [Care(), Care(look_after=MarkKind.LAYER)])
+def test_of_an_observed_print_it_is_told_that_nobody_looks_at_the_rest(tmp_path, care):
+    """Command line and page told the plan's steps, which left it out."""
+    left_behind(tmp_path, LinkState.STOPPED, None)
+    replace(load_record(tmp_path), care=care.to_dict()).save(tmp_path)
+    plan = planned(tmp_path, 20)
+    told = [step for step in plan.steps if "nobody looks at the rest" in step]
+    assert len(told) == (1 if care.looks else 0)
+    written = write_rest(tmp_path, plan)
+    assert written["steps"] == list(plan.steps)

@@ -5,6 +5,8 @@
   const AGAIN_MS = 1500;
   const RENEW_MS = 600000;
   const SURE_MS = 4000;
+  const LONGEST_NAME = 24;
+  const TITLE = document.title;
   const at = (id) => document.getElementById(id);
   const put = (id, text) => {
     const place = at(id);
@@ -39,10 +41,17 @@
     return minutes < 90 ? `${minutes} min left` : `${(minutes / 60).toFixed(1)} h left`;
   }
 
+  function named(job) {
+    const name = job.replace(/^(run|file)~/, "");
+    return name.length > LONGEST_NAME ? `${name.slice(0, LONGEST_NAME - 1)}…` : name;
+  }
+
   function onPrint(message) {
     const state = (message.state ?? "").replaceAll("_", " ");
+    const job = named(message.job ?? "");
+    document.title = state ? `${[job, state].filter(Boolean).join(" ")} · ${TITLE}` : TITLE;
     if (!state) return put("pc-print", "Print: none");
-    const words = [`Print: ${state}`];
+    const words = [`Print: ${job ? `${job}, ` : ""}${state}`];
     if (Number.isFinite(message.share)) words.push(`${(100 * message.share).toFixed(1)} %`);
     if (Number.isFinite(message.time_left_s)) words.push(left(message.time_left_s));
     put("pc-print", words.join(", "));

@@ -111,7 +111,9 @@ def test_all_must_be_seen_and_a_print_whose_station_was_killed_is_gone_on_with_b
     page.wait_for_selector("text=Interrupted ·")
     state = page.locator(".job-print .text-xl").inner_text()
     header = page.locator("#pc-print").inner_text()
-    assert header == f"Print: interrupted, {state.partition('· ')[2]}"
+    name = f"{under_way.job.partition('~')[2][:23]}…"  # a long one
+    assert header == f"Print: {name}, interrupted, {state.partition('· ')[2]}"
+    assert page.title() == f"{name} interrupted · Job · printctl"
     button = page.get_by_role("button", name="Go on …")
     box = button.bounding_box()
     assert box["y"] + box["height"] <= 800
