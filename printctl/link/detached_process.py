@@ -24,14 +24,20 @@ def spawn(command: list[str]) -> int:
     """
     root = str(Path(printctl.__file__).resolve().parents[1])
     paths = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
-    started = subprocess.run(
-        command,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
-        timeout=START_LIMIT_S,
-        check=False,
-    )
+    try:
+        started = subprocess.run(
+            command,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+            timeout=START_LIMIT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as exc:
+        raise LinkError(
+            f"the process didn't start within {START_LIMIT_S:g} s: this machine has too much else "
+            "to do; end that, then try again"
+        ) from exc
     if started.returncode != 0:
         said = started.stderr.decode(errors="replace").strip()[-500:]
         raise LinkError(f"the process didn't start: {said}")

@@ -8,13 +8,17 @@ from typing import Final
 import numpy as np
 
 from registration.layer_images.seen_layer import SeenLayer
-from registration.layer_images.values import Shift
+from registration.layer_images.values import FloatArray, Shift
 from registration.layer_images.widths.widths import Widths
 
 _SLANT: Final = 0.08
 """Lack of symmetry from which on light from the side must be reckoned with."""
 _LIT_ASIDE: Final = 0.3
 """Of a width and of the slant: uncertainty of where a line lies that is lit from the side."""
+_FEWEST: Final = 8
+"""Stations of a direction that tell how wide its lines are."""
+_APART: Final = 0.25
+"""Of the largest move of lines across themselves, by which those of two directions must differ."""
 _MOVED: Final = 0.2
 """Widths, by which a look that takes bright flanks for lines may have moved the layer."""
 
@@ -49,11 +53,12 @@ def honest_shift(shift: Shift, look: SeenLayer, reach_mm: float) -> Shift:
 
 
 def lit_widths(look: SeenLayer, shift: Shift) -> Widths:
-    """Widen the uncertainty of widths where the shaded sides of lines may look like bath.
+    """Widen the uncertainty of widths where light from the side may make lines thinner or thicker.
 
-    Lines then seem thinner, never thicker, and moved across themselves, to the light, by half of
-    that. A shift and a deviation that could both come from it are doubted by as much as the
-    profiles' lack of symmetry says.
+    The shaded sides of lines may look like bath: lines then seem thinner, and moved across
+    themselves, to the light, by half of that. A shift and a deviation that could both come from it
+    are doubted by as much as the profiles' lack of symmetry says. A shadow beside a line may look
+    like its ink: lines then seem thicker, and moved away from the light, those along the light not.
     """
     rows = look.group.first
     ratio = look.widths.width_mm / look.ways.width[rows]
@@ -62,6 +67,25 @@ def lit_widths(look: SeenLayer, shift: Shift) -> Widths:
         return look.widths
     across = look.ways.normal[rows[told]] @ np.array([shift.dx_mm, shift.dy_mm])
     moved = float(np.sqrt(np.mean(across**2))) / float(np.median(look.ways.width))
-    off = max(0.0, 1.0 - float(np.median(ratio[told])))
-    doubt = min(2.0 * moved, off) * min(look.bath.template.slant / _SLANT, 1.5)
+    off = float(np.median(ratio[told])) - 1.0
+    doubt = min(2.0 * moved, max(-off, 0.0)) * min(look.bath.template.slant / _SLANT, 1.5)
+    if off > 0.0:
+        by_shadow = _by_direction(np.abs(across), ratio[told])
+        slanted = min(look.bath.template.slant / _SLANT, 1.0)
+        doubt = min(2.0 * moved * slanted if by_shadow is None else by_shadow, off)
     return replace(look.widths, common=float(np.hypot(look.widths.common, doubt)))
+
+
+def _by_direction(across_mm: FloatArray, ratio: FloatArray) -> float | None:
+    """How much wider lines are than such along the shift would be; None for lines of one direction.
+
+    ``across_mm`` is how far each is moved across itself, and ``ratio`` its width over the expected
+    one, (n,) each.
+    """
+    middle = 0.5 * float(across_mm.min() + across_mm.max())
+    least, most = (across_mm[rows] for rows in (across_mm <= middle, across_mm > middle))
+    apart = float(np.median(most) - np.median(least)) if len(most) else 0.0
+    if min(len(least), len(most)) < _FEWEST or apart < _APART * float(across_mm.max()):
+        return None
+    wider = float(np.median(ratio[across_mm > middle]) - np.median(ratio[across_mm <= middle]))
+    return max(0.0, wider / apart * float(np.median(across_mm)))

@@ -239,9 +239,11 @@ class Decider:
         worst = min(bad, key=lambda one: one.open_share)
         told = "closed" if worst.open_share <= 0 else f"{worst.open_share:.0%} of its width open"
         more = f", and {len(bad) - 1} more" if len(bad) > 1 else ""
-        return Decision(
-            DecisionKind.PAUSE, f"lumen {worst.name} is {told}{more}; ink can't be taken away"
-        )
+        why = f"lumen {worst.name} is {told}{more}; ink can't be taken away"
+        if not (gaps := self._believed(evidence)):
+            return Decision(DecisionKind.PAUSE, why)
+        why += f"; approve mends gaps of {math.fsum(one.length_mm for one in gaps):.2f} mm"
+        return Decision(DecisionKind.PAUSE, why, gaps, ask=DecisionKind.MEND)
 
     def _unseen(self, evidence: Evidence) -> Decision | None:
         if not evidence.unseen:
@@ -354,7 +356,8 @@ class Decider:
         return Decision(DecisionKind.PAUSE, f"{why}; {then}", gaps, ask=DecisionKind.MEND)
 
     def _flow(self, evidence: Evidence) -> Decision | None:
-        return flow_decision(self.control, self.limits.width_percent / 100.0, evidence.seem_thin)
+        tolerance = self.limits.width_percent / 100.0
+        return flow_decision(self.control, tolerance, evidence.seem_thin, len(evidence.flow) > 0)
 
     def _bare(self, evidence: Evidence) -> Decision | None:
         if not (

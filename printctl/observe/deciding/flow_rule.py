@@ -10,7 +10,10 @@ from printctl.observe.deciding.thin import Thin
 
 
 def flow_decision(
-    control: FlowControl, tolerance: float, seem_thin: tuple[Thin, ...] = ()
+    control: FlowControl,
+    tolerance: float,
+    seem_thin: tuple[Thin, ...] = (),
+    told: bool = True,
 ) -> Decision | None:
     """Return what a flow calls for; None where it is as it should be.
 
@@ -21,17 +24,20 @@ def flow_decision(
         Share by which it may be off.
     seem_thin : tuple of Thin
         Lines that seem to have too little ink.
+    told : bool
+        Whether the look has told any width: without, a flow beyond all bounds was told before.
     """
     if control.answers.failed:
         return _unanswered(control)
-    told = f"the ink flows at {control.flow:.0%} ± {2 * control.u_flow:.0%} of what is asked for"
+    flows = f"the ink flows at {control.flow:.0%} ± {2 * control.u_flow:.0%} of what is asked for"
     if control.out_of_bounds:
         low, high = control.limits.low, control.limits.high
-        return Decision(DecisionKind.PAUSE, f"{told}: beyond a correction by {low:g} to {high:g}")
+        why = f"{flows}: beyond a correction by {low:g} to {high:g}"
+        return Decision(DecisionKind.PAUSE, why) if told else None
     factor = control.proposal()
     if factor is None:
         return _likely_off(control, tolerance, seem_thin)
-    return Decision(DecisionKind.FLOW, f"{told}: factor {factor:.2f}", factor=factor)
+    return Decision(DecisionKind.FLOW, f"{flows}: factor {factor:.2f}", factor=factor)
 
 
 def _likely_off(

@@ -268,6 +268,13 @@ def test_a_closed_lumen_pauses():
     assert decided(narrowed=(Narrowed("5", 0.85, 0.05),)).kind is DecisionKind.GO_ON
 
 
+def test_gaps_beside_a_narrowed_lumen_are_offered():
+    """A lumen called narrow hid 100 mm of true gaps: they were never mentioned again."""
+    decision = decided(narrowed=(Narrowed("5", 0.4, 0.02),), gaps=(GAP,), second=(GAP,))
+    assert decision.ask is DecisionKind.MEND
+    assert decision.gaps == (GAP,)
+
+
 def test_what_readings_share_is_never_known_better():
     decider = Decider(Limits(mend="mend"))
     blocks = FlowBlocks(np.zeros(50), np.full(50, 0.96), np.full(50, 0.03), np.ones(50), 0.03)
@@ -276,6 +283,14 @@ def test_what_readings_share_is_never_known_better():
 
 def test_a_flow_beyond_all_bounds_pauses():
     assert decided(flow=flow(0.2, 300)).kind is DecisionKind.PAUSE
+
+
+def test_a_flow_beyond_all_bounds_pauses_where_a_look_tells_it():
+    """A clog in part that was over paused at each look that told no width."""
+    decider = Decider(Limits(mend="mend"))
+    assert decider.decide(evidence(flow=flow(0.3))).kind is DecisionKind.PAUSE
+    assert decider.decide(evidence(flow=flow(1.0, 0))).kind is DecisionKind.GO_ON
+    assert decider.decide(evidence(flow=flow(0.3))).kind is DecisionKind.PAUSE
 
 
 def test_as_much_ink_beside_the_lines_as_is_missing_is_asked_about():

@@ -19,10 +19,11 @@ from registration.layer_images.widths.widths import Widths
     [
         (0.7, (0.0, 0.04), True),
         (0.7, (0.4, 0.0), False),  # along the lines, where nothing tells it
-        (1.3, (0.0, 0.04), False),  # shade makes no line thicker
+        (1.3, (0.0, 0.04), True),  # a shadow beside a line looks like its ink
+        (1.3, (0.4, 0.0), False),
     ],
 )
-def test_widths_are_doubted_where_shade_could_have_thinned_them(ratio, shift_mm, doubted) -> None:
+def test_widths_are_doubted_where_light_from_the_side_could_have_changed_them(ratio, shift_mm, doubted) -> None:
     m = 20
     width = np.full(m, 0.25)
     widths = Widths(ratio * width, 0.01 * width, 0 * width, 0.02, 0.003)
@@ -33,6 +34,23 @@ def test_widths_are_doubted_where_shade_could_have_thinned_them(ratio, shift_mm,
     )
     found = lit_widths(look, Shift(*shift_mm, np.eye(2)))
     assert (found.common > 0.1) == doubted
+
+
+@pytest.mark.parametrize(("along", "doubted"), [(1.3, False), (1.1, True)])
+def test_lines_along_the_light_tell_a_shadow_from_too_much_ink(along: float, doubted: bool) -> None:
+    """Sound dark ink was told to flow at 126 % ± 11 %: its shadow on glass counted as ink."""
+    m = 40
+    width, lies_along = np.full(m, 0.25), np.arange(m) % 2 == 0
+    widths = Widths(np.where(lies_along, along, 1.3) * width, 0.01 * width, 0 * width, 0.02, 0.003)
+    normal = np.where(lies_along[:, None], [1.0, 0.0], [0.0, 1.0])
+    look = SimpleNamespace(
+        widths=widths,
+        ways=SimpleNamespace(width=width, normal=normal),
+        bath=SimpleNamespace(template=SimpleNamespace(slant=0.0)),
+        group=SimpleNamespace(first=np.arange(m)),
+    )
+    found = lit_widths(look, Shift(0.0, 0.03, np.eye(2)))
+    assert (found.common > 0.08) == doubted
 
 
 @pytest.mark.parametrize(("slant", "sure"), [(0.058, True), (0.1, False)])
