@@ -43,6 +43,7 @@ def told_by_all(look: SeenLayer, good: BoolArray, faint: BoolArray, thin: ThinCh
     bare = (look.why == Unseen.SEEN) & ~good & (look.present < INK)
     changed = _longer(look, came, least)
     came = _without_doubt(look, changed, bare)
+    came &= ~(none if look.change is None else look.change.older_shows)
     still = none if look.change is None else look.change.still & ~good & ~faint
     any_ink = ink | came
     rows = np.flatnonzero(any_ink)

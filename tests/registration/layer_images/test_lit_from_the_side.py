@@ -23,7 +23,9 @@ from registration.layer_images.widths.widths import Widths
         (1.3, (0.4, 0.0), False),
     ],
 )
-def test_widths_are_doubted_where_light_from_the_side_could_have_changed_them(ratio, shift_mm, doubted) -> None:
+def test_widths_are_doubted_where_light_from_the_side_could_have_changed_them(
+    ratio, shift_mm, doubted
+) -> None:
     m = 20
     width = np.full(m, 0.25)
     widths = Widths(ratio * width, 0.01 * width, 0 * width, 0.02, 0.003)

@@ -55,6 +55,7 @@ def _change(profiles: FloatImage, limit: float = 0.002) -> Change:
         None,
         25,
         profiles,
+        np.zeros(count, np.bool_),
     )
 
 

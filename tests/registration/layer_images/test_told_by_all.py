@@ -21,7 +21,8 @@ def _look(came: BoolArray) -> Any:
     start, end = np.array([[0.0, 0.0, 0.0]]), np.array([[LENGTH, 0.0, 0.0]])
     ways = lay_ways(ExpectedLines(start, end, np.array([WIDTH]), one, one, one == 0), 0.05)
     share = came[(np.arange(len(ways)) * len(came) // len(ways))]
-    change = SimpleNamespace(came=share, still=np.zeros(len(ways), np.bool_))
+    none = np.zeros(len(ways), np.bool_)
+    change = SimpleNamespace(came=share, still=none, older_shows=none)
     return cast(
         Any,
         SimpleNamespace(
