@@ -21,6 +21,7 @@ def state_of(decider: Decider) -> dict[str, Any]:
         "common": control.common,
         "answers": asdict(control.answers),
         "seen_flow": asdict(control.seen),
+        "beyond_said": control.beyond_said,
         "layers": asdict(decider.layers),
         "last_shift_mm": decider.last_shift_mm,
     }
@@ -32,6 +33,7 @@ def restore(decider: Decider, state: dict[str, Any]) -> None:
     control.log_flow = state["log_flow"]
     control.variance, control.time_s = state["variance"], state["time_s"]
     control.common = state.get("common", 0.0)
+    control.beyond_said = state.get("beyond_said", False)
     answers = dict(state.get("answers", {}))
     last = answers.pop("last", None)
     control.answers = Answers(**answers, last=None if last is None else Reading(**last))

@@ -15,6 +15,8 @@ _SLANT: Final = 0.08
 """Lack of symmetry from which on light from the side must be reckoned with."""
 _LIT_ASIDE: Final = 0.3
 """Of a width and of the slant: uncertainty of where a line lies that is lit from the side."""
+_WIDENED: Final = 2.5
+"""Times the move, by which a shadow widens lines at most: half of it lies on either side."""
 _FEWEST: Final = 8
 """Stations of a direction that tell how wide its lines are."""
 _APART: Final = 0.25
@@ -71,8 +73,9 @@ def lit_widths(look: SeenLayer, shift: Shift) -> Widths:
     doubt = min(2.0 * moved, max(-off, 0.0)) * min(look.bath.template.slant / _SLANT, 1.5)
     if off > 0.0:
         by_shadow = _by_direction(np.abs(across), ratio[told])
-        slanted = min(look.bath.template.slant / _SLANT, 1.0)
-        doubt = min(2.0 * moved * slanted if by_shadow is None else by_shadow, off)
+        if by_shadow is None:
+            by_shadow = 2.0 * moved * min(look.bath.template.slant / _SLANT, 1.0)
+        doubt = min(by_shadow, _WIDENED * moved, off)
     return replace(look.widths, common=float(np.hypot(look.widths.common, doubt)))
 
 

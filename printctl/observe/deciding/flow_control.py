@@ -118,6 +118,8 @@ class FlowControl:
         Whether the amount seen answers corrections.
     seen : SeenFlow
         What pictures alone say of the flow.
+    beyond_said : bool
+        Whether a look that told no width has paused for a flow beyond all bounds.
     """
 
     limits: FlowLimits = field(default_factory=FlowLimits)
@@ -128,6 +130,7 @@ class FlowControl:
     common: float = 0.0
     answers: Answers = field(default_factory=Answers)
     seen: SeenFlow = field(default_factory=SeenFlow)
+    beyond_said: bool = False
     _far: float = 0.0
     _known: float = 0.01
 

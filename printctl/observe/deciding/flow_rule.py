@@ -25,7 +25,7 @@ def flow_decision(
     seem_thin : tuple of Thin
         Lines that seem to have too little ink.
     told : bool
-        Whether the look has told any width: without, a flow beyond all bounds was told before.
+        Whether the look has told any width: without, a flow beyond all bounds is told once more.
     """
     if control.answers.failed:
         return _unanswered(control)
@@ -33,7 +33,11 @@ def flow_decision(
     if control.out_of_bounds:
         low, high = control.limits.low, control.limits.high
         why = f"{flows}: beyond a correction by {low:g} to {high:g}"
-        return Decision(DecisionKind.PAUSE, why) if told else None
+        said, control.beyond_said = control.beyond_said, not told
+        if told or not said:
+            why += "; this look tells no width, so whether it still is isn't known" * (not told)
+            return Decision(DecisionKind.PAUSE, why)
+        return None
     factor = control.proposal()
     if factor is None:
         return _likely_off(control, tolerance, seem_thin)

@@ -49,9 +49,9 @@ _DRYING: Final = 0.015
 _STILL: Final = 1.5
 """Times the ground's, below which nothing was, where ink's is `_SHOWS` times that."""
 _SHOWS: Final = 10.0
-_HARDLY: Final = 0.1
-"""And of what ink changes it by (of a stranger's 14 sound prints 0.65 mm at most changed as
-little): what lies beside a bare line shades it."""
+_HARDLY: Final = 0.05
+"""And of what ink changes it by: what lies beside a bare line shades it (by 0.04 of that in a
+stranger's prints, of whose sound lines 2.6 mm changed by 0.08)."""
 _DRAWS: Final = 200
 _ALIKE: Final = 0.6
 """Of the most change on older ink, that lines of one height and direction must show somewhere;

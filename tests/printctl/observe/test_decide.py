@@ -286,9 +286,12 @@ def test_a_flow_beyond_all_bounds_pauses():
 
 
 def test_a_flow_beyond_all_bounds_pauses_where_a_look_tells_it():
-    """A clog in part that was over paused at each look that told no width."""
+    """A clog in part that was over paused at each look that told no width; once is enough."""
     decider = Decider(Limits(mend="mend"))
     assert decider.decide(evidence(flow=flow(0.3))).kind is DecisionKind.PAUSE
+    untold = decider.decide(evidence(flow=flow(1.0, 0)))
+    assert untold.kind is DecisionKind.PAUSE
+    assert "tells no width" in untold.why
     assert decider.decide(evidence(flow=flow(1.0, 0))).kind is DecisionKind.GO_ON
     assert decider.decide(evidence(flow=flow(0.3))).kind is DecisionKind.PAUSE
 

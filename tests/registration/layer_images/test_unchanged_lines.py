@@ -138,7 +138,7 @@ def test_a_missing_line_beside_ground_that_changed_is_unchanged() -> None:
     scene = _Scene.of(0.15, 0.15, _one_missing())
     own = scene.ways.stroke == np.unique(scene.ways.stroke)[MISSING]
     across = np.mgrid[0:COUNT, 0:COUNT][0] / SCALE - EDGE - scene.ways.point[own, 1].mean()
-    lit = np.where((np.abs(across) > 0.7 * WIDTH) & (np.abs(across) < 1.3 * WIDTH), 0.05, 0.0)
+    lit = np.where((np.abs(across) > 0.7 * WIDTH) & (np.abs(across) < 1.3 * WIDTH), 0.02, 0.0)
     still = _Scene(scene.lines, scene.ways, scene.ground, scene.difference + lit).changed().still
     assert still[own].mean() > 0.7
     assert not still[~own].any()
