@@ -135,10 +135,12 @@ def test_a_shadow_that_went_is_not_taken_for_ink() -> None:
 
 def test_a_missing_line_beside_ground_that_changed_is_unchanged() -> None:
     """Of clear ink 27 mm were missing, and nobody asked: rims beside them lit the ground anew."""
-    scene = _Scene.of(0.15, 0.15, _one_missing())
+    scene = _Scene.of(0.15, 0.0, _one_missing())
     own = scene.ways.stroke == np.unique(scene.ways.stroke)[MISSING]
-    across = np.mgrid[0:COUNT, 0:COUNT][0] / SCALE - EDGE - scene.ways.point[own, 1].mean()
-    lit = np.where((np.abs(across) > 0.7 * WIDTH) & (np.abs(across) < 1.3 * WIDTH), 0.02, 0.0)
+    y, x = np.mgrid[0:COUNT, 0:COUNT] / SCALE - EDGE
+    across = np.abs(y - scene.ways.point[own, 1].mean())
+    beside = (across > 0.8 * WIDTH) & (across < 1.3 * WIDTH)
+    lit = np.where(beside, 0.03 * np.sin(2.0 * np.pi * x / WIDTH), 0.0)
     still = _Scene(scene.lines, scene.ways, scene.ground, scene.difference + lit).changed().still
     assert still[own].mean() > 0.7
     assert not still[~own].any()
