@@ -63,6 +63,7 @@ from printctl.observe.records import DRAWN, read_looks
 from printctl.observe.shown_place import seen_where_ink_shows
 from printctl.observe.view_before import image_before
 from printctl.observe.views import open_view
+from registration.camera_frame.frame import CameraFrame
 from registration.errors import PictureError
 from registration.layer_images import (
     Gap,
@@ -269,6 +270,7 @@ class ObservedJob:
                 shown.lines,
                 lumens=at.lumens,
                 before=before,
+                still=isinstance(frame, CameraFrame),  # its marks were compared in both
                 since=at.since[shown.row],
                 hidden=() if view.hidden is None else view.hidden,
                 # In a bath ink is as dark as it is thick and near: each look learns its own.

@@ -44,6 +44,7 @@ def with_before(
     before: Image,
     lines: ExpectedLines,
     written: BoolArray,
+    still: bool = False,
 ) -> Working:
     """Return the working picture with the difference to the one before.
 
@@ -55,6 +56,9 @@ def with_before(
     lines : ExpectedLines
     written : (n,) bool
         Lines that were written since.
+    still : bool
+        Whether marks in both pictures tell that the camera stood still: a move of more pixels is
+        one of shade on a ground without texture then.
 
     Raises
     ------
@@ -75,6 +79,8 @@ def with_before(
     earlier, bad = channels_of(old_part, work.scale, floor)
     free = (1 - lost) * (1 - with_halos(bad | work.bad))
     move = camera_move(work.channels, earlier, _ground(work, frame, lines, written, free))
+    if still and move.most_px * work.scale > MOST_PX:
+        move = CameraMove(np.eye(2, 3), 0.0)
     moved_px = move.most_px * work.scale
     if moved_px > MOST_PX:
         return replace(work, moved_px=moved_px)
