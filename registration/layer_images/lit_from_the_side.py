@@ -74,7 +74,8 @@ def lit_widths(look: SeenLayer, shift: Shift) -> Widths:
     if off > 0.0:
         by_shadow = _by_direction(np.abs(across), ratio[told])
         if by_shadow is None:
-            by_shadow = 2.0 * moved * min(look.bath.template.slant / _SLANT, 1.0)
+            slant = look.bath.template.slant / _SLANT
+            by_shadow = 2.0 * moved * min(max(slant - 1.0, 0.0), 1.0)
         doubt = min(by_shadow, _WIDENED * moved, off)
     return replace(look.widths, common=float(np.hypot(look.widths.common, doubt)))
 
