@@ -25,7 +25,7 @@ from registration.layer_images.widths.widths import Widths
     ],
 )
 def test_widths_are_doubted_where_light_from_the_side_could_have_changed_them(
-    ratio, shift_mm, doubted
+    ratio, shift_mm, slant, doubted
 ) -> None:
     m = 20
     width = np.full(m, 0.25)
