@@ -25,12 +25,14 @@ _SMALL_PX: Final = 1400
 """Pictures with shorter sides are drawn larger."""
 _LEAST_MARGIN_PX: Final = 40.0
 """Around the lines."""
+_ASKED_MM: Final = 2.0
+"""Stretches that may be bare or thin are asked about, and drawn, from there on."""
 _LEGEND: Final = (
     ("expected", _EXPECTED),
     ("seen", _SEEN),
-    ("gap, lumen narrowed", _GAP),
+    ("gap, may be bare, lumen narrowed", _GAP),
     ("not seen", _UNSEEN),
-    ("thin or thick", _THIN),
+    ("thin or thick, may be thin", _THIN),
     ("ink where none should be", _BLOB),
 )
 
@@ -42,9 +44,9 @@ def annotated(
 
     Of a view more than twice as large as the lines and half of their extent around them only that
     is shown: a part of 8 mm in a view of 90 is a spot, in which nobody can judge a gap.
-    Outlines of the expected lines; edges as seen; gaps and the outlines of
-    ``narrowed`` lumens red; hatched what wasn't seen; thin and
-    thick stretches orange; blobs magenta. Small pictures are enlarged; one of two channels is drawn
+    Outlines of the expected lines; edges as seen; gaps, stretches that may be bare and the outlines
+    of ``narrowed`` lumens red; hatched what wasn't seen; thin and thick stretches, and such that
+    may be thin, orange; blobs magenta. Small pictures are enlarged; one of two channels is drawn
     by its first.
     """
     picture, frame = _around_lines(picture, frame, findings.stations)
@@ -60,6 +62,12 @@ def annotated(
     for stretch in findings.stretches:
         rows = _along(stations, stretch.stroke, stretch.from_mm, stretch.to_mm)
         pen.path(stations.at_mm[rows] + by, stations.z_mm[rows], _THIN, 2)
+    told = findings.told
+    for asked, colour in (((*told.still, *told.doubted), _GAP), (told.thin, _THIN)):
+        for one in asked:
+            if one.length_mm >= _ASKED_MM:
+                rows = _along(stations, one.stroke, one.from_mm, one.to_mm)
+                pen.path(stations.at_mm[rows] + by, stations.z_mm[rows], colour, 3)
     for gap in findings.gaps:
         rows = _along(stations, gap.stroke, gap.from_mm, gap.to_mm)
         inner = stations.at_mm[rows[1:-1]] if len(rows) > 2 else np.empty((0, 2))

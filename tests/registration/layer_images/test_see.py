@@ -9,6 +9,7 @@ from benchmarks.checkers.layer_volume import VOXEL, paint_volume
 from registration.errors import PictureError
 from registration.layer_images import (
     ExpectedLines,
+    Gap,
     Lumen,
     Unseen,
     annotated,
@@ -185,6 +186,21 @@ def test_the_overlay_shows_a_narrowed_lumen_red() -> None:
     grow = len(drawn) // len(painted.picture)
     colours = drawn[grow * where[:, 1], grow * where[:, 0]].astype(int)
     assert np.median(colours[:, 2] - colours[:, :2].max(axis=1)) > 150
+
+
+def test_the_overlay_shows_a_stretch_that_is_asked_about_red() -> None:
+    """A look asked about 6.7 mm, and its picture showed them hatched like all the rest."""
+    painted = Scene(3).paint(())
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+    stroke, nowhere = int(findings.stations.stroke[0]), (0.0, 0.0)
+    bare = Gap(stroke, 0.5, 3.0, nowhere, nowhere, 0.0, 1.0)
+    asked = replace(findings, told=replace(findings.told, doubted=(bare,)))
+    drawn = [annotated(painted.picture, painted.frame, one) for one in (findings, asked)]
+    plain, red = (
+        (one[300:, :, 2] > 200) & (one[300:, :, 1] < 60) & (one[300:, :, 0] < 60) for one in drawn
+    )
+    assert not plain.any()
+    assert red.sum() > 50
 
 
 @pytest.mark.slow
