@@ -11,10 +11,24 @@ from numpy.typing import NDArray
 from printctl.observe.devices import DeviceError
 from registration.camera_frame.check import check_frame
 from registration.camera_frame.frame import CameraFrame
+from registration.errors import PictureError
 
 _REMEDY: Final = "printctl observe frame"
 _BLACK: Final = 0.02
 """Of the range, below which the brightest pixel shows no scene."""
+
+
+def frame_holds(image: NDArray[Any] | None, frame: object) -> bool:
+    """Whether marks in an earlier picture tell that a camera's frame held for it, too.
+
+    False for other frames, and where a frame was fitted anew in between.
+    """
+    if image is None or not isinstance(frame, CameraFrame):
+        return False
+    try:
+        return check_frame(image, frame).holds
+    except PictureError:
+        return False
 
 
 def refuse_moved(image: NDArray[Any], frame: CameraFrame, path: Path) -> None:

@@ -20,6 +20,7 @@ from kernels.arrays import FloatArray
 from printctl.link.job import Job, load_job
 from printctl.link.journalled_print import read_journal
 from printctl.link.record import JOURNAL
+from printctl.observe.camera_holds import frame_holds
 from printctl.observe.deciding.evidence import UnseenPath
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.devices import DeviceError
@@ -63,7 +64,6 @@ from printctl.observe.records import DRAWN, read_looks
 from printctl.observe.shown_place import seen_where_ink_shows
 from printctl.observe.view_before import image_before
 from printctl.observe.views import open_view
-from registration.camera_frame.frame import CameraFrame
 from registration.errors import PictureError
 from registration.layer_images import (
     Gap,
@@ -270,7 +270,7 @@ class ObservedJob:
                 shown.lines,
                 lumens=at.lumens,
                 before=before,
-                still=isinstance(frame, CameraFrame),  # its marks were compared in both
+                stood_still=partial(frame_holds, before, frame),
                 since=at.since[shown.row],
                 hidden=() if view.hidden is None else view.hidden,
                 # In a bath ink is as dark as it is thick and near: each look learns its own.

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.layer_images.findings import LayerFindings
+from registration.layer_images.findings import ASKED_MM, LayerFindings
 from registration.layer_images.values import FloatArray, Frame, Image, Lumen, Stations, Unseen
 
 _SHIFT: Final = 4
@@ -25,8 +25,6 @@ _SMALL_PX: Final = 1400
 """Pictures with shorter sides are drawn larger."""
 _LEAST_MARGIN_PX: Final = 40.0
 """Around the lines."""
-_ASKED_MM: Final = 2.0
-"""Stretches that may be bare or thin are asked about, and drawn, from there on."""
 _LEGEND: Final = (
     ("expected", _EXPECTED),
     ("seen", _SEEN),
@@ -63,11 +61,11 @@ def annotated(
         rows = _along(stations, stretch.stroke, stretch.from_mm, stretch.to_mm)
         pen.path(stations.at_mm[rows] + by, stations.z_mm[rows], _THIN, 2)
     told = findings.told
-    for asked, colour in (((*told.still, *told.doubted), _GAP), (told.thin, _THIN)):
+    bare = [one for one in (*told.still, *told.doubted) if one.length_mm >= ASKED_MM]
+    for asked, colour in ((bare, _GAP), (told.thin, _THIN)):
         for one in asked:
-            if one.length_mm >= _ASKED_MM:
-                rows = _along(stations, one.stroke, one.from_mm, one.to_mm)
-                pen.path(stations.at_mm[rows] + by, stations.z_mm[rows], colour, 3)
+            rows = _along(stations, one.stroke, one.from_mm, one.to_mm)
+            pen.path(stations.at_mm[rows] + by, stations.z_mm[rows], colour, 3)
     for gap in findings.gaps:
         rows = _along(stations, gap.stroke, gap.from_mm, gap.to_mm)
         inner = stations.at_mm[rows[1:-1]] if len(rows) > 2 else np.empty((0, 2))

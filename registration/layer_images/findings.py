@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from registration.layer_images.values import (
     Appearance,
@@ -14,6 +15,9 @@ from registration.layer_images.values import (
     Stations,
     Stretch,
 )
+
+ASKED_MM: Final = 2.0
+"""Stretches that may be bare are asked about, and drawn, from there on."""
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ def see_layer(
     *,
     lumens: Sequence[Lumen] = (),
     before: Image | None = None,
-    still: bool = False,
+    stood_still: Callable[[], bool] | None = None,
     since: BoolArray | None = None,
     hidden: Outlines | BoolArray = (),
     known: Appearance | None = None,
@@ -81,8 +81,8 @@ def see_layer(
     before : picture or None
         The same view before the layer was written: what lay there then cancels, and fresh ink over
         older ink is told by what changed.
-    still : bool
-        Whether marks in both pictures tell that the camera stood still in between.
+    stood_still : function or None
+        Tells by marks whether the camera stood still in between; asked where a move is fitted.
     since : (n,) bool or None
         Older lines that were written after ``before`` was taken (mends); None for none.
     hidden : sequence of (k, 2) float64, px, or (h, w) bool
@@ -108,7 +108,7 @@ def see_layer(
     work, own = prepare(picture, frame, ways, options.gap_mm, hidden)
     late = np.zeros(len(lines), dtype=np.bool_) if since is None else since & ~lines.fresh
     if before is not None:
-        work = with_before(work, own, picture, before, lines, lines.fresh | late, still)
+        work = with_before(work, own, picture, before, lines, lines.fresh | late, stood_still)
     _check_thickness(thickness_mm, work)
 
     def seen_at(shift: Shift, light: RidgeLight | None = None) -> SeenLayer:

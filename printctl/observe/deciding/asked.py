@@ -10,10 +10,9 @@ from typing import Final
 from printctl.observe.deciding.decision import Decision, DecisionKind
 from printctl.observe.deciding.evidence import Evidence
 from printctl.observe.deciding.layers_seen import where
+from registration.layer_images.findings import ASKED_MM
 from registration.layer_images.values import Gap
 
-_STILL_MM: Final = 2.0
-"""Stretch that didn't change, from which on it is asked about."""
 _TAIL_MM: Final = 0.2
 """Least stretch that isn't told behind the last ink before a clog."""
 _JOINED_MM: Final = 0.3
@@ -33,13 +32,13 @@ def places_of(stretches: Sequence[Gap]) -> str:
 def unchanged(evidence: Evidence) -> tuple[Gap, ...]:
     """Stretches that surely didn't change and aren't told otherwise, long enough to be asked of."""
     still = () if evidence.told is None else evidence.told.still
-    return tuple(one for one in still if one.length_mm >= _STILL_MM)
+    return tuple(one for one in still if one.length_mm >= ASKED_MM)
 
 
 def doubted(evidence: Evidence) -> tuple[Gap, ...]:
     """Stretches as long that look bare, though the picture changed there."""
     found = () if evidence.told is None else evidence.told.doubted
-    return tuple(one for one in found if one.length_mm >= _STILL_MM)
+    return tuple(one for one in found if one.length_mm >= ASKED_MM)
 
 
 def asked_with_beside(wanted: Decision, evidence: Evidence) -> Decision:

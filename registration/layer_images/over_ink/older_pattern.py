@@ -41,28 +41,25 @@ _QUARTILE: Final = 0.6745
 _SHORTEST_MM: Final = 1.5
 
 
-def only_crossed(ways: Ways, older: Ways | None) -> BoolArray:
+def only_crossed(ways: Ways, older: Ways) -> BoolArray:
     """Places below which no older line runs along their own, (n,)."""
-    if older is None:
-        return np.zeros(len(ways), dtype=np.bool_)
-    tree, reach = cKDTree(older.point[:, :2]), _NEAR * float(np.median(ways.width))
-    near = tree.query_ball_point(ways.point[:, :2], reach)
-    along = [
-        bool((np.abs(older.normal[below] @ own) > _PARALLEL).any())
-        for below, own in zip(near, ways.normal, strict=True)
-    ]
-    return ~np.array(along, dtype=np.bool_)
+    reach = _NEAR * float(np.median(ways.width))
+    pairs = cKDTree(ways.point[:, :2]).sparse_distance_matrix(
+        cKDTree(older.point[:, :2]), reach, output_type="ndarray"
+    )
+    turned = (ways.normal[pairs["i"]] * older.normal[pairs["j"]]).sum(axis=1)
+    out = np.ones(len(ways), dtype=np.bool_)
+    out[pairs["i"][np.abs(turned) > _PARALLEL]] = False
+    return out
 
 
-def older_pattern_shows(
-    work: Working, ways: Ways, seen: Seen, crossed: BoolArray, over_old: BoolArray
-) -> BoolArray:
+def older_pattern_shows(work: Working, ways: Ways, seen: Seen, crossed: BoolArray) -> BoolArray:
     """Places of stretches across which it does, (n,), of those that are ``crossed`` alone."""
     out = np.zeros(len(ways), dtype=np.bool_)
-    if work.earlier is None or not (crossed & over_old).any():
+    if work.earlier is None or not crossed.any():
         return out
     alike = _correlation(work, ways, seen)
-    for rows in _kinds(ways, crossed & over_old & np.isfinite(alike)):
+    for rows in _kinds(ways, crossed & np.isfinite(alike)):
         usual, low = np.percentile(alike[rows], [50.0, 25.0])
         more = max(_SPREADS * (usual - low) / _QUARTILE, _MORE)
         shows = rows & (alike > max(usual + more, _LEAST))

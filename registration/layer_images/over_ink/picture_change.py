@@ -20,7 +20,6 @@ from registration.errors import PictureError
 from registration.layer_images.ink.place_reasons import reasons
 from registration.layer_images.ink.presence import averaged, fake_places, window_means
 from registration.layer_images.over_ink.changed import light_less
-from registration.layer_images.over_ink.older_pattern import older_pattern_shows, only_crossed
 from registration.layer_images.pictures.working import Mask, Working, WorkingFrame
 from registration.layer_images.values import (
     BoolArray,
@@ -93,8 +92,8 @@ class Change:
         Places of a window.
     profiles : (n, u, c) float32
         Change across each place, at `ACROSS`.
-    older_shows : (n,) bool
-        Places across which the pattern of older lines shows as before (`older_pattern`).
+    older : Ways or None
+        Places along older lines.
     """
 
     energy: FloatArray
@@ -108,7 +107,7 @@ class Change:
     ground: FloatArray | None
     count: int
     profiles: FloatImage
-    older_shows: BoolArray
+    older: Ways | None
 
     @property
     def came(self) -> BoolArray:
@@ -214,10 +213,8 @@ def change_along(
             usual[kind] = float(np.percentile(rms[rows], _HIGHEST))
     for own_kind, like in _kinds(ways, bare, np.isfinite(rms)):
         alike[own_kind] = np.percentile(rms[like], _HIGHEST) > _ALIKE * usual[own_kind][0]
-    crossed = only_crossed(ways, older)
-    shows = older_pattern_shows(work, ways, seen, crossed, bare.over_old) & bare.settled
     return Change(
-        energy, rms, anyway, usual, limit, own, alike, bare.over_old, on_old, count, profiles, shows
+        energy, rms, anyway, usual, limit, own, alike, bare.over_old, on_old, count, profiles, older
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
@@ -44,7 +45,7 @@ def with_before(
     before: Image,
     lines: ExpectedLines,
     written: BoolArray,
-    still: bool = False,
+    stood_still: Callable[[], bool] | None = None,
 ) -> Working:
     """Return the working picture with the difference to the one before.
 
@@ -56,9 +57,9 @@ def with_before(
     lines : ExpectedLines
     written : (n,) bool
         Lines that were written since.
-    still : bool
-        Whether marks in both pictures tell that the camera stood still: a move of more pixels is
-        one of shade on a ground without texture then.
+    stood_still : function or None
+        Tells by marks whether the camera stood still in between: a move of more pixels is one of
+        shade on a ground without texture then.
 
     Raises
     ------
@@ -79,9 +80,9 @@ def with_before(
     earlier, bad = channels_of(old_part, work.scale, floor)
     free = (1 - lost) * (1 - with_halos(bad | work.bad))
     move = camera_move(work.channels, earlier, _ground(work, frame, lines, written, free))
-    if still and move.most_px * work.scale > MOST_PX:
-        move = CameraMove(np.eye(2, 3), 0.0)
     moved_px = move.most_px * work.scale
+    if moved_px > MOST_PX and stood_still is not None and stood_still():
+        move, moved_px = CameraMove(np.eye(2, 3), 0.0), 0.0
     if moved_px > MOST_PX:
         return replace(work, moved_px=moved_px)
     whole = CameraMove(_of_picture(move.matrix, work.scale), 0.0)

@@ -9,6 +9,7 @@ import numpy as np
 from registration.layer_images.findings import ToldOfInk
 from registration.layer_images.gaps.gaps import stretch_gap
 from registration.layer_images.ink.presence import INK
+from registration.layer_images.over_ink.older_pattern import older_pattern_shows, only_crossed
 from registration.layer_images.over_ink.thin_change import ThinChange, thin_by_change
 from registration.layer_images.seen_layer import SeenLayer
 from registration.layer_images.values import BoolArray, Gap, Unseen
@@ -43,7 +44,7 @@ def told_by_all(look: SeenLayer, good: BoolArray, faint: BoolArray, thin: ThinCh
     bare = (look.why == Unseen.SEEN) & ~good & (look.present < INK)
     changed = _longer(look, came, least)
     came = _without_doubt(look, changed, bare)
-    came &= ~(none if look.change is None else look.change.older_shows)
+    came &= ~_older_shows(look)
     still = none if look.change is None else look.change.still & ~good & ~faint
     any_ink = ink | came
     rows = np.flatnonzero(any_ink)
@@ -61,6 +62,16 @@ def told_by_all(look: SeenLayer, good: BoolArray, faint: BoolArray, thin: ThinCh
         thin=_stretches(look, _longer(look, thin.thin, least)),
         thin_untold_mm=float(ways.step[came & ~thin.told].sum()),
     )
+
+
+def _older_shows(look: SeenLayer) -> BoolArray:
+    """Places across which the pattern of older lines shows as before, (n,)."""
+    change = look.change
+    if change is None or change.older is None:
+        return np.zeros(len(look.ways), dtype=np.bool_)
+    known = change.over_old & np.isfinite(change.anyway)
+    crossed = only_crossed(look.moved, change.older)
+    return older_pattern_shows(look.work, look.ways, look.seen, crossed & known)
 
 
 def _longer(look: SeenLayer, rows: BoolArray, least_mm: float) -> BoolArray:

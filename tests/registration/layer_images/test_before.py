@@ -77,7 +77,9 @@ def test_ink_that_came_is_told_by_the_change_though_its_gaps_are_not(kind: str) 
 def test_a_camera_whose_marks_stand_still_has_not_moved(painted: Stack) -> None:
     """A part's shadow that grew on black glass "moved" it by 12 px, and a clog in part passed."""
     shaded = np.roll(painted.before, (4, -3), axis=(0, 1))
-    findings = see_layer(painted.picture, painted, expected(painted), before=shaded, still=True)
+    findings = see_layer(
+        painted.picture, painted, expected(painted), before=shaded, stood_still=lambda: True
+    )
     assert findings.moved_px == 0.0
     assert np.isfinite(findings.older_step)  # by the picture before
 

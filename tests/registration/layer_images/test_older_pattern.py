@@ -51,8 +51,7 @@ def _shows(own_axis: int, covered: float) -> tuple[Ways, BoolArray]:
     channels = np.concatenate([image, image - earlier], axis=2)
     work = Working(channels, none, none, (0, 0), 1, SCALE, True, earlier)
     crossed = only_crossed(ways, _filled(own_axis))
-    all_ = np.ones(len(ways), np.bool_)
-    return ways, older_pattern_shows(work, ways, Seen.of(ways, frame), crossed, all_)
+    return ways, older_pattern_shows(work, ways, Seen.of(ways, frame), crossed)
 
 
 def _bare(ways: Ways) -> BoolArray:

@@ -55,7 +55,7 @@ def _change(profiles: FloatImage, limit: float = 0.002) -> Change:
         None,
         25,
         profiles,
-        np.zeros(count, np.bool_),
+        None,
     )
 
 

@@ -22,7 +22,7 @@ def _look(came: BoolArray) -> Any:
     ways = lay_ways(ExpectedLines(start, end, np.array([WIDTH]), one, one, one == 0), 0.05)
     share = came[(np.arange(len(ways)) * len(came) // len(ways))]
     none = np.zeros(len(ways), np.bool_)
-    change = SimpleNamespace(came=share, still=none, older_shows=none)
+    change = SimpleNamespace(came=share, still=none, older=None)
     return cast(
         Any,
         SimpleNamespace(
