@@ -114,7 +114,8 @@ def _lines_mm(printer: Printer, text: str) -> tuple[float, ...]:
 
 def _notes(job: SliceJob, written: JobFigures) -> list[str]:
     """What a person should know before printing."""
-    notes = _height_note(written)
+    notes = [note for solid in job.parts.solids for note in solid.notes]
+    notes += _height_note(written)
     for number, ul in enumerate(written.report.written_ul_of_heads):
         barrel = job.loads[number].syringe
         if ul > barrel.volume_ul:

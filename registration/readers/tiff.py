@@ -122,7 +122,9 @@ def _numbered(folder: Path) -> tuple[list[Path], tuple[str, ...]]:
         raise ScanFileError(f"{folder}: holds several series of slices: {names}; give one a folder")
     ((_, files),) = found.items()
     if len(files) < 2:
-        raise ScanFileError(f"{folder}: holds one slice ({files.popitem()[1].name}); a scan has more")
+        raise ScanFileError(
+            f"{folder}: holds one slice ({files.popitem()[1].name}); a scan has more"
+        )
     numbers = sorted(files)
     notes = [f"{len(numbers)} slices, {files[numbers[0]].name} to {files[numbers[-1]].name}"]
     steps = np.diff(numbers)

@@ -55,9 +55,7 @@ class GcodeFile:
         return b"\n".join(lines)
 
 
-def read_file(
-    gcode: bytes, printer: Printer, *, max_refused: int = MOST_REFUSED
-) -> GcodeFile:
+def read_file(gcode: bytes, printer: Printer, *, max_refused: int = MOST_REFUSED) -> GcodeFile:
     """Read a whole file; each line is what `read_line` makes of it.
 
     The rest behind the last of ``max_refused`` refused lines isn't read.
@@ -76,9 +74,7 @@ def read_file(
     return _read_lines(gcode, printer, read_line, max_refused)
 
 
-def _read_lines(
-    gcode: bytes, printer: Printer, reader: LineReader, max_refused: int
-) -> GcodeFile:
+def _read_lines(gcode: bytes, printer: Printer, reader: LineReader, max_refused: int) -> GcodeFile:
     lines = gcode.splitlines()
     is_plain = PLAIN_MOVE.fullmatch
     others = [index for index, text in enumerate(lines) if not is_plain(text)]
