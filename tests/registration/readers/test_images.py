@@ -11,6 +11,7 @@ import nrrd
 import numpy as np
 import pytest
 import tifffile
+from PIL import Image
 
 from registration import ScanOverrides, read_scan
 from registration.errors import ScanFileError
@@ -110,23 +111,10 @@ def test_white_is_zero_of_floats_is_refused(tmp_path: Path) -> None:
         read_scan(path, SIZED)
 
 
-def bilevel(path: Path, bits: Any, more: bytes = b"") -> None:
-    """A TIFF of one bit a voxel, its rows padded to bytes; a page after the other."""
-    out, at = bytearray(b"II*\0"), 8
-    pages, rows, columns = bits.shape
-    packed = [np.packbits(page, axis=1).tobytes() for page in bits]
-    out += at.to_bytes(4, "little")
-    for number, data in enumerate(packed):
-        tags = [(256, 4, columns), (257, 4, rows), (258, 3, 1), (259, 3, 1), (262, 3, 1),
-                (273, 4, at + 2 + 9 * 12 + 4), (277, 3, 1), (278, 4, rows), (279, 4, len(data))]  # fmt: skip
-        end = at + 2 + 9 * 12 + 4 + len(data)
-        out += len(tags).to_bytes(2, "little")
-        for tag, kind, value in tags:
-            out += b"".join((tag.to_bytes(2, "little"), kind.to_bytes(2, "little"),
-                             (1).to_bytes(4, "little"), value.to_bytes(4, "little")))  # fmt: skip
-        out += (0 if number == pages - 1 else end).to_bytes(4, "little") + data
-        at = end
-    path.write_bytes(bytes(out) + more)
+def bilevel(path: Path, bits: Any) -> None:
+    """Write a TIFF of one bit a voxel, its rows padded to bytes."""
+    first, *others = (Image.fromarray(page) for page in bits)
+    first.save(path, save_all=True, append_images=others)
 
 
 def test_bits_are_a_volume_of_zeros_and_ones(tmp_path: Path) -> None:
