@@ -19,7 +19,7 @@ from typing import Any, Final
 from urllib.parse import unquote
 
 import numpy as np
-from lxml import etree
+from lxml import etree  # type: ignore[import-untyped]
 from manifold3d import Error, Manifold, Mesh64, OpType
 from numpy.typing import NDArray
 
@@ -214,19 +214,18 @@ def _slicer_roles(package: _Package) -> _Roles:
         for thing in package.root(name).iter("object"):
             key = thing.get("id")
             for volume in thing.iter("volume"):
-                said = _metadata(volume)
-                old = "modifierpart" if said.get("modifier") == "1" else "modelpart"
-                role = (said.get("volume_type", old), said.get("name", ""))
                 ends = int(volume.get("firstid")), int(volume.get("lastid"))
-                roles.ranges.setdefault(key, []).append((*ends, role))
+                roles.ranges.setdefault(key, []).append((*ends, _said(volume)))
             for part in thing.iter("part"):
-                role = part.get("subtype", "model"), _metadata(part).get("name", "")
-                roles.components[key, part.get("id")] = role
+                roles.components[key, part.get("id")] = _said(part)
     return roles
 
 
-def _metadata(element: Any) -> dict[str, str]:
-    return {one.get("key"): one.get("value", "") for one in element.iterchildren("metadata")}
+def _said(volume: Any) -> Role:
+    """Role and name of a volume, as a slicer says them; older ones know parts and modifiers."""
+    said = {one.get("key"): one.get("value", "") for one in volume.iterchildren("metadata")}
+    old = "modifierpart" if said.get("modifier") == "1" else "modelpart"
+    return said.get("volume_type") or volume.get("subtype") or old, said.get("name", "")
 
 
 @dataclass
@@ -286,6 +285,8 @@ class _Reader:
         mesh = thing.find("{*}mesh")
         odd = [one for one in (*thing, *(() if mesh is None else mesh)) if _is_element(one)]
         strange = [n for one in odd if (n := etree.QName(one).localname) in _SHAPES]
+        if "lowres" in thing.attrib.values():  # of the slice extension: the mesh is a stand-in
+            strange.append("stack of slices")
         if strange and role == _INK:
             raise SolidError(
                 f"{name} has a {strange[0]}, which isn't read; export it as plain triangles"
@@ -307,16 +308,21 @@ class _Reader:
     def _parts(self, key: str, mesh: Mesh, role: str, name: str) -> Iterator[_Volume]:
         """An object's mesh, by the ranges of triangles to which a slicer gives a role."""
         ranges = self.roles.ranges.get(key, ()) if role == _INK else ()
-        if len(ranges) < 2 and all(_role(*said) == _INK for *_, said in ranges):
+        if all(_role(*said) == _INK for *_, said in ranges):
             yield _Volume(mesh, role, name)
             return
+        vertices, faces = mesh
+        rest = np.ones(len(faces), np.bool_)
         for first, last, said in ranges:
-            if not 0 <= first <= last < len(mesh[1]):
+            if not 0 <= first <= last < len(faces):
                 raise SolidError(
-                    f"volume {said[1]} of {name} has triangles {first} to {last}, of "
-                    f"{len(mesh[1])}; export it again"
+                    f"volume {said[1]} of {name} has triangles {first} to {last}, of {len(faces)}; "
+                    "export it again"
                 )
-            yield _Volume((mesh[0], mesh[1][first : last + 1]), _role(*said), said[1] or name)
+            rest[first : last + 1] = False
+            yield _Volume((vertices, faces[first : last + 1]), _role(*said), said[1] or name)
+        if rest.any():
+            yield _Volume((vertices, faces[rest]), _INK, name)
 
 
 def _role(said: str, name: str) -> str:

@@ -97,6 +97,15 @@ def test_a_negative_volume_is_cut_out_of_its_own_object_alone(tmp_path: Path) ->
         assert read_solid(path, None).volume_mm3 == pytest.approx(320 - 64 + 320)
 
 
+def test_triangles_that_no_range_names_are_the_part(tmp_path: Path) -> None:
+    text = model(thing(1, mesh(HOLE, BODY)), '<item objectid="1"/>')
+    path = package(tmp_path / "a.3mf", {MODEL: text, **prusa("NegativeVolume")})
+    assert read_solid(path, None).volume_mm3 == pytest.approx(320 - 64)
+    path = package(path, {MODEL: text, **prusa("NegativeVolume", "ModelPart", "ModelPart")})
+    with pytest.raises(SolidError, match="triangles 24 to 35, of 24"):
+        read_solid(path, None)
+
+
 def test_an_old_modifier_is_left_out(tmp_path: Path) -> None:
     text = model(thing(1, mesh(BODY, HOLE)), '<item objectid="1"/>')
     path = package(tmp_path / "a.3mf", {MODEL: text, **prusa("0", "1", old=True)})
