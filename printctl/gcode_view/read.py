@@ -31,7 +31,10 @@ from sim.reading.comments import Comments, declared_start, plain_lines, read_com
 
 _LIFT_MM: Final = 1e-3
 _SHOWN_UNREAD: Final = 3
-_MOVES: Final = re.compile(r"\s*(N\d+\s*)?(G(?!0*4\b)|M8[23]\b)", re.IGNORECASE)
+_MOVES: Final = re.compile(
+    r"\s*(N\d+\s*)?(G0*([0-35]|1[01]|2[018]|5[3-9]|9[0-2])|M8[23])(?!\d)", re.IGNORECASE
+)
+"""Commands that move, or say how moves are to be read."""
 _VOLUMES: Final = re.compile(rb"\nM200 D[1-9]")
 _USUAL_RATIO: Final = (1.1, 8.0)
 """Width of a line over its height: of others the bore is likely to be a wrong one."""
