@@ -31,6 +31,8 @@ TRIANGLE: Final = (b'<triangle v1="', b'" v2="', b'" v3="', b'"/>\n')
 """What stands around the numbers of each element."""
 
 _MODEL: Final = "3D/3dmodel.model"
+_MORE: Final = re.compile(rb'((?: v3| z)="[^"]*")[^/>]+/>')
+"""What follows a triangle's corners (colours, paint) or a vertex: nothing that is read."""
 _CONFIG: Final = re.compile(r"Metadata/.*model(_settings)?\.config", re.IGNORECASE)
 _EXTENSIONS: Final = ("/core/", "/production/", "/material/")
 """Namespaces of extensions that a file may require: materials change no shape."""
@@ -102,7 +104,7 @@ class _Package:
                 raise SolidError(f"{part} declares a document type, which 3MF forbids")
             for name, marks in ((b"vertices", VERTEX), (b"triangles", TRIANGLE)):
                 text = self._without_lists(text, name, marks)
-            parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True)
+            parser = etree.XMLParser(resolve_entities=False, no_network=True)
             self.roots[key] = etree.fromstring(text, parser)
         return self.roots[key]
 
@@ -112,7 +114,9 @@ class _Package:
         pieces = [first]
         for other in others:
             within, closed, behind = other.partition(end)
-            rows = read_rows(within.replace(b'" />', b'"/>'), marks) if closed else None
+            rows = read_rows(within, marks) if closed else None
+            if rows is None and closed:
+                rows = read_rows(_MORE.sub(rb"\1/>", within), marks)
             if rows is None:
                 pieces += [begin, other]
                 continue

@@ -305,9 +305,10 @@ def test_3mf_reads_as_by_the_mesh_library(tmp_path: Path, construct: Solid) -> N
 def test_a_vertex_of_no_face_doesnt_move_the_part(tmp_path: Path, suffix: str) -> None:
     """Nor one of a face that is collapsed to a point."""
     cube = block_solid((1, 2, 3))
-    far = np.vstack([cube.vertices, [[30.0, 0, -50]]])
     path = tmp_path / f"loose.{suffix}"
-    for faces in (cube.faces, np.vstack([cube.faces, [[8, 8, 8]]])):
+    collapsed = np.vstack([cube.faces, [[8, 8, 8]]])
+    for corner, faces in ((30.0, cube.faces), (30.0, collapsed), (np.nan, cube.faces)):
+        far = np.vstack([cube.vertices, [[corner, 0, -50]]])
         path.write_bytes(trimesh.Trimesh(far, faces, process=False).export(file_type=suffix)
                          if suffix in ("ply", "3mf") else _text(far, faces, suffix))  # fmt: skip
         for for_sections in (True, False):

@@ -207,6 +207,7 @@ def test_transforms_of_items_and_components_follow_each_other(tmp_path: Path) ->
         ("<vertices>", "<vertices><!-- corners -->"),
         ('"/><vertex', '" /> <vertex'),
         ('v1="', 'pid="1" v1="'),
+        (r'(v3="\d+")/>', r'\1 p1="0" p:paint="4C" />'),
     ],
 )
 def test_numbers_are_read_however_they_are_written(tmp_path: Path, old: str, new: str) -> None:
