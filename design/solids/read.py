@@ -86,7 +86,7 @@ def read_solid(path: Path, unit: LengthUnit | None, *, for_sections: bool = Fals
 def _solid(vertices: FloatArray, faces: IntArray, path: Path, for_sections: bool) -> Solid:
     used = np.zeros(len(vertices), np.bool_)
     used[faces] = True
-    bad = int((~np.isfinite(vertices)).any(axis=1)[used].sum())
+    bad = int((used & ~np.isfinite(vertices).all(axis=1)).sum())
     if bad:
         raise SolidError(f"{path}: {bad} corners aren't numbers (NaN or infinite); export it again")
     try:

@@ -23,7 +23,7 @@ from printctl.gcode_view.widths import cross_sections, widths
 from printctl.rounding import window_mm
 from registration.report.gcode import Act, GcodeJob, Layers
 from sim.errors import GcodeError, LineError
-from sim.heads.valve import Valve, read_valve
+from sim.heads.valve import Valve, read_valve, refuse_unread
 from sim.program.gcode import Program, code
 from sim.program.modal import BAD, MOVE
 from sim.program.read_program import read_written
@@ -63,7 +63,12 @@ def read_job(gcode: bytes, name: str, pushing: Pushing, line_map: LineMap | None
 
 
 def read_with_program(
-    gcode: bytes, name: str, pushing: Pushing, line_map: LineMap | None
+    gcode: bytes,
+    name: str,
+    pushing: Pushing,
+    line_map: LineMap | None,
+    *,
+    strict: bool = False,
 ) -> Reading:
     """Read a file; lines that can't be read are left out, and the job's notes say so.
 
@@ -74,6 +79,8 @@ def read_with_program(
         Of the file, for messages and titles.
     pushing : Pushing
     line_map : LineMap or None
+    strict : bool
+        Refuse a file with lines that can't be read.
 
     Raises
     ------
@@ -87,6 +94,7 @@ def read_with_program(
         program, read_as, named, refused = read_written(
             text, pushing.printer, start or (0.0, 0.0, 0.0), max_refused=len(text)
         )
+        refuse_unread(refused if strict else ())
     except GcodeError as exc:
         raise UsageError(f"{name}: {exc}") from exc
     head = pushing.printer.pneumatic
