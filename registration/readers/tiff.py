@@ -274,8 +274,11 @@ def _of_imagej(tiff: tifffile.TiffFile, path: Path) -> tuple[dict[str, Any], tup
     metadata = tiff.imagej_metadata or {}
     tags = tiff.pages.first.tags
     names = [str(metadata.get(key) or metadata.get("unit", "")) for key in ("zunit", "yunit")]
-    z, y, x = (millimetres(name, path) for name in (*names, metadata.get("unit")))
     known: dict[str, Any] = {"axes": "zyx"}
+    try:
+        z, y, x = (millimetres(name, path) for name in (*names, metadata.get("unit")))
+    except ScanFileError as exc:  # no matter where the user says the size
+        return known, (str(exc).removeprefix(f"{path}: "),)
     if not (z and y and x and metadata.get("spacing")) or "YResolution" not in tags:
         return known, ()
     across, down = (tags[name].value for name in ("XResolution", "YResolution"))

@@ -87,6 +87,15 @@ def test_imagej_pixels_that_cant_be_as_long_as_said_are_told(tmp_path: Path) -> 
     assert "--voxel-um" in read_scan(path, MODALITY).notes[0]
 
 
+def test_an_imagej_unit_that_isnt_known_is_named_and_the_users_size_taken(tmp_path: Path) -> None:
+    path = tmp_path / "s.tif"
+    said = {"spacing": 1.0, "unit": "furlong", "axes": "ZYX"}
+    tifffile.imwrite(path, counts(), imagej=True, resolution=(1, 1), metadata=said)
+    with pytest.raises(ScanFileError, match=r"give --voxel-um.*'furlong' isn't known"):
+        read_scan(path, MODALITY)
+    same(path, (0.01, 0.02, 0.03), SIZED)
+
+
 SIZED = ScanOverrides(modality="microct", scale="linear", voxel_mm=(0.01, 0.02, 0.03))
 
 
