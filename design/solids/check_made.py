@@ -8,19 +8,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from design.errors import SolidError
 from design.geometry.crossings import find_crossings
+from design.geometry.threemf_read import read_3mf
 from design.solids.check_result import SolidCheck
 from design.solids.merge import merge_equal
 from design.solids.solid import Solid
 from design.solids.stl import read_float32
-from design.solids.threemf_read import read_plain_3mf
 from design.solids.topology import edge_faults, surface_genus
 
 
 def held_solid(path: Path, made: Sequence[Solid]) -> int | None:
     """Number of the solid whose triangles a file holds, in order, to the last bit; None without.
 
-    Binary STL and plain 3MF; other formats aren't read.
+    Binary STL and 3MF; other formats aren't read.
 
     Raises
     ------
@@ -31,13 +32,19 @@ def held_solid(path: Path, made: Sequence[Solid]) -> int | None:
     if kind == ".stl":
         corners = read_float32(path)
         return None if corners is None else _first(made, lambda one: _has_corners(one, corners))
-    plain = read_plain_3mf(path) if kind == ".3mf" else None
-    if plain is None or plain[2] != "millimeter":
+    if kind != ".3mf":
         return None
-    vertices, faces, _ = plain
+    try:
+        read = read_3mf(path)
+    except SolidError:
+        return None
+    if read.unit != "millimeter" or read.notes:
+        return None
     return _first(
         made,
-        lambda one: np.array_equal(vertices, one.vertices) and np.array_equal(faces, one.faces),
+        lambda one: (
+            np.array_equal(read.vertices, one.vertices) and np.array_equal(read.faces, one.faces)
+        ),
     )
 
 

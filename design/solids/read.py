@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -9,11 +10,11 @@ import numpy as np
 
 from design.errors import SolidError
 from design.geometry.stl_layout import cut_short
+from design.geometry.threemf_read import read_3mf
 from design.solids.merge import merge_equal
 from design.solids.solid import Solid
 from design.solids.stl import read_corners
 from design.solids.surface import sections_solid
-from design.solids.threemf_read import read_plain_3mf
 from design.units import MM_PER, LengthUnit
 from kernels.arrays import FloatArray, IntArray
 
@@ -26,12 +27,11 @@ SUFFIXES: Final = (".stl", ".3mf", ".ply", ".obj", ".off")
 _UNIT_NAMES: Final[dict[str, LengthUnit]] = {
     "micron": "um",
     "millimeter": "mm",
-    "millimeters": "mm",
     "centimeter": "cm",
     "meter": "m",
     "inch": "in",
 }
-"""As 3MF spells them (trimesh calls the default "millimeters")."""
+"""As 3MF spells them."""
 
 
 def read_solid(path: Path, unit: LengthUnit | None, *, for_sections: bool = False) -> Solid:
@@ -64,24 +64,29 @@ def read_solid(path: Path, unit: LengthUnit | None, *, for_sections: bool = Fals
         corners *= MM_PER[unit]
         faces = np.arange(3 * len(corners)).reshape(-1, 3)
         return _solid(corners.reshape(-1, 3), faces, path, for_sections)
+    if path.suffix.lower() == ".3mf" and path.is_file():
+        read = read_3mf(path)
+        stated = _UNIT_NAMES.get(read.unit)
+        if stated is None:
+            raise SolidError(
+                f"{path}: the file's unit is {read.unit}, which isn't read; export it in one of "
+                f"{', '.join(_UNIT_NAMES)}"
+            )
+        if unit not in (None, stated):
+            raise SolidError(f"{path}: the file says {stated}, not {unit}; leave the unit out")
+        solid = _solid(read.vertices * MM_PER[stated], read.faces, path, for_sections)
+        return replace(solid, notes=tuple(f"{path.name}: {note}" for note in read.notes))
     mesh = load_mesh(path)
-    unit_name = str(mesh.units) if path.suffix.lower() == ".3mf" and mesh.units else ""
-    stated = _UNIT_NAMES.get(unit_name)
-    if unit_name and stated is None:
-        raise SolidError(
-            f"{path}: the file's unit is {unit_name}, which isn't read; export it in one of "
-            f"{', '.join(_UNIT_NAMES)}"
-        )
-    if unit is None and stated is None:
+    if unit is None:
         raise SolidError(f"{path}: the file doesn't say its unit; give one of {', '.join(MM_PER)}")
-    if unit is not None and stated not in (None, unit):
-        raise SolidError(f"{path}: the file says {stated}, not {unit}; leave the unit out")
-    scale = MM_PER[unit or stated or "mm"]
-    return _solid(np.asarray(mesh.vertices) * scale, np.asarray(mesh.faces), path, for_sections)
+    vertices = np.asarray(mesh.vertices) * MM_PER[unit]
+    return _solid(vertices, np.asarray(mesh.faces), path, for_sections)
 
 
 def _solid(vertices: FloatArray, faces: IntArray, path: Path, for_sections: bool) -> Solid:
-    bad = int((~np.isfinite(vertices)).any(axis=1).sum())
+    used = np.zeros(len(vertices), np.bool_)
+    used[faces] = True
+    bad = int((used & ~np.isfinite(vertices).all(axis=1)).sum())
     if bad:
         raise SolidError(f"{path}: {bad} corners aren't numbers (NaN or infinite); export it again")
     try:
@@ -114,10 +119,9 @@ def load_mesh(path: Path) -> trimesh.Trimesh:
         raise SolidError(f"{path}: {kind or 'no suffix'} isn't one of {', '.join(SUFFIXES)}")
     if kind == ".stl" and (missing := cut_short(path)):
         raise SolidError(f"{path}: {missing}; export or copy it again")
-    if kind == ".3mf" and (plain := read_plain_3mf(path)) is not None:
-        mesh = trimesh.Trimesh(plain[0], plain[1], process=False)
-        mesh.units = plain[2]
-        return _merged(mesh)
+    if kind == ".3mf":
+        read = read_3mf(path)
+        return _merged(trimesh.Trimesh(read.vertices, read.faces, process=False))
     if kind == ".stl" and (corners := read_corners(path)) is not None:
         mesh = trimesh.Trimesh(
             corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), process=False
@@ -150,6 +154,4 @@ def _merged(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     import trimesh  # as above
 
     unique, index = merge_equal(np.asarray(mesh.vertices, dtype=np.float64))
-    merged = trimesh.Trimesh(unique, index[np.asarray(mesh.faces)], process=False)
-    merged.units = mesh.units
-    return merged
+    return trimesh.Trimesh(unique, index[np.asarray(mesh.faces)], process=False)

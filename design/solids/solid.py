@@ -25,10 +25,13 @@ class Solid(Surface):
         Counter-clockwise seen from outside.
     uncrossed : bool
         Every two faces have been tried, and none cross. False where that isn't known.
+    notes : tuple of str
+        What of its file was left out or cut out.
     """
 
     faces: NDArray[np.int32]
     uncrossed: bool = False
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.faces) == 0:

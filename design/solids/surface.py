@@ -45,7 +45,10 @@ def _merged(
     merged, index = merge_equal(np.asarray(vertices, np.float64))
     triangles = index[np.asarray(faces)]
     a, b, c = triangles.T
-    return merged, triangles[(a != b) & (b != c) & (c != a)]
+    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    # A vertex of no face would widen the bounds by which parts are placed.
+    used, corners = np.unique(triangles, return_inverse=True)
+    return merged[used], corners.reshape(-1, 3)
 
 
 def _check_volume(volume_mm3: float) -> None:

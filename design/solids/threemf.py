@@ -19,7 +19,8 @@ from xml.sax.saxutils import escape, quoteattr
 
 from design.errors import SolidError
 from design.files import write_bytes
-from design.solids.decimal_text import rows_text
+from design.geometry.decimal_text import rows_text
+from design.geometry.threemf_read import TRIANGLE, VERTEX
 from design.solids.solid import Solid
 
 METADATA: Final = (
@@ -58,10 +59,6 @@ _TAIL = """</resources>
 <build>{items}</build>
 </model>
 """
-
-VERTEX: Final = (b'<vertex x="', b'" y="', b'" z="', b'"/>\n')
-TRIANGLE: Final = (b'<triangle v1="', b'" v2="', b'" v3="', b'"/>\n')
-"""What stands around the numbers of each element."""
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 """The earliest time a zip archive can hold; no clock is read."""

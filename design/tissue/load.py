@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
-from design.errors import TissueError
+from design.errors import SolidError, TissueError
 from design.geometry.stl_layout import cut_short
 from design.geometry.surface import Surface
+from design.geometry.threemf_read import read_3mf
 from design.tissue.repair import repair_surface
 from design.tissue.spacing import SpacingRule
 from design.tissue.surface import SizeLimits, check_size, tissue_from_surface
 from design.tissue.tissue import Tissue
 from design.units import MM_PER, LengthUnit
-
-if TYPE_CHECKING:
-    import trimesh
+from kernels.arrays import FloatArray, IntArray
 
 SUFFIXES: Final = (".stl", ".obj", ".ply", ".3mf")
 
@@ -89,19 +88,17 @@ def load_surface(
     """
     path = Path(path)
     check_file(path, unit, SUFFIXES)
-    mesh = _read(path)
-    declared = _DECLARED.get(str(mesh.units)) if mesh.units else None
+    vertices, faces, units, left_out = _read(path)
+    declared = _DECLARED.get(units)
     if declared is not None and declared != unit:
         raise TissueError(f"{path} declares its unit as {declared}, not {unit}; state that unit")
-    vertices = np.asarray(mesh.vertices, dtype=np.float64)
-    faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
     try:
         check_size(vertices[np.unique(faces)], unit, limits or SizeLimits())
         mended, notes = repair_surface(vertices, faces, unit)
     except TissueError as error:
         raise TissueError(f"{path}: {error}") from error
     surface = Surface(mended.vertices * MM_PER[unit], mended.faces)
-    return surface, tuple(f"{path.name}: {note}" for note in notes)
+    return surface, tuple(f"{path.name}: {note}" for note in (*left_out, *notes))
 
 
 def check_file(path: Path, unit: LengthUnit, suffixes: tuple[str, ...]) -> None:
@@ -118,7 +115,14 @@ def check_file(path: Path, unit: LengthUnit, suffixes: tuple[str, ...]) -> None:
         raise TissueError(f"{path}: there is no such file")
 
 
-def _read(path: Path) -> trimesh.Trimesh:
+def _read(path: Path) -> tuple[FloatArray, IntArray, str, tuple[str, ...]]:
+    """Vertices, faces, the unit that the file says or nothing, and what of it was left out."""
+    if path.suffix.lower() == ".3mf":
+        try:
+            read = read_3mf(path)
+        except SolidError as error:
+            raise TissueError(str(error)) from error
+        return read.vertices, read.faces, read.unit, read.notes
     import trimesh  # heavy, and few who name a tissue read one
 
     if path.suffix.lower() == ".stl" and (missing := cut_short(path)):
@@ -132,4 +136,6 @@ def _read(path: Path) -> trimesh.Trimesh:
         raise TissueError(f"{path}: can't be read as a mesh ({why}); export it again") from error
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
         raise TissueError(f"{path}: mesh is empty: it has no faces; give a closed surface")
-    return mesh
+    vertices = np.asarray(mesh.vertices, dtype=np.float64)
+    faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
+    return vertices, faces, str(mesh.units or ""), ()

@@ -47,10 +47,17 @@ def _size(file: Any) -> tuple[Size | None, str | None]:
     tags = file.pages[0].tags
     if "spacing" not in metadata or "unit" not in metadata or "XResolution" not in tags:
         return None, None
+    names = {str(metadata.get(key, metadata["unit"])) for key in ("unit", "yunit", "zunit")}
+    units = {name.replace("\\u00B5", "µ") for name in names}
+    if len(units) > 1:
+        raise TissueError(
+            f"{file.filename}: counts its axes in {' and '.join(sorted(units))}; export it with "
+            "one unit, or take the units out and give voxel_mm"
+        )
     # Pixels per unit, as a fraction.
     across = [tags[name].value for name in ("XResolution", "YResolution")]
     x, y = (bottom / top for top, bottom in across)
-    return (x, y, abs(float(metadata["spacing"]))), str(metadata["unit"]).replace("\\u00B5", "µ")
+    return (x, y, abs(float(metadata["spacing"]))), units.pop()
 
 
 def _ome_size(text: str) -> tuple[Size | None, str | None]:

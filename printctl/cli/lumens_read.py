@@ -12,7 +12,7 @@ from design.solids import Solid, read_solid
 from design.units import LengthUnit
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
 from firmware_profiles.bead import BeadSection
-from printctl.cli.options import three_numbers
+from printctl.cli.options import messages, three_numbers
 from printctl.errors import UsageError
 from printctl.gcode_view import read_line_map
 from printctl.gcode_view.levels import is_flat
@@ -139,7 +139,10 @@ def read_designed(path: Path, unit: LengthUnit | None) -> VesselNetwork:
 def read_part(model: Path | None, network: Path | None, unit: LengthUnit | None) -> Solid | None:
     """The model; of a network in a run folder, the tissue."""
     if model is not None:
-        return read_solid(model, unit)
+        solid = read_solid(model, unit)
+        for note in solid.notes:
+            messages().print(note, style="dim", markup=False)
+        return solid
     folder = network if network is None or network.is_dir() else network.parent
     if folder is not None and (folder / MANIFEST).is_file() and (folder / SURFACE).is_file():
         return read_solid(folder / SURFACE, "mm")

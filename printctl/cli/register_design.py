@@ -10,6 +10,7 @@ from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv
 from design.solids import Solid, read_solid
 from design.units import LengthUnit
+from printctl.cli.options import messages
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import LUMEN, NETWORK, SOLID
 from printctl.run_folder.manifest import Manifest
@@ -68,6 +69,8 @@ def _surface(
         beside = model / NETWORK
     elif model.is_file():
         surface = read_solid(model, unit=unit)
+        for note in surface.notes:
+            messages().print(note, style="dim", markup=False)
         beside = model.with_name(NETWORK)
     else:
         raise UsageError(f"--model {model} doesn't exist; give a run folder or an STL file")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -114,7 +115,8 @@ def _lines_mm(printer: Printer, text: str) -> tuple[float, ...]:
 
 def _notes(job: SliceJob, written: JobFigures) -> list[str]:
     """What a person should know before printing."""
-    notes = _height_note(written)
+    notes = [note for solid in job.parts.solids for note in solid.notes]
+    notes += [*_height_note(written), *written.report.narrow_notes]
     for number, ul in enumerate(written.report.written_ul_of_heads):
         barrel = job.loads[number].syringe
         if ul > barrel.volume_ul:
@@ -153,6 +155,8 @@ def _facts(job: SliceJob, written: JobFigures, models: list[Path], out: Path) ->
         "written_ul": report.written_ul,
         "material_ul": report.material_ul,
         "unfilled_percent": 100 * report.unfilled_fraction,
+        "thin_walls": report.thin_walls and asdict(report.thin_walls),
+        "narrow_gaps": report.narrow_gaps and asdict(report.narrow_gaps),
         "travels": report.travels,
         "lifted": report.lifted,
         "place_mm": written.place_mm.tolist(),

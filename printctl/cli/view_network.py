@@ -104,7 +104,10 @@ def _tissue(path: Path | None, unit: LengthUnit | None, loaded: Source) -> Surfa
         raise UsageError(f"--tissue {path} isn't there; give a mesh or a run folder")
     if unit is None:
         raise UsageError(f"--tissue {path} doesn't say its unit; give --tissue-unit")
-    return read_solid(path, unit=unit)
+    solid = read_solid(path, unit=unit)
+    for note in solid.notes:
+        messages().print(note, style="dim", markup=False)
+    return solid
 
 
 def _shown(surface: Surface | None) -> list[ReportSurface]:

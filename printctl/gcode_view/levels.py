@@ -43,7 +43,7 @@ def line_heights(levels: FloatArray, usual_mm: float | None) -> FloatArray:
     if usual_mm is None:
         usual_mm = float(np.median(gaps)) if len(gaps) else np.nan
     below = np.concatenate([[np.inf], gaps])
-    return np.asarray(np.where(below > 2.0 * usual_mm, usual_mm, below))
+    return np.asarray(np.where(below <= 2.0 * usual_mm, below, usual_mm))
 
 
 def make_layers(

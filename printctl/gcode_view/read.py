@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -21,13 +22,19 @@ from printctl.gcode_view.rows import Rows, written_rows
 from printctl.gcode_view.widths import cross_sections, widths
 from printctl.rounding import window_mm
 from registration.report.gcode import Act, GcodeJob, Layers
-from sim.errors import GcodeError
-from sim.heads.valve import Valve, read_with_valve
+from sim.errors import GcodeError, LineError
+from sim.heads.valve import Valve, read_valve, refuse_unread
 from sim.program.gcode import Program, code
 from sim.program.modal import BAD, MOVE
+from sim.program.read_program import read_written
 from sim.reading.comments import Comments, declared_start, plain_lines, read_comments
 
 _LIFT_MM: Final = 1e-3
+_SHOWN_UNREAD: Final = 3
+_MOVES: Final = re.compile(
+    r"\s*(N\d+\s*)?(G0*([0-35]|1[01]|2[018]|5[3-9]|9[0-2])|M8[23])(?!\d)", re.IGNORECASE
+)
+"""Commands that move, or say how moves are to be read."""
 _VOLUMES: Final = re.compile(rb"\nM200 D[1-9]")
 _USUAL_RATIO: Final = (1.1, 8.0)
 """Width of a line over its height: of others the bore is likely to be a wrong one."""
@@ -56,9 +63,14 @@ def read_job(gcode: bytes, name: str, pushing: Pushing, line_map: LineMap | None
 
 
 def read_with_program(
-    gcode: bytes, name: str, pushing: Pushing, line_map: LineMap | None
+    gcode: bytes,
+    name: str,
+    pushing: Pushing,
+    line_map: LineMap | None,
+    *,
+    strict: bool = False,
 ) -> Reading:
-    """Read a file.
+    """Read a file; lines that can't be read are left out, and the job's notes say so.
 
     Parameters
     ----------
@@ -67,6 +79,8 @@ def read_with_program(
         Of the file, for messages and titles.
     pushing : Pushing
     line_map : LineMap or None
+    strict : bool
+        Refuse a file with lines that can't be read.
 
     Raises
     ------
@@ -76,13 +90,20 @@ def read_with_program(
     text = plain_lines(gcode)
     start = None if b"\0" in text else declared_start(text, pushing.printer)
     try:
-        program, valve = read_with_valve(text, pushing.printer, start or (0.0, 0.0, 0.0))
+        # All that can be drawn is: a print refuses such lines, and a viewer prints nothing.
+        program, read_as, named, refused = read_written(
+            text, pushing.printer, start or (0.0, 0.0, 0.0), max_refused=len(text)
+        )
+        refuse_unread(refused if strict else ())
     except GcodeError as exc:
         raise UsageError(f"{name}: {exc}") from exc
+    head = pushing.printer.pneumatic
+    valve = None if head is None else read_valve(program, read_as, named, head)
+    unread = _unread(refused)
     rows = written_rows(program, valve, start is not None)
     rows = _at_tips(rows, program.tool, pushing)
     if not (rows.act == Act.WRITE).any():
-        raise UsageError(_nothing(program, name, pushing, valve))
+        raise UsageError(". ".join([_nothing(program, name, pushing, valve), *unread]))
     comments = read_comments(text)
     layer, layers = _layers(rows, program, comments, line_map, pushing.layer_mm)
     if valve is None:
@@ -109,7 +130,7 @@ def read_with_program(
         layer=layer,
         layers=layers,
         text=text,
-        notes=(said_dose, *said_width, *_doubts(program, text)),
+        notes=(*unread, said_dose, *said_width, *_doubts(program, text)),
     )
     return Reading(job, program, rows.row)
 
@@ -217,6 +238,20 @@ def _kinds(
     if line_map is not None and line_map.kind is not None:
         return line_map.kind[line - 1], KINDS
     return np.full(len(line), -1, np.int64), ()
+
+
+def _unread(refused: Sequence[tuple[int, LineError]]) -> tuple[str, ...]:
+    """How many lines are left out, the first of them, and where that may displace the drawing."""
+    if not refused:
+        return ()
+    firsts = {str(error): line for line, error in reversed(refused)}
+    shown = sorted((line, text) for text, line in firsts.items())[:_SHOWN_UNREAD]
+    lost = [line for line, error in refused if _MOVES.match(error.line)]
+    behind = f"; from line {lost[0]} on moves may be missing or displaced" if lost else ""
+    return (
+        f"{len(refused)} lines are left out, as a print of this file would refuse them (the first "
+        f"of each: {'; '.join(f'line {line}: {text}' for line, text in shown)}){behind}.",
+    )
 
 
 def _doubts(program: Program, text: bytes) -> tuple[str, ...]:

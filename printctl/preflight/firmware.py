@@ -135,7 +135,7 @@ def _longest_dwell(run: DryRun) -> tuple[float, int]:
     have only a move to the same place or below the planner's least steps between them, are one.
     """
     program, line = run.program, run.program.line
-    dwells = np.flatnonzero(program.kind == DWELL)
+    dwells = np.flatnonzero((program.kind == DWELL) & (program.value > 0))
     if not len(dwells):
         return 0.0, 0
     moved = (program.kind == MOVE) & np.isin(program.command, run.executed.line)

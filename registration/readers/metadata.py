@@ -163,7 +163,7 @@ def build_scan(
         # Only light has an optical path of another length, and only stacks of slices are common.
         plain = {"refractive_index": 1.0, "optical_depth": False, "depth_down": False}
         known = {**plain, "axes": "zyx"} | {n: v for n, v in known.items() if v is not None}
-    _refuse_missing(known, path)
+    _refuse_missing(known, path, file.notes)
     _check_volume(file.volume, path)
     _check_choices(known, path)
     voxel = _voxel(known["voxel_mm"], path)
@@ -210,12 +210,13 @@ def _redivided(in_file: dict[str, Any], given: Mapping[str, Any], path: Path) ->
     return in_file
 
 
-def _refuse_missing(known: Mapping[str, Any], path: Path) -> None:
+def _refuse_missing(known: Mapping[str, Any], path: Path, notes: Sequence[str]) -> None:
     needed = (*_OF_SCAN, "axes")
     missing = [name for name in needed if known.get(name) is None]
     if missing:
         options = ", ".join(_OPTIONS.get(n, "--" + n.replace("_", "-")) for n in missing)
-        raise ScanFileError(f"{path}: doesn't say {', '.join(missing)}; give {options}")
+        read = f" ({'; '.join(notes)})" if notes else ""
+        raise ScanFileError(f"{path}: doesn't say {', '.join(missing)}; give {options}{read}")
 
 
 def _oriented(

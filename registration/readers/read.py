@@ -91,6 +91,9 @@ def _reader(path: Path) -> Reader:
 
 
 def _by_start(path: Path, start: bytes) -> Reader | None:
+    # First, as its preamble of 128 bytes may look like any other format.
+    if start[128:132] == dicom.MAGIC:
+        return dicom.read_dicom
     if start[:4] in tiff.MAGIC:
         return tiff.read_tiff
     if start[:2] == _ZIP:
@@ -105,7 +108,7 @@ def _by_start(path: Path, start: bytes) -> Reader | None:
         start = _unzipped(path)
     if nifti.is_nifti(start):
         return nifti.read_nifti
-    if start[128:132] == dicom.MAGIC:
+    if start[128:132] == dicom.MAGIC:  # within a gzip file
         return dicom.read_dicom
     if any(start[at : at + len(hdf5.MAGIC)] == hdf5.MAGIC for at in _HDF5_PLACES):
         return hdf5.read_hdf5
@@ -127,7 +130,12 @@ def _folder_reader(path: Path) -> Reader:
         return zarr.read_zarr
     if any(place.is_file() and dicom.is_dicom(place) for place in path.iterdir()):
         return dicom.read_dicom_folder
-    raise ScanFileError(f"{path}: a folder that is neither OME-Zarr nor DICOM slices")
+    if tiff.has_slices(path):
+        return tiff.read_tiff_folder
+    raise ScanFileError(
+        f"{path}: a folder of neither OME-Zarr nor DICOM or numbered TIFF slices; give one, or the "
+        "scan's file"
+    )
 
 
 def _unzipped(path: Path) -> bytes:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,15 @@ MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 _MOST_PAGES = 100_000
 _DEFLATE = (8, 32946)
+_READ = (1, *_DEFLATE, 32773)
+"""None, Deflate, PackBits: what is read without further libraries."""
 _ORIENTATION = 274
+_WHITE_IS_ZERO = 0
+_INVERTED = "white is zero in it (WhiteIsZero): its values were inverted, high being bright"
+_MAX_ASPECT = 100.0
+"""Of a pixel: no scanner's is as long as that."""
+_NUMBERED = re.compile(r"((?!\.).*?)(\d+)(\D*)\.tiff?", re.IGNORECASE)
+"""Name of a slice: what stands before its last number, the number, and what follows."""
 
 
 def read_tiff(path: Path) -> FileVolume:
@@ -48,7 +57,91 @@ def read_tiff(path: Path) -> FileVolume:
     """
     # Other files that an OME-TIFF names are never followed.
     with scan_file_errors(path, "TIFF"), tifffile.TiffFile(path, _multifile=False) as tiff:
-        return FileVolume(_volume(tiff, path), _known(tiff, path))
+        known, notes = _known(tiff, path)
+        if tiff.pages.first.photometric == _WHITE_IS_ZERO:
+            notes = (*notes, _INVERTED)
+        return FileVolume(_volume(tiff, path), known, notes=notes)
+
+
+def read_tiff_folder(path: Path) -> FileVolume:
+    """Read a folder of numbered TIFF slices (micro-CT) as a stack, slice 2 before slice 10.
+
+    Raises
+    ------
+    ScanFileError
+        When the slices are of several series, sizes or types, or one isn't a single grey image.
+    """
+    slices, notes = _numbered(path)
+    seen: dict[str, Path] = {}
+    for file in slices:
+        with scan_file_errors(file, "TIFF"), tifffile.TiffFile(file, _multifile=False) as tiff:
+            if _pages(tiff, file) > 1:
+                raise ScanFileError(
+                    f"{file}: holds {len(tiff.pages)} images, in a folder of single slices; give "
+                    "that file alone, or one image a file"
+                )
+            _check_pages(tiff, file)
+            page = tiff.pages.first
+            _check_size(tiff, page.shape, file)
+            white = ", WhiteIsZero" if page.photometric == _WHITE_IS_ZERO else ""
+            size = " × ".join(str(pixels) for pixels in page.shape)
+            seen.setdefault(f"{size} of {page.dtype}{white}", file)
+            whole, kind = (len(slices), *page.shape), _stored(page)
+    if len(seen) > 1:
+        told = "; ".join(f"{file.name}: {what}" for what, file in seen.items())
+        raise ScanFileError(
+            f"{path}: its slices differ in size or type ({told}); move what isn't of the scan "
+            "elsewhere, or export them alike"
+        )
+    volume = fill_volume((_slice(file) for file in slices), whole, kind, path)
+    return FileVolume(volume, notes=(*notes, *((_INVERTED,) if white else ())))
+
+
+def has_slices(folder: Path) -> bool:
+    """Return whether a folder holds numbered TIFF files."""
+    return any(_NUMBERED.fullmatch(one.name) and one.is_file() for one in folder.iterdir())
+
+
+def _numbered(folder: Path) -> tuple[list[Path], tuple[str, ...]]:
+    """Slices in the order of their numbers, and what of the folder isn't read or is missing."""
+    found: dict[tuple[str, str], dict[int, Path]] = {}
+    others: list[str] = []
+    for place in sorted(folder.iterdir()):
+        match = _NUMBERED.fullmatch(place.name)
+        if match is None or not place.is_file():
+            others.append(place.name)
+            continue
+        series = found.setdefault((match[1], match[3].lower()), {})
+        twin = series.setdefault(int(match[2]), place)
+        if twin is not place:
+            raise ScanFileError(f"{folder}: {twin.name} and {place.name} have one number; drop one")
+    if len(found) > 1:
+        names = ", ".join(
+            f"{one}*{suffix} ({len(files)})" for (one, suffix), files in found.items()
+        )
+        raise ScanFileError(f"{folder}: holds several series of slices: {names}; give one a folder")
+    ((_, files),) = found.items()
+    if len(files) < 2:
+        raise ScanFileError(
+            f"{folder}: holds one slice ({files.popitem()[1].name}); a scan has more"
+        )
+    numbers = sorted(files)
+    notes = [f"{len(numbers)} slices, {files[numbers[0]].name} to {files[numbers[-1]].name}"]
+    steps = np.diff(numbers)
+    if len(set(steps.tolist())) > 1:
+        gap = int(np.argmax(steps > steps.min()))
+        notes.append(
+            f"numbers are missing between {files[numbers[gap]].name} and "
+            f"{files[numbers[gap + 1]].name}: slices are taken as evenly spaced"
+        )
+    if others:
+        notes.append(f"{len(others)} other files in the folder weren't read ({others[0]}, ...)")
+    return [files[number] for number in numbers], tuple(notes)
+
+
+def _slice(file: Path) -> Array:
+    with scan_file_errors(file, "TIFF"), tifffile.TiffFile(file, _multifile=False) as tiff:
+        return _grey(tiff.pages.first.asarray(), tiff.pages.first, file)
 
 
 def _volume(tiff: tifffile.TiffFile, path: Path) -> Array:
@@ -58,17 +151,40 @@ def _volume(tiff: tifffile.TiffFile, path: Path) -> Array:
     series = tiff.series[0]
     whole = tuple(series.shape)
     kind = np.dtype(first.dtype).newbyteorder(tiff.byteorder)
+    each = (_grey(page.asarray(), first, path) for page in tiff.pages)
     if math.prod(whole) < pages * math.prod(first.shape):
         # Several series: read the pages as they come.
         whole = (pages, *first.shape)
         _check_size(tiff, whole, path)
-        return fill_volume((page.asarray() for page in tiff.pages), whole, first.dtype, path)
+        return fill_volume(each, whole, _stored(first), path)
     _check_size(tiff, whole, path)
     if bytes_of(whole, kind, path) <= IN_MEMORY_BYTES:
-        return np.asarray(series.asarray())
-    if series.dataoffset is not None:
+        return _grey(np.asarray(series.asarray()), first, path)
+    if series.dataoffset is not None and first.photometric != _WHITE_IS_ZERO:
         return mapped(path, kind, series.dataoffset, whole)
-    return fill_volume((page.asarray() for page in series.pages), whole, first.dtype, path)
+    each = (_grey(page.asarray(), first, path) for page in series.pages)
+    return fill_volume(each, whole, _stored(first), path)
+
+
+def _stored(page: Any) -> np.dtype[Any]:
+    """Type of a page's values once read: bits become bytes."""
+    kind = np.dtype(page.dtype)
+    return np.dtype(np.uint8) if kind.kind == "b" else kind
+
+
+def _grey(values: Array, page: Any, path: Path) -> Array:
+    """Values that rise with brightness, whatever the file says of white and black."""
+    grey = np.asarray(values, _stored(page).newbyteorder(values.dtype.byteorder))
+    if page.photometric != _WHITE_IS_ZERO:
+        return grey
+    if grey.dtype.kind not in "ui":
+        raise ScanFileError(
+            f"{path}: white is zero in it (WhiteIsZero), and which of its {grey.dtype} values is "
+            "black isn't said; export it as BlackIsZero"
+        )
+    # Of signed integers ~v is min + max - v.
+    inverted: Array = (2**page.bitspersample - 1) - grey if grey.dtype.kind == "u" else ~grey
+    return inverted.astype(grey.dtype)
 
 
 class _KeptWords(logging.Filter):
@@ -123,37 +239,61 @@ def _orientation(page: Any) -> int:
 
 
 def _check_size(tiff: tifffile.TiffFile, shape: tuple[int, ...], path: Path) -> None:
-    """Hold the sizes against the file."""
+    """Hold the sizes against the file; refuse a compression that can't be undone."""
     first, size = tiff.pages.first, path.stat().st_size
+    if first.compression not in _READ:
+        name = getattr(first.compression, "name", first.compression)
+        raise ScanFileError(
+            f"{path}: is compressed by {name}, which isn't read; export it uncompressed, or by "
+            "Deflate (zip) or PackBits"
+        )
     bounds = {1: 1, **dict.fromkeys(_DEFLATE, DEFLATE_RATIO)}
-    check_available(shape, first.dtype, size * bounds.get(first.compression, ANY_RATIO), path)
+    # Samples of less than a byte are packed, eight bits of them a byte.
+    packed = 8 * np.dtype(first.dtype).itemsize / min(first.bitspersample, 8)
+    bound = math.ceil(max(packed, 1) * bounds.get(first.compression, ANY_RATIO))
+    check_available(shape, first.dtype, size * bound, path)
 
 
-def _known(tiff: tifffile.TiffFile, path: Path) -> dict[str, Any]:
+def _known(tiff: tifffile.TiffFile, path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """What the file says of itself, and what the user should know of it."""
     text = tiff.pages.first.description
     if SCHEMA in text:
-        return {"axes": "zyx", **parse(text, str(path))}
+        return {"axes": "zyx", **parse(text, str(path))}, ()
     if tiff.is_ome and tiff.ome_metadata:
-        return read_ome_xml(tiff.ome_metadata, path)
+        return read_ome_xml(tiff.ome_metadata, path), ()
     if tiff.is_imagej:
         return _of_imagej(tiff, path)
-    return {}
+    return {}, ()
 
 
-def _of_imagej(tiff: tifffile.TiffFile, path: Path) -> dict[str, Any]:
-    """ImageJ: slices are z; spacing and unit in its own text, pixels by the resolution tags."""
+def _of_imagej(tiff: tifffile.TiffFile, path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """ImageJ: slices are z; spacing and units in its own text, pixels by the resolution tags.
+
+    ``unit`` is that of all axes for which there is no ``yunit`` or ``zunit``.
+    """
     metadata = tiff.imagej_metadata or {}
     tags = tiff.pages.first.tags
-    unit = millimetres(metadata.get("unit"), path)
+    names = [str(metadata.get(key) or metadata.get("unit", "")) for key in ("zunit", "yunit")]
     known: dict[str, Any] = {"axes": "zyx"}
-    if unit and metadata.get("spacing") and "XResolution" in tags and "YResolution" in tags:
-        across, down = (tags[name].value for name in ("XResolution", "YResolution"))
-        known["voxel_mm"] = [
-            float(metadata["spacing"]) * unit,
-            down[1] / down[0] * unit,
-            across[1] / across[0] * unit,
-        ]
-    return known
+    try:
+        z, y, x = (millimetres(name, path) for name in (*names, metadata.get("unit")))
+    except ScanFileError as exc:  # no matter where the user says the size
+        return known, (str(exc).removeprefix(f"{path}: "),)
+    if not (z and y and x and metadata.get("spacing")) or "YResolution" not in tags:
+        return known, ()
+    across, down = (tags[name].value for name in ("XResolution", "YResolution"))
+    wide, high = across[1] / across[0] * x, down[1] / down[0] * y
+    notes: tuple[str, ...] = ()
+    if max(wide, high) > _MAX_ASPECT * min(wide, high):
+        # Programs that give the text a yunit may leave the tag in the unit of all axes.
+        known_high = high / y * x
+        notes = (
+            f"its text says pixels of {wide:g} × {high:g} mm (unit, yunit), which can't be: they "
+            f"are taken as {wide:g} × {known_high:g} mm; if that is wrong give --voxel-um",
+        )
+        high = known_high
+    known["voxel_mm"] = [abs(float(metadata["spacing"])) * z, high, wide]
+    return known, notes
 
 
 def write_scan_tiff(path: Path, scan: Scan, *, compress: bool = False) -> None:

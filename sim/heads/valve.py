@@ -14,6 +14,7 @@ rise, no lag of the ink, no oozing from a closed valve.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Pneumatic, Printer
 from kernels.arrays import FloatArray, IntArray
-from sim.errors import GcodeError
+from sim.errors import GcodeError, LineError
 from sim.motion.executed import ExecutedMotion
 from sim.program.gcode import Program, parse_line
 from sim.program.modal import DWELL
@@ -135,14 +136,19 @@ def read_with_valve(
         When a command can't be read: what is left of the file would be another part.
     """
     program, text, named, refused = read_written(gcode, printer, start_mm)
+    refuse_unread(refused)
+    head = printer.pneumatic
+    return program, None if head is None else read_valve(program, text, named, head)
+
+
+def refuse_unread(refused: Sequence[tuple[int, LineError]]) -> None:
+    """Raise `GcodeError` with the first of the lines that can't be read, if there are any."""
     if refused:
         line, error = refused[0]
         raise GcodeError(
             f"line {line}: {error} ({len(refused)} lines can't be read; `printctl simulate` tells "
             "them by kind)"
         )
-    head = printer.pneumatic
-    return program, None if head is None else read_valve(program, text, named, head)
 
 
 def _command(text: str) -> tuple[str, Words]:

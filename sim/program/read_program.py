@@ -11,6 +11,7 @@ from firmware_profiles import Printer
 from firmware_profiles.families import family_of
 from sim.errors import LineError
 from sim.program.gcode import Program, read_gcode
+from sim.reading.faults import MOST_REFUSED
 from sim.reading.file import read_file
 from sim.reading.named_commands import NamedCommand
 
@@ -39,7 +40,11 @@ class ReadProgram(NamedTuple):
 
 
 def read_written(
-    gcode: bytes, printer: Printer, start_mm: tuple[float, float, float]
+    gcode: bytes,
+    printer: Printer,
+    start_mm: tuple[float, float, float],
+    *,
+    max_refused: int = MOST_REFUSED,
 ) -> ReadProgram:
     """Read a file.
 
@@ -49,13 +54,15 @@ def read_written(
     printer : Printer
     start_mm : tuple, mm
         Where the tip stands before the first line.
+    max_refused : int
+        As for `read_file`.
 
     Raises
     ------
     GcodeError
         When the bytes aren't text, or the profile doesn't say in which language they are.
     """
-    file = read_file(gcode, printer)
+    file = read_file(gcode, printer, max_refused=max_refused)
     text = file.in_g_code
     rule = family_of(printer).grammar.e_rule
     program = read_gcode(text, start_mm, printer.head_count, rule)

@@ -55,8 +55,10 @@ class GcodeFile:
         return b"\n".join(lines)
 
 
-def read_file(gcode: bytes, printer: Printer) -> GcodeFile:
+def read_file(gcode: bytes, printer: Printer, *, max_refused: int = MOST_REFUSED) -> GcodeFile:
     """Read a whole file; each line is what `read_line` makes of it.
+
+    The rest behind the last of ``max_refused`` refused lines isn't read.
 
     Raises
     ------
@@ -67,12 +69,12 @@ def read_file(gcode: bytes, printer: Printer) -> GcodeFile:
     translate = translator_of(printer)
     if translate is not None:
         written = translate(gcode, printer)
-        read = _read_lines(written.gcode, printer, read_words)
+        read = _read_lines(written.gcode, printer, read_words, max_refused)
         return replace(read, named=written.named, per_second=written.per_second)
-    return _read_lines(gcode, printer, read_line)
+    return _read_lines(gcode, printer, read_line, max_refused)
 
 
-def _read_lines(gcode: bytes, printer: Printer, reader: LineReader) -> GcodeFile:
+def _read_lines(gcode: bytes, printer: Printer, reader: LineReader, max_refused: int) -> GcodeFile:
     lines = gcode.splitlines()
     is_plain = PLAIN_MOVE.fullmatch
     others = [index for index, text in enumerate(lines) if not is_plain(text)]
@@ -93,8 +95,8 @@ def _read_lines(gcode: bytes, printer: Printer, reader: LineReader) -> GcodeFile
         if isinstance(read, LineError):
             refused.append((index + 1, read))
             lines[index] = b""
-            if len(refused) == MOST_REFUSED:
-                refused.append((index + 1, _gives_up(text, len(lines))))
+            if len(refused) == max_refused:
+                refused.append((index + 1, _gives_up(text, len(refused), len(lines))))
                 del lines[index + 1 :]
                 break
         else:
@@ -104,9 +106,9 @@ def _read_lines(gcode: bytes, printer: Printer, reader: LineReader) -> GcodeFile
     return GcodeFile(lines, tuple(refused), tuple(named))
 
 
-def _gives_up(text: bytes, lines: int) -> LineError:
+def _gives_up(text: bytes, refused: int, lines: int) -> LineError:
     return refusal(
-        "too_many", text, f"{MOST_REFUSED} lines up to here are refused, and the rest of the "
+        "too_many", text, f"{refused} lines up to here are refused, and the rest of the "
         f"file's {lines} wasn't read; mend them first, or give another file"
     )  # fmt: skip
 

@@ -129,6 +129,11 @@ class FreshOptions:
         return (self.line_width_mm - self.spacing_mm) / 2
 
     @property
+    def thinnest_wall_mm(self) -> float:
+        """Thinnest wall that gets a line at all, mm; a thinner one is left out."""
+        return self.least_line * self.spacing_mm + 2 * self.inset_mm
+
+    @property
     def smallest_lumen_mm(self) -> float:
         """Smallest lumen that stays open, mm: two layers high and one line wide.
 

@@ -17,11 +17,12 @@ from design.toolpath.fresh.coverage import FINENESS, Coverage, measure_coverage
 from design.toolpath.fresh.filling import Filling
 from design.toolpath.fresh.infill import infill_paths
 from design.toolpath.fresh.levels import adaptive_levels, even_levels
+from design.toolpath.fresh.narrow import narrow_samples
 from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.fresh.paths import Paths, join
 from design.toolpath.fresh.patterns import concentric_paths, gyroid_paths
 from design.toolpath.fresh.regions import Region, Regions, RegionSections
-from design.toolpath.fresh.report import FreshReport, Tally
+from design.toolpath.fresh.report import FreshReport, LayerNarrow, Tally
 from design.toolpath.fresh.section import Body, Layer, layers, rings
 from design.toolpath.fresh.walls import build_walls, clear_of_lumens, moved_in
 from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath, join_toolpaths
@@ -157,7 +158,8 @@ class FreshLayers:
             laid = carriage.write(sections, layer.tip_mm, layer.height_mm)
             measured = layer.index % every == 0
             coverage = _coverage(layer, laid, heads) if measured else None
-            self._tally.add_layer(coverage, layer.height_mm)
+            narrow = self._narrow(layer) if measured else None
+            self._tally.add_layer(coverage, layer.height_mm, narrow)
             lines = sum(len(section.paths) for section in sections)
             if lines:
                 yield self._counted(layer, laid, lines)
@@ -173,6 +175,13 @@ class FreshLayers:
 
     def _inset_mm(self, height_mm: float) -> float:
         return self._options.in_layer(height_mm).inset_mm
+
+    def _narrow(self, layer: Layer) -> LayerNarrow:
+        wall = min(one.thinnest_wall_mm for one in self._heads)
+        gap = min(one.line_width_mm for one in self._heads)
+        walls = narrow_samples(layer.material, wall, gaps=False)
+        gaps = narrow_samples(layer.material, gap, gaps=True)
+        return LayerNarrow(layer.middle_mm, walls, gaps, wall, gap)
 
     def _counted(self, layer: Layer, laid: LayerMoves, lines: int) -> Toolpath:
         toolpath = _toolpath(layer, laid, differs=self._options.adaptive is not None)

@@ -8,6 +8,7 @@ import numpy as np
 
 from design.toolpath.fresh.carriage import LayerMoves
 from design.toolpath.fresh.coverage import Coverage
+from design.toolpath.fresh.narrow import NarrowPlaces, narrow_places
 from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath
 
 
@@ -32,6 +33,8 @@ class FreshReport:
     outside : (k,) float64
         Area that lines cover outside the material, as a part of the layer's material: rounded
         corners never, lines wider than the place they stand in always.
+    thin_walls, narrow_gaps : NarrowPlaces or None
+        In the layers whose cover was measured.
     travels : int
         Travels between paths, links included.
     lifted : int
@@ -53,11 +56,42 @@ class FreshReport:
     links: int
     changes: int
     written_ul_of_heads: tuple[float, ...]
+    thin_walls: NarrowPlaces | None = None
+    narrow_gaps: NarrowPlaces | None = None
+
+    @property
+    def narrow_notes(self) -> tuple[str, ...]:
+        """What lines can't make of the part, in words."""
+        notes = []
+        for places, what, end in (
+            (self.thin_walls, "walls", "no line is written in them"),
+            (self.narrow_gaps, "gaps", "the lines beside them may close them"),
+        ):
+            if places is not None:
+                x, y, z = places.at_mm
+                notes.append(
+                    f"{what} about {places.width_mm:.3g} mm wide, as at x {x:.4g}, y {y:.4g}, z "
+                    f"{z:.4g} mm of the part, in {places.layers:.0%} of the layers: {end}; the "
+                    f"least that these lines make is {places.least_mm:.3g} mm: make them wider, "
+                    "or write narrower lines"
+                )
+        return tuple(notes)
 
     @property
     def unfilled_fraction(self) -> float:
         """Part of the whole part's material that no line covers (layers weighted alike)."""
         return float(self.unfilled.mean())
+
+
+@dataclass(frozen=True)
+class LayerNarrow:
+    """Narrow places of one layer, as `narrow_samples`, and the least that lines make, mm."""
+
+    z_mm: float
+    walls: FloatArray
+    gaps: FloatArray
+    least_wall_mm: float
+    least_gap_mm: float
 
 
 class Tally:
@@ -71,6 +105,7 @@ class Tally:
         self._written_ul = np.zeros(1)
         self._coverage: list[Coverage] = []
         self._measured_mm: list[float] = []
+        self._narrow: list[LayerNarrow] = []
 
     def add(self, toolpath: Toolpath, laid: LayerMoves, lines: int) -> None:
         """Count the moves of one layer."""
@@ -90,8 +125,11 @@ class Tally:
         np.add.at(ink, toolpath.tool[wrote], toolpath.volume_ul[wrote])
         self._written_ul = ink
 
-    def add_layer(self, coverage: Coverage | None, height_mm: float) -> None:
+    def add_layer(
+        self, coverage: Coverage | None, height_mm: float, narrow: LayerNarrow | None = None
+    ) -> None:
         """Count a layer with material, and how well its lines cover it where that was measured."""
+        self._narrow += [] if narrow is None else [narrow]
         self._layers += 1
         self._height_mm += height_mm
         if coverage is not None:
@@ -115,4 +153,13 @@ class Tally:
             links=self._links,
             changes=self._changes,
             written_ul_of_heads=tuple(self._written_ul.tolist()),
+            thin_walls=self._places(gaps=False),
+            narrow_gaps=self._places(gaps=True),
         )
+
+    def _places(self, *, gaps: bool) -> NarrowPlaces | None:
+        if not self._narrow:
+            return None
+        samples = [one.gaps if gaps else one.walls for one in self._narrow]
+        least = self._narrow[0].least_gap_mm if gaps else self._narrow[0].least_wall_mm
+        return narrow_places(samples, [one.z_mm for one in self._narrow], least)

@@ -333,12 +333,15 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
             job = planned.bundles.of_design(job, beside)
     lines = save_gcode(context.folder / GCODE, context.folder / LINE_MAP, job, beside)
     facts, kept = compensation_facts(context)
+    figures = planned.report()
+    for note in figures.narrow_notes if isinstance(figures, FreshReport) else ():
+        context.bars.remark("toolpath", note)
     summary = {
         "method": context.recipe.toolpath.method,
         **asdict(count),
         "lines": lines,
         **facts,
-        "plan": plan_facts(planned.report()),
+        "plan": plan_facts(figures),
     }
     return summary, [GCODE, LINE_MAP, *kept, *count.keep(context.folder / PATH)]
 

@@ -68,7 +68,8 @@ def make_scene(source: JobSource, gcode: bytes, line_map: LineMap | None) -> Liv
     UsageError
         When it isn't G-code, or nothing in it writes.
     """
-    reading = read_with_program(gcode, source.gcode.name, source.pushing(), line_map)
+    # Strictly: moves are told by the count of commands that the link sends.
+    reading = read_with_program(gcode, source.gcode.name, source.pushing(), line_map, strict=True)
     job, program = reading.job, reading.program
     number = commands_of_lines(job.text, program.line)
     kept = np.flatnonzero(_goes_somewhere(reading))

@@ -136,11 +136,7 @@ class ScanStore:
         self._refuse(name)
         with self.arriving() as place:
             whole = Path(place) / name
-            top = unpack_stack(arrived, whole, self._most_bytes)
-            if top.is_file():
-                name = f"{name}.tif"
-                self._refuse(name)
-            top.replace(self.folder / name)
+            unpack_stack(arrived, whole, self._most_bytes).replace(self.folder / name)
         return f"file~{name}"
 
     def arriving(self) -> tempfile.TemporaryDirectory[str]:

@@ -11,19 +11,17 @@ import zipfile
 from pathlib import Path, PurePosixPath
 from typing import Final
 
-import numpy as np
-import tifffile
-
 from printctl.system_errors import is_known
 from printctl.web.errors import BadRequestError
 from printctl.web.scan.unpacked_size import scan_limits
 from printctl.web.security.archives import check_growth
+from registration.errors import ScanFileError
+from registration.readers.tiff import has_slices, read_tiff_folder
 
 MOST_FILES: Final = 20_000
 MOST_DEPTH: Final = 6
 _PIECE: Final = 1 << 20
 _PART: Final = re.compile(r"[A-Za-z0-9._][A-Za-z0-9._ +-]{0,99}")
-_SLICES: Final = (".tif", ".tiff")
 
 
 def is_stack(path: Path) -> bool:
@@ -39,21 +37,21 @@ def is_stack(path: Path) -> bool:
 
 
 def unpack_stack(path: Path, folder: Path, most_bytes: int) -> Path:
-    """Unpack DICOM slices or an OME-Zarr into a folder, or join TIFF slices in one file.
+    """Unpack DICOM or TIFF slices or an OME-Zarr into a folder.
 
     Parameters
     ----------
     path : Path
         The zip.
     folder : Path
-        New; the file of joined slices stands in it, too.
+        New.
     most_bytes : int
         Of all that comes out.
 
     Returns
     -------
     Path
-        What the readers read: the folder, one in it, or a file.
+        What the readers read: the folder, or one in it.
 
     Raises
     ------
@@ -71,8 +69,11 @@ def unpack_stack(path: Path, folder: Path, most_bytes: int) -> Path:
     top = folder
     while len(inside := sorted(top.iterdir())) == 1 and inside[0].is_dir():
         top = inside[0]
-    if inside and all(one.suffix.lower() in _SLICES for one in inside):
-        return _joined(inside, folder)
+    if has_slices(top):
+        try:
+            read_tiff_folder(top)
+        except ScanFileError as exc:
+            raise BadRequestError(str(exc).replace(f"{top}: ", "")) from exc
     return top
 
 
@@ -112,36 +113,3 @@ def _write(archive: zipfile.ZipFile, member: zipfile.ZipInfo, place: Path, left:
                 raise BadRequestError("the archive holds more than it says; it isn't unpacked")
             out.write(piece)
     return left
-
-
-def _joined(slices: list[Path], folder: Path) -> Path:
-    """One stack of slices in the order of their names; numbers count as numbers."""
-    ordered = sorted(slices, key=lambda one: [int(n) for n in re.findall(r"\d+", one.stem)] or [0])
-    first = _slice(ordered[0])
-    if len(ordered) < 2:
-        raise BadRequestError("the archive holds one slice; a volume has more")
-    out = folder.with_name(f"{folder.name}.joining.tif")
-    volume = tifffile.memmap(out, shape=(len(ordered), *first.shape), dtype=first.dtype)
-    for number, path in enumerate(ordered):
-        image = _slice(path)
-        if image.shape != first.shape or image.dtype != first.dtype:
-            raise BadRequestError(
-                f"slice {path.name} is {image.shape} {image.dtype}, the first is {first.shape} "
-                f"{first.dtype}; slices of a volume are alike"
-            )
-        volume[number] = image
-        path.unlink()
-    volume.flush()
-    place = folder / "volume.tif"
-    return out.replace(place)
-
-
-def _slice(path: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.generic]]:
-    try:
-        image = tifffile.imread(path)
-    except Exception as exc:
-        # tifffile raises what its many parsers raise; whichever it is, the slice can't be read.
-        raise BadRequestError(f"slice {path.name} can't be read: {exc}") from exc
-    if image.ndim != 2:
-        raise BadRequestError(f"slice {path.name} has {image.ndim} axes; a slice has 2")
-    return np.asarray(image)

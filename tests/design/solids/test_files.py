@@ -13,6 +13,7 @@ import pytest
 import trimesh
 
 from design.errors import SolidError
+from design.geometry.threemf_read import read_3mf
 from design.solids import (
     Part,
     Solid,
@@ -30,7 +31,6 @@ from design.solids import (
 )
 from design.solids.read import load_mesh
 from design.solids.stl import read_corners
-from design.solids.threemf_read import read_plain_3mf
 from design.units import LengthUnit
 from tests.design.solids.networks import ladder
 
@@ -291,41 +291,37 @@ def test_a_damaged_stl_is_refused_by_what_is_wrong_with_it(
         read_solid(tmp_path / "nan.stl", "mm", for_sections=for_sections)
 
 
-def test_plain_3mf_reads_as_by_the_mesh_library(tmp_path: Path, construct: Solid) -> None:
+def test_3mf_reads_as_by_the_mesh_library(tmp_path: Path, construct: Solid) -> None:
     path = tmp_path / "one.3mf"
     write_3mf(path, construct)
-    found = read_plain_3mf(path)
-    assert found is not None
+    found = read_3mf(path)
     with path.open("rb") as file:
         mesh = trimesh.load_mesh(file, file_type="3mf", process=False)
-    assert np.array_equal(found[0][found[1]], mesh.triangles)
-    assert found[2] == "millimeter"
+    assert np.array_equal(found.vertices[found.faces], mesh.triangles)
+    assert (found.unit, found.notes) == ("millimeter", ())
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ('x="', 'y="0" x="'),
-        ('v2="5"', 'v2="-1"'),
-        ('v2="5"', 'v2="0.5"'),
-        ("</object>", '</object><object id="3"></object>'),
-        ("<item ", '<item transform="1 0 0 0 1 0 0 0 1 5 0 0" '),
-    ],
-)
-def test_what_isnt_plain_in_3mf_is_left_to_the_mesh_library(
-    tmp_path: Path, old: str, new: str
-) -> None:
-    path = tmp_path / "one.3mf"
-    write_3mf(path, block_solid((1, 1, 1)))
-    with zipfile.ZipFile(path) as archive:
-        files = {name: archive.read(name) for name in archive.namelist()}
-    model = "3D/3dmodel.model"
-    assert old.encode() in files[model]
-    files[model] = files[model].replace(old.encode(), new.encode())
-    with zipfile.ZipFile(path, "w") as archive:
-        for name, data in files.items():
-            archive.writestr(name, data)
-    assert read_plain_3mf(path) is None
+@pytest.mark.parametrize("suffix", ["ply", "obj", "off", "3mf"])
+def test_a_vertex_of_no_face_doesnt_move_the_part(tmp_path: Path, suffix: str) -> None:
+    """Nor one of a face that is collapsed to a point."""
+    cube = block_solid((1, 2, 3))
+    path = tmp_path / f"loose.{suffix}"
+    collapsed = np.vstack([cube.faces, [[8, 8, 8]]])
+    for corner, faces in ((30.0, cube.faces), (30.0, collapsed), (np.nan, cube.faces)):
+        far = np.vstack([cube.vertices, [[corner, 0, -50]]])
+        path.write_bytes(trimesh.Trimesh(far, faces, process=False).export(file_type=suffix)
+                         if suffix in ("ply", "3mf") else _text(far, faces, suffix))  # fmt: skip
+        for for_sections in (True, False):
+            found = read_solid(path, "mm", for_sections=for_sections)
+            assert found.bounds.tolist() == [[0, 0, 0], [1, 2, 3]]
+
+
+def _text(vertices: np.ndarray, faces: np.ndarray, suffix: str) -> bytes:
+    v, f, first = ("v ", "f ", 1) if suffix == "obj" else ("", "3 ", 0)
+    head = "" if suffix == "obj" else f"OFF\n{len(vertices)} {len(faces)} 0\n"
+    lines = [v + " ".join(f"{x:g}" for x in row) for row in vertices]
+    lines += [f + " ".join(str(k + first) for k in row) for row in faces]
+    return (head + "\n".join(lines) + "\n").encode()
 
 
 def test_files_of_the_same_triangles_have_the_same_check(tmp_path: Path, construct: Solid) -> None:

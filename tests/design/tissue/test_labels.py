@@ -8,6 +8,7 @@ from scipy.ndimage import gaussian_filter
 
 from design.errors import TissueError
 from design.tissue import VolumeImage, label_surface, load_label_surface
+from design.tissue.images import read_image
 from tests.design.tissue.kept import kept_tissue
 from tests.slower import first_of
 
@@ -195,3 +196,12 @@ def test_files_that_are_no_volume_are_refused(tmp_path):
         load_label_surface(tmp_path / "none.nii", 1)
     with pytest.raises(TissueError, match="must end with"):
         load_label_surface(tmp_path / "a.dcm", 1)
+
+
+def test_axes_counted_in_several_units_are_refused_by_name(tmp_path):
+    path = tmp_path / "labels.tif"
+    said = {"spacing": 0.03, "unit": "micron", "zunit": "mm", "axes": "ZYX"}
+    volume = np.ones((4, 5, 6), np.uint8)
+    tifffile.imwrite(path, volume, imagej=True, resolution=(0.05, 0.05), metadata=said)
+    with pytest.raises(TissueError, match="micron and mm"):
+        read_image(path)

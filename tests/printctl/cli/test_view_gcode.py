@@ -45,6 +45,19 @@ def test_a_page_stands_beside_the_file(tmp_path: Path, shell: Shell) -> None:  #
     assert '"first":{"layer":1,' in text
 
 
+@pytest.mark.parametrize("to", ["--out=a.html", "--png=a.png"])
+def test_one_level_behind_a_line_that_cant_be_read_is_shown(
+    tmp_path: Path,
+    shell: Shell,  # noqa: F811
+    to: str,
+) -> None:
+    text = 'G21\nG90\nM82\nM862.3 P "MK3S"\nG1 Z0.3 F120\nG1 X10 Y10 F600\nG1 X30 E1 F300\n'
+    (tmp_path / "part.gcode").write_text(text)
+    code, out, _ = shell("view", "part.gcode", "--no-open", to, "--json")
+    assert code == 0
+    assert "line 4: 'M862.3 P" in json.loads(out)["notes"][0]
+
+
 def test_a_picture_of_one_layer_without_a_page(tmp_path: Path, shell: Shell) -> None:  # noqa: F811
     (tmp_path / "part.gcode").write_text(LAYERS)
     command = ("view", "part.gcode", "--png", "a.png", "--layer", "3", "--width", "520")

@@ -251,3 +251,30 @@ def test_the_map_beside_a_file_says_why_each_line_is_there(tmp_path):
         again, _ = read_line_map(path, count)
         assert again.kind is None
         assert read(text, again).kinds == ()
+
+
+def test_one_level_has_no_height_that_is_known():
+    job = read("G21\nG90\nM82\nG1 Z0.3 F120\nG1 X10 Y10 F600\nG1 X30 E1 F300\n")
+    assert len(job.layers) == 1
+    assert np.isnan(job.layers.height_mm[0])
+    assert job.width_mm[job.writes] == pytest.approx(math.sqrt(4 * AREA / 20 / math.pi))
+
+
+@pytest.mark.parametrize("line", ['M862.3 P "MK3S"', "SET_VELOCITY_LIMIT ACCEL=500", "G4 P-1"])
+def test_lines_that_cant_be_read_are_left_out_and_told(line):
+    """However many: a slicer writes some of them before each line."""
+    plain = read(two_layers())
+    text = two_layers().replace("G1 X", f"{line}\nG1 X")
+    job = read(text)
+    assert job.end.tolist() == plain.end.tolist()
+    assert job.notes[0].startswith("8 lines are left out")
+    assert f"{line!r}" in job.notes[0]
+    assert "displaced" not in job.notes[0]
+    many = read(two_layers() + f"{line}\n" * 1500 + "G1 X7 E9\n")
+    assert many.end[-1, 0] == 7
+    assert many.notes[0].startswith("1500 lines")
+
+
+def test_a_move_that_cant_be_read_is_told_to_displace_the_rest():
+    job = read(two_layers().replace("G1 X10.0 Y0 ", "G1 X1O Y0 ", 1))
+    assert "from line 8 on moves may be missing or displaced" in job.notes[0]

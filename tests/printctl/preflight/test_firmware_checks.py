@@ -128,6 +128,13 @@ def test_dwells_that_follow_each_other_are_one_to_the_firmware() -> None:
     assert named(checks_of(apart, MARLIN), "the firmware's own switch-off").passed
 
 
+@pytest.mark.parametrize("dwell", ["G4 P0", "G4 S0", "G4", "G4 P0\nG4 S0\nM105"])
+def test_a_dwell_of_no_time_is_none(dwell: str) -> None:
+    text = f"M85 S60\n{body()}{dwell}\n"
+    check = named(checks_of(text, MARLIN), "the firmware's own switch-off")
+    assert (check.passed, check.limit) == (True, 0)
+
+
 def test_a_job_that_switches_the_timeout_off_is_refused_cold_too() -> None:
     check = named(checks_of(f"M85 S0\n{body()}", MARLIN), "the firmware's own switch-off")
     assert check.refuses

@@ -353,6 +353,13 @@ def test_enhanced_multiframe_is_stacked_by_position(tmp_path: Path, down: bool) 
     assert found.handedness == "right"
 
 
+@pytest.mark.parametrize("start", [b"II*\0", b"MM\0*", b"PK\3\4", b"\x1f\x8b\x08\0", b"NRRD"])
+def test_a_preamble_that_looks_like_another_format_is_dicom(tmp_path: Path, start: bytes) -> None:
+    path = multiframe(tmp_path / "s.dcm")
+    path.write_bytes(start + path.read_bytes()[4:])
+    np.testing.assert_array_equal(read_scan(path).volume, counts())
+
+
 def test_frames_of_ophthalmic_tomography_are_b_scans(tmp_path: Path) -> None:
     path = multiframe(tmp_path / "s.dcm")
     data = pydicom.dcmread(path)

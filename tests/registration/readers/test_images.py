@@ -11,6 +11,7 @@ import nrrd
 import numpy as np
 import pytest
 import tifffile
+from PIL import Image
 
 from registration import ScanOverrides, read_scan
 from registration.errors import ScanFileError
@@ -56,6 +57,143 @@ def test_imagej_stack_says_its_sizes(tmp_path: Path) -> None:
     said = {"spacing": 10.0, "unit": "um", "axes": "ZYX"}
     tifffile.imwrite(path, counts(), imagej=True, resolution=(1 / 4, 1 / 5), metadata=said)
     same(path, (0.01, 0.005, 0.004))
+
+
+@pytest.mark.parametrize(
+    ("said", "across", "spacing"),
+    [
+        ({"unit": "micron", "zunit": "mm"}, (4, 5), 0.01),
+        ({"unit": "mm", "zunit": "um"}, (0.004, 0.005), 10),
+        ({"unit": "um", "yunit": "mm", "zunit": "mm"}, (4, 0.005), 0.01),
+        ({"unit": "\\u00B5m"}, (4, 5), 10),
+        ({"unit": "inch", "zunit": "um"}, (0.004 / 25.4, 0.005 / 25.4), -10),
+    ],
+)
+def test_imagej_has_a_unit_for_each_axis(
+    tmp_path: Path, said: dict[str, str], across: tuple[float, float], spacing: float
+) -> None:
+    path = tmp_path / "s.tif"
+    per_unit = (1 / across[0], 1 / across[1])
+    more = {"spacing": spacing, "axes": "ZYX", **said}
+    tifffile.imwrite(path, counts(), imagej=True, resolution=per_unit, metadata=more)
+    same(path, (0.01, 0.005, 0.004))
+
+
+def test_imagej_pixels_that_cant_be_as_long_as_said_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "s.tif"
+    said = {"spacing": 0.01, "unit": "micron", "yunit": "mm", "zunit": "mm", "axes": "ZYX"}
+    tifffile.imwrite(path, counts(), imagej=True, resolution=(1 / 4, 1 / 5), metadata=said)
+    same(path, (0.01, 0.005, 0.004))
+    assert "--voxel-um" in read_scan(path, MODALITY).notes[0]
+
+
+def test_an_imagej_unit_that_isnt_known_is_named_and_the_users_size_taken(tmp_path: Path) -> None:
+    path = tmp_path / "s.tif"
+    said = {"spacing": 1.0, "unit": "furlong", "axes": "ZYX"}
+    tifffile.imwrite(path, counts(), imagej=True, resolution=(1, 1), metadata=said)
+    with pytest.raises(ScanFileError, match=r"give --voxel-um.*'furlong' isn't known"):
+        read_scan(path, MODALITY)
+    same(path, (0.01, 0.02, 0.03), SIZED)
+
+
+SIZED = ScanOverrides(modality="microct", scale="linear", voxel_mm=(0.01, 0.02, 0.03))
+
+
+@pytest.mark.parametrize("limit", [0, 1 << 20])
+@pytest.mark.parametrize(("kind", "white"), [("u1", 255), (">u2", 65535), ("i2", -1)])
+def test_white_is_zero_is_inverted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, white: int, limit: int
+) -> None:
+    """Of volumes that are read whole, and of such as are too large for it."""
+    monkeypatch.setattr("registration.readers.tiff.IN_MEMORY_BYTES", limit)
+    path, dark = tmp_path / "s.tif", (counts() % 100).astype(kind)
+    tifffile.imwrite(path, dark, photometric="miniswhite", metadata=None)
+    found = read_scan(path, SIZED)
+    np.testing.assert_array_equal(found.volume.astype(int), white - dark.astype(int))
+    assert "WhiteIsZero" in found.notes[0]
+
+
+def test_white_is_zero_of_floats_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "s.tif"
+    tifffile.imwrite(path, counts().astype("f4"), photometric="miniswhite", metadata=None)
+    with pytest.raises(ScanFileError, match="float32 values is black isn't said"):
+        read_scan(path, SIZED)
+
+
+def bilevel(path: Path, bits: Any) -> None:
+    """Write a TIFF of one bit a voxel, its rows padded to bytes."""
+    first, *others = (Image.fromarray(page) for page in bits)
+    first.save(path, save_all=True, append_images=others)
+
+
+def test_bits_are_a_volume_of_zeros_and_ones(tmp_path: Path) -> None:
+    bits = counts() % 3 == 0
+    bilevel(tmp_path / "s.tif", bits)
+    found = read_scan(tmp_path / "s.tif", SIZED)
+    np.testing.assert_array_equal(found.volume, bits.astype(np.uint8))
+    bilevel(tmp_path / "s.tif", bits)
+    data = (tmp_path / "s.tif").read_bytes()
+    (tmp_path / "s.tif").write_bytes(data[: len(data) // 2])
+    with pytest.raises(ScanFileError):
+        read_scan(tmp_path / "s.tif", SIZED)
+
+
+def test_a_compression_that_isnt_read_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "s.tif"
+    tifffile.imwrite(path, counts(), metadata=None)
+    data = path.read_bytes()
+    tag = b"\x03\x01\x03\x00\x01\x00\x00\x00"
+    path.write_bytes(data.replace(tag + b"\x01\x00", tag + b"\x05\x00"))
+    with pytest.raises(ScanFileError, match="compressed by LZW, which isn't read"):
+        read_scan(path, SIZED)
+
+
+def slices(folder: Path, **names: Any) -> Path:
+    folder.mkdir()
+    for name, image in names.items():
+        tifffile.imwrite(folder / f"{name}.tif", image, metadata=None, photometric="minisblack")
+    return folder
+
+
+def test_numbered_slices_in_a_folder_are_a_stack(tmp_path: Path) -> None:
+    """In the order of their numbers; whatever else is there is left and told."""
+    folder = slices(tmp_path / "ct", **{f"rec{n + 1}": page for n, page in enumerate(counts())})
+    (folder / "rec.log").write_text("x")
+    (folder / "._rec1.tif").write_bytes(b"x")
+    (folder / "overview.tif").write_bytes(b"x")
+    same(folder, (0.01, 0.02, 0.03), SIZED)
+    assert "3 other files" in " ".join(read_scan(folder, SIZED).notes)
+    with pytest.raises(ScanFileError, match="--voxel-um"):
+        read_scan(folder, MODALITY)
+
+
+def test_slices_that_are_missing_are_told(tmp_path: Path) -> None:
+    page = counts()[0]
+    folder = slices(tmp_path / "ct", slice2=page, slice10=page + 1, slice1=page)
+    found = read_scan(folder, SIZED)
+    np.testing.assert_array_equal(found.volume, [page, page, page + 1])
+    assert "missing between slice2.tif and slice10.tif" in " ".join(found.notes)
+    even = slices(tmp_path / "even", s0010=page, s0020=page, s0030=page)
+    assert "missing" not in " ".join(read_scan(even, SIZED).notes)
+
+
+@pytest.mark.parametrize(
+    ("second", "image", "why"),
+    [
+        ("a2", counts()[0, :-1], r"differ in size or type \(a1.tif: .*; a2.tif"),
+        ("a2", counts()[0].astype("f4"), "a2.tif: .* of float32"),
+        ("a01", counts()[0], "have one number"),
+        ("b2", counts()[0], "several series"),
+        ("a2", counts(), "a2.tif: holds 9 images"),
+        ("about", counts()[0], "one slice"),
+    ],
+)
+def test_slices_that_are_no_stack_are_refused_by_name(
+    tmp_path: Path, second: str, image: Any, why: str
+) -> None:
+    folder = slices(tmp_path / "ct", a1=counts()[0], **{second: image})
+    with pytest.raises(ScanFileError, match=why):
+        read_scan(folder, SIZED)
 
 
 def test_bare_oct_stack_is_asked_for_the_order_of_its_axes(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from design.solids.decimal_text import read_rows, rows_text
+from design.geometry.decimal_text import read_rows, rows_text
 
 MARKS = (b'<v x="', b'" y="', b'" z="', b'"/>\n')
 
