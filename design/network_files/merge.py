@@ -33,14 +33,14 @@ _TOLD_DIFFERENCE: Final = 0.05
 """Of the radii of merged vessels, over the radius."""
 
 
-class MergedNetwork(NamedTuple):
-    """A network in which no vessel runs along another, and what the user should know of it."""
+class NetworkWithNotes(NamedTuple):
+    """A network, and sentences for the user on what its reader made of it."""
 
     network: VesselNetwork
     notes: tuple[str, ...]
 
 
-def merge_shared(path: Path, network: VesselNetwork) -> MergedNetwork:
+def merge_shared(path: Path, network: VesselNetwork) -> NetworkWithNotes:
     """Merge vessels of one kind where they run along each other.
 
     Vessels are compared in their order. Where the axis of one stays within `SAME_AXIS` radii of
@@ -60,7 +60,7 @@ def merge_shared(path: Path, network: VesselNetwork) -> MergedNetwork:
     """
     pairs = _beside(network)
     if not len(pairs):
-        return MergedNetwork(network, ())
+        return NetworkWithNotes(network, ())
     links = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(network.vessel_count,) * 2)
     _, group = connected_components(links, directed=False)
     involved = np.unique(pairs)
@@ -69,10 +69,10 @@ def merge_shared(path: Path, network: VesselNetwork) -> MergedNetwork:
     for vessels in np.split(involved, np.flatnonzero(np.diff(group[involved])) + 1):
         merge.add(vessels)
     if not merge.shared:
-        return MergedNetwork(network, ())
+        return NetworkWithNotes(network, ())
     pieces, turned = merge.pieces(path)
     merged = chain_pieces(pieces)
-    return MergedNetwork(merged, (_note(network, merged, merge.shared, turned),))
+    return NetworkWithNotes(merged, (_note(network, merged, merge.shared, turned),))
 
 
 def _beside(network: VesselNetwork) -> IntArray:
@@ -266,7 +266,9 @@ class _Merge:
             kind=self._network.kind[vessel],
             tree=self._trees()[vessel],
         )
-        opposed = {v for one in self.shared if one.stretch.opposed for v in (one.vessel, *one.others)}
+        opposed = {
+            v for one in self.shared if one.stretch.opposed for v in (one.vessel, *one.others)
+        }
         turned = 0
         if opposed:
             # How many ends of the given vessels each node holds.
@@ -370,9 +372,7 @@ def _root_of(nodes: IntArray, radius: FloatArray, share: IntArray) -> int | None
     return int(flat[best])
 
 
-def _note(
-    before: VesselNetwork, after: VesselNetwork, shared: list[_Shared], turned: int
-) -> str:
+def _note(before: VesselNetwork, after: VesselNetwork, shared: list[_Shared], turned: int) -> str:
     stretches = [one.stretch for one in shared]
     note = (
         f"Vessels that run along each other are one: {len({one.vessel for one in shared})} of "
