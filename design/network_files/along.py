@@ -13,9 +13,9 @@ from scipy.spatial import cKDTree
 from design.network import FloatArray, IntArray
 
 SAME_AXIS: Final = 0.35
-"""Axes nearer than so many radii are one lumen's. Lines traced twice through a lumen differ by less;
-the axes of separate vessels that touch are the sum of both radii apart. Any value from 0.25 to 0.6
-reads the files of `tests/design/network_files/test_merge.py` alike."""
+"""Axes nearer than so many radii are one lumen's. Lines that are traced twice through a lumen differ
+by less, and the axes of separate vessels that touch are the sum of both radii apart. From 0.28 to 0.5
+the cases of `tests/design/network_files/test_merge.py` read alike."""
 NEAR_END: Final = 0.5
 """A joint nearer than so many radii to an end, or to another joint, is there."""
 

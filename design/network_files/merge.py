@@ -324,7 +324,7 @@ class _Merge:
         ends[0, pieces.nodes[:, 1]] = rows
         ends[1, pieces.nodes[:, 0]] = rows
         into, out = ends[:, (degree == 2) & (before != 2) & (ends >= 0).all(axis=0)]
-        alike = pieces.kind[into] == pieces.kind[out]
+        alike = (pieces.kind[into] == pieces.kind[out]) & (pieces.tree[into] == pieces.tree[out])
         links = pieces.vessel[np.stack([into, out])[:, alike]]
         size = int(pieces.vessel.max()) + 1
         graph = coo_matrix((np.ones(links.shape[1]), links), shape=(size, size))

@@ -14,7 +14,15 @@ import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.one_d.openbf.case import PLACES, QUANTITIES, OpenBFCase
-from design.hemodynamics.one_d.openbf.keys import BLOOD, SOLVER, SPACED, TOP, VESSEL, quantity, section
+from design.hemodynamics.one_d.openbf.keys import (
+    BLOOD,
+    SOLVER,
+    SPACED,
+    TOP,
+    VESSEL,
+    quantity,
+    section,
+)
 from design.hemodynamics.one_d.openbf.vessels import Vessels, read_vessels
 from design.hemodynamics.one_d.options import OneDOptions
 from design.hemodynamics.probes import Probes
