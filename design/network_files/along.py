@@ -13,9 +13,9 @@ from scipy.spatial import cKDTree
 from design.network import FloatArray, IntArray
 
 SAME_AXIS: Final = 0.35
-"""Axes nearer than so many radii are one lumen's. Lines that are traced twice through a lumen differ
-by less, and the axes of separate vessels that touch are the sum of both radii apart. From 0.28 to 0.5
-the cases of `tests/design/network_files/test_merge.py` read alike."""
+"""Axes nearer than so many radii are one lumen's. Lines traced twice through a lumen differ less,
+and axes of separate vessels that touch are the sum of both radii apart. From 0.28 to 0.5 the cases
+of `tests/design/network_files/test_merge.py` read alike."""
 NEAR_END: Final = 0.5
 """A joint nearer than so many radii to an end, or to another joint, is there."""
 
@@ -29,9 +29,8 @@ _COINCIDENT: Final = 0.02
 """Lines nearer than so many radii are at the same place, for where they part."""
 _SPACING: Final = 0.25
 """Of samples, in radii."""
-_WINDOW: Final = 4
-"""Samples within which a distance that doesn't fall by `_FALLING` has reached its usual value."""
 _FALLING: Final = 0.8
+"""A distance that doesn't fall to this part of itself within a radius is as usual for the lines."""
 _PIECE_SAMPLES: Final = 1000
 _CANDIDATES: Final = 8
 
@@ -182,7 +181,7 @@ def shared_stretches(own: Samples, feet: Feet, *, between_nodes: bool) -> list[S
         first, last = int(rows[0]), int(rows[-1])
         whole = between_nodes and first == 0 and last == len(near) - 1
         if not whole:
-            first, last = _parting(feet, radius, first, last)
+            first, last = _parting(own, feet, radius, first, last)
         span = slice(first, last + 1)
         length = float(own.length[last] - own.length[first])
         if whole or length >= _LEAST_LENGTH * float(np.median(radius[span])):
@@ -198,7 +197,9 @@ def _advancing(points: FloatArray, feet: FloatArray) -> NDArray[np.bool_]:
     return moved >= 0.5 * np.linalg.norm(points[after] - points[before], axis=1)
 
 
-def _parting(feet: Feet, radius: FloatArray, first: int, last: int) -> tuple[int, int]:
+def _parting(
+    own: Samples, feet: Feet, radius: FloatArray, first: int, last: int
+) -> tuple[int, int]:
     """Stretch without the ends in which the lines part from each other.
 
     Lines part from where the distance between them begins to rise. Where one of them ends, they
@@ -207,19 +208,20 @@ def _parting(feet: Feet, radius: FloatArray, first: int, last: int) -> tuple[int
     ended = feet.to_end <= NEAR_END * radius
     ratio = feet.gap / radius
     if first > 0 and not ended[first]:
-        first += _lowest(ratio[first : last + 1])
+        first += _lowest(ratio[first : last + 1], own.length[first : last + 1], radius[first])
     if last < len(radius) - 1 and not ended[last]:
-        last -= _lowest(ratio[first : last + 1][::-1])
+        back = slice(last, first - 1 if first else None, -1)
+        last -= _lowest(ratio[back], own.length[last] - own.length[back], radius[last])
     return first, last
 
 
-def _lowest(ratio: FloatArray) -> int:
+def _lowest(ratio: FloatArray, way: FloatArray, radius: float) -> int:
     """Index to which ratios fall, from the first one on; rises within a radius are passed over."""
     k = 0
     while ratio[k] > _COINCIDENT and k + 1 < len(ratio):
-        window = ratio[k + 1 : k + 1 + _WINDOW]
-        step = int(np.argmin(window))
-        if window[step] > _FALLING * ratio[k]:
+        end = max(k + 2, int(np.searchsorted(way, way[k] + radius)))
+        step = int(np.argmin(ratio[k + 1 : end]))
+        if ratio[k + 1 + step] > _FALLING * ratio[k]:
             break
         k += 1 + step
     return k

@@ -79,7 +79,7 @@ def test_swc_of_sizes_that_nothing_prints_is_asked_about(tmp_path: Path):
     (note,) = read_with_notes(path, "m").notes
     assert "8e+03 mm long" in note
     path.write_text("# SCALE 1 0 1\n" + SWC)
-    with pytest.raises(NetworkError, match="line 1: .*three numbers above 0"):
+    with pytest.raises(NetworkError, match=r"line 1: .*three numbers above 0"):
         read_network(path)
 
 
