@@ -114,13 +114,9 @@ def sample(points: FloatArray, radius: FloatArray) -> Samples:
     part = (np.arange(len(piece)) - np.repeat(np.cumsum(count) - count, count)) / count[piece]
     at = np.r_[piece + part, float(len(step))]
     index = np.arange(len(points), dtype=np.float64)
-    return Samples(
-        at=at,
-        points=np.stack([np.interp(at, index, points[:, k]) for k in range(3)], axis=1),
-        radius=np.interp(at, index, radius),
-        length=np.interp(at, index, np.r_[0.0, np.cumsum(step)]),
-        ends=points[[0, -1]],
-    )
+    known = np.column_stack([points, radius, np.r_[0.0, np.cumsum(step)]])
+    values = np.stack([np.interp(at, index, column) for column in known.T], axis=1)
+    return Samples(at, values[:, :3], values[:, 3], values[:, 4], points[[0, -1]])
 
 
 def nearest_feet(own: Samples, others: list[Samples]) -> Feet:

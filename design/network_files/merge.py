@@ -22,7 +22,7 @@ from design.network_files.along import (
     sample,
     shared_stretches,
 )
-from design.network_files.csv_format.chain import chain_pieces
+from design.network_files.csv_format.chain import chain_pieces, fuse_vessels
 from design.network_files.csv_format.pieces import Pieces
 
 _PARALLEL: Final = 0.7
@@ -275,7 +275,10 @@ class _Merge:
             share = np.bincount(root[self._network.vessel_nodes.ravel()], minlength=len(root))
             pieces, flipped = _directed(pieces, np.isin(vessel, sorted(opposed)), share)
             turned = len(np.unique(vessel[flipped]))
-        return self._fused(pieces), turned
+        # Where merging left two ends of vessels alone, they go on as one.
+        before = np.zeros(len(node) + len(root), dtype=np.int64)
+        before[: len(self._network.nodes)] = self._network.degree()
+        return fuse_vessels(pieces, before != 2), turned
 
     def _points(self) -> _Points:
         """Points of all paths and of the vessels that run along no other."""
@@ -312,23 +315,6 @@ class _Merge:
             numbers = tree[[one.vessel, *one.others]]
             tree[np.isin(tree, numbers)] = numbers.min()
         return tree
-
-    def _fused(self, pieces: Pieces) -> Pieces:
-        """Pieces that go on as one vessel where merging left two ends of vessels alone."""
-        degree = np.bincount(pieces.nodes.ravel())
-        before = np.zeros(len(degree), dtype=np.int64)
-        count = self._network.degree()
-        before[: len(count)] = count[: len(before)]
-        ends = np.full((2, len(degree)), -1, dtype=np.int64)
-        rows = np.arange(len(pieces))
-        ends[0, pieces.nodes[:, 1]] = rows
-        ends[1, pieces.nodes[:, 0]] = rows
-        into, out = ends[:, (degree == 2) & (before != 2) & (ends >= 0).all(axis=0)]
-        alike = (pieces.kind[into] == pieces.kind[out]) & (pieces.tree[into] == pieces.tree[out])
-        links = pieces.vessel[np.stack([into, out])[:, alike]]
-        size = int(pieces.vessel.max()) + 1
-        graph = coo_matrix((np.ones(links.shape[1]), links), shape=(size, size))
-        return replace(pieces, vessel=connected_components(graph, directed=False)[1][pieces.vessel])
 
 
 def _directed(

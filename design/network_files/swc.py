@@ -175,7 +175,7 @@ def read_network_swc(
     header = read_swc_header(path)
     scale = np.array([*header.scale, header.radius_scale])
     line, rows = _parse(path)
-    rows = [(n, _KIND.get(t, int(kind)), *rest) for n, t, *rest in rows]
+    rows = [(n, _KIND.get(t, int(kind)), x, y, z, r, p) for n, t, x, y, z, r, p in rows]
     return trees_of_points(path, line, rows, scale * MM_PER[unit or header.unit or "um"])
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from design.errors import NetworkError
 from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
-from design.network_files.csv_format.chain import chain_pieces
+from design.network_files.csv_format.chain import chain_pieces, fuse_vessels
 from design.network_files.csv_format.pieces import Pieces
 from design.units import MM_PER, LengthUnit
 
@@ -72,18 +72,20 @@ def read_network_vtp(
     if not real.any():
         file.fail("no two points of a line are apart; give at least one vessel")
     ends, of = ends[real], cell[first][real]
-    return chain_pieces(
-        Pieces(
-            path=path,
-            line=of + 1,
-            vessel=of,
-            nodes=node[ends],
-            points=points[ends],
-            radius=radius[ends],
-            kind=file.cell_numbers("kind", len(sizes), int(kind), len(VesselKind))[of],
-            tree=file.cell_numbers("tree", len(sizes), 0, None)[of],
-        )
+    pieces = Pieces(
+        path=path,
+        line=of + 1,
+        vessel=of,
+        nodes=node[ends],
+        points=points[ends],
+        radius=radius[ends],
+        kind=file.cell_numbers("kind", len(sizes), int(kind), len(VesselKind))[of],
+        tree=file.cell_numbers("tree", len(sizes), 0, None)[of],
     )
+    if (sizes == 2).all() and "vessel" not in file.cell_arrays():
+        # SimVascular writes each straight piece as a line.
+        pieces = fuse_vessels(pieces, np.ones(len(place), dtype=bool))
+    return chain_pieces(pieces)
 
 
 def _by_appearance(number: IntArray, count: int) -> IntArray:
@@ -160,9 +162,13 @@ class _File:
             )
         return points, ends
 
+    def cell_arrays(self) -> dict[str | None, etree._Element]:
+        """Arrays that hold a value for each line, by name."""
+        return {a.get("Name"): a for a in self.piece.findall("CellData/DataArray")}
+
     def cell_numbers(self, name: str, count: int, otherwise: int, below: int | None) -> IntArray:
         """Whole numbers of a cell array, one a line; ``otherwise`` where there is no such array."""
-        arrays = {a.get("Name"): a for a in self.piece.findall("CellData/DataArray")}
+        arrays = self.cell_arrays()
         if name not in arrays:
             return np.full(count, otherwise, dtype=np.int64)
         values = self.numbers(arrays[name]).astype(np.int64)

@@ -123,6 +123,17 @@ def test_binary_as_paraview_writes_it(tmp_path: Path, header: str, compressed: b
     same_vessels(found, read_network_vtp(written(plain, document()), "mm"))
 
 
+def test_lines_of_two_points_go_on_as_one_vessel(tmp_path: Path) -> None:
+    """As SimVascular writes its centrelines."""
+    pieces = {"connectivity": "0 1 1 2 3 4", "offsets": "2 4 6"}
+    points = "0 0 0  10 0 0  20 0 0  20 0 0  20 8 0"
+    network = read_network_vtp(written(tmp_path, document(points, "2 2 2 2 2", **pieces)), "mm")
+    assert network.lengths() == pytest.approx([28.0])
+    ours = '<DataArray type="Int64" Name="vessel" format="ascii">0 1 2</DataArray>'
+    text = document(points, "2 2 2 2 2", cells=ours, **pieces)
+    assert read_network_vtp(written(tmp_path, text), "mm").vessel_count == 3
+
+
 @pytest.mark.parametrize("encoding", ["raw", "base64"])
 @pytest.mark.parametrize("squeeze", [packed, deflated])
 def test_appended_data_are_read(tmp_path: Path, encoding: str, squeeze: Callable) -> None:
