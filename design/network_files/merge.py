@@ -286,7 +286,7 @@ class _Merge:
         vessel = np.repeat(np.arange(network.vessel_count), np.diff(network.offset))
         label = np.full(len(vessel), -1)
         label[network.offset[:-1]], label[network.offset[1:] - 1] = network.vessel_nodes.T
-        compared = [one.vessel for one in (*self._paths, *self.shared)]
+        compared = [path.vessel for path in self._paths] + [one.vessel for one in self.shared]
         own = ~np.isin(vessel, compared)
         parts = [
             _Points(vessel[own], vessel[own], label[own], network.points[own], network.radius[own])
@@ -304,9 +304,14 @@ class _Merge:
                     radius=np.interp(at, index, one.radius),
                 )
             )
-        every = _Points(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-        order = np.argsort(every.vessel, kind="stable")
-        return _Points(*(column[order] for column in every))
+        order = np.argsort(np.concatenate([part.vessel for part in parts]), kind="stable")
+        return _Points(
+            vessel=np.concatenate([part.vessel for part in parts])[order],
+            path=np.concatenate([part.path for part in parts])[order],
+            label=np.concatenate([part.label for part in parts])[order],
+            place=np.concatenate([part.place for part in parts])[order],
+            radius=np.concatenate([part.radius for part in parts])[order],
+        )
 
     def _trees(self) -> IntArray:
         """Tree of each vessel; trees that share a vessel are one."""
@@ -318,7 +323,7 @@ class _Merge:
 
 
 def _directed(
-    pieces: Pieces, opposed: IntArray, share: IntArray
+    pieces: Pieces, opposed: NDArray[np.bool_], share: IntArray
 ) -> tuple[Pieces, NDArray[np.bool_]]:
     """Direct the parts that hold ``opposed`` pieces from one end on; also which were turned."""
     nodes, points, radius = pieces.nodes.copy(), pieces.points.copy(), pieces.radius.copy()
