@@ -13,9 +13,9 @@ from design.network_files.by_suffix import (
     READ,
     SAID,
     WRITERS,
-    NetworkWithNotes,
     read_with_notes,
 )
+from design.network_files.merge import NetworkWithNotes
 from design.network_files.simvascular import write_simvascular_paths
 from design.units import MM_PER, LengthUnit
 from printctl.errors import UsageError
