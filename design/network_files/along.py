@@ -20,7 +20,8 @@ NEAR_END: Final = 0.5
 """A joint nearer than so many radii to an end, or to another joint, is there."""
 
 _LEAST_LENGTH: Final = 2.0
-"""Radii over which axes must be so near, not counting where they part from each other."""
+"""Radii over which axes must be so near, not counting where they part from each other; half of
+that where they coincide."""
 _ALIKE: Final = 1.5
 """Ratio of radii up to which lines that don't coincide are one lumen's."""
 _BRIDGED: Final = 2 * SAME_AXIS
@@ -179,8 +180,10 @@ def shared_stretches(own: Samples, feet: Feet, *, between_nodes: bool) -> list[S
         if not whole:
             first, last = _parting(own, feet, radius, first, last)
         span = slice(first, last + 1)
-        length = float(own.length[last] - own.length[first])
-        if whole or length >= _LEAST_LENGTH * float(np.median(radius[span])):
+        least = _LEAST_LENGTH * float(np.median(radius[span]))
+        if (feet.gap[span] <= _COINCIDENT * radius[span]).all():
+            least /= 2
+        if whole or own.length[last] - own.length[first] >= least:
             stretches.append(_stretch(own, feet, radius, first, last))
     return stretches
 

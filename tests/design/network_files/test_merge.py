@@ -119,6 +119,12 @@ def test_vessels_of_their_own_are_left_as_they_are(lines: list[FloatArray]) -> N
     assert notes == ()
 
 
+def test_a_short_trunk_of_the_same_points_is_one_vessel() -> None:
+    start = (0.0, 0.0, 8.5)
+    found = merged(line(start, FORK, LEFT), line(start, FORK, FORK2))
+    assert sorted(found.lengths()) == pytest.approx([1.5, np.sqrt(72), np.sqrt(72)])
+
+
 def test_radii_that_differ_are_said() -> None:
     given = network(line(ROOT, FORK, LEFT), line(ROOT, FORK, FORK2))
     given.radius[3:] = 1.2
