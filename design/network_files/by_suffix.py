@@ -6,33 +6,39 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from design.errors import NetworkError
 from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv, write_network_csv
 from design.network_files.json_format import read_network_json, write_network_json
+from design.network_files.merge import NetworkWithNotes, merge_shared
 from design.network_files.npz import read_network_npz, write_network_npz
-from design.network_files.swc import read_network_swc, write_network_swc
+from design.network_files.points_csv import has_points, read_points_csv
+from design.network_files.swc import read_network_swc, read_swc_header, write_network_swc
 from design.network_files.vtp import write_network_vtp
 from design.network_files.vtp_read import read_network_vtp
 from design.network_files.xcavate import read_network_xcavate
 from design.units import MM_PER, LengthUnit
 
-ASKED: Final[dict[str, Callable[[Path, LengthUnit], VesselNetwork]]] = {
-    ".csv": read_network_csv,
-    ".vtp": read_network_vtp,
-}
-"""Formats that don't say their unit."""
+ASKED: Final = (".csv", ".vtp")
+"""Suffixes of the formats that don't say their unit."""
 
-SAID: Final[dict[str, tuple[LengthUnit, Callable[[Path], VesselNetwork]]]] = {
-    ".swc": ("um", read_network_swc),
-    ".json": ("mm", read_network_json),
-    ".npz": ("mm", read_network_npz),
-    ".txt": ("cm", lambda path: read_network_xcavate(path).network),
-}
-"""Formats that say it, or are always in it."""
+ASSUMED: Final[dict[str, LengthUnit]] = {".swc": "um"}
+"""Formats in a unit that files don't keep to: the user may name another."""
 
-READ: Final = (*ASKED, *SAID)
+SAID: Final[dict[str, LengthUnit]] = {".json": "mm", ".npz": "mm", ".txt": "cm"}
+"""Formats that say their unit, or are always in it."""
+
+READ: Final = (*ASKED, *ASSUMED, *SAID)
 """Suffixes of the formats that are read."""
+
+_THIN_MM: Final = 0.02
+"""Radius below which no vessel is printed: half of a 34G needle's bore (51 µm) is 26 µm, and light
+from projectors and lasers in gels doesn't reach 40 µm channels over a part's size."""
+
+_LONG_MM: Final = 1000.0
+"""Extent above which nothing is printed: beds of the largest bioprinters are some 0.3 m."""
 
 WRITERS: Final[dict[str, Callable[[Path, VesselNetwork], None]]] = {
     ".csv": write_network_csv,
@@ -45,36 +51,106 @@ WRITERS: Final[dict[str, Callable[[Path, VesselNetwork], None]]] = {
 
 
 def read_network(path: Path, unit: LengthUnit | None = None) -> VesselNetwork:
-    """Read a network, in mm.
+    """Read a network, in mm, as `read_with_notes`."""
+    return read_with_notes(path, unit).network
+
+
+def read_with_notes(
+    path: Path, unit: LengthUnit | None = None, ends: Path | None = None
+) -> NetworkWithNotes:
+    """Read a network, in mm, and merge vessels that run along each other.
 
     Parameters
     ----------
     path : Path
         Ends in .csv, .vtp, .swc, .json, .npz or .txt (X-CAVATE's).
     unit : {"um", "mm", "cm", "m", "in"}, optional
-        Of the coordinates: needed for .csv and .vtp, which don't say it; never guessed.
+        Of the coordinates: needed for .csv and .vtp, which don't say it; never guessed. SWC is in
+        µm, or as its comments say, unless another unit is given here.
+    ends : Path, optional
+        Inlets and outlets that come with X-CAVATE's file.
 
     Raises
     ------
     NetworkError
-        For an unknown suffix, a unit that is missing or isn't the format's, or a bad file.
+        For an unknown suffix, a unit that is missing or isn't the format's, a bad file, or an SWC
+        file without unit of sizes that nothing prints.
     OSError
         When the file can't be read.
     """
     suffix = path.suffix.lower()
-    if suffix in ASKED:
-        if unit is None:
-            raise NetworkError(
-                f"{path} doesn't say the unit of its coordinates; give unit, one of "
-                f"{', '.join(MM_PER)}"
-            )
-        return ASKED[suffix](path, unit)
-    if suffix not in SAID:
+    if suffix not in READ:
         raise NetworkError(f"{path}: {suffix or 'no suffix'} can't be read; {', '.join(READ)} can")
-    own, read = SAID[suffix]
-    if unit not in (None, own):
-        raise NetworkError(f"{path} is in {own}, as its format says, not {unit}; leave unit out")
-    return read(path)
+    if suffix in ASKED and unit is None:
+        raise NetworkError(
+            f"{path} doesn't say the unit of its coordinates; give unit, one of {', '.join(MM_PER)}"
+        )
+    if suffix in SAID and unit not in (None, SAID[suffix]):
+        raise NetworkError(
+            f"{path} is in {SAID[suffix]}, as its format says, not {unit}; leave unit out"
+        )
+    network, notes = _read(path, unit, ends)
+    merged = merge_shared(path, network)
+    return NetworkWithNotes(merged.network, (*notes, *merged.notes))
+
+
+def _read(path: Path, unit: LengthUnit | None, ends: Path | None) -> NetworkWithNotes:
+    """The network as the file has it, and notes on its unit and size."""
+    match path.suffix.lower():
+        case ".swc":
+            return _swc(path, unit)
+        case ".txt":
+            xcavate = read_network_xcavate(path, ends)
+            return NetworkWithNotes(xcavate.network, (*xcavate.notes, *_size(xcavate.network)))
+        case ".json":
+            network = read_network_json(path)
+        case ".npz":
+            network = read_network_npz(path)
+        case ".vtp":
+            network = read_network_vtp(path, unit or "mm")
+        case _:
+            read = read_points_csv if has_points(path) else read_network_csv
+            network = read(path, unit or "mm")
+    return NetworkWithNotes(network, _size(network))
+
+
+def _swc(path: Path, unit: LengthUnit | None) -> NetworkWithNotes:
+    header = read_swc_header(path)
+    network = read_network_swc(path, unit)
+    notes = _size(network)
+    if unit is None and header.unit is None and notes:
+        raise NetworkError(
+            f"{path}: {notes[0]} SWC is in µm, and so it was taken; give unit (--unit), one of "
+            f"{', '.join(MM_PER)}: um to take it so all the same"
+        )
+    if header.unit is not None:
+        taken = f"read in {unit or header.unit}" + (", as asked" if unit else "")
+        notes = (f"The file's comments say that it is in {header.unit}; {taken}.", *notes)
+    if header.scale != (1.0, 1.0, 1.0):
+        x, y, z = header.scale
+        note = (
+            f"SCALE in the file: x, y and z are multiplied by {x:g}, {y:g} and {z:g}, radii by "
+            f"{header.radius_scale:g}."
+        )
+        notes = (note, *notes)
+    return NetworkWithNotes(network, notes)
+
+
+def _size(network: VesselNetwork) -> tuple[str, ...]:
+    """A sentence on sizes that nothing prints; none for others."""
+    widest = float(network.radius.max())
+    extent = float(np.ptp(network.points, axis=0).max())
+    if widest >= _THIN_MM and extent <= _LONG_MM:
+        return ()
+    limit = (
+        f"no vessel thinner than {_THIN_MM:g} mm in radius is printed"
+        if widest < _THIN_MM
+        else f"nothing longer than {_LONG_MM:g} mm is printed"
+    )
+    return (
+        f"The network is {extent:.3g} mm long, its widest radius {widest:.3g} mm: {limit}. Is its "
+        "unit right?",
+    )
 
 
 def write_network(path: Path, network: VesselNetwork) -> None:

@@ -1,7 +1,8 @@
 """Read and write networks as SWC: trees of points in µm, as in neuroanatomy.
 
 A line is ``number type x y z radius parent``; the radius, too, is in µm, and a root's parent is
--1. Lines that begin with ``#`` are comments. A point has one radius and one parent, so loops
+-1. Lines that begin with ``#`` are comments, of which a reader heeds ``# SCALE x y z`` (factors of
+the numbers) and ``# unit: mm``. A point has one radius and one parent, so loops
 can't be written. Where a vessel's radius at a node differs from its parent's, a point of its own
 at the same place keeps it; such a pair reads back as one node.
 
@@ -10,9 +11,11 @@ Types 0 to 4 are neurons', 5 and above are free: `KIND_TYPE`.
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -21,6 +24,7 @@ from design.files import write_text
 from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
 from design.network_files.csv_format.chain import chain_pieces
 from design.network_files.csv_format.pieces import Pieces, check_pieces
+from design.units import MM_PER, LengthUnit
 
 KIND_TYPE: Final = {kind: 10 + int(kind) for kind in VesselKind}
 """Type of each kind of vessel in our files."""
@@ -29,6 +33,14 @@ _KIND = {number: int(kind) for kind, number in KIND_TYPE.items()}
 _TOWARDS_ROOT = (int(VesselKind.VEIN), int(VesselKind.LYMPH))
 _UM = 1000.0
 _SAME_MM = 1e-9
+_SCALE = re.compile(r"#\s*scale\b[:=]?\s*(.*)", re.IGNORECASE)
+_UNIT = re.compile(r"#\s*units?\s*[:=]?\s*([^\W\d]+)\s*$", re.IGNORECASE)
+_UNIT_OF: Final[dict[str, LengthUnit]] = {
+    "um": "um", "µm": "um", "μm": "um", "micron": "um", "micrometer": "um", "micrometre": "um",
+    "mm": "mm", "millimeter": "mm", "millimetre": "mm", "cm": "cm", "m": "m", "in": "in",
+}  # fmt: skip
+PointRow = tuple[int, int, float, float, float, float, int]
+"""Number, kind, x, y, z, radius, parent; a negative parent is none."""
 
 
 def write_network_swc(path: Path, network: VesselNetwork) -> None:
@@ -98,13 +110,57 @@ def _parents_first(network: VesselNetwork) -> tuple[list[int], list[bool]]:
     return order, turned[order].tolist()
 
 
-def read_network_swc(path: Path, kind: VesselKind = VesselKind.ARTERY) -> VesselNetwork:
+class SwcHeader(NamedTuple):
+    """Unit that comments of a file name, if any, and factors of x, y and z."""
+
+    unit: LengthUnit | None
+    scale: tuple[float, float, float]
+
+    @property
+    def radius_scale(self) -> float:
+        """Factor of the radii: the mean of the others, by which volumes stay right."""
+        return float(np.cbrt(np.prod(self.scale)))
+
+
+def read_swc_header(path: Path) -> SwcHeader:
+    """Read the comments of a file that say how long its unit is.
+
+    Raises
+    ------
+    NetworkError
+        For a scale that isn't three numbers above 0.
+    OSError
+        When the file can't be read.
+    """
+    unit: LengthUnit | None = None
+    scale = (1.0, 1.0, 1.0)
+    for number, row in enumerate(_text(path), start=1):
+        if match := _UNIT.match(row.strip()):
+            unit = _UNIT_OF.get(match[1].lower().removesuffix("s"), unit)
+        if match := _SCALE.match(row.strip()):
+            try:
+                x, y, z = (float(word) for word in match[1].replace(",", " ").split())
+            except ValueError:
+                x = y = z = 0.0
+            if not (np.isfinite([x, y, z]).all() and min(x, y, z) > 0.0):
+                raise NetworkError(
+                    f"{path}, line {number}: {row.strip()!r} isn't SCALE and three numbers above "
+                    "0; mend or remove the line"
+                )
+            scale = (x, y, z)
+    return SwcHeader(unit, scale)
+
+
+def read_network_swc(
+    path: Path, unit: LengthUnit | None = None, kind: VesselKind = VesselKind.ARTERY
+) -> VesselNetwork:
     """Read a network of trees; they are numbered in the order of their roots.
 
     Parameters
     ----------
     path : Path
-        In µm, as the format says.
+    unit : {"um", "mm", "cm", "m", "in"}, optional
+        As the file's comments say by default, and µm where they don't.
     kind : VesselKind
         Of the points whose type isn't one of `KIND_TYPE`.
 
@@ -116,8 +172,37 @@ def read_network_swc(path: Path, kind: VesselKind = VesselKind.ARTERY) -> Vessel
     OSError
         When the file can't be read.
     """
-    points = _parse(path, kind)
-    pieces = _pieces(path, points)
+    header = read_swc_header(path)
+    scale = np.array([*header.scale, header.radius_scale])
+    line, rows = _parse(path)
+    rows = [(n, _KIND.get(t, int(kind)), x, y, z, r, p) for n, t, x, y, z, r, p in rows]
+    return trees_of_points(path, line, rows, scale * MM_PER[unit or header.unit or "um"])
+
+
+def trees_of_points(
+    path: Path, line: Sequence[int], rows: Sequence[PointRow], scale: FloatArray
+) -> VesselNetwork:
+    """Return the network of points that each name their parent.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file, for messages.
+    line : sequence of int
+        Line of the file in which each point stands.
+    rows : sequence of PointRow
+        Kinds as `VesselKind`.
+    scale : (4,) float64
+        Of x, y, z and radius, mm.
+
+    Raises
+    ------
+    NetworkError
+        As `read_network_swc`.
+    """
+    if len(rows) < 2:
+        raise NetworkError(f"{path}: fewer than two points; give at least one vessel")
+    pieces = _pieces(path, _sorted(path, line, rows, scale))
     check_pieces(pieces)
     return chain_pieces(pieces)
 
@@ -133,36 +218,34 @@ class _Points:
     parent: IntArray
 
 
-def _parse(path: Path, kind: VesselKind) -> _Points:
+def _text(path: Path) -> list[str]:
     try:
-        text = path.read_text(encoding="utf-8-sig").splitlines()
+        return path.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError as exc:
         raise NetworkError(f"{path}: not UTF-8 text; save the network as SWC") from exc
+
+
+def _parse(path: Path) -> tuple[list[int], list[PointRow]]:
     line: list[int] = []
-    fields: list[tuple[int, int, float, float, float, float, int]] = []
-    for number, row in enumerate(text, start=1):
+    rows: list[PointRow] = []
+    for number, row in enumerate(_text(path), start=1):
         words = row.split("#", 1)[0].split()
         if not words:
             continue
         try:
             n, t, x, y, z, r, p = words[:7]
-            fields.append((int(n), int(t), float(x), float(y), float(z), float(r), int(p)))
+            rows.append((int(n), int(t), float(x), float(y), float(z), float(r), int(p)))
         except ValueError as exc:
             raise NetworkError(
                 f"{path}, line {number}: {row.strip()!r} isn't number, type, x, y, z, radius and "
                 "parent; mend the line"
             ) from exc
         line.append(number)
-    if len(fields) < 2:
-        raise NetworkError(f"{path}: fewer than two points; give at least one vessel")
-    return _sorted(path, np.array(line), fields, int(kind))
+    return line, rows
 
 
 def _sorted(
-    path: Path,
-    line: IntArray,
-    fields: list[tuple[int, int, float, float, float, float, int]],
-    other: int,
+    path: Path, line: Sequence[int], fields: Sequence[PointRow], scale: FloatArray
 ) -> _Points:
     """Points with parents before their children, refused where that can't be."""
     number: dict[int, int] = {}
@@ -188,10 +271,10 @@ def _sorted(
         raise NetworkError(f"{path}, line {line[lost]}: the point's parents form a ring; cut it")
     rank = np.empty(len(fields), dtype=np.int64)
     rank[order] = np.arange(len(fields))
-    table = np.array([row[2:6] for row in fields])[order] / _UM
+    table = np.array([row[2:6] for row in fields])[order] * scale
     return _Points(
-        line=line[order],
-        kind=np.array([_KIND.get(fields[i][1], other) for i in order], dtype=np.int64),
+        line=np.array(line, dtype=np.int64)[order],
+        kind=np.array([fields[i][1] for i in order], dtype=np.int64),
         place=table[:, :3],
         radius=table[:, 3],
         parent=np.array([rank[number[fields[i][6]]] if fields[i][6] >= 0 else -1 for i in order]),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import re
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,19 +16,20 @@ from numpy.typing import NDArray
 
 from design.errors import NetworkError
 from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
-from design.network_files.csv_format.chain import chain_pieces
+from design.network_files.csv_format.chain import chain_pieces, fuse_vessels
 from design.network_files.csv_format.pieces import Pieces
 from design.units import MM_PER, LengthUnit
 
 RADIUS_MM: Final = "radius_mm"
-RADII: Final = ("radius", "MaximumInscribedSphereRadius")
-"""Names of a radius in the unit of the file; the second is VMTK's."""
+RADII: Final = ("radius", "Radius", "MaximumInscribedSphereRadius")
+"""Names of a radius in the unit of the file; the last two are VMTK's."""
 
 _NUMPY: Final = {
     "Float64": "f8", "Float32": "f4", "Int64": "i8", "Int32": "i4", "Int16": "i2", "Int8": "i1",
     "UInt64": "u8", "UInt32": "u4", "UInt16": "u2", "UInt8": "u1",
 }  # fmt: skip
 _ZLIB: Final = "vtkZLibDataCompressor"
+_APPENDED: Final = re.compile(rb"<AppendedData\b([^>]*)>\s*_")
 
 
 def read_network_vtp(
@@ -38,7 +40,7 @@ def read_network_vtp(
     The radius is the point array `RADIUS_MM`, which is in mm, or one of `RADII`, in ``unit``.
     Points at the same place, to the bit, are one node; vessels are cut where others join them.
     Cell arrays ``kind`` and ``tree``, as `write_network_vtp` writes them, are kept. Data may be
-    ascii, or binary in base64, as it is or compressed by zlib.
+    ascii, binary or appended, as it is or compressed by zlib.
 
     Parameters
     ----------
@@ -70,18 +72,20 @@ def read_network_vtp(
     if not real.any():
         file.fail("no two points of a line are apart; give at least one vessel")
     ends, of = ends[real], cell[first][real]
-    return chain_pieces(
-        Pieces(
-            path=path,
-            line=of + 1,
-            vessel=of,
-            nodes=node[ends],
-            points=points[ends],
-            radius=radius[ends],
-            kind=file.cell_numbers("kind", len(sizes), int(kind), len(VesselKind))[of],
-            tree=file.cell_numbers("tree", len(sizes), 0, None)[of],
-        )
+    pieces = Pieces(
+        path=path,
+        line=of + 1,
+        vessel=of,
+        nodes=node[ends],
+        points=points[ends],
+        radius=radius[ends],
+        kind=file.cell_numbers("kind", len(sizes), int(kind), len(VesselKind))[of],
+        tree=file.cell_numbers("tree", len(sizes), 0, None)[of],
     )
+    if (sizes == 2).all() and "vessel" not in file.cell_arrays():
+        # SimVascular writes each straight piece as a line.
+        pieces = fuse_vessels(pieces, np.ones(len(place), dtype=bool))
+    return chain_pieces(pieces)
 
 
 def _by_appearance(number: IntArray, count: int) -> IntArray:
@@ -114,6 +118,8 @@ class _File:
     order: str
     header: str
     compressed: bool
+    appended: bytes
+    raw: bool
 
     def fail(self, text: str) -> NoReturn:
         raise NetworkError(f"{self.path}: {text}")
@@ -156,9 +162,13 @@ class _File:
             )
         return points, ends
 
+    def cell_arrays(self) -> dict[str | None, etree._Element]:
+        """Arrays that hold a value for each line, by name."""
+        return {a.get("Name"): a for a in self.piece.findall("CellData/DataArray")}
+
     def cell_numbers(self, name: str, count: int, otherwise: int, below: int | None) -> IntArray:
         """Whole numbers of a cell array, one a line; ``otherwise`` where there is no such array."""
-        arrays = {a.get("Name"): a for a in self.piece.findall("CellData/DataArray")}
+        arrays = self.cell_arrays()
         if name not in arrays:
             return np.full(count, otherwise, dtype=np.int64)
         values = self.numbers(arrays[name]).astype(np.int64)
@@ -180,42 +190,53 @@ class _File:
             if form == "ascii":
                 return np.array(text.split(), dtype=_NUMPY[kind])
             if form == "binary":
-                return np.frombuffer(self._bytes(text), dtype=self.order + _NUMPY[kind])
+                data = self._bytes(text.encode(), 0, raw=False)
+                return np.frombuffer(data, dtype=self.order + _NUMPY[kind])
+            if form == "appended":
+                data = self._bytes(self.appended, int(element.get("offset", "")), raw=self.raw)
+                return np.frombuffer(data, dtype=self.order + _NUMPY[kind])
         except (ValueError, IndexError, binascii.Error, zlib.error) as exc:
             self.fail(f"the numbers of {element.get('Name') or 'an array'} can't be read ({exc})")
         raise NetworkError(
-            f"{self.path}: data mode {form} isn't read; save it with data mode ascii or binary"
+            f"{self.path}: data mode {form} isn't known; save it with ascii, binary or appended"
         )
 
-    def _bytes(self, text: str) -> bytes:
-        """Undo base64, the length in front, and compression."""
+    def _bytes(self, data: bytes, at: int, *, raw: bool) -> bytes:
+        """Undo base64, the length in front, and compression, of the numbers that begin ``at``."""
         width = np.dtype(self.header).itemsize
+
+        def decoded(at: int, size: int) -> tuple[bytes, int]:
+            """So many bytes, and where the next ones begin."""
+            end = at + (size if raw else 4 * -(-size // 3))
+            part = data[at:end] if raw else base64.b64decode(data[at:end])
+            if len(part) < size:
+                raise ValueError(f"{len(part)} of {size} bytes are there")
+            return part[:size], end
+
+        first = int(np.frombuffer(decoded(at, width)[0], self.header)[0])
         if not self.compressed:
-            raw = base64.b64decode(text)
-            size = int(np.frombuffer(raw[:width], self.header)[0])
-            return raw[width : width + size]
+            return decoded(at, width + first)[0][width:]
         # Three numbers (blocks, their size, that of the last), then each block's compressed size,
         # are encoded apart from the blocks.
-        start = base64.b64decode(text[: 4 * -(-width // 3)])
-        blocks = int(np.frombuffer(start[:width], self.header)[0])
-        head = 4 * -(-(3 + blocks) * width // 3)
-        numbers = np.frombuffer(base64.b64decode(text[:head]), self.header, 3 + blocks)
-        raw, out, at = base64.b64decode(text[head:]), [], 0
-        for size in numbers[3:].tolist():
-            out.append(zlib.decompress(raw[at : at + size]))
-            at += size
-        return b"".join(out)
+        head, at = decoded(at, (3 + first) * width)
+        sizes = np.frombuffer(head, self.header)[3:].astype(np.int64)
+        blocks, _ = decoded(at, int(sizes.sum()))
+        ends = np.cumsum(sizes).tolist()
+        starts = [0, *ends[:-1]]
+        return b"".join(zlib.decompress(blocks[a:b]) for a, b in zip(starts, ends, strict=True))
 
 
 def _parse(path: Path) -> _File:
     parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True)
-    with path.open("rb") as handle:
-        try:
-            root = etree.parse(handle, parser).getroot()
-        except etree.XMLSyntaxError as exc:
-            raise NetworkError(
-                f"{path}: not XML ({exc}); save it as VTK PolyData with data mode ascii or binary"
-            ) from exc
+    text, appended, raw = path.read_bytes(), b"", False
+    if found := _APPENDED.search(text):
+        # Raw bytes are no XML.
+        raw = b"base64" not in found[1]
+        appended, text = text[found.end() :], text[: found.start()] + b"</VTKFile>"
+    try:
+        root = etree.fromstring(text, parser)
+    except etree.XMLSyntaxError as exc:
+        raise NetworkError(f"{path}: not XML ({exc}); save it as VTK PolyData") from exc
     if root.tag != "VTKFile" or root.get("type") != "PolyData":
         raise NetworkError(f"{path}: not VTK PolyData; export the centrelines as .vtp")
     pieces = root.findall("PolyData/Piece")
@@ -226,4 +247,4 @@ def _parse(path: Path) -> _File:
         raise NetworkError(f"{path}: compressed by {compressor}; save it uncompressed or by zlib")
     order = ">" if root.get("byte_order") == "BigEndian" else "<"
     header = order + _NUMPY.get(root.get("header_type", "UInt32"), "u4")
-    return _File(path, pieces[0], order, header, compressor is not None)
+    return _File(path, pieces[0], order, header, compressor is not None, appended, raw)

@@ -16,7 +16,7 @@ from printctl.cli.flow_ranks import run_other_solvers
 from printctl.cli.flow_solve import in_space, lumped_and_waves, write_problems
 from printctl.errors import UsageError
 from printctl.flow import NPZ, CsvTables, NpzTables
-from printctl.networks import Drive, load_source
+from printctl.networks import load_source
 
 FILLET: Final = 0.5
 """Of a network that no recipe rounds."""
@@ -48,8 +48,9 @@ def run_network(
     # Options are a recipe's section under the same names: `part_of` takes them by name.
     part = part_of(asked)
     fillet = FILLET if asked["fillet_ratio"] is None else asked["fillet_ratio"]
-    drive = Drive(part.inlet_flow_ml_min, part.viscosity_mpa_s)
-    source = load_source(network, asked["unit"], drive)
+    source = load_source(network, asked["unit"], None)
+    if source.notes:
+        output.summary["notes"] = list(source.notes)
     tables = NpzTables(out / NPZ) if asked["results"] == "npz" else CsvTables(out)
     lumped_and_waves(source.network, part, tables, output)
     output.files = list(tables.files)

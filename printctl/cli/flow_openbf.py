@@ -99,6 +99,8 @@ def run_openbf_case(
         "pressure_min_mmhg": float(solution.pressure_low.min()) / PA_PER_MMHG,
         "pressure_max_mmhg": float(solution.pressure_high.max()) / PA_PER_MMHG,
     }
+    if case.notes:
+        summary["notes"] = list(case.notes)
     return FlowOutput(summary, [file])
 
 

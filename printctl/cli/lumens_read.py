@@ -12,7 +12,7 @@ from design.solids import Solid, read_solid
 from design.units import LengthUnit
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
 from firmware_profiles.bead import BeadSection
-from printctl.cli.options import messages, three_numbers
+from printctl.cli.options import print_note, three_numbers
 from printctl.errors import UsageError
 from printctl.gcode_view import read_line_map
 from printctl.gcode_view.levels import is_flat
@@ -23,7 +23,7 @@ from printctl.lumens import (
     find_place,
     writes_at,
 )
-from printctl.networks.formats import read_network
+from printctl.networks import read_noted
 from printctl.run_folder.artefacts import NETWORK, SURFACE
 from printctl.run_folder.manifest import MANIFEST
 from printctl.set_up.by_name import of_each
@@ -133,7 +133,10 @@ def read_designed(path: Path, unit: LengthUnit | None) -> VesselNetwork:
         path = path / NETWORK
     if unit is None and (path.parent / MANIFEST).is_file() and path.name == NETWORK:
         unit = "mm"
-    return read_network(path, unit)
+    network, notes = read_noted(path, unit)
+    for note in notes:
+        print_note(f"note: {note}")
+    return network
 
 
 def read_part(model: Path | None, network: Path | None, unit: LengthUnit | None) -> Solid | None:
@@ -141,7 +144,7 @@ def read_part(model: Path | None, network: Path | None, unit: LengthUnit | None)
     if model is not None:
         solid = read_solid(model, unit)
         for note in solid.notes:
-            messages().print(note, style="dim", markup=False)
+            print_note(note)
         return solid
     folder = network if network is None or network.is_dir() else network.parent
     if folder is not None and (folder / MANIFEST).is_file() and (folder / SURFACE).is_file():

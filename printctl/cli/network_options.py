@@ -17,7 +17,7 @@ SourceArg = Annotated[
 ]
 UnitOption = Annotated[
     LengthUnit | None,
-    typer.Option("--unit", help="Of the file, where it doesn't say (.csv, .vtp, .stl)."),
+    typer.Option("--unit", help="Of the file, where it doesn't say (.csv, .vtp, .stl, .swc)."),
 ]
 TissueOption = Annotated[
     Path | None,

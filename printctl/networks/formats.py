@@ -5,12 +5,18 @@ from __future__ import annotations
 import shutil
 import tempfile
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from design.network import VesselNetwork
-from design.network_files.by_suffix import ASKED, READ, SAID, WRITERS
+from design.network_files.by_suffix import (
+    ASKED,
+    READ,
+    SAID,
+    WRITERS,
+    read_with_notes,
+)
+from design.network_files.merge import NetworkWithNotes
 from design.network_files.simvascular import write_simvascular_paths
-from design.network_files.xcavate import read_network_xcavate
 from design.units import MM_PER, LengthUnit
 from printctl.errors import UsageError
 
@@ -32,31 +38,8 @@ LOSSES: Final = {
 """What a format can't hold, by suffix."""
 
 
-class NetworkWithNotes(NamedTuple):
-    """A network, and sentences for the user on what its reader made of it."""
-
-    network: VesselNetwork
-    notes: tuple[str, ...]
-
-
 def read_noted(path: Path, unit: LengthUnit | None, ends: Path | None = None) -> NetworkWithNotes:
-    """As `read_network`, with what the user should know of it.
-
-    ``ends`` is the file of inlets and outlets that may come with X-CAVATE's.
-    """
-    if path.suffix.lower() != ".txt":
-        if ends is not None:
-            raise UsageError(f"a file of inlets and outlets goes with X-CAVATE's .txt, not {path}")
-        return NetworkWithNotes(read_network(path, unit), ())
-    _check_said(path, unit)
-    if ends is not None and not ends.is_file():
-        raise UsageError(f"{ends} isn't there, or no file; check the path")
-    xcavate = read_network_xcavate(path, ends)
-    return NetworkWithNotes(xcavate.network, xcavate.notes)
-
-
-def read_network(path: Path, unit: LengthUnit | None) -> VesselNetwork:
-    """Read a network, in mm.
+    """Read a network, in mm, and say what the user should know of it.
 
     Parameters
     ----------
@@ -64,6 +47,8 @@ def read_network(path: Path, unit: LengthUnit | None) -> VesselNetwork:
         Ends in .csv, .vtp, .swc, .json, .npz or .txt (X-CAVATE's).
     unit : LengthUnit or None
         Of the coordinates, where the format doesn't say it; where it does, None or the same.
+    ends : Path, optional
+        The file of inlets and outlets that may come with X-CAVATE's.
 
     Raises
     ------
@@ -76,28 +61,26 @@ def read_network(path: Path, unit: LengthUnit | None) -> VesselNetwork:
     if suffix not in READ:
         known = ", ".join(READ)
         raise UsageError(f"{path}: {suffix or 'no suffix'} isn't a network's; {known} are read")
-    if suffix in SAID:
-        _check_said(path, unit)
-        return SAID[suffix][1](path)
-    _check_there(path)
-    if unit is None:
+    if ends is not None and suffix != ".txt":
+        raise UsageError(f"a file of inlets and outlets goes with X-CAVATE's .txt, not {path}")
+    for file in (path, ends):
+        if file is not None and not file.is_file():
+            raise UsageError(f"{file} isn't there, or no file; check the path")
+    if suffix in ASKED and unit is None:
         raise UsageError(
             f"{path} doesn't say the unit of its coordinates; give --unit, one of "
             f"{', '.join(MM_PER)}"
         )
-    return ASKED[suffix](path, unit)
+    if suffix in SAID and unit not in (None, SAID[suffix]):
+        raise UsageError(
+            f"{path} is in {SAID[suffix]}, as its format says, not {unit}; drop --unit"
+        )
+    return read_with_notes(path, unit, ends)
 
 
-def _check_said(path: Path, unit: LengthUnit | None) -> None:
-    _check_there(path)
-    own = SAID[path.suffix.lower()][0]
-    if unit not in (None, own):
-        raise UsageError(f"{path} is in {own}, as its format says, not {unit}; drop --unit")
-
-
-def _check_there(path: Path) -> None:
-    if not path.is_file():
-        raise UsageError(f"{path} isn't there, or no file; check the path")
+def read_network(path: Path, unit: LengthUnit | None) -> VesselNetwork:
+    """Read a network, in mm, as `read_noted`."""
+    return read_noted(path, unit).network
 
 
 def check_target(path: Path) -> None:

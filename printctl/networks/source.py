@@ -65,7 +65,7 @@ class Source:
     notes: tuple[str, ...]
 
 
-def load_source(path: Path, unit: LengthUnit | None, drive: Drive) -> Source:
+def load_source(path: Path, unit: LengthUnit | None, drive: Drive | None) -> Source:
     """Read a run folder or a network's file.
 
     Parameters
@@ -73,8 +73,8 @@ def load_source(path: Path, unit: LengthUnit | None, drive: Drive) -> Source:
     path : Path
     unit : LengthUnit or None
         Of a file that doesn't say it.
-    drive : Drive
-        Where no flow is known, it is solved for so.
+    drive : Drive or None
+        Where no flow is known, it is solved for so; None: it isn't.
 
     Raises
     ------
@@ -87,7 +87,8 @@ def load_source(path: Path, unit: LengthUnit | None, drive: Drive) -> Source:
         raise UsageError(f"{path} doesn't exist; give a run folder or a network's file")
     if not path.is_dir():
         network, notes = read_noted(path, unit)
-        return with_flow(Source(path.stem, network, VesselQuantities(), None, notes), drive)
+        source = Source(path.stem, network, VesselQuantities(), None, notes)
+        return source if drive is None else with_flow(source, drive)
     if not (path / NETWORK).is_file():
         raise UsageError(
             f"{path} holds no {NETWORK}, so it is no run folder; `printctl run` or "
@@ -98,7 +99,7 @@ def load_source(path: Path, unit: LengthUnit | None, drive: Drive) -> Source:
     return _run(path, drive)
 
 
-def _run(folder: Path, drive: Drive) -> Source:
+def _run(folder: Path, drive: Drive | None) -> Source:
     network = read_network_csv(folder / NETWORK, unit="mm")
     gauged, notes = _gauged(folder, network.vessel_count)
     flow = _flow(folder, network.vessel_count)
@@ -107,7 +108,7 @@ def _run(folder: Path, drive: Drive) -> Source:
     surface = read_solid(folder / SURFACE, unit="mm") if (folder / SURFACE).is_file() else None
     name = folder.resolve().name
     source = Source(name, network, VesselQuantities(flow or {}, gauged), surface, tuple(notes))
-    return source if flow else with_flow(source, drive)
+    return source if flow or drive is None else with_flow(source, drive)
 
 
 def _flow(folder: Path, count: int) -> dict[str, FloatArray] | None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from design.network import VesselKind, VesselNetwork
+from design.network_files.by_suffix import read_network, read_with_notes
 from design.tissue import Tissue
 from design.units import PA_PER_MMHG
 from design.vasculature import (
@@ -23,7 +24,7 @@ from design.vasculature import (
 from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.growth.trunk import trunk_of
 from printctl.pipeline.growing import loops_report, polished, rebalanced
-from printctl.pipeline.growth_source import growth_options, loop_options, read_given
+from printctl.pipeline.growth_source import growth_options, loop_options
 from printctl.recipe.forest import Forest, GrownTrees, TreePart
 
 
@@ -53,7 +54,7 @@ def grown_forest(
 def _given(part: Forest, folder: Path) -> tuple[VesselNetwork | None, tuple[str, ...]]:
     if part.given is None:
         return None, ()
-    return read_given(folder / part.given.network, part.given.unit)
+    return read_with_notes(folder / part.given.network, part.given.unit)
 
 
 def _roots(part: Forest, shared: GrowthOptions, folder: Path) -> list[RootSpec]:
@@ -80,7 +81,7 @@ def _roots(part: Forest, shared: GrowthOptions, folder: Path) -> list[RootSpec]:
 def _trunk(tree: TreePart, folder: Path) -> Any:
     if tree.trunk is None:
         return None
-    return trunk_of(read_given(folder / tree.trunk, tree.trunk_unit)[0])
+    return trunk_of(read_network(folder / tree.trunk, tree.trunk_unit))
 
 
 def _options(part: Forest, one: GrownTrees, tree: TreePart, shared: GrowthOptions) -> GrowthOptions:

@@ -8,13 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from design.network import VesselNetwork
-from design.network_files.csv_format import read_network_csv
-from design.network_files.json_format import read_network_json
-from design.network_files.npz import read_network_npz
-from design.network_files.swc import read_network_swc
-from design.network_files.vtp_read import read_network_vtp
-from design.network_files.xcavate import read_network_xcavate
-from design.units import PA_PER_MMHG, LengthUnit
+from design.network_files.by_suffix import read_network
+from design.units import PA_PER_MMHG
 from design.vasculature import DepthPenalty, GrowthOptions, GrowthStage, LoopOptions
 from kernels.arrays import FloatArray
 from printctl.errors import RecipeError
@@ -113,24 +108,7 @@ def read_trunk(part: GrownNetwork, recipe_folder: Path) -> VesselNetwork | None:
     """The artery that growth goes on from; None without one."""
     if part.trunk is None:
         return None
-    return read_given(recipe_folder / part.trunk, part.trunk_unit)[0]
-
-
-def read_given(path: Path, unit: LengthUnit | None) -> tuple[VesselNetwork, tuple[str, ...]]:
-    """The network of a recipe's file, whose suffix the recipe has checked; and notes on it."""
-    match path.suffix.lower():
-        case ".swc":
-            return read_network_swc(path), ()
-        case ".json":
-            return read_network_json(path), ()
-        case ".npz":
-            return read_network_npz(path), ()
-        case ".vtp":
-            return read_network_vtp(path, unit or "mm"), ()
-        case ".txt":
-            xcavate = read_network_xcavate(path)
-            return xcavate.network, xcavate.notes
-    return read_network_csv(path, unit=unit or "mm"), ()
+    return read_network(recipe_folder / part.trunk, part.trunk_unit)
 
 
 def read_terminals(path: Path) -> tuple[FloatArray, FloatArray | None]:

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from design.network import VesselNetwork
+from design.network import FloatArray, VesselNetwork
 from design.tissue import Tissue
 from printctl.errors import RecipeError
 
@@ -16,6 +16,14 @@ _PLACES: Final = 400
 _TOLD: Final = 0.02
 """Of the vessels' length; ends that stand out of the tissue, so that they can be fed, are usual."""
 
+_HOLLOW: Final = 0.5
+"""Of the vessels' length, from which a tissue's channels are those vessels."""
+_WALL_RADII: Final = (0.5, 1.4)
+"""Distance of a channel's wall from its vessel's axis, in radii."""
+_DIRECTIONS: Final = 8
+_WALLED: Final = 0.6
+"""Of the directions across a vessel; beyond others neighbouring channels may be hollow, too."""
+
 
 def outside_note(tissue: Tissue, network: VesselNetwork) -> tuple[str, ...]:
     """A sentence on vessels outside the tissue, which nothing is cut out for; none for few.
@@ -23,10 +31,10 @@ def outside_note(tissue: Tissue, network: VesselNetwork) -> tuple[str, ...]:
     Raises
     ------
     RecipeError
-        When no vessel lies in the tissue.
+        When no vessel lies in the tissue, or vessels are cut out of it already.
     """
     low, high = (bound(tissue.surface.vertices, axis=0) for bound in (np.min, np.max))
-    start, end, *_ = network.pieces()
+    start, end, r0, r1, _ = network.pieces()
     length = np.linalg.norm(end - start, axis=1)
     count = np.clip(np.ceil(length * _PLACES / (high - low).max()), 1, _PLACES).astype(np.int64)
     piece = np.repeat(np.arange(len(length)), count)
@@ -39,6 +47,18 @@ def outside_note(tissue: Tissue, network: VesselNetwork) -> tuple[str, ...]:
     total, out = float(share.sum()), float(share[outside].sum())
     if out <= _TOLD * total:
         return ()
+    depth = tissue.grid.distance(np.ascontiguousarray(places[outside]))
+    wide = (r0[piece] + r1[piece])[outside] / 2
+    walls = _wall_share(tissue, places[outside], (end - start)[piece[outside]], depth, wide)
+    hollow = float(share[outside] @ (walls >= _WALLED))
+    if hollow >= _HOLLOW * total:
+        raise RecipeError(
+            f"the vessels are hollow in the tissue already: {hollow:.3g} of {total:.3g} mm of "
+            "their axes run through empty channels, whose walls lie "
+            f"{np.median((depth / wide)[walls >= _WALLED]):.2g} radii from them. Give the solid "
+            "outline without channels as the tissue, or print the mesh as it is: printctl slice "
+            "MESH"
+        )
     if outside.all():
         ends = np.concatenate([start, end])
         raise RecipeError(
@@ -47,12 +67,33 @@ def outside_note(tissue: Tissue, network: VesselNetwork) -> tuple[str, ...]:
             f"the tissue from {_text(low)} to {_text(high)} mm; move one of them, "
             "or see to the network's unit"
         )
-    depth = tissue.grid.distance(np.ascontiguousarray(places[outside]))
     worst = places[outside][int(np.argmax(depth))]
     return (
         f"{out:.3g} of {total:.3g} mm of vessels lie outside the tissue, up to {depth.max():.3g} "
         f"mm at {_text(worst)} mm: nothing is cut out for them there",
     )
+
+
+def _wall_share(
+    tissue: Tissue, places: FloatArray, way: FloatArray, depth: FloatArray, radius: FloatArray
+) -> FloatArray:
+    """Share of directions across a vessel in which tissue lies behind its wall, (n,).
+
+    0 where the tissue's surface, ``depth`` away from the axis, isn't the vessel's wall.
+    """
+    along = way / np.linalg.norm(way, axis=1)[:, None]
+    aside = np.eye(3)[np.argmin(np.abs(along), axis=1)]
+    one = np.cross(along, aside)
+    one /= np.linalg.norm(one, axis=1)[:, None]
+    two = np.cross(along, one)
+    angles = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    behind = np.zeros(len(places))
+    for angle in angles.tolist():
+        across = np.cos(angle) * one + np.sin(angle) * two
+        behind += tissue.contains(places + 1.5 * radius[:, None] * across)
+    low, high = _WALL_RADII
+    is_wall = (depth >= low * radius) & (depth <= high * radius)
+    return np.where(is_wall, behind / _DIRECTIONS, 0.0)
 
 
 def _text(point: np.ndarray) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from design.network_files.by_suffix import read_network
 from design.tissue import (
     BlockZone,
     CylinderZone,
@@ -48,6 +49,7 @@ from printctl.recipe.tissue import (
     Liver,
     MeshPart,
     MeshTissue,
+    NetworkTissue,
     PointTissue,
     SpherePart,
     TissuePart,
@@ -86,6 +88,8 @@ def _surface(part: TissuePart, folder: Path) -> tuple[Surface, tuple[str, ...]]:
         case LabelTissue():
             path = folder / part.labels
             return load_label_surface(path, part.value, voxel_mm=part.voxel_mm, unit=part.unit)
+        case NetworkTissue():
+            return _box_around(part, folder)
         case Block():
             return block(part.size_mm), ()
         case Cylinder():
@@ -100,6 +104,18 @@ def _surface(part: TissuePart, folder: Path) -> tuple[Surface, tuple[str, ...]]:
             return liver(part.width_mm), ()
         case FoldedCortex():
             return folded_cortex(part.thickness_mm), ()
+
+
+def _box_around(part: NetworkTissue, folder: Path) -> tuple[Surface, tuple[str, ...]]:
+    network = read_network(folder / part.network, part.unit)
+    reach = network.radius[:, None] + part.margin_mm
+    low, high = (network.points - reach).min(axis=0), (network.points + reach).max(axis=0)
+    box = block(tuple((high - low).tolist()))
+    note = (
+        f"The tissue is the box {part.margin_mm:g} mm (tissue.margin_mm) beyond the vessels of "
+        "{}: from ({:.4g}, {:.4g}, {:.4g}) to ({:.4g}, {:.4g}, {:.4g}) mm."
+    )
+    return Surface(box.vertices + low, box.faces), (note.format(part.network, *low, *high),)
 
 
 def make_zones(parts: Sequence[ZonePart], folder: Path) -> tuple[list[Zone], tuple[str, ...]]:

@@ -29,7 +29,7 @@ class TreePart(Part):
     trunk: FileName | None = Field(
         default=None, description="CSV, SWC, JSON or npz of vessels from which growth goes on."
     )
-    trunk_unit: LengthUnit | None = Field(default=None, description="Of a CSV's coordinates.")
+    trunk_unit: LengthUnit | None = Field(default=None, description="Of a CSV or SWC file.")
 
     @model_validator(mode="after")
     def _keys_fit(self) -> TreePart:

@@ -37,10 +37,10 @@ def check_unit(network: str, unit: LengthUnit | None) -> None:
         raise ValueError(
             f"network {network} isn't a .csv, .vtp, .swc, .json, .npz or .txt; convert it"
         )
-    if (kind in ("csv", "vtp")) != (unit is not None):
+    if kind != "swc" and (kind in ("csv", "vtp")) != (unit is not None):
         wanted = "give unit" if unit is None else "remove unit"
         raise ValueError(
-            f"network {network}: .csv and .vtp alone are in a unit of the user's; {wanted}"
+            f"network {network}: .csv, .vtp and .swc alone are in a unit of the user's; {wanted}"
         )
 
 
@@ -55,9 +55,9 @@ def check_trunk(trunk: str | None, unit: LengthUnit | None, root: object) -> Non
     suffix = trunk.rsplit(".", 1)[-1].lower()
     if suffix not in ("csv", "swc", "json", "npz"):
         raise ValueError(f"trunk {trunk} isn't a .csv, .swc, .json or .npz; convert it")
-    if (suffix == "csv") != (unit is not None):
+    if suffix != "swc" and (suffix == "csv") != (unit is not None):
         wanted = "give trunk_unit" if suffix == "csv" else "remove trunk_unit"
-        raise ValueError(f"trunk {trunk}: a CSV alone is in a unit of the user's; {wanted}")
+        raise ValueError(f"trunk {trunk}: CSV and SWC alone are in a unit of the user's; {wanted}")
 
 
 class NamedNetwork(NetworkSection):
@@ -69,11 +69,16 @@ class NamedNetwork(NetworkSection):
 class GivenNetwork(NetworkSection):
     """A network from a file of any format that is read."""
 
-    network: FileName
+    network: Annotated[
+        FileName,
+        Field(
+            description=".csv, .vtp, .swc, .json, .npz, .txt. Columns of a .csv: x, y, z, radius, "
+            "parent (a point per row, parent: its row from 0, or -1), or those of network.csv."
+        ),
+    ]
     unit: LengthUnit | None = Field(
         default=None,
-        description="Of the coordinates of a .csv (radii are mm, as named) or .vtp; other files "
-        "say it.",
+        description="Of a .csv or .vtp, and of an .swc that isn't in um; other files say it.",
     )
     clearance_mm: float = Field(default=0.0, ge=0, le=10, description="Least wall between vessels.")
     overlaps: Literal["refuse", "tell"] = Field(
@@ -233,7 +238,7 @@ class GrownNetwork(Growth):
     trunk: FileName | None = Field(
         default=None, description="CSV, SWC, JSON or npz of the artery from which growth goes on."
     )
-    trunk_unit: LengthUnit | None = Field(default=None, description="Of a CSV's coordinates.")
+    trunk_unit: LengthUnit | None = Field(default=None, description="Of a CSV or SWC file.")
     stages: tuple[StagePart, ...] = Field(default=(), max_length=100)
     anatomy: AnatomyPart | None = Field(
         default=None, description="Trunks, inlets and zones as an organ has them."

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field, model_validator
 
@@ -19,7 +19,7 @@ from printctl.recipe.making import (
 from printctl.recipe.network import NetworkPart
 from printctl.recipe.observe import ObservePart
 from printctl.recipe.oxygen import OxygenPart
-from printctl.recipe.parts import FlowPart, Part, Seed
+from printctl.recipe.parts import FlowPart, Part, Seed, value_given
 from printctl.recipe.plate import PlatePart, check_plate
 from printctl.recipe.solid import SolidPart
 from printctl.recipe.tissue import Block, TissuePart
@@ -39,7 +39,9 @@ class Recipe(Part):
         description="Printed over designed length. Tissue and vessels are said in the design's "
         "size, all from the solid on in the print's.",
     )
-    tissue: TissuePart
+    tissue: TissuePart = Field(
+        description="An embedded print of a given network may leave it out: a box around it."
+    )
     vasculature: NetworkPart
     flow: FlowPart = FlowPart()
     oxygen: OxygenPart | None = Field(
@@ -54,6 +56,18 @@ class Recipe(Part):
     plate: PlatePart | None = None
     scan: ScanPart | None = None
     registration: RegistrationPart = RegistrationPart()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _tissue_is_the_network_s_box(cls, data: Any) -> Any:
+        """Give an embedded print of a given network a box for a tissue, where it has none."""
+        if not isinstance(data, dict) or data.get("tissue") is not None:
+            return data
+        given = data.get("vasculature")
+        network = value_given(given, "network")
+        if network is None or value_given(data.get("toolpath"), "method") != "embedded":
+            return data
+        return data | {"tissue": {"network": network, "unit": value_given(given, "unit")}}
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Recipe:

@@ -196,6 +196,27 @@ class LabelTissue(FileSection):
         return self.labels
 
 
+class NetworkTissue(TissueSection):
+    """A box around a given network: the tissue of an embedded print whose recipe names none."""
+
+    network: FileName
+    unit: LengthUnit | None = Field(default=None, description="As in vasculature.")
+    margin_mm: Length = Field(
+        default=2.0,
+        description="Beyond the vessels' walls. By default six times the outer width of a 30G "
+        "needle (0.31 mm), so that the bath that yields around it is tissue.",
+    )
+
+    @property
+    def label(self) -> str:
+        """The file's name."""
+        return f"box around {self.network}"
+
+    def files(self) -> list[str]:
+        """As `TissueSection.files`."""
+        return [self.network, *super().files()]
+
+
 class ShapeSection(TissueSection):
     """Tissue of a shipped shape."""
 
@@ -269,7 +290,7 @@ class FoldedCortex(ShapeSection):
 
 
 def _tissue_kind(value: Any) -> str:
-    files = ("mesh", "points", "labels")
+    files = ("mesh", "points", "labels", "network")
     return next(
         (k for k in files if value_given(value, k) is not None), str(value_given(value, "shape"))
     )
@@ -279,6 +300,7 @@ TissuePart = Annotated[
     Annotated[MeshTissue, Tag("mesh")]
     | Annotated[PointTissue, Tag("points")]
     | Annotated[LabelTissue, Tag("labels")]
+    | Annotated[NetworkTissue, Tag("network")]
     | Annotated[Block, Tag("block")]
     | Annotated[Cylinder, Tag("cylinder")]
     | Annotated[Annulus, Tag("annulus")]

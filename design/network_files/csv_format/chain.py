@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from design.network import FloatArray, IntArray, VesselNetwork
 from design.network_files.csv_format.pieces import GAP_MM, Pieces
@@ -61,6 +66,28 @@ def chain_pieces(pieces: Pieces) -> VesselNetwork:
     if flat.any():
         pieces.fail(int(row[first[np.argmax(flat)]]), "zero length; move or remove it")
     return network
+
+
+def fuse_vessels(pieces: Pieces, fusible: NDArray[np.bool_]) -> Pieces:
+    """Give vessels of one kind and tree that go on in each other the same number.
+
+    Parameters
+    ----------
+    pieces : Pieces
+    fusible : (m,) bool
+        Nodes, by number, at which they may.
+    """
+    nodes = pieces.nodes
+    ends = np.full((2, len(fusible)), -1, dtype=np.int64)
+    for side in (0, 1):
+        ends[side, nodes[:, 1 - side]] = np.arange(len(pieces))
+    degree = np.bincount(nodes.ravel(), minlength=len(fusible))
+    into, out = ends[:, fusible & (degree == 2) & (ends >= 0).all(axis=0)]
+    alike = (pieces.kind[into] == pieces.kind[out]) & (pieces.tree[into] == pieces.tree[out])
+    links = pieces.vessel[np.stack([into, out])[:, alike]]
+    size = int(pieces.vessel.max()) + 1
+    graph = coo_matrix((np.ones(links.shape[1]), links), shape=(size, size))
+    return replace(pieces, vessel=connected_components(graph, directed=False)[1][pieces.vessel])
 
 
 def _node_positions(pieces: Pieces, node: IntArray, count: int) -> FloatArray:

@@ -100,7 +100,8 @@ def _fields(path: Path, text: str) -> tuple[list[int], dict[str, tuple[str, ...]
     if wrong:
         raise NetworkError(
             f"{path}, line 1: column {', '.join(wrong)} missing or doubled; "
-            f"the header must name {_HEADER}"
+            f"the header must name {_HEADER}, or for points with their parents "
+            "x,y,z,radius,parent"
         )
     lines: list[int] = []
     rows: list[list[str]] = []

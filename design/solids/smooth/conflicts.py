@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from design.geometry.close_pairs import close_pairs
 from design.solids.smooth.layout import Layout
-from design.vasculature.collisions.close_pairs import close_pairs
 from kernels.arrays import IntArray
 
 _CLEARANCE = 0.03

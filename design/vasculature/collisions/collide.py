@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from design.errors import NetworkError
+from design.geometry.close_pairs import close_pairs
 from design.network import VesselNetwork
-from design.vasculature.collisions.close_pairs import close_pairs
 from design.vasculature.collisions.path_length import ways_between
 from kernels.arrays import FloatArray, IntArray
 

@@ -14,6 +14,7 @@ from design.anatomy.network import curved_network
 from design.hemodynamics import scaled_network
 from design.lattices import build_lattice
 from design.network import VesselKind, VesselNetwork
+from design.network_files.by_suffix import read_with_notes
 from design.network_files.csv_format import write_network_csv
 from design.network_files.npz import write_network_npz
 from design.vasculature import (
@@ -34,7 +35,6 @@ from printctl.pipeline.growing import (
     supply_report,
 )
 from printctl.pipeline.growing_forest import grown_forest
-from printctl.pipeline.growth_source import read_given
 from printctl.pipeline.outside import outside_note
 from printctl.pipeline.printability import printability
 from printctl.pipeline.stage import Stage
@@ -93,7 +93,7 @@ def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
         case NamedNetwork():
             network, clearance = planar_four_vessel(), 0.0
         case GivenNetwork():
-            network, notes = read_given(context.recipe_folder / part.network, part.unit)
+            network, notes = read_with_notes(context.recipe_folder / part.network, part.unit)
             notes += parts_note(network) + outside_note(context.tissue, network)
             clearance = part.clearance_mm
             if part.overlaps == "tell":

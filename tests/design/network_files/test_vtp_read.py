@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -122,6 +123,46 @@ def test_binary_as_paraview_writes_it(tmp_path: Path, header: str, compressed: b
     same_vessels(found, read_network_vtp(written(plain, document()), "mm"))
 
 
+def test_lines_of_two_points_go_on_as_one_vessel(tmp_path: Path) -> None:
+    """As SimVascular writes its centrelines."""
+    pieces = {"connectivity": "0 1 1 2 3 4", "offsets": "2 4 6"}
+    points = "0 0 0  10 0 0  20 0 0  20 0 0  20 8 0"
+    network = read_network_vtp(written(tmp_path, document(points, "2 2 2 2 2", **pieces)), "mm")
+    assert network.lengths() == pytest.approx([28.0])
+    ours = '<DataArray type="Int64" Name="vessel" format="ascii">0 1 2</DataArray>'
+    text = document(points, "2 2 2 2 2", cells=ours, **pieces)
+    assert read_network_vtp(written(tmp_path, text), "mm").vessel_count == 3
+
+
+@pytest.mark.parametrize("encoding", ["raw", "base64"])
+@pytest.mark.parametrize("squeeze", [packed, deflated])
+def test_appended_data_are_read(tmp_path: Path, encoding: str, squeeze: Callable) -> None:
+    """As VTK's writer does by default, and with it VMTK and SimVascular."""
+    numbers = [
+        np.array([2.0, 2, 2, 1, 1]),
+        np.array(POINTS.split(), "f8"),
+        np.arange(5),
+        np.array([3, 5]),
+    ]
+    body, text = b"", document("", "", "", "", form="appended")
+    for each in numbers:
+        text = text.replace('format="appended"', f'format="at" offset="{len(body)}"', 1)
+        block = squeeze(each, "<u4").encode()
+        if encoding == "raw":
+            # Base64 has a header of its own before compressed data.
+            cut = block.index(b"=") + len(b"==") if squeeze is deflated else 0
+            block = b"".join(base64.b64decode(part) for part in (block[:cut], block[cut:]) if part)
+        body += block
+    if squeeze is deflated:
+        text = text.replace("<VTKFile ", '<VTKFile compressor="vtkZLibDataCompressor" ')
+    text = text.replace('"at"', '"appended"').replace("</VTKFile>", "")
+    data = f'{text}<AppendedData encoding="{encoding}">\n_'.encode() + body
+    (tmp_path / "network.vtp").write_bytes(data + b"\n</AppendedData></VTKFile>")
+    network = read_network_vtp(tmp_path / "network.vtp", "mm")
+    assert network.lengths() == pytest.approx([10.0, 10.0, 8.0])
+    assert network.radius.tolist() == [2, 2, 2, 2, 1, 1]
+
+
 @pytest.mark.parametrize(
     ("text", "word"),
     [
@@ -135,7 +176,8 @@ def test_binary_as_paraview_writes_it(tmp_path: Path, header: str, compressed: b
         (document(connectivity="0 1 2 3 9"), "aren't there"),
         (document(connectivity="", offsets=""), "no lines"),
         (document(points=POINTS.replace("8", "x")), "can't be read"),
-        (document(form="appended"), "appended"),
+        (document(form="appended"), "numbers of Points can't be read"),
+        (document(form="carved"), "data mode carved isn't known"),
         (document(attributes='compressor="vtkLZ4DataCompressor"'), "vtkLZ4DataCompressor"),
         (
             document(cells='<DataArray type="Int64" Name="kind" format="ascii">0 9</DataArray>'),

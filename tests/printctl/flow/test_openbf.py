@@ -51,7 +51,7 @@ def test_waves_are_written_as_the_file_asks(case: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "options", "words"),
     [
-        (CASE.replace("Cc", "gamma profile"), (), "gamma profile"),
+        (CASE.replace("Cc", "beta profile"), (), "beta profile"),
         (CASE, ("--one-d",), "a case of openBF says all"),
         (CASE + "inlet_file: other.dat\n", (), "other.dat isn't beside it"),
         ("flow: {}\n", (), "no network, blood and solver"),

@@ -82,3 +82,17 @@ def test_a_network_without_an_outlet_has_no_flow_and_it_is_told() -> None:
     assert source.known.flow == {}
     assert source.notes[0].startswith("No flow: ")
     assert source.network is ring
+
+
+def test_lines_through_one_trunk_are_read_as_one_vessel_and_said(tmp_path: Path) -> None:
+    path = tmp_path / "lines.csv"
+    path.write_text(
+        "x,y,z,radius,parent\n"
+        "0,0,0,1,-1\n0,0,10,1,0\n6,0,16,0.7,1\n"
+        "0,0,0,1,-1\n0,0,4,1,3\n0,0,10,1,4\n-6,0,16,0.7,5\n"
+    )
+    source = load_source(path, "mm", None)
+    assert source.network.vessel_count == 3
+    assert source.known.flow == {}
+    (note,) = source.notes
+    assert "1 of 2 merged with others over 10 mm" in note

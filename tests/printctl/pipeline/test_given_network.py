@@ -11,16 +11,17 @@ from rich.console import Console
 
 from design.errors import NetworkError
 from design.network import VesselNetwork
+from design.network_files.by_suffix import read_with_notes
 from design.network_files.csv_format import read_network_csv, write_network_csv
 from design.network_files.json_format import write_network_json
 from design.network_files.vtp import write_network_vtp
-from design.tissue.shapes import block
+from design.tissue.shapes import annulus, block
 from design.tissue.surface import tissue_from_surface
 from printctl.errors import RecipeError
-from printctl.pipeline.growth_source import read_given
 from printctl.pipeline.outside import outside_note
 from printctl.pipeline.run import toolpath_recipe
 from printctl.pipeline.stages.vasculature import parts_note
+from printctl.pipeline.tissue_source import make_tissue
 from printctl.recipe import parse_recipe
 
 # A straight vessel, and another that runs 0.3 mm above it: radii of 0.2 mm, 0.1 mm in each other.
@@ -38,12 +39,12 @@ def test_every_format_gives_the_same_network(tmp_path: Path) -> None:
     write_network_vtp(tmp_path / "a.vtp", OVER, {})
     write_network_csv(tmp_path / "a.csv", OVER)
     for name, unit in (("a.json", None), ("a.vtp", "mm"), ("a.csv", "mm")):
-        network, notes = read_given(tmp_path / name, unit)
+        network, notes = read_with_notes(tmp_path / name, unit)
         assert network.points == pytest.approx(OVER.points)
         assert notes == ()
     rows = ["Vessel: 0, Number of Points: 2", "0.1, 0.3, 0.2, 0.02", "0.9, 0.3, 0.2, 0.02"]
     (tmp_path / "a.txt").write_text("\n".join(rows))
-    network, notes = read_given(tmp_path / "a.txt", None)
+    network, notes = read_with_notes(tmp_path / "a.txt", None)
     assert network.points == pytest.approx(OVER.points[:2])
     assert len(notes) == 1
 
@@ -97,3 +98,36 @@ def test_vessels_outside_the_tissue_are_told_and_none_within_is_refused() -> Non
     reach = r"no vessel .* vessels reach from \(101, 1, 2\) to \(109, 5, 2.3\) mm.*unit"
     with pytest.raises(RecipeError, match=reach):
         outside_note(tissue, OVER.moved(np.array([100.0, 0, 0])))
+
+
+def test_a_tissue_with_the_vessels_cut_out_is_told_as_that() -> None:
+    hollow = annulus(6.0, 1.0, 10.0)
+    tissue = tissue_from_surface(hollow.vertices, hollow.faces)
+    upright = VesselNetwork.from_segments(
+        np.array([[0.0, 0, -1], [0, 0, 11]]),
+        np.array([[0, 1]]),
+        np.full(1, 0.5),
+        np.zeros(1, dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
+    )
+    with pytest.raises(RecipeError, match=r"hollow .* 10 of 12 mm .* 1 radii .*solid outline"):
+        outside_note(tissue, upright)
+    # The channel of something else, or a network beside the tissue, isn't.
+    with pytest.raises(RecipeError, match="see to the network's unit"):
+        outside_note(tissue, upright.moved(np.array([3.4, 0.0, 0.0])))
+
+
+def test_an_embedded_print_of_a_given_network_needs_no_tissue(tmp_path: Path) -> None:
+    write_network_csv(tmp_path / "one.csv", OVER)
+    data = {
+        "schema": 1,
+        "name": "one",
+        "vasculature": {"network": "one.csv", "unit": "mm"},
+        "toolpath": {"method": "embedded"},
+    }
+    tissue = make_tissue(parse_recipe(data, "one.yaml").tissue, tmp_path)
+    # Vessels from (1, 1, 2) to (9, 5, 2.3) mm with radii of 0.2 mm, and 2 mm around.
+    assert tissue.bounds == pytest.approx(np.array([[-1.2, -1.2, -0.2], [11.2, 7.2, 4.5]]))
+    assert "2 mm (tissue.margin_mm)" in tissue.notes[0]
+    with pytest.raises(RecipeError, match="tissue: is missing"):
+        parse_recipe(data | {"toolpath": {"method": "fresh"}}, "one.yaml")

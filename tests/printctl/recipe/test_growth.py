@@ -84,7 +84,7 @@ def test_inlets_are_one_for_each_part_or_places() -> None:
         ({"terminals": 9, "root": "search", "root_mm": [0, 0, 0]}, r"without root_mm"),
         ({"terminals": 9, "root": "here"}, r"root: .*'search'.*here"),
         ({"terminals": 9, "trunk": "a.csv"}, r"trunk a\.csv.*give trunk_unit"),
-        ({"terminals": 9, "trunk": "a.swc", "trunk_unit": "mm"}, r"remove trunk_unit"),
+        ({"terminals": 9, "trunk": "a.json", "trunk_unit": "mm"}, r"remove trunk_unit"),
         ({"terminals": 9, "trunk": "a.stl"}, r"trunk a\.stl isn't a \.csv"),
         (
             {"terminals": 9, "polish": True, "trunk": "a.swc"},

@@ -38,6 +38,8 @@ class OpenBFCase:
         ``output_directory``.
     tolerance_mmhg : float
         ``convergence_tolerance``.
+    notes : tuple of str
+        What the user should know of how the file was read.
     """
 
     project: str
@@ -49,3 +51,4 @@ class OpenBFCase:
     shown: tuple[int, ...]
     folder: str | None
     tolerance_mmhg: float
+    notes: tuple[str, ...] = ()

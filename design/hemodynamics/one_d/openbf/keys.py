@@ -20,30 +20,30 @@ VESSEL: Final = OUTLET | frozenset((
     "label", "sn", "tn", "L", "E", "R0", "Rp", "Rd", "M", "h0", "Pext", "gamma_profile",
     "to_save", "initial_pressure", "initial_flow", "visco-elastic",
 ))  # fmt: skip
-_UNREAD: Final = {
-    "gamma profile": "openBF doesn't read it and runs with gamma_profile 2; write gamma_profile "
-    "for the profile that it names, or take the line out",
-}
-"""Keys in openBF's own files that openBF passes over."""
+SPACED: Final = "gamma profile"
+"""As openBF's manual and models wrote ``gamma_profile``."""
 
 
 def section(data: Any, place: str, known: frozenset[str]) -> Mapping[str, Any]:
-    """Return ``data`` as a mapping of known keys.
+    """Return ``data`` as a mapping of known keys; a key's words may have spaces between them.
 
     Raises
     ------
     FlowError
-        When it isn't one, or has a key that openBF doesn't read.
+        When it isn't one, has a key that openBF doesn't read, or one twice.
     """
-    if isinstance(data, Mapping):
-        for key in data:
-            if key in _UNREAD:
-                raise FlowError(f"{place} has the key {key!r}: {_UNREAD[key]}")
-            if not isinstance(key, str) or key.startswith("_"):
-                raise FlowError(
-                    f"{place} has the key {key!r}, which openBF doesn't read; take it out"
-                )
-    return check_keys(data, place, known)
+    if not isinstance(data, Mapping):
+        return check_keys(data, place, known)
+    named: dict[Any, Any] = {}
+    for key, value in data.items():
+        if not isinstance(key, str) or key.startswith("_"):
+            raise FlowError(f"{place} has the key {key!r}, which openBF doesn't read; take it out")
+        name = key.replace(" ", "_")
+        name = name if name in known else key
+        if name in named:
+            raise FlowError(f"{place} has the keys {name!r} and {key!r}; leave one of them out")
+        named[name] = value
+    return check_keys(named, place, known)
 
 
 def quantity(

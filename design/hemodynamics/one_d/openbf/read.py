@@ -14,7 +14,15 @@ import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.one_d.openbf.case import PLACES, QUANTITIES, OpenBFCase
-from design.hemodynamics.one_d.openbf.keys import BLOOD, SOLVER, TOP, VESSEL, quantity, section
+from design.hemodynamics.one_d.openbf.keys import (
+    BLOOD,
+    SOLVER,
+    SPACED,
+    TOP,
+    VESSEL,
+    quantity,
+    section,
+)
 from design.hemodynamics.one_d.openbf.vessels import Vessels, read_vessels
 from design.hemodynamics.one_d.options import OneDOptions
 from design.hemodynamics.probes import Probes
@@ -42,9 +50,10 @@ def inlet_file(data: Mapping[str, Any]) -> str:
     FlowError
         When it isn't text.
     """
-    if "inlet_file" in data:
-        return text(data, "inlet_file", "the file")
-    return text(data, "project_name", "the file") + "_inlet.dat"
+    given = section(data, "the file", TOP)
+    if "inlet_file" in given:
+        return text(given, "inlet_file", "the file")
+    return text(given, "project_name", "the file") + "_inlet.dat"
 
 
 def case_of(data: Any, inlet: FloatArray) -> OpenBFCase:
@@ -86,6 +95,18 @@ def case_of(data: Any, inlet: FloatArray) -> OpenBFCase:
         shown=vessels.shown,
         folder=folder,
         tolerance_mmhg=quantity(solver, "convergence_tolerance", "solver", (1e-12, 1e6)),
+        notes=_notes(given),
+    )
+
+
+def _notes(given: Mapping[str, Any]) -> tuple[str, ...]:
+    spaced = [one for one in entries(given, "network") if SPACED in one]
+    if not spaced:
+        return ()
+    return (
+        f"{SPACED!r} is taken as gamma_profile, the exponent of the velocity profile, in "
+        f"{len(spaced)} vessels; openBF of 2026 passes over the key with a space and computes "
+        "with 2",
     )
 
 

@@ -91,7 +91,7 @@ def test_a_windkessel_of_two_elements_is_openbfs() -> None:
         (("colour",), "red", "'colour'"),
         (("_colour",), "red", "'_colour'"),
         (("network", 0, 5), 1, "network\\[0\\] has the key 5"),
-        (("network", 0, "gamma profile"), 9, "'gamma profile': openBF doesn't read it"),
+        (("network", 0, "gamma profile"), 9, "'gamma_profile' and 'gamma profile'"),
         (("network", 0, "visco-elastic"), "yes", "visco-elastic is 'yes'"),
         (("network", 0, "initial_flow"), 1.0, "initial_flow"),
         (("network", 0, "Cc"), 1.0, "vessel trunk: Cc is for outlets"),
@@ -118,6 +118,12 @@ def test_what_isnt_followed_is_refused_by_name(
 ) -> None:
     with pytest.raises(FlowError, match=words):
         openbf.case_of(changed(*path, value=value), INLET)
+
+
+def test_gamma_profile_may_be_written_with_a_space() -> None:
+    case = openbf.case_of(changed("network", 1, "gamma profile", value=5), INLET)
+    assert case.options.profile_exponent == pytest.approx([9.0, 5.0, 2.0])
+    assert "in 1 vessels; openBF of 2026 passes over" in case.notes[0]
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from design.geometry import point_segment, segment_segment
+from design.geometry.segments import point_segment, segment_segment
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 

@@ -1,0 +1,384 @@
+"""Merge vessels that run along each other: lines through one lumen are one vessel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+from design.geometry.close_pairs import close_pairs
+from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
+from design.network_files.along import (
+    NEAR_END,
+    SAME_AXIS,
+    Samples,
+    Stretch,
+    nearest_feet,
+    sample,
+    shared_stretches,
+)
+from design.network_files.csv_format.chain import chain_pieces, fuse_vessels
+from design.network_files.csv_format.pieces import Pieces
+
+_PARALLEL: Final = 0.7
+"""Cosine from which two straight pieces can run along each other."""
+_NEAR_POINT: Final = 0.05
+"""A joint goes to a point of the line that is nearer than so many radii."""
+_TOLD_DIFFERENCE: Final = 0.05
+"""Of the radii of merged vessels, over the radius."""
+
+
+class NetworkWithNotes(NamedTuple):
+    """A network, and sentences for the user on what its reader made of it."""
+
+    network: VesselNetwork
+    notes: tuple[str, ...]
+
+
+def merge_shared(path: Path, network: VesselNetwork) -> NetworkWithNotes:
+    """Merge vessels of one kind where they run along each other.
+
+    Vessels are compared in their order. Where the axis of one stays within `SAME_AXIS` radii of
+    earlier ones', over two radii at least or all the way between two of their nodes, it is the
+    same lumen. Axis and radii of the earlier vessel are kept, and the later one begins where they
+    part. Vessels that touch, cross or run side by side are left as they are.
+
+    Where merged vessels were given in opposite directions, all of the part of the network that
+    they belong to is directed away from the end that most of them share (veins, lymph: towards
+    it).
+
+    Parameters
+    ----------
+    path : Path
+        Of the file, for messages.
+    network : VesselNetwork
+    """
+    pairs = _beside(network)
+    if not len(pairs):
+        return NetworkWithNotes(network, ())
+    links = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(network.vessel_count,) * 2)
+    _, group = connected_components(links, directed=False)
+    involved = np.unique(pairs)
+    involved = involved[np.argsort(group[involved], kind="stable")]
+    merge = _Merge(network)
+    for vessels in np.split(involved, np.flatnonzero(np.diff(group[involved])) + 1):
+        merge.add(vessels)
+    if not merge.shared:
+        return NetworkWithNotes(network, ())
+    pieces, turned = merge.pieces(path)
+    merged = chain_pieces(pieces)
+    return NetworkWithNotes(merged, (_note(network, merged, merge.shared, turned),))
+
+
+def _beside(network: VesselNetwork) -> IntArray:
+    """Pairs of vessels (k, 2) that may run along each other for a radius or more."""
+    start, end, r0, r1, vessel = network.pieces()
+    length = np.linalg.norm(end - start, axis=1)
+    no_nodes = np.arange(2 * len(start)).reshape(-1, 2)
+    reach = SAME_AXIS / 2 * np.maximum(r0, r1)
+    pairs, _, _ = close_pairs(start, end, reach, no_nodes, 0.0, 0.0)
+    of = vessel[pairs]
+    kept = (of[:, 0] != of[:, 1]) & (network.kind[of[:, 0]] == network.kind[of[:, 1]])
+    pairs = pairs[kept & (length[pairs] > 0.0).all(axis=1)]
+    along = _length_beside(start[pairs], (end - start)[pairs], reach[pairs].sum(axis=1))
+    of, which = np.unique(vessel[pairs], axis=0, return_inverse=True)
+    total = np.bincount(which.reshape(-1), along, minlength=len(of))
+    # A vessel that lies along another between two nodes may be shorter than a radius.
+    enough = np.minimum(network.mean_radius(), network.lengths() / 2)
+    return of[(total > 0.0) & (total >= enough[of].min(axis=1))]
+
+
+def _length_beside(start: FloatArray, way: FloatArray, reach: FloatArray) -> FloatArray:
+    """Length (k,) over which straight pieces (k, 2, 3) lie within ``reach`` of each other, mm."""
+    length = np.linalg.norm(way, axis=2)
+    unit = way[:, 0] / length[:, :1]
+    cosine = np.einsum("ij,ij->i", unit, way[:, 1]) / length[:, 1]
+    rate = length[:, 1] * np.where(np.abs(cosine) < _PARALLEL, 1.0, cosine)
+    offset = np.einsum("ij,ij->i", unit, start[:, 1] - start[:, 0])
+    # Places along the second piece, 0 to 1, above both ends of the first.
+    above = np.sort(np.stack([-offset, length[:, 0] - offset]) / rate, axis=0).clip(0.0, 1.0)
+    away = start[:, 1] - start[:, 0] - offset[:, None] * unit
+    leaning = way[:, 1] - (rate)[:, None] * unit
+    # |away + t leaning|² <= reach²
+    a = np.maximum(np.einsum("ij,ij->i", leaning, leaning), 1e-300)
+    b = np.einsum("ij,ij->i", away, leaning) / a
+    c = (np.einsum("ij,ij->i", away, away) - reach**2) / a
+    half = np.sqrt(np.maximum(b * b - c, 0.0))
+    low, high = np.maximum(above[0], -b - half), np.minimum(above[1], -b + half)
+    near = np.maximum(high - low, 0.0) * np.abs(rate)
+    return np.where(np.abs(cosine) < _PARALLEL, 0.0, near)
+
+
+@dataclass(frozen=True)
+class _Shared:
+    """A stretch of a vessel, and the vessels that it runs along."""
+
+    vessel: int
+    others: frozenset[int]
+    stretch: Stretch
+
+
+@dataclass
+class _Path:
+    """A vessel, or what is left of it: its points, labels of both ends, joints on it."""
+
+    points: FloatArray
+    radius: FloatArray
+    ends: tuple[int, int]
+    vessel: int
+    joints: list[tuple[float, int]] = field(default_factory=list)
+
+    @property
+    def labelled(self) -> list[tuple[float, int]]:
+        """Places along it that have a label."""
+        last = float(len(self.points) - 1)
+        return [(0.0, self.ends[0]), *self.joints, (last, self.ends[1])]
+
+    def point(self, at: float) -> FloatArray:
+        """Place of a point along it, counted in points."""
+        k = min(int(at), len(self.points) - 2)
+        return self.points[k] + (at - k) * (self.points[k + 1] - self.points[k])
+
+
+class _Points(NamedTuple):
+    """Points of paths in turn: vessel, path, label (-1 for none), place (mm), radius (mm)."""
+
+    vessel: IntArray
+    path: IntArray
+    label: IntArray
+    place: FloatArray
+    radius: FloatArray
+
+
+class _Merge:
+    """Paths that are kept, and which labels of their ends and joints are the same node."""
+
+    def __init__(self, network: VesselNetwork) -> None:
+        self.shared: list[_Shared] = []
+        self._network = network
+        self._paths: list[_Path] = []
+        self._same = list(range(len(network.nodes)))
+        self._place = list(network.nodes)
+
+    def add(self, vessels: IntArray) -> None:
+        """Add vessels that may run along each other, and along no others."""
+        kept: list[_Path] = []
+        samples: list[Samples] = []
+        for vessel in vessels.tolist():
+            points, radius = self._network.polyline(vessel)
+            first, last = self._network.vessel_nodes[vessel].tolist()
+            rests = [_Path(points, radius, (first, last), vessel)]
+            if kept:
+                rests = self._without_shared(rests[0], kept, samples)
+            kept += rests
+            samples += [sample(rest.points, rest.radius) for rest in rests]
+        self._paths += kept
+
+    def _without_shared(
+        self, path: _Path, kept: list[_Path], samples: list[Samples]
+    ) -> list[_Path]:
+        """What of a path doesn't run along those kept, joined to them."""
+        own = sample(path.points, path.radius)
+        feet = nearest_feet(own, samples)
+        last = len(own.at) - 1
+
+        def is_node(k: int) -> bool:
+            """Whether the path's end at sample ``k`` is a node of the path below it."""
+            label = self._root(path.ends[k > 0])
+            return any(
+                abs(at - feet.at[k]) < 1e-6 and self._root(other) == label
+                for at, other in kept[feet.path[k]].labelled
+            )
+
+        between_nodes = is_node(0) and is_node(last)
+        stretches = shared_stretches(own, feet, between_nodes=between_nodes)
+        rests: list[_Path] = []
+        begin, label = 0, path.ends[0]
+        for one in stretches:
+            others = frozenset(kept[k].vessel for k in feet.path[one.first : one.last + 1])
+            self.shared.append(_Shared(path.vessel, others, one))
+            joints = [
+                self._joint(kept[feet.path[k]], float(feet.at[k]), float(own.radius[k]))
+                for k in (one.first, one.last)
+            ]
+            rests += self._rest(path, own, (begin, one.first), (label, joints[0]))
+            begin, label = one.last, joints[1]
+        if not stretches:
+            return [path]
+        return rests + self._rest(path, own, (begin, last), (label, path.ends[1]))
+
+    def _rest(
+        self, path: _Path, own: Samples, span: tuple[int, int], ends: tuple[int, int]
+    ) -> list[_Path]:
+        """The path between two samples; none where it stays in the lumen that it leaves."""
+        first, last = span
+        if own.length[last] - own.length[first] <= own.radius[first : last + 1].max():
+            for outer in (0, 1):
+                if ends[outer] == path.ends[outer]:
+                    self._same[self._root(ends[outer])] = self._root(ends[1 - outer])
+            return []
+        rows = np.arange(first, last + 1)
+        rows = rows[(own.at[rows] == np.round(own.at[rows])) | (rows == first) | (rows == last)]
+        return [_Path(own.points[rows], own.radius[rows], ends, path.vessel)]
+
+    def _joint(self, path: _Path, at: float, radius: float) -> int:
+        """Label of the node at a place along a path, made where there is none near it."""
+        point = path.point(at)
+        gaps = [float(np.linalg.norm(path.point(one) - point)) for one, _ in path.labelled]
+        if min(gaps) <= NEAR_END * radius:
+            return path.labelled[int(np.argmin(gaps))][1]
+        if np.linalg.norm(path.point(round(at)) - point) <= _NEAR_POINT * radius:
+            at = float(round(at))
+        self._same.append(len(self._same))
+        self._place.append(path.point(at))
+        path.joints.append((at, self._same[-1]))
+        return self._same[-1]
+
+    def _root(self, label: int) -> int:
+        while self._same[label] != label:
+            label = self._same[label]
+        return label
+
+    def pieces(self, path: Path) -> tuple[Pieces, int]:
+        """Straight pieces of all paths, and how many vessels were turned round for it."""
+        point = self._points()
+        root = np.array(self._same)
+        while (root[root] != root).any():
+            root = root[root]
+        named = point.label >= 0
+        node = np.where(named, root[point.label], len(root) + np.arange(len(named)))
+        point.place[named] = np.array(self._place)[node[named]]
+        row = np.flatnonzero((point.path[:-1] == point.path[1:]) & (node[:-1] != node[1:]))
+        ends = np.stack([row, row + 1], axis=1)
+        vessel = point.vessel[row]
+        pieces = Pieces(
+            path=path,
+            line=vessel + 1,
+            vessel=point.path[row],
+            nodes=node[ends],
+            points=point.place[ends],
+            radius=point.radius[ends],
+            kind=self._network.kind[vessel],
+            tree=self._trees()[vessel],
+        )
+        opposed = {
+            v for one in self.shared if one.stretch.opposed for v in (one.vessel, *one.others)
+        }
+        turned = 0
+        if opposed:
+            # How many ends of the given vessels each node holds.
+            share = np.bincount(root[self._network.vessel_nodes.ravel()], minlength=len(root))
+            pieces, flipped = _directed(pieces, np.isin(vessel, sorted(opposed)), share)
+            turned = len(np.unique(vessel[flipped]))
+        # Where merging left two ends of vessels alone, they go on as one.
+        before = np.zeros(len(node) + len(root), dtype=np.int64)
+        before[: len(self._network.nodes)] = self._network.degree()
+        return fuse_vessels(pieces, before != 2), turned
+
+    def _points(self) -> _Points:
+        """Points of all paths and of the vessels that run along no other."""
+        network = self._network
+        vessel = np.repeat(np.arange(network.vessel_count), np.diff(network.offset))
+        label = np.full(len(vessel), -1)
+        label[network.offset[:-1]], label[network.offset[1:] - 1] = network.vessel_nodes.T
+        compared = [path.vessel for path in self._paths] + [one.vessel for one in self.shared]
+        own = ~np.isin(vessel, compared)
+        parts = [
+            _Points(vessel[own], vessel[own], label[own], network.points[own], network.radius[own])
+        ]
+        for k, one in enumerate(self._paths, start=network.vessel_count):
+            named = {float(n): -1 for n in range(len(one.points))} | dict(one.labelled)
+            at = np.array(sorted(named))
+            index = np.arange(len(one.points), dtype=np.float64)
+            parts.append(
+                _Points(
+                    vessel=np.full(len(at), one.vessel),
+                    path=np.full(len(at), k),
+                    label=np.array([named[place] for place in at.tolist()]),
+                    place=np.stack([np.interp(at, index, x) for x in one.points.T], axis=1),
+                    radius=np.interp(at, index, one.radius),
+                )
+            )
+        order = np.argsort(np.concatenate([part.vessel for part in parts]), kind="stable")
+        return _Points(
+            vessel=np.concatenate([part.vessel for part in parts])[order],
+            path=np.concatenate([part.path for part in parts])[order],
+            label=np.concatenate([part.label for part in parts])[order],
+            place=np.concatenate([part.place for part in parts])[order],
+            radius=np.concatenate([part.radius for part in parts])[order],
+        )
+
+    def _trees(self) -> IntArray:
+        """Tree of each vessel; trees that share a vessel are one."""
+        tree = self._network.tree.copy()
+        for one in self.shared:
+            numbers = tree[[one.vessel, *one.others]]
+            tree[np.isin(tree, numbers)] = numbers.min()
+        return tree
+
+
+def _directed(
+    pieces: Pieces, opposed: NDArray[np.bool_], share: IntArray
+) -> tuple[Pieces, NDArray[np.bool_]]:
+    """Direct the parts that hold ``opposed`` pieces from one end on; also which were turned."""
+    nodes, points, radius = pieces.nodes.copy(), pieces.points.copy(), pieces.radius.copy()
+    vessel = pieces.vessel.copy()
+    turned = np.zeros(len(pieces), dtype=bool)
+    size = int(nodes.max()) + 1
+    for kind in np.unique(pieces.kind[opposed]).tolist():
+        own = np.flatnonzero(pieces.kind == kind)
+        links = coo_matrix((np.ones(len(own)), nodes[own].T), shape=(size, size)).tocsr()
+        _, part = connected_components(links, directed=False)
+        for number in np.unique(part[nodes[own[opposed[own]], 0]]).tolist():
+            rows = own[part[nodes[own, 0]] == number]
+            root = _root_of(nodes[rows], radius[rows], share)
+            if root is None:
+                continue
+            order = breadth_first_order(links, root, directed=False, return_predecessors=False)
+            rank = np.zeros(size)
+            rank[order] = np.arange(len(order))
+            back = rank[nodes[rows, 0]] > rank[nodes[rows, 1]]
+            if kind in (int(VesselKind.VEIN), int(VesselKind.LYMPH)):
+                back = ~back
+            turned[rows[back]] = True
+            # A vessel may be turned in part: its pieces are chained anew.
+            vessel[rows] = vessel.max() + 1 + np.arange(len(rows))
+    for array in (nodes, points, radius):
+        array[turned] = array[turned][:, ::-1]
+    return replace(pieces, vessel=vessel, nodes=nodes, points=points, radius=radius), turned
+
+
+def _root_of(nodes: IntArray, radius: FloatArray, share: IntArray) -> int | None:
+    """End of a part that most vessels share, the widest of these; None where nothing ends."""
+    flat = nodes.ravel()
+    ends = np.flatnonzero(np.bincount(flat)[flat] == 1)
+    if not len(ends):
+        return None
+    best = max(ends.tolist(), key=lambda k: (share[flat[k]], radius.ravel()[k]))
+    return int(flat[best])
+
+
+def _note(before: VesselNetwork, after: VesselNetwork, shared: list[_Shared], turned: int) -> str:
+    stretches = [one.stretch for one in shared]
+    note = (
+        f"Vessels that run along each other are one: {len({one.vessel for one in shared})} of "
+        f"{before.vessel_count} merged with others over {sum(s.length for s in stretches):.4g} mm "
+        f"in all, the axes at most {max(s.gap for s in stretches):.3g} mm or "
+        f"{100 * max(s.gap_ratio for s in stretches):.0f} % of the radius apart; left are "
+        f"{after.vessel_count} vessels (inlets: {len(after.inlets())}, outlets: "
+        f"{len(after.outlets())})"
+    )
+    uneven = max(s.radius_difference for s in stretches)
+    if uneven > _TOLD_DIFFERENCE:
+        note += (
+            f"; their radii differ by up to {100 * uneven:.0f} %: those that stand first in the "
+            "file are kept"
+        )
+    if turned:
+        note += f"; turned round, as merged vessels had opposite directions: {turned}"
+    return f"{note}."
