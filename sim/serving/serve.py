@@ -2,8 +2,8 @@
 
 The loop: what the host sends goes to the firmware (`sim.board`), what that says goes back. At
 speed 0 the firmware's virtual clock runs as fast as its own waits let it; at speed K it is held
-to K times real time. A board that its faults make slow, or stall, is so at speed K; at speed 0 a
-stall isn't felt.
+to K times real time; the idle time-out of a board that waits for its host isn't. A board that its
+faults make slow, or stall, is so at speed K; at speed 0 a stall isn't felt.
 
 The record of what moved is written before the answer to each M400 leaves, when the firmware is
 halted, when the host goes away (its accepted moves are run first, as a printer does) and at the
@@ -73,6 +73,7 @@ class Server:
         self._printer = printer
         self._port = port
         self._serving = serving
+        printer.machine.host_pace = serving.speed or 1.0
         self._outbox = b""
         self._host_there = False
         self._port_there = True
