@@ -7,7 +7,7 @@
     ├── UsageError             exit 2   the command line is wrong
     ├── SafetyError            exit 3   a check refused; nothing was sent
     ├── PrinterFailedError     exit 4   the printer failed, or was stopped
-    └── Interrupted            exit 130 Ctrl-C
+    └── UserInterruptError     exit 130 Ctrl-C
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class PrinterFailedError(PrintctlError):
     exit_code = 4
 
 
-class Interrupted(PrintctlError):
+class UserInterruptError(PrintctlError):
     """The user pressed Ctrl-C."""
 
     exit_code = 130

@@ -16,7 +16,7 @@ from printctl.cli.command_behaviour import with_common_behaviour
 from printctl.cli.completion import matching_words, with_profiles
 from printctl.cli.help_examples import with_manual
 from printctl.cli.summaries import summary
-from printctl.errors import Interrupted
+from printctl.errors import UserInterruptError
 
 COMMANDS: dict[str, str] = {
     "run": "run:run",
@@ -88,7 +88,7 @@ class LazyGroup(TyperGroup):
         except KeyboardInterrupt as exc:
             more = "; the same command goes on from what is done"
             goes_on = ctx.invoked_subcommand in GO_ON
-            raise Interrupted(f"interrupted{more if goes_on else ''}") from exc
+            raise UserInterruptError(f"interrupted{more if goes_on else ''}") from exc
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Names, in the order of help."""

@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 
 from printctl.cli.commands import LazyGroup
-from printctl.failures import message_and_code
+from printctl.failures import JSON_PRINTED, error_facts, message_and_code
 
 _YOUNG: Final = 20_000
 """Objects between two searches for circles: imports make many and drop none (700 by default)."""
@@ -40,6 +40,7 @@ def main() -> None:
     With ``--json`` a failure of whatever kind is one object on stdout, too.
     """
     gc.set_threshold(_YOUNG)
+    JSON_PRINTED.set(False)
     try:
         app(standalone_mode=True)
     except SystemExit as end:
@@ -67,8 +68,8 @@ def _fail(message: str, code: int) -> None:
 
 
 def _report(exc: BaseException | None, message: str, code: int) -> None:
-    """Print a failure as one JSON object where ``--json`` was given."""
-    if "--json" in takewhile(lambda word: word != "--", sys.argv[1:]):
-        error = {"kind": type(exc).__name__, "code": code, "message": message}
+    """Print a failure as one JSON object where ``--json`` was given and none was printed."""
+    asked = "--json" in takewhile(lambda word: word != "--", sys.argv[1:])
+    if asked and not JSON_PRINTED.get():
         with contextlib.suppress(OSError):  # nobody reads stdout any more
-            print(json.dumps({"error": error}, indent=1), flush=True)
+            print(json.dumps(error_facts(exc, message, code), indent=1), flush=True)

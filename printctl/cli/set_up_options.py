@@ -12,6 +12,15 @@ NeedleOption = Annotated[
         "--needle", help="Needle profile; force and walls need it. Of several heads: left,right."
     ),
 ]
+ThinnestBoreOption = Annotated[
+    float,
+    typer.Option(
+        "--thinnest-bore",
+        min=0.05,
+        max=2.0,
+        help="Narrowest line that may be written, in bores of the needle; try it on the ink first.",
+    ),
+]
 BathOption = Annotated[
     str | None, typer.Option("--bath", help="Bath profile; chemistry and warmth need it.")
 ]

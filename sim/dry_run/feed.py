@@ -78,7 +78,7 @@ def run_program(
         times.board_s,
         times.follows,
         times.withheld_s,
-        np.array([times.turnaround_s, 2 * times.byte_s]),
+        np.array([times.turnaround_s, 2 * times.byte_s, times.receive_share]),
         extrudes,
         plan_s,
         Board().costs(),
@@ -160,8 +160,9 @@ def _feed(
     ----------
     out_s, ok_s, board_s, follows, withheld_s
         As in `LineTimes`.
-    host_s : (2,) float64, s
-        The host's turnaround; two bytes, which the board's transmitter takes at once.
+    host_s : (3,) float64
+        The host's turnaround, s; two bytes, which the board's transmitter takes at once, s; the
+        share of the processor that received bytes take.
     plan_s : (3,) float64, s
         For a block, its corner, and each trapezoid; ``costs`` as for `planner.command_time`.
     """
@@ -170,6 +171,9 @@ def _feed(
     along = flowing = False
     for i in range(len(kind)):
         if out_s[i] > 0.0:
+            if along and follows[i]:
+                # bytes that come while the line ahead is worked on take their interrupts from it
+                now += host_s[2] * min(max(now - arrival, 0.0), out_s[i] - withheld_s[i])
             answered = max(answered, now + answer)
             now = max(now, answered - host_s[1])
             if along and follows[i] and withheld_s[i] > 0.0:
