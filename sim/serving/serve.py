@@ -122,8 +122,11 @@ class Server:
 
     def _patience_s(self) -> float:
         paced = self._serving.speed > 0 and not self._printer.halted
-        if paced or self._boots_at is not None or not math.isinf(self._plugs_in_at):
+        if self._boots_at is not None or not math.isinf(self._plugs_in_at):
             return _TICK_S
+        if paced:
+            wakes_s = self._printer.pace.host_time(self._printer.wakes_s) - self._host_s()
+            return min(max(wakes_s / self._serving.speed, 0.0), _TICK_S)
         return min(_WATCH_S, max(self._printer.bad_line.next_s - time.monotonic(), 0.0))
 
     def _turn(self, event: Event) -> bool:
@@ -166,8 +169,10 @@ class Server:
         printer = self._printer
         if self._serving.speed > 0:
             printer.receive(data)
-            host_s = (time.monotonic() - self._zero) * self._serving.speed
-            printer.run_to(printer.pace.board_time(host_s))
+            until = printer.pace.board_time(self._host_s())
+            printer.run_to(until)
+            if printer.now > until and not printer.halted:
+                return  # what it says, it says later
         elif data:
             printer.bad_line.up(printer.exchange(data), time.monotonic())
             if printer.dead:
@@ -177,6 +182,10 @@ class Server:
             self._synced = printer.synced
             self._was_halted = printer.halted
             self._save()
+
+    def _host_s(self) -> float:
+        """The host's clock as often as the board's is sped up, s."""
+        return (time.monotonic() - self._zero) * self._serving.speed
 
     def _unplug(self) -> None:
         """The line to the host is gone; the printer goes on with what it has."""
