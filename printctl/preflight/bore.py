@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from firmware_profiles import Needle, Printer, ProfileError, load, shipped
+from firmware_profiles import Needle, Printer, load, shipped
 from firmware_profiles.tools import THINNEST_BORE
 from kernels.arrays import FloatArray, IntArray
 from printctl.preflight.ink_volumes import volumes
@@ -74,6 +74,8 @@ def line_checks(
 ) -> list[Check]:
     """Check the lines of a G-code file, by their median along the way; none where nothing is laid.
 
+    A pneumatic head's lines are as wide as its flow makes them, which `pneumatic_checks` judges.
+
     Parameters
     ----------
     run : DryRun
@@ -85,12 +87,9 @@ def line_checks(
         As of `bore_check`.
     """
     needle = load_of_head.needle
-    if needle is None:
+    if needle is None or printer.pneumatic is not None:
         return []
-    try:
-        line, length, area, z = _laid(run, printer, load_of_head)
-    except ProfileError:  # a pressure that moves no ink is said by a check of its own
-        return []
+    line, length, area, z = _laid(run, printer, load_of_head)
     if not len(line):
         return []
     width = _widths(length, area, z, load_of_head, needle)

@@ -122,7 +122,7 @@ class _Waits:
     """Tells once what a paused print waits for, and the command that goes on."""
 
     def __init__(self, client: PrintClient, bars: StageBars) -> None:
-        self._run, self._bars = shlex.quote(str(client.folder)), bars
+        self._run, self._bars = shlex.quote(str(client.folder.absolute())), bars
         self._told = ""
 
     def tell(self, status: Status) -> None:
