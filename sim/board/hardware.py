@@ -7,8 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.motion.processor_times import BLOCK_S, CORNER_S, TRAPEZOID_S
-
 
 @dataclass(frozen=True)
 class Board:
@@ -17,7 +15,7 @@ class Board:
     Attributes
     ----------
     command_s : float
-        For one command that is no move, while the motors stand.
+        For one command while the motors stand.
     block_s : float
         More, for each block that the planner holds.
     interrupt_s, pulse_s : float
@@ -45,6 +43,7 @@ class Board:
     store_s: float = 2.03
 
     def costs(self) -> NDArray[np.float64]:
-        """Return what `sim.motion.planner` wants: these, and the times to plan a move; (8,)."""
-        own = [self.command_s, self.block_s, self.interrupt_s, self.pulse_s, self.most_load]
-        return np.array([*own, BLOCK_S, CORNER_S, TRAPEZOID_S])
+        """What `sim.motion.planner.command_time` wants."""
+        return np.array(
+            [self.command_s, self.block_s, self.interrupt_s, self.pulse_s, self.most_load]
+        )

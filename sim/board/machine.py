@@ -112,10 +112,6 @@ class Machine:
         """Processor's time for a command now, s."""
         return self.motion.command_s(self.now)
 
-    def move_line_s(self, size: int) -> float:
-        """Processor's time to read a move of ``size`` bytes now, s."""
-        return self.motion.move_line_s(self.now, size)
-
     def move_to(self, target_mm: Any, feed: float, line: int) -> None:
         """Put a straight move into the ring, which must have a place."""
         self.roll()
@@ -123,7 +119,7 @@ class Machine:
         if settings.has_least_feeds:
             writes = self.motion.writes(target_mm)
             feed = max(feed, settings.least_feed if writes else settings.least_travel_feed)
-        self.now = self.motion.add_move(target_mm, feed, line, self.now)
+        self.motion.add_move(target_mm, feed, line, self.now)
 
     def steps_now(self) -> list[int]:
         """Stepper counts at this moment, as the firmware numbers them."""

@@ -15,11 +15,10 @@ from sim.motion.block import to_steps
 from sim.motion.executed import ExecutedMotion
 from sim.motion.executed_log import executed_motion
 from sim.motion.planner import (
+    add_move,
     command_time,
     count_steps,
-    move_line_time,
     next_event,
-    plan_move,
     run_until,
     set_axis,
     stop_now,
@@ -118,27 +117,17 @@ class Motion:
         """Processor's time for a command at ``now``, s."""
         return float(command_time(self.planner, self.ring, now, self.costs))
 
-    def move_line_s(self, now: float, size: int) -> float:
-        """Processor's time to read a move of ``size`` bytes at ``now``, s."""
-        return float(move_line_time(self.planner, self.ring, now, self.costs, size))
-
     def writes(self, target_mm: Any) -> bool:
         """Whether a move to ``target_mm`` turns the plunger's motor."""
         end = to_steps(target_mm[3], self.state["steps_per_mm"][3])
         return bool(end != self.state["position"][3])
 
-    def add_move(self, target_mm: Any, feed: float, line: int, now: float) -> float:
-        """Put a straight move into the ring, which must have a place; none while it is closed.
-
-        Returns when it is planned, s.
-        """
+    def add_move(self, target_mm: Any, feed: float, line: int, now: float) -> None:
+        """Put a straight move into the ring, which must have a place; none while it is closed."""
         if self.slope:
             target_mm = target_mm + np.array([0.0, 0.0, self.slope * target_mm[0], 0.0])
-        if now < self.closed_until:
-            return now
-        self._make_room()
-        ring = self.planner, self.ring, self.log
-        return float(plan_move(*ring, target_mm, feed, line, self.costs, now)[0])
+        if now >= self.closed_until:
+            add_move(self.planner, self.ring, target_mm, feed, line, now)
 
     def steps_at(self, now: float) -> list[int]:
         """Stepper counts at ``now``, s, as the firmware numbers them."""

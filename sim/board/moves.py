@@ -9,11 +9,14 @@ from numpy.typing import NDArray
 
 from sim.board.controller import Controller
 from sim.board.waits import Task, WaitFreeSlot, WaitUntil
+from sim.motion.processor_times import BLOCK_S, CORNER_S, TRAPEZOID_S
 from sim.motion.state import Records
 from sim.program.modal import ARC, BAD, arc_points, interpret, speed
 
 LONGEST_EXTRUSION_MM: Final = 200.0
 """As Marlin is built; no other twin's own is known."""
+ARC_PIECE_S: Final = BLOCK_S + CORNER_S + 2 * TRAPEZOID_S
+"""Between two pieces of an arc: an 8-bit board's time to plan one."""
 
 
 def move(board: Controller) -> Task:
@@ -38,7 +41,7 @@ def move(board: Controller) -> Task:
         yield WaitFreeSlot()
         machine.move_to(point, feed, board.work.job_line)
         if len(points) > 1:
-            yield WaitUntil(machine.now + 1e-6)  # something urgent may come between two pieces
+            yield WaitUntil(machine.now + ARC_PIECE_S)
     machine.idle_since = machine.now
 
 

@@ -28,13 +28,11 @@ class Runner:
         """Take the oldest command of the queue in hand."""
         board, work, machine = self._board, self._board.work, self._board.machine
         line = work.queue[0]
-        split_line(line, board.words)
-        command = command_of(line, board.words)
-        is_move = command.letter == "G" and command.number in (0, 1)
-        size = len(line) + 1
-        machine.now += machine.move_line_s(size) if is_move else machine.command_s()
+        machine.now += machine.command_s()
         machine.roll()
         work.line, work.answered = line, False
+        split_line(line, board.words)
+        command = command_of(line, board.words)
         work.mute |= board.plan.is_mute(command.line_number)
         work.job_line = board.job.take(line) if board.job else (command.line_number or 0) - 1
         keepalive = machine.reports.keepalive_s

@@ -13,7 +13,8 @@ from kernels import jit
 from kernels.arrays import FloatArray
 from sim.board.hardware import Board
 from sim.dry_run.line_times import LineTimes
-from sim.motion.planner import main_share, next_event, plan_move, run_until, set_axis, take_head
+from sim.motion.planner import add_move, main_share, next_event, run_until, set_axis, take_head
+from sim.motion.processor_times import BLOCK_S, CORNER_S, TRAPEZOID_S
 from sim.motion.state import LOG, Records, new_planner, new_ring
 from sim.program.gcode import Program
 from sim.program.modal import DWELL, HOME, MOVE, SET_POSITION, SYNC, TOOL
@@ -64,8 +65,7 @@ def run_program(
     planner, ring = new_planner(printer, start_mm), new_ring(printer)
     log = np.zeros(len(program) + len(ring), LOG)
     starved = np.zeros(len(program), np.bool_)
-    costs = Board().costs()
-    costs[5:] *= 1.0 if times.byte_s else 0.0  # a controller that has the whole file plans ahead
+    plan_s = np.array([BLOCK_S, CORNER_S, TRAPEZOID_S]) * (1.0 if times.byte_s else 0.0)
     duration = _feed(
         program.kind,
         program.target,
@@ -80,7 +80,8 @@ def run_program(
         times.withheld_s,
         np.array([times.turnaround_s, 2 * times.byte_s, times.receive_share]),
         extrudes,
-        costs,
+        plan_s,
+        Board().costs(),
         planner,
         ring,
         log,
@@ -146,6 +147,7 @@ def _feed(
     withheld_s: FloatArray,
     host_s: FloatArray,
     extrudes: NDArray[np.bool_],
+    plan_s: FloatArray,
     costs: FloatArray,
     planner: Records,
     ring: Records,
@@ -161,8 +163,8 @@ def _feed(
     host_s : (3,) float64
         The host's turnaround, s; two bytes, which the board's transmitter takes at once, s; the
         share of the processor that received bytes take.
-    costs : (8,) float64
-        As for `planner.plan_move`.
+    plan_s : (3,) float64, s
+        For a block, its corner, and each trapezoid; ``costs`` as for `planner.command_time`.
     """
     now, arrival, answered, answer = 0.0, 0.0, -host_s[0], 0.0
     begin, finish = np.inf, 0.0
@@ -192,7 +194,9 @@ def _feed(
             now = _room(planner, ring, log, now)
             if not extrudes[i]:
                 set_axis(planner, 3, target[i, 3])
-            now, made = plan_move(planner, ring, log, target[i], feed[i], command[i], costs, now)
+            now, made = _move(
+                planner, ring, log, target[i], feed[i], command[i], plan_s, costs, now
+            )
             starved[i] = made and flowing and planner[0].starved
             flowing = flowing or made
         elif kind[i] == SET_POSITION:
@@ -213,6 +217,29 @@ def _feed(
                 _homed(planner, target[i])
     _drain(planner, ring, log, now)
     return _lasted(planner, begin, finish)
+
+
+@jit
+def _move(
+    planner: Records,
+    ring: Records,
+    log: Records,
+    target: FloatArray,
+    feed: float,
+    command: int,
+    plan_s: FloatArray,
+    costs: FloatArray,
+    now: float,
+) -> tuple[float, bool]:
+    """Plan a move that there is room for; returns when that is done, and if it made a block."""
+    share = main_share(planner, ring, now, costs)
+    waits = planner[0].count > (1 if planner[0].running else 0)
+    planned = now + (plan_s[0] + (plan_s[1] if waits else 0.0)) / share
+    run_until(planner, ring, log, planned)
+    if not add_move(planner, ring, target, feed, command, planned):
+        return now, False
+    planned += planner[0].trapezoids * plan_s[2] / share
+    return planned, True
 
 
 @jit

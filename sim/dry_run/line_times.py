@@ -28,7 +28,6 @@ from firmware_profiles import Printer
 from firmware_profiles.families.marlin.pairing import Pairing
 from kernels import jit
 from kernels.arrays import FloatArray
-from sim.motion.processor_times import BYTE_S, LINE_S, MOVE_S
 from sim.program.gcode import Program
 from sim.program.modal import MOVE
 
@@ -37,6 +36,9 @@ _CLOCK_HZ: Final = 16_000_000
 """Of the boards that make their baud with a divider of 8 bits' grain."""
 _FINE_BAUD: Final = 57_600
 """Above it the divider counts eighths of the clock (U2X)."""
+_LINE_S: Final = 0.06e-3
+_BYTE_S: Final = 15.5e-6
+_MOVE_S: Final = 0.34e-3
 _RECEIVE_S: Final = 8e-6
 """A received byte's interrupt, some 130 cycles; felt where the processor works meanwhile."""
 
@@ -105,7 +107,7 @@ def line_times(program: Program, gcode: bytes, printer: Printer) -> LineTimes:
     return LineTimes(
         out_s=sent * byte_s,
         ok_s=answer * byte_s,
-        board_s=np.where(sent > 0, LINE_S + BYTE_S * sent + MOVE_S * moves, 0.0),
+        board_s=np.where(sent > 0, _LINE_S + _BYTE_S * sent + _MOVE_S * moves, 0.0),
         follows=follows,
         withheld_s=withheld * byte_s,
         byte_s=byte_s,

@@ -28,7 +28,6 @@ from sim.motion.block import (
     set_speeds,
     to_steps,
 )
-from sim.motion.processor_times import BYTE_S, LINE_S, MOVE_S
 from sim.motion.state import Record, Records
 from sim.motion.stepper import LEAST_RATE, TICKS_PER_S, axis_steps, pulses_per_interrupt, walk
 
@@ -202,38 +201,6 @@ def add_move(
 
 
 @jit
-def plan_move(
-    planner_of: Records,
-    ring: Records,
-    log: Records,
-    target_mm: NDArray[np.float64],
-    feed: float,
-    line: int,
-    costs: NDArray[np.float64],
-    now: float,
-) -> tuple[float, bool]:
-    """Plan a move that there is room for; return when that is done, s, and if it made a block.
-
-    Parameters
-    ----------
-    planner_of, ring, target_mm, feed, line, now
-        As of `add_move`.
-    log : records of `LOG`
-        With room for all blocks of the ring.
-    costs : (8,) float64
-        Of `sim.board.hardware.Board.costs`.
-    """
-    planner = planner_of[0]
-    share = main_share(planner_of, ring, now, costs)
-    waits = planner.count > (1 if planner.running else 0)
-    planned = now + (costs[5] + (costs[6] if waits else 0.0)) / share
-    run_until(planner_of, ring, log, planned)
-    if not add_move(planner_of, ring, target_mm, feed, line, planned):
-        return now, False
-    return planned + planner.trapezoids * costs[7] / share, True
-
-
-@jit
 def next_look(planner: Record, now: float) -> float:
     """When an idle stepper next looks for a block, s: each millisecond from its last one's end."""
     return float(planner.run_end + math.ceil((now - planner.run_end) / LOOK_S) * LOOK_S)
@@ -258,19 +225,11 @@ def command_time(
 
     Parameters
     ----------
-    costs : (8,) float64
-        Of `sim.board.hardware.Board.costs`.
+    costs : (5,) float64
+        command_s, block_s, interrupt_s, pulse_s and most_load of `sim.board.hardware.Board`.
     """
     seconds = costs[0] + planner_of[0].count * costs[1]
     return seconds / main_share(planner_of, ring, now, costs)
-
-
-@jit
-def move_line_time(
-    planner_of: Records, ring: Records, now: float, costs: NDArray[np.float64], size: int
-) -> float:
-    """Time that the main thread takes to read a move of so many bytes, s, without its planning."""
-    return (LINE_S + BYTE_S * size + MOVE_S) / main_share(planner_of, ring, now, costs)
 
 
 @jit

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit
-from sim.motion.planner import move_line_time, next_event, plan_move, run_until
+from sim.motion.planner import add_move, command_time, next_event, run_until
 from sim.motion.state import Record, Records
 from sim.program.modal import has_word, interpret, speed
 from sim.program.words import number_at, split_words
@@ -91,8 +91,8 @@ def take_numbered_move(
         Nothing else may happen before this time; a wait beyond it isn't for this road.
     job_line : int
         Kept with the block.
-    costs : (8,) float64
-        Of the processor, see `sim.motion.planner.plan_move`.
+    costs : (5,) float64
+        Of the processor, see `sim.motion.planner.command_time`.
 
     Returns
     -------
@@ -105,7 +105,7 @@ def take_numbered_move(
     if not is_sound_move(line, expected, longest, row) or (cold and has_word(row, _E_LETTER)):
         return NOT_TAKEN
     run_until(planner, ring, log, now)
-    now += move_line_time(planner, ring, now, costs, len(line))
+    now += command_time(planner, ring, now, costs)
     run_until(planner, ring, log, now)
     if planner[0].count >= len(ring) - 1:
         free = max(now, next_event(planner))
@@ -116,7 +116,5 @@ def take_numbered_move(
     if now > alarm:
         return NOT_TAKEN
     interpret(modal[0], row)
-    planned, _ = plan_move(
-        planner, ring, log, modal[0].position, speed(modal[0]), job_line, costs, now
-    )
-    return planned
+    add_move(planner, ring, modal[0].position, speed(modal[0]), job_line, now)
+    return now
