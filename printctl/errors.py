@@ -6,8 +6,7 @@
     ├── RecipeError            exit 2   the recipe is wrong: key path, value, limit, remedy
     ├── UsageError             exit 2   the command line is wrong
     ├── SafetyError            exit 3   a check refused; nothing was sent
-    ├── PrinterFailedError     exit 4   the printer failed, or was stopped
-    └── UserInterruptError     exit 130 Ctrl-C
+    └── PrinterFailedError     exit 4   the printer failed, or was stopped
 """
 
 from __future__ import annotations
@@ -41,9 +40,3 @@ class PrinterFailedError(PrintctlError):
     """The print didn't end as it should."""
 
     exit_code = 4
-
-
-class UserInterruptError(PrintctlError):
-    """The user pressed Ctrl-C."""
-
-    exit_code = 130

@@ -34,7 +34,7 @@ JSON_PRINTED: Final = ContextVar("JSON_PRINTED", default=False)
 
 def error_facts(exc: BaseException | None, message: str, code: int) -> dict[str, Any]:
     """Return a failure JSON-ready, as it stands beside or in place of a command's result."""
-    return {"error": {"kind": type(exc).__name__, "code": code, "message": message}}
+    return {"error": {"kind": type(exc).__name__.lstrip("_"), "code": code, "message": message}}
 
 
 def message_and_code(exc: Exception) -> tuple[str, int] | None:

@@ -18,7 +18,8 @@ ThinnestBoreOption = Annotated[
         "--thinnest-bore",
         min=0.05,
         max=2.0,
-        help="Narrowest line that may be written, in bores of the needle; try it on the ink first.",
+        help="Narrowest line, over the needle's bore (0.8 of 0.2 mm are 0.16 mm); try it on the "
+        "ink first.",
     ),
 ]
 BathOption = Annotated[

@@ -32,7 +32,7 @@ def until(service: JobService, job: str, *states: LinkState):
 def test_a_print_is_started_held_gone_on_with_and_done(service, station):
     job = add(service)
     said = ready(service, job)
-    assert said.needle == "22g"
+    assert said.needle == "28g"
     assert said.start_mm == (50.0, 50.0, 10.0)
     begun = service.start(OPERATOR, job, said, WORDS)
     assert service.start(OPERATOR, job, said, WORDS).journal.started == begun.journal.started
