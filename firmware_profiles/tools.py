@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Final
 
 from pydantic import Field, model_validator
 
 from firmware_profiles.facts import Facts, NonNegative, Positive
+
+THINNEST_BORE: Final = 0.8
+"""Narrowest line that is written without asking, as a part of the needle's bore: a starting value,
+not measured. A tip that outruns the ink draws it thinner, until it breaks."""
 
 
 class Needle(Facts):

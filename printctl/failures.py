@@ -6,6 +6,8 @@ Exit codes: 0 done, 1 failed, 2 wrong use, 3 a safety check refused, 4 the print
 from __future__ import annotations
 
 import sys
+from contextvars import ContextVar
+from typing import Any, Final
 
 from printctl.errors import PrintctlError
 from printctl.system_errors import explain
@@ -25,6 +27,14 @@ CODES: tuple[tuple[str, str, int], ...] = (
     ("sim.errors", "SimError", 1),
 )
 """Module, error and exit code; the first that fits counts."""
+
+JSON_PRINTED: Final = ContextVar("JSON_PRINTED", default=False)
+"""Whether the command has printed its one object on stdout already."""
+
+
+def error_facts(exc: BaseException | None, message: str, code: int) -> dict[str, Any]:
+    """Return a failure JSON-ready, as it stands beside or in place of a command's result."""
+    return {"error": {"kind": type(exc).__name__.lstrip("_"), "code": code, "message": message}}
 
 
 def message_and_code(exc: Exception) -> tuple[str, int] | None:

@@ -16,6 +16,7 @@ from printctl.cli.command_behaviour import with_common_behaviour
 from printctl.cli.completion import matching_words, with_profiles
 from printctl.cli.help_examples import with_manual
 from printctl.cli.summaries import summary
+from printctl.errors import PrintctlError
 
 COMMANDS: dict[str, str] = {
     "run": "run:run",
@@ -74,6 +75,12 @@ GO_ON: Final = frozenset({"run", "design", "search"})
 """Commands that don't do again what an interrupted one has finished."""
 
 
+class _UserInterruptError(PrintctlError):
+    """The user pressed Ctrl-C."""
+
+    exit_code = 130
+
+
 class LazyGroup(TyperGroup):
     """The subcommands of `COMMANDS`, in their order, each imported when it is used."""
 
@@ -87,8 +94,7 @@ class LazyGroup(TyperGroup):
         except KeyboardInterrupt as exc:
             more = "; the same command goes on from what is done"
             goes_on = ctx.invoked_subcommand in GO_ON
-            typer.echo(f"printctl: interrupted{more if goes_on else ''}", err=True)
-            raise typer.Exit(130) from exc
+            raise _UserInterruptError(f"interrupted{more if goes_on else ''}") from exc
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Names, in the order of help."""

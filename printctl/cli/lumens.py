@@ -28,6 +28,7 @@ from printctl.cli.options import (
     read_gcode_file,
 )
 from printctl.errors import SafetyError, UsageError
+from printctl.failures import error_facts
 from printctl.lumens import (
     FilamentCheck,
     LumenCheck,
@@ -120,11 +121,12 @@ def _filaments(
 def _show(checked: Found, file: Path, every: bool, as_json: bool) -> None:
     check, at = checked
     facts = {"file": str(file), "place_mm": at.tolist(), **check.as_dict()}
+    refusal = None if check.refusal is None else SafetyError(check.refusal)
     if as_json:
-        print_json(facts)
+        print_json(facts | (error_facts(refusal, str(refusal), 3) if refusal else {}))
     else:
         print_lines(*lumen_lines(facts, every))
         for note in facts["notes"]:
             messages().print(f"note: {note}", markup=False)
-    if check.refusal is not None:
-        raise SafetyError(check.refusal)
+    if refusal is not None:
+        raise refusal

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
+import json
 import sys
+from itertools import takewhile
 from typing import Final
 
 import typer
 from rich.console import Console
 
 from printctl.cli.commands import LazyGroup
-from printctl.failures import message_and_code
+from printctl.failures import JSON_PRINTED, error_facts, message_and_code
 
 _YOUNG: Final = 20_000
 """Objects between two searches for circles: imports make many and drop none (700 by default)."""
@@ -32,12 +35,24 @@ def printctl() -> None:
 
 
 def main() -> None:
-    """Run the command line; a user's mistake ends in one message, never in a traceback."""
+    """Run the command line; a user's mistake ends in one message, never in a traceback.
+
+    With ``--json`` a failure of whatever kind is one object on stdout, too.
+    """
     gc.set_threshold(_YOUNG)
+    JSON_PRINTED.set(False)
     try:
         app(standalone_mode=True)
+    except SystemExit as end:
+        refused = end.__context__  # what typer has told on stderr
+        if isinstance(refused, typer.Abort):
+            _report(refused, "a question wasn't answered; answer it, or give --yes", 1)
+        elif (words := getattr(refused, "format_message", None)) is not None:
+            _report(refused, words(), int(end.code or 0))
+        raise
     except Exception as exc:
         known = message_and_code(exc)
+        _report(exc, *(known or (f"internal error: {exc!r}", 1)))
         if known is None:
             raise
         _fail(*known)
@@ -50,3 +65,11 @@ def _fail(message: str, code: int) -> None:
         f"[bold red]printctl:[/] {message.replace('[', chr(92) + '[')}"
     )
     sys.exit(code)
+
+
+def _report(exc: BaseException | None, message: str, code: int) -> None:
+    """Print a failure as one JSON object where ``--json`` was given and none was printed."""
+    asked = "--json" in takewhile(lambda word: word != "--", sys.argv[1:])
+    if asked and not JSON_PRINTED.get():
+        with contextlib.suppress(OSError):  # nobody reads stdout any more
+            print(json.dumps(error_facts(exc, message, code), indent=1), flush=True)

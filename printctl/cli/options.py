@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 
 from printctl.errors import UsageError
+from printctl.failures import JSON_PRINTED
 from sim.reading.user_file import read_gcode_path
 
 RecipeArg = Annotated[Path, typer.Argument(help="The recipe, a YAML file.", show_default=False)]
@@ -50,6 +51,7 @@ def print_note(note: str) -> None:
 
 def print_json(value: Any) -> None:
     """Print one JSON object on stdout."""
+    JSON_PRINTED.set(True)
     sys.stdout.write(json.dumps(value, indent=1, allow_nan=False, default=float) + "\n")
 
 

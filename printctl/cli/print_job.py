@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from firmware_profiles import Printer, load
+from firmware_profiles.tools import THINNEST_BORE
 from printctl.cli.care_options import (
     CheckpointOption,
     DeadmanOption,
@@ -39,6 +40,7 @@ from printctl.cli.set_up_options import (
     DishCentreOption,
     DishOption,
     NeedleOption,
+    ThinnestBoreOption,
 )
 from printctl.cli.start_position import read_start_position
 from printctl.link.care import Care
@@ -82,6 +84,7 @@ def print_job(
     syringe: SyringeOption = "hamilton_1ml",
     ink: Annotated[str, typer.Option("--ink", help="Ink profile.")] = "collagen_fresh",
     needle: NeedleOption = None,
+    thinnest_bore: ThinnestBoreOption = THINNEST_BORE,
     bath: BathOption = None,
     dish: DishOption = None,
     dish_centre: DishCentreOption = None,
@@ -135,7 +138,7 @@ def print_job(
     retreat = replace(retreat, others=tuple(others))
     order = Order(file, printer, port, place, retreat, resume, care=care, baud=read_baud(baud))
     if running(order) is None:
-        mounted = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
+        mounted = ProfileNames(needle, bath, dish, dish_centre, bath_depth, thinnest_bore)
         set_for = set_up(profile, syringe, ink, tip, mounted)
         care = _check(file, set_for, tip, AcceptedRisks(care, usable, reload, accept_crossings))
         order = replace(order, care=care)

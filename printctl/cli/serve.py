@@ -129,9 +129,18 @@ def _password(ask: bool, file: Path | None) -> str | None:
 
 
 def _tell(settings: Any, running: Any) -> None:
+    from printctl.station.client import other_speed  # Loads the link.
+
     say = messages().print
     say(f"the page: {_link(settings, running)}")
     say(f"workspace: {settings.workspace.resolve()}; Ctrl-C ends the server, not a print")
+    folder = settings.workspace.resolve() / "station"
+    if other := other_speed(folder, settings.sim_speed):
+        say(
+            f"[yellow]--sim-speed {settings.sim_speed:g} doesn't hold yet: a printer is connected "
+            f"already; {other}disconnect it on the page and connect it again, or end it first by "
+            f"`printctl station disconnect --folder {folder}`[/]"
+        )
     if not settings.loopback:
         say(f"other machines reach it at port {running.url.rsplit(':', 1)[1]} of this one")
         if not settings.tls:

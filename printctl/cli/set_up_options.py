@@ -12,6 +12,16 @@ NeedleOption = Annotated[
         "--needle", help="Needle profile; force and walls need it. Of several heads: left,right."
     ),
 ]
+ThinnestBoreOption = Annotated[
+    float,
+    typer.Option(
+        "--thinnest-bore",
+        min=0.05,
+        max=2.0,
+        help="Narrowest line, over the needle's bore (0.8 of 0.2 mm are 0.16 mm); try it on the "
+        "ink first.",
+    ),
+]
 BathOption = Annotated[
     str | None, typer.Option("--bath", help="Bath profile; chemistry and warmth need it.")
 ]

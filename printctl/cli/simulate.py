@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from firmware_profiles import Printer, load
+from firmware_profiles.tools import THINNEST_BORE
 from printctl.cli import simulate_options as options
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
@@ -26,11 +27,14 @@ from printctl.cli.set_up_options import (
     DishCentreOption,
     DishOption,
     NeedleOption,
+    ThinnestBoreOption,
 )
 from printctl.cli.start_position import read_start_position
-from printctl.preflight import file_checks, placed_failures, refuse_failed, warnings
+from printctl.failures import error_facts
+from printctl.preflight import file_checks, placed_failures, warnings
 from printctl.preflight.shaft_file import file_shaft
 from printctl.set_up.by_name import ProfileNames, set_up
+from printctl.set_up.check import refusal_of
 from sim.dry_run.run import dry_run
 
 
@@ -40,6 +44,7 @@ def simulate(
     syringe: SyringeOption = "hamilton_1ml",
     ink: Annotated[str, typer.Option("--ink", help="Ink profile.")] = "collagen_fresh",
     needle: NeedleOption = None,
+    thinnest_bore: ThinnestBoreOption = THINNEST_BORE,
     bath: BathOption = None,
     dish: DishOption = None,
     dish_centre: DishCentreOption = None,
@@ -62,7 +67,7 @@ def simulate(
     have_kernels("simulate")
     profile = load(Printer, printer)
     tip = read_start_position(file, profile, start)
-    given = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
+    given = ProfileNames(needle, bath, dish, dish_centre, bath_depth, thinnest_bore)
     mounted = set_up(profile, syringe, ink, tip, given)
     gcode = read_gcode_file(file)
     run = dry_run(gcode, profile, tip)
@@ -75,6 +80,7 @@ def simulate(
         from printctl.cli.simulate_bead import print_predictions, write_predictions
 
         bead = write_predictions(file, gcode, run, mounted, choices, placed_failures(checks))
+    refusal = refusal_of(checks)
     if as_json:
         print_json(
             {
@@ -87,6 +93,7 @@ def simulate(
                 "checks": [check.as_dict() for check in checks],
                 **({} if bead is None else {"predicted": bead}),
                 **shaft.facts(),
+                **(error_facts(refusal, str(refusal), refusal.exit_code) if refusal else {}),
             }
         )
     else:
@@ -100,4 +107,5 @@ def simulate(
             messages().print(f"note: {text}", markup=False)
         if bead is not None:
             print_predictions(bead)
-    refuse_failed(checks)
+    if refusal:
+        raise refusal

@@ -8,6 +8,7 @@ from typing import Any
 
 from design.toolpath.fresh import Adaptive, Filling, FreshOptions
 from firmware_profiles import Dish, Printer, load
+from firmware_profiles.tools import THINNEST_BORE
 from kernels import freed_memory_returned
 from printctl.cli import slice_options as options
 from printctl.cli.kernels_ready import have_kernels
@@ -19,7 +20,10 @@ from printctl.cli.options import (
     print_lines,
     refuse_input_as_output,
 )
+from printctl.cli.set_up_options import ThinnestBoreOption
 from printctl.errors import UsageError
+from printctl.preflight.bore import bore_check
+from printctl.set_up import refuse_failed
 from printctl.set_up.by_name import loads_of, of_each
 from printctl.slicing import (
     JobFigures,
@@ -44,6 +48,7 @@ def slice_mesh(
     syringe: options.SyringeOfEach = "hamilton_1ml",
     ink: options.InkOfEach = "collagen_fresh",
     needle: options.NeedleOfEach = "fresh_150um",
+    thinnest_bore: ThinnestBoreOption = THINNEST_BORE,
     dish: options.DishName = None,
     layer_um: options.Layer = 60.0,
     thinnest_um: options.Thinnest = None,
@@ -68,14 +73,22 @@ def slice_mesh(
     profile = load(Printer, printer)
     filling = Filling(infill, infill_percent * 1e-2)
     chosen = head_of_each(heads, len(models), profile)
+    loads, widths = loads_of(profile, syringe, ink, needle), _lines_mm(profile, line_um)
+    refuse_failed(
+        [
+            bore_check(width, one.needle, thinnest_bore, "--line-um")
+            for width, one in zip(widths, loads, strict=True)
+            if one.needle is not None
+        ]
+    )
     have_kernels("slice")
     modifiers = [read_modifier(text, profile.head_count) for text in modifier or ()]
     with freed_memory_returned():
         job = SliceJob(
             assemble(models, chosen, modifiers, filling, unit),
             profile,
-            loads_of(profile, syringe, ink, needle),
-            _lines_mm(profile, line_um),
+            loads,
+            widths,
             FreshOptions(
                 layer_height_mm=layer_um * 1e-3,
                 adaptive=_adaptive(profile, thinnest_um, stair_um),

@@ -16,11 +16,12 @@ from design.network import VesselNetwork
 from design.network_files.by_suffix import read_network
 from design.toolpath.embedded import EmbeddedOptions, check_thinnest
 from design.toolpath.fresh import FreshOptions, check_lumens
-from firmware_profiles import Bath, Dish, Needle, Printer, load, shipped
+from firmware_profiles import Bath, Dish, Printer, load
 from kernels.arrays import FloatArray
 from printctl.pipeline.head_contents import Filled, filled_heads, needle_options
 from printctl.pipeline.heads import layer_lines_um, vessel_heads
 from printctl.pipeline.observable import refuse_unobservable
+from printctl.preflight.bore import bore_check, shipped_bores
 from printctl.preflight.mounted_checks import (
     bath_checks,
     chemistry_check,
@@ -62,6 +63,7 @@ def refuse_before(recipe: Recipe, recipe_folder: Path) -> None:
     heads = filled_heads(recipe.printer, recipe.toolpath.needle, printer)
     bath = load(Bath, recipe.printer.bath)
     checks = [] if printer.heads else list(_mounted(printer, heads[0], bath))
+    checks += _lines(recipe, printer, heads)
     checks += _block_placed(recipe, printer)
     given = recipe.vasculature
     if not isinstance(given, GivenNetwork) or recipe.toolpath.compensation is not None:
@@ -88,6 +90,15 @@ def _mounted(printer: Printer, held: Filled, bath: Bath) -> Iterator[Check]:
         yield from profile_checks(held.syringe)
     yield chemistry_check(held.ink, bath)
     yield from bath_checks(bath)
+
+
+def _lines(recipe: Recipe, printer: Printer, heads: Sequence[Filled]) -> Iterator[Check]:
+    """Whether the needles write lines as narrow as the layers'."""
+    part = recipe.toolpath
+    if isinstance(part, Fresh):
+        widths = layer_lines_um(part, recipe.printer.heads, printer.head_count)
+        for line_um, one in zip(widths, heads, strict=True):
+            yield bore_check(line_um * 1e-3, one.needle, part.thinnest_bore, "toolpath.line_um")
 
 
 def _block_placed(recipe: Recipe, printer: Printer) -> Iterator[Check]:
@@ -200,10 +211,5 @@ def _check_filaments(
     for number, one in enumerate(heads):
         options = EmbeddedOptions(**needle_options(one.needle), thinnest=part.thinnest_bore)
         thin = 2 * float(network.radius.min()) < options.smallest_lumen_mm
-        needles = _shipped_bores() if thin else None
+        needles = shipped_bores() if thin else None
         check_thinnest(network, options, np.flatnonzero(writer == number), needles)
-
-
-def _shipped_bores() -> dict[str, float]:
-    """Bore of each shipped needle, mm, by name."""
-    return {name: load(Needle, name).inner_mm for name in shipped(Needle)}

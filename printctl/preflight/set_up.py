@@ -8,6 +8,7 @@ from pathlib import Path
 
 from firmware_profiles import Printer, ProfileError
 from printctl.errors import UsageError
+from printctl.preflight.bore import line_checks
 from printctl.preflight.dish import dish_checks, floor_check, unknown_dish
 from printctl.preflight.force import force_checks
 from printctl.preflight.gcode import gcode_checks
@@ -75,6 +76,7 @@ def _of_head(
     ]
     if load.needle is not None:
         checks += force_checks(run, load.ink, load.needle, load.syringe, printer)
+        checks += line_checks(run, printer, load, setup.thinnest_bore)
     if setup.bath is not None:
         checks += [
             chemistry_check(load.ink, setup.bath),

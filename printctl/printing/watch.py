@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 import signal
 import sys
 
@@ -11,7 +12,7 @@ from printctl.errors import PrintctlError, PrinterFailedError, SafetyError
 from printctl.link.client import PrintClient
 from printctl.link.record import JOURNAL
 from printctl.link.retreat import Retreat
-from printctl.link.states import LinkState, PrintOutcome
+from printctl.link.states import LinkState, PrintOutcome, Status
 from printctl.printing.journal_facts import read_journal_facts
 from printctl.printing.print_words import alarm_words
 from printctl.progress import Report, StageBars
@@ -62,11 +63,12 @@ def follow(client: PrintClient, report: Report, bars: StageBars) -> PrintOutcome
     if sys.stdin.isatty():
         # A parent that ignores Ctrl-C (a shell's background job) bequeathes that.
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    alarms = _Alarms(client, bars)
+    alarms, waits = _Alarms(client, bars), _Waits(client, bars)
     while True:
         try:
             for status in client.events():
                 alarms.tell(status.alarms)
+                waits.tell(status)
                 done = status.lines_done / max(status.lines_total, 1)
                 held = status.state in (LinkState.PAUSED, LinkState.LOOKING, LinkState.STOPPING)
                 lines = f"{status.lines_done} of {status.lines_total} lines"
@@ -114,6 +116,26 @@ class _Alarms:
             self._bars.remark(
                 "print", alarm_words(count, read_journal_facts(self._journal).last_alarm)
             )
+
+
+class _Waits:
+    """Tells once what a paused print waits for, and the command that goes on."""
+
+    def __init__(self, client: PrintClient, bars: StageBars) -> None:
+        self._run, self._bars = shlex.quote(str(client.folder.absolute())), bars
+        self._told = ""
+
+    def tell(self, status: Status) -> None:
+        """Show what a pause is for where it is another than before."""
+        words = status.message if status.state is LinkState.PAUSED else ""
+        if words and words != self._told:
+            go_on = "" if "printctl resume" in words else f"; `printctl resume {self._run}` goes on"
+            self._bars.remark(
+                "print",
+                f"it waits for you: {words.replace(' RUN', f' {self._run}')}{go_on}. Type that in "
+                f"another terminal; `printctl status {self._run}` tells more, and what a look asks",
+            )
+        self._told = words
 
 
 def _ask(bars: StageBars) -> str:

@@ -14,6 +14,7 @@ from pydantic import (
     model_validator,
 )
 
+from firmware_profiles.tools import THINNEST_BORE
 from printctl.recipe.care import CarePart
 from printctl.recipe.defects import DefectPart
 from printctl.recipe.heads import HeadPart, check_heads
@@ -36,6 +37,15 @@ from registration.judging.tolerance import Tolerances
 
 Percent = Annotated[float, Field(ge=-30, le=30, allow_inf_nan=False)]
 Speed = Annotated[float, Field(gt=0, le=1000)]
+ThinnestBore = Annotated[
+    float,
+    Field(
+        ge=0.05,
+        le=2,
+        description="Thinnest line or filament, as a part of the needle's bore. Below about 0.8 "
+        "the tip outruns the ink and draws it thinner than the bore; try it on the ink first.",
+    ),
+]
 _Place = Annotated[float, Field(ge=-10_000, le=10_000)]
 
 
@@ -76,6 +86,7 @@ class Fresh(FillingPart):
         "become thinner.",
     )
     line_um: Annotated[float, Field(ge=20, le=5000)] = 150.0
+    thinnest_bore: ThinnestBore = THINNEST_BORE
     walls: Annotated[int, Field(ge=1, le=50)] = Field(
         default=2, description="Lines along every boundary, counted from the lumen outward."
     )
@@ -147,11 +158,7 @@ class Embedded(Part):
         description="Vessels that can't be written in any order without the needle passing through "
         "ink aren't written; each is named with what would have to change.",
     )
-    thinnest_bore: Annotated[float, Field(ge=0.05, le=2)] = Field(
-        default=0.8,
-        description="Thinnest filament, as a part of the needle's bore. Below about 0.8 the tip "
-        "outruns the ink and draws the filament thinner than the bore; try it on the ink first.",
-    )
+    thinnest_bore: ThinnestBore = THINNEST_BORE
     widest_filament_mm: Annotated[float, Field(gt=0, le=20)] | None = Field(
         default=None,
         description="Wider vessels are written as strands side by side. By default what the "

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load
+from firmware_profiles.tools import THINNEST_BORE
 from printctl.errors import UsageError
 from printctl.set_up.mounted import HeadLoading, SetUp
 from printctl.set_up.placed_dish import PlacedDish
@@ -21,6 +22,8 @@ class ProfileNames:
     dish_centre : str or None
         Two numbers, mm.
     bath_depth : float or None, mm
+    thinnest_bore : float
+        As of `SetUp`.
     """
 
     needle: str | None
@@ -28,6 +31,7 @@ class ProfileNames:
     dish: str | None
     dish_centre: str | None
     bath_depth: float | None
+    thinnest_bore: float = THINNEST_BORE
 
 
 def set_up(
@@ -60,6 +64,7 @@ def set_up(
         None if bath is None else load(Bath, bath),
         standing,
         loads if printer.heads else (),
+        mounted.thinnest_bore,
     )
 
 

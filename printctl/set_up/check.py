@@ -79,8 +79,15 @@ def placed_failures(checks: list[Check]) -> tuple[tuple[int, str], ...]:
     )
 
 
+def refusal_of(checks: list[Check]) -> SafetyError | None:
+    """Return the error that names every check that didn't pass; None where all did."""
+    failed = [check.sentence() for check in checks if check.refuses]
+    if not failed:
+        return None
+    return SafetyError("\n".join(["refused before the first byte was sent:", *failed]))
+
+
 def refuse_failed(checks: list[Check]) -> None:
     """Raise `SafetyError` naming every check that didn't pass."""
-    failed = [check.sentence() for check in checks if check.refuses]
-    if failed:
-        raise SafetyError("\n".join(["refused before the first byte was sent:", *failed]))
+    if (refusal := refusal_of(checks)) is not None:
+        raise refusal

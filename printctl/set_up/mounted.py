@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from firmware_profiles import Bath, Ink, Needle, Printer, Syringe
+from firmware_profiles.tools import THINNEST_BORE
 from printctl.set_up.placed_dish import PlacedDish
 
 
@@ -32,6 +33,8 @@ class SetUp:
         The dish, where it stands and how high it is filled.
     heads : tuple of HeadLoading
         What each of several heads holds; syringe, ink and needle are then the first one's.
+    thinnest_bore : float
+        Narrowest line allowed, as a part of the needle's bore.
     """
 
     printer: Printer
@@ -41,6 +44,7 @@ class SetUp:
     bath: Bath | None = None
     standing: PlacedDish | None = None
     heads: tuple[HeadLoading, ...] = ()
+    thinnest_bore: float = THINNEST_BORE
 
     def load_of(self, number: int) -> HeadLoading:
         """What a head holds; the same in each where nobody said it of each."""

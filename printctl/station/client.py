@@ -259,7 +259,10 @@ def connect(
     refuse_unsent(load(Printer, profile))
     folder.mkdir(parents=True, exist_ok=True)
     if stays_alive(folder, LOCK):
-        raise AlreadyPrinting(f"a printer is connected in {folder}; attach to that station")
+        raise AlreadyPrinting(
+            f"a printer is connected in {folder}; {other_speed(folder, sim_speed)}"
+            "attach to that station, or disconnect it first (`printctl station disconnect`)"
+        )
     if not discard_interrupted and port != SIMULATED:
         _refuse_interrupted(folder)
     command = [sys.executable, "-m", "printctl.station", "--printer", profile, "--port", port]
@@ -280,6 +283,17 @@ def attach(folder: Path) -> Station:
     """
     load_station(folder)
     return Station(folder)
+
+
+def other_speed(folder: Path, sim_speed: float) -> str:
+    """Name the speed of a connected simulated printer if it isn't ``sim_speed``; else empty."""
+    try:
+        speed = load_station(folder).sim_speed if stays_alive(folder, LOCK) else None
+    except NoLink:
+        speed = None
+    if speed is None or speed == sim_speed:
+        return ""
+    return f"it is a simulated one at {speed:g} times real time, not {sim_speed:g}; "
 
 
 def _refuse_interrupted(folder: Path) -> None:

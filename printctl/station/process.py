@@ -17,6 +17,7 @@ from firmware_profiles import Printer, ProfileError, load
 from printctl.link.errors import LinkError, NoLink
 from printctl.link.families import refuse_unsent
 from printctl.link.journal import Journal
+from printctl.link.ports import SIMULATED
 from printctl.link.process import hold_folder, ignore_signals
 from printctl.station.known_state import Knowledge
 from printctl.station.open_connection import Socket
@@ -73,6 +74,7 @@ def serve_station(opening: Opening) -> StationStatus:
             port=opening.port,
             baud=opening.baud if isinstance(opening.baud, int) else None,
             started=time.time(),
+            sim_speed=opening.sim_speed if opening.port == SIMULATED else None,
         )
         before = _before(folder)
         if before is not None:  # a station that dies before it is open has learnt nothing else

@@ -39,6 +39,8 @@ class StationRecord:
     plunger_mm : float or None, mm
         Of the syringe that is mounted.
     part_in_dish : bool
+    sim_speed : float or None
+        Of a simulated printer, times real time; None for another.
     """
 
     pid: int
@@ -51,6 +53,7 @@ class StationRecord:
     status: dict[str, Any] = field(default_factory=dict)
     plunger_mm: float | None = None
     part_in_dish: bool = False
+    sim_speed: float | None = None
 
     def save(self, folder: Path) -> None:
         """Write it; readable by its owner alone, since it holds the token."""

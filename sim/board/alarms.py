@@ -30,9 +30,11 @@ class Alarms:
 
     def _idle_deadline(self) -> float:
         machine, motion = self._board.machine, self._board.machine.motion
+        # It watches over the host, whose signs of life come by a clock that nothing speeds up.
+        limit_s = machine.idle_limit_s * (1.0 if self._board.work.tasks else machine.host_pace)
         if motion.blocks:
-            return max(motion.next_event(), machine.now) + machine.idle_limit_s
-        return max(machine.idle_since, float(motion.planner["run_end"][0])) + machine.idle_limit_s
+            return max(motion.next_event(), machine.now) + limit_s
+        return max(machine.idle_since, float(motion.planner["run_end"][0])) + limit_s
 
     def sound(self) -> None:
         """Say and do all that is due now."""

@@ -31,6 +31,8 @@ class Machine:
         The printer's own clock; it starts at 0 with power-up and goes on through resets.
     dead : bool
         Whether the firmware is killed.
+    host_pace : float
+        Seconds of this clock in one of the host's.
     motion : Motion
     heat : Heat
     settings : Settings
@@ -47,6 +49,7 @@ class Machine:
     now: float = 0.0
     dead: bool = False
     output: bytearray = field(default_factory=bytearray)
+    host_pace: float = 1.0
 
     def __post_init__(self) -> None:
         self.stuck: dict[int, str] = {}

@@ -29,6 +29,8 @@ class MainLoop:
         self._runner = Runner(board)
         self._intake = Intake(board, self._runner)
         self._alarms = Alarms(board)
+        self.wakes_s = 0.0
+        """When it next has something to do by itself, s; infinity where only the host can go on."""
 
     @property
     def pending(self) -> bool:
@@ -61,6 +63,7 @@ class MainLoop:
                 return
             else:
                 soon = min(self._alarms.next_s(), arrives, self._task_at())
+            self.wakes_s = soon
             if math.isinf(soon) or soon > until:
                 return
             if settles and at is None and self._waits_for_host():

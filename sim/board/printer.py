@@ -65,6 +65,11 @@ class SimulatedPrinter(Controller):
         return self.machine.now
 
     @property
+    def wakes_s(self) -> float:
+        """When it next has something to say or do without the host, s, after `run_to`."""
+        return max(self._loop.wakes_s, self.now)
+
+    @property
     def dead(self) -> bool:
         """Whether the firmware is killed: silent until a reset."""
         return self.machine.dead

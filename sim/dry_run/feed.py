@@ -76,8 +76,9 @@ def run_program(
         times.out_s,
         times.ok_s,
         times.board_s,
-        times.pairs,
-        np.array([times.turnaround_s, 2 * times.byte_s, times.withheld_s]),
+        times.follows,
+        times.withheld_s,
+        np.array([times.turnaround_s, 2 * times.byte_s, times.receive_share]),
         extrudes,
         plan_s,
         Board().costs(),
@@ -121,6 +122,7 @@ def starvation(
     if not fed.starved.any() or not times.byte_s:
         return StarvedMotion()
     at_once = replace(times, out_s=np.sign(times.out_s) * 1e-9, ok_s=times.ok_s * 0.0,
+                      withheld_s=times.withheld_s * 0.0,
                       turnaround_s=0.0)  # fmt: skip
     free = run_program(program, printer, start_mm, extrudes, at_once)
     late = fed.starved & ~free.starved
@@ -141,7 +143,8 @@ def _feed(
     out_s: FloatArray,
     ok_s: FloatArray,
     board_s: FloatArray,
-    pairs: NDArray[np.bool_],
+    follows: NDArray[np.bool_],
+    withheld_s: FloatArray,
     host_s: FloatArray,
     extrudes: NDArray[np.bool_],
     plan_s: FloatArray,
@@ -155,11 +158,11 @@ def _feed(
 
     Parameters
     ----------
-    out_s, ok_s, board_s, pairs
+    out_s, ok_s, board_s, follows, withheld_s
         As in `LineTimes`.
-    host_s : (3,) float64, s
-        The host's turnaround; two bytes, which the board's transmitter takes at once; the end of a
-        second line that is withheld.
+    host_s : (3,) float64
+        The host's turnaround, s; two bytes, which the board's transmitter takes at once, s; the
+        share of the processor that received bytes take.
     plan_s : (3,) float64, s
         For a block, its corner, and each trapezoid; ``costs`` as for `planner.command_time`.
     """
@@ -168,17 +171,20 @@ def _feed(
     along = flowing = False
     for i in range(len(kind)):
         if out_s[i] > 0.0:
+            if along and follows[i]:
+                # bytes that come while the line ahead is worked on take their interrupts from it
+                now += host_s[2] * min(max(now - arrival, 0.0), out_s[i] - withheld_s[i])
             answered = max(answered, now + answer)
             now = max(now, answered - host_s[1])
-            if along and pairs[i] and host_s[2] > 0.0:
-                text = arrival + out_s[i] - host_s[2]
-                arrival = max(text, answered + host_s[0]) + host_s[2]
-            elif along and pairs[i]:
+            if along and follows[i] and withheld_s[i] > 0.0:
+                text = arrival + out_s[i] - withheld_s[i]
+                arrival = max(text, answered + host_s[0]) + withheld_s[i]
+            elif along and follows[i]:
                 arrival += out_s[i]
                 along = False
             else:
                 arrival = answered + host_s[0] + out_s[i]
-                along = pairs[i]
+                along = True
             answer = ok_s[i]
             now = max(now, arrival)
             run_until(planner, ring, log, now)

@@ -160,7 +160,6 @@ def dry_run(
     start_mm: tuple[float, float, float] = (0.0, 0.0, 0.0),
     *,
     cold_extrusion: bool = False,
-    in_flight: int | None = None,
 ) -> DryRun:
     """Run a file without a printer.
 
@@ -173,8 +172,6 @@ def dry_run(
     cold_extrusion : bool
         Whether M302 was sent before the file; without it (in the file or before) the firmware
         drops all plunger motion while the hotend is cold.
-    in_flight : int, optional
-        Lines that the host has on the way at a time, 1 or 2; the profile's if not said.
 
     Raises
     ------
@@ -184,7 +181,7 @@ def dry_run(
     file, head = gcode, printer.pneumatic
     program, gcode, named, refused = read_written(gcode, printer, start_mm)
     extrudes = extrusion_allowed(program, gcode, printer, cold_extrusion)
-    times = line_times(program, gcode, printer, in_flight or printer.lines_in_flight)
+    times = line_times(program, gcode, printer)
     fed = run_program(program, printer, start_mm, extrudes, times)
     checked = check(program, printer, extrudes, named, gcode, refused)
     return DryRun(

@@ -2,8 +2,8 @@
 
 The loop: what the host sends goes to the firmware (`sim.board`), what that says goes back. At
 speed 0 the firmware's virtual clock runs as fast as its own waits let it; at speed K it is held
-to K times real time. A board that its faults make slow, or stall, is so at speed K; at speed 0 a
-stall isn't felt.
+to K times real time; the idle time-out of a board that waits for its host isn't. A board that its
+faults make slow, or stall, is so at speed K; at speed 0 a stall isn't felt.
 
 The record of what moved is written before the answer to each M400 leaves, when the firmware is
 halted, when the host goes away (its accepted moves are run first, as a printer does) and at the
@@ -73,6 +73,7 @@ class Server:
         self._printer = printer
         self._port = port
         self._serving = serving
+        printer.machine.host_pace = serving.speed or 1.0
         self._outbox = b""
         self._host_there = False
         self._port_there = True
@@ -121,8 +122,11 @@ class Server:
 
     def _patience_s(self) -> float:
         paced = self._serving.speed > 0 and not self._printer.halted
-        if paced or self._boots_at is not None or not math.isinf(self._plugs_in_at):
+        if self._boots_at is not None or not math.isinf(self._plugs_in_at):
             return _TICK_S
+        if paced:
+            wakes_s = self._printer.pace.host_time(self._printer.wakes_s) - self._host_s()
+            return min(max(wakes_s / self._serving.speed, 0.0), _TICK_S)
         return min(_WATCH_S, max(self._printer.bad_line.next_s - time.monotonic(), 0.0))
 
     def _turn(self, event: Event) -> bool:
@@ -165,8 +169,10 @@ class Server:
         printer = self._printer
         if self._serving.speed > 0:
             printer.receive(data)
-            host_s = (time.monotonic() - self._zero) * self._serving.speed
-            printer.run_to(printer.pace.board_time(host_s))
+            until = printer.pace.board_time(self._host_s())
+            printer.run_to(until)
+            if printer.now > until and not printer.halted:
+                return  # what it says, it says later
         elif data:
             printer.bad_line.up(printer.exchange(data), time.monotonic())
             if printer.dead:
@@ -176,6 +182,10 @@ class Server:
             self._synced = printer.synced
             self._was_halted = printer.halted
             self._save()
+
+    def _host_s(self) -> float:
+        """The host's clock as often as the board's is sped up, s."""
+        return (time.monotonic() - self._zero) * self._serving.speed
 
     def _unplug(self) -> None:
         """The line to the host is gone; the printer goes on with what it has."""

@@ -15,6 +15,8 @@ class Event:
     hung_up: bool = False
 
 
+_POLL_S = 2e-3
+"""`poll` rounds shorter times up to whole milliseconds."""
 _NOTHING = Event()
 _READABLE = Event(readable=True)
 
@@ -43,6 +45,9 @@ class Waiter:
         """Wait for ``port`` (negative: for the alarm only); at most ``timeout_s``."""
         if self._poll is None:
             return self._select(port, writes, timeout_s)
+        if 0 < timeout_s < _POLL_S:
+            self._select(port, writes, timeout_s)
+            timeout_s = 0.0  # it tells no hang-up; poll does
         if port != self._watched:
             if self._watched >= 0:
                 self._poll.unregister(self._watched)

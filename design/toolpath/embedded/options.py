@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from design.errors import ToolpathError
 from design.toolpath.checks import require_not_negative, require_positive
+from firmware_profiles.tools import THINNEST_BORE
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class EmbeddedOptions:
     tip_outer_mm: float = 0.0
     cone_mm: float = 0.0
     clearance_mm: float = 0.05
-    thinnest: float = 0.8
+    thinnest: float = THINNEST_BORE
     write_speed_mm_s: float = 5.0
     min_speed_mm_s: float = 0.2
     max_flow_ul_s: float = 2.0

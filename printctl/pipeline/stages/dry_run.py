@@ -50,6 +50,7 @@ from printctl.preflight import (
     warnings,
     written_ul,
 )
+from printctl.preflight.bore import line_checks
 from printctl.printing import usable_mm, with_reloads_of
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
@@ -111,11 +112,12 @@ def of_head(
 
 def of_mounted(context: RunContext, run: DryRun, printer: Printer, number: int) -> list[Check]:
     """What a head holds, whatever it writes; the printer has that head alone."""
-    load, bath = context.loads[number], context.bath
+    load, bath, part = context.loads[number], context.bath, context.recipe.toolpath
     return [
         *syringe_checks(run, printer, load.syringe),
         *step_checks(run, printer, load.syringe),
         *force_checks(run, load.ink, load.needle, load.syringe, printer),
+        *line_checks(run, printer, loaded(context)[number], part.thinnest_bore),
         chemistry_check(load.ink, bath),
         *temperature_checks(run, load.ink, bath),
         floor_check(run, bath, printer.z_mm.low),

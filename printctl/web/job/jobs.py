@@ -190,6 +190,7 @@ def set_up_of_recipe(recipe: Recipe, before: JobSetUp) -> JobSetUp:
         "dish": part.dish or "",
         "dish_centre_mm": part.dish_centre_mm,
         "bath_depth_mm": part.bath_depth_mm,
+        "thinnest_bore": recipe.toolpath.thinnest_bore,
         "care": part.care.model_dump(),
     }
     return JobSetUp.model_validate(before.model_dump() | values)

@@ -8,6 +8,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from firmware_profiles import Printer, load
+from firmware_profiles.tools import THINNEST_BORE
 from printctl.link.care import Care
 from printctl.printing import usable_mm
 from printctl.recipe.care import CarePart
@@ -47,6 +48,10 @@ class JobSetUp(BaseModel):
         description="Print although the needle's shaft passes through written vessels; the "
         "journal keeps it.",
     )
+    thinnest_bore: Annotated[float, Field(ge=0.05, le=2)] = Field(
+        default=THINNEST_BORE,
+        description="Narrowest line that may be written, in bores of the needle.",
+    )
     care: CarePart = CarePart()
 
     def mounted(self) -> SetUp:
@@ -58,7 +63,12 @@ class JobSetUp(BaseModel):
         """
         centre = None if self.dish_centre_mm is None else "{!r},{!r}".format(*self.dish_centre_mm)
         given = ProfileNames(
-            self.needle or None, self.bath or None, self.dish or None, centre, self.bath_depth_mm
+            self.needle or None,
+            self.bath or None,
+            self.dish or None,
+            centre,
+            self.bath_depth_mm,
+            self.thinnest_bore,
         )
         return set_up(load(Printer, self.printer), self.syringe, self.ink, self.start_mm, given)
 

@@ -115,6 +115,15 @@ def test_what_can_be_printed_passes(tmp_path: Path) -> None:
             SafetyError,
             "what sets the ink and the bath lacks",
         ),
+        (
+            {
+                "toolpath": {"method": "fresh", "needle": "22g", "line_um": 320},
+                "printer": {"ink": "collagen_fresh", "bath": "gelatin_support"},
+            },
+            network(),
+            SafetyError,
+            r"bore: 0.32 mm, limit 0.328 .* of at most 0.4 mm bore \(23g",
+        ),
     ],
 )
 def test_a_part_that_cannot_be_printed_is_refused_before_it_is_designed(

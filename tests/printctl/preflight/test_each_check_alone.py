@@ -101,7 +101,7 @@ def test_z_lowest_is_told_beside_the_floor_it_means() -> None:
 def test_the_plunger_s_travel_is_a_check_of_its_own() -> None:
     (check,) = failing(HEAD, BODY, changed("printer", plunger_travel_mm=0.03))
     assert check.check == "plunger travel"
-    small = changed("syringe", volume_ul=41, inner_mm=1.0)
+    small = replace(changed("syringe", volume_ul=41, inner_mm=1.0), thinnest_bore=0.05)
     (check,) = failing(HEAD, [*BODY, "G1 E30 F60"], small)
     assert check.check.startswith("ink, with")
 
@@ -125,7 +125,10 @@ def test_plunger_moves_that_are_cold_are_refused_alone() -> None:
         ("pressure that the ink holds", changed("ink", retract_ul=0.0, yield_stress_pa=10.0)),
         ("set-up", replace(GOOD, needle=None, bath=GOOD.bath)),
         ("commands of the safe state", changed("printer", safe_state_off=("M42 P4 S0",))),
-        ("profile", changed("syringe", inner_mm=0.461, volume_ul=1000.0)),
+        (
+            "profile",
+            replace(changed("syringe", inner_mm=0.461, volume_ul=1000.0), thinnest_bore=0.05),
+        ),
         ("profile", changed("printer", max_line_bytes=200)),
         ("profile", replace(GOOD, ink=INK.model_copy(update={"calibrated": True}))),
         ("profile", changed("needle", outer_mm=0.17)),

@@ -149,8 +149,8 @@ def test_every_listener_hears_and_a_dead_one_doesnt_matter(at_rest):
 
 def test_second_station_in_the_folder_is_refused(at_rest, monkeypatch):
     monkeypatch.setattr("printctl.link.find_link._ENDING_S", 0.1)
-    with pytest.raises(AlreadyPrinting, match="attach"):
-        connect("generic_marlin", "simulated", at_rest.folder)
+    with pytest.raises(AlreadyPrinting, match="at 0 times real time, not 30; attach"):
+        connect("generic_marlin", "simulated", at_rest.folder, sim_speed=30)
 
 
 def test_wrong_profile_or_port_is_said(folder, profile):

@@ -5,14 +5,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.firmware_bench.dry_run_files import short_curve
+from benchmarks.firmware_bench.gcode_files import short_moves
 from firmware_profiles import Printer, load
-from sim.dry_run.line_times import sent_bytes
+from sim.dry_run.line_times import checksums, sent_bytes
 from sim.dry_run.run import dry_run
 from sim.program.gcode import checksum, read_gcode
 from tests.sim.transcripts import DATA
 from tests.slower import examples
 
 PROFILE = load(Printer, "marlin_avr")
+TWO = PROFILE.model_copy(update={"lines_in_flight": 2})
 FRESH = (DATA / "fresh.gcode").read_bytes()
 MEASURED_S = 39.366183
 """Mean of the two runs in `avr_duration.txt`, from the first to the last step pulse."""
@@ -32,7 +35,7 @@ def dry(text, start=(10.0, 10.0, 10.0)):
 
 
 def test_time_and_steps_are_those_of_the_real_printer():
-    run = dry_run(FRESH, PROFILE, (50, 50, 0), cold_extrusion=True, in_flight=2)
+    run = dry_run(FRESH, TWO, (50, 50, 0), cold_extrusion=True)
     assert run.duration_s == pytest.approx(MEASURED_S, rel=1e-3)
     assert run.findings == []
     assert run.merged_moves == 0
@@ -113,14 +116,37 @@ def test_moves_shorter_than_their_lines_take_are_slowed_by_the_line():
     text = "".join(f"G1 X{10 + 0.1 * k:.1f} F6000\n" for k in range(1, 301)).encode()
     fast_line = PROFILE.model_copy(update={"baud": 2_000_000})
     one = dry_run(text, PROFILE, (10, 10, 10)).duration_s
-    two = dry_run(text, PROFILE, (10, 10, 10), in_flight=2).duration_s
+    two = dry_run(text, TWO, (10, 10, 10)).duration_s
     quick = dry_run(text, fast_line, (10, 10, 10)).duration_s
     assert quick < two < one
 
 
+@pytest.mark.parametrize(
+    ("file", "baud", "in_flight", "turnaround_ms", "measured_s"),
+    [
+        ("curve", 115_200, 1, 0.21, 9.410),
+        ("curve", 115_200, 2, 0.24, 8.450),
+        ("curve", 250_000, 1, 0.16, 8.591),
+        ("curve", 250_000, 2, 0.28, 8.299),
+        ("short", 115_200, 2, 0.23, 7.924),
+    ],
+)
+def test_what_the_wire_starves_takes_as_long_as_on_a_real_marlin(
+    file, baud, in_flight, turnaround_ms, measured_s
+):
+    """Marlin 2.0.9.5 on an ATmega2560 under simavr at 0.1 of real time, by its step edges.
+
+    2026-11-28; ``turnaround_ms`` is the host's as that board saw it.
+    """
+    changes = {"baud": baud, "lines_in_flight": in_flight, "host_turnaround_s": turnaround_ms / 1e3}
+    lines = short_curve(900, 4103, (12.0, 40.0)) if file == "curve" else short_moves(1500).lines
+    run = dry_run("\n".join(lines).encode(), PROFILE.model_copy(update=changes))
+    assert run.duration_s == pytest.approx(measured_s, rel=0.03)
+
+
 def test_what_the_wire_starves_is_told_and_what_it_feeds_is_not():
     text = "".join(f"G1 X{10 + 0.15 * k:.2f} F1800\n" for k in range(1, 301)).encode()
-    fed = dry_run(text, PROFILE.model_copy(update={"baud": 2_000_000}), (10, 10, 10), in_flight=2)
+    fed = dry_run(text, TWO.model_copy(update={"baud": 2_000_000}), (10, 10, 10))
     late = dry_run(text, PROFILE.model_copy(update={"host_turnaround_s": 0.016}), (10, 10, 10))
     assert late.starved.segments > 80
     assert 0 < late.starved.seconds < late.duration_s
@@ -146,7 +172,7 @@ def test_lines_are_counted_as_sent_with_number_and_checksum():
     program = read_gcode(text, (0.0, 0.0, 0.0))
     sent = [numbered(line.split(b";")[0].strip(), number) for number, line in
             enumerate(text.splitlines(), 1)]  # fmt: skip
-    assert sent_bytes(program, text).tolist() == [len(line) for line in sent]
+    assert sent_bytes(program, checksums(program, text)).tolist() == [len(line) for line in sent]
 
 
 def numbered(line, number):

@@ -214,6 +214,20 @@ def test_the_idle_timeout_kills_when_nothing_moves_for_so_long():
     assert b"too much inactive time" in printer.take_output()
 
 
+def test_the_idle_timeout_of_a_fast_clock_counts_in_the_host_s_time_but_for_a_command_in_hand():
+    printer = ready()
+    printer.machine.host_pace = 30.0
+    send(printer, "M85 S60")
+    printer.advance(30 * 55)
+    assert not printer.dead
+    printer.advance(30 * 10)
+    assert printer.dead
+    dwelling = ready()
+    dwelling.machine.host_pace = 30.0
+    dwelling.exchange(b"M85 S60\nG4 S70\n")
+    assert dwelling.dead
+
+
 def test_a_long_wait_says_it_is_busy():
     answer = ready().exchange(b"G4 S7\n")
     assert answer == b"echo:busy: processing\n" * 3 + b"ok\n"

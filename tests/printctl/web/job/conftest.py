@@ -42,7 +42,7 @@ def station(core: Core) -> Iterator[Station]:
     opened = connect(
         "generic_marlin", "simulated", core.workspace.station, sim_speed=20.0, start_mm=START
     )
-    opened.mount(syringe="hamilton_1ml", ink="collagen_fresh", needle="22g", bath="gelatin_support")
+    opened.mount(syringe="hamilton_1ml", ink="collagen_fresh", needle="28g", bath="gelatin_support")
     yield opened
     shut(opened)
 

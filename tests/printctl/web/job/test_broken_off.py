@@ -41,7 +41,7 @@ def behind(core, port) -> Iterator[Station]:
     """A station whose printer outlives it."""
     opened = connect("generic_marlin", port, core.workspace.station)
     opened.set_position(*START)
-    opened.mount(syringe="hamilton_1ml", ink="collagen_fresh", needle="22g", bath="gelatin_support")
+    opened.mount(syringe="hamilton_1ml", ink="collagen_fresh", needle="28g", bath="gelatin_support")
     yield opened
     if opened.status.open:
         shut(opened)

@@ -47,7 +47,7 @@ def under_way(tmp_path_factory: pytest.TempPathFactory) -> Iterator[UnderWay]:
         station = connect("generic_marlin", port, workspace.station)
         station.set_position(*START)
         station.mount(
-            syringe="hamilton_1ml", ink="collagen_fresh", needle="22g", bath="gelatin_support"
+            syringe="hamilton_1ml", ink="collagen_fresh", needle="28g", bath="gelatin_support"
         )
         service = JobService(Core(ServeSettings(workspace.root), workspace))
         with server_process(workspace.root) as server:

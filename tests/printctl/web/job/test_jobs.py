@@ -43,7 +43,7 @@ def test_the_same_file_again_does_no_harm_another_one_is_refused(service):
 
 def test_a_job_is_checked_as_on_the_command_line_and_remembered(service):
     job = add(service, layers=3, moves=20)
-    said = JobSetUp(start_mm=START, needle="22g", bath="gelatin_support")
+    said = JobSetUp(start_mm=START, needle="28g", bath="gelatin_support")
     found = service.preflight(job, said)
     assert {one["result"] for one in found["checks"]} <= {"passed", "failed", "warning"}
     assert not found["passed"]  # no printer is connected
@@ -70,7 +70,7 @@ def test_a_job_out_of_bounds_or_not_g_code_is_refused_with_its_reason(service):
 def test_a_needle_that_goes_up_and_down_without_a_map_is_a_row_of_the_list(service):
     rising = b"M302 P1\nG90\nM82\nG92 X50 Y50 Z10 E0\nG1 X60 Z12 E0.5 F300\nG1 X50 Z10 E1 F300\n"
     job = service.upload("rising.gcode", [rising]).id
-    found = service.preflight(job, JobSetUp(start_mm=START, needle="22g"))
+    found = service.preflight(job, JobSetUp(start_mm=START, needle="28g"))
     assert any("shaft" in one["check"] and one["result"] != "passed" for one in found["checks"])
 
 

@@ -35,7 +35,7 @@ RECIPE = {
     "tissue": {"shape": "block", "size_mm": [8, 8, 1]},
     "vasculature": {"grow": "tree", "terminals": 2, "smallest_diameter_mm": 0.2},
     "flow": {"viscosity_mpa_s": 1.0, "inlet_flow_ml_min": 0.05},
-    "toolpath": {"method": "fresh", "needle": "22g"},
+    "toolpath": {"method": "fresh", "needle": "28g"},
     "printer": {
         "profile": "generic_marlin",
         "port": "simulated",
@@ -81,7 +81,7 @@ def order(core, tmp_path) -> ObserverOrder:
         profile="generic_marlin",
         syringe="hamilton_1ml",
         ink="collagen_fresh",
-        needle="22g",
+        needle="28g",
         embedded=False,
         oct=False,
         frame="",

@@ -30,7 +30,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Any:
         start_mm=START,
     )
     station.mount(
-        syringe="hamilton_1ml", ink="collagen_fresh", needle="22g", bath="gelatin_support"
+        syringe="hamilton_1ml", ink="collagen_fresh", needle="28g", bath="gelatin_support"
     )
     try:
         with server_process(workspace) as server:

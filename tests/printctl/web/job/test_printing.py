@@ -32,7 +32,7 @@ def until(service: JobService, job: str, *states: LinkState):
 def test_a_print_is_started_held_gone_on_with_and_done(service, station):
     job = add(service)
     said = ready(service, job)
-    assert said.needle == "22g"
+    assert said.needle == "28g"
     assert said.start_mm == (50.0, 50.0, 10.0)
     begun = service.start(OPERATOR, job, said, WORDS)
     assert service.start(OPERATOR, job, said, WORDS).journal.started == begun.journal.started
@@ -103,7 +103,7 @@ def test_a_start_wants_name_list_machine_and_controls(service, station):
     with pytest.raises(NotInControlError):
         service.start(OTHER, job, said, WORDS)
     other = said.model_copy(update={"needle": "30g"})
-    with pytest.raises(SafetyError, match="22g is mounted, and 30g was checked"):
+    with pytest.raises(SafetyError, match="28g is mounted, and 30g was checked"):
         service.start(OPERATOR, job, other, WORDS)
     away = said.model_copy(update={"start_mm": (60.0, 50.0, 10.0)})
     with pytest.raises(SafetyError, match=r"tip's distance from the start: 10 mm, limit 0\.05"):
