@@ -73,7 +73,7 @@ def _still_moving(folder: Path, record: LinkRecord, history: JournalledPrint) ->
     moves = "it goes on with what it has taken"
     with contextlib.suppress(ProfileError):
         moves += f": {_held(load(Printer, record.profile))}"
-    last = time.localtime((folder / JOURNAL).stat().st_mtime)
+    last = time.localtime(history.heard or (folder / JOURNAL).stat().st_mtime)
     return (
         f"nothing has stopped its motors: {moves} (last word on "
         f"{time.strftime('%Y-%m-%d at %H:%M:%S', last)}); heaters stay on. Its own stop or its "

@@ -13,6 +13,7 @@ from typing import Any, Final
 from printctl.link.errors import JournalError, Refused
 from printctl.link.gating import is_of_the_line
 from printctl.link.journal import RESERVE_BYTES
+from printctl.link.journalled_print import JournalledPrint
 from printctl.link.progress import JobProgress
 from printctl.link.states import EARLY, LinkState, PrintEnded, Status
 from printctl.link.wiring import Wiring
@@ -129,9 +130,11 @@ class Logbook:
 
     # --- state -----------------------------------------------------------------------------------
 
-    def go_on(self, alarms: int) -> None:
-        """Take notice that the print was begun by a process that died, after so many alarms."""
-        self.resumed, self._alarms = True, alarms
+    def go_on(self, history: JournalledPrint) -> None:
+        """Go on with a print that was begun by a process that died, from what its journal says."""
+        self.resumed, self._alarms = True, len(history.alarms)
+        self.progress.restore(history.done, history.made)
+        self._noted = history.done
 
     def enter(self, state: LinkState, message: str) -> None:
         """Pass to a state; write it down and tell the clients."""

@@ -38,6 +38,8 @@ class JobProgress:
         Answers of the printer beyond those to the host's lines, on a wire without errors.
     meddled : bool
         Whether such came since the firmware's settings were last compared.
+    journalled : int
+        Job lines that the journal knows to be taken, until the printer has named its last line.
     """
 
     def __init__(self, wiring: Wiring, job: Job) -> None:
@@ -46,13 +48,14 @@ class JobProgress:
         self._trail = ModalTrail(job.lines)
         self._made = CompletedMoves(job.lines, wiring.printer)
         self.unverified, self.foreign, self.meddled = False, 0, False
+        self.journalled = 0
         self._answers = Answers(0, 0.0, 0, 0.0)
         self._refused: int | None = None
 
     @property
     def done(self) -> int:
         """Job lines that were taken, and not refused: none behind a refused one counts."""
-        done = self._protocol.lines_done
+        done = max(self._protocol.lines_done, self.journalled)
         return done if self._refused is None else min(done, self._refused)
 
     @property
@@ -138,6 +141,11 @@ class JobProgress:
         self._made.grow(job.lines)
 
     # --- what the streamer learns ----------------------------------------------------------------
+
+    def restore(self, done: int, made: int) -> None:
+        """Set the lines taken and surely made before the host died."""
+        self.journalled = done
+        self._made.stood(made)
 
     def answered(self, lines: int, now: float) -> None:
         """Take notice that ``lines`` of the job were taken by ``now``, s."""

@@ -74,11 +74,11 @@ class Resumption:
             Where the printer can't tell, or its line or position isn't the job's.
         """
         channel, logbook = self.channel, self.channel.logbook
-        logbook.go_on(len(history.alarms))
         logbook.enter(LinkState.CHECKING, "asking the printer for the last line that it took")
         done, number = self._last_line(history)
         self.looks.restore(history, done)
         channel.wiring.protocol.load(logbook.progress.job.lines, done, number)
+        logbook.progress.journalled = 0
         logbook.record("ack", done=done)
         self._shut_valve(done)
         self.firmware.check_keepalive(journalled=True)
