@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import math
 import os
+import secrets
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -155,6 +156,8 @@ class _Contact:
         if (order.folder / JOURNAL).exists():
             with suppress(NoLink):
                 self._before = load_record(order.folder)
+        now = time.time()
+        before = self._before.print_id if self._before else ""
         self._record = LinkRecord(
             pid=os.getpid(),
             address="",
@@ -162,13 +165,19 @@ class _Contact:
             job=str(order.job.resolve()),
             profile=order.profile,
             port=order.port,
-            started=time.time(),
+            started=now,
             baud=order.baud,
             retreat=asdict(order.retreat),
             care=order.care.to_dict(),
-            print_id=self._before.print_id if self._before and order.resume else "",
+            print_id=before if order.resume else new_print_id(now),
+            session=secrets.token_hex(8),
         )
         self._record.save(order.folder)
+
+    @property
+    def print_id(self) -> str:
+        """Identity of the print; empty for one to be gone on with whose record is an old one."""
+        return self._record.print_id
 
     def begin(self, print_id: str, address: str, token: str) -> None:
         """Name the print whose journal has begun, and where its process listens."""
@@ -221,8 +230,7 @@ def _print(order: Order, contact: _Contact, wire: Wire | None) -> Status:
             order.care,
         )
         server = Server(listener, token, streamer)
-        started = time.time()
-        identity = new_print_id(started) if history is None else history.print_id
+        identity = contact.print_id if history is None else history.print_id
         journal.add(
             "job",
             id=identity,
@@ -233,7 +241,7 @@ def _print(order: Order, contact: _Contact, wire: Wire | None) -> Status:
             profile=order.profile,
             port=order.port,
             pid=os.getpid(),
-            started=started,
+            started=time.time(),
             **heard,
             **({"accepted": list(order.care.accepted)} if order.care.accepted else {}),
             **this_user(),

@@ -32,6 +32,8 @@ class LinkRecord:
         Wall-clock time, s since 1970.
     print_id : str
         Of the print, as in its journal; empty in records of versions without.
+    session : str
+        Random, of this process's work on the print: another one goes on with it under another.
     baud : int or None
         In place of the profile's.
     retreat : dict
@@ -57,6 +59,7 @@ class LinkRecord:
     status: dict[str, Any] = field(default_factory=dict)
     refused: dict[str, Any] = field(default_factory=dict)
     print_id: str = ""
+    session: str = ""
 
     def save(self, folder: Path) -> None:
         """Write it; readable by its owner alone, since it holds the token."""
