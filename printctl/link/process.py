@@ -23,12 +23,13 @@ from firmware_profiles import Printer, ProfileError, load
 from printctl.gate import PrinterSituation
 from printctl.link.care import Care
 from printctl.link.clock import RealClock
-from printctl.link.errors import AlreadyPrinting, LinkError, NoLink
+from printctl.link.errors import AlreadyPrinting, JournalError, LinkError, NoLink
 from printctl.link.families import protocol_for, refuse_unsent
 from printctl.link.history import remember_meanwhile
 from printctl.link.history_entry import this_user
 from printctl.link.job import load_job
 from printctl.link.journal import Journal, new_print_id
+from printctl.link.journalled_print import read_journal
 from printctl.link.locking import lock
 from printctl.link.origin import origin
 from printctl.link.parking import refuse_park
@@ -143,7 +144,9 @@ def serve(order: Order, wire: Wire | None = None) -> Status:
 
 
 class _Contact:
-    """The folder's ``link.json``; the earlier print's stays where this one's journal never begins.
+    """The folder's ``link.json``.
+
+    An unfinished print's stays where an attempt ends before it writes to the journal.
 
     Parameters
     ----------
@@ -152,10 +155,7 @@ class _Contact:
 
     def __init__(self, order: Order) -> None:
         self._folder, self._begun = order.folder, False
-        self._before: LinkRecord | None = None
-        if (order.folder / JOURNAL).exists():
-            with suppress(NoLink):
-                self._before = load_record(order.folder)
+        self._before = _unfinished(order)
         now = time.time()
         before = self._before.print_id if self._before else ""
         self._record = LinkRecord(
@@ -194,6 +194,16 @@ class _Contact:
             record.save(self._folder)
         except OSError:
             log.exception("link.json can't be written")
+
+
+def _unfinished(order: Order) -> LinkRecord | None:
+    """Return the record of the folder's print whose part may be in the dish; None for none."""
+    try:
+        known = read_journal(order.folder / JOURNAL)
+        finished = not known.begun or known.state is LinkState.DONE
+        return None if finished and not order.resume else load_record(order.folder)
+    except (JournalError, NoLink):
+        return None
 
 
 def _print(order: Order, contact: _Contact, wire: Wire | None) -> Status:

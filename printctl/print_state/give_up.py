@@ -64,7 +64,8 @@ def give_up(folder: Path, who: str) -> Status:
             position_known=False,
         )
         journal.close()
-        replace(load_record(folder), address="", token="", status=status.to_dict()).save(folder)
+        ended = {"address": "", "token": "", "status": status.to_dict(), "refused": {}}
+        replace(load_record(folder), **ended).save(folder)
     remember_meanwhile(folder).join(_PATIENCE_S)
     return status
 
