@@ -119,7 +119,7 @@ class JournalledPrint:
     frame: Record = field(default_factory=dict)
     _torn: bool = False
     _seeking: bool = False
-    """Going on, and the printer hasn't named its last line yet: nothing known is replaced."""
+    """Going on with a printer that isn't proved yet to be the print's own: what is known stays."""
 
     @property
     def print_id(self) -> str:
@@ -190,7 +190,7 @@ def _apply(history: JournalledPrint, record: Record | None) -> None:
     if history._torn:  # a process that begins, or whose disk was full for a while, may go on there
         history._torn, begins = False, record.get("state") == LinkState.CONNECTING
         history.gaps += not (sort in ("job", "end") or begins)
-    if sort in ("ack", "back") and history._seeking:
+    if sort == "ack" and history._seeking:
         history._seeking, history.heard = False, None
         history.end = history.stood = None
     if sort == "job":

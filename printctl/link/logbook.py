@@ -113,12 +113,12 @@ class Logbook:
         """The print as it stands."""
         if self._final is not None:
             return self._final
-        progress, done = self.progress, self.progress.done
+        progress, (done, made) = self.progress, self.progress.known
         return self._details(
             Status(
                 state=self._state,
                 lines_done=done,
-                lines_executed=progress.executed(done),
+                lines_executed=made,
                 lines_total=len(progress.job),
                 file_line=progress.job.file_line(done),
                 message=self._message,
@@ -217,7 +217,7 @@ class Logbook:
     def note(self, now: float) -> None:
         """Write down progress and tell the clients."""
         self.next_note = min(now + NOTE_S, max(self._next_due(), now))
-        done = self.progress.done
+        done = self.progress.known[0]
         if done != self._noted:
             self.record("ack" if done > self._noted else "back", done=done)
             self._noted = done
@@ -225,7 +225,7 @@ class Logbook:
 
     def record_back(self, number: int, controls: Sequence[bytes]) -> None:
         """Write down that the last line taken was ``number``, and which commands go again."""
-        self._noted = self.progress.done
+        self._noted = self.progress.known[0]
         self.record("back", done=self._noted, n=number)
         for count, command in enumerate(controls, number + 1):
             self.record_control(count, command)

@@ -129,8 +129,9 @@ def test_host_killed_twice_at_random_moments_goes_on_exactly(tmp_path, seed):
     assert np.array_equal(motion.plunger_end, foreseen.plunger_end)
 
 
-def test_failed_attempts_to_go_on_leave_what_was_known(tmp_path):
-    """Silent, killed before the printer answers, silent again, then a board that was reset."""
+@pytest.mark.parametrize("last", ["reset", "another"])
+def test_failed_attempts_to_go_on_leave_what_was_known(tmp_path, last):
+    """Silent, killed before the printer answers, silent again, then a board not as it was."""
     data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
     job = parse_job(data, "test.gcode", PRINTER)
     begin(tmp_path, job)
@@ -141,7 +142,7 @@ def test_failed_attempts_to_go_on_leave_what_was_known(tmp_path):
         plan_recovery(job, data, before, PRINTER, Retreat())
     assert before.done > 30
     assert first.value.line > 0
-    for attempt in ("silent", "killed", "silent", "reset"):
+    for attempt in ("silent", "killed", "silent", last):
         known = read_journal(tmp_path / "journal.log")
         resumable(tmp_path, job.sha256)
         begin(tmp_path, job)
@@ -150,14 +151,16 @@ def test_failed_attempts_to_go_on_leave_what_was_known(tmp_path):
                 resumed(data, tmp_path, doomed(printer, clock, 1, 0.0))
             assert read_journal(tmp_path / "journal.log").state is known.state
         else:
-            wire_now = (
-                Silent(printer, clock) if attempt == "silent" else SimTransport(printer, clock)
-            )
+            if attempt == "another":  # at a later line, and elsewhere
+                printer = MarlinPrinter(PRINTER, (60.0, 50.0, 10.0))
+                number = before.done + len(before.controls) + 5
+                printer.exchange(b"M302 P1\nM110 N%d\n" % number)
             if attempt == "reset":
                 printer.reset()
                 printer.settle()
                 printer.take_output()
-            status = resumed(data, tmp_path, wire_now)
+            kind = Silent if attempt == "silent" else SimTransport
+            status = resumed(data, tmp_path, kind(printer, clock))
             assert status.lines_done == before.done
             assert status.lines_executed == known_made(job, before.done)
             assert not status.position_known
