@@ -64,8 +64,8 @@ def give_up(folder: Path, who: str) -> Status:
             position_known=False,
         )
         journal.close()
-        ended = {"address": "", "token": "", "status": status.to_dict(), "refused": {}}
-        replace(load_record(folder), **ended).save(folder)
+        record = replace(load_record(folder), address="", token="", refused={})
+        replace(record, status=status.to_dict()).save(folder)
     remember_meanwhile(folder).join(_PATIENCE_S)
     return status
 

@@ -229,7 +229,7 @@ def test_killed_link_process_leaves_a_journal_that_the_next_command_goes_on_from
         assert "/dev/nowhere doesn't exist" in told.message
         assert attach(tmp_path / "run").record.port == served.name
         served.printer.mute = True
-        with pytest.raises(HandshakeError, match="no firmware answers"):
+        with pytest.raises(HandshakeError):
             resume_print(tmp_path / "run", served.name)
         served.printer.mute = False
         told = attach(tmp_path / "run").status
