@@ -11,7 +11,9 @@ from printctl.cli.options import print_lines
 from printctl.cli.run_folder import RunArg, print_folder
 from printctl.errors import UsageError
 from printctl.link.client import attach
+from printctl.link.errors import LinkError
 from printctl.link.find_link import alive
+from printctl.link.states import LinkState
 from printctl.observe.records import OBSERVER_LOCK
 from printctl.print_state.continue_print import continue_print
 
@@ -63,6 +65,8 @@ def resume(
         unchanged=unchanged,
         unobserved=unobserved,
     )
+    if status.ended and status.state is not LinkState.DONE:
+        raise LinkError(f"not gone on with: {status.message}")
     if unheard and (asking := asking_lines(folder, status)):
         print_lines(
             "another observer is at work, and the print stays paused for an answer", *asking

@@ -12,4 +12,4 @@ def kill(folder: FolderOption = None) -> None:
     `printctl station reconnect` comes back from it, once the machine was looked at.
     """
     the_station(folder).kill()
-    print_lines("M112 is sent; `printctl station status` tells whether the printer has halted")
+    print_lines("a halt is sent; `printctl station status` tells whether the printer has halted")

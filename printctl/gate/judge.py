@@ -10,7 +10,7 @@ from functools import cache
 from typing import Final
 
 from firmware_profiles import Printer
-from printctl.gate.inputs import LineOrigin, PrinterSituation
+from printctl.gate.inputs import LineOrigin, Phase, PrinterSituation
 from printctl.gate.limits import Bounds
 from printctl.gate.reasons import reason
 from printctl.gate.rules import of_the_moment, rule, rules
@@ -77,7 +77,8 @@ def judge_line(line: GcodeLine, origin: LineOrigin, known: PrinterSituation) -> 
         if not console and line.code in printer.extra_commands:
             return AllowedLine(shown)
         listed = rules(printer.firmware, origin)
-        return Refusal(f"{prefix}: {reason(line.code, listed, console)}")
+        in_print = console and known.phase is not Phase.STANDING
+        return Refusal(f"{prefix}: {reason(line.code, listed, console, in_print)}")
     if console and not is_known_line(printer, line):
         return Refusal(f"{prefix}: {line.code} is unknown to {printer.firmware}")
     try:

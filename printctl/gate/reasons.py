@@ -78,6 +78,14 @@ REASONS: Final[dict[str, str]] = {
 }  # fmt: skip
 """By code, without its number of a head."""
 
+_IN_PRINT: Final[dict[str, str]] = {
+    "M112": f"{_COUNT}; to halt the printer use `printctl kill`",
+    "M410": f"it throws moves away; {_COUNT}: `printctl stop` ends the print",
+    "G92": f"{_COUNT}, which a print takes from its start",
+    "SET_KINEMATIC_POSITION": f"{_COUNT}, which a print takes from its start",
+}
+"""While a print goes on or is paused, where the station's commands don't reach."""
+
 _NAMED: Final = (
     "macros and commands with names may move, heat or set anything, and no check here knows what "
     "they do"
@@ -85,8 +93,10 @@ _NAMED: Final = (
 _UNLISTED: Final = "it isn't on the list of what may be sent, so nobody judged what it does"
 
 
-def reason(code: str, listed: Iterable[str], console: bool) -> str:
+def reason(code: str, listed: Iterable[str], console: bool, in_print: bool = False) -> str:
     """Return why a code is refused; ``listed`` are the origins that may send it."""
+    if in_print and code in _IN_PRINT:
+        return _IN_PRINT[code]
     if code in REASONS:
         return REASONS[code]
     if code.startswith("T"):

@@ -273,8 +273,9 @@ def start_print(
         raise AlreadyPrinting(
             f"a print is running in {folder}; attach to it, or give another folder"
         )
+    done = 0
     if resume:
-        resumable(folder, load_job(job, load(Printer, printer)).sha256)
+        done = resumable(folder, load_job(job, load(Printer, printer)).sha256).done
     if AUTO in (port, baud):
         place = locate(port, baud, load(Printer, printer))
         port, baud = place.port, place.baud
@@ -284,11 +285,17 @@ def start_print(
     command += ["--care", json.dumps((care or Care()).to_dict())]
     command += ["--baud", str(baud)] if baud else []
     command += ["--resume"] if resume else []
-    return wait_for_first_lines(_await_link(spawn(command), folder))
+    return wait_for_first_lines(_await_link(spawn(command), folder), done)
 
 
-def wait_for_first_lines(client: PrintClient) -> PrintClient:
+def wait_for_first_lines(client: PrintClient, done: int = 0) -> PrintClient:
     """Wait until the first lines of a print go out.
+
+    Parameters
+    ----------
+    client : PrintClient
+    done : int
+        Lines that were taken before it was gone on with.
 
     Raises
     ------
@@ -298,8 +305,9 @@ def wait_for_first_lines(client: PrintClient) -> PrintClient:
     for status in client.events():
         if status.state not in EARLY:
             break
-    if client.status.ended and client.status.lines_done == 0 and client.status.error:
-        raise _error(client.status)
+    status = client.status
+    if status.ended and status.lines_done == done and status.error:
+        raise _error(status.error, status.message)
     return client
 
 
@@ -351,8 +359,10 @@ def _await_link(pid: int, folder: Path) -> PrintClient:
     limit = time.monotonic() + START_LIMIT_S
     while time.monotonic() < limit:
         over = has_ended(pid)
-        record = _record_of(pid, folder)
-        if record is not None and (record.address or record.status):
+        record = _record_in(folder)
+        if record is not None and record.refused.get("pid") == pid:
+            raise _error(record.refused["error"], record.refused["message"])
+        if record is not None and record.pid == pid and (record.address or record.status):
             return PrintClient(folder, record)
         if over:
             said = (folder / LOG).read_text(encoding="utf-8", errors="replace").splitlines()
@@ -361,13 +371,12 @@ def _await_link(pid: int, folder: Path) -> PrintClient:
     raise NoLink(f"the link process didn't come up within {START_LIMIT_S:g} s; see {folder / LOG}")
 
 
-def _record_of(pid: int, folder: Path) -> LinkRecord | None:
+def _record_in(folder: Path) -> LinkRecord | None:
     try:
-        record = load_record(folder)
+        return load_record(folder)
     except NoLink:
         return None
-    return record if record.pid == pid else None
 
 
-def _error(status: Status) -> LinkError:
-    return BY_NAME.get(status.error, LinkError)(status.message)
+def _error(name: str, message: str) -> LinkError:
+    return BY_NAME.get(name, LinkError)(message)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from printctl.link.detached_process import START_LIMIT_S
-from printctl.link.errors import Refused
+from printctl.link.errors import NoLink, Refused
 from printctl.link.find_link import alive, connect
 from printctl.link.record import LinkRecord, load_record
 from printctl.link.states import Status
@@ -46,11 +46,20 @@ class Connection:
             self._socket = None
 
     def reach(self) -> bool:
-        """Connect, or connect again; False when the print is over."""
+        """Connect, or connect again; False when the print is over.
+
+        Raises
+        ------
+        NoLink
+            When another print was begun in the folder, or its record can't be read.
+        """
         limit = time.monotonic() + START_LIMIT_S
         while self._socket is None and time.monotonic() < limit:
-            self.record = load_record(self.folder)
-            self._socket = connect(self.record)
+            record = load_record(self.folder)
+            if self.record.print_id not in ("", record.print_id):
+                raise NoLink(f"another print was begun in {self.folder} since; attach to that one")
+            self.record = record
+            self._socket = connect(record)
             if self._socket is not None:
                 self._heard = b""
                 self._post("subscribe")

@@ -6,6 +6,7 @@ import contextlib
 import os
 import socket
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -34,6 +35,14 @@ def read_outcome(folder: Path) -> Status:
         When no print was ever started there.
     """
     record = load_record(folder)
+    status = _outcome(folder, record)
+    if record.refused:
+        tried = f"an attempt since came to nothing: {record.refused['message']}"
+        status = replace(status, message=f"{status.message}; {tried}")
+    return status
+
+
+def _outcome(folder: Path, record: LinkRecord) -> Status:
     if record.status:
         return Status.from_dict(record.status)
     try:
@@ -73,7 +82,7 @@ def _still_moving(folder: Path, record: LinkRecord, history: JournalledPrint) ->
     moves = "it goes on with what it has taken"
     with contextlib.suppress(ProfileError):
         moves += f": {_held(load(Printer, record.profile))}"
-    last = time.localtime((folder / JOURNAL).stat().st_mtime)
+    last = time.localtime(history.heard or (folder / JOURNAL).stat().st_mtime)
     return (
         f"nothing has stopped its motors: {moves} (last word on "
         f"{time.strftime('%Y-%m-%d at %H:%M:%S', last)}); heaters stay on. Its own stop or its "

@@ -37,8 +37,6 @@ class Halting:
         Written before, and how long is waited behind each, s.
     last : bytes
         Written again and again until the printer has halted.
-    words : str
-        What it is, for a message.
     stops_at_once : bool
         Whether the motors stand when the first has arrived.
     runs_on_s : float, s
@@ -48,7 +46,6 @@ class Halting:
 
     first: tuple[tuple[bytes, float], ...]
     last: bytes
-    words: str = "M112"
     stops_at_once: bool = False
     runs_on_s: float = 0.0
 
@@ -91,4 +88,4 @@ def halting_of(printer: Printer, kill: bytes, emergency_parser: bool) -> Halting
     at_once = b"\n%b\n" % link.quickstop
     between = ((at_once, 1.0),) * (printer.lines_in_flight - 1)
     first = ((at_once, 0.5), *between, (at_once, 1.3))
-    return Halting(first, kill, "M410 and M112", True, unknown_run_on(printer))
+    return Halting(first, kill, True, unknown_run_on(printer))

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import getpass
 import platform
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from printctl.link.journal import Record, read_records
-from printctl.link.journalled_print import times_words
+from printctl.link.journal import Record, print_id, read_records
+from printctl.link.journalled_print import replay, times_words
 from printctl.link.print_notes import read_notes
 from printctl.link.states import LinkState
 
@@ -112,19 +111,17 @@ def entry_of(journal: Path) -> PrintEntry | None:
             end = record
         elif record.get("t") == "job":
             end = {}
-    first, taken = jobs[0], (r.get("done", 0) for r in records if r.get("t") in ("ack", "end"))
-    inserted = sum(len(r.get("lines", ())) for r in records if r.get("t") == "insert")
-    states = [record for record in records if record.get("t") == "state"]
+    first, known = jobs[0], replay(records)
     return PrintEntry(
-        id=_identity(first),
+        id=print_id(first),
         journal=journal,
         started=float(first.get("started", 0.0)),
         ended=float(end.get("at", 0.0)),
         state=plain_text(end.get("state", INTERRUPTED)),
-        message=plain_text(end.get("message", states[-1].get("message", "") if states else "")),
+        message=plain_text(end.get("message", known.message)),
         error=plain_text(end.get("error", "")),
-        done=max(taken, default=0),
-        total=int(first.get("lines", 0)) + inserted,
+        done=known.done,
+        total=known.total,
         begun=len(jobs),
         alarms=_alarms(records),
         operator=_operator(journal),
@@ -160,8 +157,3 @@ def _operator(journal: Path) -> str:
     """Who is named in the print's record."""
     values = read_notes(journal).get("values")
     return plain_text(values.get("operator") or "") if isinstance(values, dict) else ""
-
-
-def _identity(job: Record) -> str:
-    told = "|".join(str(job.get(key)) for key in ("started", "pid", "host", "sha256", "path"))
-    return f"{int(job.get('started', 0)):010d}-{zlib.crc32(told.encode()):08x}"

@@ -5,8 +5,10 @@ file opened for appending, so a killed process leaves at most one torn line at t
 reader drops and reports. Record sorts (key ``t``):
 
 ========== =====================================================================================
-job        file name, sha256, lines, profile, port, pid, who, host, wall-clock start: first; again
-           on going on; ``accepted``: failed checks that the user told to print with all the same
+job        ``id`` of the print, file name, sha256, lines, profile, port, pid, who, host, wall-clock
+           start: first; again on going on, with the same ``id`` and when the journal was written
+           last (``heard``); ``accepted``: failed checks that the user told to print with all the
+           same
 state      state, message
 ack        ``done``: command lines known to be taken; never more than is true
 back       ``done``, ``n``: lines that an ok which wasn't theirs had acknowledged are taken back, to
@@ -56,6 +58,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import secrets
 import threading
 import time
 import zlib
@@ -205,6 +208,22 @@ def decode(line: bytes) -> Record | None:
     except ValueError:
         return None
     return record if isinstance(record, dict) else None
+
+
+def new_print_id(started: float) -> str:
+    """Return a random identity for a print begun at ``started`` (s since 1970), sorting by it."""
+    return f"{int(started):010d}-{secrets.token_hex(4)}"
+
+
+def print_id(job: Record) -> str:
+    """Return the identity of the print that a journal's first job record begins.
+
+    Journals of versions without identities have one of what that record says.
+    """
+    if job.get("id"):
+        return str(job["id"])
+    words = "|".join(str(job.get(key)) for key in ("started", "pid", "host", "sha256", "path"))
+    return f"{int(job.get('started', 0)):010d}-{zlib.crc32(words.encode()):08x}"
 
 
 def read_records(path: Path) -> Iterator[Record | None]:

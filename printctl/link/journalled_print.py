@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from printctl.link.errors import JournalError
 from printctl.link.filling import Filling
 from printctl.link.inserts import Insert, Position
-from printctl.link.journal import RESERVE, Record, bytes_in, read_records
-from printctl.link.states import LinkState
+from printctl.link.journal import RESERVE, Record, bytes_in, print_id, read_records
+from printctl.link.states import EARLY, LinkState
 
 
 @dataclass
@@ -20,7 +21,7 @@ class JournalledPrint:
     Attributes
     ----------
     job : dict
-        The job record; empty when even that is lost.
+        The last job record, with the print's ``id``; empty when even that is lost.
     state : LinkState
         Last one recorded.
     begun : bool
@@ -62,6 +63,8 @@ class JournalledPrint:
     stood : dict or None
         Where in the job the printer stood after a stop; None in journals of before, and where
         nobody knows.
+    heard : float or None, s since 1970
+        Last word of the print before attempts to go on that didn't find the printer; None for none.
     end : dict or None
         The end record; None when the link process died first.
     damaged : int
@@ -105,6 +108,7 @@ class JournalledPrint:
     looked: list[Record] = field(default_factory=list)
     park: tuple[float, float, float] | None = None
     stood: Record | None = None
+    heard: float | None = None
     end: Record | None = None
     damaged: int = 0
     gaps: int = 0
@@ -114,6 +118,13 @@ class JournalledPrint:
     heat: Record = field(default_factory=dict)
     frame: Record = field(default_factory=dict)
     _torn: bool = False
+    _seeking: bool = False
+    """Going on with a printer that isn't proved yet to be the print's own: what is known stays."""
+
+    @property
+    def print_id(self) -> str:
+        """Identity of the print."""
+        return print_id(self.job)
 
     @property
     def total(self) -> int:
@@ -154,14 +165,20 @@ def read_journal(path: Path) -> JournalledPrint:
     JournalError
         When there is no such file.
     """
-    history = JournalledPrint()
     try:
-        for record in read_records(path):
-            _apply(history, record)
+        history = replay(read_records(path))
     except OSError as exc:
         raise JournalError(f"journal {path} can't be read: {exc.strerror}") from exc
     reserve = path.with_name(RESERVE)
     history.cut_short = history.end is None and reserve.exists() and not bytes_in(reserve)
+    return history
+
+
+def replay(records: Iterable[Record | None]) -> JournalledPrint:
+    """Return what a journal's records say, None standing for a damaged one."""
+    history = JournalledPrint()
+    for record in records:
+        _apply(history, record)
     return history
 
 
@@ -173,8 +190,15 @@ def _apply(history: JournalledPrint, record: Record | None) -> None:
     if history._torn:  # a process that begins, or whose disk was full for a while, may go on there
         history._torn, begins = False, record.get("state") == LinkState.CONNECTING
         history.gaps += not (sort in ("job", "end") or begins)
+    if sort == "ack" and history._seeking:
+        history._seeking, history.heard = False, None
+        history.end = history.stood = None
     if sort == "job":
-        history.job, history.end, history.stood = record, None, None
+        begun = bool(history.job)
+        history.job = {**record, "id": print_id(history.job if begun else record)}
+        history._seeking, history.heard = begun, history.heard or record.get("heard")
+    elif sort == "state" and history._seeking and record["state"] in EARLY:
+        pass
     elif sort == "state":
         history.state = LinkState(record["state"])
         history.stopping |= history.state is LinkState.STOPPING
@@ -227,6 +251,8 @@ def _apply(history: JournalledPrint, record: Record | None) -> None:
     elif sort == "stood":
         history.stood = record
     elif sort == "end":
+        if history._seeking:  # this attempt learned nothing of the lines
+            record = {**(history.end or {}), **record, "done": history.done}
         history.end = record
         history.state, history.done = LinkState(record["state"]), record["done"]
         history.message = record.get("message", "")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import threading
 from collections.abc import Callable
 from typing import Final
@@ -20,7 +19,13 @@ KILL_REPEAT_S: Final = 0.2
 KILL_ATTEMPTS: Final = 10
 KILL_WAIT_S: Final = 4.0
 WIRE_S: Final = 0.1
+_NO_CONTROLS: Final = dict.fromkeys(range(32), " ")
 HALTED_BEFORE: Final = "killed by the user; the firmware had halted itself before"
+
+
+def _words(data: bytes) -> str:
+    """Return the commands in what is written, without control characters."""
+    return " ".join(data.decode("ascii").translate(_NO_CONTROLS).split())
 
 
 class Kill:
@@ -44,7 +49,8 @@ class Kill:
         self.asked: Final = threading.Event()
         self._wiring = wiring
         self._parser = wiring.printer.emergency_parser
-        self._left = self._host_s = 0.0
+        self._asked_s = self._left = 0.0
+        self._left_s: dict[str, float] = {}
         self._sent = self._alive = self._itself = False
         self._halted = threading.Event()
         self._ended = threading.Event()
@@ -71,21 +77,36 @@ class Kill:
         if self._ended.is_set():
             return
         wiring = self._wiring
-        asked = self._left = wiring.clock.now()
+        self._left = wiring.clock.now()
+        if not self.asked.is_set():
+            self._asked_s = self._left
         self.asked.set()
         halting = self.halting
         halts = ((halting.last, KILL_AGAIN_S), *((halting.last, KILL_REPEAT_S),) * KILL_ATTEMPTS)
         for attempt, (data, wait_s) in enumerate((*halting.first, *halts)):
-            with contextlib.suppress(PortLost):  # it may be full: the wire's end is found elsewhere
-                wiring.transport.write_urgent(data)
-                self._sent |= data == halting.last
+            self._sent |= self._write(data) and data == halting.last
             if attempt == 0:
                 self._left = wiring.clock.now()
-                self._host_s = self._left - asked
             if self._halted.wait(wait_s) or self._ended.is_set():
                 return
         self._sent = True
         wiring.transport.reset()
+
+    def _write(self, data: bytes) -> bool:
+        """Write at once; note when each command left first. Return whether the port took it."""
+        wiring, what = self._wiring, _words(data)
+        first = what not in self._left_s
+        if first:  # before it is written: the answer may come before the next line is reached
+            self._left_s[what] = wiring.clock.now()
+        try:
+            wiring.transport.write_urgent(data)
+        except PortLost:  # it may be full: the wire's end is found elsewhere
+            if first:
+                del self._left_s[what]
+            return False
+        if first:
+            self._left_s[what] = wiring.clock.now()
+        return True
 
     def end(self) -> None:
         """Take notice that nobody speaks to the printer any more: a later `strike` is no use."""
@@ -113,10 +134,14 @@ class Kill:
 
     def words(self, run_on: MotorRunOn | None) -> str:
         """Return what was sent and how soon it worked, once the printer has halted."""
-        printer_s = self._wiring.clock.now() - self._left
+        asked, left = self._asked_s, dict(self._left_s)
+        each = [
+            f"{what} left the host after {(at - asked) * 1e3:.1f} ms" for what, at in left.items()
+        ]
+        sent = ", ".join(each) or "nothing left the host"
+        printer_s = self._wiring.clock.now() - max(left.values(), default=asked)
         return (
-            f"killed by the user; {self.halting.words} left the host after "
-            f"{self._host_s * 1e3:.1f} ms, the printer said {printer_s * 1e3:.0f} ms "
+            f"killed by the user; {sent}, the printer said {printer_s * 1e3:.0f} ms "
             f"later that it has halted; {self.halting.told(run_on, self._alive)}"
         )
 

@@ -13,6 +13,7 @@ from typing import Any, Final
 from printctl.link.errors import JournalError, Refused
 from printctl.link.gating import is_of_the_line
 from printctl.link.journal import RESERVE_BYTES
+from printctl.link.journalled_print import JournalledPrint
 from printctl.link.progress import JobProgress
 from printctl.link.states import EARLY, LinkState, PrintEnded, Status
 from printctl.link.wiring import Wiring
@@ -112,12 +113,12 @@ class Logbook:
         """The print as it stands."""
         if self._final is not None:
             return self._final
-        progress, done = self.progress, self.progress.done
+        progress, (done, made) = self.progress, self.progress.known
         return self._details(
             Status(
                 state=self._state,
                 lines_done=done,
-                lines_executed=progress.executed(done),
+                lines_executed=made,
                 lines_total=len(progress.job),
                 file_line=progress.job.file_line(done),
                 message=self._message,
@@ -129,9 +130,11 @@ class Logbook:
 
     # --- state -----------------------------------------------------------------------------------
 
-    def go_on(self, alarms: int) -> None:
-        """Take notice that the print was begun by a process that died, after so many alarms."""
-        self.resumed, self._alarms = True, alarms
+    def go_on(self, history: JournalledPrint) -> None:
+        """Go on with a print that was begun by a process that died, from what its journal says."""
+        self.resumed, self._alarms = True, len(history.alarms)
+        self.progress.restore(history.done, history.made)
+        self._noted = history.done
 
     def enter(self, state: LinkState, message: str) -> None:
         """Pass to a state; write it down and tell the clients."""
@@ -214,7 +217,7 @@ class Logbook:
     def note(self, now: float) -> None:
         """Write down progress and tell the clients."""
         self.next_note = min(now + NOTE_S, max(self._next_due(), now))
-        done = self.progress.done
+        done = self.progress.known[0]
         if done != self._noted:
             self.record("ack" if done > self._noted else "back", done=done)
             self._noted = done
@@ -222,7 +225,7 @@ class Logbook:
 
     def record_back(self, number: int, controls: Sequence[bytes]) -> None:
         """Write down that the last line taken was ``number``, and which commands go again."""
-        self._noted = self.progress.done
+        self._noted = self.progress.known[0]
         self.record("back", done=self._noted, n=number)
         for count, command in enumerate(controls, number + 1):
             self.record_control(count, command)

@@ -51,6 +51,8 @@ class PrintLoop:
 
     def _run(self, history: JournalledPrint | None) -> None:
         parts, logbook = self._parts, self._logbook
+        if history is not None:
+            logbook.go_on(history)
         logbook.enter(LinkState.CONNECTING, f"opening {self._wiring.transport.name}")
         if history is None:
             self._begin()

@@ -6,11 +6,12 @@ by one number: ``journal.2.log`` and ``record.2.json``.
 
 from __future__ import annotations
 
+import contextlib
 import json
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.link.journal import read_records
+from printctl.link.journal import Record, print_id, read_records
 from printctl.link.record import JOURNAL
 
 NOTED: Final = "record.json"
@@ -47,20 +48,25 @@ def archive_journal(folder: Path) -> Path:
     return path
 
 
-def journal_started_before(folder: Path, at: float) -> Path:
-    """Journal of the folder's last print that had begun by a time, s since 1970.
+def journal_of(folder: Path, identity: str, at: float) -> Path:
+    """Return the journal of the print with an identity; the present journal where there is none.
 
-    The present journal where none had.
+    Without an identity that of the last print begun by ``at``, s since 1970.
     """
-    begun = {_begun(path): path for path in folder.glob(f"{Path(JOURNAL).stem}*.log")}
-    earlier = [started for started in begun if 0.0 < started <= at]
+    begun = {}
+    for path in folder.glob(f"{Path(JOURNAL).stem}*.log"):
+        first = _job_record(path)
+        if identity and first and print_id(first) == identity:
+            return path
+        with contextlib.suppress(TypeError, ValueError):
+            begun[float(first.get("started", 0.0))] = path
+    earlier = [started for started in begun if 0.0 < started <= at and not identity]
     return begun[max(earlier)] if earlier else folder / JOURNAL
 
 
-def _begun(journal: Path) -> float:
+def _job_record(journal: Path) -> Record:
     try:
         records = read_records(journal)
-        first = next((one for one in records if one and one.get("t") == "job"), {})
-        return float(first.get("started", 0.0))
-    except (OSError, TypeError, ValueError):
-        return 0.0
+        return next((one for one in records if one and one.get("t") == "job"), {})
+    except OSError:
+        return {}

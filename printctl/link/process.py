@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import math
 import os
+import secrets
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -22,17 +23,18 @@ from firmware_profiles import Printer, ProfileError, load
 from printctl.gate import PrinterSituation
 from printctl.link.care import Care
 from printctl.link.clock import RealClock
-from printctl.link.errors import AlreadyPrinting, LinkError
+from printctl.link.errors import AlreadyPrinting, JournalError, LinkError, NoLink
 from printctl.link.families import protocol_for, refuse_unsent
 from printctl.link.history import remember_meanwhile
 from printctl.link.history_entry import this_user
 from printctl.link.job import load_job
-from printctl.link.journal import Journal
+from printctl.link.journal import Journal, new_print_id
+from printctl.link.journalled_print import read_journal
 from printctl.link.locking import lock
 from printctl.link.origin import origin
 from printctl.link.parking import refuse_park
 from printctl.link.print_notes import archive_journal
-from printctl.link.record import JOURNAL, LOCK, LinkRecord
+from printctl.link.record import JOURNAL, LOCK, LinkRecord, load_record
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
 from printctl.link.server import Server, forget, listen
@@ -120,21 +122,9 @@ def serve(order: Order, wire: Wire | None = None) -> Status:
     order.folder.mkdir(parents=True, exist_ok=True)
     with hold_folder(order.folder):
         ignore_signals()
-        record = LinkRecord(
-            pid=os.getpid(),
-            address="",
-            token="",
-            job=str(order.job.resolve()),
-            profile=order.profile,
-            port=order.port,
-            started=time.time(),
-            baud=order.baud,
-            retreat=asdict(order.retreat),
-            care=order.care.to_dict(),
-        )
-        record.save(order.folder)
+        contact = _Contact(order)
         try:
-            status = _print(order, record, wire)
+            status = _print(order, contact, wire)
         except (LinkError, ProfileError) as exc:
             log.error("%s", exc)
             status = Status(LinkState.FAILED, message=str(exc), error=type(exc).__name__)
@@ -148,20 +138,75 @@ def serve(order: Order, wire: Wire | None = None) -> Status:
             )
             raise
         finally:
-            _save(replace(record, status=status.to_dict()), order.folder)
+            contact.end(status)
             remember_meanwhile(order.folder).join(_HISTORY_PATIENCE_S)
     return status
 
 
-def _save(record: LinkRecord, folder: Path) -> None:
-    """Leave the last record; on a full disk the journal must do."""
+class _Contact:
+    """The folder's ``link.json``.
+
+    An unfinished print's stays where an attempt ends before it writes to the journal.
+
+    Parameters
+    ----------
+    order : Order
+    """
+
+    def __init__(self, order: Order) -> None:
+        self._folder, self._begun = order.folder, False
+        self._before = _unfinished(order)
+        now = time.time()
+        before = self._before.print_id if self._before else ""
+        self._record = LinkRecord(
+            pid=os.getpid(),
+            address="",
+            token="",
+            job=str(order.job.resolve()),
+            profile=order.profile,
+            port=order.port,
+            started=now,
+            baud=order.baud,
+            retreat=asdict(order.retreat),
+            care=order.care.to_dict(),
+            print_id=before if order.resume else new_print_id(now),
+            session=secrets.token_hex(8),
+        )
+        self._record.save(order.folder)
+
+    @property
+    def print_id(self) -> str:
+        """Identity of the print; empty for one to be gone on with whose record is an old one."""
+        return self._record.print_id
+
+    def begin(self, print_id: str, address: str, token: str) -> None:
+        """Name the print whose journal has begun, and where its process listens."""
+        self._begun, self._record = True, replace(self._record, print_id=print_id)
+        replace(self._record, address=address, token=token).save(self._folder)
+
+    def end(self, status: Status) -> None:
+        """Leave the last record; on a full disk the journal must do."""
+        record = replace(self._record, status=status.to_dict())
+        if self._before is not None and not self._begun:
+            refused = {"pid": record.pid, "error": status.error, "message": status.message}
+            record = replace(self._before, address="", token="", refused=refused)
+        try:
+            record.save(self._folder)
+        except OSError:
+            log.exception("link.json can't be written")
+
+
+def _unfinished(order: Order) -> LinkRecord | None:
+    """Return the record of the folder's print whose part may be in the dish; None for none."""
     try:
-        record.save(folder)
-    except OSError:
-        log.exception("link.json can't be written")
+        known = read_journal(order.folder / JOURNAL)
+        finished = not known.begun or known.state is LinkState.DONE
+        return None if finished and not order.resume else load_record(order.folder)
+    except (JournalError, NoLink):
+        return None
 
 
-def _print(order: Order, record: LinkRecord, wire: Wire | None) -> Status:
+def _print(order: Order, contact: _Contact, wire: Wire | None) -> Status:
     printer = load(Printer, order.profile)
     refuse_unsent(printer, str(order.job))
     job = load_job(order.job, printer)
@@ -175,6 +220,7 @@ def _print(order: Order, record: LinkRecord, wire: Wire | None) -> Status:
     transport = LoggedTransport(port, traffic)
     keeper = _Keeper(traffic, order.folder / FILE, len(history.alarms) if history else 0)
     path = order.folder / JOURNAL if order.resume else archive_journal(order.folder)
+    heard = {"heard": path.stat().st_mtime} if order.resume else {}
     journal = Journal(path, reserve=True)
     try:
         listener, address, token = listen(order.folder)
@@ -194,8 +240,10 @@ def _print(order: Order, record: LinkRecord, wire: Wire | None) -> Status:
             order.care,
         )
         server = Server(listener, token, streamer)
+        identity = contact.print_id if history is None else history.print_id
         journal.add(
             "job",
+            id=identity,
             name=job.name,
             path=str(order.job.resolve()),
             sha256=job.sha256,
@@ -204,12 +252,13 @@ def _print(order: Order, record: LinkRecord, wire: Wire | None) -> Status:
             port=order.port,
             pid=os.getpid(),
             started=time.time(),
+            **heard,
             **({"accepted": list(order.care.accepted)} if order.care.accepted else {}),
             **this_user(),
             **origin(printer),
         )
         remember_meanwhile(order.folder)
-        replace(record, address=address, token=token).save(order.folder)
+        contact.begin(identity, address, token)
         signal.signal(signal.SIGTERM, lambda *_: streamer.stop())  # a system that shuts down
         server.start()
         if wire:

@@ -38,6 +38,9 @@ class JobProgress:
         Answers of the printer beyond those to the host's lines, on a wire without errors.
     meddled : bool
         Whether such came since the firmware's settings were last compared.
+    journalled : (int, int) or None
+        Job lines taken and made as the journal knows, until a printer that is found again has
+        proved to be the print's own; None from then on.
     """
 
     def __init__(self, wiring: Wiring, job: Job) -> None:
@@ -46,6 +49,7 @@ class JobProgress:
         self._trail = ModalTrail(job.lines)
         self._made = CompletedMoves(job.lines, wiring.printer)
         self.unverified, self.foreign, self.meddled = False, 0, False
+        self.journalled: tuple[int, int] | None = None
         self._answers = Answers(0, 0.0, 0, 0.0)
         self._refused: int | None = None
 
@@ -54,6 +58,11 @@ class JobProgress:
         """Job lines that were taken, and not refused: none behind a refused one counts."""
         done = self._protocol.lines_done
         return done if self._refused is None else min(done, self._refused)
+
+    @property
+    def known(self) -> tuple[int, int]:
+        """Job lines taken, and those of them surely made, as far as they are proved."""
+        return self.journalled or (self.done, self.executed(self.done))
 
     @property
     def refused(self) -> int | None:
@@ -73,7 +82,7 @@ class JobProgress:
         """Return how far the job is, for a message."""
         if not len(self.job):
             return "no print was going on"
-        done = self.done
+        done = self.known[0]
         file_line = self.job.file_line(done)
         return f"{done} of {len(self.job)} lines were acknowledged (line {file_line} of the file)"
 
@@ -138,6 +147,11 @@ class JobProgress:
         self._made.grow(job.lines)
 
     # --- what the streamer learns ----------------------------------------------------------------
+
+    def restore(self, done: int, made: int) -> None:
+        """Set the lines taken and surely made before the host died."""
+        self._made.stood(made)
+        self.journalled = done, self._made.after(done)
 
     def answered(self, lines: int, now: float) -> None:
         """Take notice that ``lines`` of the job were taken by ``now``, s."""

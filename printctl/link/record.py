@@ -30,6 +30,10 @@ class LinkRecord:
         Path of the job file, profile as it was given, name of the port.
     started : float
         Wall-clock time, s since 1970.
+    print_id : str
+        Of the print, as in its journal; empty in records of versions without.
+    session : str
+        Random, of this process's work on the print: another one goes on with it under another.
     baud : int or None
         In place of the profile's.
     retreat : dict
@@ -38,6 +42,8 @@ class LinkRecord:
         Fields of `Care`.
     status : dict
         `Status`; the last one once it has ended.
+    refused : dict
+        The last attempt here that came to nothing: ``pid``, ``error`` (class) and ``message``.
     """
 
     pid: int
@@ -51,6 +57,9 @@ class LinkRecord:
     retreat: dict[str, Any] = field(default_factory=dict)
     care: dict[str, Any] = field(default_factory=dict)
     status: dict[str, Any] = field(default_factory=dict)
+    refused: dict[str, Any] = field(default_factory=dict)
+    print_id: str = ""
+    session: str = ""
 
     def save(self, folder: Path) -> None:
         """Write it; readable by its owner alone, since it holds the token."""

@@ -126,9 +126,9 @@ def _no_checkpoint(job: Job, history: JournalledPrint, printer: Printer, sure: i
     made = surely_moved(job.lines, history.done, moves_ahead(printer))
     if not 0 < made < len(job):
         return NoCheckpoint(
-            "the journal has no checkpoint, and no move was surely made; look at the part: print "
-            f"the job anew, or look up in {job.name} the first line that isn't on the part, and "
-            "give it as --from-line"
+            f"the journal has no checkpoint, and of the {history.done} lines that were taken no "
+            f"move was surely made: look up in {job.name} the first line that isn't on the part, "
+            "and give it as --from-line; only where nothing is written print the job anew"
         )
     line = job.file_lines[made]
     return NoCheckpoint(

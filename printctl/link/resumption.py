@@ -74,12 +74,10 @@ class Resumption:
             Where the printer can't tell, or its line or position isn't the job's.
         """
         channel, logbook = self.channel, self.channel.logbook
-        logbook.go_on(len(history.alarms))
         logbook.enter(LinkState.CHECKING, "asking the printer for the last line that it took")
         done, number = self._last_line(history)
         self.looks.restore(history, done)
         channel.wiring.protocol.load(logbook.progress.job.lines, done, number)
-        logbook.record("ack", done=done)
         self._shut_valve(done)
         self.firmware.check_keepalive(journalled=True)
         logbook.enter(LinkState.CHECKING, "waiting until the printer has made what it took")
@@ -99,11 +97,13 @@ class Resumption:
         if changing or history.reloaded == done:
             self.watch.paused(done)
         self.requests.remember(history.wanted)
+        if changing or done == len(logbook.progress.job):
+            self._found(done)
         if changing:
             head = None if history.reload is None else history.reload.get("head")
             self.pauses.await_syringe(at, head)
         elif done < len(logbook.progress.job):
-            self._rejoin(at, history.park)
+            self._rejoin(at, history.park, done)
         # else it died behind the last line, when settings may be as before the job: no move is left
 
     def _last_line(self, history: JournalledPrint) -> tuple[int, int]:
@@ -129,13 +129,19 @@ class Resumption:
             )
         return done, number
 
+    def _found(self, done: int) -> None:
+        """Take the printer's own count for the print's."""
+        logbook = self.channel.logbook
+        logbook.progress.journalled = None
+        logbook.record("ack", done=done)
+
     def _shut_valve(self, done: int) -> None:
         self.valve.shut()
         logbook, printer = self.channel.logbook, self.channel.wiring.printer
         if is_open(logbook.progress.job.lines, done, printer):
             logbook.alarm(f"the valve stood open after line {done} while no host was there; look")
 
-    def _rejoin(self, at: Modal, park: Park | None) -> None:
+    def _rejoin(self, at: Modal, park: Park | None, done: int) -> None:
         logbook = self.channel.logbook
         self.excursion.begin(at, logbook.progress.relieved_mm, None)
         logbook.enter(LinkState.RESUMING, "returning to where the print was left")
@@ -143,4 +149,5 @@ class Resumption:
         if park is not None and self.parking.is_there(at, park):
             self.parking.come(at, park)
         self.position.verify(replace(at, z=None, e=None))  # a pause may have lifted and relieved
+        self._found(done)
         self.returning.come_back(at)

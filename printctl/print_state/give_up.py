@@ -64,7 +64,8 @@ def give_up(folder: Path, who: str) -> Status:
             position_known=False,
         )
         journal.close()
-        replace(load_record(folder), address="", token="", status=status.to_dict()).save(folder)
+        record = replace(load_record(folder), address="", token="", refused={})
+        replace(record, status=status.to_dict()).save(folder)
     remember_meanwhile(folder).join(_PATIENCE_S)
     return status
 

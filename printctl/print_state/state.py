@@ -82,6 +82,7 @@ class PrintTruth:
         return {
             **self.status.to_dict(),
             "folder": str(self.folder),
+            "print_id": self.journal.print_id,
             "started": self.journal.started,
             "ended": self.status.ended,
             "last_alarm": self.journal.last_alarm,

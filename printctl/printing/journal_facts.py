@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.link.journal import read_records
+from printctl.link.journal import print_id, read_records
 from printctl.link.journalled_print import times_words
 from printctl.link.states import LinkState
 from printctl.printing.inserted_ink import InsertedInk, inserted_ink
@@ -21,6 +21,8 @@ class JournalledFacts:
 
     Attributes
     ----------
+    print_id : str
+        Identity of the print.
     sha256 : str
         Of the file that is printed.
     started : float
@@ -38,6 +40,7 @@ class JournalledFacts:
         What was put into the job.
     """
 
+    print_id: str = ""
     sha256: str = ""
     started: float = 0.0
     active_s: float = 0.0
@@ -67,7 +70,7 @@ def read_so_far(records: Iterable[dict[str, Any]]) -> JournalledFacts:
         sort, at = record.get("t"), float(record.get("at", 0.0))
         if sort == "job":
             facts, before = _begun(facts, record), facts
-            paces = paces if before.sha256 == facts.sha256 else []
+            paces = paces if before.print_id == facts.print_id else []
         elif sort in ("state", "end"):
             facts = _changed(facts, record.get("state") == _AT_WORK and sort == "state", at)
         elif sort == "syringe":
@@ -87,9 +90,10 @@ def read_so_far(records: Iterable[dict[str, Any]]) -> JournalledFacts:
 def _begun(before: JournalledFacts, record: dict[str, Any]) -> JournalledFacts:
     """A job record begins a print, or goes on with an interrupted one."""
     sha256, at = str(record.get("sha256", "")), float(record.get("started", 0.0))
-    if before.sha256 == sha256 and before.sha256:
+    same = before.sha256 == sha256 and record.get("id") in (None, before.print_id)
+    if before.sha256 and same:
         return _with(before, since=None)
-    return JournalledFacts(sha256=sha256, started=at)
+    return JournalledFacts(print_id(record), sha256, at)
 
 
 def _changed(before: JournalledFacts, works: bool, at: float) -> JournalledFacts:

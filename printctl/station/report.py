@@ -20,8 +20,7 @@ DOWN: Final = frozenset({StationState.HALTED, StationState.LOST})
 
 _UP: Final = frozenset({StationState.CONNECTING, StationState.READY, StationState.BUSY})
 _HALTING: Final = (
-    "a halt (M112) was sent and the printer hasn't confirmed it yet; if anything moves, cut its "
-    "power"
+    "a halt was sent and the printer hasn't confirmed it yet; if anything moves, cut its power"
 )
 
 log = logging.getLogger(__name__)

@@ -102,7 +102,7 @@ def router(core: Core, wires: Wires) -> APIRouter:
         sent = list(wires.kill(time.monotonic()))
         machines = len({one.process or one.folder for one in sent})
         message = (
-            f"M112 to {machines} printer{'s' if machines > 1 else ''}; "
+            f"a halt to {machines} printer{'s' if machines > 1 else ''}; "
             + (f"{UNHEARD}; " if wires.unheard(sent, _PATIENCE_S) else "")
             + "each status tells whether it has halted; positions are unknown now"
             if sent

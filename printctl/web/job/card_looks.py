@@ -139,7 +139,7 @@ class LooksCard:
 def _key(state: dict[str, Any]) -> tuple[object, ...]:
     """What of a print's state tells that there is a new look, or another decision on it."""
     look = state["look"] or {}
-    return state["started"], state["state"], look.get("number"), look.get("decision")
+    return state["print_id"], state["state"], look.get("number"), look.get("decision")
 
 
 def _head(state: dict[str, Any], told_look: LookTold | None) -> str:

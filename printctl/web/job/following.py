@@ -123,9 +123,9 @@ class PrintFollower:
         return self._last is not None and self._last.ended
 
     @property
-    def pid(self) -> int | None:
-        """Of the link process that it follows."""
-        return None if self._client is None else self._client.record.pid
+    def session(self) -> str:
+        """The link process's work on the print that it follows (`LinkRecord.session`)."""
+        return "" if self._client is None else self._client.record.session
 
     @property
     def alive(self) -> bool:

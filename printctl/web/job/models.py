@@ -196,6 +196,7 @@ class PrintResponse(StatusResponse):
 
     job: str
     folder: str
+    print_id: str = Field(description="Identity of the print, as the history names it.")
     started: float = Field(description="s since 1970.")
     share: float = Field(description="Of the time where that is known, else of the lines; 0 to 1.")
     words: dict[str, str] = Field(description="State, time, layer, vessel, ink, as people read.")

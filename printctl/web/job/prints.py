@@ -76,10 +76,10 @@ class Prints:
 
         A link process that has told of its end lives on until it has written its record.
         """
-        pid = load_record(folder).pid
+        session = load_record(folder).session
         with self._lock:
             before = self._followers.get(job)
-            if before is not None and (before.pid == pid if before.over else before.alive):
+            if before is not None and (before.session == session if before.over else before.alive):
                 return
             follower = PrintFollower(job, folder, lambda: self._table(job, folder), self._hear)
             self._followers[job] = follower
@@ -111,9 +111,12 @@ class Prints:
         """
         limit = time.monotonic() + _FIRST_WORD_S
         while time.monotonic() < limit:
-            heard = self._followers[job].heard
-            if heard is not None:
-                return heard
+            follower = self._followers[job]
+            alive = follower.alive  # before it is asked: its last word comes before its end
+            if follower.heard is not None:
+                return follower.heard
+            if not alive:
+                break
             time.sleep(0.01)
         raise LinkError(f"the print of {job} doesn't tell where it stands; see its link.log")
 
@@ -172,6 +175,8 @@ class Prints:
         with self._noting:  # whoever comes second finds it all written
             for record in self._records.of_job(heard.job)[-1:]:
                 record_values = self._records.load(record)
+                if record_values.get("print_id", "") not in ("", heard.journal.print_id):
+                    continue  # the next print's record
                 if record_values.get("started") and record_values.get("state") != state:
                     self._write_end(record, record_values.get("ended"), state)
 

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import write_text
 from printctl.link.history import remember_meanwhile
-from printctl.link.print_notes import journal_started_before, notes_path
+from printctl.link.print_notes import journal_of, notes_path
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.workspace import checked_name
 
@@ -129,7 +129,7 @@ class Records:
             return whole
 
     def mark(self, record: str, who: str, **changes: Any) -> None:
-        """Set what the program itself knows: ``started``, ``folder``, ``ended``, ``state``."""
+        """Set what the program itself knows: ``started``, ``print_id``, ``folder``, ``state``."""
         with self._lock:
             values = self.load(record)
             if any(values.get(key) != value for key, value in changes.items()):
@@ -150,7 +150,8 @@ class Records:
         text = json.dumps(values, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
         write_text(self._path(values["id"]), text)
         if values.get("folder"):
-            journal = journal_started_before(Path(values["folder"]), values["started"])
+            place, identity = Path(values["folder"]), values.get("print_id", "")
+            journal = journal_of(place, identity, values["started"])
             write_text(notes_path(journal), text)
             if "operator" in changes or "started" in changes:
                 remember_meanwhile(journal.parent)  # the history can be searched for people

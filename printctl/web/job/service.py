@@ -236,6 +236,7 @@ class JobService:
                 record,
                 who.name or who.id,
                 started=time.time(),
+                print_id=client.record.print_id,
                 folder=str(folder),
                 sha256=checked.facts["sha256"],
                 set_up=set_up.model_dump(mode="json"),

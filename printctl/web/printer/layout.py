@@ -21,7 +21,7 @@ IN_WORDS: Final = {
     StationState.READY: "ready: connected, checked, standing by",
     StationState.BUSY: "busy: doing what it was asked to",
     StationState.PRINTING: "printing: see the Job page; by hand only what a print allows",
-    StationState.HALTING: "halting: a halt (M112) was sent, the printer hasn't confirmed it yet",
+    StationState.HALTING: "halting: a halt was sent, the printer hasn't confirmed it yet",
     StationState.HALTED: "halted: the firmware stopped itself or was stopped; reset it, reconnect",
     StationState.LOST: "lost: the port went away or nothing answers; check the cable, reconnect",
     StationState.CLOSED: "not connected",

@@ -61,6 +61,8 @@ def test_what_moves_or_sets_is_refused_in_a_print_which_goes_on(tmp_path, line):
     status, sent = printed_with(tmp_path, person)
     assert status.state is LinkState.DONE, status
     assert len(person.refused) == 1
+    assert "printctl station" not in person.refused[0]  # it has no print to act on
+    assert ("`printctl kill`" in person.refused[0]) == (line == "M112")
     plain = line.replace(" ", "").upper()
     assert plain not in {text.replace(" ", "") for text in sent if text not in ("M400",)}
 

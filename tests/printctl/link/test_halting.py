@@ -48,6 +48,42 @@ class Wire:
 
 
 @pytest.mark.parametrize(
+    ("parser", "expected"), [(True, {"M410": 0.25, "M112": 1800.75}), (False, {"M112": 0.25})]
+)
+def test_each_command_of_a_halt_is_told_with_its_own_time(monkeypatch, parser, expected):
+    """A write takes 0.25 ms; the printer answers 40 ms after M112."""
+    clock, printer = VirtualClock(), load(Printer, "marlin_avr")
+
+    def write_urgent(data: bytes) -> None:
+        clock.sleep(0.25e-3)
+        if b"M112" in data:
+            kill.halted()
+
+    def wait(seconds: float) -> bool:
+        clock.sleep(0.04 if kill._halted.is_set() else seconds)
+        return kill._halted.is_set()
+
+    kill = Kill(
+        SimpleNamespace(
+            transport=SimpleNamespace(write_urgent=write_urgent),
+            clock=clock,
+            printer=printer.model_copy(update={"emergency_parser": parser, "lines_in_flight": 1}),
+            protocol=SimpleNamespace(kill_bytes=b"\nM112\n"),
+        )
+    )
+    monkeypatch.setattr(kill._halted, "wait", wait)
+    kill.strike()
+    words = kill.words(None)
+    told = {
+        what: float(ms) for what, ms in re.findall(r"(M\d+) left the host after ([\d.]+)", words)
+    }
+    assert told == pytest.approx(expected, abs=0.06)
+    later = re.search(r"said (\d+) ms later", words)
+    assert later is not None
+    assert int(later[1]) == 40
+
+
+@pytest.mark.parametrize(
     ("says_something", "told"),
     [(True, "stopped before that, by M410"), (False, "may have run on for up to 0.6")],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,15 @@ import pytest
 
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link.clock import VirtualClock
+from printctl.link.completed_moves import moves_ahead, surely_moved
+from printctl.link.errors import Refused
+from printctl.link.history_entry import entry_of
+from printctl.link.job import Job
 from printctl.link.journalled_print import read_journal
+from printctl.link.recovering import plan_recovery
+from printctl.link.recovery_begin import NoCheckpoint
+from printctl.link.resuming import resumable
+from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
@@ -22,6 +31,23 @@ from tests.printctl.link.sim_transport import SimTransport
 from tests.printctl.link.simulated import PRINTER, START, gcode, printed, wire
 from tests.printctl.link.simulated_transport import HostDiedError
 from tests.slower import first_of
+
+
+class Silent(SimTransport):
+    """A wire on which nothing comes back."""
+
+    def read(self, timeout: float) -> bytes:
+        super().read(timeout)
+        return b""
+
+
+def begin(folder: Path, job: Job) -> None:
+    """Write the record of a link process that begins."""
+    journal_in(folder).add("job", sha256=job.sha256, lines=len(job), started=time.time())
+
+
+def known_made(job: Job, done: int) -> int:
+    return surely_moved(job.lines, done, moves_ahead(PRINTER))
 
 
 def resumed(data: bytes, folder: Path, transport: SimTransport) -> Status:
@@ -101,6 +127,54 @@ def test_host_killed_twice_at_random_moments_goes_on_exactly(tmp_path, seed):
     foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
     assert np.array_equal(motion.end, foreseen.end)
     assert np.array_equal(motion.plunger_end, foreseen.plunger_end)
+
+
+@pytest.mark.parametrize("last", ["reset", "another"])
+def test_failed_attempts_to_go_on_leave_what_was_known(tmp_path, last):
+    """Silent, killed before the printer answers, silent again, then a board not as it was."""
+    data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
+    job = parse_job(data, "test.gcode", PRINTER)
+    begin(tmp_path, job)
+    with pytest.raises(HostDiedError):
+        printed(data, tmp_path, doomed(printer, clock, 60, 1.0))
+    before = read_journal(tmp_path / "journal.log")
+    with pytest.raises(NoCheckpoint) as first:
+        plan_recovery(job, data, before, PRINTER, Retreat())
+    assert before.done > 30
+    assert first.value.line > 0
+    for attempt in ("silent", "killed", "silent", last):
+        known = read_journal(tmp_path / "journal.log")
+        resumable(tmp_path, job.sha256)
+        begin(tmp_path, job)
+        if attempt == "killed":
+            with pytest.raises(HostDiedError):
+                resumed(data, tmp_path, doomed(printer, clock, 1, 0.0))
+            assert read_journal(tmp_path / "journal.log").state is known.state
+        else:
+            if attempt == "another":  # at a later line, and elsewhere
+                printer = MarlinPrinter(PRINTER, (60.0, 50.0, 10.0))
+                number = before.done + len(before.controls) + 5
+                printer.exchange(b"M302 P1\nM110 N%d\n" % number)
+            if attempt == "reset":
+                printer.reset()
+                printer.settle()
+                printer.take_output()
+            kind = Silent if attempt == "silent" else SimTransport
+            status = resumed(data, tmp_path, kind(printer, clock))
+            assert status.lines_done == before.done
+            assert status.lines_executed == known_made(job, before.done)
+            assert not status.position_known
+        after = read_journal(tmp_path / "journal.log")
+        assert (after.done, after.print_id) == (before.done, before.print_id)
+        with pytest.raises(NoCheckpoint) as again:
+            plan_recovery(job, data, after, PRINTER, Retreat())
+        assert again.value.line == first.value.line
+        entry = entry_of(tmp_path / "journal.log")
+        assert entry is not None
+        assert (entry.done, entry.total) == (before.done, before.total)
+    assert status.state is LinkState.POSITION_UNKNOWN
+    with pytest.raises(Refused, match=r"printctl recover"):
+        resumable(tmp_path, job.sha256)
 
 
 @pytest.mark.parametrize("place", [b"Z15", b"Z5", b"X57"])

@@ -8,13 +8,21 @@ import socket
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import pytest
 import yaml
 
 from firmware_profiles import Printer, load
 from printctl.link import LinkError, LinkState, attach, find_link, resume_print, start_print
-from printctl.link.errors import AlreadyPrinting, JobError, NoLink, PortInUse, PortMissing
+from printctl.link.errors import (
+    AlreadyPrinting,
+    HandshakeError,
+    JobError,
+    NoLink,
+    PortInUse,
+    PortMissing,
+)
 from printctl.link.find_link import alive
 from printctl.link.journalled_print import read_journal
 from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer, write_job
@@ -212,6 +220,21 @@ def test_killed_link_process_leaves_a_journal_that_the_next_command_goes_on_from
         assert "without a word" in outcome.message
         at_least = read_journal(journal).done
         assert 50 < at_least <= served.printer.last
+        known = attach(tmp_path / "run").status
+        with pytest.raises(PortMissing, match="doesn't exist"):
+            resume_print(tmp_path / "run", "/dev/nowhere")
+        told = attach(tmp_path / "run").status  # an attempt without a port erases nothing
+        assert told == replace(known, message=told.message)
+        assert told.message.startswith(known.message)
+        assert "/dev/nowhere doesn't exist" in told.message
+        assert attach(tmp_path / "run").record.port == served.name
+        served.printer.mute = True
+        with pytest.raises(HandshakeError):
+            resume_print(tmp_path / "run", served.name)
+        served.printer.mute = False
+        told = attach(tmp_path / "run").status
+        assert (told.lines_done, told.lines_total) == (known.lines_done, known.lines_total)
+        assert told.lines_executed == known.lines_executed
         served.gate.set()
         again = start_print(
             tmp_path / "job.gcode", profile, served.name, tmp_path / "run", resume=True

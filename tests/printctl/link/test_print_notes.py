@@ -9,7 +9,7 @@ from printctl.link.history import PrintHistory
 from printctl.link.journal import Journal
 from printctl.link.print_notes import (
     archive_journal,
-    journal_started_before,
+    journal_of,
     notes_path,
     read_notes,
 )
@@ -49,7 +49,7 @@ def test_a_record_is_put_aside_with_its_journal(tmp_path: Path) -> None:
 def test_a_journal_is_found_by_when_its_print_began(tmp_path: Path) -> None:
     for started in (1e9, 2e9, 3e9):
         begun(tmp_path, started)
-    found = [journal_started_before(tmp_path, at).name for at in (0.5e9, 1e9, 2.5e9, 9e9)]
+    found = [journal_of(tmp_path, "", at).name for at in (0.5e9, 1e9, 2.5e9, 9e9)]
     assert found == ["journal.log", "journal.1.log", "journal.2.log", "journal.log"]
 
 
@@ -60,4 +60,4 @@ def test_what_cannot_be_read_counts_as_nothing(tmp_path: Path) -> None:
         notes_path(journal).write_text(text)
         assert read_notes(journal) == {}
     (tmp_path / "journal.7.log").write_bytes(b"torn")
-    assert journal_started_before(tmp_path, 2e9) == journal
+    assert journal_of(tmp_path, "", 2e9) == journal

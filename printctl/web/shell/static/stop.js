@@ -104,7 +104,7 @@
         const machines = new Set(message.sent.map((one) => one.process || one.folder)).size;
         if (machines > most) {
           most = machines;
-          said.sent = `Halt (M112) went to ${most} printer${most > 1 ? "s" : ""} after ${since()}.`;
+          said.sent = `Halt went to ${most} printer${most > 1 ? "s" : ""} after ${since()}.`;
         } else if (!most) {
           said.sent = `Nothing is connected to a printer here: nothing to halt. ${CUT}`;
         }

@@ -49,6 +49,20 @@ def says(page: Any, text: str, timeout: float = 60_000) -> None:
     page.wait_for_selector(f"text={text}", timeout=timeout)
 
 
+def start(page: Any) -> None:
+    """Fill in what a start wants, and start."""
+    page.fill('input[aria-label="Operator\'s name"]', "Ada <b>Lovelace</b>")
+    page.keyboard.press("Tab")
+    says(page, "Written down at")
+    for box in page.query_selector_all(".job-point[role=checkbox]")[:7]:
+        box.click()
+        time.sleep(0.2)
+    page.click("button:has-text('Start print')")
+    says(page, "generic_marlin on simulated will move now")
+    page.click("button:has-text('Yes, start it')")
+    says(page, "Printing ·")
+
+
 @pytest.mark.slow
 def test_a_job_is_uploaded_checked_printed_held_and_cancelled_by_clicks(
     served: tuple[Process, Path], browser: Any, tmp_path: Path
@@ -60,16 +74,7 @@ def test_a_job_is_uploaded_checked_printed_held_and_cancelled_by_clicks(
     upload(page, file)
     page.click("button:has-text('Check')")
     says(page, "All checks passed")
-    page.fill('input[aria-label="Operator\'s name"]', "Ada <b>Lovelace</b>")
-    page.keyboard.press("Tab")
-    says(page, "Written down at")
-    for box in page.query_selector_all(".job-point[role=checkbox]")[:7]:
-        box.click()
-        time.sleep(0.2)
-    page.click("button:has-text('Start print')")
-    says(page, "generic_marlin on simulated will move now")
-    page.click("button:has-text('Yes, start it')")
-    says(page, "Printing ·")
+    start(page)
     page.wait_for_selector("text=/^2 of 12, /", timeout=60_000)
     page.click("button:has-text('Pause after layer')")
     says(page, "Paused ·")
@@ -84,6 +89,16 @@ def test_a_job_is_uploaded_checked_printed_held_and_cancelled_by_clicks(
     says(page, "Stopped ·")
     assert page.title() != "owned"
     assert (workspace / "jobs" / "zigzag.gcode.print" / "record.json").is_file()
+    says(page, "Printer: ready")
+    page.reload()
+    page.click("button:has-text('Move the tip to the start')")
+    says(page, "The tip stands at the start.")
+    start(page)  # printed again, with the station's process as before
+    page.click("button:has-text('Pause now')")
+    says(page, "Paused ·")
+    page.click("button:has-text('Cancel print')")
+    page.click("button:has-text('Yes, cancel it')")
+    says(page, "Stopped ·")
 
 
 @pytest.mark.slow
