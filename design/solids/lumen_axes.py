@@ -2,9 +2,9 @@
 
 A lumen is empty space that the solid shuts in: of the 13 lines through a place that lead to the 26
 neighbours of a voxel, at least `SHUT_IN` meet the solid on both sides. A groove has about 5, a
-notch 3, the space around a part none. Bands of equal way through the lumens from one of their ends, each
-in its connected parts, give the graph (Reeb's); axes and radii are those of the mesh's own sections
-across it, so that voxels decide what hangs together and nothing else.
+notch 3, the space around a part none. Bands of equal way through the lumens from one of their ends,
+each in its connected parts, give the graph (Reeb's); axes and radii are those of the mesh's own
+sections across it, so that voxels decide what hangs together and nothing else.
 """
 
 from __future__ import annotations
@@ -40,8 +40,12 @@ MIN_LENGTH_RADII: Final = 2.0
 """A shorter hollow is a dimple."""
 WIDER: Final = 1.3
 """A section so many times as wide as the median of its vessel belongs to a joint."""
-IN_JOINT: Final = 0.004
-"""Share of the radius by which a section near a joint may leave the line of the inner ones."""
+MAX_JOINT_RADII: Final = 5.0
+IN_JOINT: Final = 0.015
+MAX_BEND_SECTIONS: Final = 2
+"""So far from a joint at most, a section is left out that differs by this share from the next."""
+ROUNDS: Final = 3
+"""Of sections across the line through the middles of the last ones."""
 STRAIGHT_MM: Final = 0.003
 
 
@@ -108,9 +112,8 @@ def _section_pixels(
         first = np.searchsorted(y, np.minimum(start[:, 1], end[:, 1]))
         last = np.searchsorted(y, np.maximum(start[:, 1], end[:, 1]))
         piece = np.repeat(np.arange(len(start)), last - first)
-        row = np.arange(len(piece)) + np.repeat(
-            first - np.cumsum(last - first) + (last - first), last - first
-        )
+        count = last - first
+        row = np.arange(len(piece)) + np.repeat(first - np.cumsum(count) + count, count)
         a, b = start[piece], end[piece]
         x = a[:, 0] + (y[row] - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
         column = np.clip(np.ceil((x - low[0]) / step - 0.5), 0, shape[1]).astype(np.int64)
@@ -215,10 +218,8 @@ def _neighbours(inside: BoolArray) -> IntArray:
     own, out = number[core][inside], []
     for way in product((-1, 0, 1), repeat=3):
         if way > (0, 0, 0):
-            there = number[
-                tuple(slice(1 + d, n - 1 + d) for d, n in zip(way, number.shape, strict=True))
-            ]
-            other = there[inside]
+            moved = [slice(1 + d, n - 1 + d) for d, n in zip(way, number.shape, strict=True)]
+            other = number[tuple(moved)][inside]
             out.append(np.stack([own, other], axis=1)[other >= 0])
     return np.concatenate(out)
 
@@ -390,8 +391,8 @@ class _Sections:
         for k in (1, 2):
             other = face[row, (lone + k) % 3]
             share = away[corner] / (away[corner] - away[other])
-            ends.append(self.vertices[corner]
-                        + share[:, None] * (self.vertices[other] - self.vertices[corner]))  # fmt: skip
+            here, there = self.vertices[corner], self.vertices[other]
+            ends.append(here + share[:, None] * (there - here))
             keys.append(np.minimum(corner, other) * len(self.vertices) + np.maximum(corner, other))
         across = np.cross(ends[1] - ends[0], way)
         flip = (across * self.normal[cut]).sum(axis=1) < 0
@@ -433,10 +434,12 @@ class _Axis:
 def _measured(graph: _Graph, sections: _Sections) -> VesselNetwork:
     """Lay the graph's vessels along the middles of their sections."""
     degree = graph.degree()
-    axes = [_axis(graph, edge, sections, degree) for edge in graph.edges]
-    nodes = graph.nodes.copy()
-    for node in np.flatnonzero(degree > 1):
-        nodes[node] = _meeting(nodes[node], list(_ways_into(int(node), axes)))
+    for _ in range(ROUNDS):
+        axes = [_axis(graph, edge, sections, degree) for edge in graph.edges]
+        for node in np.flatnonzero(degree > 1):
+            graph.nodes[node] = _meeting(graph.nodes[node], list(_ways_into(int(node), axes)))
+        graph.edges[:] = [_along(graph, axis, degree) for axis in axes]
+    nodes = graph.nodes
     lines, radii = [], []
     for axis in axes:
         line, radius = [axis.centre], [axis.radius]
@@ -465,43 +468,37 @@ def _measured(graph: _Graph, sections: _Sections) -> VesselNetwork:
     )
 
 
+def _along(graph: _Graph, axis: _Axis, degree: IntArray) -> _Edge:
+    """Return a vessel along its axis, from joint to joint or to its end."""
+    a, b = axis.edge.a, axis.edge.b
+    ends = [graph.nodes[[k]] if degree[k] > 1 else np.zeros((0, 3)) for k in (a, b)]
+    return replace(axis.edge, line=np.vstack([ends[0], axis.centre, ends[1]]))
+
+
 def _axis(graph: _Graph, edge: _Edge, sections: _Sections, degree: IntArray) -> _Axis:
-    """Sections of a vessel outside of its joints, twice: the second time across their middles."""
+    """Cut a vessel across its line, outside of its joints."""
     wide = float(np.median(edge.radius))
     sections = sections.near(edge.line, 6 * wide)
-    line = edge.line
-    cut = [1.2 * graph.radius[k] if degree[k] > 1 else wide for k in (edge.a, edge.b)]
-    centre, radius = np.zeros((0, 3)), np.zeros(0)
-    for _ in range(2):
-        arc = arc_lengths(line)
-        if arc[-1] - sum(cut) < wide / 2:
-            cut = [arc[-1] * share / (sum(cut) or 1.0) * 0.8 for share in cut]
-        count = max(3, int(np.ceil((arc[-1] - sum(cut)) / (wide / 2))) + 1)
-        at = np.linspace(cut[0], arc[-1] - cut[1], count)
-        place = places_along(line, arc, at)
-        ahead = places_along(line, arc, np.minimum(at + wide, arc[-1]))
-        way = ahead - places_along(line, arc, np.maximum(at - wide, 0.0))
-        way /= np.linalg.norm(way, axis=1)[:, None]
-        found = [sections.at(*one) for one in zip(place, way, strict=True)]
-        kept = [one for one in found if one is not None]
-        if not kept:
-            break
-        centre, radius = np.array([one[0] for one in kept]), np.array([one[1] for one in kept])
-        own = radius < WIDER * np.median(radius)
-        centre, radius = centre[own], radius[own]
-        own = _off_joints(radius, degree[edge.a] > 1, degree[edge.b] > 1)
-        centre, radius = centre[own], radius[own]
-        if len(centre) < 2:
-            break
-        line = np.vstack([graph.nodes[edge.a], centre, graph.nodes[edge.b]])
-        if degree[edge.a] == 1:
-            line = line[1:]
-            cut[0] = 0.0
-        if degree[edge.b] == 1:
-            line = line[:-1]
-            cut[1] = 0.0
-    if len(centre) < 2:  # all of it lies in joints
+    arc = arc_lengths(edge.line)
+    joint = [graph.radius[k] if degree[k] > 1 else 0.0 for k in (edge.a, edge.b)]
+    cut = [1.2 * one for one in joint]
+    if arc[-1] - sum(cut) < wide / 2:
+        cut = [0.8 * arc[-1] * one / (sum(cut) or 1.0) for one in cut]
+    count = max(3, int(np.ceil((arc[-1] - sum(cut)) / (wide / 2))) + 1)
+    at = np.linspace(cut[0], arc[-1] - cut[1], count)
+    place = places_along(edge.line, arc, at)
+    ahead = places_along(edge.line, arc, np.minimum(at + wide, arc[-1]))
+    way = ahead - places_along(edge.line, arc, np.maximum(at - wide, 0.0))
+    way /= np.linalg.norm(way, axis=1)[:, None]
+    found = [sections.at(*one) for one in zip(place, way, strict=True)]
+    radius = np.array([np.nan if one is None else one[1] for one in found])
+    own = np.isfinite(radius) & (radius < WIDER * np.nanmedian(radius))
+    own &= _off_joint(radius, at, MAX_JOINT_RADII * joint[0])
+    own &= _off_joint(radius[::-1], arc[-1] - at[::-1], MAX_JOINT_RADII * joint[1])[::-1]
+    if own.sum() < 2:  # all of it lies in joints
         return _Axis(edge, edge.line[[0, -1]], np.full(2, wide))
+    centre = np.array([one[0] for one, keep in zip(found, own, strict=True) if one and keep])
+    radius = radius[own]
     if degree[edge.b] == 1:
         centre, radius = _to_its_end(centre, radius, sections)
     if degree[edge.a] == 1:
@@ -509,18 +506,22 @@ def _axis(graph: _Graph, edge: _Edge, sections: _Sections, degree: IntArray) -> 
     return _Axis(edge, centre, radius)
 
 
-def _off_joints(radius: FloatArray, first: bool, last: bool) -> slice:
-    """Leave out sections at an end in a joint, where they leave the line of the inner ones."""
-    count, at = len(radius), np.arange(len(radius))
-    third = count // 3
-    inner = slice(third, count - third)
-    if third == 0 or inner.stop - inner.start < 2:
-        return slice(0, count)
-    straight = np.polyval(np.polyfit(at[inner], radius[inner], 1), at)
-    good = np.flatnonzero(np.abs(radius - straight) < IN_JOINT * straight)
-    low = good[0] if first and len(good) else 0
-    high = good[-1] + 1 if last and len(good) else count
-    return slice(min(int(low), third), max(int(high), count - third))
+def _off_joint(radius: FloatArray, at: FloatArray, reach: float) -> BoolArray:
+    """Leave out sections that, on the way to a joint at 0, are unlike those before them.
+
+    A bend is wider in one or two sections; behind more of them all is left out.
+    """
+    kept = np.ones(len(radius), dtype=np.bool_)
+    first = int(np.searchsorted(at, reach))
+    before = list(radius[first : first + 3])
+    for k in range(first - 1, -1, -1):
+        kept[k] = abs(radius[k] - np.nanmedian(before or radius)) < IN_JOINT * radius[k]
+        if kept[k]:
+            before = [radius[k], *before[:2]]
+        elif not kept[k : k + MAX_BEND_SECTIONS + 1].any():
+            kept[:k] = False
+            break
+    return kept
 
 
 def _to_its_end(
