@@ -23,6 +23,7 @@ from scipy.sparse.csgraph import connected_components
 from design.errors import SolidError
 from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselKind, VesselNetwork
+from design.solids.genus import construct_genus
 from design.solids.manifolds import solid_manifold
 from design.solids.solid import Solid
 from design.vasculature.growth.trunk import straighten_line
@@ -38,12 +39,17 @@ FINEST_MM: Final = 0.02
 MIN_RADIUS_VOXELS: Final = 3.0
 MIN_LENGTH_RADII: Final = 2.0
 """A shorter hollow is a dimple."""
+JOINT_RADII: Final = 1.2
+SPUR_RADII: Final = 2.2
+"""Shorter ways from a fork, in its radius, lie within its joint, or lead into a corner."""
 WIDER: Final = 1.3
 """A section so many times as wide as the median of its vessel belongs to a joint."""
 MAX_JOINT_RADII: Final = 5.0
 IN_JOINT: Final = 0.015
 MAX_BEND_SECTIONS: Final = 2
 """So far from a joint at most, a section is left out that differs by this share from the next."""
+MAX_MOVE_RADII: Final = 3.0
+"""Farther from where its lumens part a joint isn't laid; its vessels hardly are straight there."""
 ROUNDS: Final = 3
 """Of sections across the line through the middles of the last ones."""
 STRAIGHT_MM: Final = 0.003
@@ -76,6 +82,12 @@ def lumen_network(solid: Solid, *, is_lumen: bool = False) -> VesselNetwork:
             "the network of its vessels, or the STL of the whole part with its channels cut out"
         )
     return _measured(graph, _Sections.of(solid, -1 if not is_lumen else 1))
+
+
+def unfollowed_ways(solid: Solid, network: VesselNetwork) -> int:
+    """Return how many ways through a part its surface has beyond those that a network follows."""
+    ends = np.flatnonzero(network.degree() == 1)
+    return max(0, solid_manifold(solid, "the model").genus() - construct_genus(network, ends))
 
 
 @dataclass(frozen=True)
@@ -135,7 +147,8 @@ def _shut_in(filled: BoolArray) -> BoolArray:
     size = 2 * int(np.ceil(np.percentile(wall[core], 90))) + 1
     away, nearest = ndimage.distance_transform_edt(~core, return_indices=True)
     reach = MOUTH_RADII * ndimage.maximum_filter(wall, size)[tuple(nearest)]
-    return np.asarray(~filled & (count >= SHUT_IN_AT_MOUTH) & (away <= reach))
+    near = ~filled & (count >= SHUT_IN_AT_MOUTH) & (away <= reach)
+    return np.asarray(ndimage.binary_propagation(core & near, mask=near))
 
 
 def _behind(filled: BoolArray, way: tuple[int, ...]) -> BoolArray:
@@ -332,7 +345,10 @@ def _tidy(graph: _Graph) -> None:
 def _least_length(graph: _Graph, edge: _Edge, degree: IntArray) -> float:
     if degree[edge.a] == degree[edge.b] == 1:
         return MIN_LENGTH_RADII * float(np.median(edge.radius))
-    return 1.2 * max(graph.radius[end] for end in (edge.a, edge.b) if degree[end] > 1)
+    joint = max(float(graph.radius[end]) for end in (edge.a, edge.b) if degree[end] > 1)
+    # A way into a corner of the wall narrows to nothing.
+    narrows = min(degree[edge.a], degree[edge.b]) == 1 and np.median(edge.radius) < joint / 2
+    return (SPUR_RADII if narrows else JOINT_RADII) * joint
 
 
 def _join_runs(graph: _Graph) -> None:
@@ -433,11 +449,13 @@ class _Axis:
 
 def _measured(graph: _Graph, sections: _Sections) -> VesselNetwork:
     """Lay the graph's vessels along the middles of their sections."""
-    degree = graph.degree()
+    degree, first = graph.degree(), graph.nodes.copy()
     for _ in range(ROUNDS):
         axes = [_axis(graph, edge, sections, degree) for edge in graph.edges]
         for node in np.flatnonzero(degree > 1):
-            graph.nodes[node] = _meeting(graph.nodes[node], list(_ways_into(int(node), axes)))
+            place = _meeting(graph.nodes[node], list(_ways_into(int(node), axes)))
+            far = np.linalg.norm(place - first[node]) > MAX_MOVE_RADII * graph.radius[node]
+            graph.nodes[node] = first[node] if far else place
         graph.edges[:] = [_along(graph, axis, degree) for axis in axes]
     nodes = graph.nodes
     lines, radii = [], []
@@ -491,14 +509,18 @@ def _axis(graph: _Graph, edge: _Edge, sections: _Sections, degree: IntArray) -> 
     way = ahead - places_along(edge.line, arc, np.maximum(at - wide, 0.0))
     way /= np.linalg.norm(way, axis=1)[:, None]
     found = [sections.at(*one) for one in zip(place, way, strict=True)]
-    radius = np.array([np.nan if one is None else one[1] for one in found])
-    own = np.isfinite(radius) & (radius < WIDER * np.nanmedian(radius))
+    closed = np.array([one is not None for one in found])
+    if closed.sum() < 2:
+        return _Axis(edge, edge.line[[0, -1]], np.full(2, wide))
+    at = at[closed]
+    centre = np.array([one[0] for one in found if one is not None])
+    radius = np.array([one[1] for one in found if one is not None])
+    own = _alike(radius, float(np.median(radius)))
     own &= _off_joint(radius, at, MAX_JOINT_RADII * joint[0])
     own &= _off_joint(radius[::-1], arc[-1] - at[::-1], MAX_JOINT_RADII * joint[1])[::-1]
     if own.sum() < 2:  # all of it lies in joints
         return _Axis(edge, edge.line[[0, -1]], np.full(2, wide))
-    centre = np.array([one[0] for one, keep in zip(found, own, strict=True) if one and keep])
-    radius = radius[own]
+    centre, radius = centre[own], radius[own]
     if degree[edge.b] == 1:
         centre, radius = _to_its_end(centre, radius, sections)
     if degree[edge.a] == 1:
@@ -515,7 +537,7 @@ def _off_joint(radius: FloatArray, at: FloatArray, reach: float) -> BoolArray:
     first = int(np.searchsorted(at, reach))
     before = list(radius[first : first + 3])
     for k in range(first - 1, -1, -1):
-        kept[k] = abs(radius[k] - np.nanmedian(before or radius)) < IN_JOINT * radius[k]
+        kept[k] = abs(radius[k] - np.median(before or radius)) < IN_JOINT * radius[k]
         if kept[k]:
             before = [radius[k], *before[:2]]
         elif not kept[k : k + MAX_BEND_SECTIONS + 1].any():
@@ -547,7 +569,11 @@ def _to_its_end(
 
 
 def _is_own(section: tuple[FloatArray, float] | None, wide: float) -> bool:
-    return section is not None and wide / 2 < section[1] < WIDER * wide
+    return section is not None and bool(_alike(np.array(section[1]), wide))
+
+
+def _alike(radius: FloatArray, wide: float) -> BoolArray:
+    return np.asarray((radius > wide / 2) & (radius < WIDER * wide))
 
 
 def _ways_into(node: int, axes: list[_Axis]) -> Iterator[tuple[FloatArray, FloatArray]]:

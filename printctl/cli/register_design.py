@@ -90,7 +90,7 @@ def _found(
     surface: Solid, path: Path, is_lumen: bool, tell: Callable[[str], None]
 ) -> VesselNetwork:
     """Find the lumens of a model without a network, and write them to a file."""
-    from design.solids.lumen_axes import lumen_network  # a given network doesn't wait for it
+    from design.solids.lumen_axes import lumen_network, unfollowed_ways  # slow to load
 
     vessels = lumen_network(surface, is_lumen=is_lumen)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -100,6 +100,11 @@ def _found(
         f"no network was given: {len(wide)} lumens were found in the model, {wide.min():.0f} to "
         f"{wide.max():.0f} µm wide; they are numbered as in {path}"
     )
+    if not is_lumen and (left := unfollowed_ways(surface, vessels)):
+        tell(
+            f"note: {left} more ways lead through the model, too short or too thin to be followed; "
+            "they aren't measured: give --network to have them measured"
+        )
     return vessels
 
 

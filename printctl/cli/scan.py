@@ -59,7 +59,7 @@ def scan(
         typer.Option("--shrink-percent", help="By how much the part shrank.", min=-10, max=20),
     ] = 1.0,
     seed: Annotated[int, typer.Option("--seed", help="Of noise and pose.", min=0)] = 1,
-    large: Annotated[bool, typer.Option("--large", help="Allow more than 500 MB.")] = False,
+    large: Annotated[bool, typer.Option("--large", help="Allow more than 1 GB.")] = False,
     syringe: HeldOption = None,
     ink: HeldOption = None,
     needle: HeldOption = None,

@@ -28,7 +28,7 @@ from sim.scanner import (
     simulate_oct,
 )
 
-MAX_SCAN_MB: Final = 500.0
+MAX_SCAN_MB: Final = 1000.0
 """A larger scan is made on request alone: registering one takes six times its size in memory."""
 PROPOSED_SCAN_MB: Final = 200.0
 _BYTES_PER_VOXEL: Final = 2
@@ -150,9 +150,9 @@ def scan_size_words(part: SimulatedScan, box_mm: FloatArray, seed: int, large: s
         return words
     coarser = (size / PROPOSED_SCAN_MB) ** (1 / 3)
     other = ", ".join(f"{math.ceil(coarser * value):g}" for value in part.voxel_um)
-    proposed = f"voxel_um [{other}] makes one of at most {PROPOSED_SCAN_MB:g} MB"
+    proposed = f"voxels of {other} µm make one of at most {PROPOSED_SCAN_MB:g} MB"
     if size > MAX_SCAN_MB and not part.large:
-        raise UsageError(f"{words}, above {MAX_SCAN_MB:g} MB: {proposed}; or say {large}")
+        raise UsageError(f"{words}, above {_mb(MAX_SCAN_MB)}: {proposed}; or say {large}")
     return f"{words}; {proposed}"
 
 
