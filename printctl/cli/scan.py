@@ -50,7 +50,7 @@ HeldOption = Annotated[
 
 
 def scan(
-    print_: PrintArg,
+    printed: PrintArg,
     out: OutOption = None,
     device: DeviceOption = None,
     voxel_um: VoxelOption = None,
@@ -90,7 +90,7 @@ def scan(
         "large": large,
     }
     stated = StatedPrint(syringe, ink, needle, faults, record)
-    facts = scan_print(find_print(print_), stated, wanted, out, print_note)
+    facts = scan_print(find_print(printed), stated, wanted, out, print_note)
     if as_json:
         print_json(facts)
     else:
