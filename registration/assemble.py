@@ -32,6 +32,7 @@ from registration.options import RegistrationOptions
 from registration.result import RegistrationReport
 from registration.scan import Scan
 from registration.segmentation import Segmentation
+from registration.topology import Agreement
 from registration.uncertainty import ScanErrors
 
 
@@ -65,6 +66,8 @@ class RegistrationParts:
         Where the surface away from lumens stands out.
     gel_at : (p,) float64 or None
         At the options' places: 1 for gel, 0 for none, NaN where it can't be told.
+    agreement : Agreement
+        Whether the scan is of this part at all.
     """
 
     segmentation: Segmentation
@@ -80,6 +83,7 @@ class RegistrationParts:
     characteristics: tuple[Characteristic, ...]
     errors: ScanErrors
     gel_at: FloatArray | None
+    agreement: Agreement
 
 
 def assemble(
@@ -132,6 +136,7 @@ def assemble(
         all_open=_all_open(findings.vessels),
         defects=listed,
         topology=findings.topology,
+        agreement=parts.agreement,
         overlap_rigid=findings.overlap_rigid,
         overlap_scaled=findings.overlap_scaled,
         perfusion=findings.perfusion,

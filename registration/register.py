@@ -35,6 +35,7 @@ from registration.result import RegistrationReport
 from registration.scan import Scan
 from registration.segmentation import GelEvidence, gel_evidence
 from registration.segmentation.evidence import are_separable
+from registration.topology import agreement
 
 
 def register_scan(
@@ -93,6 +94,7 @@ def _registered(case: PreparedScan, other: Executor) -> RegistrationParts:
         _characterised(case, lying, findings),
         case.errors,
         _gel_at(case, lying.alignment.scaled, evidence.result()),
+        agreement(case.surface, case.network, segmentation, lying.alignment.scaled, case.is_lumen),
     )
 
 

@@ -16,7 +16,7 @@ from registration.gauging import Defect, Deviation, Perfusion, VesselGauge
 from registration.gauging.face_places import FacePlace
 from registration.geometry import Characteristic, Frame
 from registration.json_ready import json_ready
-from registration.topology import Overlap, Topology
+from registration.topology import Agreement, Overlap, Topology
 from registration.uncertainty import quantity, terms
 from registration.walls_file import WallCalibration
 
@@ -97,6 +97,8 @@ class RegistrationReport:
         By vessel and place.
     topology : Topology
         How the lumens hang together.
+    agreement : Agreement
+        Of the scan's hollows and surface with the design: whether it is of this part at all.
     overlap_rigid, overlap_scaled : Overlap
         Dice and volume ratio of the lumens after each fit.
     perfusion : Perfusion or None
@@ -148,6 +150,7 @@ class RegistrationReport:
     all_open: bool
     defects: tuple[Defect, ...]
     topology: Topology
+    agreement: Agreement
     overlap_rigid: Overlap
     overlap_scaled: Overlap
     perfusion: Perfusion | None
@@ -208,6 +211,10 @@ def report_dict(report: RegistrationReport) -> dict[str, Any]:
         },
         "overlap": {"rigid": asdict(report.overlap_rigid), "scaled": asdict(report.overlap_scaled)},
         "topology": _topology_dict(report.topology),
+        "agreement": {
+            **asdict(report.agreement),
+            "other_part": report.agreement.other_part,
+        },
         "perfusion": None if report.perfusion is None else _perfusion_dict(report.perfusion),
         "frame": _frame_dict(report.frame),
         "characteristics": [_characteristic_dict(one) for one in report.characteristics],

@@ -36,6 +36,7 @@ COMMANDS: dict[str, str] = {
     "recover": "recover:recover",
     "give-up": "give_up:give_up",
     "sim-printer": "sim_printer:sim_printer",
+    "scan": "scan:scan",
     "register": "register:register",
     "dye": "dye:dye",
     "overlay": "overlay:overlay",

@@ -63,6 +63,12 @@ MANUAL: Final[Mapping[str, Manual]] = {
     "recover": Manual(("printctl recover runs/my_run",), REACHES),
     "give-up": Manual(("printctl give-up runs/my_run",), REACHES),
     "sim-printer": Manual(("printctl sim-printer --link /tmp/printer",)),
+    "scan": Manual(
+        (
+            "printctl scan part.gcode.print --out scan.tif",
+            "printctl scan 1795267901 --device microct --voxel-um 40,40,40",
+        )
+    ),
     "register": Manual(
         (
             "printctl register scan.tif --model runs/my_run --out report",

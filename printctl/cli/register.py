@@ -10,7 +10,7 @@ import typer
 
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.option_group import with_options_of
-from printctl.cli.options import JsonFlag, print_json, print_lines
+from printctl.cli.options import JsonFlag, print_json, print_lines, print_note
 from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.progress_option import ProgressFileOption, Steps
 from printctl.cli.register_options import (
@@ -68,7 +68,7 @@ def register(
         steps.begin("reading")
         from printctl.cli.register_design import read_design  # help waits for no mesh library
 
-        design = read_design(model, network, lumens, unit, printed_in)
+        design = read_design(model, network, lumens, unit, printed_in, out, print_note)
         drawn = second.call(PAGES, "network_drawing", design.vessels)
         # Loaded only now, beside what the second process loads.
         from printctl.cli.datum_options import datums_of

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from design.network import VesselNetwork
-from design.network_files.csv_format import read_network_csv
+from design.network_files.csv_format import read_network_csv, write_network_csv
 from design.solids import Solid, read_solid
 from design.units import LengthUnit
 from printctl.cli.options import messages
@@ -45,8 +46,13 @@ def read_design(
     lumens: bool | None,
     unit: LengthUnit,
     printed_in: Path | None,
+    out: Path,
+    tell: Callable[[str], None],
 ) -> DesignRead:
     """Read a design; ``lumens`` None takes what a run's print leaves to be scanned.
+
+    Of an STL without a network the lumens are found in it, and their network is written to ``out``;
+    ``tell`` is told so.
 
     Raises
     ------
@@ -54,7 +60,13 @@ def read_design(
         When a file isn't there, or no journal is where a print is named.
     """
     surface, path = _surface(model, network, lumens, unit)
-    vessels = read_network_csv(path, unit="mm")
+    if network is None and not path.is_file() and not model.is_dir():
+        path = out / NETWORK
+        vessels = _found(surface, path, bool(lumens), tell)
+    elif not path.is_file():
+        raise UsageError(f"no network at {path}; give --network network.csv for the vessel table")
+    else:
+        vessels = read_network_csv(path, unit="mm")
     return DesignRead(model, surface, path, vessels, _printed(model, printed_in))
 
 
@@ -74,10 +86,29 @@ def _surface(
         beside = model.with_name(NETWORK)
     else:
         raise UsageError(f"--model {model} doesn't exist; give a run folder or an STL file")
-    path = network if network is not None else beside
-    if not path.is_file():
-        raise UsageError(f"no network at {path}; give --network network.csv for the vessel table")
-    return surface, path
+    return surface, network if network is not None else beside
+
+
+def _found(
+    surface: Solid, path: Path, is_lumen: bool, tell: Callable[[str], None]
+) -> VesselNetwork:
+    """Find the lumens of a model without a network, and write them to a file."""
+    from design.solids.lumen_axes import lumen_network, unfollowed_ways  # slow to load
+
+    vessels = lumen_network(surface, is_lumen=is_lumen)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_network_csv(path, vessels)
+    wide = 2e3 * vessels.mean_radius()
+    tell(
+        f"no network was given: {len(wide)} lumens were found in the model, {wide.min():.0f} to "
+        f"{wide.max():.0f} µm wide; they are numbered as in {path}"
+    )
+    if not is_lumen and (left := unfollowed_ways(surface, vessels)):
+        tell(
+            f"note: {left} more ways lead through the model, too short or too thin to be followed; "
+            "they aren't measured: give --network to have them measured"
+        )
+    return vessels
 
 
 def _printed(model: Path, named: Path | None) -> dict[str, Any] | None:

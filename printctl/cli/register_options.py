@@ -21,14 +21,18 @@ OutOption = Annotated[
 ]
 NetworkOption = Annotated[
     Path | None,
-    typer.Option("--network", help="network.csv in mm; else the one beside the model."),
+    typer.Option(
+        "--network",
+        help="network.csv in mm; else the one beside the model, or the lumens found in an STL.",
+    ),
 ]
 LumensFlag = Annotated[
     bool | None,
     typer.Option(
         "--lumens/--whole",
         help="With a run folder: only its lumens were scanned, or the whole part. If not given, "
-        "the lumens of an embedded print, the whole part of FRESH layers.",
+        "the lumens of an embedded print, the whole part of FRESH layers. With an STL and no "
+        "network: the STL is the lumens.",
         show_default=False,
     ),
 ]

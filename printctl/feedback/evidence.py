@@ -227,6 +227,11 @@ def _check(folder: Path, numbers: dict[str, Any]) -> None:
             f"{folder / NUMBERS} was written by an older printctl, without what a compensation "
             "needs; run the recipe (or register) again"
         )
+    if (numbers.get("agreement") or {}).get("other_part"):
+        raise PrintctlError(
+            f"{folder}: the scan is of another part than the design; give the right scan and "
+            "model, or leave this print out"
+        )
     if numbers["ambiguity"]["flag"]:
         margin = numbers["ambiguity"]["margin"]
         margin_text = f" (margin {margin:.2f})" if margin is not None else ""

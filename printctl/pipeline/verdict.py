@@ -13,6 +13,7 @@ from registration.judging import (
     worst_decision,
 )
 from registration.report.gauging_sections import pressure_words
+from registration.topology.overlap import MAX_FOREIGN, MIN_OPEN
 
 Record = Mapping[str, Any]
 Finding = tuple[Decision, str]
@@ -29,7 +30,8 @@ def verdict(registration: Record) -> dict[str, Any]:
 
     The print passes when every feature of every vessel passes, the pose is unambiguous and every
     vessel that should carry flow does. It fails when one of these fails. Else it is undecided:
-    neither is proven. Of a part that may lie otherwise nothing is proven.
+    neither is proven. Of a part that may lie otherwise nothing is proven. A scan of another part
+    fails, for that reason alone.
 
     Parameters
     ----------
@@ -46,6 +48,8 @@ def verdict(registration: Record) -> dict[str, Any]:
     KeyError
         When it wasn't judged: an older version wrote it.
     """
+    if (registration.get("agreement") or {}).get("other_part"):
+        return {"passed": False, "undecided": False, "reasons": [_other_part(registration)]}
     features = registration["judging"]["features"]
     of_features: list[Finding] = [(f["decision"], reason(f)) for f in _worth_saying(features)]
     others: list[Finding] = [
@@ -66,6 +70,23 @@ def verdict(registration: Record) -> dict[str, Any]:
             for text in [*_some(of_features, decision), *(t for d, t in others if d == decision)]
         ],
     }
+
+
+def _other_part(registration: Record) -> str:
+    """Say that the scan is of another part, with the evidence in numbers."""
+    numbers, vessels = registration["agreement"], registration["vessels"]
+    scale = " × ".join(f"{one:.2f}" for one in registration["scale"])
+    return (
+        "This is not that part: in the best pose "
+        f"{100 * numbers['foreign_share']:.0f} % of the hollow space in the scan lies where the "
+        f"design has gel (limit {100 * MAX_FOREIGN:.0f} %; a part with defects has under 10 %), "
+        f"{100 * numbers['designed_open']:.0f} % of the designed lumens' space is hollow (limit "
+        f"{100 * MIN_OPEN:.0f} %), "
+        f"{sum(row['open'] is True for row in vessels)} of {len(vessels)} designed vessels are "
+        f"open from end to end, {100 * numbers['close_share']:.0f} % of the scanned surface lies "
+        f"within 0.25 mm of the design, and its size would be {scale} times the design's along x, "
+        "y, z; nothing else here means anything: give the model of the part that was scanned"
+    )
 
 
 def _in_this_pose(registration: Record, decision: Decision, text: str) -> Finding:

@@ -273,6 +273,7 @@ class SimulatedScan(Part):
     defects: Annotated[tuple[DefectPart, ...], Field(max_length=100)] = Field(
         default=(), description="Put into the deposit before it is scanned."
     )
+    large: bool = Field(default=False, description="The scan may be larger than 1 GB.")
 
     @model_validator(mode="after")
     def _voxels_are_sensible(self) -> SimulatedScan:

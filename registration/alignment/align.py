@@ -177,7 +177,7 @@ def _refuse_misfit(surface: ModelSurface, points: FloatArray, fit: Fit) -> None:
     close = np.abs(residuals(surface, points, fit)) < CLOSE_MM
     if close.mean() < 0.5:
         raise AlignmentError(
-            f"only {100 * close.mean():.0f} % of the scanned surface comes within "
-            f"{1e3 * CLOSE_MM:.0f} um of the model (needed: 50 %); "
-            "is this the scan of this part, in the right units?"
+            f"this is not that part, or not in its size: only {100 * close.mean():.0f} % of the "
+            f"scanned surface comes within {1e3 * CLOSE_MM:.0f} um of the model in the best pose "
+            "(needed: 50 %); check which part was scanned, --voxel-um and the model's unit"
         )

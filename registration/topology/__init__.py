@@ -8,9 +8,10 @@ from registration.topology.compare import Faults, Topology, compare_topology, gr
 from registration.topology.euler import Betti, betti_numbers
 from registration.topology.grid import LumenGrid, lay_grid, scanned_with
 from registration.topology.leaks import Leaks, LeakSearch, find_leaks
-from registration.topology.overlap import Overlap, overlap
+from registration.topology.overlap import Agreement, Overlap, agreement, overlap
 
 __all__ = [
+    "Agreement",
     "Betti",
     "Faults",
     "LeakSearch",
@@ -18,6 +19,7 @@ __all__ = [
     "LumenGrid",
     "Overlap",
     "Topology",
+    "agreement",
     "betti_numbers",
     "compare_topology",
     "find_leaks",

@@ -31,7 +31,7 @@ from kernels import pjit
 from kernels.arrays import FloatArray
 from sim.deposit.lay import Deposit
 from sim.scanner.output import ScannerOutput, check_range
-from sim.scanner.placing import Placing, place
+from sim.scanner.placing import Placing, place, voxel_counts
 from sim.scanner.sampling import blurred, index_map, lookup, random_bits
 
 
@@ -71,6 +71,11 @@ class MicroCtOptions:
         for name in ("gel_counts", "lumen_counts", "noise_counts"):
             check_range(name, getattr(self, name), 0.0, 65535.0, "counts")
 
+    def shape(self, bounds_mm: FloatArray, seed: int) -> tuple[int, int, int]:
+        """Voxels along z, y, x of a scan of what lies in a box (2, 3), mm."""
+        placed = place(bounds_mm, self.placing, False, np.random.default_rng(seed))
+        return voxel_counts(placed.field_mm, (self.voxel_mm,) * 3)
+
 
 def simulate_microct(deposit: Deposit, options: MicroCtOptions, seed: int) -> ScannerOutput:
     """Scan a deposit by simulated micro-CT.
@@ -84,7 +89,6 @@ def simulate_microct(deposit: Deposit, options: MicroCtOptions, seed: int) -> Sc
     """
     rng = np.random.default_rng(seed)
     placed = place(deposit.bounds_mm, options.placing, False, rng)
-    shape = tuple(math.ceil(v) for v in placed.field_mm[::-1] / options.voxel_mm)
     edge = deposit.voxel_mm
     sigma = options.sigma_mm / edge
     key = np.uint64(rng.integers(2**63))
@@ -93,7 +97,7 @@ def simulate_microct(deposit: Deposit, options: MicroCtOptions, seed: int) -> Sc
         ink,
         index_map(placed.pose, deposit.origin_mm - pad * edge, edge),
         options.voxel_mm,
-        (shape[0], shape[1], shape[2]),
+        voxel_counts(placed.field_mm, (options.voxel_mm,) * 3),
         np.array([*_counts(options), options.noise_counts]),
         key,
     )

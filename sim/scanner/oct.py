@@ -33,7 +33,7 @@ from kernels import pjit
 from kernels.arrays import FloatArray
 from sim.deposit.lay import Deposit
 from sim.scanner.output import ScannerOutput, check_range
-from sim.scanner.placing import Placing, place
+from sim.scanner.placing import Placing, place, voxel_counts
 from sim.scanner.sampling import blurred, index_map, lookup, random_bits
 
 
@@ -87,6 +87,17 @@ class OctOptions:
         check_range("looks", self.looks, 1, 64, "looks")
         check_range("start_mm", self.start_mm, 0.0, 1e3, "mm")
 
+    @property
+    def geometric_voxel_mm(self) -> tuple[float, float, float]:
+        """Sampling (dz, dy, dx), dz geometric too."""
+        dz, dy, dx = self.voxel_mm
+        return dz / self.refractive_index, dy, dx
+
+    def shape(self, bounds_mm: FloatArray, seed: int) -> tuple[int, int, int]:
+        """Voxels along z, y, x of a scan of what lies in a box (2, 3), mm."""
+        placed = place(bounds_mm, self.placing, True, np.random.default_rng(seed))
+        return voxel_counts(placed.field_mm, self.geometric_voxel_mm)
+
 
 NOISE_COUNTS = 8.0
 """Mean of the noise floor; the gel's surface then fits into 16 bits up to 38 dB."""
@@ -101,10 +112,8 @@ def simulate_oct(deposit: Deposit, options: OctOptions, seed: int) -> ScannerOut
         When options are out of range (at their construction).
     """
     rng = np.random.default_rng(seed)
-    dz, dy, dx = options.voxel_mm
-    dz /= options.refractive_index
+    dz, dy, dx = voxel = options.geometric_voxel_mm
     placed = place(deposit.bounds_mm, options.placing, True, rng)
-    shape = tuple(math.ceil(v) for v in placed.field_mm[::-1] / (dz, dy, dx))
     edge = deposit.voxel_mm
     ink, pad = blurred(deposit.volume, (options.axial_sigma_mm / edge, 0.0, 0.0))
     key = np.uint64(rng.integers(2**63))
@@ -112,7 +121,7 @@ def simulate_oct(deposit: Deposit, options: OctOptions, seed: int) -> ScannerOut
         ink,
         index_map(placed.pose, deposit.origin_mm - pad * edge, edge),
         np.array([dz, dy, dx]),
-        (shape[0], shape[1], shape[2]),
+        voxel_counts(placed.field_mm, voxel),
         np.array(
             [
                 NOISE_COUNTS * 10 ** (options.signal_db / 10),

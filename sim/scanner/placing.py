@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,6 +83,14 @@ def place(
     pose[:3, :3] = linear
     pose[:3, 3] = field / 2 + shift - linear @ bounds.mean(axis=0)
     return DrawnPose(pose, field)
+
+
+def voxel_counts(
+    field_mm: FloatArray, voxel_mm: tuple[float, float, float]
+) -> tuple[int, int, int]:
+    """Voxels along z, y, x that cover a field (x, y, z); `voxel_mm` as (dz, dy, dx), geometric."""
+    nz, ny, nx = (math.ceil(v) for v in field_mm[::-1] / voxel_mm)
+    return nz, ny, nx
 
 
 def _rotation(axis: FloatArray, angle: float) -> FloatArray:

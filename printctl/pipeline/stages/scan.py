@@ -6,14 +6,21 @@ import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from design.files import write_text
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.head_contents import Filled
 from printctl.pipeline.scan_defects import scan_defects
+from printctl.pipeline.simulated_scan import (
+    PrintedInk,
+    deposit_voxel_mm,
+    scan_deposit,
+    scan_size_words,
+    to_scan,
+    written_box,
+)
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.predicting import compensates, predicted_of_motion
 from printctl.pipeline.stages.printing import EXECUTED, printed_text
@@ -27,21 +34,12 @@ from registration.errors import RegistrationError
 from registration.readers import is_mosaic, listed_files
 from registration.writers import write_scan
 from sim.bead import bead_deposit
-from sim.deposit.lay import Deposit, deposit, deposit_of_heads, unite_deposits
-from sim.deposit.pneumatic import pneumatic_deposit
+from sim.deposit.lay import Deposit
 from sim.dry_run.run import dry_run
 from sim.faults.fault_file import load_faults
 from sim.faults.ink_faults import NO_FAULTS, InkFaults
 from sim.motion.executed import ExecutedMotion
-from sim.scanner import (
-    MicroCtOptions,
-    OctOptions,
-    Placing,
-    ScannerOutput,
-    simulate_microct,
-    simulate_oct,
-    with_defects,
-)
+from sim.scanner import ScannerOutput, with_defects
 
 TRUTH = "scan_truth.json"
 
@@ -50,9 +48,6 @@ _NAMES = {"oct": "OCT", "microct": "micro-CT"}
 FIELD_MM = 1.5
 """A scanner looks at the part and so far around it, not at the line that primed the needle."""
 FIELD_SIDES = np.array([[-1.0], [1.0]])
-_FINEST_DEPOSIT_MM = 0.02
-_DEPOSIT_PER_SCAN_VOXEL = 0.625
-"""The deposit is laid somewhat finer than it is scanned, so that its own voxels don't show."""
 
 
 def depends(context: RunContext) -> Any:
@@ -104,9 +99,9 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         return facts | {"simulated": of_simulator(context.recipe_folder / part.file)}, []
     scanned = simulate(context, part, report)
     report(0.8, "writing")
-    scan = to_scan(scanned, context)
+    scan = to_scan(scanned, context.folder / "scan")
     write_scan(context.folder / scan_name(part), scan)
-    write_truth(context, scanned)
+    write_truth(context.folder / TRUTH, scanned)
     facts = describe(scan, f"simulated {_NAMES[part.simulated]}")
     wrong = ink_faults(context).each
     if wrong:
@@ -118,44 +113,48 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
 
 
 def simulate(context: RunContext, part: SimulatedScan, report: Report) -> ScannerOutput:
-    """Lay the ink where the printer's motors went, and scan it."""
-    dx, dy, dz = (value * 1e-3 for value in part.voxel_um)
-    more = 1 + part.spread_percent / 100
-    area = more * area_mm2(context.poured)
-    fine = max(_FINEST_DEPOSIT_MM, _DEPOSIT_PER_SCAN_VOXEL * min(dx, dy, dz))
+    """Lay the ink where the printer's motors went, and scan it.
+
+    Raises
+    ------
+    UsageError
+        When the scan would be so large that the recipe must say that it may be.
+    """
+    seed = part.seed if part.seed is not None else context.recipe.seed
     motion = ExecutedMotion.load(context.folder / EXECUTED)
-    faults = ink_faults(context)
-    if context.printer.heads:
-        ink = unite_deposits(inks_of(context, motion, fine, more))
-    elif compensates(context):
-        ink = predicted_ink(context, motion, fine, more)
-    elif context.flow_ul_s is None:
-        step = 1 / context.printer.steps_per_mm.e
-        ink = deposit(motion, area, fine, plunger_step_mm=step, faults=faults)
-    else:
-        gcode = b"".join(printed_text(context).lines)
-        flow = more * context.flow_ul_s
-        ink = pneumatic_deposit(motion, gcode, context.printer, flow, fine, faults=faults)
+    box = written_box(motion)
     if context.recipe.toolpath.prime is not None:
-        ink = ink.within(context.written_bounds + context.place_mm + FIELD_MM * FIELD_SIDES)
+        field = context.written_bounds + context.place_mm + FIELD_MM * FIELD_SIDES
+        box = np.clip(box, *field)
+    context.bars.remark("scan", scan_size_words(part, box, seed, "large: true in scan"))
+    more = 1 + part.spread_percent / 100
+    fine = deposit_voxel_mm(part)
+    if compensates(context):
+        ink = predicted_ink(context, motion, fine, more)
+    else:
+        ink = printed_ink(context, motion).deposit(fine, more)
+    if context.recipe.toolpath.prime is not None:
+        ink = ink.within(field)
     if part.defects:
         ink = with_defects(
             ink, scan_defects(part.defects, context.written_network, context.place_mm)
         )
     report(0.4, "scanning")
-    left = 1 - part.shrink_percent / 100
-    seed = part.seed if part.seed is not None else context.recipe.seed
-    if part.simulated == "oct":
-        placing = Placing(shrink=(left, left, left))
-        return simulate_oct(ink, OctOptions(voxel_mm=(dz, dy, dx), placing=placing), seed)
-    placing = Placing(tilt_deg=5.0, rotation_deg=180.0, margin_mm=1.0, shrink=(left, left, left))
-    options = MicroCtOptions(voxel_mm=dx, placing=placing, ink=ink_in_scan(context))
-    return simulate_microct(ink, options, seed)
+    return scan_deposit(ink, part, seed, gel=isinstance(context.recipe.toolpath, Fresh))
 
 
-def ink_in_scan(context: RunContext) -> Literal["lumen", "gel"]:
-    """What the ink is when it is scanned: the gel in FRESH prints, else melted out."""
-    return "gel" if isinstance(context.recipe.toolpath, Fresh) else "lumen"
+def printed_ink(context: RunContext, motion: ExecutedMotion) -> PrintedInk:
+    """What the heads of a run held while they moved so."""
+    held = context.loads if context.printer.heads else (context.poured,)
+    return PrintedInk(
+        motion,
+        context.printer,
+        # The writer pushes more where less comes out.
+        [one.syringe.area_mm2 * one.ink.flow_factor for one in held],
+        context.flow_ul_s,
+        b"" if context.flow_ul_s is None else b"".join(printed_text(context).lines),
+        ink_faults(context),
+    )
 
 
 def predicted_ink(
@@ -176,57 +175,13 @@ def ink_faults(context: RunContext) -> InkFaults:
     return NO_FAULTS if name is None else load_faults(context.recipe_folder / name).of_ink
 
 
-def area_mm2(filled: Filled) -> float:
-    """What comes out for a way of the plunger: the writer pushes more where less comes out."""
-    return filled.syringe.area_mm2 * filled.ink.flow_factor
-
-
-def inks_of(
-    context: RunContext, motion: ExecutedMotion, voxel_mm: float, more: float = 1.0
-) -> tuple[Deposit, ...]:
-    """The ink of each head that wrote, on one grid; ``more`` times what was dosed."""
-    printer, faults = context.printer, ink_faults(context)
-    pairs = [
-        (k, motion.of_head(k, head.offset_mm.mm))
-        for k, head in enumerate(printer.heads)
-        if (motion.tool == k).any()
-    ]
-    pairs = [(k, one) for k, one in pairs if _writes(one)]
-    return deposit_of_heads(
-        [one for _, one in pairs],
-        [more * area_mm2(context.loads[k]) for k, _ in pairs],
-        voxel_mm,
-        plunger_step_mm=[1 / printer.of_head(k).steps_per_mm.e for k, _ in pairs],
-        faults=[faults.of_head(k) for k, _ in pairs],
-    )
-
-
-def _writes(motion: ExecutedMotion) -> bool:
-    moved = (motion.end != motion.start).any(axis=1)
-    return bool((moved & (motion.plunger_end > motion.plunger_start)).any())
-
-
-def to_scan(scanned: ScannerOutput, context: RunContext) -> Scan:
-    """What a scanner's file holds: everything but the truth."""
-    return Scan(
-        volume=scanned.volume,
-        voxel_mm=scanned.voxel_mm,
-        refractive_index=scanned.refractive_index,
-        optical_depth=scanned.optical_depth,
-        scale=scanned.scale,
-        modality=scanned.modality,
-        depth_down=scanned.depth_down,
-        came_from=context.folder / "scan",
-    )
-
-
-def write_truth(context: RunContext, scanned: ScannerOutput) -> None:
+def write_truth(path: Path, scanned: ScannerOutput) -> None:
     """Keep where the part really lay, in a file that registration never opens."""
     truth = {
         "printer_to_scan": scanned.pose_truth.tolist(),
         "shrink": scanned.shrink_truth.tolist(),
     }
-    write_text(context.folder / TRUTH, json.dumps(truth, indent=1) + "\n")
+    write_text(path, json.dumps(truth, indent=1) + "\n")
 
 
 def load_scan(context: RunContext) -> Scan:

@@ -1,53 +1,112 @@
-"""Pipeline stage of the simulated scanner: its input."""
+"""Simulated scans: what lies under the scanner, how large its scan will be, and of which prints."""
 
 from __future__ import annotations
 
+import hashlib
 import math
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+import tifffile
 
+from printctl.errors import UsageError
+from printctl.link.history_entry import PrintEntry, entry_of
+from printctl.link.journal import Journal
+from printctl.link.record import LinkRecord
+from printctl.pipeline.print_scan import StatedPrint, scan_print
+from printctl.pipeline.simulated_scan import scan_size_words
 from printctl.pipeline.stages import scan
-from printctl.recipe.making import Embedded, Fresh, SimulatedScan
+from printctl.recipe.making import SimulatedScan
+from registration import read_scan
 from sim.faults.ink_faults import Clog
+from sim.motion.executed import ExecutedMotion
 
-
-class LaidError(Exception):
-    """The deposit was asked for; its area in mm² and the faults are the arguments."""
+BOX = np.array([[0.0, 0.0, 0.0], [24.0, 20.0, 3.0]])
+E_STEPS = 6400.0
 
 
 @pytest.mark.parametrize("factor", [1.0, 0.8])
-def test_what_comes_out_is_laid_and_not_what_is_pushed(
-    factor: float, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def deposit(motion: Any, area: float, *rest: Any, **more: Any) -> None:
-        raise LaidError(area, more["faults"])
-
-    monkeypatch.setattr(scan, "deposit", deposit)
+def test_what_comes_out_is_laid_and_not_what_is_pushed(factor: float, tmp_path: Any) -> None:
     (tmp_path / "faults.yaml").write_text("ink: [{fault: clog, line: 30}]\n")
-    monkeypatch.setattr(scan.ExecutedMotion, "load", lambda path: None)
     context: Any = SimpleNamespace(
-        folder=tmp_path,
         recipe_folder=tmp_path,
         poured=SimpleNamespace(
             syringe=SimpleNamespace(area_mm2=math.pi), ink=SimpleNamespace(flow_factor=factor)
         ),
-        recipe=SimpleNamespace(toolpath=None, printer=SimpleNamespace(faults="faults.yaml")),
+        recipe=SimpleNamespace(printer=SimpleNamespace(faults="faults.yaml")),
         flow_ul_s=None,
-        printer=SimpleNamespace(steps_per_mm=SimpleNamespace(e=6400.0), heads=()),
+        printer=SimpleNamespace(steps_per_mm=SimpleNamespace(e=E_STEPS), heads=()),
     )
-    with pytest.raises(LaidError) as laid:
-        scan.simulate(context, SimulatedScan(simulated="oct"), lambda *told: None)
-    assert laid.value.args[0] == pytest.approx(math.pi * factor)
-    assert laid.value.args[1].each == (Clog(fault="clog", line=30),)
+    ink = scan.printed_ink(context, strokes())
+    assert ink.area_mm2 == pytest.approx([math.pi * factor])
+    assert ink.faults.each == (Clog(fault="clog", line=30),)
 
 
-@pytest.mark.parametrize(
-    ("part", "ink"), [(Fresh(method="fresh"), "gel"), (Embedded(method="embedded"), "lumen")]
-)
-def test_ink_is_the_part_s_gel_in_layers_and_melted_out_of_a_matrix(
-    part: Fresh | Embedded, ink: str
-) -> None:
-    context: Any = SimpleNamespace(recipe=SimpleNamespace(toolpath=part))
-    assert scan.ink_in_scan(context) == ink
+def strokes(area_mm2: float = 1.0) -> ExecutedMotion:
+    """Four layers of eight level lines beside each other, 0.2 mm apart and high."""
+    rows = [(k, line) for k in range(4) for line in range(8)]
+    start = np.array([(10.0, 10 + 0.2 * line, 0.2 * (k + 1)) for k, line in rows])
+    end = start + [3.0, 0.0, 0.0]
+    pushed = 3.0 * 0.2 * 0.2 / area_mm2 * np.arange(len(rows) + 1)
+    times = np.arange(len(rows) + 1.0)
+    return ExecutedMotion(
+        start, end, pushed[:-1], pushed[1:], times[:-1], times[1:], np.arange(len(rows))
+    )
+
+
+def printed(folder: Path, syringe: str = "hamilton_1ml") -> PrintEntry:
+    """What `printctl print` leaves of a file of any slicer on the simulated printer."""
+    folder.mkdir()
+    job = folder.with_name("part.gcode")
+    job.write_bytes(b"G1 X1\n")
+    journal = Journal(folder / "journal.log")
+    digest = hashlib.sha256(job.read_bytes()).hexdigest()
+    journal.add("job", name=job.name, path=str(job), sha256=digest, lines=1, port="/dev/pts/1",
+                profile="generic_marlin", pid=1, started=1e9)  # fmt: skip
+    journal.close()
+    care = {"syringe": syringe}
+    LinkRecord(1, "", "", str(job), "generic_marlin", "/dev/pts/1", 1e9, care=care).save(folder)
+    entry = entry_of(folder / "journal.log")
+    assert entry is not None
+    return entry
+
+
+def test_a_print_without_a_recipe_is_scanned_with_its_sidecar(tmp_path: Path) -> None:
+    entry, said = printed(tmp_path / "part.gcode.print"), list[str]()
+    area = math.pi / 4 * 4.61**2
+    strokes(area).save(tmp_path / "part.gcode.print" / "executed.npz")
+    wanted = {"simulated": None, "voxel_um": (60, 60, 40), "seed": 3, "shrink_percent": 0.0}
+    facts = scan_print(entry, StatedPrint(), wanted, None, said.append)
+    assert said[0].startswith("the scan will be ")
+    path = Path(facts["scan"])
+    assert path == tmp_path / "part.gcode.print" / "scan.tif"
+    found = read_scan(path)
+    assert (found.modality, found.voxel_mm) == ("oct", (0.04, 0.06, 0.06))
+    gel = (found.volume > 500).sum() * np.prod(found.geometric_voxel_mm)
+    assert gel == pytest.approx(3.0 * 1.6 * 0.8, rel=0.35)
+    # The sidecar alone tells how any other program's copy of the stack lies.
+    bare = tmp_path / "bare.tif"
+    tifffile.imwrite(bare, found.volume)
+    bare.with_suffix(".json").write_text(Path(facts["sidecar"]).read_text())
+    assert read_scan(bare).voxel_mm == found.voxel_mm
+
+
+def test_a_print_whose_motors_nobody_recorded_is_refused(tmp_path: Path) -> None:
+    entry = printed(tmp_path / "part.gcode.print")
+    with pytest.raises(UsageError, match="simulated printer"):
+        scan_print(entry, StatedPrint(), {"simulated": "oct"}, None, print)
+
+
+def test_a_large_scan_wants_to_be_asked_for_and_a_smaller_one_is_proposed() -> None:
+    fine = SimulatedScan(simulated="oct", voxel_um=(12, 12, 10))
+    with pytest.raises(UsageError) as refused:
+        scan_size_words(fine, BOX, 1, "--large")
+    assert "GB" in str(refused.value)
+    proposed = str(refused.value).split("voxels of ")[2].split(" µm")[0]
+    x, y, z = (float(word) for word in proposed.split(", "))
+    smaller = scan_size_words(fine.model_copy(update={"voxel_um": (x, y, z)}), BOX, 1, "")
+    assert 120 < float(smaller.split("will be ")[1].split(" MB")[0]) <= 200
+    assert "GB" in scan_size_words(fine.model_copy(update={"large": True}), BOX, 1, "")

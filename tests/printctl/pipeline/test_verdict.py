@@ -232,3 +232,14 @@ def test_many_reasons_are_counted() -> None:
 def test_a_registration_that_wasnt_judged_is_refused() -> None:
     with pytest.raises(KeyError, match="judging"):
         verdict(registration(good(0)))
+
+
+def test_of_another_part_s_scan_that_is_the_first_thing_said_and_a_fail() -> None:
+    other = {"foreign_share": 0.66, "designed_open": 0.13, "close_share": 0.92, "other_part": True}
+    result = judged(agreement=other, scale=[1.08, 0.94, 0.95])
+    assert (result["passed"], result["undecided"]) == (False, False)
+    assert len(result["reasons"]) == 1
+    said = result["reasons"][0]
+    assert said.startswith("This is not that part")
+    assert "66 %" in said
+    assert "13 %" in said

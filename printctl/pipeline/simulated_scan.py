@@ -1,0 +1,174 @@
+"""Simulate the scan of a print: lay its ink in voxels, check the scan's size, scan it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from firmware_profiles import Printer
+from kernels.arrays import FloatArray
+from printctl.errors import UsageError
+from printctl.recipe.making import SimulatedScan
+from registration import Scan
+from sim.deposit.lay import Deposit, deposit, deposit_of_heads, unite_deposits
+from sim.deposit.pneumatic import pneumatic_deposit
+from sim.faults.ink_faults import NO_FAULTS, InkFaults
+from sim.motion.executed import ExecutedMotion
+from sim.scanner import (
+    MicroCtOptions,
+    OctOptions,
+    Placing,
+    ScannerOutput,
+    simulate_microct,
+    simulate_oct,
+)
+
+MAX_SCAN_MB: Final = 1000.0
+"""A larger scan is made on request alone: registering one takes six times its size in memory."""
+PROPOSED_SCAN_MB: Final = 200.0
+_BYTES_PER_VOXEL: Final = 2
+_FINEST_DEPOSIT_MM: Final = 0.02
+_DEPOSIT_PER_SCAN_VOXEL: Final = 0.625
+"""The deposit is laid somewhat finer than it is scanned, so that its own voxels don't show."""
+
+
+@dataclass(frozen=True)
+class PrintedInk:
+    """What the motors of a simulated printer did, and what was in its heads.
+
+    Attributes
+    ----------
+    motion : ExecutedMotion
+    printer : Printer
+    area_mm2 : sequence of float, mm²
+        Of each head: ink that leaves it for a plunger travel of 1 mm, µL/mm.
+    flow_ul_s : float or None, µL/s
+        Of a pneumatic head while its valve is open; None for a plunger.
+    gcode : bytes
+        As it was sent; of a pneumatic head it says when the valve stood open.
+    faults : InkFaults
+    """
+
+    motion: ExecutedMotion
+    printer: Printer
+    area_mm2: Sequence[float]
+    flow_ul_s: float | None = None
+    gcode: bytes = b""
+    faults: InkFaults = NO_FAULTS
+
+    def deposit(self, voxel_mm: float, more: float = 1.0) -> Deposit:
+        """Lay the ink of all heads in voxels; `more` times what was dosed."""
+        if self.printer.heads:
+            return unite_deposits(self.of_heads(voxel_mm, more))
+        if self.flow_ul_s is not None:
+            flow = more * self.flow_ul_s
+            return pneumatic_deposit(
+                self.motion, self.gcode, self.printer, flow, voxel_mm, faults=self.faults
+            )
+        step = 1 / self.printer.steps_per_mm.e
+        area = more * self.area_mm2[0]
+        return deposit(self.motion, area, voxel_mm, plunger_step_mm=step, faults=self.faults)
+
+    def of_heads(self, voxel_mm: float, more: float = 1.0) -> tuple[Deposit, ...]:
+        """Lay the ink of each head that wrote, on one grid."""
+        pairs = [
+            (k, self.motion.of_head(k, head.offset_mm.mm))
+            for k, head in enumerate(self.printer.heads)
+            if (self.motion.tool == k).any()
+        ]
+        pairs = [(k, one) for k, one in pairs if _writing(one).any()]
+        return deposit_of_heads(
+            [one for _, one in pairs],
+            [more * self.area_mm2[k] for k, _ in pairs],
+            voxel_mm,
+            plunger_step_mm=[1 / self.printer.of_head(k).steps_per_mm.e for k, _ in pairs],
+            faults=[self.faults.of_head(k) for k, _ in pairs],
+        )
+
+
+def _writing(motion: ExecutedMotion) -> np.ndarray:
+    """Whether each block moves and pushes, (n,)."""
+    moved = (motion.end != motion.start).any(axis=1)
+    return np.asarray(moved & (motion.plunger_end > motion.plunger_start))
+
+
+def written_box(motion: ExecutedMotion) -> FloatArray:
+    """Lowest and highest place (2, 3), mm, of blocks that push; of all where none does."""
+    writes = _writing(motion)
+    chosen = writes if writes.any() else np.ones(len(motion), dtype=np.bool_)
+    both = np.concatenate([motion.start[chosen], motion.end[chosen]])
+    return np.array([both.min(axis=0), both.max(axis=0)])
+
+
+def is_layered(motion: ExecutedMotion) -> bool:
+    """Whether all that was written is level."""
+    writes = _writing(motion)
+    return bool((motion.start[writes, 2] == motion.end[writes, 2]).all())
+
+
+def deposit_voxel_mm(part: SimulatedScan) -> float:
+    """Edge of the voxels in which ink is laid that is to be scanned, mm."""
+    return max(_FINEST_DEPOSIT_MM, _DEPOSIT_PER_SCAN_VOXEL * 1e-3 * min(part.voxel_um))
+
+
+def scan_deposit(ink: Deposit, part: SimulatedScan, seed: int, *, gel: bool) -> ScannerOutput:
+    """Scan a deposit; `gel`: the ink is the gel, else it has been melted out of it."""
+    options = _options(part, gel)
+    if isinstance(options, OctOptions):
+        return simulate_oct(ink, options, seed)
+    return simulate_microct(ink, options, seed)
+
+
+def _options(part: SimulatedScan, gel: bool = True) -> OctOptions | MicroCtOptions:
+    dx, dy, dz = (value * 1e-3 for value in part.voxel_um)
+    left = 1 - part.shrink_percent / 100
+    if part.simulated == "oct":
+        return OctOptions(voxel_mm=(dz, dy, dx), placing=Placing(shrink=(left, left, left)))
+    placing = Placing(tilt_deg=5.0, rotation_deg=180.0, margin_mm=1.0, shrink=(left, left, left))
+    return MicroCtOptions(voxel_mm=dx, placing=placing, ink="gel" if gel else "lumen")
+
+
+def scan_size_words(part: SimulatedScan, box_mm: FloatArray, seed: int, large: str) -> str:
+    """Say how large the scan of what lies in a box (2, 3), mm, will be.
+
+    Raises
+    ------
+    UsageError
+        Above `MAX_SCAN_MB`, unless the part says that it may be; `large` names what says so.
+    """
+    shape = _options(part).shape(box_mm, seed)
+    size = math.prod(shape) * _BYTES_PER_VOXEL / 1e6
+    across = " × ".join(str(count) for count in reversed(shape))
+    voxel = ", ".join(f"{value:g}" for value in part.voxel_um)
+    words = f"the scan will be {_mb(size)} ({across} voxels of {voxel} µm)"
+    if size <= PROPOSED_SCAN_MB:
+        return words
+    coarser = (size / PROPOSED_SCAN_MB) ** (1 / 3)
+    other = ", ".join(f"{math.ceil(coarser * value):g}" for value in part.voxel_um)
+    proposed = f"voxels of {other} µm make one of at most {PROPOSED_SCAN_MB:g} MB"
+    if size > MAX_SCAN_MB and not part.large:
+        raise UsageError(f"{words}, above {_mb(MAX_SCAN_MB)}: {proposed}; or say {large}")
+    return f"{words}; {proposed}"
+
+
+def _mb(size: float) -> str:
+    return f"{size:.0f} MB" if size < 1000 else f"{size / 1000:.1f} GB"
+
+
+def to_scan(scanned: ScannerOutput, came_from: Path) -> Scan:
+    """What a scanner's file holds: everything but the truth."""
+    return Scan(
+        volume=scanned.volume,
+        voxel_mm=scanned.voxel_mm,
+        refractive_index=scanned.refractive_index,
+        optical_depth=scanned.optical_depth,
+        scale=scanned.scale,
+        modality=scanned.modality,
+        depth_down=scanned.depth_down,
+        came_from=came_from,
+    )
