@@ -55,6 +55,7 @@ class PrintEvents:
         self._handlers: dict[type, Callable[[Any], None]] = {
             said.Fault: self._on_fault,
             said.Notice: self._on_notice,
+            said.Remark: self._on_remark,
             said.LinesResent: self._on_went_back,
             said.StrayOk: self._on_stray,
             said.TokenSent: self._on_token_sent,
@@ -86,6 +87,9 @@ class PrintEvents:
 
     def _on_notice(self, event: said.Notice) -> None:
         self._logbook.notice(event.text)
+
+    def _on_remark(self, event: said.Remark) -> None:
+        self._logbook.remark(event.text, event.known)
 
     def _on_went_back(self, event: said.LinesResent) -> None:
         self._logbook.alarm(
@@ -132,7 +136,7 @@ class PrintEvents:
             )
         else:
             text = f"the printer says {event.text!r} ({where})"
-        self._logbook.complain(text)
+        self._logbook.complain(text, event.about_command)
         self._logbook.alarm(text)
 
     def _on_action(self, event: said.Action) -> None:

@@ -6,7 +6,7 @@ import contextlib
 
 from printctl.link.channel import POLL_S
 from printctl.link.connecting import connect
-from printctl.link.errors import LinkError
+from printctl.link.errors import HandshakeError, LinkError
 from printctl.link.interruption import StopRequested
 from printctl.link.job import Job
 from printctl.link.job_start import declared_start
@@ -69,7 +69,7 @@ class PrintLoop:
             parts.looks.at_mark()
         others = self._progress.foreign_words()
         look = f"; {others}: look at the part" if others else ""
-        message = f"all {len(self._job)} lines done{look}"
+        message = f"all {len(self._job)} lines done{look}{self._logbook.remarks}"
         raise PrintEnded(LinkState.DONE, message, known=not others)
 
     def _begin(self) -> None:
@@ -81,6 +81,8 @@ class PrintLoop:
         self._parts.frame.begin()
         self._parts.pauses.motors.hold()
         number = self._channel.agree(self._protocol.renumber)
+        if self._logbook.fault and not self._logbook.disk_full:
+            raise HandshakeError(f"{self._logbook.fault}; no line of the job was sent")
         self._protocol.load(self._job.lines, 0, number)
 
     def _agree_start(self) -> None:
@@ -201,6 +203,8 @@ class PrintLoop:
         if confirmed:
             self._parts.interruption.disarm()  # it is done, and nothing moves any more
             self._parts.firmware.undo_settings()
+            self._logbook.excuse("")  # a setting that isn't taken back spoils no part
+            self._parts.ending.end_on_fault()
         return confirmed
 
     def _finish(self) -> bool:

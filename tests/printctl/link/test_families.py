@@ -7,7 +7,7 @@ import pytest
 from firmware_profiles import Printer, load
 from firmware_profiles.families import find_family
 from firmware_profiles.families.link_protocol import Halting
-from firmware_profiles.families.marlin.replies import Kind, classify, unknown_command
+from firmware_profiles.families.marlin.replies import Kind, classify
 from firmware_profiles.families.reprapfirmware.crc16 import crc16
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
@@ -225,7 +225,7 @@ def test_only_marlin_is_called_verified():
 def test_prusas_unknown_code_is_known_as_such():
     reply = classify(b"Unknown M code: M999 S1")
     assert reply.kind is Kind.UNKNOWN_COMMAND
-    assert unknown_command(reply.text) == b"M999 S1"
+    assert reply.command == b"M999 S1"
 
 
 @pytest.mark.parametrize(
