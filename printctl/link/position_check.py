@@ -222,6 +222,52 @@ class PositionCheck:
         if wrong:
             self.end_astray(wrong)
 
+    def verify_end(self) -> str:
+        """Compare where the motors rest behind the last move with where the job ends.
+
+        Returns
+        -------
+        str
+            What to add to the message of the end where something can't be compared.
+
+        Raises
+        ------
+        PrintEnded
+            Where they disagree: the printer didn't make what it acknowledged.
+        """
+        progress, at = self._progress, self._progress.modal()
+        progress.verified()
+        wrong, told, by_steps = self._frame.compare_end(at)
+        if not told:
+            words = "; the end's place isn't compared: the printer tells none (M114)"
+        elif not set(told) & set(at.place_axes()):
+            words = "; the end's place isn't compared: the job names none"
+        elif not by_steps:
+            words = (
+                "; the end's place is compared as told, its motors' steps aren't: M114 lacks them"
+            )
+        else:
+            words = ""
+        self._logbook.record(
+            "checkpoint",
+            done=progress.done,
+            position=told,
+            agrees=not wrong,
+            stands=True,
+            compared=words.removeprefix("; ") or "place and steps",
+        )
+        if wrong:
+            progress.not_made()
+            others = progress.foreign_words()
+            raise PrintEnded(
+                LinkState.POSITION_UNKNOWN,
+                f"all {progress.done} lines were acknowledged, but the printer isn't where the job "
+                f"ends: {wrong} (compared to {WITHIN_MM:g} mm){f' ({others})' if others else ''}; "
+                "look at the part; `printctl status` says what next",
+                known=False,
+            )
+        return words
+
     def refuse_renamed(self, *, waited: bool = False) -> None:
         """Compare what the printer calls its place with its steps; see `FrameCheck.renamed`.
 

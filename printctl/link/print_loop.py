@@ -30,6 +30,7 @@ class PrintLoop:
         self._parts, self._channel = parts, parts.channel
         self._logbook, self._progress = parts.channel.logbook, parts.channel.logbook.progress
         self._wiring, self._protocol = parts.channel.wiring, parts.channel.wiring.protocol
+        self._compared = ""
 
     @property
     def _job(self) -> Job:
@@ -69,7 +70,7 @@ class PrintLoop:
             parts.looks.at_mark()
         others = self._progress.foreign_words()
         look = f"; {others}: look at the part" if others else ""
-        message = f"all {len(self._job)} lines done{look}{self._logbook.remarks}"
+        message = f"all {len(self._job)} lines done{self._compared}{look}{self._logbook.remarks}"
         raise PrintEnded(LinkState.DONE, message, known=not others)
 
     def _begin(self) -> None:
@@ -211,11 +212,7 @@ class PrintLoop:
         """Wait for the last move; return whether the printer confirms its last line."""
         self._channel.settle()
         self._channel.command(b"M400")
-        slips = self._parts.slips
-        if self._progress.unverified or slips.due or slips.noisy or self._progress.foreign:
-            self._progress.verified()
-            self._parts.position.verify(self._progress.modal())
-        self._parts.position.refuse_renamed(waited=True)
+        self._compared = self._parts.position.verify_end()
         self._parts.clients.compare()
         self._parts.heat.take_back()
         number = self._protocol.number

@@ -37,7 +37,7 @@ QUICKSTOP: Final = b"M410"
 TIMEOUT: Final = IdleTimeout("M85", "", "M85 S600")
 
 
-def make_protocol(setup: LinkSetup, family: type[MarlinProtocol] = MarlinProtocol) -> LinkProtocol:
+def make_protocol(setup: LinkSetup) -> LinkProtocol:
     """Make the state machine, with one line in flight or two."""
     pairing = Pairing(setup.receive_buffer_bytes, setup.withholds)
     return MarlinProtocol(setup.timing, pairing if setup.lines_in_flight == 2 else None)

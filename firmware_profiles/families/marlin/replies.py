@@ -99,7 +99,7 @@ class Reply:
 
 _ROOM: Final = rb"-?[\d.]+"
 _OK = re.compile(rb"ok(?: N(\d+)(?: P%b)?(?: B%b)?| P%b B%b)?$" % (_ROOM, _ROOM, _ROOM, _ROOM))
-_OK_REPORT = re.compile(rb"ok (?:T:.*|[ BC]:?.*)$")
+_OK_REPORT = re.compile(rb"ok (?:[TX]:.*|[ BC]:?.*)$")
 _NO_ROOM = re.compile(rb"ok.* [PB](?:-|\d*\.|\d{5})")
 _RESEND = re.compile(rb"(?:Resend:|rs) ?N?(\d+)$")
 _LAST_LINE = re.compile(rb"Last Line: (\d+)$")
