@@ -25,6 +25,7 @@ _ACTIONS: Final = {
     "resume": Request.RESUME,
 }
 """What a printer may ask its host for (``//action:pause``)."""
+_PROMPT: Final = "prompt_begin"
 
 
 class PrintEvents:
@@ -143,6 +144,9 @@ class PrintEvents:
         if event.name in _ACTIONS:
             self._logbook.alarm(f"the printer asks for {event.name!r}")
             self._requests.add(_ACTIONS[event.name], by=f"the printer (//action:{event.name})")
+        elif event.name.startswith(_PROMPT):
+            text = event.name.removeprefix(_PROMPT).strip()
+            self._logbook.alarm(f"the printer asks at its own screen: {text!r}")
 
     def _on_person_awaited(self, event: said.WaitingForPerson) -> None:
         self._logbook.alarm(
