@@ -8,7 +8,7 @@ motors themselves matter, M400 comes first and waits for them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, NoReturn
 
@@ -16,7 +16,7 @@ from firmware_profiles.families.position_reply import parse_position, parse_shif
 from printctl.link.channel import Channel
 from printctl.link.families import link_facts
 from printctl.link.frame_check import FrameCheck
-from printctl.link.modal import AXES, Modal, disagreement
+from printctl.link.modal import AXES, Modal, disagreement, modal_state
 from printctl.link.states import LinkState, PrintEnded
 from printctl.link.valve_switch import ValveSwitch
 
@@ -184,6 +184,11 @@ class PositionCheck:
             return parse_position(self._channel.command(b"M114"))
         question = link_facts(self._channel.wiring.printer).place_question
         return parse_shifted(self._channel.command(question))[0]
+
+    def missed_height(self, way: Sequence[bytes]) -> str:
+        """Return how far from its end a way out ended, which was acknowledged; '' for nothing."""
+        wrong, told = self.compare(Modal(z=modal_state(way, len(way)).z))
+        return wrong if told else ""
 
     def note_plunger(self) -> None:
         """Take the plunger's count as the link has set it; see `FrameCheck.note_plunger`."""

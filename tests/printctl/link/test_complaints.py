@@ -276,6 +276,19 @@ def test_a_stopped_printer_ends_the_print_at_the_first_move_it_ignores(tmp_path)
     assert "Printer stopped due to errors" in status.message
 
 
+def test_a_printer_that_ignores_the_way_out_is_not_told_to_be_lifted(tmp_path):
+    class Silent(FaultyMarlin):
+        """It complains once, and ignores every move behind that."""
+
+        def _do(self, command: str) -> bytes:
+            said = super()._do(command)
+            self.words = "" if self.moves >= self.faulty_at else self.words
+            return said
+
+    status = ended(Silent("some text\nError:any other"), tmp_path)
+    assert (status.state, status.position_known) == (LinkState.FAILED, False)
+
+
 @pytest.mark.parametrize("counts", [True, False])
 def test_a_printer_that_acknowledges_and_does_not_move_is_not_done(tmp_path, counts):
     status = ended(FaultyMarlin(counts=counts), tmp_path)

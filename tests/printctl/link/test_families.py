@@ -81,8 +81,8 @@ def test_command_that_the_firmware_refuses_ends_in_a_controlled_stop(firmware, t
     status = streamer_of(firmware, fake, tmp_path, [*JOB[:10], b"G999", *JOB[10:]]).run()
     assert status.state is LinkState.FAILED
     assert "G999" in status.message
-    # the position proves that M400 was answered; Klipper's board is asked as well
-    assert [one for one in fake.executed if one != "M119"][-2:] == ["M400", "M114"]
+    # the position proves that M400 was answered (Klipper's board is asked as well), and the lift
+    assert [one for one in fake.executed if one != "M119"][-3:] == ["M400", "M114", "M114"]
 
 
 class GoneBoard(FakeKlipper):
