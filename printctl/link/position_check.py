@@ -188,7 +188,7 @@ class PositionCheck:
     def missed_height(self, way: Sequence[bytes]) -> str:
         """Return how far from its end a way out ended, which was acknowledged; '' for nothing."""
         wrong, told = self.compare(Modal(z=modal_state(way, len(way)).z))
-        return wrong if told else ""
+        return wrong.replace("the job says", "it was sent to") if told else ""
 
     def note_plunger(self) -> None:
         """Take the plunger's count as the link has set it; see `FrameCheck.note_plunger`."""
