@@ -112,7 +112,8 @@ class ReplyHandler:
         What noise has made of a line is quoted as well, and is sent again.
         """
         state, command = self._state, reply.command
-        flight, words = state.flight or b"", command.split(b" ")
+        flight = b"" if state.tokens.flying else state.flight or b""
+        words = command.split(b" ")
         flying = flight.split(b" ")[0] == words[0] and flight.startswith(command)
         line = state.recall(command)
         if not command or not (flying or command == state.second or line >= 0):

@@ -103,7 +103,7 @@ class Tokens:
 
     def quoted_by(self, text: bytes) -> bool:
         """Whether an unknown-command reply is to a token: there is no M118 in this firmware."""
-        return self.flying or any(token in text for token in self._texts)
+        return any(token in text for token in self._texts)
 
     def resembles(self, text: bytes) -> bool:
         """Whether a line from the printer may be an echo that noise has garbled."""

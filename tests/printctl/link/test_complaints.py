@@ -103,6 +103,15 @@ def test_an_error_counts_in_every_state_and_no_line_of_the_job_follows(family, s
         assert b"G1" not in protocol.take_output()
 
 
+@pytest.mark.parametrize("state", STATES)
+def test_an_unknown_command_counts_in_every_state(state):
+    protocol = streaming()
+    _, now = state(protocol)
+    events = protocol.feed(b'echo:Unknown command: "G1 X1"\n', now)
+    faults = [event for event in events if isinstance(event, Fault)]
+    assert [(fault.line, fault.refused) for fault in faults] == [(1, True)]
+
+
 @pytest.mark.parametrize(
     "said",
     [
