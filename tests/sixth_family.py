@@ -42,7 +42,7 @@ class SixthProtocol(AckProtocol):
 
     def sort(self, text):
         if text.startswith(b"echo:Unknown command"):
-            return Sort.FAULT
+            return Sort.REFUSAL
         return Sort.OK if text == b"ok" or text.startswith(b"ok ") else Sort.TEXT
 
     def on_silence(self, now, events):

@@ -16,6 +16,7 @@ from enum import Enum, auto
 from typing import Final
 
 from firmware_profiles.families import link_protocol as said
+from firmware_profiles.families.known_messages import COMPLAINTS, MessageMeaning, MessageTable
 from firmware_profiles.families.line_errors import LineErrors
 from firmware_profiles.families.link_protocol import Event
 from firmware_profiles.families.link_timing import Timing
@@ -32,20 +33,30 @@ class Sort(Enum):
 
     OK = auto()
     FAULT = auto()
+    REFUSAL = auto()
     HALT = auto()
     RESTART = auto()
+    NOTICE = auto()
     TEXT = auto()
 
 
-_ENDS: Final = frozenset({Sort.FAULT, Sort.HALT, Sort.RESTART})
+_SORTS: Final = {
+    MessageMeaning.HALT: Sort.HALT,
+    MessageMeaning.FAULT: Sort.FAULT,
+    MessageMeaning.REFUSAL: Sort.REFUSAL,
+    MessageMeaning.NOTICE: Sort.NOTICE,
+}
+_REPORT: Final = re.compile(rb"(?:[TBC]\d*:|[XYZ]:|//|echo:)")
+"""How answers begin that a job's own lines ask for, or that macros write."""
+_ENDS: Final = frozenset({Sort.FAULT, Sort.REFUSAL, Sort.HALT, Sort.RESTART})
 """After these nothing leaves, not even for an ok before them in the same read."""
 
 
 class AckProtocol(ABC):
     """State machine of one printer; see `firmware_profiles.families.link_protocol.LinkProtocol`.
 
-    A family gives `frame` (a command as it is sent), `sort` (what a reply is), `on_silence`, and
-    how its errors begin (`error_starts`).
+    A family gives `frame` (a command as it is sent), `sort` (what a reply is), `on_silence`, its
+    ``messages``, and how its errors begin (`error_starts`).
 
     Nothing leaves while a line from the printer is cut by a read: it may be an error. After
     ``silence_s`` its first half counts: as an error where it may be the beginning of one.
@@ -56,6 +67,7 @@ class AckProtocol(ABC):
     """
 
     kill_bytes: bytes = b"\nM112\n"
+    messages: MessageTable
     error_starts: tuple[bytes, ...]
 
     def __init__(self, timing: Timing | None = None) -> None:
@@ -83,6 +95,15 @@ class AckProtocol(ABC):
     @abstractmethod
     def sort(self, text: bytes) -> Sort:
         """Tell what a line from the printer is."""
+
+    def sort_known(self, text: bytes) -> Sort:
+        """Tell what a line is by the family's messages, wherever in it they stand."""
+        message = self.messages.find(text)
+        if message is not None and message.meaning in COMPLAINTS:
+            return _SORTS[message.meaning]
+        if text == b"ok" or text.startswith(b"ok "):
+            return Sort.OK
+        return Sort.TEXT if message is None else _SORTS.get(message.meaning, Sort.TEXT)
 
     @abstractmethod
     def on_silence(self, now: float, events: list[Event]) -> None:
@@ -233,13 +254,18 @@ class AckProtocol(ABC):
             self.end(said.FirmwareReset(), events) if over else events.append(
                 said.FirmwareStarted()
             )
-        elif sort is Sort.FAULT:
+        elif sort in (Sort.FAULT, Sort.REFUSAL):
             self.held = True
             answers = self.in_job or (self._waits and self._behind_job)
-            events.append(said.Fault(words, self.lines_done + self.in_job, answers))
+            line, refusal = self.lines_done + self.in_job, sort is Sort.REFUSAL
+            events.append(said.Fault(words, line, answers, refusal))
         elif sort is Sort.OK:
             self._hear_ok(text, now, events)
+        elif sort is Sort.NOTICE:
+            events.append(said.Remark(words, known=True))
         elif self.flight is not None:
+            if self.in_job and not _REPORT.match(text):
+                events.append(said.Remark(words))
             self.heard.append(text)
             self.deadline = now + self.timing.silence_s
 

@@ -50,11 +50,15 @@ class Fault:
         Job lines taken, the one in flight at the time included.
     refused : bool
         Whether it answers that line, which wasn't carried out as it is written.
+    about_command : bool
+        Whether it says of a command alone that it isn't known or can't be carried out. Of a
+        question, or of what a person typed, that is an answer.
     """
 
     text: str
     line: int
     refused: bool = False
+    about_command: bool = False
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,22 @@ class Notice:
     """Something for the journal that needs no action: a lost ok, a resent line, a stray reply."""
 
     text: str
+
+
+@dataclass(frozen=True)
+class Remark:
+    """The printer said what somebody should know of, or what no table of its family has.
+
+    Attributes
+    ----------
+    text : str
+        Its own words.
+    known : bool
+        Whether its family's table has it.
+    """
+
+    text: str
+    known: bool = False
 
 
 @dataclass(frozen=True)
@@ -210,6 +230,7 @@ Event: TypeAlias = (
     | Synchronised
     | Fault
     | Notice
+    | Remark
     | LinesResent
     | StrayOk
     | TokenSent

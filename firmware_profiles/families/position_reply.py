@@ -3,29 +3,40 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
-_POSITION: Final = re.compile(rb"([XYZE]):(-?\d+\.\d+)")
+_POSITION: Final = re.compile(rb"([XYZE]): ?(-?\d+\.\d+)")
+_PLACE: Final = re.compile(rb"(?:ok )?(?:C: )?X: ?-?\d")
+"""How M114's place begins; ``ok C:`` is Smoothieware's."""
 _COMMANDED: Final = b"gcode: "
 _SHIFT: Final = b"gcode base: "
 _MOTOR: Final = re.compile(rb"stepper_([xyz]):(-?\d+(?:\.\d+)?)")
-_COUNT: Final = re.compile(rb" Count X: ?(-?\d+) Y: ?(-?\d+) Z: ?(-?\d+)$")
+_COUNT: Final = re.compile(
+    rb" Count X: ?(-?[\d.]+) Y: ?(-?[\d.]+) Z: ?(-?[\d.]+)(?: E: ?-?[\d.]+)?$"
+)
 
 
 def parse_position(replies: Sequence[bytes]) -> dict[str, float]:
     """Read the reply to M114, mm, by axis letter; empty when it isn't there."""
     for text in replies:
-        if text.startswith((b"X:", b"ok C: X:")) and b" Z:" in text:  # the latter is Smoothieware's
+        if _PLACE.match(text) and b" Z:" in text:
             words = text.split(b"Count")[0]
             return {axis.decode(): float(value) for axis, value in _POSITION.findall(words)}
     return {}
 
 
-def parse_counts(replies: Sequence[bytes]) -> dict[str, int]:
-    """Read Marlin's counts of steps from the reply to M114; empty where it tells none."""
-    counts = next((match for text in replies if (match := _COUNT.search(text))), None)
-    return dict(zip("XYZ", map(int, counts.groups()), strict=True)) if counts else {}
+def parse_counts(replies: Sequence[bytes], per_mm: Mapping[str, float]) -> dict[str, float]:
+    """Read where the motors' steps are from the reply to M114, mm; empty where it tells none.
+
+    Marlin tells steps, of which there are ``per_mm``; Prusa-Firmware tells mm, with decimals.
+    """
+    match = next((match for text in replies if (match := _COUNT.search(text))), None)
+    if match is None:
+        return {}
+    told = dict(zip("XYZ", match.groups(), strict=True))
+    in_mm = any(b"." in value for value in match.groups())
+    return {axis: float(value) / (1.0 if in_mm else per_mm[axis]) for axis, value in told.items()}
 
 
 def parse_shifted(replies: Sequence[bytes]) -> tuple[dict[str, float], dict[str, float]]:

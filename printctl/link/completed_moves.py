@@ -72,6 +72,10 @@ class CompletedMoves:
         """Take notice that the moves which were ahead won't be made: no more lines will be."""
         self._dropped = True
 
+    def doubt(self) -> None:
+        """Take notice that moves which were acknowledged weren't made: nobody knows how many."""
+        self._ahead, self._sure, self._dropped = math.inf, 0, True
+
     def stood(self, line: int) -> None:
         """Take notice that the printer stood in the line after so many: those were made."""
         self._sure = max(self._sure, line)

@@ -87,16 +87,21 @@ class Ending:
         self._valve.shut()
         if facts.place_question or self._logbook.progress.meddled:
             self._firmware.set_modes(journalled=True)  # others may have left them otherwise
-        self._channel.commands(self._way_out(stop))
+        way = self._way_out(stop)
+        self._channel.commands(way)
         self._heaters_off()
         self._channel.command(b"M400")
-        known = stop.read and self._logbook.complaints == complaints
+        # one that has complained may ignore moves and say ok to them
+        missed = self._position.missed_height(way) if self._logbook.complaints else ""
+        known = stop.read and self._logbook.complaints == complaints and not missed
         if known and (state is LinkState.STOPPED or self._logbook.disk_full or others):
             self._record_stood(stop)
         self._firmware.undo_settings()
         fault = self._logbook.fault
         if fault:
             message += f"; the way out wasn't made as meant: {fault}"
+        if missed:
+            message += f"; the needle wasn't lifted as told: {missed}"
         if not known:
             message += "; where the needle is isn't known: look before anything moves"
         raise PrintEnded(state, message, known)

@@ -63,7 +63,7 @@ class FirmwareCheck:
             self._channel.ask(command)
         self.set_modes(journalled=False)
         self._gauges.check_at_rest()
-        self._logbook.excuse_all()  # a firmware without M113 says so; that is no fault of the job
+        self._logbook.excuse("")  # a firmware without M113 says so; that is no fault of the job
 
     def _identify(self, says: str) -> None:
         for _ in range(RETRIES):

@@ -24,7 +24,7 @@ from firmware_profiles.families.position_reply import (
 from printctl.link.channel import Channel
 from printctl.link.families import link_facts
 from printctl.link.job_frame import Renaming, renamings
-from printctl.link.modal import HOMING, declared_axes, modal_state
+from printctl.link.modal import HOMING, Modal, declared_axes, disagreement, modal_state
 from sim.reading import code_of, read_sent
 
 RETRIES: Final = 8
@@ -48,6 +48,7 @@ class FrameCheck:
         self._channel = channel
         self._told: Place = {}
         self._offset: Place = {}
+        self._unshifted = False
         self._named: list[Renaming] | None = None
         self._plunger: tuple[int, float] | None = None
         self._motors: Place = {}
@@ -62,6 +63,7 @@ class FrameCheck:
         logbook.excuse(fault)  # a question that this build doesn't know
         if answers is not None:
             self._told, self._offset = answers
+            self._unshifted = not answers[1]
             self._declared = 0, self._motors
             logbook.record("frame", told=answers[0], offset=answers[1])
 
@@ -101,17 +103,55 @@ class FrameCheck:
             return ""
         if not waited and not self._question:
             self._channel.command(b"M400")
-        expected, wrong = self._expected(), ""
+        wrong = ""
         for _ in range(RETRIES):  # a reply may be garbled
-            _, offset = self._asked(journalled=True)
+            told, offset = self._asked(journalled=True)
             if not offset:
                 continue
-            wrong = self._difference(expected, offset)
-            if self._question:  # a wire without noise
-                return wrong or self._plunger_difference(offset) or self._declared_difference()
-            if not wrong or not self._difference(self._offset, offset):
-                return ""
+            wrong = self._aside(told, offset)
+            if not wrong or self._question:  # a wire without noise
+                break
         return wrong
+
+    def compare_end(self, at: Modal) -> tuple[str, Place, bool]:
+        """Compare place and motors' steps with the job's end, by one answer; the motors rest.
+
+        Parameters
+        ----------
+        at : Modal
+            Where the job ends.
+
+        Returns
+        -------
+        wrong : str
+            What disagrees; empty for nothing.
+        told : dict
+            The place that the printer tells, mm; empty where it tells none.
+        by_steps : bool
+            Whether it tells its motors' own steps, and they were compared.
+        """
+        wrong, told, compared = "", Place(), False
+        before = self._channel.logbook.fault
+        for _ in range(RETRIES):
+            answer, offset = self._asked(journalled=True)
+            if not answer:
+                continue
+            told, compared = answer, self._applies() and bool(offset)
+            wrong = disagreement(at, told)
+            if not wrong and compared:
+                wrong = self._aside(told, offset)
+            if not wrong:
+                break
+        self._channel.logbook.excuse(before)  # a question that this build doesn't know
+        return wrong, told, compared
+
+    def _aside(self, told: Place, offset: Place) -> str:
+        """Return which axes' names and steps differ from the job's, or ''."""
+        wrong = self._difference(self._expected(), told, offset)
+        if self._question:
+            return wrong or self._plunger_difference(offset) or self._declared_difference()
+        # a build without workspace offsets counts its steps from the place's name
+        return wrong if self._difference(self._offset, told, offset) else ""
 
     def doubtful(self) -> bool:
         """Whether the motors are where the moves that they may be making don't lead; no waiting."""
@@ -137,21 +177,20 @@ class FrameCheck:
 
     def _asked(self, *, journalled: bool) -> tuple[Place, Place]:
         """Return the place as the printer calls it, and the steps' place less that, mm."""
-        if self._question:
+        per_mm = self._channel.wiring.printer.steps_per_mm
+        if self._question and not self._unshifted:
             replies = self._channel.command(self._question, journalled)
-            per_mm = self._channel.wiring.printer.steps_per_mm
             self._motors = {
                 axis: steps / getattr(per_mm, axis.lower()) - mm
                 for axis, (steps, mm) in parse_motors(replies).items()
             }
             return parse_shifted(replies)
         replies = self._channel.command(b"M114", journalled)
-        told, counts = parse_position(replies), parse_counts(replies)
-        if not set(_AXES) <= set(told) & set(counts):
+        told = parse_position(replies)
+        at = parse_counts(replies, {axis: getattr(per_mm, axis.lower()) for axis in _AXES})
+        if not set(_AXES) <= set(told):
             return {}, {}
-        per_mm = self._channel.wiring.printer.steps_per_mm
-        at = {axis: counts[axis] / getattr(per_mm, axis.lower()) for axis in _AXES}
-        return told, {axis: at[axis] - told[axis] for axis in _AXES}
+        return told, {axis: mm - told[axis] for axis, mm in at.items()}
 
     def _expected(self) -> Place:
         """Offset that the job's own renamings have led to, mm."""
@@ -173,10 +212,12 @@ class FrameCheck:
             self._named = renamings(self._channel.logbook.progress.job.lines)
         return self._named
 
-    def _difference(self, expected: Place, offset: Place) -> str:
+    def _difference(self, expected: Place, told: Place, offset: Place) -> str:
         aside = {axis: expected[axis] - offset[axis] for axis in _AXES}
+        steps = "" if self._question else " ({:.2f} mm, where its motor's steps make {:.2f} mm)"
         return ", ".join(
             f"{axis} is called {mm:+.2f} mm otherwise than by the job"
+            + steps.format(told[axis], told[axis] - mm)
             for axis, mm in aside.items()
             if abs(mm) > self._within(axis)
         )

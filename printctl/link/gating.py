@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 from firmware_profiles import Printer
 from firmware_profiles.families.position_reply import parse_position
@@ -25,10 +23,6 @@ from sim.errors import LineError
 from sim.reading import BLANK, GcodeLine, read_line
 
 Ask = Callable[[bytes], tuple[bytes, ...]]
-_OF_THE_LINE: Final = re.compile(
-    r"unknown|not supported|out of range|must home|axes homed|cold extrusion|minimum temp", re.I
-)
-"""Complaints about a line that was typed, not about the print."""
 
 
 @dataclass(frozen=True)
@@ -102,11 +96,6 @@ class PausedTip:
 def judge_typed(text: str, known: PrinterSituation) -> Verdict:
     """Judge what a person typed into a print."""
     return judge(text, LineOrigin.CONSOLE, known)
-
-
-def is_of_the_line(fault: str) -> bool:
-    """Whether a printer's complaint is about the line that was typed, not about the print."""
-    return _OF_THE_LINE.search(fault) is not None
 
 
 def settings_changed_by(lines: Sequence[bytes], printer: Printer) -> tuple[str, ...]:

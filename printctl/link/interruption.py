@@ -22,7 +22,7 @@ from printctl.link.wiring import Wiring
 AGAIN_S: Final = 3.0
 MOST: Final = 3
 """So often the motors are told to stop while the line in flight isn't answered; each takes 1 s."""
-BREAKABLE: Final = (b" W:", b"paused for user")
+BREAKABLE: Final = (b" W:", b"paused for ")
 """In what is told while heat, or a person at the printer's own button, is waited for."""
 WAITS: Final = (
     "stopping; this firmware can't drop the moves that it holds, so they are made first: "

@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Any, Final
 
 from printctl.link.errors import JournalError, Refused
-from printctl.link.gating import is_of_the_line
 from printctl.link.journal import RESERVE_BYTES
 from printctl.link.journalled_print import JournalledPrint
 from printctl.link.progress import JobProgress
@@ -20,6 +19,10 @@ from printctl.link.wiring import Wiring
 
 NOTE_S: Final = 0.25
 """Interval of progress records and progress events."""
+_TOLD: Final = 3
+"""Complaints told in one message."""
+_REMARKS: Final = 1000
+"""Unknown replies counted."""
 _NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
 
 
@@ -74,7 +77,9 @@ class Logbook:
         self._details, self._next_due = details, next_due
         self._state, self._message = LinkState.CONNECTING, ""
         self._noted = self._alarms = 0
-        self._fault, self._complaints = "", 0
+        self._open: list[tuple[str, bool]] = []
+        self._complaints = 0
+        self._remarks: list[str] = []
         self._told: dict[str, _Alarm] = {}
         self._final: Status | None = None
         self._journal_lost = self._disk_full = False
@@ -95,8 +100,17 @@ class Logbook:
 
     @property
     def fault(self) -> str:
-        """The first complaint, of the printer or the journal, that ends the print; or empty."""
-        return self._fault
+        """The complaints, of the printer or the journal, that end the print; or empty."""
+        return "; ".join(list(dict.fromkeys(text for text, _ in self._open))[:_TOLD])
+
+    @property
+    def remarks(self) -> str:
+        """What to add to the message of the end about replies that no table has; or empty."""
+        if not self._remarks:
+            return ""
+        first, count = self._remarks[0], len(self._remarks)
+        more = f" and {count - 1} other replies" if count > 1 else ""
+        return f"; the printer said {first!r}{more}, unknown to printctl: see its manual"
 
     @property
     def complaints(self) -> int:
@@ -190,7 +204,8 @@ class Logbook:
         try:
             self._wiring.journal.add(sort, **values)
         except JournalError as exc:
-            self._disk_full, self._fault = True, str(exc)
+            self._disk_full = True
+            self._open = [(str(exc), False), *(one for one in self._open if one[0] != str(exc))]
             self._journal_lost = not self._wiring.journal.use_reserve()
             return self.record(sort, **values)
         return True
@@ -256,28 +271,37 @@ class Logbook:
         """Write down what needs no action."""
         self.record("notice", text=text)
 
+    def remark(self, text: str, known: bool) -> None:
+        """Write down what the printer said of its own; ``known``: its family's table has it."""
+        if known:
+            self.alarm(f"the printer says {text!r}")
+            return
+        if len(self._remarks) < _REMARKS:
+            self._remarks.append(text)
+        self.alarm(f"the printer says {text!r}, which printctl doesn't know", kind="unknown reply")
+
     # --- complaints ------------------------------------------------------------------------------
 
-    def complain(self, text: str) -> None:
-        """Keep a complaint that ends the print; the first one counts."""
-        self._fault, self._complaints = self._fault or text, self._complaints + 1
+    def complain(self, text: str, about_command: bool = False) -> None:
+        """Keep a complaint that ends the print; ``about_command``: it may be excused."""
+        self._open.append((text, about_command))
+        self._complaints += 1
 
     def take_fault(self) -> str:
-        """Return the complaint, and forget it."""
-        text, self._fault = self._fault, ""
+        """Return the complaints, and forget them."""
+        text, self._open = self.fault, []
         return text
 
     def excuse(self, before: str) -> str:
-        """Forget a complaint about one line, not about the print; return it.
+        """Forget complaints about one command, not about the printer; return them.
 
         Parameters
         ----------
         before : str
-            The complaint before that line was sent.
+            The complaints before that command was sent.
         """
-        return "" if before or not is_of_the_line(self._fault) else self.take_fault()
-
-    def excuse_all(self) -> None:
-        """Forget what the printer complained of; a journal that is lost stays a fault."""
-        if not self._disk_full:
-            self._fault = ""
+        if before:
+            return ""
+        excused = [text for text, about_command in self._open if about_command]
+        self._open = [one for one in self._open if not one[1]]
+        return "; ".join(excused)

@@ -163,7 +163,9 @@ class Looks:
             until = min(clock.now() + PAUSE_SIGN_S, until_s)
             while clock.now() < until and not queue.waiting:
                 channel.pump(until)
+                pauses.ending.end_on_fault()
             pauses.commands.send_all(channel.wiring.printing_limits)
+            pauses.ending.end_on_fault()
             ending = self._said(at) or _asked(queue.take())
             if ending is not None:
                 return ending

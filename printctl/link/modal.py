@@ -42,6 +42,10 @@ class Modal:
         known = ((axis, getattr(self, axis)) for axis in AXES.lower())
         return {axis: value for axis, value in known if value is not None}
 
+    def place_axes(self) -> str:
+        """Return the axes, by their letters, whose place is known."""
+        return "".join(name.upper() for name in self.place())
+
     def filled(self, place: Mapping[str, float]) -> Modal:
         """Return it with what isn't known taken from a ``place``."""
         return replace(self, **{**place, **self.place()})

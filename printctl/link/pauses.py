@@ -224,7 +224,9 @@ class Pauses:
             until = clock.now() + PAUSE_SIGN_S
             while clock.now() < until and not queue.waiting:
                 channel.pump(until)
+                self.ending.end_on_fault()
             self.commands.send_all(tip.known)
+            self.ending.end_on_fault()
             word = self.inserting.answer_all(at)
             if word is not None:  # of a look that became a pause without anybody's decision
                 word.refused("the print is paused; `printctl resume RUN` goes on")

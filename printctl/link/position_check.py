@@ -8,7 +8,7 @@ motors themselves matter, M400 comes first and waits for them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, NoReturn
 
@@ -16,7 +16,7 @@ from firmware_profiles.families.position_reply import parse_position, parse_shif
 from printctl.link.channel import Channel
 from printctl.link.families import link_facts
 from printctl.link.frame_check import FrameCheck
-from printctl.link.modal import AXES, Modal, disagreement
+from printctl.link.modal import AXES, Modal, disagreement, modal_state
 from printctl.link.states import LinkState, PrintEnded
 from printctl.link.valve_switch import ValveSwitch
 
@@ -185,6 +185,11 @@ class PositionCheck:
         question = link_facts(self._channel.wiring.printer).place_question
         return parse_shifted(self._channel.command(question))[0]
 
+    def missed_height(self, way: Sequence[bytes]) -> str:
+        """Return how far from its end a way out ended, which was acknowledged; '' for nothing."""
+        wrong, told = self.compare(Modal(z=modal_state(way, len(way)).z))
+        return wrong.replace("the job says", "it was sent to") if told else ""
+
     def note_plunger(self) -> None:
         """Take the plunger's count as the link has set it; see `FrameCheck.note_plunger`."""
         self._frame.note_plunger()
@@ -221,6 +226,52 @@ class PositionCheck:
         self._logbook.record("checkpoint", done=done, position=position, agrees=not wrong, **values)
         if wrong:
             self.end_astray(wrong)
+
+    def verify_end(self) -> str:
+        """Compare where the motors rest behind the last move with where the job ends.
+
+        Returns
+        -------
+        str
+            What to add to the message of the end where something can't be compared.
+
+        Raises
+        ------
+        PrintEnded
+            Where they disagree: the printer didn't make what it acknowledged.
+        """
+        progress, at = self._progress, self._progress.modal()
+        progress.verified()
+        wrong, told, by_steps = self._frame.compare_end(at)
+        if not told:
+            words = "; the end's place isn't compared: the printer tells none (M114)"
+        elif not set(told) & set(at.place_axes()):
+            words = "; the end's place isn't compared: the job names none"
+        elif not by_steps:
+            words = (
+                "; the end's place is compared as told, its motors' steps aren't: M114 lacks them"
+            )
+        else:
+            words = ""
+        self._logbook.record(
+            "checkpoint",
+            done=progress.done,
+            position=told,
+            agrees=not wrong,
+            stands=True,
+            compared=words.removeprefix("; ") or "place and steps",
+        )
+        if wrong:
+            progress.not_made()
+            others = progress.foreign_words()
+            raise PrintEnded(
+                LinkState.POSITION_UNKNOWN,
+                f"all {progress.done} lines were acknowledged, but the printer isn't where the job "
+                f"ends: {wrong} (compared to {WITHIN_MM:g} mm){f' ({others})' if others else ''}; "
+                "look at the part; `printctl status` says what next",
+                known=False,
+            )
+        return words
 
     def refuse_renamed(self, *, waited: bool = False) -> None:
         """Compare what the printer calls its place with its steps; see `FrameCheck.renamed`.

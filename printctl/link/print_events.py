@@ -25,6 +25,7 @@ _ACTIONS: Final = {
     "resume": Request.RESUME,
 }
 """What a printer may ask its host for (``//action:pause``)."""
+_PROMPT: Final = "prompt_begin"
 
 
 class PrintEvents:
@@ -55,6 +56,7 @@ class PrintEvents:
         self._handlers: dict[type, Callable[[Any], None]] = {
             said.Fault: self._on_fault,
             said.Notice: self._on_notice,
+            said.Remark: self._on_remark,
             said.LinesResent: self._on_went_back,
             said.StrayOk: self._on_stray,
             said.TokenSent: self._on_token_sent,
@@ -86,6 +88,9 @@ class PrintEvents:
 
     def _on_notice(self, event: said.Notice) -> None:
         self._logbook.notice(event.text)
+
+    def _on_remark(self, event: said.Remark) -> None:
+        self._logbook.remark(event.text, event.known)
 
     def _on_went_back(self, event: said.LinesResent) -> None:
         self._logbook.alarm(
@@ -132,13 +137,16 @@ class PrintEvents:
             )
         else:
             text = f"the printer says {event.text!r} ({where})"
-        self._logbook.complain(text)
+        self._logbook.complain(text, event.about_command)
         self._logbook.alarm(text)
 
     def _on_action(self, event: said.Action) -> None:
         if event.name in _ACTIONS:
             self._logbook.alarm(f"the printer asks for {event.name!r}")
             self._requests.add(_ACTIONS[event.name], by=f"the printer (//action:{event.name})")
+        elif event.name.startswith(_PROMPT):
+            text = event.name.removeprefix(_PROMPT).strip()
+            self._logbook.alarm(f"the printer asks at its own screen: {text!r}")
 
     def _on_person_awaited(self, event: said.WaitingForPerson) -> None:
         self._logbook.alarm(

@@ -6,7 +6,7 @@ import contextlib
 
 from printctl.link.channel import POLL_S
 from printctl.link.connecting import connect
-from printctl.link.errors import LinkError
+from printctl.link.errors import HandshakeError, LinkError
 from printctl.link.interruption import StopRequested
 from printctl.link.job import Job
 from printctl.link.job_start import declared_start
@@ -30,6 +30,7 @@ class PrintLoop:
         self._parts, self._channel = parts, parts.channel
         self._logbook, self._progress = parts.channel.logbook, parts.channel.logbook.progress
         self._wiring, self._protocol = parts.channel.wiring, parts.channel.wiring.protocol
+        self._compared = ""
 
     @property
     def _job(self) -> Job:
@@ -71,7 +72,7 @@ class PrintLoop:
             parts.looks.at_mark()
         others = self._progress.foreign_words()
         look = f"; {others}: look at the part" if others else ""
-        message = f"all {len(self._job)} lines done{look}"
+        message = f"all {len(self._job)} lines done{self._compared}{look}{self._logbook.remarks}"
         raise PrintEnded(LinkState.DONE, message, known=not others)
 
     def _begin(self) -> None:
@@ -83,6 +84,8 @@ class PrintLoop:
         self._parts.frame.begin()
         self._parts.pauses.motors.hold()
         number = self._channel.agree(self._protocol.renumber)
+        if self._logbook.fault and not self._logbook.disk_full:
+            raise HandshakeError(f"{self._logbook.fault}; no line of the job was sent")
         self._protocol.load(self._job.lines, 0, number)
 
     def _agree_start(self) -> None:
@@ -203,17 +206,15 @@ class PrintLoop:
         if confirmed:
             self._parts.interruption.disarm()  # it is done, and nothing moves any more
             self._parts.firmware.undo_settings()
+            self._logbook.excuse("")  # a setting that isn't taken back spoils no part
+            self._parts.ending.end_on_fault()
         return confirmed
 
     def _finish(self) -> bool:
         """Wait for the last move; return whether the printer confirms its last line."""
         self._channel.settle()
         self._channel.command(b"M400")
-        slips = self._parts.slips
-        if self._progress.unverified or slips.due or slips.noisy or self._progress.foreign:
-            self._progress.verified()
-            self._parts.position.verify(self._progress.modal())
-        self._parts.position.refuse_renamed(waited=True)
+        self._compared = self._parts.position.verify_end()
         self._parts.clients.compare()
         self._parts.heat.take_back()
         number = self._protocol.number

@@ -165,6 +165,10 @@ class JobProgress:
         """Take notice that the printer has dropped the moves that it held."""
         self._made.drop()
 
+    def not_made(self) -> None:
+        """Take notice that the printer acknowledged moves and didn't make them all."""
+        self._made.doubt()
+
     def refuse(self, line: int) -> bool:
         """Take notice that line ``line`` of the job was refused; False where one was before."""
         first = self._refused is None and line > 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
 from dataclasses import dataclass
 
@@ -85,6 +86,17 @@ def _where_it_stood(job: Job, stood: Record) -> RestStart:
     return RestStart(index, "where it was stopped", at, relieved, told)
 
 
+def most_unmade(history: JournalledPrint, printer: Printer) -> float:
+    """Return the most moves that were taken and not made.
+
+    Infinite where the printer acknowledged all and didn't stand where the job ends.
+    """
+    last = history.checkpoint or {}
+    if "compared" in last and not last["agrees"]:
+        return math.inf
+    return moves_ahead(printer)
+
+
 def beginning(
     job: Job, history: JournalledPrint, printer: Printer, from_line: int | None
 ) -> RestStart:
@@ -114,7 +126,8 @@ def _line_to_begin(
     refused = _refused(history)
     if refused is not None:
         return refused, "the printer refused it"
-    sure = max(surely_moved(job.lines, history.done, moves_ahead(printer)), history.made)
+    ahead = most_unmade(history, printer)
+    sure = max(surely_moved(job.lines, history.done, ahead), history.made)
     for record in reversed(history.checkpoints):
         if record["done"] <= sure and record["done"] < len(job):
             return record["done"], f"checkpoint, {record['mark']}"
@@ -123,7 +136,7 @@ def _line_to_begin(
 
 def _no_checkpoint(job: Job, history: JournalledPrint, printer: Printer, sure: int) -> NoCheckpoint:
     """Return what tells a person where to begin, or what to look up."""
-    made = surely_moved(job.lines, history.done, moves_ahead(printer))
+    made = surely_moved(job.lines, history.done, most_unmade(history, printer))
     if not 0 < made < len(job):
         return NoCheckpoint(
             f"the journal has no checkpoint, and of the {history.done} lines that were taken no "

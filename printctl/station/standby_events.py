@@ -82,7 +82,7 @@ class StandbyEvents:
     # --- always ----------------------------------------------------------------------------------
 
     def _on_fault(self, event: said.Fault) -> None:
-        self._logbook.complain(f"the printer says {event.text!r}")
+        self._logbook.complain(f"the printer says {event.text!r}", event.about_command)
         self._logbook.alarm(self._logbook.fault)
 
     def _on_went_back(self, event: said.LinesResent) -> None:

@@ -17,29 +17,26 @@ taken last.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Final
 
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.ack_protocol import AckProtocol, Sort
+from firmware_profiles.families.known_messages import load_messages
 from firmware_profiles.families.link_protocol import Event
 from firmware_profiles.families.link_timing import Timing
 
 _REASON_S: Final = 3.0
 """For so long the reason of a shutdown is waited for: it came 1.5 s late."""
 _STATUS: Final = b"STATUS"
-_HALTS: Final = (
-    b"// Klipper state: Shutdown",
-    b"// Klipper state: Disconnect",
-    b"// Printer is shutdown",
-    b"// Printer is halted",
-)
-_NO_REASON: Final = (*_HALTS, b"// Klipper state")
+_NO_REASON: Final = re.compile(rb"// (Klipper state|Printer is (shutdown|halted))")
 
 
 class KlipperProtocol(AckProtocol):
     """See the module."""
 
+    messages = load_messages("klipper")
     error_starts = (b"!!", b"//")
 
     def __init__(self, timing: Timing | None = None) -> None:
@@ -52,15 +49,9 @@ class KlipperProtocol(AckProtocol):
 
     def sort(self, text: bytes) -> Sort:
         """Tell what a line from the printer is."""
-        if text == b"ok" or text.startswith(b"ok "):
-            return Sort.OK
-        if text.startswith(_HALTS):
-            return Sort.HALT
         if text.startswith(b"// Klipper state: Ready"):
             return Sort.RESTART
-        if text.startswith((b"!!", b"// Unknown command")):
-            return Sort.FAULT
-        return Sort.TEXT
+        return self.sort_known(text)
 
     def tick(self, now: float) -> Sequence[Event]:
         """Take notice that it is ``now`` and nothing has come."""
@@ -82,7 +73,7 @@ class KlipperProtocol(AckProtocol):
         if self._halted:
             if text.startswith(b"!!"):
                 self._tell_reason(words[2:].strip(), events)
-            elif text.startswith(b"//") and not text.startswith(_NO_REASON):
+            elif text.startswith(b"//") and not _NO_REASON.match(text):
                 self._reason = self._reason or words[2:].strip()
         elif self.sort(text) is Sort.HALT:
             self._halted, self.held = words, True

@@ -13,7 +13,6 @@ from firmware_profiles.families.marlin.replies import (
     Kind,
     Reply,
     frame,
-    unknown_command,
 )
 
 QUESTION: Final = harmless_query.QUESTION
@@ -67,8 +66,6 @@ class DoubtEvidence:
         That belong to no ``Resend`` and no unknown command of a stray fragment.
     quoted : bytes
         The command in an unknown-command echo.
-    error : str
-        An error that is a fault of the line in flight, should that have been taken.
     answers_until : float, s
         Answers to all questions may come until then, if there are more questions than answers;
         -inf before the first.
@@ -86,7 +83,6 @@ class DoubtEvidence:
     confirmed: int = -1
     oks: int = 0
     quoted: bytes = b""
-    error: str = ""
     answers_until: float = -math.inf
     _foreign_ok: bool = False
     _first_asked: float = 0.0
@@ -138,7 +134,7 @@ class DoubtEvidence:
         elif kind is Kind.ERROR and ORDER_ERROR in reply.text:
             self.last = reply.number
         elif kind is Kind.UNKNOWN_COMMAND:
-            self.quoted = unknown_command(reply.text).split(b"*")[0].strip()
+            self.quoted = reply.command
             self._foreign_ok = self.quoted not in self.flights
 
     def _hear_ok(self, reply: Reply) -> None:

@@ -140,6 +140,8 @@ class DoubtResolver:
         if tokens.flying:
             tokens.drop()
             self._sender.send_token(now, events)
+        elif state.faulty and not state.flight_control:
+            self._sender.send_next(now)  # held: the line isn't sent again
         elif state.flight_control or tokens.heard <= tokens.owed:
             self._sender.fly(now)
         else:
@@ -153,13 +155,7 @@ class DoubtResolver:
         state = self._state
         doubt, tokens = state.doubt, state.tokens
         tokens.heard, heard = tokens.heard + doubt.oks, tokens.heard + doubt.oks
-        if state.second is not None and not both:  # it was refused; the complaint was of it
-            doubt.error = ""
-        if doubt.error:
-            events.append(state.fault(doubt.error))
         if doubt.quoted and doubt.quoted == state.flight and not tokens.flying:
-            text = f'unknown command "{doubt.quoted.decode("ascii", "replace")}"'
-            events.append(state.fault(text))
             tokens.heard += 1
         if tokens.flying and not self._wants_another(now):
             self._wait_on(now, events)

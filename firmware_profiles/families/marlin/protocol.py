@@ -112,6 +112,7 @@ class MarlinProtocol:
     @held.setter
     def held(self, held: bool) -> None:
         self.state.held = held
+        self.state.faulty &= held
 
     @property
     def limit(self) -> int:
@@ -228,7 +229,7 @@ class MarlinProtocol:
         if state.rest and state.phase in (Phase.DRAIN, Phase.SETTLE):
             state.deadline = now + state.timing.quiet_s
         classify = self.wording.classify
-        replies = [classify(text.rstrip(b"\r")) for text in texts if text.strip()]
+        replies = [classify(text.strip(b"\r")) for text in texts if text.strip()]
         self._hearing.hear_all(replies, now, events)
         if state.rest.startswith(b"ok") and state.phase is Phase.FLIGHT:  # its line end is garbled
             state.deadline = min(state.deadline, now + state.timing.whole_s)
@@ -255,5 +256,7 @@ class MarlinProtocol:
             return ()
         events: list[Event] = []
         self.state.fast = False
-        self._on_time[self.state.phase](now, events)
+        self._hearing.take_half(now, events)
+        if self.state.phase is not Phase.OVER:
+            self._on_time[self.state.phase](now, events)
         return events

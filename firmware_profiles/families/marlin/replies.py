@@ -10,6 +10,14 @@ from functools import reduce
 from operator import xor
 from typing import Final
 
+from firmware_profiles.families.known_messages import (
+    COMPLAINTS,
+    KnownMessage,
+    MessageMeaning,
+    MessageTable,
+    load_messages,
+)
+
 
 class Kind(Enum):
     """Kind of a Marlin reply."""
@@ -23,7 +31,10 @@ class Kind(Enum):
     START = auto()
     ACTION = auto()
     UNKNOWN_COMMAND = auto()
+    REFUSAL = auto()
     FAULT = auto()
+    NOTICE = auto()
+    CHATTER = auto()
     REPORT = auto()
     TEXT = auto()
     JUNK = auto()
@@ -40,11 +51,14 @@ class Reply:
         The line without its end.
     number : int
         Of ``Resend``, of ``Last Line``, of an ``ok N`` (ADVANCED_OK); -1 for none.
+    quoted : bytes
+        What an unknown-command reply quotes.
     """
 
     kind: Kind
     text: bytes
     number: int = -1
+    quoted: bytes = b""
 
     @property
     def words(self) -> str:
@@ -52,9 +66,20 @@ class Reply:
         return self.text.decode("ascii", "backslashreplace")
 
     @property
+    def command(self) -> bytes:
+        """The command that an unknown-command reply quotes, without number and checksum."""
+        match = _SENT.match(self.quoted)
+        return match[1].strip() if match else b""
+
+    @property
     def halts(self) -> bool:
         """Whether the firmware stops for good."""
-        return self.kind is Kind.HALT or self.text == b"//action:poweroff"
+        return self.kind is Kind.HALT
+
+    @property
+    def complains(self) -> bool:
+        """Whether it says that the printer or a command failed, and not the wire."""
+        return self.kind in (Kind.FAULT, Kind.REFUSAL, Kind.UNKNOWN_COMMAND)
 
     @property
     def unnamed(self) -> bool:
@@ -69,48 +94,83 @@ class Reply:
     @property
     def forbids(self) -> bool:
         """Whether no line may leave after it: an error that isn't the wire's, a halt, a reset."""
-        return (
-            self.kind in (Kind.FAULT, Kind.START)
-            or self.halts
-            or (self.kind is Kind.ERROR and self.number < 0)
-        )
+        return self.complains or self.halts or self.kind is Kind.START
 
 
 _ROOM: Final = rb"-?[\d.]+"
-_OK = re.compile(
-    rb"ok(?: N(\d+)(?: P%b)?(?: B%b)?| P%b B%b| T:.*| [ BC]:?.*)?$" % (_ROOM, _ROOM, _ROOM, _ROOM)
-)
+_OK = re.compile(rb"ok(?: N(\d+)(?: P%b)?(?: B%b)?| P%b B%b)?$" % (_ROOM, _ROOM, _ROOM, _ROOM))
+_OK_REPORT = re.compile(rb"ok (?:[TX]:.*|[ BC]:?.*)$")
 _NO_ROOM = re.compile(rb"ok.* [PB](?:-|\d*\.|\d{5})")
 _RESEND = re.compile(rb"(?:Resend:|rs) ?N?(\d+)$")
-_LAST_LINE = re.compile(rb"Error:.*Last Line: (\d+)$")
-_UNKNOWN = re.compile(rb'echo:Unknown command: "(.*)"$', re.DOTALL)
-_UNKNOWN_PRUSA = re.compile(rb"(?:echo:)?Unknown [GMTD] code: (.*)$", re.DOTALL)
+_LAST_LINE = re.compile(rb"Last Line: (\d+)$")
+_SENT = re.compile(rb"(?:N\d+ ?)?([^*]*)", re.DOTALL)
+"""A command within its frame."""
 _REPORT = re.compile(rb"(?: ?T:| ?B:|X:)-?\d")
 _PLAIN = re.compile(rb"[ -~]{5,}$")
 
+ACTION: Final = re.compile(rb"// ?action:(.*)", re.DOTALL)
+"""What the printer asks its host for."""
 _BANNER: Final = (b"Marlin ", b"echo: Last Updated")
 """What follows ``start``, which noise may have garbled."""
-_FAULTS: Final = (
-    b"cold extrusion prevented",
-    b"too long extrusion prevented",
-    b"Invalid extruder",
-)
+_KINDS: Final = {
+    MessageMeaning.HALT: Kind.HALT,
+    MessageMeaning.FAULT: Kind.FAULT,
+    MessageMeaning.REFUSAL: Kind.REFUSAL,
+    MessageMeaning.LINE_ERROR: Kind.ERROR,
+    MessageMeaning.NOTICE: Kind.NOTICE,
+    MessageMeaning.IGNORE: Kind.CHATTER,
+}
 
 ORDER_ERROR: Final = b"Line Number is not Last Line Number+1"
 """In the error that answers a line whose number is too high."""
 
 
-def classify(text: bytes) -> Reply:
+def classify(text: bytes, known: MessageTable | None = None) -> Reply:
     """Tell what a line from Marlin is.
 
-    Anything that doesn't read exactly as a known form is `Kind.TEXT` when it is plain printable
-    text, else `Kind.JUNK`. A garbled ``ok`` is junk, never an ok.
+    A complaint counts wherever it stands in the line. Of the rest, anything that doesn't read
+    exactly as a known form is `Kind.TEXT` when it is plain printable text, else `Kind.JUNK`. A
+    garbled ``ok`` is junk, never an ok.
+
+    Parameters
+    ----------
+    text : bytes
+    known : MessageTable, optional
+        The family's messages; by default Marlin's and Prusa's, whose texts other forks took over.
     """
+    if match := _OK.match(text):
+        return Reply(Kind.OK, text, int(match[1]) if match[1] else -1)
+    message = (known or load_messages("prusa", "marlin")).find(text)
+    if message is not None and message.meaning in COMPLAINTS and not _asks_host(text, message):
+        return _complaint(text, message)
     for test in _TESTS:
         reply = test(text)
         if reply is not None:
             return reply
+    if message is not None:
+        match = _LAST_LINE.search(text)
+        number = int(match[1]) if match and message.meaning is MessageMeaning.LINE_ERROR else -1
+        return Reply(_KINDS[message.meaning], text, number)
     return Reply(Kind.TEXT if _PLAIN.match(text) else Kind.JUNK, text)
+
+
+def _asks_host(text: bytes, message: KnownMessage) -> bool:
+    """Whether it is a text of an action for the host: a display's words are no complaint."""
+    return message.meaning is not MessageMeaning.HALT and ACTION.match(text) is not None
+
+
+def _complaint(text: bytes, message: KnownMessage) -> Reply:
+    if message.command is None:
+        return Reply(_KINDS[message.meaning], text)
+    return Reply(Kind.UNKNOWN_COMMAND, text, quoted=message.command)
+
+
+def may_be_line_error(half: bytes) -> bool:
+    """Whether the beginning of a line may be that of a line error."""
+    return any(
+        (b"Error:" + start).startswith(half)
+        for start in (ORDER_ERROR, b"checksum mismatch", b"No Checksum", b"No Line Number")
+    )
 
 
 def frame(number: int, command: bytes) -> bytes:
@@ -119,11 +179,8 @@ def frame(number: int, command: bytes) -> bytes:
     return b"%b*%d\n" % (body, reduce(xor, body))
 
 
-def _ok(text: bytes) -> Reply | None:
-    if not text.startswith(b"ok"):
-        return None
-    match = _OK.match(text)
-    return Reply(Kind.OK, text, int(match[1]) if match[1] else -1) if match else None
+def _ok_with_report(text: bytes) -> Reply | None:
+    return Reply(Kind.OK, text) if _OK_REPORT.match(text) else None
 
 
 def _resend(text: bytes) -> Reply | None:
@@ -131,39 +188,16 @@ def _resend(text: bytes) -> Reply | None:
     return Reply(Kind.RESEND, text, int(match[1])) if match else None
 
 
-def _error(text: bytes) -> Reply | None:
-    if not text.startswith(b"Error:"):
-        return None
-    if text.startswith(b"Error:Printer halted"):
-        return Reply(Kind.HALT, text)
-    match = _LAST_LINE.match(text)
-    return Reply(Kind.ERROR, text, int(match[1]) if match else -1)
-
-
-def _echo(text: bytes) -> Reply | None:
+def _plain(text: bytes) -> Reply | None:
     if text.startswith((b"echo:busy:", b"busy:")):
         return Reply(Kind.BUSY, text)
-    if _UNKNOWN.match(text) or _UNKNOWN_PRUSA.match(text):
-        return Reply(Kind.UNKNOWN_COMMAND, text)
-    if text.startswith(b"echo:") and text.endswith(_FAULTS):
-        return Reply(Kind.FAULT, text)
-    return None
-
-
-def _plain(text: bytes) -> Reply | None:
     if text == b"start" or text.startswith(_BANNER):
         return Reply(Kind.START, text)
     if text == b"wait":
         return Reply(Kind.WAIT, text)
-    if text.startswith(b"//action:"):
+    if ACTION.match(text):
         return Reply(Kind.ACTION, text)
     return Reply(Kind.REPORT, text) if _REPORT.match(text) else None
 
 
-def unknown_command(text: bytes) -> bytes:
-    """Give the command that an ``Unknown command`` echo quotes."""
-    match = _UNKNOWN.match(text) or _UNKNOWN_PRUSA.match(text)
-    return match[1] if match else b""
-
-
-_TESTS: Final[tuple[Callable[[bytes], Reply | None], ...]] = (_ok, _resend, _error, _echo, _plain)
+_TESTS: Final[tuple[Callable[[bytes], Reply | None], ...]] = (_ok_with_report, _resend, _plain)

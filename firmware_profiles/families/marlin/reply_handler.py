@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
@@ -10,14 +11,17 @@ from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.link_protocol import Event
 from firmware_profiles.families.marlin.doubt import Phase, QueryGoal
 from firmware_profiles.families.marlin.doubt_resolver import DoubtResolver
-from firmware_profiles.families.marlin.replies import Kind, Reply
+from firmware_profiles.families.marlin.replies import ACTION, Kind, Reply, may_be_line_error
 from firmware_profiles.families.marlin.sender import Sender
 from firmware_profiles.families.marlin.state import LineState
 
+_NOTED: Final = frozenset({Kind.FAULT, Kind.REFUSAL, Kind.ACTION})
+"""Replies that were reported already; the line's own answer is still to come."""
+_WORD: Final = re.compile(rb"[A-Za-z]{4}")
 _STUCK: Final = 3
 """Lines running that were answered by an ok with one number: it isn't the line's."""
 
-PERSON: Final = b"paused for user"
+PERSON: Final = re.compile(rb"paused for (user|input)")
 """In a busy message while a person is waited for at the printer's own button."""
 
 
@@ -47,6 +51,14 @@ class ReplyHandler:
             if state.phase is Phase.READY and kept:
                 self._sender.send_next(now)
 
+    def take_half(self, now: float, events: list[Event]) -> None:
+        """Take a complaint whose line end hasn't come."""
+        state = self._state
+        half = state.wording.classify(state.rest.strip(b"\r"))
+        if (half.complains or half.halts) and not may_be_line_error(state.rest):
+            state.rest, state.waits = b"", False
+            self.hear(half, now, events)
+
     def hear(self, reply: Reply, now: float, events: list[Event]) -> None:
         """Take one line from the printer."""
         state = self._state
@@ -54,32 +66,65 @@ class ReplyHandler:
             return
         if reply.kind is Kind.OK:
             reply = self._look_at_fields(reply, events)
-        if reply.kind is Kind.ERROR and reply.number < 0:
-            state.complaint = reply.words  # why it halts, if it does
         if reply.kind is Kind.REPORT and not reply.text.startswith(b"X:"):
             state.report = reply.text
-        if reply.kind is Kind.BUSY and PERSON in reply.text and PERSON not in state.report:
-            state.report = reply.text
-            events.append(said.WaitingForPerson())
-        elif reply.kind is Kind.OK and PERSON in state.report:
+        if reply.kind is Kind.BUSY and PERSON.search(reply.text):
+            if not PERSON.search(state.report):
+                state.report = reply.text
+                events.append(said.WaitingForPerson())
+        elif reply.kind is Kind.OK and PERSON.search(state.report):
             state.report = b""
         if reply.halts:
             state.end(said.FirmwareHalted(state.complaint or reply.words), events)
-        elif reply.kind is Kind.START:
+            return
+        if reply.kind is Kind.START:
             if state.numbered:
                 state.end(said.FirmwareReset(), events)
             else:
                 events.append(said.FirmwareStarted())
-        elif reply.kind is Kind.ACTION:
-            events.append(said.Action(reply.words.removeprefix("//action:")))
-        elif reply.kind is Kind.FAULT:
-            events.append(state.fault(reply.words))
-        elif state.phase is Phase.FLIGHT:
+            return
+        self._note_remarks(reply, events)
+        if state.phase is Phase.FLIGHT:
             self._in_flight(reply, now, events)
         elif state.phase is Phase.READY:
             self._at_rest(reply, now, events)
         else:
             self._doubting.hear(reply, now)
+
+    def _note_remarks(self, reply: Reply, events: list[Event]) -> None:
+        """Report complaints and remarks, whatever the link is doing."""
+        state, kind = self._state, reply.kind
+        if kind is Kind.FAULT:
+            state.complaint = reply.words  # why it halts, if it does
+            events.append(state.fault(reply.words))
+        elif kind is Kind.REFUSAL:
+            events.append(state.fault(reply.words, about_command=True))
+        elif kind is Kind.UNKNOWN_COMMAND and not state.tokens.quoted_by(reply.text):
+            self._note_unknown_command(reply, events)
+        elif kind is Kind.ACTION and (match := ACTION.match(reply.text)):
+            events.append(said.Action(match[1].decode("ascii", "backslashreplace")))
+        elif kind is Kind.NOTICE:
+            events.append(said.Remark(reply.words, known=True))
+
+    def _note_unknown_command(self, reply: Reply, events: list[Event]) -> None:
+        """Report a command that the firmware doesn't know, where the host has sent it.
+
+        What noise has made of a line is quoted as well, and is sent again.
+        """
+        state, command = self._state, reply.command
+        flight = b"" if state.tokens.flying else state.flight or b""
+        words = command.split(b" ")
+        flying = flight.split(b" ")[0] == words[0] and flight.startswith(command)
+        line = state.recall(command)
+        if not command or not (flying or command == state.second or line >= 0):
+            return
+        text = f'unknown command "{command.decode("ascii", "replace")}"'
+        event = state.fault(text, about_command=True)
+        if command == state.second:
+            event = replace(event, line=event.line + 1)
+        elif not flying:
+            event = replace(event, line=line or event.line, refused=line > 0)
+        events.append(event)
 
     def _look_at_fields(self, reply: Reply, events: list[Event]) -> Reply:
         """Return an ok as it may be believed; tell once where ADVANCED_OK's fields can't be."""
@@ -100,17 +145,15 @@ class ReplyHandler:
     def _at_rest(self, reply: Reply, now: float, events: list[Event]) -> None:
         """Take a line with nothing in flight, but for a line whose end hasn't left yet."""
         state, kind = self._state, reply.kind
-        refused = kind is Kind.RESEND or (kind is Kind.ERROR and reply.number >= 0)
-        if state.second is not None and (refused or kind in (Kind.UNKNOWN_COMMAND, Kind.JUNK)):
+        refused = kind in (Kind.RESEND, Kind.ERROR, Kind.UNKNOWN_COMMAND, Kind.JUNK)
+        if state.second is not None and refused:
             noisy = state.errors.count(state.number)  # it has ended that line
             events += [noisy] if noisy else []
             self._begin_doubt(reply, now, events)
         elif kind is Kind.OK and state.numbered and not state.tokens.suspect:
             # M410 without emergency parser may have a token run twice: that ok names our own line
             self._hold_at_surplus(0 if reply.number >= 0 else 1, events)
-        elif kind is Kind.ERROR:
-            events.append(state.fault(reply.words))
-        elif kind not in (Kind.REPORT, Kind.TEXT, Kind.BUSY, Kind.WAIT):
+        elif kind in (Kind.OK, Kind.RESEND, Kind.ERROR, Kind.UNKNOWN_COMMAND, Kind.JUNK):
             events.append(said.Notice(f"stray {reply.words!r} with nothing in flight"))
 
     def _in_flight(self, reply: Reply, now: float, events: list[Event]) -> None:
@@ -128,8 +171,14 @@ class ReplyHandler:
         elif kind is Kind.BUSY:
             state.tokens.busy(now)
             state.deadline = now + state.timing.silence_s
-        elif kind is Kind.REPORT or (reply.text.startswith(b"echo:") and kind is Kind.TEXT):
+        elif kind in _NOTED:
+            state.deadline = now + state.timing.silence_s
+        elif kind in (Kind.REPORT, Kind.NOTICE, Kind.CHATTER) or (
+            reply.text.startswith(b"echo:") and kind is Kind.TEXT
+        ):
             state.said.append(reply.text)
+            if kind is Kind.TEXT and not state.flight_control:
+                self._remark(reply, events)
             if b" W:" in reply.text or state.flight_control:
                 state.deadline = now + state.timing.silence_s
         elif kind is Kind.TEXT and (state.awaiting or self._answers_text):
@@ -197,11 +246,18 @@ class ReplyHandler:
         else:
             self._sender.send_next(now)
 
+    def _remark(self, reply: Reply, events: list[Event]) -> None:
+        """Report a text that no table has; on a wire that makes errors it may be noise's."""
+        if self._state.errors.total or not _WORD.search(reply.text):
+            events.append(said.Notice(f"unknown reply {reply.words!r}"))
+        else:
+            events.append(said.Remark(reply.words))
+
     def _begin_doubt(self, reply: Reply, now: float, events: list[Event]) -> None:
         state = self._state
-        if reply.kind not in (Kind.RESEND, Kind.ERROR):
+        if reply.kind is Kind.TEXT and not state.flight_control:
+            self._remark(reply, events)
+        elif reply.kind not in (Kind.RESEND, Kind.ERROR):
             events.append(said.Notice(f"doubtful reply {reply.words!r} to line {state.number + 1}"))
         state.begin_doubt(QueryGoal.GO_ON, now)
-        if reply.kind is Kind.ERROR and reply.number < 0:
-            state.doubt.error = reply.words
         self._doubting.hear(reply, now)

@@ -6,6 +6,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
 from firmware_profiles.families.line_errors import LineErrors
 from firmware_profiles.families.link_protocol import Event, Fault
@@ -15,6 +16,9 @@ from firmware_profiles.families.marlin.doubt import QUESTION, DoubtEvidence, Pha
 from firmware_profiles.families.marlin.pairing import Pairing
 from firmware_profiles.families.marlin.replies import Reply, classify
 from firmware_profiles.families.marlin.tokens import Tokens
+
+_RECALLED: Final = 4
+"""Lines behind which an unknown-command reply may come late: as many as a command queue holds."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +84,8 @@ class LineState:
         Whether the second is to be refused, not run: an error came that answers a line before it.
     awaiting : (int, bytes) or None
         A control command that was taken; its answer is still to come.
+    faulty : bool
+        Whether the printer has complained since the job was last let go.
     fast : bool
         Whether a plain ok needs no thought.
     waits : bool
@@ -135,6 +141,7 @@ class LineState:
     withheld: bytes = b""
     refusing: bool = False
     awaiting: tuple[int, bytes] | None = None
+    faulty: bool = False
     fast: bool = False
     waits: bool = False
     rest: bytes = b""
@@ -152,12 +159,30 @@ class LineState:
     told_odd: bool = False
     behind_moves: bytes = b""
 
-    def fault(self, text: str) -> Fault:
+    def fault(self, text: str, about_command: bool = False) -> Fault:
         """Hold the job: nothing more of it leaves until somebody has looked at the fault."""
         self.hold()
+        self.faulty = True
         in_job = self.flight is not None and not self.flight_control
         answers = in_job or (self.flight is None and self.waits and self.behind_job)
-        return Fault(text, self.lines_done + in_job, answers)
+        return Fault(text, self.lines_done + in_job, answers, about_command)
+
+    def recall(self, command: bytes) -> int:
+        """Return which of the job's lines was that command, one-based, among the last few taken.
+
+        0 where it was a control command; -1 where it was none of them.
+        """
+        line = self.lines_done
+        for number in range(self.number, max(self.number - _RECALLED, 0), -1):
+            own = self.control_numbers.get(number, b"")
+            if number in self.tokens.numbers or own:
+                if own == command:
+                    return 0
+            elif line > 0 and self.lines[line - 1] == command:
+                return line
+            else:
+                line -= 1
+        return -1
 
     def hold(self) -> None:
         """Let no line of the job go on, nor one whose end hasn't left yet."""

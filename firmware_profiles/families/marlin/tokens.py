@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from firmware_profiles.families.marlin.replies import unknown_command
+from firmware_profiles.families.marlin.replies import classify
 
 COMMAND: Final = b"M118 E1 "
 MOST: Final = 2
@@ -101,6 +101,10 @@ class Tokens:
                 return True
         return False
 
+    def quoted_by(self, text: bytes) -> bool:
+        """Whether an unknown-command reply is to a token: there is no M118 in this firmware."""
+        return any(token in text for token in self._texts)
+
     def resembles(self, text: bytes) -> bool:
         """Whether a line from the printer may be an echo that noise has garbled."""
         return any(
@@ -168,5 +172,5 @@ def _alike_from_start(one: bytes, other: bytes) -> int:
 
 
 def _quotes(text: bytes, token: bytes) -> bool:
-    command = unknown_command(text)
+    command = classify(text).quoted
     return command.endswith(b" " + token) and command[:1] == b"M"

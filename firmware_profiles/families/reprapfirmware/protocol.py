@@ -24,6 +24,7 @@ from typing import Final
 
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.ack_protocol import AckProtocol, Sort
+from firmware_profiles.families.known_messages import load_messages
 from firmware_profiles.families.link_protocol import Event, Places
 from firmware_profiles.families.link_timing import Timing
 from firmware_profiles.families.position_reply import parse_position
@@ -46,10 +47,6 @@ def _harmless(command: bytes) -> bool:
     return match is not None and match[1] + match[2] in _HARMLESS
 
 
-LEFT_OUT: Final = (b"was not driven because", b"Command is not supported")
-"""Warnings by which it says that it hasn't done what was asked."""
-
-
 class RrfProtocol(AckProtocol):
     """See the module.
 
@@ -60,6 +57,7 @@ class RrfProtocol(AckProtocol):
     timing : Timing
     """
 
+    messages = load_messages("reprapfirmware")
     error_starts = (b"Error:", b"Warning:", b"Emergency Stop", b"Printer halted")
 
     def __init__(self, places: Places, timing: Timing | None = None) -> None:
@@ -77,13 +75,7 @@ class RrfProtocol(AckProtocol):
 
     def sort(self, text: bytes) -> Sort:
         """Tell what a line from the printer is."""
-        if text == b"ok" or text.startswith(b"ok "):
-            return Sort.OK
-        if text.startswith((b"Emergency Stop", b"Printer halted")):
-            return Sort.HALT
-        if text.startswith(b"Error:") or any(words in text for words in LEFT_OUT):
-            return Sort.FAULT
-        return Sort.TEXT
+        return self.sort_known(text)
 
     def fly(self, now: float) -> None:
         """Write the line in flight for the first time."""
@@ -106,10 +98,11 @@ class RrfProtocol(AckProtocol):
 
     def hear(self, text: bytes, now: float, events: list[Event]) -> None:
         """Take one line from the printer; while it is asked, its position counts."""
-        if not self._asking:
+        sort = self.sort(text)
+        if not self._asking or sort not in (Sort.OK, Sort.TEXT):
             super().hear(text, now, events)
             return
-        if self.sort(text) is Sort.OK:
+        if sort is Sort.OK:
             self.heard.extend(() if text == b"ok" else (text,))
         elif position := parse_position((text,)):
             self._position = position

@@ -12,6 +12,7 @@ a UART.
 
 from __future__ import annotations
 
+from firmware_profiles.families.known_messages import load_messages
 from firmware_profiles.families.marlin.doubt import QUESTION
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import Kind, Reply, classify
@@ -20,11 +21,9 @@ from firmware_profiles.families.marlin.tokens import Tokens
 
 
 def _classify(text: bytes) -> Reply:
-    if text.startswith((b"!!", b"ok Emergency Stop")) or b"HALT" in text:
-        return Reply(Kind.HALT, text)
     if text.startswith(b"Smoothie"):
         return Reply(Kind.START, text)
-    return classify(text)
+    return classify(text, load_messages("smoothieware", "marlin"))
 
 
 class _Identity(Tokens):

@@ -7,7 +7,7 @@ import pytest
 from firmware_profiles import Printer, load
 from firmware_profiles.families import find_family
 from firmware_profiles.families.link_protocol import Halting
-from firmware_profiles.families.marlin.replies import Kind, classify, unknown_command
+from firmware_profiles.families.marlin.replies import Kind, classify
 from firmware_profiles.families.reprapfirmware.crc16 import crc16
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
@@ -81,8 +81,8 @@ def test_command_that_the_firmware_refuses_ends_in_a_controlled_stop(firmware, t
     status = streamer_of(firmware, fake, tmp_path, [*JOB[:10], b"G999", *JOB[10:]]).run()
     assert status.state is LinkState.FAILED
     assert "G999" in status.message
-    # the position proves that M400 was answered; Klipper's board is asked as well
-    assert [one for one in fake.executed if one != "M119"][-2:] == ["M400", "M114"]
+    # the position proves that M400 was answered (Klipper's board is asked as well), and the lift
+    assert [one for one in fake.executed if one != "M119"][-3:] == ["M400", "M114", "M114"]
 
 
 class GoneBoard(FakeKlipper):
@@ -225,7 +225,7 @@ def test_only_marlin_is_called_verified():
 def test_prusas_unknown_code_is_known_as_such():
     reply = classify(b"Unknown M code: M999 S1")
     assert reply.kind is Kind.UNKNOWN_COMMAND
-    assert unknown_command(reply.text) == b"M999 S1"
+    assert reply.command == b"M999 S1"
 
 
 @pytest.mark.parametrize(

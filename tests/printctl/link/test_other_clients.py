@@ -119,6 +119,8 @@ def test_place_renamed_in_a_pause_is_found_before_the_needle_is_lowered(tmp_path
     states: list[LinkState] = []
 
     def on_status(status: Status) -> None:
+        if status.lines_done > MOVES // 4 and LinkState.PAUSING not in states:
+            streamer.pause()
         if status.state is LinkState.PAUSED and LinkState.PAUSED not in states:
             wire._swallow = 1
             SimTransport.write(wire, text.encode() + b"\n")
@@ -126,7 +128,6 @@ def test_place_renamed_in_a_pause_is_found_before_the_needle_is_lowered(tmp_path
         states.append(status.state)
 
     streamer = streamer_on(wire, tmp_path, job(), on_status)
-    streamer.pause()
     status = streamer.run()
     assert LinkState.PAUSED in states
     assert status.state is LinkState.POSITION_UNKNOWN

@@ -143,16 +143,16 @@ def test_fragment_of_a_garbled_line_is_not_taken_for_an_acknowledgement():
 
 def test_unknown_command_is_a_fault_although_ok_follows():
     protocol = started()
-    protocol.feed(b'echo:Unknown command: "G1 X1"\nok\n', 1.0)
-    now = ask(protocol, 1.0)
-    events = settle(protocol, 1, now)
+    events = protocol.feed(b'echo:Unknown command: "G1 X1"\nok\n', 1.0)
     assert next(event for event in events if isinstance(event, Fault)).line == 1
+    settle(protocol, 1, ask(protocol, 1.0))
+    assert b"G1" not in protocol.take_output()
 
 
 def test_cold_extrusion_is_a_fault_although_ok_follows():
     protocol = started()
     events = protocol.feed(b"echo: cold extrusion prevented\nok\n", 1.0)
-    assert events == [Fault("echo: cold extrusion prevented", 1, refused=True)]
+    assert events == [Fault("echo: cold extrusion prevented", 1, True, about_command=True)]
     assert protocol.lines_done == 1
 
 

@@ -90,7 +90,7 @@ def test_what_a_duet_leaves_out_is_a_fault_to_the_link():
     printer, _ = printer_of("reprapfirmware")
     reply = said(printer, b"M113 S1\n").splitlines()[0]
     assert reply == b"Warning: M113: Command is not supported"
-    assert made_protocol("reprapfirmware").sort(reply) is Sort.FAULT
+    assert made_protocol("reprapfirmware").sort(reply) is Sort.REFUSAL
 
 
 def test_duet_tells_its_settings_in_its_own_words():
