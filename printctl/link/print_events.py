@@ -250,6 +250,6 @@ def print_channel(
 ) -> tuple[Channel, Interruption]:
     """Return a conversation whose events are a print's, and what stops it in mid-wait."""
     kill, heard = Kill(wiring), PrinterReplies()
-    interruption = Interruption(wiring, logbook, requests, kill)
+    interruption = Interruption(wiring, logbook, requests, kill, heard)
     handler = PrintEvents(wiring, logbook, kill, requests, heard, interruption)
     return Channel(wiring, logbook, kill, handler, heard), interruption

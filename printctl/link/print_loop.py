@@ -116,6 +116,7 @@ class PrintLoop:
         now = now_s()
         stop = protocol.limit = self._next_stop(now)
         taken = protocol.lines_done
+        progress.standstills.answered(self._job.lines, taken, now)
         if not progress.unverified:
             protocol.held = False
             protocol.go(now)

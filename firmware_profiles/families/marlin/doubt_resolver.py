@@ -14,9 +14,10 @@ from firmware_profiles.families.marlin.state import LineState
 from firmware_profiles.families.marlin.tokens import MOST_DOUBLINGS, PATIENCE_S
 
 _MEMORY: Final = 8
-_QUICK: Final = 10
-"""Questions after which they are asked less often."""
-_SLOWLY: Final = 5
+_PROMPT_S: Final = 0.1
+"""Longest time for an answer of a board at rest, beside the wire's."""
+_SLOW_ANSWERS: Final = 4
+"""Questions asked at a slow line's interval; without any answer the line is dead."""
 
 
 class DoubtResolver:
@@ -34,7 +35,7 @@ class DoubtResolver:
     def hear(self, reply: Reply, now: float) -> None:
         """Take one line from the printer while in doubt."""
         state = self._state
-        oks = state.doubt.oks
+        oks, answers = state.doubt.oks, state.doubt.answers
         if not state.tokens.hear(reply.text):
             state.doubt.hear(reply)
         if reply.kind in (Kind.REPORT, Kind.TEXT) or (
@@ -50,7 +51,8 @@ class DoubtResolver:
             return  # they come at any time and are no sign that a reply is under way
         if state.phase is Phase.ASK and state.doubt.answered:
             state.phase = Phase.SETTLE
-            state.doubt.take_answer(now)
+        if state.doubt.answers > answers:
+            state.doubt.take_answer(now, _PROMPT_S + state.timing.quiet_s)
         if state.phase is not Phase.ASK:
             state.deadline = now + state.timing.quiet_s
         else:  # something other than the whole answer: what follows comes soon or not at all
@@ -70,8 +72,9 @@ class DoubtResolver:
             events.append(said.Waiting(silent, limit))
         doubt.ask_again(now)
         state.out.append(state.wording.question)
-        wait = timing.answer_s * (1 if doubt.asked < _QUICK else _SLOWLY)
-        state.phase, state.deadline = Phase.ASK, now + wait
+        dead = not early and doubt.asked > _SLOW_ANSWERS
+        state.phase = Phase.ASK
+        state.deadline = now + (timing.ask_again_s if dead else timing.answer_s)
 
     def unanswered(self, now: float, events: list[Event]) -> None:
         """Wait for quiet, and ask again."""
@@ -84,7 +87,13 @@ class DoubtResolver:
         """Go on from the answer, where its halves agree."""
         state = self._state
         if state.doubt.awaits_answers(now):
-            state.deadline = state.doubt.answers_until
+            doubt = state.doubt
+            dead = doubt.asked > _SLOW_ANSWERS and (doubt.prompt or not doubt.probed)
+            if state.lines and (dead or doubt.prompt == doubt.answers):
+                doubt.probed = True
+                self.ask_now(now, events)
+            else:
+                state.deadline = state.doubt.answers_until
             return
         last = state.doubt.last
         failed = state.goal is QueryGoal.RENUMBER and last != 0
