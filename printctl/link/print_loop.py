@@ -14,7 +14,7 @@ from printctl.link.journalled_print import JournalledPrint
 from printctl.link.marks import MarkKind
 from printctl.link.print_parts import PrintParts
 from printctl.link.requests import Request
-from printctl.link.start_checks import agree_start
+from printctl.link.start_checks import agree_start, await_rest
 from printctl.link.states import LinkState, PrintEnded
 
 
@@ -75,6 +75,7 @@ class PrintLoop:
     def _begin(self) -> None:
         connect(self._channel)
         self._logbook.enter(LinkState.CHECKING, "asking the firmware what it is")
+        await_rest(self._channel)
         self._parts.firmware.check()
         self._agree_start()
         self._parts.heat.begin()

@@ -126,7 +126,7 @@ class StandstillWatch:
                 spent = self._ahead_s(lines, line, self._is_full()) + self._sum(lines, line, taken)
                 self._note(line, now - before_s - spent)
             self.begin(taken, now)
-        self._on = not self._ends
+        self._on = self._on and not self._ends
 
     # --- judging a late answer --------------------------------------------------------------------
 
