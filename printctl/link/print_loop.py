@@ -139,6 +139,7 @@ class PrintLoop:
                 channel.handle(protocol.tick(now))
             if now >= logbook.next_note:
                 logbook.note(now)
+                channel.look_around()
                 stop = protocol.limit = min(stop, self._next_stop(now))
             if logbook.fault:
                 self._parts.ending.end_on_fault()
@@ -179,6 +180,8 @@ class PrintLoop:
         """Do what is asked for, with no line in flight."""
         parts = self._parts
         self._channel.settle()
+        if self._progress.foreign and self._progress.unverified:
+            self._verify()  # before a pause: that waits for moves that lead astray
         parts.commands.send_all(self._wiring.printing_limits)
         while (request := parts.queue.take()) is not None:
             if request is Request.STOP:

@@ -51,7 +51,7 @@ class JobProgress:
         self.unverified, self.foreign, self.meddled = False, 0, False
         self._answers = Answers(0, 0.0, 0, 0.0)
         self.standstills = StandstillWatch(wiring.printer)
-        self._now = wiring.clock.now
+        self._wiring = wiring
         self._refused: int | None = None
 
     @property
@@ -152,7 +152,8 @@ class JobProgress:
     def stands_still(self) -> None:
         """Take notice that the printer has made all that it took."""
         self._made.waited(self.done)
-        self.standstills.rest(self.job.lines, self._protocol.lines_done, self._now())
+        self.standstills.rest(self.job.lines, self._protocol.lines_done,
+                              self._wiring.clock.now())  # fmt: skip
 
     def place_words(self, line: int) -> str:
         """Return a place of the job, after ``line`` of its lines, for a message."""

@@ -119,14 +119,17 @@ class StandstillWatch:
     def rest(self, lines: Sequence[bytes], taken: int, now: float) -> None:
         """Record that all was made by ``now``, s, and the machine stands."""
         if self._on:
-            line, before_s = self._taken[-1]
+            ends, (line, before_s) = self._ends, self._taken[-1]
             if self._late is not None:
                 self._judge(lines, self._late, full=False)
             elif not any(_UNBOUNDED.match(one) for one in lines[line:taken]):
-                spent = self._ahead_s(lines, line, self._is_full()) + self._sum(lines, line, taken)
+                spent = self._ahead_s(lines, line, self._is_full())
+                if self._by_time:  # some builds hold more
+                    spent = max(spent, self._sum(lines, line - self._printer.planner_blocks, line))
+                spent += self._sum(lines, line, taken)
                 self._note(line, now - before_s - spent)
             self.begin(taken, now)
-        self._on = self._on and not self._ends
+            self._on = not ends
 
     # --- judging a late answer --------------------------------------------------------------------
 
@@ -187,7 +190,7 @@ class StandstillWatch:
         """Return the time of the moves ahead when ``line`` lines were taken, s."""
         first = max(line - self._held, 0)
         most = self._sum(lines, first, line) + (_BUFFER_S if self._by_time else 0.0)
-        if full or self._rested is None or self._rested < self._taken[0][0]:
+        if full or self._by_time or self._rested is None or self._rested < self._taken[0][0]:
             return most
         ends = before_s = 0.0
         for (a, _), (b, at) in pairwise(self._taken):

@@ -18,6 +18,7 @@ from firmware_profiles.families.marlin.replies import (
 
 QUESTION: Final = harmless_query.QUESTION
 RENUMBER: Final = b"\n" + frame(0, b"M110 N0")
+MAX_SET_BACKS: Final = 5
 LATENESS: Final = 1.5
 """Times the first answer's lateness, within which the last is expected."""
 PROMPT_ANSWERS: Final = 4
@@ -42,6 +43,8 @@ class QueryGoal(Enum):
     GO_ON = auto()
     NUMBER = auto()
     RENUMBER = auto()
+    SET_BACK = auto()
+    """The printer's count is set to the host's, which another program has changed."""
 
 
 @dataclass

@@ -7,8 +7,8 @@ from typing import Final
 
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.link_protocol import Event
-from firmware_profiles.families.marlin.doubt import RENUMBER, Phase, QueryGoal
-from firmware_profiles.families.marlin.replies import Kind, Reply
+from firmware_profiles.families.marlin.doubt import MAX_SET_BACKS, RENUMBER, Phase, QueryGoal
+from firmware_profiles.families.marlin.replies import Kind, Reply, frame
 from firmware_profiles.families.marlin.sender import Sender
 from firmware_profiles.families.marlin.state import LineState
 from firmware_profiles.families.marlin.tokens import MOST_DOUBLINGS, PATIENCE_S
@@ -81,6 +81,8 @@ class DoubtResolver:
         state = self._state
         if state.goal is QueryGoal.RENUMBER:
             state.out.append(RENUMBER)
+        elif state.goal is QueryGoal.SET_BACK:
+            state.out.append(b"\n" + frame(state.number, b"M110 N%d" % state.number))
         state.phase, state.deadline = Phase.DRAIN, now + state.timing.quiet_s
 
     def settled(self, now: float, events: list[Event]) -> None:
@@ -96,11 +98,14 @@ class DoubtResolver:
                 state.deadline = state.doubt.answers_until
             return
         last = state.doubt.last
-        failed = state.goal is QueryGoal.RENUMBER and last != 0
+        wanted = {QueryGoal.RENUMBER: 0, QueryGoal.SET_BACK: state.number}.get(state.goal, last)
+        failed = last != wanted
         if failed or not state.doubt.agreed:
             self.unanswered(now, events)
         elif state.goal is QueryGoal.GO_ON:
             self._go_on_from(last, now, events)
+        elif state.goal is QueryGoal.SET_BACK:
+            self._go_on_set_back(now, events)
         else:
             state.numbered = state.goal is QueryGoal.RENUMBER
             state.number = last
@@ -118,9 +123,7 @@ class DoubtResolver:
         state = self._state
         taken = last - state.number
         flying = (state.flight is not None) + (state.second is not None)
-        if last == 0 and state.number > 0:
-            state.end(said.FirmwareReset(), events)
-        elif taken == 0 and not flying:
+        if taken == 0 and not flying:
             self.arrive(events)
             if state.controls or not state.held:
                 self._sender.send_next(now)
@@ -131,10 +134,35 @@ class DoubtResolver:
         elif last != state.doubt.confirmed:
             state.doubt.confirmed = last
             self.unanswered(now, events)
-        elif state.number - _MEMORY <= last < state.number:
+        elif max(state.number - _MEMORY, 1) <= last < state.number:
             self._go_back(last, now, events)
-        else:
+        elif state.set_backs == MAX_SET_BACKS:
             state.end(said.LostSynchronisation(last, state.number), events)
+        else:
+            self._set_back(last, now, events)
+
+    def _set_back(self, last: int, now: float, events: list[Event]) -> None:
+        """Set the printer's count to the host's: another program has numbered lines anew."""
+        state = self._state
+        events.append(said.Renumbered(last, state.number))
+        state.set_backs += 1
+        state.second, state.held = None, True
+        state.begin_doubt(QueryGoal.SET_BACK, now)
+        state.tokens.forget_oks()
+        self.unanswered(now, events)
+
+    def _go_on_set_back(self, now: float, events: list[Event]) -> None:
+        """Go on once both count alike; what was in flight goes again once the place is verified."""
+        state = self._state
+        if state.flight is None:
+            self.arrive(events)
+        elif state.flight_control and not state.tokens.flying:
+            self._sender.fly(now)
+            return
+        state.tokens.drop()
+        state.flight = None
+        events.append(said.StrayOk(state.number + 1))
+        self._sender.send_next(now)
 
     def _send_again(self, now: float, events: list[Event]) -> None:
         state = self._state

@@ -186,7 +186,7 @@ class ReplyHandler:
             self._sender.send_token(now, events)
             return
         self._sender.answer(events)
-        doubted = state.tokens.doubted
+        doubted, state.set_backs = state.tokens.doubted, 0
         surplus = state.tokens.settle()
         if surplus:
             self._hold_at_surplus(0 if doubted else surplus, events)

@@ -61,7 +61,7 @@ def printed(
     at: bytes = b" E0.05000 ",
     each_s: float = 0.001,
     count: int = LINES,
-    on_status: Callable[[Status], None] = lambda status: None,
+    on_status: Callable[[Status], None] | None = None,
 ) -> tuple[Status, JournalledPrint, SharedTransport]:
     transport = SharedTransport(FakeMarlin(), VirtualClock(), at, writes)
     transport.each_s = each_s
