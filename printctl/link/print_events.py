@@ -15,11 +15,11 @@ from printctl.link.motor_run_on import MotorRunOn
 from printctl.link.requests import Request, RequestQueue
 from printctl.link.states import EARLY, LinkState, PrintEnded
 from printctl.link.wiring import Wiring
+from sim.reading import is_motion
 
 OWN_MOVES: Final = frozenset({LinkState.PAUSING, LinkState.RESUMING, LinkState.STOPPING})
 """States in which the link sends commands of its own alone."""
-MIN_STOLEN: Final = 2
-"""Times that bytes went elsewhere, from which on another program is known to read the port."""
+_HEADER_LINES: Final = 200
 _ACTIONS: Final = {
     "pause": Request.PAUSE,
     "paused": Request.PAUSE,
@@ -81,7 +81,7 @@ class PrintEvents:
     def step_made(self) -> None:
         """Act on a stop that was asked for meanwhile; notice another reader of the port."""
         self._interruption.look()
-        if self._wiring.transport.stolen >= self._stolen + MIN_STOLEN:
+        if self._wiring.transport.stolen > self._stolen:
             self._stolen = self._wiring.transport.stolen
             self._logbook.alarm(
                 f"another program reads this port ({self._wiring.transport.name}): answers of the "
@@ -91,8 +91,12 @@ class PrintEvents:
             self._hold()
 
     def _hold(self) -> None:
-        """Have the print paused where another program uses the port; once, then a person knows."""
-        if not self._held and self._logbook.state is LinkState.PRINTING:
+        """Have the print paused where another program uses the port; once, then a person knows.
+
+        Before the job's first move the needle isn't in anything.
+        """
+        moved = any(map(is_motion, self._progress.taken[:_HEADER_LINES]))
+        if not self._held and moved and self._logbook.state is LinkState.PRINTING:
             self._held = True
             self._requests.add(Request.PAUSE)
 

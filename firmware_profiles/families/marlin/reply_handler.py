@@ -144,10 +144,11 @@ class ReplyHandler:
         self._state.hold()
 
     def _is_foreign(self, reply: Reply) -> bool:
-        """Whether an ok answers a line without a number; the host's have one (ADVANCED_OK)."""
+        """Whether an ok answers none of the host's lines: those have numbers, and have left."""
         state = self._state
         state.names_lines |= reply.number >= 0
-        return state.names_lines and reply.unnamed and not state.tokens.suspect
+        unsent = bool(state.out)  # it came in one read with the answer to the line before
+        return (unsent or (state.names_lines and reply.unnamed)) and not state.tokens.suspect
 
     @property
     def _answers_text(self) -> bool:
