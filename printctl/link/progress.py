@@ -7,11 +7,11 @@ from typing import Final
 from printctl.link.completed_moves import CompletedMoves
 from printctl.link.heads import head_at
 from printctl.link.job import Job
-from printctl.link.modal import Modal, ModalTrail, modal_state, relieved_mm
 from printctl.link.marks import MarkKind
+from printctl.link.modal import Modal, ModalTrail, modal_state, relieved_mm
 from printctl.link.motor_run_on import Answers, MotorRunOn, longest_run_on
 from printctl.link.planned_moves import planned_moves
-from printctl.link.standstill import Standstill, StandstillWatch
+from printctl.link.standstill import StandstillWatch
 from printctl.link.stop_place import StopPlace, find_stop_line
 from printctl.link.wiring import Wiring
 

@@ -156,8 +156,10 @@ def test_surplus_answer_is_noticed_with_two_lines_in_flight(tmp_path):
         clock=clock,
         journal=Journal(tmp_path / "journal.log"),
         printer=load(Printer, "generic_marlin"),
+        on_status=lambda status: streamer.resume() if status.state is LinkState.PAUSED else None,
     )
-    status = Streamer(wiring, job_of(zigzag(LINES))).run()
+    streamer = Streamer(wiring, job_of(zigzag(LINES)))
+    status = streamer.run()
     assert transport.pairs
     assert status.state is LinkState.DONE
     assert OTHERS in status.message
