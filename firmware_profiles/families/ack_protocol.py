@@ -19,7 +19,7 @@ from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.known_messages import COMPLAINTS, MessageMeaning, MessageTable
 from firmware_profiles.families.line_errors import LineErrors
 from firmware_profiles.families.link_protocol import Event
-from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.link_timing import HOST_LATE_S, Timing
 
 PROBE: Final = b"M105"
 """Asked only to hear an answer: temperatures, which every family tells at any time."""
@@ -194,6 +194,8 @@ class AckProtocol(ABC):
         """Take notice that it is ``now`` and nothing has come."""
         events: list[Event] = []
         if now >= self.deadline:
+            if now - self.deadline > HOST_LATE_S:
+                self.sent_at += now - self.deadline
             if self.flight is None and self._rest:
                 self._take_half(now, events)
             elif now - self.sent_at > self._patience():

@@ -205,6 +205,22 @@ class FirmwareReset:
 
 
 @dataclass(frozen=True)
+class Renumbered:
+    """The printer's count of lines isn't the host's, though no line was lost; it is set back.
+
+    The protocol holds the job (``held``) until the position has been verified.
+
+    Attributes
+    ----------
+    last, expected : int
+        As for `LostSynchronisation`.
+    """
+
+    last: int
+    expected: int
+
+
+@dataclass(frozen=True)
 class LostSynchronisation:
     """The printer's last line is none that the host can go on from.
 
@@ -242,6 +258,7 @@ Event: TypeAlias = (
     | FirmwareHalted
     | FirmwareStarted
     | FirmwareReset
+    | Renumbered
     | LostSynchronisation
     | NoReply
 )

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
+
+HOST_LATE_S: Final = 1.0
+"""A deadline missed by more: the host slept, which is no silence of the printer."""
 
 
 @dataclass(frozen=True)
@@ -22,6 +26,8 @@ class Timing:
         For the second half of a line from the printer, before it is asked for a token.
     answer_s : float
         For the answer to a question.
+    ask_again_s : float
+        The same, and the interval of questions, on a line that is dead rather than slow.
     doubt_limit_s : float
         Without a usable answer until a printer that isn't found yet counts as silent, and until
         an alarm is given of one in mid-print.
@@ -40,6 +46,7 @@ class Timing:
     quiet_s: float = 0.05
     whole_s: float = 0.2
     answer_s: float = 1.0
+    ask_again_s: float = 0.5
     doubt_limit_s: float = 6.0
     silent_limit_s: float = 60.0
     busy_limit_s: float = 1800.0

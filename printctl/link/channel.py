@@ -117,6 +117,10 @@ class Channel:
             self.logbook.note(now)
         self._handler.step_made()
 
+    def look_around(self) -> None:
+        """Have what goes on beside the protocol noticed, where a loop reads by itself."""
+        self._handler.step_made()
+
     def settle(self) -> None:
         """Send no further job line; wait until what is in flight is taken."""
         protocol = self.wiring.protocol

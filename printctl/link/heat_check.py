@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from printctl.gate import AllowedLine, LineOrigin, PrinterSituation, judge
 from printctl.link.channel import Channel
+from printctl.link.errors import HandshakeError
 from printctl.link.temperatures import parse_temperatures, target_command
 
 WITHIN_C: Final = 0.6
@@ -29,22 +30,55 @@ class HeatCheck:
         self._read = 0
 
     def begin(self) -> None:
-        """Take the targets as they are before the job's first line; tell those that are too hot."""
+        """Take the targets as they are before the job's first line.
+
+        Raises
+        ------
+        HandshakeError
+            For a heater that is hotter than anything in this print bears, or is set to be.
+        """
         before = self._logbook.fault
         first = self._told(journalled=False)
         on = {heater: celsius for heater, celsius in first.items() if celsius > 0}
         off = {heater: celsius for heater, celsius in first.items() if celsius == 0}
         self._targets = off | self._told_twice(on, journalled=False)
+        self._refuse_heat()
         self._logbook.excuse(before)  # a firmware without heaters may not know the question
-        known = self._channel.wiring.limits()
-        for heater, celsius in self._targets.items():
-            limit = known.hottest(heater)
-            if celsius > limit.celsius:
-                self._logbook.alarm(
-                    f"the {heater} is set to {celsius:g} °C before the job's first line, above "
-                    f"{limit.celsius:g} °C ({limit.why})"
-                )
         self._record()
+
+    def _refuse_heat(self) -> None:
+        """Refuse what a second reading confirms; what the job itself heats to is preflight's."""
+        hottest: dict[str, tuple[str, str]] = {}
+        own = self._job_targets(self._logbook.progress.job.lines)
+        for _ in range(2):
+            readings = parse_temperatures(self._channel.command(b"M105", journalled=False))
+            seen = {}
+            for one in readings:
+                limit = self._channel.wiring.limits().hottest(one.name)
+                bears = max(limit.celsius, *own.get(one.name, [limit.celsius]))
+                if one.now_c > bears + WITHIN_C:
+                    seen[one.name] = f"is at {one.now_c:g} °C", f"{bears:g} °C ({limit.why})"
+                elif one.target_c is not None and one.target_c > bears and one.name not in own:
+                    seen[one.name] = f"is set to {one.target_c:g} °C", f"{bears:g} °C ({limit.why})"
+            hottest = {k: v for k, v in seen.items() if not hottest or k in hottest}
+            if not hottest:
+                return
+        words = "; ".join(f"the {name} {is_at}, above {bears}" for name, (is_at, bears) in
+                          hottest.items())  # fmt: skip
+        raise HandshakeError(
+            f"{words}: nothing was moved. Switch it off, let it cool, and start again"
+        )
+
+    def _job_targets(self, lines: Sequence[bytes]) -> dict[str, list[float]]:
+        """Return each target that lines of the job set, °C, by heater."""
+        targets: dict[str, list[float]] = {}
+        known = PrinterSituation.of_job(self._channel.wiring.printer)
+        for line in lines:
+            if not line.startswith((b"G0", b"G1")):
+                verdict = judge(line.decode("ascii", "replace"), LineOrigin.JOB, known)
+                if isinstance(verdict, AllowedLine) and verdict.heater:
+                    targets.setdefault(verdict.heater, []).append(verdict.celsius)
+        return targets
 
     def restore(self, targets: Mapping[str, float], read: int) -> None:
         """Take the targets that this print had set after ``read`` lines, from its journal."""
@@ -105,13 +139,7 @@ class HeatCheck:
 
     def _read_job(self) -> None:
         """Take notice of what the job's own lines have set since they were last read."""
-        taken, known = (
-            self._logbook.progress.taken,
-            PrinterSituation.of_job(self._channel.wiring.printer),
-        )
-        for line in taken[self._read :]:
-            if not line.startswith((b"G0", b"G1")):
-                verdict = judge(line.decode("ascii", "replace"), LineOrigin.JOB, known)
-                if isinstance(verdict, AllowedLine) and verdict.heater:
-                    self._targets[verdict.heater] = verdict.celsius
+        taken = self._logbook.progress.taken
+        for heater, targets in self._job_targets(taken[self._read :]).items():
+            self._targets[heater] = targets[-1]
         self._read = len(taken)

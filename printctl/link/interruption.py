@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from printctl.link.channel import PrinterReplies
 from printctl.link.families import link_facts
 from printctl.link.kill import Kill
 from printctl.link.logbook import Logbook
@@ -22,6 +23,8 @@ from printctl.link.wiring import Wiring
 AGAIN_S: Final = 3.0
 MOST: Final = 3
 """So often the motors are told to stop while the line in flight isn't answered; each takes 1 s."""
+DEAD_S: Final = 2.5
+"""Without a word for so long what was written may have been lost: it counts for nothing."""
 BREAKABLE: Final = (b" W:", b"paused for ")
 """In what is told while heat, or a person at the printer's own button, is waited for."""
 WAITS: Final = (
@@ -47,12 +50,21 @@ class Interruption:
     queue : RequestQueue
     kill : Kill
         Knows whether the firmware has an emergency parser.
+    heard : PrinterReplies
     """
 
-    def __init__(self, wiring: Wiring, logbook: Logbook, queue: RequestQueue, kill: Kill) -> None:
+    def __init__(
+        self,
+        wiring: Wiring,
+        logbook: Logbook,
+        queue: RequestQueue,
+        kill: Kill,
+        heard: PrinterReplies,
+    ) -> None:
         self._wiring, self._logbook, self._queue, self._kill = wiring, logbook, queue, kill
         self._over = self._told = False
         self._cuts, self._again_s = 0, -math.inf
+        self._heard, self._heard_count, self._heard_s = heard, 0, math.inf
 
     def disarm(self) -> None:
         """Let nothing cut what follows: the way out, or a print that is over."""
@@ -98,6 +110,10 @@ class Interruption:
         if not link.quickstop:
             self._tell(WAITS)
             return
+        if self._heard.count != self._heard_count:
+            if now - self._heard_s > DEAD_S:
+                self._cuts, self._again_s = 0, now
+            self._heard_count, self._heard_s = self._heard.count, now
         if self._cuts == MOST or now < self._again_s:
             return
         # a second would hold up a firmware that looks at it in its turn
@@ -110,6 +126,7 @@ class Interruption:
             return
         wiring.transport.write(wiring.protocol.take_output())
         self._cuts, self._again_s = self._cuts + 1, now + AGAIN_S
+        self._heard_s = min(self._heard_s, now)
         self._logbook.progress.moves_dropped()
         self._tell(f"stopping the motors ({link.quickstop.decode()})")
 

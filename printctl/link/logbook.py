@@ -14,6 +14,7 @@ from printctl.link.errors import JournalError, Refused
 from printctl.link.journal import RESERVE_BYTES
 from printctl.link.journalled_print import JournalledPrint
 from printctl.link.progress import JobProgress
+from printctl.link.standstill import Standstill
 from printctl.link.states import EARLY, LinkState, PrintEnded, Status
 from printctl.link.wiring import Wiring
 
@@ -23,6 +24,8 @@ _TOLD: Final = 3
 """Complaints told in one message."""
 _REMARKS: Final = 1000
 """Unknown replies counted."""
+MOST_STANDSTILLS: Final = 100
+"""Written down one by one; further ones are counted."""
 _NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
 
 
@@ -81,6 +84,7 @@ class Logbook:
         self._complaints = 0
         self._remarks: list[str] = []
         self._told: dict[str, _Alarm] = {}
+        self._standstills: list[Standstill] = []
         self._final: Status | None = None
         self._journal_lost = self._disk_full = False
         self.next_note = 0.0
@@ -152,7 +156,12 @@ class Logbook:
 
     def enter(self, state: LinkState, message: str) -> None:
         """Pass to a state; write it down and tell the clients."""
-        self.note(self._wiring.clock.now())
+        now, standstills = self._wiring.clock.now(), self.progress.standstills
+        self.note(now)
+        if state is LinkState.PRINTING:
+            standstills.begin(self._wiring.protocol.lines_done, now)
+        elif state in (LinkState.PAUSING, LinkState.STOPPING):
+            standstills.end_at_rest()
         self._state, self._message = state, message
         self.record("state", state=state, message=message)
         self._wiring.on_status(self.status)
@@ -163,11 +172,12 @@ class Logbook:
 
     def end(self, ended: PrintEnded) -> Status:
         """Write down how the print ended; return the last status."""
+        self._note_standstills()
         # Whoever asks meanwhile must see the print either running or ended with all that is known.
         status = replace(
             self.status,
             state=ended.state,
-            message=ended.message,
+            message=ended.message + self._standstill_words(),
             position_known=ended.known,
             error=ended.error,
             look=None,
@@ -232,11 +242,37 @@ class Logbook:
     def note(self, now: float) -> None:
         """Write down progress and tell the clients."""
         self.next_note = min(now + NOTE_S, max(self._next_due(), now))
+        self._note_standstills()
         done = self.progress.known[0]
         if done != self._noted:
             self.record("ack" if done > self._noted else "back", done=done)
             self._noted = done
             self._wiring.on_status(self.status)
+
+    def _note_standstills(self) -> None:
+        """Write down where the ink stood still, each by itself: up to a number."""
+        found = self.progress.standstills.found
+        for one in found:
+            self._standstills.append(one)
+            count = len(self._standstills)
+            self.alarm(
+                f"the ink stood still for {one.seconds:.1f} s at "
+                f"{self.progress.place_words(one.line)}; look at the part",
+                kind=f"standstill {min(count, MOST_STANDSTILLS)}",
+            )
+        found.clear()
+
+    def _standstill_words(self) -> str:
+        """Return what to add to the last message; empty where the ink never stood still."""
+        if not self._standstills:
+            return ""
+        longest = max(self._standstills, key=lambda one: one.seconds)
+        where = f"for {longest.seconds:.1f} s at {self.progress.place_words(longest.line)}"
+        if len(self._standstills) == 1:
+            return f"; the ink stood still {where}"
+        total = sum(one.seconds for one in self._standstills)
+        many = f"{len(self._standstills)} times, {total:.1f} s in all"
+        return f"; the ink stood still {many}, the longest {where}"
 
     def record_back(self, number: int, controls: Sequence[bytes]) -> None:
         """Write down that the last line taken was ``number``, and which commands go again."""

@@ -15,9 +15,11 @@ from printctl.link.motor_run_on import MotorRunOn
 from printctl.link.requests import Request, RequestQueue
 from printctl.link.states import EARLY, LinkState, PrintEnded
 from printctl.link.wiring import Wiring
+from sim.reading import is_motion
 
 OWN_MOVES: Final = frozenset({LinkState.PAUSING, LinkState.RESUMING, LinkState.STOPPING})
 """States in which the link sends commands of its own alone."""
+_HEADER_LINES: Final = 200
 _ACTIONS: Final = {
     "pause": Request.PAUSE,
     "paused": Request.PAUSE,
@@ -53,6 +55,7 @@ class PrintEvents:
         self._interruption = interruption
         self._wiring, self._logbook, self._progress = wiring, logbook, logbook.progress
         self._kill, self._requests, self._heard = kill, requests, heard
+        self._stolen, self._held = 0, False
         self._handlers: dict[type, Callable[[Any], None]] = {
             said.Fault: self._on_fault,
             said.Notice: self._on_notice,
@@ -68,6 +71,7 @@ class PrintEvents:
             said.FirmwareHalted: self._on_halted,
             said.FirmwareStarted: self._on_booted,
             said.FirmwareReset: self._on_reset,
+            said.Renumbered: self._on_renumbered,
             said.LostSynchronisation: self._on_out_of_step,
             said.NoReply: self._on_silent,
         }
@@ -77,8 +81,26 @@ class PrintEvents:
         self._handlers[type(event)](event)
 
     def step_made(self) -> None:
-        """Act on a stop that was asked for meanwhile."""
+        """Act on a stop that was asked for meanwhile; notice another reader of the port."""
         self._interruption.look()
+        if self._wiring.transport.stolen > self._stolen:
+            self._stolen = self._wiring.transport.stolen
+            self._logbook.alarm(
+                f"another program reads this port ({self._wiring.transport.name}): answers of the "
+                "printer are missing here; close it there",
+                kind="stolen",
+            )
+            self._hold()
+
+    def _hold(self) -> None:
+        """Have the print paused where another program uses the port; once, then a person knows.
+
+        Before the job's first move the needle isn't in anything.
+        """
+        moved = any(map(is_motion, self._progress.taken[:_HEADER_LINES]))
+        if not self._held and moved and self._logbook.state is LinkState.PRINTING:
+            self._held = True
+            self._requests.add(Request.PAUSE)
 
     def between_commands(self) -> None:
         """Go no further where a stop was asked for."""
@@ -123,6 +145,18 @@ class PrintEvents:
             "nothing else uses its port, and look at the part",
             kind="foreign lines",
         )
+        self._hold()
+
+    def _on_renumbered(self, event: said.Renumbered) -> None:
+        self._progress.doubt()
+        self._progress.count_foreign(1)
+        self._logbook.alarm(
+            f"the printer's count of lines became {event.last}, and this print's is "
+            f"{event.expected}: another program writes to this port (M110), or the board was reset "
+            "without a word; the count is set back, the position compared",
+            kind="renumbered",
+        )
+        self._hold()
 
     # --- what holds the print --------------------------------------------------------------------
 
@@ -258,6 +292,6 @@ def print_channel(
 ) -> tuple[Channel, Interruption]:
     """Return a conversation whose events are a print's, and what stops it in mid-wait."""
     kill, heard = Kill(wiring), PrinterReplies()
-    interruption = Interruption(wiring, logbook, requests, kill)
+    interruption = Interruption(wiring, logbook, requests, kill, heard)
     handler = PrintEvents(wiring, logbook, kill, requests, heard, interruption)
     return Channel(wiring, logbook, kill, handler, heard), interruption

@@ -14,7 +14,7 @@ from printctl.link.journalled_print import JournalledPrint
 from printctl.link.marks import MarkKind
 from printctl.link.print_parts import PrintParts
 from printctl.link.requests import Request
-from printctl.link.start_checks import agree_start
+from printctl.link.start_checks import agree_start, await_rest
 from printctl.link.states import LinkState, PrintEnded
 
 
@@ -78,6 +78,7 @@ class PrintLoop:
     def _begin(self) -> None:
         connect(self._channel)
         self._logbook.enter(LinkState.CHECKING, "asking the firmware what it is")
+        await_rest(self._channel)
         self._parts.firmware.check()
         self._agree_start()
         self._parts.heat.begin()
@@ -121,6 +122,7 @@ class PrintLoop:
         now = now_s()
         stop = protocol.limit = self._next_stop(now)
         taken = protocol.lines_done
+        progress.standstills.answered(self._job.lines, taken, now)
         if not progress.unverified:
             protocol.held = False
             protocol.go(now)
@@ -142,6 +144,7 @@ class PrintLoop:
                 channel.handle(protocol.tick(now))
             if now >= logbook.next_note:
                 logbook.note(now)
+                channel.look_around()
                 stop = protocol.limit = min(stop, self._next_stop(now))
             if logbook.fault:
                 self._parts.ending.end_on_fault()
@@ -182,6 +185,8 @@ class PrintLoop:
         """Do what is asked for, with no line in flight."""
         parts = self._parts
         self._channel.settle()
+        if self._progress.foreign and self._progress.unverified:
+            self._verify()  # before a pause: that waits for moves that lead astray
         parts.commands.send_all(self._wiring.printing_limits)
         while (request := parts.queue.take()) is not None:
             if request is Request.STOP:

@@ -7,9 +7,11 @@ from typing import Final
 from printctl.link.completed_moves import CompletedMoves
 from printctl.link.heads import head_at
 from printctl.link.job import Job
+from printctl.link.marks import MarkKind
 from printctl.link.modal import Modal, ModalTrail, modal_state, relieved_mm
 from printctl.link.motor_run_on import Answers, MotorRunOn, longest_run_on
 from printctl.link.planned_moves import planned_moves
+from printctl.link.standstill import StandstillWatch
 from printctl.link.stop_place import StopPlace, find_stop_line
 from printctl.link.wiring import Wiring
 
@@ -41,6 +43,7 @@ class JobProgress:
     journalled : (int, int) or None
         Job lines taken and made as the journal knows, until a printer that is found again has
         proved to be the print's own; None from then on.
+    standstills : StandstillWatch
     """
 
     def __init__(self, wiring: Wiring, job: Job) -> None:
@@ -51,6 +54,8 @@ class JobProgress:
         self.unverified, self.foreign, self.meddled = False, 0, False
         self.journalled: tuple[int, int] | None = None
         self._answers = Answers(0, 0.0, 0, 0.0)
+        self.standstills = StandstillWatch(wiring.printer)
+        self._wiring = wiring
         self._refused: int | None = None
 
     @property
@@ -156,10 +161,22 @@ class JobProgress:
     def answered(self, lines: int, now: float) -> None:
         """Take notice that ``lines`` of the job were taken by ``now``, s."""
         self._answers = Answers(self._answers.last, self._answers.last_s, lines, now)
+        self.standstills.answered(self.job.lines, lines, now)
 
     def stands_still(self) -> None:
         """Take notice that the printer has made all that it took."""
         self._made.waited(self.done)
+        self.standstills.rest(self.job.lines, self._protocol.lines_done,
+                              self._wiring.clock.now())  # fmt: skip
+
+    def place_words(self, line: int) -> str:
+        """Return a place of the job, after ``line`` of its lines, for a message."""
+        at = " ".join(f"{k.upper()}{v:.2f}" for k, v in self._each_after(line, line)[0].place()
+                      .items() if k in "xyz")  # fmt: skip
+        marks = [self.job.marks.next(kind, line) for kind in (MarkKind.LAYER, MarkKind.VESSEL)]
+        within = [str(mark).removeprefix("end of ") for mark in marks if mark and mark.number >= 0]
+        where = ", ".join([at, *within])
+        return f"line {self.job.file_line(line)}" + (f" ({where})" if where else "")
 
     def moves_dropped(self) -> None:
         """Take notice that the printer has dropped the moves that it held."""

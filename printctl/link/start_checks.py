@@ -15,13 +15,18 @@ from printctl.gate.firmware import (
     questions,
     reported_settings,
 )
+from printctl.link.channel import Channel
 from printctl.link.errors import HandshakeError
+from printctl.link.families import link_facts
 
 Ask = Callable[[bytes], tuple[bytes, ...]]
 Place = tuple[float, float, float]
 ASIDE_MM: Final = 0.05
 """Most between the place where the tip stands and the one that checks took it to stand at."""
 _TRIES: Final = 4
+REST_LIMIT_S: Final = 30.0
+"""Longest wait for a machine that is still moving when a print is to start."""
+_APART_S: Final = 0.5
 
 
 def agree_settings(
@@ -62,6 +67,45 @@ def agree_settings(
     for one in every:
         note(f"{one.what}: {one.remedy}")
     return reported_settings(answers, printer)
+
+
+def await_rest(channel: Channel) -> None:
+    """Wait until the machine stands still: a former job may have moves left, or go on.
+
+    Raises
+    ------
+    HandshakeError
+        Where it moves for longer than `REST_LIMIT_S`.
+    """
+    clock, before = channel.wiring.clock, _place(channel)
+    limit, told = clock.now() + REST_LIMIT_S, False
+    while True:
+        until = clock.now() + _APART_S
+        while clock.now() < until:
+            channel.pump(until)
+        place = _place(channel)
+        if place == before:
+            channel.ask(b"M400")
+            if _place(channel) == place:
+                return
+        if clock.now() > limit:
+            raise HandshakeError(
+                f"the machine moves on its own ({before} became {place} within {_APART_S:g} s, for "
+                f"{REST_LIMIT_S:g} s): a former job, its card or another program drives it. End "
+                "that, see where the needle stands, and start again"
+            )
+        if not told:
+            told = True
+            words = f"the machine still moves; waiting for it to stand, up to {REST_LIMIT_S:g} s"
+            channel.logbook.enter(channel.logbook.state, words)
+        before = place
+
+
+def _place(channel: Channel) -> str:
+    """Return all that the firmware tells of its place, its motors' steps too."""
+    question = link_facts(channel.wiring.printer).place_question or b"M114"
+    replies = channel.ask(question)
+    return " ".join(line.decode("ascii", "replace") for line in replies if b"X:" in line)
 
 
 def _asked(ask: Ask, printer: Printer) -> dict[str, list[str]]:

@@ -29,10 +29,17 @@ class Transport(Protocol):
         As the user knows it.
     quiet_s : float
         Of silence after which no reply is under way; longer than the wire's latency.
+    stolen : int
+        Times that another program read what had come; 0 where that can't be noticed.
     """
 
     name: str
     quiet_s: float
+
+    @property
+    def stolen(self) -> int:
+        """See the class."""
+        ...
 
     def write(self, data: bytes) -> None:
         """Write all of ``data``, or raise `PortLost` within the transport's time limit."""

@@ -16,6 +16,7 @@ import select
 import sys
 import threading
 import time
+from contextlib import suppress
 from typing import Final
 
 import serial
@@ -24,6 +25,7 @@ from printctl.link.errors import PortDenied, PortError, PortInUse, PortLost, Por
 from printctl.link.ports import ports_found
 
 if sys.platform != "win32":
+    import fcntl
     import termios
 
     termios_error: type[Exception] = termios.error
@@ -77,6 +79,7 @@ class SerialTransport:
     """
 
     quiet_s: float = 0.05
+    stolen: int = 0
 
     def __init__(self, name: str, baud: int, dtr: bool = True, rts: bool = True) -> None:
         self.name, self._closing = name, threading.Lock()
@@ -91,6 +94,7 @@ class SerialTransport:
         self._fd = -1 if sys.platform == "win32" else self._serial.fileno()
         if self._fd >= 0:
             self._hold_dtr_on_close()
+            self._keep_others_out(True)
             self._readable, self._writable = select.poll(), select.poll()
             self._readable.register(self._fd, select.POLLIN)
             self._writable.register(self._fd, select.POLLOUT)
@@ -101,15 +105,29 @@ class SerialTransport:
             settings[2] &= ~termios.HUPCL
             termios.tcsetattr(self._fd, termios.TCSANOW, settings)
 
+    def _keep_others_out(self, out: bool) -> None:
+        """Have the system refuse further programs; pyserial's lock binds those alone that look.
+
+        The administrator's are let in all the same, and who has the port open already keeps it.
+        """
+        if sys.platform != "win32":
+            with suppress(OSError):  # not every driver knows it
+                fcntl.ioctl(self._fd, termios.TIOCEXCL if out else termios.TIOCNXCL)
+
     def read(self, timeout: float) -> bytes:
         """Give what has come, waiting at most ``timeout`` s for it; empty for nothing."""
         try:
             if self._fd < 0:
                 return self._read_windows(timeout)
-            if not self._readable.poll(max(0.0, timeout) * 1000.0):
+            seen = self._readable.poll(max(0.0, timeout) * 1000.0)
+            if not seen:
                 return b""
             data = os.read(self._fd, _CHUNK)
+            if not data and not seen[0][1] & ~select.POLLIN:
+                self.stolen += 1  # there was something, and another reader has it
+                return b""
         except BlockingIOError:
+            self.stolen += 1
             return b""
         except (OSError, TypeError, ValueError) as exc:
             raise PortLost(f"port {self.name} went away: {exc}") from exc
@@ -195,4 +213,6 @@ class SerialTransport:
     def close(self) -> None:
         """Let go of the port; closing twice does no harm."""
         with self._closing:
+            if self._serial.is_open:
+                self._keep_others_out(False)
             self._serial.close()

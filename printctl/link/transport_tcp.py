@@ -31,6 +31,7 @@ class TcpTransport:
     """
 
     quiet_s: float = 0.25
+    stolen: int = 0
 
     def __init__(self, host: str, port: int, name: str = "") -> None:
         self.name = name or f"tcp:{host}:{port}"

@@ -117,6 +117,11 @@ class LoggedTransport:
         self._read, self._write, self._note = transport.read, transport.write, log.add
         self.name, self.quiet_s = transport.name, transport.quiet_s
 
+    @property
+    def stolen(self) -> int:
+        """See `printctl.link.transport.Transport`."""
+        return self._transport.stolen
+
     def write(self, data: bytes) -> None:
         """Write all of ``data``, or raise `PortLost` within the transport's time limit."""
         self._note(">", data)

@@ -65,7 +65,7 @@ class Standby:
         )
         self._kill, self._halt, heard = Kill(wiring, changed), threading.Event(), PrinterReplies()
         queue = RequestQueue()
-        nothing = Interruption(wiring, self._logbook, queue, self._kill)
+        nothing = Interruption(wiring, self._logbook, queue, self._kill, heard)
         as_print = PrintEvents(wiring, self._logbook, self._kill, queue, heard, nothing)
         self._events = StandbyEvents(self._logbook, self._halt, self._kill.asked, as_print)
         self._channel = Channel(wiring, self._logbook, self._kill, self._events, heard)

@@ -17,6 +17,12 @@ from firmware_profiles.families.marlin.replies import (
 
 QUESTION: Final = harmless_query.QUESTION
 RENUMBER: Final = b"\n" + frame(0, b"M110 N0")
+MAX_SET_BACKS: Final = 5
+LATENESS: Final = 1.5
+"""Times the first answer's lateness, within which the last is expected."""
+PROMPT_ANSWERS: Final = 4
+"""So many running, each alone and soon after its question: what wasn't answered before is lost.
+On a line that answers late, those of earlier questions seldom fall so."""
 
 
 class Phase(Enum):
@@ -36,6 +42,8 @@ class QueryGoal(Enum):
     GO_ON = auto()
     NUMBER = auto()
     RENUMBER = auto()
+    SET_BACK = auto()
+    """The printer's count is set to the host's, which another program has changed."""
 
 
 @dataclass
@@ -67,8 +75,12 @@ class DoubtEvidence:
     quoted : bytes
         The command in an unknown-command echo.
     answers_until : float, s
-        Answers to all questions may come until then, if there are more questions than answers;
-        -inf before the first.
+        Where fewer answers than questions came: until then another may be under way, unless the
+        line proves prompt; -inf before the first.
+    prompt : int
+        Last answers running, each alone and soon after its question.
+    probed : bool
+        Whether a question was asked behind an answer, to see whether the line is prompt.
     """
 
     since: float
@@ -84,8 +96,12 @@ class DoubtEvidence:
     oks: int = 0
     quoted: bytes = b""
     answers_until: float = -math.inf
+    prompt: int = 0
+    probed: bool = False
     _foreign_ok: bool = False
     _first_asked: float = 0.0
+    _asked_at: float = 0.0
+    _since_asked: int = 0
     _orders: int = 0
     _resends: int = 0
 
@@ -106,16 +122,28 @@ class DoubtEvidence:
         if not self.asked:
             self._first_asked = now
         self.asked += 1
+        self._asked_at, self._since_asked = now, 0
 
-    def take_answer(self, now: float) -> None:
-        """Take notice of an answer: what came late for the first may come as late for the last."""
-        if math.isinf(self.answers_until):
-            self.answers_until = now + 1.5 * (now - self._first_asked)
+    def take_answer(self, now: float, prompt_s: float) -> None:
+        """Record when an answer came: one to the last question, if within ``prompt_s``.
+
+        What came late for the first may come as late for the last.
+        """
+        self._since_asked += 1
+        alone = self._since_asked == 1 and now - self._asked_at <= prompt_s
+        self.prompt = self.prompt + 1 if alone else 0
+        if self.answers == 1:
+            self.answers_until = now + LATENESS * (now - self._first_asked)
+
+    @property
+    def answers(self) -> int:
+        """Return how many questions were answered."""
+        return max(self._orders, self._resends // (2 if self.two_resends else 1))
 
     def awaits_answers(self, now: float) -> bool:
         """Whether an answer to an earlier question may be under way: a later doubt's, it seemed."""
-        heard = max(self._orders, self._resends // (2 if self.two_resends else 1))
-        return heard < self.asked and now < self.answers_until
+        late = self.answers < self.asked and now < self.answers_until
+        return late and self.prompt < PROMPT_ANSWERS
 
     def hear(self, reply: Reply) -> None:
         """Take one more line into account."""

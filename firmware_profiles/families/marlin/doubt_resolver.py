@@ -7,16 +7,17 @@ from typing import Final
 
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.link_protocol import Event
-from firmware_profiles.families.marlin.doubt import RENUMBER, Phase, QueryGoal
-from firmware_profiles.families.marlin.replies import Kind, Reply
+from firmware_profiles.families.marlin.doubt import MAX_SET_BACKS, RENUMBER, Phase, QueryGoal
+from firmware_profiles.families.marlin.replies import Kind, Reply, frame
 from firmware_profiles.families.marlin.sender import Sender
 from firmware_profiles.families.marlin.state import LineState
 from firmware_profiles.families.marlin.tokens import MOST_DOUBLINGS, PATIENCE_S
 
 _MEMORY: Final = 8
-_QUICK: Final = 10
-"""Questions after which they are asked less often."""
-_SLOWLY: Final = 5
+_PROMPT_S: Final = 0.1
+"""Longest time for an answer of a board at rest, beside the wire's."""
+_SLOW_ANSWERS: Final = 4
+"""Questions asked at a slow line's interval; without any answer the line is dead."""
 
 
 class DoubtResolver:
@@ -34,7 +35,7 @@ class DoubtResolver:
     def hear(self, reply: Reply, now: float) -> None:
         """Take one line from the printer while in doubt."""
         state = self._state
-        oks = state.doubt.oks
+        oks, answers = state.doubt.oks, state.doubt.answers
         if not state.tokens.hear(reply.text):
             state.doubt.hear(reply)
         if reply.kind in (Kind.REPORT, Kind.TEXT) or (
@@ -50,7 +51,8 @@ class DoubtResolver:
             return  # they come at any time and are no sign that a reply is under way
         if state.phase is Phase.ASK and state.doubt.answered:
             state.phase = Phase.SETTLE
-            state.doubt.take_answer(now)
+        if state.doubt.answers > answers:
+            state.doubt.take_answer(now, _PROMPT_S + state.timing.quiet_s)
         if state.phase is not Phase.ASK:
             state.deadline = now + state.timing.quiet_s
         else:  # something other than the whole answer: what follows comes soon or not at all
@@ -70,28 +72,40 @@ class DoubtResolver:
             events.append(said.Waiting(silent, limit))
         doubt.ask_again(now)
         state.out.append(state.wording.question)
-        wait = timing.answer_s * (1 if doubt.asked < _QUICK else _SLOWLY)
-        state.phase, state.deadline = Phase.ASK, now + wait
+        dead = not early and doubt.asked > _SLOW_ANSWERS
+        state.phase = Phase.ASK
+        state.deadline = now + (timing.ask_again_s if dead else timing.answer_s)
 
     def unanswered(self, now: float, events: list[Event]) -> None:
         """Wait for quiet, and ask again."""
         state = self._state
         if state.goal is QueryGoal.RENUMBER:
             state.out.append(RENUMBER)
+        elif state.goal is QueryGoal.SET_BACK:
+            state.out.append(b"\n" + frame(state.number, b"M110 N%d" % state.number))
         state.phase, state.deadline = Phase.DRAIN, now + state.timing.quiet_s
 
     def settled(self, now: float, events: list[Event]) -> None:
         """Go on from the answer, where its halves agree."""
         state = self._state
         if state.doubt.awaits_answers(now):
-            state.deadline = state.doubt.answers_until
+            doubt = state.doubt
+            dead = doubt.asked > _SLOW_ANSWERS and (doubt.prompt or not doubt.probed)
+            if state.lines and (dead or doubt.prompt == doubt.answers):
+                doubt.probed = True
+                self.ask_now(now, events)
+            else:
+                state.deadline = state.doubt.answers_until
             return
         last = state.doubt.last
-        failed = state.goal is QueryGoal.RENUMBER and last != 0
+        wanted = {QueryGoal.RENUMBER: 0, QueryGoal.SET_BACK: state.number}.get(state.goal, last)
+        failed = last != wanted
         if failed or not state.doubt.agreed:
             self.unanswered(now, events)
         elif state.goal is QueryGoal.GO_ON:
             self._go_on_from(last, now, events)
+        elif state.goal is QueryGoal.SET_BACK:
+            self._go_on_set_back(now, events)
         else:
             state.numbered = state.goal is QueryGoal.RENUMBER
             state.number = last
@@ -109,9 +123,7 @@ class DoubtResolver:
         state = self._state
         taken = last - state.number
         flying = (state.flight is not None) + (state.second is not None)
-        if last == 0 and state.number > 0:
-            state.end(said.FirmwareReset(), events)
-        elif taken == 0 and not flying:
+        if taken == 0 and not flying:
             self.arrive(events)
             if state.controls or not state.held:
                 self._sender.send_next(now)
@@ -122,10 +134,35 @@ class DoubtResolver:
         elif last != state.doubt.confirmed:
             state.doubt.confirmed = last
             self.unanswered(now, events)
-        elif state.number - _MEMORY <= last < state.number:
+        elif max(state.number - _MEMORY, 1) <= last < state.number:
             self._go_back(last, now, events)
-        else:
+        elif state.set_backs == MAX_SET_BACKS:
             state.end(said.LostSynchronisation(last, state.number), events)
+        else:
+            self._set_back(last, now, events)
+
+    def _set_back(self, last: int, now: float, events: list[Event]) -> None:
+        """Set the printer's count to the host's: another program has numbered lines anew."""
+        state = self._state
+        events.append(said.Renumbered(last, state.number))
+        state.set_backs += 1
+        state.second, state.held = None, True
+        state.begin_doubt(QueryGoal.SET_BACK, now)
+        state.tokens.forget_oks()
+        self.unanswered(now, events)
+
+    def _go_on_set_back(self, now: float, events: list[Event]) -> None:
+        """Go on once both count alike; what was in flight goes again once the place is verified."""
+        state = self._state
+        if state.flight is None:
+            self.arrive(events)
+        elif state.flight_control and not state.tokens.flying:
+            self._sender.fly(now)
+            return
+        state.tokens.drop()
+        state.flight = None
+        events.append(said.StrayOk(state.number + 1))
+        self._sender.send_next(now)
 
     def _send_again(self, now: float, events: list[Event]) -> None:
         state = self._state

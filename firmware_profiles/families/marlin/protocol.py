@@ -37,7 +37,7 @@ from typing import Final
 
 from firmware_profiles.families.line_errors import LineErrors
 from firmware_profiles.families.link_protocol import Event
-from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.link_timing import HOST_LATE_S, Timing
 from firmware_profiles.families.marlin.doubt import RENUMBER, Phase, QueryGoal
 from firmware_profiles.families.marlin.doubt_resolver import DoubtResolver
 from firmware_profiles.families.marlin.pairing import Pairing
@@ -258,5 +258,7 @@ class MarlinProtocol:
         self.state.fast = False
         self._hearing.take_half(now, events)
         if self.state.phase is not Phase.OVER:
+            if now - self.state.deadline > HOST_LATE_S:
+                self.state.doubt.since += now - self.state.deadline
             self._on_time[self.state.phase](now, events)
         return events

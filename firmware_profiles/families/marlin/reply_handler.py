@@ -193,10 +193,11 @@ class ReplyHandler:
         self._state.hold()
 
     def _is_foreign(self, reply: Reply) -> bool:
-        """Whether an ok answers a line without a number; the host's have one (ADVANCED_OK)."""
+        """Whether an ok answers none of the host's lines: those have numbers, and have left."""
         state = self._state
         state.names_lines |= reply.number >= 0
-        return state.names_lines and reply.unnamed and not state.tokens.suspect
+        unsent = bool(state.out)  # it came in one read with the answer to the line before
+        return (unsent or (state.names_lines and reply.unnamed)) and not state.tokens.suspect
 
     @property
     def _answers_text(self) -> bool:
@@ -235,7 +236,7 @@ class ReplyHandler:
             self._sender.send_token(now, events)
             return
         self._sender.answer(events)
-        doubted = state.tokens.doubted
+        doubted, state.set_backs = state.tokens.doubted, 0
         surplus = state.tokens.settle()
         if surplus:
             self._hold_at_surplus(0 if doubted else surplus, events)

@@ -110,6 +110,8 @@ class LineState:
         Whether ADVANCED_OK is read as a plain ok: its numbers don't follow the lines.
     told_odd : bool
         Whether it was told that ADVANCED_OK's fields make no sense.
+    set_backs : int
+        Times running that the printer's count of lines was set back.
     behind_moves : bytes
         Written behind each move in flight that is taken, after `LinkProtocol.cut_in`.
     """
@@ -157,6 +159,7 @@ class LineState:
     times_misnamed: int = 0
     plain: bool = False
     told_odd: bool = False
+    set_backs: int = 0
     behind_moves: bytes = b""
 
     def fault(self, text: str, about_command: bool = False) -> Fault:

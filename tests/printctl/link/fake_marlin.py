@@ -154,6 +154,7 @@ class FakeTransport:
     """
 
     quiet_s = 0.05
+    stolen = 0
 
     def __init__(
         self,

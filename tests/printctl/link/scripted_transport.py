@@ -19,6 +19,7 @@ class ScriptedTransport:
     """
 
     quiet_s: float = 0.05
+    stolen: int = 0
 
     def __init__(self, answer: Callable[[bytes], bytes], clock: VirtualClock) -> None:
         self.name = "scripted"

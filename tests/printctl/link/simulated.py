@@ -11,7 +11,7 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link.clock import VirtualClock
 from printctl.link.journal import Journal
-from printctl.link.states import Status
+from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
 from sim.families.marlin.printer import MarlinPrinter
@@ -41,17 +41,23 @@ def printed(
     transport: SimTransport,
     *requests: str,
     printer: Printer = PRINTER,
-    on_status: Callable[[Status], None] = lambda status: None,
+    on_status: Callable[[Status], None] | None = None,
     journal: Journal | None = None,
     keep: list[Streamer] | None = None,
 ) -> tuple[Status, Streamer]:
+    """Print; without ``on_status`` each pause is resumed at once."""
+
+    def go_on(status: Status) -> None:
+        if status.state is LinkState.PAUSED:
+            streamer.resume()
+
     wiring = Wiring(
         transport=transport,
         protocol=MarlinProtocol(),
         clock=transport.clock,
         journal=journal or journal_in(folder),
         printer=printer,
-        on_status=on_status,
+        on_status=on_status or go_on,
     )
     streamer = Streamer(wiring, parse_job(data, "test.gcode", printer))
     if keep is not None:

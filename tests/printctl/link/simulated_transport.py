@@ -34,6 +34,7 @@ class SimulatedTransport:
     """
 
     quiet_s: float = 0.05
+    stolen: int = 0
 
     def __init__(
         self,

@@ -52,7 +52,10 @@ def test_port_that_goes_in_a_pause_is_gone_on_with_exactly(tmp_path, at, times, 
     script = Script(on_paused=go_on, at_line={12: hold})
     printer = Following(job, script)
     wire = Unplugged(printer, clock)
-    wire.at, wire.times = at, times + (at == b"G92 E")  # the job has one, too
+    wire.at, wire.times = (
+        at,
+        times + (at != b"G1 Z"),
+    )  # the job, or the check before it, has one, too
     status = played(data, tmp_path, wire, script, Care(checkpoint_s=None))
     if status.error == "PortLost":
         assert not status.position_known

@@ -61,7 +61,7 @@ def printed(
     at: bytes = b" E0.05000 ",
     each_s: float = 0.001,
     count: int = LINES,
-    on_status: Callable[[Status], None] = lambda status: None,
+    on_status: Callable[[Status], None] | None = None,
 ) -> tuple[Status, JournalledPrint, SharedTransport]:
     transport = SharedTransport(FakeMarlin(), VirtualClock(), at, writes)
     transport.each_s = each_s
@@ -156,8 +156,10 @@ def test_surplus_answer_is_noticed_with_two_lines_in_flight(tmp_path):
         clock=clock,
         journal=Journal(tmp_path / "journal.log"),
         printer=load(Printer, "generic_marlin"),
+        on_status=lambda status: streamer.resume() if status.state is LinkState.PAUSED else None,
     )
-    status = Streamer(wiring, job_of(zigzag(LINES))).run()
+    streamer = Streamer(wiring, job_of(zigzag(LINES)))
+    status = streamer.run()
     assert transport.pairs
     assert status.state is LinkState.DONE
     assert OTHERS in status.message

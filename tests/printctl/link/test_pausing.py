@@ -314,7 +314,9 @@ def test_checkpoints_are_made_at_marks_as_often_as_asked(tmp_path, every, expect
     made = [record["done"] for record in history.checkpoints]
     assert set(made) <= {mark.index for mark in job.marks.of(MarkKind.LAYER)}
     assert len(made) == expected if every != 0.4 else expected <= len(made) < 6
-    assert printer.numbered.count("M400") == 2  # the job's own, and the link's at the end
+    assert (
+        printer.numbered.count("M400") == 3
+    )  # the job's own, and the link's before it and at the end
 
 
 def test_checkpoints_cost_no_printing_time_while_the_planner_is_full(tmp_path):

@@ -8,8 +8,8 @@ from firmware_profiles.families.link_protocol import (
     FirmwareHalted,
     FirmwareReset,
     LinesResent,
-    LostSynchronisation,
     Notice,
+    Renumbered,
     StrayOk,
     Synchronised,
     TokenSent,
@@ -158,7 +158,9 @@ def test_cold_extrusion_is_a_fault_although_ok_follows():
 
 def test_lines_acknowledged_by_a_surplus_ok_are_sent_again_once_confirmed():
     protocol = started()
-    protocol.feed(b"ok\nok\n", 0.0)  # the second was a fragment's
+    protocol.feed(b"ok\n", 0.0)
+    protocol.take_output()
+    protocol.feed(b"ok\n", 0.0)  # a fragment's
     protocol.take_output()
     protocol.feed(b"Error:checksum mismatch, Last Line: 1\nResend: 2\nok\n", 1.0)
     now = ask(protocol, 1.0)
@@ -190,13 +192,18 @@ def test_fragment_that_was_done_holds_the_job_until_the_position_is_verified():
     assert protocol.take_output() == frame(3, JOB[0])
 
 
-def test_line_far_from_ours_is_out_of_step():
+def test_count_that_another_program_has_changed_is_set_back_and_the_job_held():
     protocol = started()
     protocol.feed(b"?\n", 1.0)
     now = ask(protocol, 1.0)
     settle(protocol, 500, now)
     now = ask(protocol, now + 0.051)
-    assert settle(protocol, 500, now) == [LostSynchronisation(500, 0)]
+    assert settle(protocol, 500, now) == [Renumbered(500, 0)]
+    assert protocol.take_output() == b"\n" + frame(0, b"M110 N0")
+    now = ask(protocol, now + 0.051)
+    assert settle(protocol, 0, now) == [StrayOk(1)]
+    assert protocol.held
+    assert protocol.idle
 
 
 def test_reset_in_mid_job_ends_it_even_if_start_was_garbled():
@@ -212,7 +219,10 @@ def test_reset_in_mid_job_ends_it_even_if_start_was_garbled():
     protocol.take_output()
     protocol.feed(b"st\x00rt\n", 1.0)
     now = ask(protocol, 1.0)
-    assert settle(protocol, 0, now) == [FirmwareReset()]
+    assert settle(protocol, 0, now) == []
+    now = ask(protocol, now + 0.051)
+    assert settle(protocol, 0, now) == [Renumbered(0, 1)]  # the position then tells
+    assert protocol.held
 
 
 def test_halt_ends_everything():

@@ -202,7 +202,8 @@ class StoppedAtTheEnd(SimTransport):
 
     def write(self, data: bytes) -> None:
         self.lines.append(data)
-        if b"M0400" in data and self.streamer is not None:
+        ends = b"M0400" in data and len(self.lines) > 40
+        if ends and self.streamer is not None:
             self.streamer.stop()
             self.streamer = None
         super().write(data)

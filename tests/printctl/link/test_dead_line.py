@@ -1,0 +1,122 @@
+"""Lines that die and come back: when the print goes on, and which standstills are told."""
+
+from __future__ import annotations
+
+import os
+import re
+
+import pytest
+
+from printctl.link.clock import VirtualClock
+from printctl.link.states import LinkState
+from printctl.link.transport_serial import SerialTransport
+from sim.families.marlin.printer import MarlinPrinter
+from sim.faults.fault_file import Fault
+from tests.printctl.link.simulated import HEADER, PRINTER, START, gcode, printed
+from tests.printctl.link.simulated_transport import SimulatedTransport
+
+BEGINS_S = 20.0
+
+
+class DeadLine(SimulatedTransport):
+    """A line that is dead for a time: what is sent meanwhile is lost, or held until its end."""
+
+    def __init__(self, dead_s: float, held: bool, down: bool = True, up: bool = True) -> None:
+        super().__init__(MarlinPrinter(PRINTER, START), VirtualClock())
+        self.ends_s, self.held, self.down, self.up = BEGINS_S + dead_s, held, down, up
+        self._down: list[bytes] = []
+        self._up = b""
+
+    @property
+    def dead(self) -> bool:
+        return BEGINS_S <= self.clock.now() < self.ends_s
+
+    def write(self, data: bytes) -> None:
+        if self.dead and self.down:
+            self._run_printer()
+            self._down += [data] if self.held else []
+            return
+        self._let_go()
+        super().write(data)
+
+    def _let_go(self) -> None:
+        waiting, self._down = ([], self._down) if self.dead else (self._down, [])
+        for data in waiting:
+            super().write(data)
+
+    def read(self, timeout: float) -> bytes:
+        self._let_go()
+        data = super().read(timeout)
+        if self.dead and self.up:
+            self._up += data if self.held else b""
+            return b""
+        data, self._up = self._up + data, b""
+        return data
+
+
+def stood_s(message: str) -> float:
+    """Seconds that a last message tells of; 0 for none."""
+    found = re.search(r"the ink stood still for ([0-9.]+) s at line \d+ \(X", message)
+    return float(found[1]) if found else 0.0
+
+
+@pytest.mark.parametrize(("down", "up"), [(True, True), (True, False), (False, True)])
+@pytest.mark.parametrize(("dead_s", "held"), [(5.0, False), (25.0, False), (25.0, True)])
+def test_print_goes_on_within_two_seconds_of_the_lines_return(tmp_path, dead_s, held, down, up):
+    alone, _ = DeadLine(0.0, False), (tmp_path / "alone").mkdir()
+    printed(gcode(400), tmp_path / "alone", alone)
+    line = DeadLine(dead_s, held, down, up)
+    status, _ = printed(gcode(400), tmp_path, line)
+    late_s = line.clock.now() - alone.clock.now()
+    assert status.state is LinkState.DONE
+    assert late_s < dead_s + 2.0
+    assert stood_s(status.message) == pytest.approx(late_s, abs=1.0)
+
+
+def test_time_that_the_moves_in_flight_explain_is_no_standstill(tmp_path):
+    moves = [b"G1 X%d E%.3f F600" % (50 + i % 2 * 20, 0.02 * (i + 1)) for i in range(40)]
+    line = DeadLine(5.0, held=False)
+    status, _ = printed(HEADER + b"\n".join(moves) + b"\n", tmp_path, line)
+    assert status.state is LinkState.DONE
+    assert status.alarms == 0
+
+
+@pytest.mark.parametrize("mm", [3.5, 20.0])
+def test_board_that_stands_still_is_told(tmp_path, mm):
+    moves = [b"G1 X%.1f E%.3f F600" % (50 + i % 2 * mm, mm * 0.001 * (i + 1)) for i in range(60)]
+    fault = Fault(fault="stall", line=40, seconds=5.0)
+    line = SimulatedTransport(MarlinPrinter(PRINTER, START, faults=(fault,)), VirtualClock())
+    status, _ = printed(HEADER + b"\n".join(moves) + b"\n", tmp_path, line)
+    assert stood_s(status.message) == pytest.approx(5.0, abs=0.5)
+    assert status.alarms == 1
+
+
+def test_dwell_and_pause_are_no_standstill(tmp_path):
+    data = gcode(60) + b"G4 P4000\nG1 X60 F600\nG4 S3\nG1 X50\n"
+    line = SimulatedTransport(MarlinPrinter(PRINTER, START), VirtualClock())
+    status, _ = printed(data, tmp_path, line, "pause")
+    assert status.state is LinkState.DONE
+    assert status.alarms == 0
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
+def test_bytes_that_another_reader_has_taken_are_no_lost_port():
+    master, slave = os.openpty()
+    wire = SerialTransport(os.ttyname(slave), 115_200)
+    poll = wire._readable.poll
+
+    class Robbed:
+        """Another program reads first."""
+
+        def poll(self, timeout: float) -> list[tuple[int, int]]:
+            found = poll(timeout)
+            os.read(slave, 100)
+            return found
+
+    wire._readable = Robbed()  # type: ignore[assignment]
+    os.write(master, b"ok\n")
+    assert wire.read(1.0) == b""
+    assert wire.stolen == 1
+    wire.close()
+    os.close(slave)
+    os.close(master)
