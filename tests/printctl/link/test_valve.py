@@ -228,10 +228,10 @@ def test_a_position_that_is_wrong_ends_the_print_with_the_valve_shut(tmp_path):
 
 
 def test_where_the_protocol_is_over_the_valve_is_shut_past_it(tmp_path):
-    """Another program has numbered the lines anew: no numbered line would be taken any more."""
+    """The board was reset: no numbered line would be taken any more."""
 
     def meddle(streamer: Streamer) -> None:
-        printer.last += 1000
+        transport.waiting += printer.reset()
 
     script = Script(at_line={within_a_path(): meddle})
     printer = Airy(job=JOB, script=script)
