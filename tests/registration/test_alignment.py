@@ -117,7 +117,7 @@ def test_thin_part_leaves_depth_unscaled() -> None:
 def test_another_part_is_refused(construct: Solid) -> None:
     rng = np.random.default_rng(0)
     points = rng.uniform(-9, 9, (30_000, 3))
-    with pytest.raises(AlignmentError, match="of this part"):
+    with pytest.raises(AlignmentError, match="of the scanned surface"):
         align(ModelSurface.of(construct), points, True, FAST)
 
 
