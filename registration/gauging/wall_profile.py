@@ -73,6 +73,15 @@ class WallProfile:
         """Whether the line can be told from gel: E above s, by twice its uncertainty."""
         return self.line_mm - 2 * self.line_error_mm > self.spread_mm
 
+    def expected(self, prior_mm: float) -> tuple[float, float]:
+        """Return place and standard uncertainty, mm, of walls expected within `prior_mm` of 0.
+
+        A line of energy E leaves unknown which part of the wall's own width s it takes: s (s/E)².
+        """
+        error = np.hypot(self.error_mm, self.spread_mm * (self.spread_mm / self.line_mm) ** 2)
+        part = prior_mm**2 / (prior_mm**2 + error**2)
+        return float(part * self.place_mm), float(np.sqrt(part) * error)
+
 
 def wall_profile(
     traces: Sequence[VesselTrace], segmentation: Segmentation, *, across_light: bool = False

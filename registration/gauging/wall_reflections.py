@@ -23,6 +23,8 @@ from registration.uncertainty import ScanErrors, rectangular
 
 ACROSS_LIGHT = 0.5 + 1 / np.pi
 """Mean of n², n the normal's part along the light, over walls within 45 degrees of facing it."""
+FACING_PRIOR_MM = 0.006
+"""Standard deviation, before their profile is looked at, of where walls across the light lie."""
 ROUGH = 0.375
 """Of the scan's depth voxel: walls that scatter so much have ledges all over (set on the shared
 generator's walls with grains of 30 um, 0.375 of 25 um; held against the other two). Less of them
@@ -64,13 +66,10 @@ def with_ledges(
         left = replace(left, faint_mm=0.0, facing_mm=0.0, cut_mm=0.0, line_mm=profile.error_mm)
         return moved, left, field.wall_mm + wider / 2
     smooth = wall_profile(moved, segmentation, across_light=True)
-    if smooth is not None and smooth.told:
-        # The line stands somewhere within the wall's own width: of what it may move the wall by
-        # anything from none to all is as likely.
-        half = smooth.place_mm / ACROSS_LIGHT / 2
-        moved = tuple(_widened(trace, half * _across_light(trace)) for trace in moved)
-        error = float(np.hypot(rectangular(half), smooth.error_mm / ACROSS_LIGHT))
-        left = replace(left, facing_mm=max(left.facing_mm, error))
+    if smooth is not None:
+        place, error = smooth.expected(FACING_PRIOR_MM)
+        moved = tuple(_widened(t, place / ACROSS_LIGHT * _across_light(t)) for t in moved)
+        left = replace(left, facing_mm=error / ACROSS_LIGHT)
     return moved, left, field.wall_mm + wider / 2
 
 

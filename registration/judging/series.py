@@ -10,11 +10,9 @@ import numpy as np
 
 from kernels.arrays import FloatArray
 from registration.judging.noise import random_um
+from registration.judging.rule import COVERAGE
 
 Record = Mapping[str, Any]
-
-COVERAGE = 1.96
-"""Of a 95 % interval, normal."""
 
 
 @dataclass(frozen=True)
