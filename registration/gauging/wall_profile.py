@@ -77,9 +77,11 @@ class WallProfile:
         """Return place and standard uncertainty, mm, of walls expected within `prior_mm` of 0.
 
         A line of energy E leaves unknown which part of the wall's own width s it takes: s (s/E)².
+        Walls that lie farther off than both explain spread by more than expected (empirical Bayes).
         """
         error = np.hypot(self.error_mm, self.spread_mm * (self.spread_mm / self.line_mm) ** 2)
-        part = prior_mm**2 / (prior_mm**2 + error**2)
+        spread = max(prior_mm**2, self.place_mm**2 - error**2)
+        part = spread / (spread + error**2)
         return float(part * self.place_mm), float(np.sqrt(part) * error)
 
 

@@ -19,11 +19,11 @@ from registration.gauging.sections import independent_rays
 from registration.gauging.trace import VesselTrace
 from registration.gauging.wall_profile import wall_profile
 from registration.segmentation import Segmentation
-from registration.uncertainty import ScanErrors, rectangular
+from registration.uncertainty import ScanErrors
 
 ACROSS_LIGHT = 0.5 + 1 / np.pi
 """Mean of n², n the normal's part along the light, over walls within 45 degrees of facing it."""
-FACING_PRIOR_MM = 0.006
+FACING_PRIOR_MM = 0.004
 """Standard deviation, before their profile is looked at, of where walls across the light lie."""
 ROUGH = 0.375
 """Of the scan's depth voxel: walls that scatter so much have ledges all over (set on the shared

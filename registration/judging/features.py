@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
-from registration.judging.rule import COVERAGE, ORDER, Decision, Rule, decide, single_width
+from registration.judging.decisions import COVERAGE, ORDER, Decision, decide, single_width
+from registration.judging.rule import Rule
 from registration.judging.series import Series
 from registration.judging.tolerance import Limit, VesselLimits
 
@@ -43,7 +44,7 @@ class Feature:
         Diameters: deviation from the design, half width of its 95 % interval, allowed deviation.
         Offset, leak, RMS: the value, upper limit alone.
     fail_um : float or None, µm
-        Half width with which a fail is proven of one of many sections (`rule.fail_width`).
+        Half width with which a fail is proven of one of many sections (`decisions.fail_width`).
     designed_um : float or None, µm
         Of diameters.
     limit : str
@@ -239,7 +240,9 @@ def offset_feature(row: Record, limits: VesselLimits) -> list[Feature]:
     return [
         Feature(
             name="offset",
-            decision="undecided" if value is None else _upper(limits.rule, value, u, limits.offset_um),
+            decision="undecided"
+            if value is None
+            else _upper(limits.rule, value, u, limits.offset_um),
             vessel=int(row["vessel"]),
             value_um=value,
             u_um=u,
@@ -351,9 +354,7 @@ def leak_feature(defect: Record, limits: VesselLimits) -> Feature:
     )
 
 
-def rms_feature(
-    rule: Rule, rms_um: float | None, u_um: float | None, limit_um: float
-) -> Feature:
+def rms_feature(rule: Rule, rms_um: float | None, u_um: float | None, limit_um: float) -> Feature:
     """Judge the RMS deviation of the scaled fit; without an interval nothing is proven of it."""
     u = math.nan if u_um is None else u_um
     return Feature(

@@ -13,6 +13,16 @@ from typing import Any
 import numpy as np
 
 from registration.json_ready import json_ready
+from registration.judging.decisions import (
+    ORDER,
+    RISK,
+    Decision,
+    codes,
+    conformance,
+    decide,
+    fail_width,
+    worst_decision,
+)
 from registration.judging.features import (
     Band,
     Feature,
@@ -26,17 +36,7 @@ from registration.judging.features import (
     section_feature,
 )
 from registration.judging.pose import fails_withdrawn, pose_in_doubt
-from registration.judging.rule import (
-    ORDER,
-    RISK,
-    Decision,
-    DecisionRule,
-    Rule,
-    conformance,
-    decide,
-    fail_width,
-    worst_decision,
-)
+from registration.judging.rule import DecisionRule, Rule
 from registration.judging.runs import BARE, apart_from_sections, findings
 from registration.judging.series import Series, series_of
 from registration.judging.tolerance import Limit, Tolerances, VesselLimits
@@ -109,6 +109,7 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
             "findings": sorted(listed, key=lambda d: (d["vessel"], d["at_mm"])),
             "judging": {
                 "decision_rule": rule.name.value,
+                "conformance_level": rule.level,
                 "rule": rule.words,
                 "false_fail_risk": RISK,
                 "tolerances": plain_tolerances(tolerances),
@@ -135,10 +136,17 @@ def is_defect(finding: Record) -> bool:
 def judge_plain(
     numbers: Record, tolerance_um: float, diameter_tolerance_percent: float
 ) -> dict[str, Any]:
-    """Judge by one RMS limit and one symmetric limit of every diameter."""
+    """Judge by one RMS limit and one symmetric limit of every diameter, by the rule it had."""
     p = diameter_tolerance_percent
-    limits = VesselLimits(Limit(minus_percent=p, plus_percent=p))
+    limits = VesselLimits(Limit(minus_percent=p, plus_percent=p), rule=_rule_of(numbers))
     return judge(numbers, Tolerances(limits, tolerance_um))
+
+
+def _rule_of(numbers: Record) -> Rule:
+    judging = numbers.get("judging", {})
+    if "decision_rule" not in judging:
+        return Rule()
+    return Rule(DecisionRule(judging["decision_rule"]), judging["conformance_level"])
 
 
 class _Vessel:
@@ -196,14 +204,13 @@ def band_of(series: Series, limit: Limit, rule: Rule) -> Band:
     known = np.isfinite(u + series.error_um) & ~closed
     measured = series.error_um[known], series.common_um[known], series.random_um[known]
     each, joint = conformance(*measured, below[known], above[known])
-    joint = 0.0 if closed.any() else joint
-    if rule.name is not DecisionRule.CONFORMANCE:
-        decision = worst_decision(ORDER[k] for k in code)
-    else:
-        code[known] = rule.codes(each)
-        decision = worst_decision(ORDER[k] for k in (*code[~known], *rule.codes(np.array([joint]))))
-    joint = joint if closed.any() or known.all() else math.nan
-    return Band(series, below, above, u_fail, code, joint, decision)
+    together = code
+    if rule.name is DecisionRule.CONFORMANCE:
+        code[known] = codes(rule, each)
+        together = np.append(code[~known], codes(rule, np.array([joint])))
+    decision = worst_decision(ORDER[k] for k in together)
+    probability = 0.0 if closed.any() else joint if known.all() and len(known) else math.nan
+    return Band(series, below, above, u_fail, code, probability, decision)
 
 
 def _closure(defect: Record, limits: VesselLimits) -> dict[str, Any]:

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from kernels.arrays import BoolArray, IntArray
+from registration.judging.decisions import ORDER, decide, single_width
 from registration.judging.features import Band, worst_section
-from registration.judging.rule import ORDER, Rule, decide, single_width
+from registration.judging.rule import Rule
 from registration.judging.same_place import SIGN, groups, length
 from registration.judging.tolerance import Limit
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from kernels.arrays import FloatArray
+from registration.judging.decisions import COVERAGE
 from registration.judging.noise import random_um
-from registration.judging.rule import COVERAGE
 
 Record = Mapping[str, Any]
 

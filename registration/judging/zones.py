@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from registration.judging.decisions import ORDER, Decision, decide, single_width
 from registration.judging.features import Feature
-from registration.judging.rule import ORDER, Decision, Rule, decide, single_width
+from registration.judging.rule import Rule
 from registration.judging.tolerance import Tolerances
 
 Record = Mapping[str, Any]
