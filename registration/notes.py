@@ -127,6 +127,11 @@ def contrast_notes(contrast: ContrastGauge) -> list[str]:
             f"Leaks and bridges were looked for in {100 * contrast.examined:.0f} % of the gel "
             f"{level}; in the rest of it none could be told from chance."
         )
+    if contrast.narrowest_mm > 0:
+        notes.append(
+            f"A leak or bridge narrower than {contrast.narrowest_mm:.2f} mm with gel left in it "
+            "can't be told from the gel's own texture at this voxel size; smaller voxels tell it."
+        )
     return notes
 
 

@@ -38,11 +38,14 @@ class ContrastGauge:
         Share of the sections in light and view that can be called neither open nor closed.
     examined : float
         Share of the designed gel, clear of walls, that was examined for leaks and bridges.
+    narrowest_mm : float, mm
+        Diameter below which what looks like a leak with gel left in it was no finding; 0: none did.
     """
 
     liquid: float
     untold: float
     examined: float
+    narrowest_mm: float = 0.0
 
 
 def liquid_level(traces: tuple[VesselTrace, ...], evidence: GelEvidence, fit: Fit) -> float:
