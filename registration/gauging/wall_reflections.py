@@ -23,7 +23,7 @@ from registration.uncertainty import ScanErrors
 
 ACROSS_LIGHT = 0.5 + 1 / np.pi
 """Mean of n², n the normal's part along the light, over walls within 45 degrees of facing it."""
-FACING_PRIOR_MM = (0.0045, 0.0025)
+FACING_PRIOR_MM = (0.0045, 0.002)
 """Mean and standard deviation, before their profile is looked at, of how much further into the gel
 walls across the light lie: 21 scans of the shared generator with smooth walls need 4 to 6 µm, three
 with brighter or finer lines -4 to 19 µm, which their profiles tell."""

@@ -89,7 +89,7 @@ class VesselLimits:
     port_position_um: float = math.inf
     cylindricity_um: float = math.inf
     profile_um: float = math.inf
-    rule: Rule = Rule()
+    rule: Rule = field(default_factory=Rule)
 
     @property
     def section(self) -> Limit:
