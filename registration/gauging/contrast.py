@@ -38,14 +38,14 @@ class ContrastGauge:
         Share of the sections in light and view that can be called neither open nor closed.
     examined : float
         Share of the designed gel, clear of walls, that was examined for leaks and bridges.
-    narrowest_mm : float, mm
-        Diameter below which what looks like a leak with gel left in it was no finding; 0: none did.
+    unresolved : int
+        Places that look like a leak with gel left in it, too thin for this scan to tell.
     """
 
     liquid: float
     untold: float
     examined: float
-    narrowest_mm: float = 0.0
+    unresolved: int = 0
 
 
 def liquid_level(traces: tuple[VesselTrace, ...], evidence: GelEvidence, fit: Fit) -> float:

@@ -31,8 +31,8 @@ from registration.topology.path_width import outline_width, width
 from registration.topology.shadow_test import may_be_shade
 from registration.topology.swollen_joints import SwollenJoint, swelling
 
-WAY_VOXELS = 3.0
-"""Of the scan's coarsest voxel: averages that tell gel from liquid are as wide."""
+THINNEST_MM = LEAST_MM / 3
+"""No way is thinner, nor a faint one by the lower end of its interval."""
 _FULL = np.ones((3, 3, 3), dtype=np.bool_)
 
 
@@ -50,16 +50,15 @@ class Leaks:
         Voxels (z, y, x) of the grid that bridges consist of.
     examined : float
         Share of the designed gel, clear of walls, in which they could be told.
-    narrowest_mm : float, mm
-        Diameter of the narrowest faint way that could be told, where what looks like a narrower
-        one was left out; else 0.
+    unresolved : int
+        Faint ones left out, whose width may be below `THINNEST_MM`: gel's own texture looks so.
     """
 
     defects: tuple[Defect, ...]
     swellings: tuple[Defect, ...]
     bridges: IntArray
     examined: float
-    narrowest_mm: float
+    unresolved: int
 
 
 @dataclass(frozen=True)
@@ -112,15 +111,10 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
     separable = are_separable(1.0, search.liquid, scatter.astype(np.float64))
     scene = Scene(grid, gel, mean, separable, search.liquid, clear)
     ways = [_measured(way, scene, search) for way in find_gel_paths(scene, search.false_alarm)]
-    # What stands out from the gel right beside it; a face that lies elsewhere doesn't. Of what is
-    # faint and narrower than the narrowest way that can be told, gel's own texture looks alike.
-    narrowest = max(LEAST_MM, WAY_VOXELS * float(search.evidence.voxel_mm.max()))
-    thin = [f[0].faint and f[1] < narrowest for f in ways]
-    ways = [
-        f
-        for f, too_thin in zip(ways, thin, strict=True)
-        if not too_thin and f[1] > LEAST_MM / 3 and (f[0].significance > SURE or f[1] > f[2])
-    ]
+    # What stands out from the gel right beside it; a face that lies elsewhere doesn't.
+    ways = [f for f in ways if f[1] > THINNEST_MM and (f[0].significance > SURE or f[1] > f[2])]
+    told = [f for f in ways if not f[0].faint or f[1] - f[2] > THINNEST_MM]
+    unresolved, ways = len(ways) - len(told), told
     swollen = [swelling(way, search.network, search.field, search.fit, clear) for way, *_ in ways]
     swellings = [
         _swollen(way, one, search, traces)
@@ -134,7 +128,7 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
         tuple(swellings),
         np.concatenate([np.empty((0, 3), dtype=np.int64), *between]),
         scene.examined,
-        narrowest if any(thin) else 0.0,
+        unresolved,
     )
 
 
