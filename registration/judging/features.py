@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
 from registration.judging.decisions import COVERAGE, ORDER, Decision, decide, single_width
-from registration.judging.rule import Rule
+from registration.judging.rule import DecisionRule, Rule
 from registration.judging.series import Series
 from registration.judging.tolerance import Limit, VesselLimits
 
@@ -62,6 +62,8 @@ class Feature:
         Of a zone: which characteristic, of which feature.
     interval_um : (low, high), µm
         Of a zone.
+    probability : float or None
+        Of ``section``, by the rule conformance: that all sections of the vessel conform.
     """
 
     name: FeatureName
@@ -81,6 +83,7 @@ class Feature:
     words: str = ""
     of: str = ""
     interval_um: Sequence[float] = ()
+    probability: float | None = None
 
 
 @dataclass(frozen=True)
@@ -135,7 +138,9 @@ def section_feature(band: Band, limits: VesselLimits) -> list[Feature]:
     k = worst_section(band)
     if k is None:
         return []
-    return [_diameter("section", band, k, band.decision, limits.section)]
+    worst = _diameter("section", band, k, band.decision, limits.section)
+    told = limits.rule.name is DecisionRule.CONFORMANCE and math.isfinite(band.conformance)
+    return [replace(worst, probability=band.conformance if told else None)]
 
 
 def narrowest_feature(band: Band, limits: VesselLimits) -> list[Feature]:
