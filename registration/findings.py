@@ -165,7 +165,7 @@ def inspect(case: Inspection) -> Findings:
         overlap_rigid=rigid,
         overlap_scaled=overlap(grid, near),
         perfusion=flow,
-        contrast=ContrastGauge(liquid, untold / max(seen, 1), leaks.examined),
+        contrast=ContrastGauge(liquid, untold / max(seen, 1), leaks.examined, leaks.unresolved),
     )
 
 

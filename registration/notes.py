@@ -127,6 +127,12 @@ def contrast_notes(contrast: ContrastGauge) -> list[str]:
             f"Leaks and bridges were looked for in {100 * contrast.examined:.0f} % of the gel "
             f"{level}; in the rest of it none could be told from chance."
         )
+    if contrast.unresolved:
+        many = "1 place looks" if contrast.unresolved == 1 else f"{contrast.unresolved} places look"
+        notes.append(
+            f"{many} like a leak with gel left in it, of a width that this scan can't tell from "
+            "none: the gel's own texture looks so. Smaller voxels tell more."
+        )
     return notes
 
 

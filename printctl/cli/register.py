@@ -14,6 +14,7 @@ from printctl.cli.options import JsonFlag, print_json, print_lines, print_note
 from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.progress_option import ProgressFileOption, Steps
 from printctl.cli.register_options import (
+    ConformanceOption,
     DatumsOption,
     DiameterOption,
     LumensFlag,
@@ -24,6 +25,7 @@ from printctl.cli.register_options import (
     PrintOption,
     RecordOption,
     RmsOption,
+    RuleOption,
     ToleranceOption,
 )
 from printctl.cli.scan_options import ScanFile, ScanOptions
@@ -51,6 +53,8 @@ def register(
     tolerance: ToleranceOption = None,
     tolerance_um: RmsOption = None,
     diameter_tolerance_percent: DiameterOption = None,
+    decision_rule: RuleOption = None,
+    conformance_percent: ConformanceOption = None,
     progress_file: ProgressFileOption = None,
     pdf: PdfFlag = False,
     as_json: JsonFlag = False,
@@ -83,7 +87,13 @@ def register(
         from printctl.recipe.record import RecordPart
 
         stated = RecordPart() if record is None else read_record(record)
-        limits = tolerances_of(tolerance, tolerance_um, diameter_tolerance_percent)
+        limits = tolerances_of(
+            tolerance,
+            tolerance_um,
+            diameter_tolerance_percent,
+            decision_rule,
+            conformance_percent,
+        )
         limits.check_network(design.vessels)
         laid_on = datums_of(datums, design.vessels)
         how = Measuring(

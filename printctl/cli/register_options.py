@@ -9,6 +9,7 @@ import typer
 
 from design.units import LengthUnit
 from printctl.cli.options import folder_to_write
+from registration.judging.rule import DecisionRule
 
 ModelOption = Annotated[
     Path, typer.Option("--model", help="A run folder, or the design's STL.", show_default=False)
@@ -71,6 +72,21 @@ RmsOption = Annotated[
         "--tolerance-um",
         help="RMS deviation of the scaled fit above which the print doesn't pass; else 100.",
         min=0.1,
+    ),
+]
+RuleOption = Annotated[
+    DecisionRule | None,
+    typer.Option(
+        "--decision-rule",
+        help="How limits count uncertainty: conformance (probability that the vessel conforms), "
+        "guarded (ISO 14253-1), shared_risk (the value alone); else conformance.",
+    ),
+]
+ConformanceOption = Annotated[
+    float | None,
+    typer.Option(
+        "--conformance-percent",
+        help="Probability from which on a vessel passes by the rule conformance; else 95.",
     ),
 ]
 DiameterOption = Annotated[

@@ -108,7 +108,8 @@ def _ended(data: dict[str, Any], folder: Path, until: str | None, pdf: bool) -> 
     verdict = data["verdict"]
     return [
         *process,
-        f"{outcome(verdict)}: " + "; ".join(verdict["reasons"]),
+        outcome(verdict),
+        *verdict["reasons"],
         str(folder / HTML),
         *(pdfs(data, folder) if pdf else []),
     ]

@@ -11,13 +11,18 @@ from printctl.cli.part_file import read_part
 from printctl.errors import UsageError
 from printctl.recipe.making import RegistrationPart
 from printctl.recipe.tolerances import TolerancesPart
+from registration.judging.rule import DecisionRule
 from registration.judging.tolerance import Tolerances
 
 _REMEDY: Final = "one line does: `diameter_percent: 10`"
 
 
 def tolerances_of(
-    file: Path | None, rms_um: float | None, diameter_percent: str | None
+    file: Path | None,
+    rms_um: float | None,
+    diameter_percent: str | None,
+    decision_rule: DecisionRule | None = None,
+    conformance_percent: float | None = None,
 ) -> Tolerances:
     """Read the limits that a print is judged by.
 
@@ -32,6 +37,8 @@ def tolerances_of(
     given = {
         "tolerance_um": rms_um,
         "diameter_tolerance_percent": _number_or_text(diameter_percent),
+        "decision_rule": decision_rule,
+        "conformance_percent": conformance_percent,
         "tolerances": None
         if file is None
         else read_part(file, TolerancesPart, "tolerances", _REMEDY),

@@ -7,7 +7,6 @@ from datetime import date, datetime
 from typing import Any
 
 from printctl.recipe.record import RecordPart
-from registration.judging import RULE
 from registration.scan import Scan
 
 
@@ -60,7 +59,7 @@ def add_record(
         "corrected": corrected,
         "not_corrected": left,
         "tolerance_source": stated.tolerance_source,
-        "decision_rule": RULE,
+        "decision_rule": numbers["judging"]["rule"],
     }
     numbers["notes"] = [*numbers.get("notes", []), *record_notes(stated, now)]
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+import numpy as np
+
+from kernels.arrays import FloatArray
 from registration.judging import (
     Decision,
     decision_at_sure_pose,
@@ -18,8 +22,12 @@ from registration.topology.overlap import MAX_FOREIGN, MIN_OPEN
 Record = Mapping[str, Any]
 Finding = tuple[Decision, str]
 
-MOST_REASONS: Final = 12
-"""Of one decision; the page's tables have all."""
+MOST_REASONS: Final = 10
+"""Of features, the worst; the page's tables have all."""
+FEWEST_ALIKE: Final = 3
+"""Vessels off to one side, half of all at least, that are one cause."""
+ALIKE: Final = 0.25
+"""Spread of their shifts, of the shift, within which one size tells it for all."""
 _OF_PLACE: Final = ("position_um", "profile_um")
 """Zones that an axis may not leave, or a wall."""
 _ORDER: Final[tuple[Decision, ...]] = ("fail", "undecided", "pass")
@@ -41,7 +49,8 @@ def verdict(registration: Record) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``passed``, ``undecided`` (bool), ``reasons`` (list of str; fails first).
+        ``passed``, ``undecided`` (bool), ``causes`` (list of str: what most lumens have in common),
+        ``reasons`` (list of str; causes first, then fails, the worst first).
 
     Raises
     ------
@@ -51,7 +60,9 @@ def verdict(registration: Record) -> dict[str, Any]:
     if (registration.get("agreement") or {}).get("other_part"):
         return {"passed": False, "undecided": False, "reasons": [_other_part(registration)]}
     features = registration["judging"]["features"]
-    of_features: list[Finding] = [(f["decision"], reason(f)) for f in _worth_saying(features)]
+    worst_first = sorted(_worth_saying(features), key=_beyond, reverse=True)
+    of_features: list[Finding] = [(f["decision"], reason(f)) for f in worst_first]
+    causes = _common_causes(registration, worst_first)
     others: list[Finding] = [
         *(_in_this_pose(registration, *one) for one in _flow(registration)),
         *_pose(registration),
@@ -63,7 +74,9 @@ def verdict(registration: Record) -> dict[str, Any]:
     return {
         "passed": whole == "pass",
         "undecided": whole == "undecided",
-        "reasons": [
+        "causes": causes,
+        "reasons": causes
+        + [
             text
             for decision in _ORDER
             # No table has the others: none of them is left out.
@@ -112,9 +125,68 @@ def _worth_saying(features: Sequence[Record]) -> list[Record]:
     ]
 
 
+def _beyond(feature: Record) -> float:
+    """Return how far a value lies off over its limit on that side; inf without a value."""
+    value = feature.get("value_um")
+    if value is None:
+        return math.inf
+    limit = feature.get("upper_um" if value >= 0 else "lower_um")
+    return abs(value / limit) if limit else abs(value)
+
+
+def _common_causes(registration: Record, worst: Sequence[Record]) -> list[str]:
+    """Say what is one shift of most lumens: how much, and whether the whole part shares it."""
+    rows = {r["vessel"]: r for r in registration["vessels"] if r.get("measured_um")}
+    off = {
+        f["vessel"]: f["value_um"] for f in worst if f["name"] in ("section", "mean", "narrowest")
+    }
+    for side, word in ((-1, "narrower"), (1, "wider")):
+        alike = [rows[v] for v, value in off.items() if v in rows and side * value > 0]
+        alike = [row for row in alike if side * row["error_percent"] > 0]
+        if len(alike) >= max(FEWEST_ALIKE, len(rows) / 2):
+            percent = np.array([row["error_percent"] for row in alike])
+            um = np.array([row["measured_um"] - row["designed_um"] for row in alike])
+            whole = "All" if len(alike) == len(rows) else f"{len(alike)} of"
+            return [
+                f"{whole} {len(rows)} lumens are {word} than designed throughout: "
+                f"{_shift(percent, um)}{_since(registration, float(np.median(percent)))}"
+            ]
+    return []
+
+
+def _shift(percent: FloatArray, um: FloatArray) -> str:
+    """Say a common shift in the unit in which the lumens agree best."""
+    spread = [float(np.ptp(np.percentile(v, [16, 84])) / abs(np.median(v))) for v in (percent, um)]
+    of_percent = f"by {abs(np.median(percent)):.1f} %"
+    of_um = f"by {abs(np.median(um)):.0f} µm"
+    if min(spread) > 2 * ALIKE:
+        low, high = np.percentile(np.abs(percent), [5, 95])
+        return f"{of_percent} in the middle, {low:.1f} to {high:.1f} %"
+    if spread[1] < spread[0]:
+        return f"{of_um}, whatever their width"
+    return f"{of_percent}, each by as much of its width"
+
+
+def _since(registration: Record, percent: float) -> str:
+    """Say whether the part as a whole is off by as much."""
+    scale = registration.get("scale")
+    if not scale:
+        return ""
+    part = 100 * (float(np.mean(scale)) - 1)
+    if part * percent > 0 and abs(part - percent) <= ALIKE * abs(percent):
+        word = "shrank" if percent < 0 else "swelled"
+        return f", as the whole part {word} (by {abs(part):.1f} %)"
+    return (
+        f"; the whole part is off by {part:+.1f} %, so it isn't shrinkage: the walls stand "
+        f"elsewhere (width of the lines, flow of the ink)"
+    ).replace("-", "\N{MINUS SIGN}")
+
+
 def _some(findings: Sequence[Finding], decision: Decision) -> list[str]:
     texts = [text for one, text in findings if one == decision]
-    left = len(texts) - MOST_REASONS
+    worse = sum(_ORDER.index(one) < _ORDER.index(decision) for one, _ in findings)
+    room = max(MOST_REASONS - worse, 0)
+    left = len(texts) - room
     if left <= 0:
         return texts
     many = left > 1
@@ -123,7 +195,7 @@ def _some(findings: Sequence[Finding], decision: Decision) -> list[str]:
         "undecided": "are undecided" if many else "is undecided",
         "pass": "pass" if many else "passes",
     }[decision]
-    return [*texts[:MOST_REASONS], f"{left} more {word}; the table of vessels has all"]
+    return [*texts[:room], f"{left} more {word}; the table of vessels has all"]
 
 
 def _proven(registration: Record, features: Sequence[Record]) -> list[Finding]:

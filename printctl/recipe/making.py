@@ -33,6 +33,7 @@ from printctl.recipe.record import RecordPart
 from printctl.recipe.regions import FillingPart, RegionPart
 from printctl.recipe.tolerances import Sides, TolerancesPart
 from registration.geometry.datum import read_datums
+from registration.judging.rule import DecisionRule, Rule
 from registration.judging.tolerance import Tolerances
 
 Percent = Annotated[float, Field(ge=-30, le=30, allow_inf_nan=False)]
@@ -366,6 +367,15 @@ class RegistrationPart(Part):
     diameter_tolerance_percent: Sides = Field(
         default=10.0, description="Error of a diameter, in any section, beyond which it fails."
     )
+    decision_rule: DecisionRule = Field(
+        default=Rule.name,
+        description="How limits count uncertainty: conformance (probability that the vessel "
+        "conforms), guarded (ISO 14253-1) or shared_risk (the value alone).",
+    )
+    conformance_percent: Annotated[float, Field(gt=50, lt=100)] = Field(
+        default=100 * Rule.level,
+        description="Of the rule conformance: probability from which on a vessel passes.",
+    )
     tolerances: TolerancesPart | None = Field(
         default=None, description="Finer limits: by vessel, by feature, in µm, or of one side."
     )
@@ -387,7 +397,8 @@ class RegistrationPart(Part):
     def all_tolerances(self) -> Tolerances:
         """What every section, vessel and feature is held against."""
         part = self.tolerances or TolerancesPart()
-        return part.tolerances(self.tolerance_um, self.diameter_tolerance_percent)
+        rule = Rule(self.decision_rule, self.conformance_percent / 100)
+        return part.tolerances(self.tolerance_um, self.diameter_tolerance_percent, rule)
 
 
 _SAME = {"tolerance_um": "rms_um", "diameter_tolerance_percent": "diameter_percent"}

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from printctl.recipe.parts import Part
+from registration.judging.rule import Rule
 from registration.judging.tolerance import Limit, Override, Tolerances, VesselLimits
 
 _NUMBER = r"(\d+(?:\.\d*)?|\.\d+)"
@@ -138,9 +139,9 @@ class TolerancesPart(VesselTolerancePart):
         default=[], description="Limits of some vessels; of two for one vessel the later counts."
     )
 
-    def tolerances(self, rms_um: float, diameter_percent: float | str) -> Tolerances:
-        """Return the tolerances; the arguments hold where the file gives no such limit."""
-        default = {"diameter": _limit(diameter_percent, None)}
+    def tolerances(self, rms_um: float, diameter_percent: float | str, rule: Rule) -> Tolerances:
+        """Return the tolerances; the first two hold where the file gives no such limit."""
+        default = {"diameter": _limit(diameter_percent, None), "rule": rule}
         return Tolerances(
             limits=VesselLimits(**(default | self.changes())),
             rms_um=rms_um if self.rms_um is None else self.rms_um,

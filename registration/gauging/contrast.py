@@ -38,11 +38,14 @@ class ContrastGauge:
         Share of the sections in light and view that can be called neither open nor closed.
     examined : float
         Share of the designed gel, clear of walls, that was examined for leaks and bridges.
+    unresolved : int
+        Places that look like a leak with gel left in it, too thin for this scan to tell.
     """
 
     liquid: float
     untold: float
     examined: float
+    unresolved: int = 0
 
 
 def liquid_level(traces: tuple[VesselTrace, ...], evidence: GelEvidence, fit: Fit) -> float:

@@ -73,6 +73,18 @@ class WallProfile:
         """Whether the line can be told from gel: E above s, by twice its uncertainty."""
         return self.line_mm - 2 * self.line_error_mm > self.spread_mm
 
+    def expected(self, prior_mm: tuple[float, float]) -> tuple[float, float]:
+        """Return place and standard uncertainty, mm, from the profile and a prior (mean, spread).
+
+        A line of energy E leaves unknown which part of the wall's own width s it takes: s (s/E)².
+        Walls farther off than both explain spread by more than expected (empirical Bayes).
+        """
+        mean, usual = prior_mm
+        error = np.hypot(self.error_mm, self.spread_mm * (self.spread_mm / self.line_mm) ** 2)
+        spread = max(usual**2, (self.place_mm - mean) ** 2 - error**2)
+        part = spread / (spread + error**2)
+        return float(mean + part * (self.place_mm - mean)), float(np.sqrt(part) * error)
+
 
 def wall_profile(
     traces: Sequence[VesselTrace], segmentation: Segmentation, *, across_light: bool = False

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from registration.judging.guard import Decision, worst_decision
-    from registration.judging.judge_registration import RULE, judge, judge_plain
+    from registration.judging.decisions import Decision, worst_decision
+    from registration.judging.judge_registration import judge, judge_plain
     from registration.judging.listing import list_findings
     from registration.judging.pose import decision_at_sure_pose, pose_in_doubt
+    from registration.judging.rule import DecisionRule, Rule
     from registration.judging.tolerance import (
         Limit,
         Override,
@@ -25,10 +26,11 @@ if TYPE_CHECKING:
     from registration.judging.wording import reason
 
 __all__ = [
-    "RULE",
     "Decision",
+    "DecisionRule",
     "Limit",
     "Override",
+    "Rule",
     "ToleranceError",
     "Tolerances",
     "VesselLimits",

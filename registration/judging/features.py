@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
-from registration.judging.guard import ORDER, Decision, decide, single_width
-from registration.judging.series import COVERAGE, Series
+from registration.judging.decisions import COVERAGE, ORDER, Decision, decide, single_width
+from registration.judging.rule import DecisionRule, Rule
+from registration.judging.series import Series
 from registration.judging.tolerance import Limit, VesselLimits
 
 Record = Mapping[str, Any]
@@ -43,7 +44,7 @@ class Feature:
         Diameters: deviation from the design, half width of its 95 % interval, allowed deviation.
         Offset, leak, RMS: the value, upper limit alone.
     fail_um : float or None, µm
-        Half width with which a fail is proven of one of many sections (`guard.fail_width`).
+        Half width with which a fail is proven of one of many sections (`decisions.fail_width`).
     designed_um : float or None, µm
         Of diameters.
     limit : str
@@ -61,6 +62,8 @@ class Feature:
         Of a zone: which characteristic, of which feature.
     interval_um : (low, high), µm
         Of a zone.
+    probability : float or None
+        Of ``section``, by the rule conformance: that all sections of the vessel conform.
     """
 
     name: FeatureName
@@ -80,6 +83,7 @@ class Feature:
     words: str = ""
     of: str = ""
     interval_um: Sequence[float] = ()
+    probability: float | None = None
 
 
 @dataclass(frozen=True)
@@ -95,6 +99,10 @@ class Band:
         Half width with which a section may be called a fail.
     code : int64
         Decision of each section, an index into `ORDER`.
+    conformance : float
+        Probability that all sections conform; NaN where one isn't known.
+    decision : str
+        On all sections.
     """
 
     series: Series
@@ -102,6 +110,8 @@ class Band:
     above_um: FloatArray
     u_fail_um: FloatArray
     code: NDArray[np.int64]
+    conformance: float
+    decision: Decision
 
     @property
     def excess(self) -> FloatArray:
@@ -128,8 +138,9 @@ def section_feature(band: Band, limits: VesselLimits) -> list[Feature]:
     k = worst_section(band)
     if k is None:
         return []
-    decision = ORDER[int(band.code[k])]
-    return [_diameter("section", band, k, decision, limits.section)]
+    worst = _diameter("section", band, k, band.decision, limits.section)
+    told = limits.rule.name is DecisionRule.CONFORMANCE and math.isfinite(band.conformance)
+    return [replace(worst, probability=band.conformance if told else None)]
 
 
 def narrowest_feature(band: Band, limits: VesselLimits) -> list[Feature]:
@@ -141,7 +152,8 @@ def narrowest_feature(band: Band, limits: VesselLimits) -> list[Feature]:
     below, _ = limits.narrowest.around(series.designed_um[k : k + 1])
     one = slice(k, k + 1)
     wide = np.full(1, math.inf)
-    code = decide(series.error_um[one], series.u_um[one], band.u_fail_um[one], below, wide)
+    measured = series.error_um[one], series.u_um[one], band.u_fail_um[one]
+    code = decide(limits.rule, *measured, below, wide)
     return [
         Feature(
             name="narrowest",
@@ -191,7 +203,7 @@ def mean_feature(row: Record, band: Band, limits: VesselLimits) -> list[Feature]
     half = scattered if u is None else float(u)
     below, above = limit.around(np.array([designed]))
     wide = np.array([single_width(float(np.fmax(half, scattered)))])
-    code = decide(np.array([error]), np.array([half]), wide, below, above)
+    code = decide(limits.rule, np.array([error]), np.array([half]), wide, below, above)
     return [
         Feature(
             name="mean",
@@ -233,7 +245,9 @@ def offset_feature(row: Record, limits: VesselLimits) -> list[Feature]:
     return [
         Feature(
             name="offset",
-            decision="undecided" if value is None else _upper(value, u, limits.offset_um),
+            decision="undecided"
+            if value is None
+            else _upper(limits.rule, value, u, limits.offset_um),
             vessel=int(row["vessel"]),
             value_um=value,
             u_um=u,
@@ -268,10 +282,10 @@ def _far_aside(row: Record) -> list[Feature]:
     ]
 
 
-def _upper(value: float, u: float, limit: float) -> Decision:
+def _upper(rule: Rule, value: float, u: float, limit: float) -> Decision:
     """Decide on a value with an upper limit alone."""
     code = decide(
-        np.array([value]), np.array([u]), np.array([single_width(u)]),
+        rule, np.array([value]), np.array([u]), np.array([single_width(u)]),
         np.array([math.inf]), np.array([limit]),
     )  # fmt: skip
     return ORDER[int(code[0])]
@@ -328,7 +342,7 @@ def leak_feature(defect: Record, limits: VesselLimits) -> Feature:
     """
     width, half = float(defect["size_um"]), float(defect["error_um"] or 0.0)
     doubt = defect.get("doubt", "")
-    decision = _upper(width, half, limits.leak_um)
+    decision = _upper(limits.rule, width, half, limits.leak_um)
     if limits.leak_um <= 0:
         decision = "fail" if width > half else "undecided"
     return Feature(
@@ -345,12 +359,12 @@ def leak_feature(defect: Record, limits: VesselLimits) -> Feature:
     )
 
 
-def rms_feature(rms_um: float | None, u_um: float | None, limit_um: float) -> Feature:
+def rms_feature(rule: Rule, rms_um: float | None, u_um: float | None, limit_um: float) -> Feature:
     """Judge the RMS deviation of the scaled fit; without an interval nothing is proven of it."""
     u = math.nan if u_um is None else u_um
     return Feature(
         "rms",
-        "undecided" if rms_um is None else _upper(rms_um, u, limit_um),
+        "undecided" if rms_um is None else _upper(rule, rms_um, u, limit_um),
         value_um=rms_um,
         u_um=None if math.isnan(u) else u,
         upper_um=limit_um,

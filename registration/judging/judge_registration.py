@@ -13,6 +13,16 @@ from typing import Any
 import numpy as np
 
 from registration.json_ready import json_ready
+from registration.judging.decisions import (
+    ORDER,
+    RISK,
+    Decision,
+    codes,
+    conformance,
+    decide,
+    fail_width,
+    worst_decision,
+)
 from registration.judging.features import (
     Band,
     Feature,
@@ -25,8 +35,8 @@ from registration.judging.features import (
     rms_feature,
     section_feature,
 )
-from registration.judging.guard import ORDER, RISK, Decision, decide, fail_width, worst_decision
 from registration.judging.pose import fails_withdrawn, pose_in_doubt
+from registration.judging.rule import DecisionRule, Rule
 from registration.judging.runs import BARE, apart_from_sections, findings
 from registration.judging.series import Series, series_of
 from registration.judging.tolerance import Limit, Tolerances, VesselLimits
@@ -34,11 +44,6 @@ from registration.judging.zones import judged_zones
 
 Record = Mapping[str, Any]
 
-RULE = (
-    "ISO 14253-1, guard bands: a pass is proven where value ± U (95 %) lies within the limits, a "
-    "fail where it lies beyond them by more than any section of a sound vessel does in 99 of 100 "
-    "vessels; else undecided."
-)
 _WAYS = ("leak", "bridge")
 
 
@@ -68,7 +73,7 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
     KeyError
         When the numbers are an older version's, without designed diameters of the sections.
     """
-    rows = numbers["vessels"]
+    rows, rule = numbers["vessels"], tolerances.limits.rule
     kinds = {int(row["vessel"]): str(row["kind"]) for row in rows}
     tolerances.check(kinds)
     zones, of_zones = judged_zones(numbers.get("characteristics", ()), kinds, tolerances)
@@ -94,7 +99,7 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
     features = [f for vessel in judged for f in vessel.features]
     features += [f for _, f in ways]
     features += [f for f in of_zones if f.vessel is None]
-    features.append(_rms(numbers, tolerances.rms_um))
+    features.append(_rms(numbers, rule, tolerances.rms_um))
     listed = [d for vessel in judged for d in vessel.findings] + [d for d, _ in ways]
     out: dict[str, Any] = json_ready(
         dict(numbers)
@@ -103,7 +108,9 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
             "characteristics": zones,
             "findings": sorted(listed, key=lambda d: (d["vessel"], d["at_mm"])),
             "judging": {
-                "rule": RULE,
+                "decision_rule": rule.name.value,
+                "conformance_level": rule.level,
+                "rule": rule.words,
                 "false_fail_risk": RISK,
                 "tolerances": plain_tolerances(tolerances),
                 "decision": worst_decision(f.decision for f in features),
@@ -129,10 +136,17 @@ def is_defect(finding: Record) -> bool:
 def judge_plain(
     numbers: Record, tolerance_um: float, diameter_tolerance_percent: float
 ) -> dict[str, Any]:
-    """Judge by one RMS limit and one symmetric limit of every diameter."""
+    """Judge by one RMS limit and one symmetric limit of every diameter, by the rule it had."""
     p = diameter_tolerance_percent
-    limits = VesselLimits(Limit(minus_percent=p, plus_percent=p))
+    limits = VesselLimits(Limit(minus_percent=p, plus_percent=p), rule=_rule_of(numbers))
     return judge(numbers, Tolerances(limits, tolerance_um))
+
+
+def _rule_of(numbers: Record) -> Rule:
+    judging = numbers.get("judging", {})
+    if "decision_rule" not in judging:
+        return Rule()
+    return Rule(DecisionRule(judging["decision_rule"]), judging["conformance_level"])
 
 
 class _Vessel:
@@ -148,7 +162,7 @@ class _Vessel:
         zones: Sequence[Feature],
     ) -> None:
         own = [d for d in defects if d["vessel"] == row["vessel"] and d["kind"] not in _WAYS]
-        band = band_of(series, limits.section)
+        band = band_of(series, limits.section, limits.rule)
         closures = [_closure(d, limits) for d in own if d["kind"] in ("occlusion", "missing")]
         self.features: list[Feature] = [
             *section_feature(band, limits),
@@ -158,7 +172,7 @@ class _Vessel:
             *open_features(row, limits, bool(closures)),
             *zones,
         ]
-        self.findings = [*closures, *findings(row, band, limits.section, own)]
+        self.findings = [*closures, *findings(row, band, limits.section, limits.rule, own)]
         self.features += [
             change_feature(one) for one in self.findings if apart_from_sections(band, one)
         ]
@@ -167,6 +181,7 @@ class _Vessel:
         self.row = {
             **row,
             "decision": worst_decision(f.decision for f in [*self.features, *leaking]),
+            "conformance": None if math.isnan(band.conformance) else band.conformance,
             "interval_95_um": np.round(series.u_um, 2).tolist(),
             "lower_um": np.round(series.designed_um - band.below_um, 2).tolist(),
             "upper_um": np.round(series.designed_um + band.above_um, 2).tolist(),
@@ -174,8 +189,8 @@ class _Vessel:
         }
 
 
-def band_of(series: Series, limit: Limit) -> Band:
-    """Decide on each section of a vessel."""
+def band_of(series: Series, limit: Limit, rule: Rule) -> Band:
+    """Decide on the sections of a vessel, and on all of them together."""
     below, above = limit.around(series.designed_um)
     n = int(np.isfinite(series.u_um).sum())
     u_fail = np.fmax(fail_width(series.common_um, series.random_um, n), series.u_um)
@@ -185,8 +200,17 @@ def band_of(series: Series, limit: Limit) -> Band:
     closed = series.measured_um == 0
     u = np.where(closed, 0.0, series.u_um)
     u_fail = np.where(closed, 0.0, u_fail)
-    code = decide(series.error_um, u, u_fail, below, above)
-    return Band(series, below, above, u_fail, code)
+    code = decide(rule, series.error_um, u, u_fail, below, above)
+    known = np.isfinite(u + series.error_um) & ~closed
+    measured = series.error_um[known], series.common_um[known], series.random_um[known]
+    each, joint = conformance(*measured, below[known], above[known])
+    together = code
+    if rule.name is DecisionRule.CONFORMANCE:
+        code[known] = codes(rule, each)
+        together = np.append(code[~known], codes(rule, np.array([joint])))
+    decision = worst_decision(ORDER[k] for k in together)
+    probability = 0.0 if closed.any() else joint if known.all() and len(known) else math.nan
+    return Band(series, below, above, u_fail, code, probability, decision)
 
 
 def _closure(defect: Record, limits: VesselLimits) -> dict[str, Any]:
@@ -204,10 +228,10 @@ def _kind(rows: Sequence[Record], defect: Record) -> str:
     return next(str(row["kind"]) for row in rows if row["vessel"] == defect["vessel"])
 
 
-def _rms(numbers: Record, limit_um: float) -> Feature:
+def _rms(numbers: Record, rule: Rule, limit_um: float) -> Feature:
     """Judge the RMS; reports from before it had an interval are judged by the value."""
     return rms_feature(
-        numbers["scaled"]["rms_um"], numbers.get("rms_interval_95_um", 0.0), limit_um
+        rule, numbers["scaled"]["rms_um"], numbers.get("rms_interval_95_um", 0.0), limit_um
     )
 
 
@@ -233,7 +257,7 @@ def plain_tolerances(tolerances: Tolerances) -> dict[str, Any]:
 
 
 def _limits(limits: VesselLimits) -> dict[str, Any]:
-    values = {f.name: _value(getattr(limits, f.name)) for f in fields(limits)}
+    values = {f.name: _value(getattr(limits, f.name)) for f in fields(limits) if f.name != "rule"}
     return {key: value for key, value in values.items() if value is not None}
 
 

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from kernels.arrays import BoolArray, IntArray
+from registration.judging.decisions import ORDER, decide, single_width
 from registration.judging.features import Band, worst_section
-from registration.judging.guard import ORDER, decide, single_width
+from registration.judging.rule import Rule
 from registration.judging.same_place import SIGN, groups, length
 from registration.judging.tolerance import Limit
 
@@ -25,7 +26,7 @@ _CLOSED = ("occlusion", "missing")
 
 
 def findings(
-    row: Record, band: Band, limit: Limit, records: Sequence[Record]
+    row: Record, band: Band, limit: Limit, rule: Rule, records: Sequence[Record]
 ) -> list[dict[str, Any]]:
     """List what isn't a pass on a vessel, and what stands out from it; one place is one finding.
 
@@ -37,6 +38,7 @@ def findings(
         Its sections.
     limit : Limit
         Of their diameters.
+    rule : Rule
     records : sequence of mapping
         Its bulges, stenoses and closures that were found without a tolerance. A change whose own
         interval includes zero isn't listed (`is_refuted`).
@@ -44,7 +46,7 @@ def findings(
     changes = [
         change
         for change in (
-            judged_change(row, band, limit, one) for one in records if one["kind"] in SIGN
+            judged_change(row, band, limit, rule, one) for one in records if one["kind"] in SIGN
         )
         if not is_refuted(band, change)
     ]
@@ -171,13 +173,15 @@ def _finding(row: Record, band: Band, limit: Limit, run: IntArray) -> dict[str, 
     }
 
 
-def judged_change(row: Record, band: Band, limit: Limit, change: Record) -> dict[str, Any]:
+def judged_change(
+    row: Record, band: Band, limit: Limit, rule: Rule, change: Record
+) -> dict[str, Any]:
     """Return a change of a vessel with the decision on its sections."""
     own = {**change, "local": True}
     inside = _inside(band, own)
     if inside.any():
         return own | _judged(band, limit, inside)
-    return own | _alone(row, limit, own)
+    return own | _alone(row, limit, rule, own)
 
 
 def is_refuted(band: Band, change: Record) -> bool:
@@ -197,14 +201,14 @@ def apart_from_sections(band: Band, finding: Record) -> bool:
     return finding["kind"] in SIGN and not _inside(band, finding).any()
 
 
-def _alone(row: Record, limit: Limit, change: Record) -> dict[str, Any]:
+def _alone(row: Record, limit: Limit, rule: Rule, change: Record) -> dict[str, Any]:
     """Decide on such a change by its own size and interval."""
     size, u = float(change["size_um"]), float(change["error_um"] or math.nan)
     percent = float(change["percent"] or math.nan)
     designed = 100 * size / percent if math.isfinite(percent) else float(row["designed_um"])
     below, above = limit.around(np.array([designed]))
     half = np.array([u])
-    code = decide(np.array([size]), half, np.array([single_width(u)]), below, above)
+    code = decide(rule, np.array([size]), half, np.array([single_width(u)]), below, above)
     return {
         "decision": ORDER[int(code[0])],
         "deviation_um": size,

@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 
 from kernels.arrays import FloatArray
+from registration.judging.decisions import COVERAGE
 from registration.judging.noise import random_um
 
 Record = Mapping[str, Any]
-
-COVERAGE = 1.96
-"""Of a 95 % interval, normal."""
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import numpy as np
 from design.network import VesselKind, VesselNetwork
 from kernels.arrays import FloatArray
 from registration.errors import RegistrationError
+from registration.judging.rule import Rule
 
 
 class ToleranceError(RegistrationError):
@@ -74,6 +75,8 @@ class VesselLimits:
     position_um, port_position_um, cylindricity_um, profile_um : float, µm
         Widths of zones (ISO 1101): of its axis, of its mouths, of its wall's form, of its wall;
         inf: not judged.
+    rule : Rule
+        By which all of it is decided.
     """
 
     diameter: Limit = field(default_factory=lambda: symmetric(10.0))
@@ -86,6 +89,7 @@ class VesselLimits:
     port_position_um: float = math.inf
     cylindricity_um: float = math.inf
     profile_um: float = math.inf
+    rule: Rule = field(default_factory=Rule)
 
     @property
     def section(self) -> Limit:

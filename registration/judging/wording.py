@@ -105,9 +105,13 @@ def _by_chance(feature: Record) -> str:
 
 
 def _end(feature: Record) -> str:
-    return {"undecided": ": neither proven", "fail": ": proven beyond it"}.get(
+    end = {"undecided": ": neither proven", "fail": ": proven beyond it"}.get(
         feature["decision"], ""
     )
+    probability = feature.get("probability")
+    if not end or probability is None:
+        return end
+    return f"{end} (the vessel conforms with a probability of {100 * probability:.0f} %)"
 
 
 def _sight(feature: Record) -> str:

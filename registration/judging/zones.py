@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from registration.judging.decisions import ORDER, Decision, decide, single_width
 from registration.judging.features import Feature
-from registration.judging.guard import ORDER, Decision, decide, single_width
+from registration.judging.rule import Rule
 from registration.judging.tolerance import Tolerances
 
 Record = Mapping[str, Any]
@@ -42,7 +43,7 @@ def judged_zones(
         limit = _limit(row, kinds, tolerances)
         plain: dict[str, Any] = {**row, "limit_um": None, "decision": None}
         if math.isfinite(limit) and not str(row.get("note", "")).startswith("not defined"):
-            feature = _feature(row, limit)
+            feature = _feature(row, limit, tolerances.limits.rule)
             features.append(feature)
             plain |= {"limit_um": limit, "decision": feature.decision}
         judged.append(plain)
@@ -56,12 +57,12 @@ def _limit(row: Record, kinds: Mapping[int, str], tolerances: Tolerances) -> flo
     return float(getattr(tolerances.of(vessel, kinds[vessel]), _LIMITS[row["name"]]))
 
 
-def _feature(row: Record, limit: float) -> Feature:
+def _feature(row: Record, limit: float, rule: Rule) -> Feature:
     low, high = row["interval_95_um"]
     known = row["zone_um"] is not None and low is not None and high is not None
     return Feature(
         name="zone",
-        decision=_decision(row, float(low), float(high), limit) if known else "undecided",
+        decision=_decision(row, float(low), float(high), limit, rule) if known else "undecided",
         vessel=row["vessel"],
         value_um=row["zone_um"],
         upper_um=limit,
@@ -72,11 +73,11 @@ def _feature(row: Record, limit: float) -> Feature:
     )
 
 
-def _decision(row: Record, low: float, high: float, limit: float) -> Decision:
+def _decision(row: Record, low: float, high: float, limit: float, rule: Rule) -> Decision:
     """Decide by the interval; of a face that wasn't all seen no pass is proven."""
     middle, half = (low + high) / 2, (high - low) / 2
     code = decide(
-        np.array([middle]), np.array([half]), np.array([single_width(half)]),
+        rule, np.array([middle]), np.array([half]), np.array([single_width(half)]),
         np.array([math.inf]), np.array([limit]),
     )  # fmt: skip
     decision = ORDER[int(code[0])]

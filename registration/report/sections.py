@@ -26,6 +26,7 @@ VESSEL_COLUMNS: Final = (
     Column("measured_um", "Measured", "µm"),
     Column("measured_interval_95_um", "± (95 %)", "µm"),
     Column("error_percent", "Error", "%", "signed"),
+    Column("conformance", "Conforms, probability", "%", factor=100.0),
     Column("decision", "Decision", kind="text"),
     Column("narrowest_um", "Narrowest", "µm"),
     Column("ovality", "Ovality", digits=4),

@@ -65,9 +65,9 @@ UNSEEN_LINE = 0.5
 """Of the scan's own depth voxel: the most that a reflection no brighter than gel adds to it at a
 wall, which is half gel already. Rough walls have ledges that send light back whichever way they
 stand; walls that face the light or away from it send back as much again."""
-CUT_PART, CUT_PART_BRIGHT = 0.4, 0.5
-"""Relative standard uncertainty of what caps and speckle move walls by, where liquid is dark (a
-fourth generator's dull walls: 0.25; the three others': 0.1 to 0.5) and where it is bright."""
+CUT_PART = 0.5
+"""Relative standard uncertainty of what caps and speckle move walls by where liquid is bright; of
+dark liquid the prior of walls holds it (`wall_reflections.FACING_PRIOR_MM`)."""
 QUIET = 6.0
 """Distance of gel and liquid, in standard deviations of the gel, from which on no more smoothing
 helps: half of it is 3, by which no speckle of a section's middle passes for gel."""
@@ -133,13 +133,11 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     # A reflection too weak to be told moves a wall by up to half a voxel of depth: take the middle.
     facing = UNSEEN_LINE * scan.geometric_voxel_mm[0] / 2
     if not bright:
-        cut = _cut_mm(edges, (looks, soft_looks), working)
-        through = speckle_shift(blur_mm, contrast)
-        cut_u = CUT_PART * float(np.hypot(cut, through))
-        cut -= through
+        cut = _cut_mm(edges, (looks, soft_looks), working) - speckle_shift(blur_mm, contrast)
+        cut_u = 0.0
     else:
         cut = float(cap_shift(looks, bright, BRIGHTEST) * np.cbrt(working.voxel_mm.prod()))
-        cut_u = CUT_PART_BRIGHT * cut
+        cut_u = CUT_PART * cut
         values, contrast, blur_mm = _softened(values, sides, contrast, working)
         _refuse_flat(contrast)
     field = GelField(values, 0.5, 1.0, working.voxel_mm, working.origin_mm, blur_mm)

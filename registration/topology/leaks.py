@@ -31,6 +31,8 @@ from registration.topology.path_width import outline_width, width
 from registration.topology.shadow_test import may_be_shade
 from registration.topology.swollen_joints import SwollenJoint, swelling
 
+THINNEST_MM = LEAST_MM / 3
+"""No way is thinner, nor a faint one by the lower end of its interval."""
 _FULL = np.ones((3, 3, 3), dtype=np.bool_)
 
 
@@ -48,12 +50,15 @@ class Leaks:
         Voxels (z, y, x) of the grid that bridges consist of.
     examined : float
         Share of the designed gel, clear of walls, in which they could be told.
+    unresolved : int
+        Faint ones left out, whose width may be below `THINNEST_MM`: gel's own texture looks so.
     """
 
     defects: tuple[Defect, ...]
     swellings: tuple[Defect, ...]
     bridges: IntArray
     examined: float
+    unresolved: int
 
 
 @dataclass(frozen=True)
@@ -107,7 +112,9 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
     scene = Scene(grid, gel, mean, separable, search.liquid, clear)
     ways = [_measured(way, scene, search) for way in find_gel_paths(scene, search.false_alarm)]
     # What stands out from the gel right beside it; a face that lies elsewhere doesn't.
-    ways = [f for f in ways if f[1] > LEAST_MM / 3 and (f[0].significance > SURE or f[1] > f[2])]
+    ways = [f for f in ways if f[1] > THINNEST_MM and (f[0].significance > SURE or f[1] > f[2])]
+    told = [f for f in ways if not f[0].faint or f[1] - f[2] > THINNEST_MM]
+    unresolved, ways = len(ways) - len(told), told
     swollen = [swelling(way, search.network, search.field, search.fit, clear) for way, *_ in ways]
     swellings = [
         _swollen(way, one, search, traces)
@@ -121,6 +128,7 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
         tuple(swellings),
         np.concatenate([np.empty((0, 3), dtype=np.int64), *between]),
         scene.examined,
+        unresolved,
     )
 
 

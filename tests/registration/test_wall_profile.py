@@ -10,7 +10,7 @@ import pytest
 from scipy.special import ndtr
 
 from registration.gauging.wall_profile import WallProfile, wall_profile
-from registration.gauging.wall_reflections import with_ledges
+from registration.gauging.wall_reflections import FACING_PRIOR_MM, with_ledges
 from registration.segmentation import Segmentation
 from registration.segmentation.volume import Strength
 from registration.uncertainty import ScanErrors
@@ -90,7 +90,7 @@ def test_a_line_told_moves_sections_and_has_its_own_error():
 
 
 @pytest.mark.slow
-def test_walls_that_shine_across_the_light_alone_move_by_half_of_what_the_line_allows():
+def test_walls_that_shine_across_the_light_alone_move_by_profile_and_prior():
     scan = shining(0.2, across_light=True)
     rough = replace(scan, field=replace(scan.field, faint_mm=0.003))
     before = traces(scan)
@@ -99,15 +99,35 @@ def test_walls_that_shine_across_the_light_alone_move_by_half_of_what_the_line_a
     dull, _, _ = with_ledges(before, replace(rough, strength=None), errors)
     found = wall_profile(dull, rough, across_light=True)
     assert found is not None
-    assert found.told
+    place, error = found.expected(FACING_PRIOR_MM)
     assert left.faint_mm <= errors.faint_mm
-    assert left.facing_mm > found.place_mm / 4
+    assert left.facing_mm == pytest.approx(error / 0.818, rel=0.01)
+    _, calibrated, _ = with_ledges(before, rough, replace(errors, facing_mm=0.0))
+    assert calibrated.facing_mm == 0.0
     for one, other in zip(moved, dull, strict=True):
         known = other.sections.diameter > 0
         change = one.sections.diameter[known] - other.sections.diameter[known]
-        np.testing.assert_allclose(change, found.place_mm / 2 / 0.818, rtol=0.02)
+        np.testing.assert_allclose(change, place / 0.818, rtol=0.02)
 
 
 def test_without_light_there_is_no_profile():
     scan = replace(shining(0.4), strength=None)
     assert wall_profile(traces(scan), scan) is None
+
+
+@pytest.mark.parametrize(
+    ("line_mm", "place_mm", "expected_mm", "u_mm"),
+    [
+        (0.017, 0.014, 0.0048, 0.0020),  # a line as thin as the wall's own width: the prior's
+        (0.150, -0.001, -0.0002, 0.0015),  # a bright one: the profile's, also where it
+        (0.036, 0.019, 0.0183, 0.0041),  # lies far from what the prior expects
+    ],
+)
+def test_a_profile_counts_as_far_as_its_line_tells(
+    line_mm: float, place_mm: float, expected_mm: float, u_mm: float
+):
+    error = 0.0018 if line_mm > 0.1 else 0.004
+    found = WallProfile(place_mm, error, 0.017 if line_mm < 0.02 else 0.011, line_mm, 0.001)
+    place, u = found.expected((0.0045, 0.002))
+    assert place == pytest.approx(expected_mm, abs=0.0015)
+    assert u == pytest.approx(u_mm, abs=0.0006)

@@ -36,7 +36,7 @@ def scan() -> Scan:
 
 
 def recorded(stated: RecordPart, done: Corrections | None = None) -> dict[str, Any]:
-    numbers: dict[str, Any] = {"notes": ["first"]}
+    numbers: dict[str, Any] = {"notes": ["first"], "judging": {"rule": "JCGM 106: words"}}
     add_record(numbers, stated, scan(), done or Corrections(), NOW)
     return numbers
 
@@ -61,7 +61,7 @@ def test_what_is_missing_is_said_to_be_not_stated() -> None:
     assert found["notes"] == ["first"]
     said = {fact.label: fact.value for fact in record_facts(found)}
     assert said["Operator"] == said["Certificate"] == said["Time of the scan"] == "not stated"
-    assert said["Decision rule"].startswith("ISO 14253-1")
+    assert said["Decision rule"] == "JCGM 106: words"
     page = report_html({"registration": found, "scan": {"source": "s.tif"}}, [], None, {})
     assert "Measurement record" in page
     assert "not stated" in page

@@ -108,7 +108,7 @@ def test_undecided_is_told_with_value_interval_and_limit() -> None:
     said = result["reasons"][0]
     assert said.startswith("Vessel 1, ")
     assert "measured −8.0 ± 4.0 %" in said
-    assert said.endswith("limit ±10 %: neither proven")
+    assert "limit ±10 %: neither proven (the vessel conforms with a probability of 79 %)" in said
 
 
 def test_a_local_change_beyond_the_limit_fails_and_is_named() -> None:
@@ -226,7 +226,46 @@ def test_many_reasons_are_counted() -> None:
     result = judged(*(good(n, open=False) for n in range(30)))
     closed = [reason for reason in result["reasons"] if reason.endswith("closed")]
     assert len(closed) == MOST_REASONS
-    assert any(reason.startswith("18 more fail") for reason in result["reasons"])
+    assert any(reason.startswith("20 more fail") for reason in result["reasons"])
+
+
+def shifted(sizes: list[float], errors: list[float], scale: float) -> dict[str, Any]:
+    """Verdict on straight vessels of those diameters, each off by so much all along."""
+    rows = [
+        vessel(n, np.full(20, error), designed_um=size, u_um=8.0)
+        for n, (size, error) in enumerate(zip(sizes, errors, strict=True))
+    ]
+    return judged(*rows, scale=[scale] * 3)
+
+
+SIZES = [300.0, 400.0, 500.0, 600.0, 700.0, 800.0] * 5
+
+
+@pytest.mark.parametrize(
+    ("errors", "scale", "said"),
+    [
+        ([-0.15 * s for s in SIZES], 0.86, ("by 15.0 %", "as the whole part shrank (by 14.0 %)")),
+        ([-80.0] * 30, 0.99, ("by 80 µm, whatever their width", "isn't shrinkage")),
+        ([80.0] * 30, 0.99, ("wider than designed throughout", "by 80 µm")),
+    ],
+)
+def test_one_shift_of_all_lumens_is_one_sentence(
+    errors: list[float], scale: float, said: tuple[str, ...]
+) -> None:
+    result = shifted(SIZES, errors, scale)
+    (cause,) = result["causes"]
+    assert result["reasons"][0] == cause
+    assert all(text in cause for text in said)
+    assert sum(" mm along: diameter" in one for one in result["reasons"]) == MOST_REASONS
+
+
+def test_the_worst_fails_are_listed_first() -> None:
+    errors = [0.0] * 40
+    errors[30], errors[12] = -160.0, -90.0
+    result = shifted([500.0] * 40, errors, 1.0)
+    assert result["causes"] == []
+    fails = [one for one in result["reasons"] if "proven beyond" in one]
+    assert [one.split(",")[0] for one in fails] == ["Vessel 30", "Vessel 12"]
 
 
 def test_a_registration_that_wasnt_judged_is_refused() -> None:

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+GUARDED = {"decision_rule": "guarded", "conformance_level": 0.95}
+"""``judging`` of numbers that were judged by guard bands, and will be again."""
 
 
 def vessel(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from registration.judging import Tolerances, VesselLimits, judge, judge_plain, reason
-from tests.registration.judging.registered import change, registration, vessel
+from tests.registration.judging.registered import GUARDED, change, registration, vessel
 
 SURE = 8.0
 """Half width, µm, of sections that a budget knows well."""
@@ -84,7 +84,7 @@ def test_the_mean_of_one_section_is_no_surer_than_a_section() -> None:
     """An end of 0.2 mm failed by its mean, of one section that was undecided (2026-11-26)."""
     scattered = vessel(0, 25.0 * np.resize([1, -1, -1, 1, 1], 40), u_um=60.0)
     short = vessel(1, np.array([-120.0]), u_um=45.0, measured_interval_95_um=45.0)
-    found = judge_plain(registration(scattered, short), 100.0, 10.0)
+    found = judge_plain(registration(scattered, short, judging=GUARDED), 100.0, 10.0)
     told = {f["name"]: f["decision"] for f in found["judging"]["features"] if f.get("vessel") == 1}
     assert told["section"] == "undecided"
     assert told["mean"] == "undecided"

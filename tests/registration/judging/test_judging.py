@@ -10,8 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from registration.judging import (
+    DecisionRule,
     Limit,
     Override,
+    Rule,
     ToleranceError,
     Tolerances,
     VesselLimits,
@@ -19,7 +21,7 @@ from registration.judging import (
     judge_plain,
     reason,
 )
-from tests.registration.judging.registered import change, registration, vessel
+from tests.registration.judging.registered import GUARDED, change, registration, vessel
 from tests.slower import examples
 
 SURE = 8.0
@@ -27,7 +29,7 @@ SURE = 8.0
 
 
 def judged(*vessels: dict[str, Any], **more: Any) -> dict[str, Any]:
-    return judge_plain(registration(*vessels, **more), 100.0, 10.0)
+    return judge_plain(registration(*vessels, judging=GUARDED, **more), 100.0, 10.0)
 
 
 def noise(n: int, sd: float, seed: int = 0) -> np.ndarray:
@@ -126,7 +128,11 @@ def test_a_later_override_counts_and_a_vessel_that_isnt_there_is_named() -> None
 
 def test_features_have_limits_of_their_own() -> None:
     limits = VesselLimits(
-        mean=Limit(2, 2), narrowest=Limit(minus_um=15), offset_um=3.0, leak_um=300.0
+        mean=Limit(2, 2),
+        narrowest=Limit(minus_um=15),
+        offset_um=3.0,
+        leak_um=300.0,
+        rule=Rule(DecisionRule.GUARDED),
     )
     errors = np.full(30, 20.0)
     errors[10] = -20.0

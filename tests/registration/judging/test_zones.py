@@ -9,7 +9,7 @@ import pytest
 
 from printctl.pipeline.verdict import verdict
 from printctl.recipe.tolerances import TolerancesPart
-from registration.judging import judge
+from registration.judging import Rule, judge
 from tests.registration.judging.registered import registration, vessel
 
 
@@ -23,7 +23,7 @@ def row(name: str, low: float, high: float, **more: Any) -> dict[str, Any]:
 
 def judged(*rows: dict[str, Any], **limits: Any) -> dict[str, Any]:
     numbers = registration(vessel(0, np.zeros(20)), characteristics=list(rows))
-    return judge(numbers, TolerancesPart.model_validate(limits).tolerances(100.0, 10.0))
+    return judge(numbers, TolerancesPart.model_validate(limits).tolerances(100.0, 10.0, Rule()))
 
 
 @pytest.mark.parametrize(
