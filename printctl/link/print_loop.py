@@ -192,7 +192,7 @@ class PrintLoop:
             if request is Request.STOP:
                 raise StopRequested
             if request is Request.PAUSE:
-                parts.pauses.pause()
+                parts.pauses.pause(parts.queue.pause_words)
             elif request is Request.RESUME:
                 parts.requests.want(None)  # a pause that is waited for no longer
             elif request is Request.RELOAD:  # asked for in a pause that is over
