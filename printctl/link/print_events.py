@@ -21,6 +21,8 @@ from sim.reading import is_motion
 OWN_MOVES: Final = frozenset({LinkState.PAUSING, LinkState.RESUMING, LinkState.STOPPING})
 """States in which the link sends commands of its own alone."""
 _HEADER_LINES: Final = 200
+UNANSWERED_S: Final = 5.0
+"""A line that isn't answered for so long is a cause to look for other programs at the port."""
 LOOK_S: Final = 1.0
 """Least interval of looks for other programs at the port."""
 MISSING_ANSWERS: Final = 2
@@ -62,6 +64,7 @@ class PrintEvents:
         self._kill, self._requests, self._heard = kill, requests, heard
         self._stolen, self._held = 0, False
         self._missing, self._next_look_s = 0, -math.inf
+        self._number, self._number_s = -1, math.inf
         self._handlers: dict[type, Callable[[Any], None]] = {
             said.Fault: self._on_fault,
             said.Notice: self._on_notice,
@@ -102,8 +105,18 @@ class PrintEvents:
             self._logbook.alarm(text, kind="stolen")
             self._look_for_programs()
             self._hold(text)
+        self._look_behind_silence()
 
-    def _look_for_programs(self) -> None:
+    def _look_behind_silence(self) -> None:
+        """Name who else has the port open where a line isn't answered for long: once a line."""
+        protocol, now = self._wiring.protocol, self._wiring.clock.now()
+        if protocol.idle or protocol.number != self._number:
+            self._number, self._number_s = protocol.number, now
+        elif now - self._number_s > UNANSWERED_S:
+            self._number_s = math.inf
+            self._look_for_programs(hold=False)  # a long move isn't answered either
+
+    def _look_for_programs(self, hold: bool = True) -> None:
         """Name who else has the port open, once something odd was seen."""
         transport, now = self._wiring.transport, self._wiring.clock.now()
         if now < self._next_look_s:
@@ -116,7 +129,8 @@ class PrintEvents:
                 f"({transport.name}): it may take answers of the printer, or write to it; close it"
             )
             self._logbook.alarm(text, kind=text)
-            self._hold(text)
+            if hold:
+                self._hold(text)
         elif not (found.complete or self._wiring.protocol.line_errors) and (
             self._missing >= MISSING_ANSWERS
         ):
