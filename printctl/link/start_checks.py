@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final
+from typing import Final, NoReturn
 
 from firmware_profiles import Printer
 from firmware_profiles.families.position_reply import parse_position
@@ -87,7 +87,7 @@ class RestWait:
     def __init__(self, channel: Channel) -> None:
         self._channel, self._clock = channel, channel.wiring.clock
         self._since: float | None = None
-        self._told = False
+        self._told = self._busy = False
         self.moved = ""
 
     def step(self) -> None:
@@ -97,19 +97,13 @@ class RestWait:
         ------
         HandshakeError
         """
-        now = self._clock.now()
+        now, heard = self._clock.now(), self._channel.heard
         self._since = now if self._since is None else self._since
-        waited_s = now - self._since if self._channel.heard.count else 0.0
-        if waited_s > REST_LIMIT_S:
-            seen = self.moved or "it hasn't answered yet, as if behind moves or a wait for heat"
-            raise HandshakeError(
-                f"the machine still moves, or is busy, after {waited_s:.0f} s (at most "
-                f"{REST_LIMIT_S:g}; {seen}): a former job, its card or another program drives it; "
-                "no line of the job was sent. End that, see where the needle stands, and start "
-                "again"
-            )
-        if waited_s > 2.0 * _BUSY_S:
+        self._busy |= "busy:" in heard.last
+        if heard.count and now - self._since > 2.0 * _BUSY_S:
             self._tell()
+        if heard.count and now - self._since > REST_LIMIT_S:
+            self._refuse(now - self._since)
 
     def wait(self) -> None:
         """Return once it stands.
@@ -119,30 +113,39 @@ class RestWait:
         HandshakeError
             Where it moves, or makes what it was sent before, for longer than `REST_LIMIT_S`.
         """
-        self._since = None
-        self._channel.on_step = self.step
-        try:
-            before = self._place()
-            while (place := self._next_place()) != before:
-                pairs = zip(before.split(), place.split(), strict=False)
-                changed = ", ".join(f"{a} became {b}" for a, b in pairs if a != b)
-                self.moved, before = changed or f"{before!r} became {place!r}", place
-                self._tell()
-        finally:
-            self._channel.on_step = None
+        began, before = self._clock.now(), self._place()
+        while (place := self._next_place()) != before:
+            pairs = zip(before.split(), place.split(), strict=False)
+            changed = ", ".join(f"{a} became {b}" for a, b in pairs if a != b)
+            self.moved, before = changed or f"{before!r} became {place!r}", place
+            self._tell()
+            if self._clock.now() - began > REST_LIMIT_S:
+                self._refuse(self._clock.now() - began)
 
     def _next_place(self) -> str:
         """Return the place a while after the machine has made what it was sent."""
         channel, clock = self._channel, self._clock
         began, troubles = clock.now(), channel.troubles
+        self._since, self._busy, channel.on_step = began, False, self.step
         channel.ask(b"M400")
+        channel.on_step = None
         busy_s = clock.now() - began
-        if busy_s > _BUSY_S and channel.troubles == troubles:
+        # a firmware that says that it is busy may answer late all the same
+        certain = self._busy or not link_facts(channel.wiring.printer).keepalive
+        if certain and busy_s > _BUSY_S and channel.troubles == troubles:
             self.moved = self.moved or f"it made for {busy_s:.1f} s what it was sent before"
         until = clock.now() + _APART_S
         while clock.now() < until:
             channel.pump(until)
         return self._place()
+
+    def _refuse(self, waited_s: float) -> NoReturn:
+        seen = self.moved or "it hasn't answered yet, as if behind moves or a wait for heat"
+        raise HandshakeError(
+            f"the machine still moves, or is busy, after {waited_s:.0f} s (at most "
+            f"{REST_LIMIT_S:g}; {seen}): a former job, its card or another program drives it; no "
+            "line of the job was sent. End that, see where the needle stands, and start again"
+        )
 
     def refuse_declared(self, declared: Place | None) -> None:
         """Refuse a job whose first lines say where the tip stands, as that has changed.
