@@ -78,6 +78,13 @@ class Channel:
     kill : Kill
     handler : EventHandler
     heard : PrinterReplies
+
+    Attributes
+    ----------
+    on_step : callable or None
+        Called in each step of a wait; may raise to end it.
+    troubles : int
+        Events so far beside answers: what came garbled, late or not at all.
     """
 
     def __init__(
@@ -90,6 +97,8 @@ class Channel:
     ) -> None:
         self.wiring, self.logbook, self.kill, self.heard = wiring, logbook, kill, heard
         self._handler = handler
+        self.on_step: Callable[[], None] | None = None
+        self.troubles = 0
         self._awaited = -1
         self._replies: list[said.CommandReplied] = []
         self._in_step: list[int] = []
@@ -116,6 +125,8 @@ class Channel:
         if now >= self.logbook.next_note:
             self.logbook.note(now)
         self._handler.step_made()
+        if self.on_step is not None:
+            self.on_step()
 
     def look_around(self) -> None:
         """Have what goes on beside the protocol noticed, where a loop reads by itself."""
@@ -201,6 +212,7 @@ class Channel:
             elif isinstance(event, said.Synchronised):
                 self._in_step.append(event.number)
             else:
+                self.troubles += not isinstance(event, said.TokenSent)
                 self._note_own(event)
                 self._handler.handle(event)
 

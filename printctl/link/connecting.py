@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 from printctl.link.channel import Channel
@@ -13,8 +14,8 @@ BOOT_LIMIT_S: Final = 10.0
 CONNECT_LIMIT_S: Final = 15.0
 
 
-def connect(channel: Channel) -> None:
-    """Have the printer number its lines from 0.
+def connect(channel: Channel, on_step: Callable[[], None] | None = None) -> None:
+    """Have the printer number its lines from 0; ``on_step`` is the channel's meanwhile.
 
     Raises
     ------
@@ -25,6 +26,7 @@ def connect(channel: Channel) -> None:
     if wiring.fresh and wiring.printer.resets_on_connect:
         _await_boot(channel)
     limit = wiring.clock.now() + CONNECT_LIMIT_S
+    channel.on_step = on_step
     while True:
         try:
             channel.agree(wiring.protocol.renumber)
@@ -32,6 +34,7 @@ def connect(channel: Channel) -> None:
             if wiring.clock.now() > limit:
                 raise
         else:
+            channel.on_step = None
             return
 
 

@@ -115,7 +115,7 @@ class Pauses:
 
     # --- leaving, waiting, coming back -----------------------------------------------------------
 
-    def pause(self, message: str = "paused", changing: bool = False) -> None:
+    def pause(self, message: str, changing: bool = False) -> None:
         """Leave the bath, wait for the word to go on, and come back."""
         self.watch.paused(self.channel.logbook.progress.done)
         at = self.leave("pause", changing)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -20,6 +21,12 @@ from sim.reading import is_motion
 OWN_MOVES: Final = frozenset({LinkState.PAUSING, LinkState.RESUMING, LinkState.STOPPING})
 """States in which the link sends commands of its own alone."""
 _HEADER_LINES: Final = 200
+UNANSWERED_S: Final = 5.0
+"""A line that isn't answered for so long is a cause to look for other programs at the port."""
+LOOK_S: Final = 1.0
+"""Least interval of looks for other programs at the port."""
+MISSING_ANSWERS: Final = 2
+"""From so many on, on a wire that garbles no line, another reader is suspected."""
 _ACTIONS: Final = {
     "pause": Request.PAUSE,
     "paused": Request.PAUSE,
@@ -56,6 +63,8 @@ class PrintEvents:
         self._wiring, self._logbook, self._progress = wiring, logbook, logbook.progress
         self._kill, self._requests, self._heard = kill, requests, heard
         self._stolen, self._held = 0, False
+        self._missing, self._next_look_s = 0, -math.inf
+        self._number, self._number_s = -1, math.inf
         self._handlers: dict[type, Callable[[Any], None]] = {
             said.Fault: self._on_fault,
             said.Notice: self._on_notice,
@@ -78,6 +87,10 @@ class PrintEvents:
 
     def handle(self, event: said.Event) -> None:
         """See `EventHandler`."""
+        if not self._kill.asked.is_set() and not isinstance(event, said.TokenSent):
+            if isinstance(event, said.Notice) and self._logbook.begun:
+                self._missing += 1
+            self._look_for_programs()
         self._handlers[type(event)](event)
 
     def step_made(self) -> None:
@@ -85,14 +98,50 @@ class PrintEvents:
         self._interruption.look()
         if self._wiring.transport.stolen > self._stolen:
             self._stolen = self._wiring.transport.stolen
-            self._logbook.alarm(
+            text = (
                 f"another program reads this port ({self._wiring.transport.name}): answers of the "
-                "printer are missing here; close it there",
-                kind="stolen",
+                "printer are missing here; close it there"
             )
-            self._hold()
+            self._logbook.alarm(text, kind="stolen")
+            self._look_for_programs()
+            self._hold(text)
+        self._look_behind_silence()
 
-    def _hold(self) -> None:
+    def _look_behind_silence(self) -> None:
+        """Name who else has the port open where a line isn't answered for long: once a line."""
+        protocol, now = self._wiring.protocol, self._wiring.clock.now()
+        if protocol.idle or protocol.number != self._number:
+            self._number, self._number_s = protocol.number, now
+        elif now - self._number_s > UNANSWERED_S:
+            self._number_s = math.inf
+            self._look_for_programs(hold=False)  # a long move isn't answered either
+
+    def _look_for_programs(self, hold: bool = True) -> None:
+        """Name who else has the port open, once something odd was seen."""
+        transport, now = self._wiring.transport, self._wiring.clock.now()
+        if now < self._next_look_s:
+            return
+        self._next_look_s = now + LOOK_S
+        found = transport.programs()
+        if found.names:
+            text = (
+                f"another program ({'; '.join(found.names)}) has this port open "
+                f"({transport.name}): it may take answers of the printer, or write to it; close it"
+            )
+            self._logbook.alarm(text, kind=text)
+            if hold:
+                self._hold(text)
+        elif not (found.complete or self._wiring.protocol.line_errors) and (
+            self._missing >= MISSING_ANSWERS
+        ):
+            self._logbook.alarm(
+                f"{self._missing} answers of the printer were missing or cut, and no line to it "
+                f"was garbled: another program may read this port ({transport.name}); "
+                "see that nothing else uses it, then check the cable",
+                kind="missing answers",
+            )
+
+    def _hold(self, why: str) -> None:
         """Have the print paused where another program uses the port; once, then a person knows.
 
         Before the job's first move the needle isn't in anything.
@@ -100,7 +149,7 @@ class PrintEvents:
         moved = any(map(is_motion, self._progress.taken[:_HEADER_LINES]))
         if not self._held and moved and self._logbook.state is LinkState.PRINTING:
             self._held = True
-            self._requests.add(Request.PAUSE)
+            self._requests.add(Request.PAUSE, why=why)
 
     def between_commands(self) -> None:
         """Go no further where a stop was asked for."""
@@ -145,18 +194,18 @@ class PrintEvents:
             "nothing else uses its port, and look at the part",
             kind="foreign lines",
         )
-        self._hold()
+        self._hold(self._progress.foreign_words())
 
     def _on_renumbered(self, event: said.Renumbered) -> None:
         self._progress.doubt()
         self._progress.count_foreign(1)
-        self._logbook.alarm(
+        text = (
             f"the printer's count of lines became {event.last}, and this print's is "
             f"{event.expected}: another program writes to this port (M110), or the board was reset "
-            "without a word; the count is set back, the position compared",
-            kind="renumbered",
+            "without a word; the count is set back, the position compared"
         )
-        self._hold()
+        self._logbook.alarm(text, kind="renumbered")
+        self._hold(text)
 
     # --- what holds the print --------------------------------------------------------------------
 
@@ -189,10 +238,9 @@ class PrintEvents:
         )
 
     def _on_noisy(self, event: said.Noisy) -> None:
-        self._logbook.alarm(
-            f"{event.errors} line errors in {event.lines} lines; pausing: check cable and earthing"
-        )
-        self._requests.add(Request.PAUSE)
+        why = f"{event.errors} line errors in {event.lines} lines"
+        self._logbook.alarm(f"{why}; pausing: check cable and earthing")
+        self._requests.add(Request.PAUSE, why=f"{why}; check cable and earthing")
 
     # --- what ends it ----------------------------------------------------------------------------
 

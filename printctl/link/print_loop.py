@@ -14,7 +14,7 @@ from printctl.link.journalled_print import JournalledPrint
 from printctl.link.marks import MarkKind
 from printctl.link.print_parts import PrintParts
 from printctl.link.requests import Request
-from printctl.link.start_checks import agree_start, await_rest
+from printctl.link.start_checks import RestWait, agree_start
 from printctl.link.states import LinkState, PrintEnded
 
 
@@ -76,11 +76,12 @@ class PrintLoop:
         raise PrintEnded(LinkState.DONE, message, known=not others)
 
     def _begin(self) -> None:
-        connect(self._channel)
+        rest = RestWait(self._channel)
+        connect(self._channel, rest.step)
         self._logbook.enter(LinkState.CHECKING, "asking the firmware what it is")
-        await_rest(self._channel)
+        rest.wait()
         self._parts.firmware.check()
-        self._agree_start()
+        self._agree_start(rest)
         self._parts.heat.begin()
         self._parts.frame.begin()
         self._parts.pauses.motors.hold()
@@ -89,15 +90,15 @@ class PrintLoop:
             raise HandshakeError(f"{self._logbook.fault}; no line of the job was sent")
         self._protocol.load(self._job.lines, 0, number)
 
-    def _agree_start(self) -> None:
-        """Refuse a tip that stands elsewhere than preflight took it to stand."""
-        start_mm = self._parts.watch.care.start_mm
-        if start_mm is None:
-            return
+    def _agree_start(self, rest: RestWait) -> None:
+        """Refuse a tip that stands elsewhere than preflight, or the job, takes it to stand."""
         declared = None
         with contextlib.suppress(LinkError):  # a part alone is told: the printer is asked
             declared = declared_start(self._job)
-        agree_start(self._channel.ask, start_mm, declared)
+        rest.refuse_declared(declared)
+        start_mm = self._parts.watch.care.start_mm
+        if start_mm is not None:
+            agree_start(self._channel.ask, start_mm, declared)
 
     # --- lines -----------------------------------------------------------------------------------
 
@@ -192,7 +193,7 @@ class PrintLoop:
             if request is Request.STOP:
                 raise StopRequested
             if request is Request.PAUSE:
-                parts.pauses.pause()
+                parts.pauses.pause(parts.queue.pause_words)
             elif request is Request.RESUME:
                 parts.requests.want(None)  # a pause that is waited for no longer
             elif request is Request.RELOAD:  # asked for in a pause that is over

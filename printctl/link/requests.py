@@ -33,21 +33,25 @@ class RequestQueue:
         What clients said of the look that the print is held for.
     stopped_by : str
         Who has asked for the stop: the first who did.
+    pause_words : str
+        Why the pause that is waited for was asked for, for its message.
     """
 
     def __init__(self) -> None:
         self.requests: Final[deque[Request]] = deque()
         self.commands: Final[deque[Manual]] = deque()
         self.looks: Final[deque[LookWord]] = deque()
-        self.stopped_by = ""
+        self.stopped_by = self.pause_words = ""
 
     @property
     def waiting(self) -> bool:
         """Whether anything is asked for."""
         return bool(self.requests or self.commands or self.looks)
 
-    def add(self, request: Request, by: str = "the user") -> None:
-        """Ask for something."""
+    def add(self, request: Request, by: str = "the user", why: str = "") -> None:
+        """Ask for something; ``why`` in place of who has asked for it."""
+        if request is Request.PAUSE and request not in self.requests:
+            self.pause_words = f"paused: {why}" if why else f"paused by {by}"
         if request is Request.STOP:
             self.stopped_by = self.stopped_by or by
         self.requests.append(request)

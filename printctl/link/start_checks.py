@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final
+from typing import Final, NoReturn
 
 from firmware_profiles import Printer
 from firmware_profiles.families.position_reply import parse_position
@@ -27,6 +27,8 @@ _TRIES: Final = 4
 REST_LIMIT_S: Final = 30.0
 """Longest wait for a machine that is still moving when a print is to start."""
 _APART_S: Final = 0.5
+_BUSY_S: Final = 1.0
+"""Most that a machine at rest takes to answer M400."""
 
 
 def agree_settings(
@@ -69,43 +71,115 @@ def agree_settings(
     return reported_settings(answers, printer)
 
 
-def await_rest(channel: Channel) -> None:
+class RestWait:
     """Wait until the machine stands still: a former job may have moves left, or go on.
 
-    Raises
-    ------
-    HandshakeError
-        Where it moves for longer than `REST_LIMIT_S`.
+    Parameters
+    ----------
+    channel : Channel
+
+    Attributes
+    ----------
+    moved : str
+        What was seen of its moves, or how long it was busy; empty for nothing.
     """
-    clock, before = channel.wiring.clock, _place(channel)
-    limit, told = clock.now() + REST_LIMIT_S, False
-    while True:
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel, self._clock = channel, channel.wiring.clock
+        self._since: float | None = None
+        self._told = self._busy = False
+        self.moved = ""
+
+    def step(self) -> None:
+        """Say that a printer is busy, from the first step on; end where it takes too long.
+
+        Raises
+        ------
+        HandshakeError
+        """
+        now, heard = self._clock.now(), self._channel.heard
+        self._since = now if self._since is None else self._since
+        self._busy |= "busy:" in heard.last
+        if heard.count and now - self._since > 2.0 * _BUSY_S:
+            self._tell()
+        if heard.count and now - self._since > REST_LIMIT_S:
+            self._refuse(now - self._since)
+
+    def wait(self) -> None:
+        """Return once it stands.
+
+        Raises
+        ------
+        HandshakeError
+            Where it moves, or makes what it was sent before, for longer than `REST_LIMIT_S`.
+        """
+        began, before = self._clock.now(), self._place()
+        while (place := self._next_place()) != before:
+            pairs = zip(before.split(), place.split(), strict=False)
+            changed = ", ".join(f"{a} became {b}" for a, b in pairs if a != b)
+            self.moved, before = changed or f"{before!r} became {place!r}", place
+            self._tell()
+            if self._clock.now() - began > REST_LIMIT_S:
+                self._refuse(self._clock.now() - began)
+
+    def _next_place(self) -> str:
+        """Return the place a while after the machine has made what it was sent."""
+        channel, clock = self._channel, self._clock
+        began, troubles = clock.now(), channel.troubles
+        self._since, self._busy, channel.on_step = began, False, self.step
+        channel.ask(b"M400")
+        channel.on_step = None
+        busy_s = clock.now() - began
+        # a firmware that says that it is busy may answer late all the same
+        certain = self._busy or not link_facts(channel.wiring.printer).keepalive
+        if certain and busy_s > _BUSY_S and channel.troubles == troubles:
+            self.moved = self.moved or f"it made for {busy_s:.1f} s what it was sent before"
         until = clock.now() + _APART_S
         while clock.now() < until:
             channel.pump(until)
-        place = _place(channel)
-        if place == before:
-            channel.ask(b"M400")
-            if _place(channel) == place:
-                return
-        if clock.now() > limit:
+        return self._place()
+
+    def _refuse(self, waited_s: float) -> NoReturn:
+        seen = self.moved or "it hasn't answered yet, as if behind moves or a wait for heat"
+        raise HandshakeError(
+            f"the machine still moves, or is busy, after {waited_s:.0f} s (at most "
+            f"{REST_LIMIT_S:g}; {seen}): a former job, its card or another program drives it; no "
+            "line of the job was sent. End that, see where the needle stands, and start again"
+        )
+
+    def refuse_declared(self, declared: Place | None) -> None:
+        """Refuse a job whose first lines say where the tip stands, as that has changed.
+
+        Raises
+        ------
+        HandshakeError
+        """
+        if self.moved and declared is not None:
             raise HandshakeError(
-                f"the machine moves on its own ({before} became {place} within {_APART_S:g} s, for "
-                f"{REST_LIMIT_S:g} s): a former job, its card or another program drives it. End "
-                "that, see where the needle stands, and start again"
+                f"the machine still moved when the print was to start ({self.moved}), and the "
+                f"job's first lines say that the tip stands at {_told(declared)}: no line of "
+                "the job was sent. It stands now; bring the tip to where the print starts, and "
+                "start again"
             )
-        if not told:
-            told = True
-            words = f"the machine still moves; waiting for it to stand, up to {REST_LIMIT_S:g} s"
-            channel.logbook.enter(channel.logbook.state, words)
-        before = place
 
+    def _tell(self) -> None:
+        if not self._told:
+            self._told = True
+            words = f"the printer still moves, or is busy; waiting for it, up to {REST_LIMIT_S:g} s"
+            self._channel.logbook.enter(self._channel.logbook.state, words)
 
-def _place(channel: Channel) -> str:
-    """Return all that the firmware tells of its place, its motors' steps too."""
-    question = link_facts(channel.wiring.printer).place_question or b"M114"
-    replies = channel.ask(question)
-    return " ".join(line.decode("ascii", "replace") for line in replies if b"X:" in line)
+    def _place(self) -> str:
+        """Return all that the firmware tells of its place, its motors' steps too.
+
+        Twice alike, if it stands: no checksum guards an answer.
+        """
+        question, place = link_facts(self._channel.wiring.printer).place_question or b"M114", ""
+        for _ in range(_TRIES):
+            before, replies = place, self._channel.ask(question)
+            place = " ".join(one.decode("ascii", "replace") for one in replies if b"X:" in one)
+            if place == before:
+                break
+        return place
 
 
 def _asked(ask: Ask, printer: Printer) -> dict[str, list[str]]:

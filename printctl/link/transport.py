@@ -11,6 +11,7 @@ from typing import Protocol
 
 from firmware_profiles import Printer
 from printctl.link.errors import PortError
+from printctl.link.ports import PortPrograms
 from printctl.link.transport_serial import SerialTransport
 from printctl.link.transport_tcp import TcpTransport
 
@@ -39,6 +40,10 @@ class Transport(Protocol):
     @property
     def stolen(self) -> int:
         """See the class."""
+        ...
+
+    def programs(self) -> PortPrograms:
+        """Find the other programs that have the port open; some 10 ms."""
         ...
 
     def write(self, data: bytes) -> None:

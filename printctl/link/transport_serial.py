@@ -22,7 +22,7 @@ from typing import Final
 import serial
 
 from printctl.link.errors import PortDenied, PortError, PortInUse, PortLost, PortMissing
-from printctl.link.ports import ports_found
+from printctl.link.ports import PortPrograms, ports_found, programs_at
 
 if sys.platform != "win32":
     import fcntl
@@ -108,11 +108,20 @@ class SerialTransport:
     def _keep_others_out(self, out: bool) -> None:
         """Have the system refuse further programs; pyserial's lock binds those alone that look.
 
-        The administrator's are let in all the same, and who has the port open already keeps it.
+        The administrator's are let in all the same, and who has the port open already keeps it. On
+        a pseudo-terminal it outlives a host that is killed, and would keep the next one out, too.
         """
-        if sys.platform != "win32":
+        lasting = os.path.realpath(self.name).startswith(_TERMINALS)
+        if sys.platform != "win32" and not (lasting and os.geteuid() != 0):
             with suppress(OSError):  # not every driver knows it
                 fcntl.ioctl(self._fd, termios.TIOCEXCL if out else termios.TIOCNXCL)
+
+    def programs(self) -> PortPrograms:
+        """See `printctl.link.transport.Transport`."""
+        try:
+            return programs_at(self._fd) if self._fd >= 0 else PortPrograms()
+        except OSError:
+            return PortPrograms(complete=False)
 
     def read(self, timeout: float) -> bytes:
         """Give what has come, waiting at most ``timeout`` s for it; empty for nothing."""

@@ -10,6 +10,7 @@ from typing import Final
 
 from printctl.link.errors import PortLost, PortMissing
 from printctl.link.locking import hold_address
+from printctl.link.ports import PortPrograms
 
 CONNECT_LIMIT_S: Final = 5.0
 WRITE_LIMIT_S: Final = 5.0
@@ -47,6 +48,10 @@ class TcpTransport:
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.setblocking(False)
         self._lock = threading.Lock()
+
+    def programs(self) -> PortPrograms:
+        """See `printctl.link.transport.Transport`: none reads another's connection."""
+        return PortPrograms()
 
     def read(self, timeout: float) -> bytes:
         """Give what has come, waiting at most ``timeout`` s for it; empty for nothing."""

@@ -14,6 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final, TextIO
 
+from printctl.link.ports import PortPrograms
 from printctl.link.transport import Transport
 
 RING_BYTES: Final = 256 * 1024
@@ -121,6 +122,10 @@ class LoggedTransport:
     def stolen(self) -> int:
         """See `printctl.link.transport.Transport`."""
         return self._transport.stolen
+
+    def programs(self) -> PortPrograms:
+        """See `printctl.link.transport.Transport`."""
+        return self._transport.programs()
 
     def write(self, data: bytes) -> None:
         """Write all of ``data``, or raise `PortLost` within the transport's time limit."""

@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from printctl.link.clock import VirtualClock
+from printctl.link.ports import PortPrograms
 
 
 class FakeMarlin:
@@ -170,6 +171,9 @@ class FakeTransport:
         self.noise, self.drop_ok = noise, drop_ok
         self.waiting = b""
         self.written = bytearray()
+
+    def programs(self) -> PortPrograms:
+        return PortPrograms()
 
     def write(self, data: bytes) -> None:
         self.written += data

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from printctl.link.clock import VirtualClock
+from printctl.link.ports import PortPrograms
 
 
 class ScriptedTransport:
@@ -27,6 +28,10 @@ class ScriptedTransport:
         self.clock = clock
         self._answer = answer
         self._waiting = b""
+
+    def programs(self) -> PortPrograms:
+        """Give none."""
+        return PortPrograms()
 
     def write(self, data: bytes) -> None:
         """Hand ``data`` to the far end."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import PortLost
+from printctl.link.ports import PortPrograms
 from sim.board.printer import SimulatedPrinter
 from sim.faults.cable import FaultyCable
 from sim.faults.clock_pace import Pace
@@ -53,6 +54,10 @@ class SimulatedTransport:
     def die_at(self, write: int, part: float = 1.0) -> None:
         """Let the host die in a write to come, the next being 1, of which ``part`` still leaves."""
         self._writes_left, self._last_part = write, part
+
+    def programs(self) -> PortPrograms:
+        """See `Transport`: none."""
+        return PortPrograms()
 
     def write(self, data: bytes) -> None:
         """Give the printer what the cable leaves of ``data``.

@@ -18,6 +18,7 @@ from printctl.link.answer_count import EVERY_S
 from printctl.link.clock import VirtualClock
 from printctl.link.journal import Journal
 from printctl.link.journalled_print import JournalledPrint, read_journal
+from printctl.link.ports import PortPrograms
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
@@ -181,6 +182,19 @@ def test_noise_is_not_taken_for_another_program(tmp_path, noise):
     assert not any(
         "another program" in text for text in read_journal(tmp_path / "journal.log").alarms
     )
+
+
+@pytest.mark.parametrize("complete", [True, False])
+def test_missing_answers_on_a_clean_wire_are_told_as_perhaps_read(tmp_path, complete):
+    class Robbed(FakeTransport):
+        def programs(self) -> PortPrograms:
+            return PortPrograms(complete=complete)
+
+    transport = Robbed(FakeMarlin(), VirtualClock(), np.random.default_rng(1), drop_ok=0.02)
+    status = streamer_of(job_of(zigzag(200)), transport, tmp_path).run()
+    alarms = read_journal(tmp_path / "journal.log").alarms
+    assert status.state is LinkState.DONE
+    assert any("another program may read this port" in text for text in alarms) is not complete
 
 
 def started(sent: int = 30) -> MarlinProtocol:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
 import socket
+import subprocess
+import sys
 import threading
 
 import pytest
@@ -162,3 +165,49 @@ def test_tcp_with_nobody_there_is_a_missing_port():
 def test_ports_are_listed_by_name():
     found = [port.device for port in list_ports()]
     assert found == sorted(found)
+
+
+@needs_pty
+@pytest.mark.skipif(
+    sys.platform != "linux" or os.geteuid() != 0, reason="needs another user's program, on Linux"
+)
+def test_other_users_programs_are_kept_out_until_the_port_is_closed():
+    master, slave = os.openpty()
+    name = os.ttyname(slave)
+    os.chmod(name, 0o666)
+
+    def opens() -> bool:
+        command = ["/bin/sh", "-c", f": 3<>{name}"]
+        return subprocess.run(command, user=65534, stderr=subprocess.DEVNULL).returncode == 0
+
+    assert opens()
+    wire = SerialTransport(name, 115_200)
+    assert not opens()
+    wire.close()
+    assert opens()
+    os.close(slave)
+    os.close(master)
+
+
+HOLDER = """
+import os, signal, sys
+from printctl.link.transport_serial import SerialTransport
+if os.geteuid() == 0:
+    os.setuid(65534)
+wire = SerialTransport(sys.argv[1], 115_200)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@needs_pty
+@pytest.mark.skipif(sys.platform != "linux", reason="a pseudo-terminal of Linux")
+def test_host_that_is_killed_locks_nobody_out_of_a_pseudo_terminal():
+    master, slave = os.openpty()
+    name = os.ttyname(slave)
+    os.chmod(name, 0o666)
+    os.close(slave)
+    for _ in range(2):
+        command = [sys.executable, "-c", HOLDER, name]
+        done = subprocess.run(command, capture_output=True, text=True)
+        assert done.returncode == -signal.SIGKILL, done.stderr
+    os.close(master)
