@@ -10,6 +10,8 @@ from printctl.link.channel import Channel
 from printctl.link.errors import HandshakeError
 from printctl.link.temperatures import parse_temperatures, target_command
 
+WARM_ROOM_C: Final = 35.0
+"""Up to it a reading may be the room's own: no heater that is switched off makes it colder."""
 WITHIN_C: Final = 0.6
 """Between a target that was set and the one that is told: some firmwares round it."""
 
@@ -56,7 +58,7 @@ class HeatCheck:
             for one in readings:
                 limit = self._channel.wiring.limits().hottest(one.name)
                 bears = max(limit.celsius, *own.get(one.name, [limit.celsius]))
-                if one.now_c > bears + WITHIN_C:
+                if one.now_c > max(bears, WARM_ROOM_C) + WITHIN_C:
                     seen[one.name] = f"is at {one.now_c:g} °C", f"{bears:g} °C ({limit.why})"
                 elif one.target_c is not None and one.target_c > bears and one.name not in own:
                     seen[one.name] = f"is set to {one.target_c:g} °C", f"{bears:g} °C ({limit.why})"
