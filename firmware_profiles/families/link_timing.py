@@ -25,12 +25,10 @@ class Timing:
     whole_s : float
         For the second half of a line from the printer, before it is asked for a token.
     answer_s : float
-        For the answer to a question.
-    ask_again_s : float
-        The same, and the interval of questions, on a line that is dead rather than slow.
+        For the answer to a question, until it is asked again.
     doubt_limit_s : float
         Without a usable answer until a printer that isn't found yet counts as silent, and until
-        an alarm is given of one in mid-print.
+        an alarm is given of one in mid-print. An answer that is later than this was lost.
     silent_limit_s : float
         Without a usable answer until a printer in mid-print counts as silent.
     busy_limit_s : float
@@ -46,7 +44,6 @@ class Timing:
     quiet_s: float = 0.05
     whole_s: float = 0.2
     answer_s: float = 1.0
-    ask_again_s: float = 0.5
     doubt_limit_s: float = 6.0
     silent_limit_s: float = 60.0
     busy_limit_s: float = 1800.0
