@@ -88,9 +88,9 @@ class StrayingTransport(SimTransport):
 
 
 def test_word_that_slipped_through_and_was_given_again_is_told(tmp_path):
-    """A comparison falls on a slipped line in some prints only, so three are asked together."""
+    """A comparison falls on a slipped line in some prints only, and not on the last: so the seeds."""
     told = []
-    for seed in (0, 1, 2):
+    for seed in (1, 5, 6):
         folder = tmp_path / str(seed)
         folder.mkdir()
         printer, rng = MarlinPrinter(PRINTER, START), np.random.default_rng(seed)
