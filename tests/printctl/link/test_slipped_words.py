@@ -88,7 +88,7 @@ class StrayingTransport(SimTransport):
 
 
 def test_word_that_slipped_through_and_was_given_again_is_told(tmp_path):
-    """A comparison falls on a slipped line in some prints only, and not on the last: so the seeds."""
+    """Comparisons fall on a slipped line in some prints only, and on the last in others."""
     told = []
     for seed in (1, 5, 6):
         folder = tmp_path / str(seed)
