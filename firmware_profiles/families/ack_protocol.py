@@ -6,13 +6,15 @@ there is no asking "which line did you take last". Line numbers here are the hos
 What is evidence: the position. After silence M114 is sent behind the line in flight, again and
 again until it is answered. Lines are worked on in turn, so the answer, whenever it comes, is of a
 time when that line's fate was sealed; no line leaves between a doubt's questions, so that all their
-answers say the same. Where the line's end is, it was taken; where the line before it ended, it was
-not and is sent again; elsewhere, ask again, and end the print where the answer stays the same.
-Where the line changes no position, its ok counts if each question was answered too, so that nothing
-was lost; else it is sent again if doing it twice is doing it once (temperatures, modes, a move to
-where the needle is), else the print ends: nobody knows. Silence alone is followed by no repeat.
+answers say the same. Where each question was answered nothing was lost: the line's own ok counts.
+Else, where the line's end is, it was taken; where the line before it ended, it was not and is sent
+again; elsewhere, ask again, and end the print where the answer stays the same. Where the line
+changes no position, it is sent again if doing it twice is doing it once (temperatures, modes, a
+move to where the needle is), else the print ends: nobody knows. Silence alone is followed by no
+repeat.
 
-An ok right behind a position answers a question, however late; it never counts for a line.
+Until an ok without a position before it has come, one behind a position may answer a question of an
+earlier doubt: it counts for no line then.
 """
 
 from __future__ import annotations
@@ -326,7 +328,7 @@ class AckProtocol(ABC):
         if self._asking:
             self._bare += not placed
             self._await_more(now)
-        elif placed and (not asks_place or self._is_late(now)):
+        elif placed and self._is_late(now, asks_place):
             self.heard.clear()
             self._await_more(now)
         elif self._placing and not placed:
@@ -375,7 +377,7 @@ class AckProtocol(ABC):
         """Take a position: an answer of this doubt, or of one before."""
         position = parse_position((text,))
         self._placed = bool(position)
-        if self._asking and position and not self._is_late(now):
+        if self._asking and position and not self._is_late(now, asks_place=True):
             self._answered += 1
             self._position = position
 
@@ -383,9 +385,12 @@ class AckProtocol(ABC):
     def _asks_place(self) -> bool:
         return _code(self.flight or b"") == PLACE
 
-    def _is_late(self, now: float) -> bool:
-        """Whether a position answers a question of an earlier doubt; such come in turn."""
-        late = self._earlier > 0 and now <= self._earlier_until_s
+    def _is_late(self, now: float, asks_place: bool) -> bool:
+        """Whether a position answers a question of an earlier doubt; such come in turn.
+
+        Where the line in flight asks for none itself, however late.
+        """
+        late = self._earlier > 0 and (not asks_place or now <= self._earlier_until_s)
         self._earlier -= late
         return late
 
@@ -402,7 +407,7 @@ class AckProtocol(ABC):
         after, before = (self._there(position, self.lines_done + k) for k in (1, 0))
         moves = self.in_job and after != before
         missing = self._asked - self._answered
-        if self._asks_place:
+        if self._asks_place or (self._bare and missing <= 0):
             self.acknowledge(now, events)
         elif moves and after:
             events.append(said.Notice(f"the ok to line {self.number + 1} was lost"))
@@ -411,8 +416,6 @@ class AckProtocol(ABC):
             self._is_elsewhere(position, now, events)
         elif moves:
             self._send_again(now, events)
-        elif self._bare and missing <= 0:
-            self.acknowledge(now, events)
         elif missing > 0 and now < self._asked_s + self.timing.doubt_limit_s:
             self._position = position  # more may come
             self.deadline = self._asked_s + self.timing.doubt_limit_s

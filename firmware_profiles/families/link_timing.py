@@ -39,11 +39,11 @@ class Timing:
         After a doubt so many lines leave one by one, where two may be in flight.
     """
 
-    silence_s: float = 2.5
+    silence_s: float = 1.8
     deaf_s: float = 60.0
     quiet_s: float = 0.05
     whole_s: float = 0.2
-    answer_s: float = 1.0
+    answer_s: float = 0.8
     doubt_limit_s: float = 6.0
     silent_limit_s: float = 60.0
     busy_limit_s: float = 1800.0
