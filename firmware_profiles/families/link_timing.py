@@ -19,7 +19,8 @@ class Timing:
         Without any sign of life while a line is in flight, until the printer is asked. It decides
         nothing but how soon a lost ok is noticed.
     deaf_s : float
-        Interval of notices on a firmware that says nothing while it is busy and can't be asked.
+        Of a firmware that says nothing while it is busy: after so long, and then as often, a notice
+        is given and it is asked.
     quiet_s : float
         Of silence that counts as "no reply is under way"; longer than a USB adapter's latency.
     whole_s : float
@@ -32,7 +33,7 @@ class Timing:
     silent_limit_s : float
         Without a usable answer until a printer in mid-print counts as silent.
     busy_limit_s : float
-        For one line of a firmware that can't be asked.
+        For one line of a firmware that says nothing while it is busy.
     noise_window, noise_limit : int
         More than ``noise_limit`` lines sent again among ``noise_window``: the print pauses.
     calm_lines : int
