@@ -306,8 +306,10 @@ class AckProtocol(ABC):
             self._hear_place(text, now)
             if self.in_job and not _REPORT.match(text):
                 events.append(said.Remark(words))
-            if self._asks_place or not (self._asking and self._placed):
+            if not (self._asking and self._placed):
                 self.heard.append(text)
+            elif self._asks_place:  # one answer, of many to the same question
+                self.heard = [text]
             self._await_more(now)
 
     def _await_more(self, now: float) -> None:
@@ -327,6 +329,7 @@ class AckProtocol(ABC):
         asks_place = self._asks_place
         if self._asking:
             self._bare += not placed
+            self.sent_at = now  # it isn't silent
             self._await_more(now)
         elif placed and self._is_late(now, asks_place):
             self.heard.clear()
@@ -451,7 +454,7 @@ class AckProtocol(ABC):
             events.append(noisy)
         self._end_doubt()
         self._begin_doubt_count()
-        self.heard = []
+        self.heard, self.sent_at = [], now
         self._write(now)
 
     def end(self, event: Event, events: list[Event]) -> None:
