@@ -45,12 +45,9 @@ class SixthProtocol(AckProtocol):
             return Sort.REFUSAL
         return Sort.OK if text == b"ok" or text.startswith(b"ok ") else Sort.TEXT
 
-    def on_silence(self, now, events):
-        self.deadline = now + self.timing.deaf_s
-
 
 FAMILY = Family(
-    link=LinkFacts(says="sixth", make_protocol=lambda setup: SixthProtocol(setup.timing)),
+    link=LinkFacts(says="sixth", make_protocol=lambda one: SixthProtocol(one.places, one.timing)),
     grammar=Grammar(
         codes=codes("G", 0, 1, 4, 21, 28, 90, 92)
         | codes("M", 82, 85, 104, 105, 112, 114, 115, 140, 220, 221, 400, 777),

@@ -1,8 +1,20 @@
 """Base of RepRapFirmware's and Klipper's link protocols: one G-code line at a time, until its ok.
 
 Neither keeps count of lines as Marlin does: a line number is at most part of a checksum. So
-there is no asking "which line did you take last"; what is done in doubt is each family's own
-(`on_silence`). Line numbers here are the host's own count.
+there is no asking "which line did you take last". Line numbers here are the host's own count.
+
+What is evidence: the position. After silence M114 is sent behind the line in flight, again and
+again until it is answered. Lines are worked on in turn, so the answer, whenever it comes, is of a
+time when that line's fate was sealed; no line leaves between a doubt's questions, so that all their
+answers say the same. Where each question was answered nothing was lost: the line's own ok counts.
+Else, where the line's end is, it was taken; where the line before it ended, it was not and is sent
+again; elsewhere, ask again, and end the print where the answer stays the same. Where the line
+changes no position, it is sent again if doing it twice is doing it once (temperatures, modes, a
+move to where the needle is), else the print ends: nobody knows. Silence alone is followed by no
+repeat.
+
+Until an ok without a position before it has come, one behind a position may answer a question of an
+earlier doubt: it counts for no line then.
 """
 
 from __future__ import annotations
@@ -18,14 +30,33 @@ from typing import Final
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.known_messages import COMPLAINTS, MessageMeaning, MessageTable
 from firmware_profiles.families.line_errors import LineErrors
-from firmware_profiles.families.link_protocol import Event
+from firmware_profiles.families.link_protocol import Event, Places
 from firmware_profiles.families.link_timing import HOST_LATE_S, Timing
+from firmware_profiles.families.position_reply import parse_position
 
 PROBE: Final = b"M105"
 """Asked only to hear an answer: temperatures, which every family tells at any time."""
 PLACE: Final = b"M114"
 _REST_LIMIT: Final = 65536
-_POSITION: Final = re.compile(rb"X:\s*-?\d")
+WITHIN_MM: Final = 0.0016
+"""M114 has three decimals, of a 32-bit float."""
+_SURE: Final = 3
+_HARMLESS: Final = frozenset(
+    b"G0 G1 G4 G21 G90 G92 M42 M82 M84 M85 M92 M104 M105 M106 M107 M109 M114 M115 M116 M140 M190"
+    b" M191 M200 M201 M203 M204 M220 M221 M302 M400".split()
+)
+"""Done twice is done once, where no position changes (a dwell is only longer)."""
+_WORD: Final = re.compile(rb"([GM])0*(\d+)(?![.\d])")
+
+
+def _code(command: bytes) -> bytes:
+    match = _WORD.match(command)
+    return match[1] + match[2] if match else b""
+
+
+def nowhere(lines: Sequence[bytes], done: int) -> dict[str, float]:
+    """Tell no place."""
+    return {}
 
 
 class Sort(Enum):
@@ -55,22 +86,24 @@ _ENDS: Final = frozenset({Sort.FAULT, Sort.REFUSAL, Sort.HALT, Sort.RESTART})
 class AckProtocol(ABC):
     """State machine of one printer; see `firmware_profiles.families.link_protocol.LinkProtocol`.
 
-    A family gives `frame` (a command as it is sent), `sort` (what a reply is), `on_silence`, its
-    ``messages``, and how its errors begin (`error_starts`).
+    A family gives `frame` (a command as it is sent), `sort` (what a reply is), its ``messages``,
+    and how its errors begin (`error_starts`).
 
     Nothing leaves while a line from the printer is cut by a read: it may be an error. After
     ``silence_s`` its first half counts: as an error where it may be the beginning of one.
 
     Parameters
     ----------
-    timing : Timing
+    places : callable, optional
+        Where the job's text says needle and plunger are after so many lines.
+    timing : Timing, optional
     """
 
     kill_bytes: bytes = b"\nM112\n"
     messages: MessageTable
     error_starts: tuple[bytes, ...]
 
-    def __init__(self, timing: Timing | None = None) -> None:
+    def __init__(self, places: Places = nowhere, timing: Timing | None = None) -> None:
         self.timing = timing or Timing()
         self.deadline = math.inf
         self.lines_done = self.number = self.limit = 0
@@ -84,6 +117,12 @@ class AckProtocol(ABC):
         self._rest = self.report = b""
         self.out: list[bytes] = []
         self.heard: list[bytes] = []
+        self._places = places
+        self._begin_doubt_count()
+        self._asking = self._placed = False
+        self._elsewhere: dict[str, float] = {}
+        self._told = 0
+        self._earlier, self._earlier_until_s = 0, -math.inf
         self.errors = LineErrors(self.timing.noise_window, self.timing.noise_limit)
 
     # --- a family's own ----------------------------------------------------------------------
@@ -104,10 +143,6 @@ class AckProtocol(ABC):
         if text == b"ok" or text.startswith(b"ok "):
             return Sort.OK
         return Sort.TEXT if message is None else _SORTS.get(message.meaning, Sort.TEXT)
-
-    @abstractmethod
-    def on_silence(self, now: float, events: list[Event]) -> None:
-        """Do what is right when nothing was heard up to the deadline."""
 
     # --- what the streamer calls -----------------------------------------------------------
 
@@ -146,6 +181,9 @@ class AckProtocol(ABC):
 
     def ask(self, now: float) -> None:
         """Check that the printer answers; it can't name its last line. `Synchronised` follows."""
+        if self.lines:
+            self.confirm(now)
+            return
         self.flight, self.in_job, self.probing = PROBE, False, True
         self.fly(now)
 
@@ -200,8 +238,10 @@ class AckProtocol(ABC):
                 self._take_half(now, events)
             elif now - self.sent_at > self._patience():
                 self.end(said.NoReply(now - self.sent_at), events)
+            elif self._asking and self._position:
+                self._settle(now, events)
             else:
-                self.on_silence(now, events)
+                self._ask(now, events)
         return events
 
     def _take_half(self, now: float, events: list[Event]) -> None:
@@ -218,7 +258,8 @@ class AckProtocol(ABC):
     # --- steps -----------------------------------------------------------------------------
 
     def _patience(self) -> float:
-        return self.timing.doubt_limit_s if self.probing else self.timing.busy_limit_s
+        early = self.probing and not self.lines
+        return self.timing.doubt_limit_s if early else self.timing.busy_limit_s
 
     def _send_next(self, now: float) -> None:
         self.heard = []
@@ -234,16 +275,12 @@ class AckProtocol(ABC):
 
     def fly(self, now: float) -> None:
         """Write the line in flight for the first time."""
-        self.sent_at = now
-        self._write(now)
-
-    def repeat(self, now: float) -> None:
-        """Write the line in flight once more; what was heard of it counts no longer."""
-        self.heard = []
+        self.sent_at, self._told, self._placed = now, 0, False
+        self._begin_doubt_count()
         self._write(now)
 
     def _write(self, now: float) -> None:
-        self.out.append(self.frame(self.number + 1, self.flight or PROBE))
+        self.out.append(self.frame(self.number + 1, self.flight or PLACE))
         self.deadline = now + self.timing.silence_s
 
     def hear(self, text: bytes, now: float, events: list[Event]) -> None:
@@ -266,10 +303,21 @@ class AckProtocol(ABC):
         elif sort is Sort.NOTICE:
             events.append(said.Remark(words, known=True))
         elif self.flight is not None:
+            self._hear_place(text, now)
             if self.in_job and not _REPORT.match(text):
                 events.append(said.Remark(words))
-            self.heard.append(text)
+            if not (self._asking and self._placed):
+                self.heard.append(text)
+            elif self._asks_place:  # one answer, of many to the same question
+                self.heard = [text]
+            self._await_more(now)
+
+    def _await_more(self, now: float) -> None:
+        """Set the deadline behind a line that ends nothing."""
+        if not self._asking:
             self.deadline = now + self.timing.silence_s
+        elif self._position:
+            self.deadline = now + self.timing.quiet_s
 
     def _hear_ok(self, text: bytes, now: float, events: list[Event]) -> None:
         if self.flight is None:
@@ -277,17 +325,28 @@ class AckProtocol(ABC):
             return
         if text != b"ok":
             self.heard.append(text)
-        if self._placing and not any(_POSITION.search(words) for words in self.heard):
+        placed, self._placed = self._placed, False
+        asks_place = self._asks_place
+        if self._asking:
+            self._bare += not placed
+            self.sent_at = now  # it isn't silent
+            self._await_more(now)
+        elif placed and self._is_late(now, asks_place):
+            self.heard.clear()
+            self._await_more(now)
+        elif self._placing and not placed:
             events.append(said.Notice("an ok that answers an earlier line"))
-            self.deadline = now + self.timing.silence_s
-            return
-        self._placing = False
-        self.acknowledge(now, events)
+            self._await_more(now)
+        else:
+            if not asks_place:  # it left behind all questions
+                self._earlier = 0
+            self.acknowledge(now, events)
 
     def acknowledge(self, now: float, events: list[Event]) -> None:
         """Count the line in flight as taken, and send the next."""
+        self._end_doubt()
         if self.probing:
-            self.probing = False
+            self.probing = self._placing = False
             events.append(said.Synchronised(self.number))
             self.flight, self.deadline = None, math.inf
             return
@@ -298,6 +357,105 @@ class AckProtocol(ABC):
         else:
             events.append(said.CommandReplied(self.flight or b"", self.number, tuple(self.heard)))
         self._send_next(now)
+
+    # --- doubt ---------------------------------------------------------------------------------
+
+    def _begin_doubt_count(self) -> None:
+        self._asked = self._answered = self._bare = 0
+        self._asked_s = -math.inf
+        self._position: dict[str, float] = {}
+
+    def _ask(self, now: float, events: list[Event]) -> None:
+        """Ask where the printer is, ever again; once a minute of one that stays silent."""
+        silent = now - self.sent_at
+        self._asking = True
+        self._asked, self._asked_s = self._asked + 1, now
+        self.out.append(self.frame(self.number + 2, PLACE))
+        self.deadline = now + self.timing.answer_s
+        if silent >= self.timing.deaf_s:
+            events.append(said.Notice(f"line {self.number + 1}: no word for {silent:.0f} s"))
+            self.deadline = now + self.timing.deaf_s
+
+    def _hear_place(self, text: bytes, now: float) -> None:
+        """Take a position: an answer of this doubt, or of one before."""
+        position = parse_position((text,))
+        self._placed = bool(position)
+        if self._asking and position and not self._is_late(now, asks_place=True):
+            self._answered += 1
+            self._position = position
+
+    @property
+    def _asks_place(self) -> bool:
+        return _code(self.flight or b"") == PLACE
+
+    def _is_late(self, now: float, asks_place: bool) -> bool:
+        """Whether a position answers a question of an earlier doubt; such come in turn.
+
+        Where the line in flight asks for none itself, however late.
+        """
+        late = self._earlier > 0 and (not asks_place or now <= self._earlier_until_s)
+        self._earlier -= late
+        return late
+
+    def _end_doubt(self) -> None:
+        """Keep in mind which answers may come yet."""
+        if self._asking:
+            self._earlier = self._asked + self._asks_place - self._answered
+            self._earlier_until_s = self._asked_s + self.timing.doubt_limit_s
+        self._asking = False
+
+    def _settle(self, now: float, events: list[Event]) -> None:
+        """Decide whether the line in flight was taken: the printer has answered and is quiet."""
+        position, self._position = self._position, {}
+        after, before = (self._there(position, self.lines_done + k) for k in (1, 0))
+        moves = self.in_job and after != before
+        missing = self._asked - self._answered
+        if self._asks_place or (self._bare and missing <= 0):
+            self.acknowledge(now, events)
+        elif moves and after:
+            events.append(said.Notice(f"the ok to line {self.number + 1} was lost"))
+            self.acknowledge(now, events)
+        elif self.in_job and not after and not before:
+            self._is_elsewhere(position, now, events)
+        elif moves:
+            self._send_again(now, events)
+        elif missing > 0 and now < self._asked_s + self.timing.doubt_limit_s:
+            self._position = position  # more may come
+            self.deadline = self._asked_s + self.timing.doubt_limit_s
+        elif _code(self.flight or b"") in _HARMLESS:
+            self._send_again(now, events)
+        else:
+            self.end(said.NoReply(now - self.sent_at), events)
+
+    def _is_elsewhere(self, position: dict[str, float], now: float, events: list[Event]) -> None:
+        """Ask again; a place told `_SURE` times running is where it is, and not the job's.
+
+        A board that was reset says nothing of it, but stands at 0 in X, Y and Z.
+        """
+        self._told = self._told + 1 if position == self._elsewhere else 1
+        self._elsewhere = position
+        if self._told < _SURE:
+            self._ask(now, events)
+        elif any(position.get(axis, 0.0) for axis in "XYZ"):
+            self.end(said.NoReply(now - self.sent_at), events)
+        else:
+            self.end(said.FirmwareReset(), events)
+
+    def _there(self, position: dict[str, float], done: int) -> bool:
+        return all(
+            axis not in position or abs(position[axis] - value) <= WITHIN_MM
+            for axis, value in self._places(self.lines, done).items()
+        )
+
+    def _send_again(self, now: float, events: list[Event]) -> None:
+        """Write the line in flight once more; what was heard of it counts no longer."""
+        noisy = self.errors.count(self.number)
+        if noisy:
+            events.append(noisy)
+        self._end_doubt()
+        self._begin_doubt_count()
+        self.heard, self.sent_at = [], now
+        self._write(now)
 
     def end(self, event: Event, events: list[Event]) -> None:
         """Take no further part."""

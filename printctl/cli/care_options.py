@@ -44,7 +44,7 @@ SilentLimitOption = Annotated[
         min=10.0,
         max=86_400.0,
         help="End the print when the printer gives no usable answer for so long, s; 60, or 1800 "
-        "for one line of Klipper and RepRapFirmware, which can't be asked.",
+        "for one line of Klipper and RepRapFirmware, which may be busy with it.",
     ),
 ]
 NoiseLimitOption = Annotated[

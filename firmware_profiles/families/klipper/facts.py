@@ -64,7 +64,7 @@ _ASKED: Final[dict[str, Rule]] = {
 
 
 def _make_protocol(setup: LinkSetup) -> LinkProtocol:
-    return KlipperProtocol(setup.timing)
+    return KlipperProtocol(setup.places, setup.timing)
 
 
 def _confirms(number: int) -> tuple[bytes, ...]:

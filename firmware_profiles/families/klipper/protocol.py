@@ -8,9 +8,8 @@ Why it has stopped it says when it is asked (``STATUS``): lines with ``//``, the
 ``!!``. One that has stopped already answers each command by its reason and ``// Printer is
 shutdown`` (klippy of 2026-08, tried on a real one).
 
-The terminal is on the machine that runs Klipper: no noise, no lost bytes. So silence means only
-that the line's turn hasn't come: Klipper says nothing while it is busy. It is waited for, with a
-notice a minute, and never sent again. A long wire in between (a bridge over UART) isn't safe, as
+The terminal is on the machine that runs Klipper: no noise. Klipper says nothing while it is busy;
+a bridge to the terminal may lose bytes. A long wire in between (a bridge over UART) isn't safe, as
 nothing would find a flipped bit. After a crash of the host there is no asking which line was
 taken last.
 """
@@ -22,9 +21,9 @@ from collections.abc import Sequence
 from typing import Final
 
 from firmware_profiles.families import link_protocol as said
-from firmware_profiles.families.ack_protocol import AckProtocol, Sort
+from firmware_profiles.families.ack_protocol import AckProtocol, Sort, nowhere
 from firmware_profiles.families.known_messages import load_messages
-from firmware_profiles.families.link_protocol import Event
+from firmware_profiles.families.link_protocol import Event, Places
 from firmware_profiles.families.link_timing import Timing
 
 _REASON_S: Final = 3.0
@@ -39,8 +38,8 @@ class KlipperProtocol(AckProtocol):
     messages = load_messages("klipper")
     error_starts = (b"!!", b"//")
 
-    def __init__(self, timing: Timing | None = None) -> None:
-        super().__init__(timing)
+    def __init__(self, places: Places = nowhere, timing: Timing | None = None) -> None:
+        super().__init__(places, timing)
         self._halted = self._reason = ""
 
     def frame(self, number: int, command: bytes) -> bytes:
@@ -84,12 +83,3 @@ class KlipperProtocol(AckProtocol):
             events.append(said.Halting(words))
         else:
             super().hear(text, now, events)
-
-    def on_silence(self, now: float, events: list[Event]) -> None:
-        """Wait on, with a notice a minute."""
-        if now - self.sent_at >= self.timing.deaf_s:
-            silent = now - self.sent_at
-            events.append(said.Notice(f"line {self.number + 1}: no word for {silent:.0f} s"))
-        self.deadline = now + self.timing.deaf_s
-        if self.probing:
-            self.deadline = now + self.timing.answer_s

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from collections import deque
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
@@ -18,11 +18,6 @@ from firmware_profiles.families.marlin.replies import (
 QUESTION: Final = harmless_query.QUESTION
 RENUMBER: Final = b"\n" + frame(0, b"M110 N0")
 MAX_SET_BACKS: Final = 5
-LATENESS: Final = 1.5
-"""Times the first answer's lateness, within which the last is expected."""
-PROMPT_ANSWERS: Final = 4
-"""So many running, each alone and soon after its question: what wasn't answered before is lost.
-On a line that answers late, those of earlier questions seldom fall so."""
 
 
 class Phase(Enum):
@@ -46,6 +41,55 @@ class QueryGoal(Enum):
     """The printer's count is set to the host's, which another program has changed."""
 
 
+class Questions:
+    """Questions whose answers haven't come; they come in turn, or were lost.
+
+    All answers within one doubt say the same, as no line leaves between its questions. One to a
+    question of an earlier doubt says what was true then: it is passed over.
+
+    Parameters
+    ----------
+    lost_s : float
+        Without its answer for so long, a question or its answer was lost.
+    two_resends : bool
+        As `DoubtEvidence`'s: then it is two questions.
+    """
+
+    def __init__(self, lost_s: float, two_resends: bool) -> None:
+        self._lost_s, self._two_resends = lost_s, two_resends
+        self._asked_s: deque[float] = deque()
+        self._late = self._late_ok = False
+
+    def ask(self, now: float) -> None:
+        """Record that one was asked."""
+        self._asked_s += [now] * (2 if self._two_resends else 1)
+
+    def forget(self, until_s: float) -> None:
+        """Forget those asked before ``until_s``: what was sent then has come back."""
+        while self._asked_s and self._asked_s[0] < until_s:
+            self._asked_s.popleft()
+        self._late = self._late_ok = False
+
+    def answered_late(self, reply: Reply, now: float, began_s: float) -> bool:
+        """Whether a line belongs to the answer to a question of before ``began_s``."""
+        kind = reply.kind
+        if kind is Kind.OK:
+            late, self._late_ok = self._late_ok, False
+            return late
+        begins = kind is (Kind.RESEND if self._two_resends else Kind.ERROR)
+        if begins and (self._two_resends or ORDER_ERROR in reply.text):
+            while self._asked_s and self._asked_s[0] < now - self._lost_s:
+                self._asked_s.popleft()
+            self._late = bool(self._asked_s) and self._asked_s[0] < began_s
+            if self._asked_s:
+                self._asked_s.popleft()
+            return self._late
+        late = kind is Kind.RESEND and self._late
+        if late:
+            self._late, self._late_ok = False, True
+        return late
+
+
 @dataclass
 class DoubtEvidence:
     """What was heard since the doubt began.
@@ -54,16 +98,16 @@ class DoubtEvidence:
     ----------
     since : float
         When it began, or the printer last said that it is busy, s.
+    began_s : float, s
+        When it began.
     number : int
         Of the (first) line in flight.
     flights : tuple of (bytes or None)
         The command in flight, or two.
     two_resends : bool
         Whether the answer to a question is twice the same ``Resend``, each without an ok.
-    by_silence : bool
-        Whether nothing was heard, rather than something doubtful.
-    asked : int
-        Questions so far.
+    asked : bool
+        Whether a question was asked.
     alarmed : bool
         Whether it was said that no usable answer comes.
     last, resend : int
@@ -74,36 +118,21 @@ class DoubtEvidence:
         That belong to no ``Resend`` and no unknown command of a stray fragment.
     quoted : bytes
         The command in an unknown-command echo.
-    answers_until : float, s
-        Where fewer answers than questions came: until then another may be under way, unless the
-        line proves prompt; -inf before the first.
-    prompt : int
-        Last answers running, each alone and soon after its question.
-    probed : bool
-        Whether a question was asked behind an answer, to see whether the line is prompt.
     """
 
     since: float
+    began_s: float = 0.0
     number: int = 0
     flights: tuple[bytes | None, ...] = (None,)
     two_resends: bool = False
-    by_silence: bool = False
-    asked: int = 0
+    asked: bool = False
     alarmed: bool = False
     last: int = -1
     resend: int = -1
     confirmed: int = -1
     oks: int = 0
     quoted: bytes = b""
-    answers_until: float = -math.inf
-    prompt: int = 0
-    probed: bool = False
     _foreign_ok: bool = False
-    _first_asked: float = 0.0
-    _asked_at: float = 0.0
-    _since_asked: int = 0
-    _orders: int = 0
-    _resends: int = 0
 
     @property
     def answered(self) -> bool:
@@ -115,42 +144,15 @@ class DoubtEvidence:
         """Whether they say the same."""
         return self.last >= 0 and self.resend == self.last + 1
 
-    def ask_again(self, now: float) -> None:
+    def ask_again(self) -> None:
         """Forget the last answer; what it said of the ok to come, too."""
+        self.asked = True
         self.last = self.resend = -1
         self._foreign_ok = False
-        if not self.asked:
-            self._first_asked = now
-        self.asked += 1
-        self._asked_at, self._since_asked = now, 0
-
-    def take_answer(self, now: float, prompt_s: float) -> None:
-        """Record when an answer came: one to the last question, if within ``prompt_s``.
-
-        What came late for the first may come as late for the last.
-        """
-        self._since_asked += 1
-        alone = self._since_asked == 1 and now - self._asked_at <= prompt_s
-        self.prompt = self.prompt + 1 if alone else 0
-        if self.answers == 1:
-            self.answers_until = now + LATENESS * (now - self._first_asked)
-
-    @property
-    def answers(self) -> int:
-        """Return how many questions were answered."""
-        return max(self._orders, self._resends // (2 if self.two_resends else 1))
-
-    def awaits_answers(self, now: float) -> bool:
-        """Whether an answer to an earlier question may be under way: a later doubt's, it seemed."""
-        late = self.answers < self.asked and now < self.answers_until
-        return late and self.prompt < PROMPT_ANSWERS
 
     def hear(self, reply: Reply) -> None:
         """Take one more line into account."""
         kind = reply.kind
-        if self.asked:
-            self._resends += kind is Kind.RESEND
-            self._orders += kind is Kind.ERROR and ORDER_ERROR in reply.text
         if kind is Kind.OK:
             self._hear_ok(reply)
         elif kind is Kind.RESEND and not self.two_resends:

@@ -11,13 +11,8 @@ from firmware_profiles.families.marlin.doubt import MAX_SET_BACKS, RENUMBER, Pha
 from firmware_profiles.families.marlin.replies import Kind, Reply, frame
 from firmware_profiles.families.marlin.sender import Sender
 from firmware_profiles.families.marlin.state import LineState
-from firmware_profiles.families.marlin.tokens import MOST_DOUBLINGS, PATIENCE_S
 
 _MEMORY: Final = 8
-_PROMPT_S: Final = 0.1
-"""Longest time for an answer of a board at rest, beside the wire's."""
-_SLOW_ANSWERS: Final = 4
-"""Questions asked at a slow line's interval; without any answer the line is dead."""
 
 
 class DoubtResolver:
@@ -35,8 +30,9 @@ class DoubtResolver:
     def hear(self, reply: Reply, now: float) -> None:
         """Take one line from the printer while in doubt."""
         state = self._state
-        oks, answers = state.doubt.oks, state.doubt.answers
-        if not state.tokens.hear(reply.text):
+        oks = state.doubt.oks
+        late = state.questions.answered_late(reply, now, state.doubt.began_s)
+        if not (late or state.hear_token(reply.text)):
             state.doubt.hear(reply)
         if reply.kind in (Kind.REPORT, Kind.TEXT) or (
             reply.kind is Kind.OK and reply.text != b"ok" and reply.number < 0
@@ -49,10 +45,8 @@ class DoubtResolver:
             state.tokens.move_on()
         if reply.kind in (Kind.REPORT, Kind.BUSY):
             return  # they come at any time and are no sign that a reply is under way
-        if state.phase is Phase.ASK and state.doubt.answered:
+        if state.doubt.asked and state.doubt.answered:
             state.phase = Phase.SETTLE
-        if state.doubt.answers > answers:
-            state.doubt.take_answer(now, _PROMPT_S + state.timing.quiet_s)
         if state.phase is not Phase.ASK:
             state.deadline = now + state.timing.quiet_s
         else:  # something other than the whole answer: what follows comes soon or not at all
@@ -70,11 +64,10 @@ class DoubtResolver:
         if silent > timing.doubt_limit_s and not doubt.alarmed:
             doubt.alarmed = True
             events.append(said.Waiting(silent, limit))
-        doubt.ask_again(now)
+        doubt.ask_again()
+        state.questions.ask(now)
         state.out.append(state.wording.question)
-        dead = not early and doubt.asked > _SLOW_ANSWERS
-        state.phase = Phase.ASK
-        state.deadline = now + (timing.ask_again_s if dead else timing.answer_s)
+        state.phase, state.deadline = Phase.ASK, now + timing.answer_s
 
     def unanswered(self, now: float, events: list[Event]) -> None:
         """Wait for quiet, and ask again."""
@@ -88,15 +81,6 @@ class DoubtResolver:
     def settled(self, now: float, events: list[Event]) -> None:
         """Go on from the answer, where its halves agree."""
         state = self._state
-        if state.doubt.awaits_answers(now):
-            doubt = state.doubt
-            dead = doubt.asked > _SLOW_ANSWERS and (doubt.prompt or not doubt.probed)
-            if state.lines and (dead or doubt.prompt == doubt.answers):
-                doubt.probed = True
-                self.ask_now(now, events)
-            else:
-                state.deadline = state.doubt.answers_until
-            return
         last = state.doubt.last
         wanted = {QueryGoal.RENUMBER: 0, QueryGoal.SET_BACK: state.number}.get(state.goal, last)
         failed = last != wanted
@@ -208,14 +192,11 @@ class DoubtResolver:
 
     def _wants_another(self, now: float) -> bool:
         """Whether the token in flight, which was taken, is to be followed by another."""
-        state = self._state
-        tokens = state.tokens
-        tokens.rounds += 1
-        patient = state.doubt.by_silence and tokens.rounds < 2
-        return tokens.echoed or (not patient and tokens.may_send(now, state.keepalive))
+        tokens = self._state.tokens
+        return tokens.echoed or tokens.may_send(now, self._state.keepalive)
 
     def _wait_on(self, now: float, events: list[Event]) -> None:
-        """Wait for the echo, and ask ever less often whether the printer is still there.
+        """Wait for the echo; ask again after each silence.
 
         One that doesn't say when it is busy may have lost the echo: it has a limit.
         """
@@ -224,9 +205,7 @@ class DoubtResolver:
         if not state.keepalive and waited > state.timing.busy_limit_s:
             state.end(said.NoReply(waited), events)
             return
-        doublings = min(state.tokens.rounds, MOST_DOUBLINGS)
-        wait = min(state.timing.silence_s * 2.0**doublings, PATIENCE_S)
-        state.phase, state.deadline = Phase.FLIGHT, now + wait
+        state.phase, state.deadline = Phase.FLIGHT, now + state.timing.silence_s
 
     def _go_back(self, last: int, now: float, events: list[Event]) -> None:
         """Send lines again that an ok which wasn't theirs had acknowledged."""
@@ -253,7 +232,5 @@ class DoubtResolver:
 
     def silence(self, now: float, events: list[Event]) -> None:
         """Doubt the line in flight, and ask at once."""
-        state = self._state
-        state.begin_doubt(QueryGoal.GO_ON, now)
-        state.doubt.by_silence = True
+        self._state.begin_doubt(QueryGoal.GO_ON, now)
         self.ask_now(now, events)

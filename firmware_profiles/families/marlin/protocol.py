@@ -38,7 +38,7 @@ from typing import Final
 from firmware_profiles.families.line_errors import LineErrors
 from firmware_profiles.families.link_protocol import Event
 from firmware_profiles.families.link_timing import HOST_LATE_S, Timing
-from firmware_profiles.families.marlin.doubt import RENUMBER, Phase, QueryGoal
+from firmware_profiles.families.marlin.doubt import RENUMBER, Phase, QueryGoal, Questions
 from firmware_profiles.families.marlin.doubt_resolver import DoubtResolver
 from firmware_profiles.families.marlin.pairing import Pairing
 from firmware_profiles.families.marlin.reply_handler import ReplyHandler
@@ -65,7 +65,8 @@ class MarlinProtocol:
     def __init__(self, timing: Timing | None = None, pairing: Pairing | None = None) -> None:
         timing, wording = timing or Timing(), self.wording
         errors = LineErrors(timing.noise_window, timing.noise_limit)
-        self.state = LineState(timing, pairing, wording, errors, wording.make_tokens())
+        questions = Questions(timing.doubt_limit_s, wording.two_resends)
+        self.state = LineState(timing, pairing, wording, errors, wording.make_tokens(), questions)
         self._sender = Sender(self.state)
         self._doubting = DoubtResolver(self.state, self._sender)
         self._hearing = ReplyHandler(self.state, self._sender, self._doubting)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -145,6 +146,8 @@ class ReplyHandler:
     def _at_rest(self, reply: Reply, now: float, events: list[Event]) -> None:
         """Take a line with nothing in flight, but for a line whose end hasn't left yet."""
         state, kind = self._state, reply.kind
+        if state.questions.answered_late(reply, now, math.inf):
+            return
         refused = kind in (Kind.RESEND, Kind.ERROR, Kind.UNKNOWN_COMMAND, Kind.JUNK)
         if state.second is not None and refused:
             noisy = state.errors.count(state.number)  # it has ended that line
@@ -206,10 +209,13 @@ class ReplyHandler:
         return state.flight_control and not state.tokens.flying
 
     def _token(self, reply: Reply, now: float, events: list[Event]) -> bool:
-        """Take an echo, or an ok while a token is in flight; False for anything else."""
+        """Take an echo, an ok while a token is in flight, or a late answer; False for all else."""
         state = self._state
         tokens = state.tokens
-        if tokens.hear(reply.text):
+        if state.questions.answered_late(reply, now, math.inf):
+            state.deadline = now + state.timing.silence_s
+            return True
+        if state.hear_token(reply.text):
             state.deadline = now + tokens.ok_wait_s(state.timing.answer_s)
             return True
         if tokens.flying and not tokens.echoed and tokens.resembles(reply.text):

@@ -12,7 +12,13 @@ from firmware_profiles.families.line_errors import LineErrors
 from firmware_profiles.families.link_protocol import Event, Fault
 from firmware_profiles.families.link_timing import Timing
 from firmware_profiles.families.marlin.bit_flips import guard_command
-from firmware_profiles.families.marlin.doubt import QUESTION, DoubtEvidence, Phase, QueryGoal
+from firmware_profiles.families.marlin.doubt import (
+    QUESTION,
+    DoubtEvidence,
+    Phase,
+    QueryGoal,
+    Questions,
+)
 from firmware_profiles.families.marlin.pairing import Pairing
 from firmware_profiles.families.marlin.replies import Reply, classify
 from firmware_profiles.families.marlin.tokens import Tokens
@@ -57,6 +63,7 @@ class LineState:
     wording : Wording
     errors : LineErrors
     tokens : Tokens
+    questions : Questions
     deadline, lines_done, number, held, limit, keepalive, report
         As `LinkProtocol`'s.
     lines : sequence of bytes
@@ -121,6 +128,7 @@ class LineState:
     wording: Wording
     errors: LineErrors
     tokens: Tokens
+    questions: Questions
     deadline: float = math.inf
     lines_done: int = 0
     number: int = 0
@@ -187,6 +195,13 @@ class LineState:
                 line -= 1
         return -1
 
+    def hear_token(self, text: bytes) -> bool:
+        """Whether a line is a token's echo; what was asked before the newest is answered by it."""
+        heard = self.tokens.hear(text)
+        if heard and self.tokens.echoed:
+            self.questions.forget(self.tokens.sent_s)
+        return heard
+
     def hold(self) -> None:
         """Let no line of the job go on, nor one whose end hasn't left yet."""
         self.held, self.refusing = True, bool(self.withheld)
@@ -205,7 +220,7 @@ class LineState:
         self.alone_until = self.number + self.timing.calm_lines
         self.goal, self.phase = goal, Phase.DRAIN
         flights = (self.flight,) if self.second is None else (self.flight, self.second)
-        self.doubt = DoubtEvidence(now, self.number + 1, flights, self.wording.two_resends)
+        self.doubt = DoubtEvidence(now, now, self.number + 1, flights, self.wording.two_resends)
         self.deadline = now + self.timing.quiet_s
 
     def end(self, event: Event, events: list[Event]) -> None:

@@ -20,7 +20,7 @@ COMMAND: Final = b"M118 E1 "
 MOST: Final = 2
 """Tokens that wait for their echo: with the line before them, fewer than a command queue holds."""
 PATIENCE_S: Final = 20.0
-"""Longest wait for an echo until the printer is asked again."""
+"""Longest wait for the ok behind an echo."""
 MOST_DOUBLINGS: Final = 8
 TRIES: Final = 60
 """So many tokens that don't come back, though they are taken: the firmware has no such command."""
@@ -44,8 +44,8 @@ class Tokens:
         Oks that are due from lines taken since the doubt began, and those that came.
     numbers : set of int
         Lines that were tokens.
-    rounds : int
-        Questions asked while the newest was awaited.
+    sent_s : float, s
+        When the newest left.
     tries : int
         Tokens sent since oks were last believed.
     doubted : bool
@@ -58,7 +58,7 @@ class Tokens:
         self.suspect = self.flying = self.echoed = self.behind = self.doubted = False
         self.owed = self.heard = 0.0
         self.numbers: set[int] = set()
-        self.rounds = 0
+        self.sent_s = 0.0
         self._active_at = -math.inf
         self._moved_on = False
         self.tries = self._count = self._late = 0
@@ -87,7 +87,7 @@ class Tokens:
         self._texts.append(text)
         self.suspect = self.flying = True
         self.behind = False
-        self.echoed, self.rounds, self._active_at = False, 0, now
+        self.echoed, self.sent_s, self._active_at = False, now, now
         self._moved_on = False
         return COMMAND + text
 
@@ -152,7 +152,7 @@ class Tokens:
         surplus = int(max(self.heard - self.owed, 0.0))
         self.suspect = self.flying = self.echoed = self.doubted = False
         self.owed = self.heard = 0.0
-        self.tries = 0
+        self.tries, self._late = 0, max(self._late - 1, 0)
         self._texts.clear()
         return surplus
 

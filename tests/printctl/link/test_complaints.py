@@ -319,8 +319,8 @@ def test_an_end_that_cannot_be_compared_is_done_and_says_so(tmp_path):
 def test_the_comparison_of_the_end_costs_one_query(tmp_path):
     printer = FaultyMarlin(at=1000)
     assert ended(printer, tmp_path).state is LinkState.DONE
-    behind = printer.numbered[printer.numbered.index("M400") :]
-    assert behind.count("M114") == 1
+    last = max(k for k, line in enumerate(printer.numbered) if line == "M400")
+    assert printer.numbered[last:].count("M114") == 1
 
 
 def test_an_error_before_the_first_line_starts_no_print(tmp_path):

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 
+import numpy as np
 import pytest
 
+from firmware_profiles import Printer, load
 from printctl.link.clock import VirtualClock
+from printctl.link.families import protocol_for
 from printctl.link.states import LinkState
+from printctl.link.streamer import Streamer
 from printctl.link.transport_serial import SerialTransport
+from printctl.link.wiring import Wiring
+from sim.board.printer import SimulatedPrinter
 from sim.families.marlin.printer import MarlinPrinter
+from sim.families.registry import simulated_printer
 from sim.faults.fault_file import Fault
-from tests.printctl.link.simulated import HEADER, PRINTER, START, gcode, printed
+from sim.motion.executed import ExecutedMotion
+from tests.printctl.link.jobs import parse_job
+from tests.printctl.link.journals import journal_in
+from tests.printctl.link.simulated import HEADER, PRINTER, START, gcode, printed, same_motion
 from tests.printctl.link.simulated_transport import SimulatedTransport
+from tests.slower import first_of
 
 BEGINS_S = 20.0
 
@@ -21,8 +33,16 @@ BEGINS_S = 20.0
 class DeadLine(SimulatedTransport):
     """A line that is dead for a time: what is sent meanwhile is lost, or held until its end."""
 
-    def __init__(self, dead_s: float, held: bool, down: bool = True, up: bool = True) -> None:
-        super().__init__(MarlinPrinter(PRINTER, START), VirtualClock())
+    def __init__(
+        self,
+        dead_s: float,
+        held: bool,
+        down: bool = True,
+        up: bool = True,
+        printer: SimulatedPrinter | None = None,
+    ) -> None:
+        super().__init__(printer or MarlinPrinter(PRINTER, START), VirtualClock())
+        self.next_line_s = self.quickstop_s = math.inf
         self.ends_s, self.held, self.down, self.up = BEGINS_S + dead_s, held, down, up
         self._down: list[bytes] = []
         self._up = b""
@@ -37,6 +57,10 @@ class DeadLine(SimulatedTransport):
             self._down += [data] if self.held else []
             return
         self._let_go()
+        if b"G1 X" in data and self.clock.now() >= self.ends_s:
+            self.next_line_s = min(self.next_line_s, self.clock.now())
+        if b"M410" in data and self.clock.now() >= self.ends_s:
+            self.quickstop_s = min(self.quickstop_s, self.clock.now())
         super().write(data)
 
     def _let_go(self) -> None:
@@ -71,6 +95,71 @@ def test_print_goes_on_within_two_seconds_of_the_lines_return(tmp_path, dead_s, 
     assert status.state is LinkState.DONE
     assert late_s < dead_s + 2.0
     assert stood_s(status.message) == pytest.approx(late_s, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("profile", "header"),
+    [
+        ("ender5_duet3_replistruder5", b"M302 P1\n"),
+        ("klipper_bioprinter", b"SET_KINEMATIC_POSITION X=50 Y=50 Z=10\n"),
+    ],
+)
+@pytest.mark.parametrize(("down", "up"), [(True, True), (True, False), (False, True)])
+@pytest.mark.parametrize(
+    ("dead_s", "held"), [(0.3, False), (5.0, False), (25.0, False), (25.0, True)]
+)
+def test_print_on_other_boards_goes_on_too(tmp_path, profile, header, dead_s, held, down, up):
+    facts = load(Printer, profile)
+    job = parse_job(header + b"G90\nM82\n" + gcode(300).split(b"\n", 4)[4], "test.gcode", facts)
+
+    def made(line: DeadLine) -> ExecutedMotion:
+        (folder := tmp_path / str(line.ends_s)).mkdir()
+        journal, protocol = journal_in(folder), protocol_for(facts, 0.05)
+        status = Streamer(Wiring(line, protocol, line.clock, journal, facts), job).run()
+        assert status.state is LinkState.DONE
+        return line.printer.executed()
+
+    alone, line = (
+        DeadLine(seconds, held, down, up, simulated_printer(facts)(facts, START))
+        for seconds in (0.0, dead_s)
+    )
+    assert same_motion(made(alone), made(line))
+    assert line.next_line_s - line.ends_s < 2.0
+
+
+@pytest.mark.parametrize("seed", first_of(range(25), 4))
+def test_answers_that_are_all_late_by_up_to_five_seconds_lead_nowhere_else(tmp_path, seed):
+    line, rng = DeadLine(0.0, held=False), np.random.default_rng(seed)
+    up = line.line.up
+
+    def late(data: bytes, now: float) -> None:
+        line.line.hold(5.0 * rng.random() if data else 0.0)
+        up(data, now)
+
+    line.line.up = late  # type: ignore[method-assign]
+    status, _ = printed(gcode(60), tmp_path, line)
+    assert status.state is LinkState.DONE
+    alone, _ = DeadLine(0.0, held=False), (tmp_path / "alone").mkdir()
+    printed(gcode(60), tmp_path / "alone", alone)
+    assert same_motion(line.printer.executed(), alone.printer.executed())
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_stop_is_obeyed_within_a_second_of_the_lines_return(tmp_path, held):
+    asked: list[Streamer] = []
+
+    class Stopped(DeadLine):
+        """Somebody asks for a stop while the line is dead."""
+
+        def read(self, timeout: float) -> bytes:
+            if self.dead and self.clock.now() > BEGINS_S + 10.0 and asked:
+                asked.pop().stop()
+            return super().read(timeout)
+
+    line = Stopped(25.0, held)
+    status, _ = printed(gcode(400), tmp_path, line, keep=asked)
+    assert status.state is LinkState.STOPPED
+    assert line.quickstop_s - line.ends_s < 1.0
 
 
 def test_time_that_the_moves_in_flight_explain_is_no_standstill(tmp_path):

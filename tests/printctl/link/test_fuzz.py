@@ -123,9 +123,10 @@ def frames(family: str) -> set[bytes]:
 
 
 _QUESTIONS = re.compile(
-    rb"N99999999 M105\*23$|N\d+ (M400|M114|M105)\*\d{5}$|N\d+ M115\*\d{1,3}$|M105$|STATUS$"
+    rb"N99999999 M105\*23$|N\d+ (M114|M105)\*\d{5}$|N\d+ M115\*\d{1,3}$|M1(05|14)$|STATUS$"
+    rb"|N(\d+) M110 N\3\*\d{1,3}$"
 )
-"""What asks, of each family: the fourth is Smoothieware's token."""
+"""What asks, of each family, and sets a count back; the third is Smoothieware's token."""
 
 
 @pytest.mark.parametrize("family", FAKES)

@@ -136,7 +136,7 @@ def test_failed_attempts_to_go_on_leave_what_was_known(tmp_path, last):
     job = parse_job(data, "test.gcode", PRINTER)
     begin(tmp_path, job)
     with pytest.raises(HostDiedError):
-        printed(data, tmp_path, doomed(printer, clock, 60, 1.0))
+        printed(data, tmp_path, doomed(printer, clock, 66, 1.0))
     before = read_journal(tmp_path / "journal.log")
     with pytest.raises(NoCheckpoint) as first:
         plan_recovery(job, data, before, PRINTER, Retreat())

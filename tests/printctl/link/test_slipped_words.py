@@ -88,19 +88,20 @@ class StrayingTransport(SimTransport):
 
 
 def test_word_that_slipped_through_and_was_given_again_is_told(tmp_path):
-    """A comparison falls on a slipped line in some prints only, so three are asked together."""
+    """Comparisons fall on a slipped line in some prints only; one that would stay ends others."""
     told = []
-    for seed in (0, 1, 2):
+    for seed in range(5):
         folder = tmp_path / str(seed)
         folder.mkdir()
         printer, rng = MarlinPrinter(PRINTER, START), np.random.default_rng(seed)
         transport = StrayingTransport(printer, VirtualClock(), rng, noise=0.001)
         status, _ = printed(gcode(600), folder, transport)
-        assert status.state is LinkState.DONE, status
+        slipped = "X is 51.00 mm where the job says 5"
+        assert status.state is LinkState.DONE or slipped in status.message
         alarms = read_journal(folder / "journal.log").alarms
         told += [text for text in alarms if "slipped through its checksum" in text]
     assert len(told) > 1
-    assert all("X is 51.00 mm where the job says 5" in text for text in told)
+    assert all(slipped in text for text in told)
 
 
 def test_clean_line_is_never_held_up_for_a_comparison(tmp_path):

@@ -278,6 +278,14 @@ class SurplusTransport(FakeTransport):
             self.waiting += b"ok\n"
         super().write(data)
 
+    def read(self, timeout: float) -> bytes:
+        """Give one answer a read: two in one would tell of the surplus at once."""
+        answer, ok, rest = self.waiting.partition(b"ok\n")
+        self.waiting = answer + ok
+        data = super().read(timeout)
+        self.waiting += rest
+        return data
+
 
 @pytest.mark.parametrize("moved", [0.0, 2.0])
 def test_surplus_ok_is_noticed_and_the_position_verified_before_going_on(tmp_path, moved):

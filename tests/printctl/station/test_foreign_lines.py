@@ -11,7 +11,7 @@ from printctl.link.retreat import Retreat
 from printctl.printing.find import Order
 from printctl.station import StationState, connect
 from tests.printctl.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job
-from tests.printctl.station.test_kill import until
+from tests.printctl.station.test_kill import until, wait_for
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
 
@@ -35,7 +35,7 @@ def test_line_of_another_program_takes_a_standing_printers_place(folder, profile
         station.close()
 
 
-def test_line_of_another_program_in_a_print_takes_the_place_too(folder, profile, tmp_path):
+def test_line_of_another_program_pauses_a_print_above_the_dish_and_takes_its_place(folder, profile, tmp_path):
     with pty_printer(FakeMarlin(), hold_at=40) as served:
         station = connect(profile, served.name, folder)
         station.set_position(0, 0, 0)
@@ -46,6 +46,9 @@ def test_line_of_another_program_in_a_print_takes_the_place_too(folder, profile,
         assert served.held.wait(20)
         write_as_another(served, b"G1 X90\n")
         served.gate.set()
+        wait_for(lambda: client.status.state is LinkState.PAUSED)
+        assert served.printer.at["Z"] >= 0.5 + Retreat().lift_mm
+        client.resume()
         assert client.wait(60).state is LinkState.DONE
         assert "another program" in until(station, StationState.HALTED)
         assert not station.status.position_trusted
