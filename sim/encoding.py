@@ -1,4 +1,4 @@
-"""Refuse a G-code file that is binary, UTF-16 or begins with a UTF-8 byte order mark."""
+"""Read a G-code file's bytes as text: drop a UTF-8 byte order mark, refuse binary and UTF-16."""
 
 from __future__ import annotations
 
@@ -6,22 +6,16 @@ from typing import Final
 
 from sim.errors import GcodeError
 
-_MARKS: Final = {
-    b"\xef\xbb\xbf": "an invisible mark (UTF-8 BOM)",
-    b"\xff\xfe": "UTF-16 text",
-    b"\xfe\xff": "UTF-16 text",
-}
-"""What some editors write before a text."""
+_UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
 
 
-def check_text(gcode: bytes) -> None:
-    """Raise `GcodeError` for a binary file, and for text that no printer reads."""
-    for mark, name in _MARKS.items():
-        if gcode.startswith(mark):
-            raise GcodeError(
-                f"the G-code begins with {name}, which no printer reads; save it as plain text "
-                "(UTF-8 without BOM) in the editor"
-            )
+def text_of(gcode: bytes) -> bytes:
+    """Return the text of a file; raise `GcodeError` where it is binary or UTF-16."""
+    if gcode.startswith(_UTF_16):
+        raise GcodeError(
+            "the G-code begins with UTF-16 text, which no printer reads; save it as plain text "
+            "(UTF-8) in the editor"
+        )
     at = gcode.find(b"\0")
     if at >= 0:
         line = gcode.count(b"\n", 0, at) + 1
@@ -29,3 +23,4 @@ def check_text(gcode: bytes) -> None:
             f"line {line} of the G-code has a NUL (byte {at}), as no text has: the file is binary "
             "or damaged; write it anew, or take the byte out in an editor"
         )
+    return gcode.removeprefix(b"\xef\xbb\xbf")

@@ -24,14 +24,15 @@ if TYPE_CHECKING:
 
 SUFFIXES: Final = (".stl", ".3mf", ".ply", ".obj", ".off")
 
-_UNIT_NAMES: Final[dict[str, LengthUnit]] = {
-    "micron": "um",
-    "millimeter": "mm",
-    "centimeter": "cm",
-    "meter": "m",
-    "inch": "in",
+_MM_OF_3MF: Final = {
+    "micron": 1e-3,
+    "millimeter": 1.0,
+    "centimeter": 10.0,
+    "inch": 25.4,
+    "foot": 304.8,
+    "meter": 1000.0,
 }
-"""As 3MF spells them."""
+"""Millimetres of 3MF's units, as it spells them."""
 
 
 def read_solid(path: Path, unit: LengthUnit | None, *, for_sections: bool = False) -> Solid:
@@ -66,15 +67,15 @@ def read_solid(path: Path, unit: LengthUnit | None, *, for_sections: bool = Fals
         return _solid(corners.reshape(-1, 3), faces, path, for_sections)
     if path.suffix.lower() == ".3mf" and path.is_file():
         read = read_3mf(path)
-        stated = _UNIT_NAMES.get(read.unit)
-        if stated is None:
+        scale = _MM_OF_3MF.get(read.unit)
+        if scale is None:
             raise SolidError(
                 f"{path}: the file's unit is {read.unit}, which isn't read; export it in one of "
-                f"{', '.join(_UNIT_NAMES)}"
+                f"{', '.join(_MM_OF_3MF)}"
             )
-        if unit not in (None, stated):
-            raise SolidError(f"{path}: the file says {stated}, not {unit}; leave the unit out")
-        solid = _solid(read.vertices * MM_PER[stated], read.faces, path, for_sections)
+        if unit is not None and MM_PER[unit] != scale:
+            raise SolidError(f"{path}: the file says {read.unit}, not {unit}; leave the unit out")
+        solid = _solid(read.vertices * scale, read.faces, path, for_sections)
         return replace(solid, notes=tuple(f"{path.name}: {note}" for note in read.notes))
     mesh = load_mesh(path)
     if unit is None:

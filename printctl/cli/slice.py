@@ -166,10 +166,16 @@ def _facts(job: SliceJob, written: JobFigures, models: list[Path], out: Path) ->
         "layer_um": [1e3 * height for height in written.heights_mm],
         "lines": written.lines,
         "written_ul": report.written_ul,
+        "part_ul": report.part_ul,
         "material_ul": report.material_ul,
         "unfilled_percent": 100 * report.unfilled_fraction,
-        "thin_walls": report.thin_walls and asdict(report.thin_walls),
-        "narrow_gaps": report.narrow_gaps and asdict(report.narrow_gaps),
+        **{
+            name: None if places is None else asdict(places)
+            for name, places in (
+                ("thin_walls", report.thin_walls or report.low_walls),
+                ("narrow_gaps", report.narrow_gaps or report.low_gaps),
+            )
+        },
         "travels": report.travels,
         "lifted": report.lifted,
         "place_mm": written.place_mm.tolist(),

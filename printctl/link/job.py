@@ -19,6 +19,7 @@ from printctl.link.errors import JobError
 from printctl.link.inserts import Insert, Position
 from printctl.link.marks import MarkReader, Marks
 from printctl.link.modal import modal_state
+from sim.encoding import text_of
 from sim.errors import GcodeError
 from sim.reading.file import GcodeFile, kinds_of, read_file
 from sim.reading.flow_factor import with_flow
@@ -155,7 +156,7 @@ def parse_job(data: bytes, name: str, printer: Printer) -> Job:
     lines: list[bytes] = []
     file_lines: list[int] = []
     marks = MarkReader()
-    for number, (command, raw) in enumerate(zip(read.lines, data.splitlines(), strict=True), 1):
+    for number, (command, raw) in enumerate(zip(read.lines, text_of(data).splitlines(), strict=True), 1):
         if command:
             if len(command) > _SHORT or not command.startswith(_MOVES):
                 _check(command, f"{name}, line {number}", printer.max_line_bytes, len(lines) + 1)

@@ -161,6 +161,11 @@ def _ends(places: Floats, scale: str, path: Path) -> tuple[str, ...]:
     if least == most:
         raise ScanFileError(f"{path}: every voxel that was looked at is {least:g}; scan again")
     top, bottom = float((places == most).mean()), float((places == least).mean())
+    if top + bottom == 1:
+        raise ScanFileError(
+            f"{path}: holds two values only, {least:g} and {most:g}: it is a segmented image; give "
+            "the scan as it was before that"
+        )
     notes = []
     if top > _MOST_TOP:
         raise ScanFileError(

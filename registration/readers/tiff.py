@@ -8,6 +8,8 @@ from __future__ import annotations
 import logging
 import math
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -39,12 +41,12 @@ _DEFLATE = (8, 32946)
 _READ = (1, *_DEFLATE, 32773)
 """None, Deflate, PackBits: what is read without further libraries."""
 _ORIENTATION = 274
-_WHITE_IS_ZERO = 0
+_WHITE_IS_ZERO, _PALETTE = 0, 3
 _INVERTED = "white is zero in it (WhiteIsZero): its values were inverted, high being bright"
 _MAX_ASPECT = 100.0
 """Of a pixel: no scanner's is as long as that."""
-_NUMBERED = re.compile(r"((?!\.).*?)(\d+)(\D*)\.tiff?", re.IGNORECASE)
-"""Name of a slice: what stands before its last number, the number, and what follows."""
+_NUMBERED = re.compile(r"(?!\.).*\d.*\.tiff?", re.IGNORECASE)
+"""Name of a slice."""
 
 
 def read_tiff(path: Path) -> FileVolume:
@@ -58,6 +60,7 @@ def read_tiff(path: Path) -> FileVolume:
     # Other files that an OME-TIFF names are never followed.
     with scan_file_errors(path, "TIFF"), tifffile.TiffFile(path, _multifile=False) as tiff:
         known, notes = _known(tiff, path)
+        notes = (*notes, *_check_images(tiff, path))
         if tiff.pages.first.photometric == _WHITE_IS_ZERO:
             notes = (*notes, _INVERTED)
         return FileVolume(_volume(tiff, path), known, notes=notes)
@@ -85,7 +88,7 @@ def read_tiff_folder(path: Path) -> FileVolume:
             _check_size(tiff, page.shape, file)
             white = ", WhiteIsZero" if page.photometric == _WHITE_IS_ZERO else ""
             size = " × ".join(str(pixels) for pixels in page.shape)
-            seen.setdefault(f"{size} of {page.dtype}{white}", file)
+            seen.setdefault(f"{size} of {_stored(page)}{white}", file)
             whole, kind = (len(slices), *page.shape), _stored(page)
     if len(seen) > 1:
         told = "; ".join(f"{file.name}: {what}" for what, file in seen.items())
@@ -104,21 +107,31 @@ def has_slices(folder: Path) -> bool:
 
 def _numbered(folder: Path) -> tuple[list[Path], tuple[str, ...]]:
     """Slices in the order of their numbers, and what of the folder isn't read or is missing."""
-    found: dict[tuple[str, str], dict[int, Path]] = {}
+    alike: dict[tuple[str, ...], list[tuple[list[str], Path]]] = {}
     others: list[str] = []
     for place in sorted(folder.iterdir()):
-        match = _NUMBERED.fullmatch(place.name)
-        if match is None or not place.is_file():
+        if _NUMBERED.fullmatch(place.name) is None or not place.is_file():
             others.append(place.name)
             continue
-        series = found.setdefault((match[1], match[3].lower()), {})
-        twin = series.setdefault(int(match[2]), place)
-        if twin is not place:
-            raise ScanFileError(f"{folder}: {twin.name} and {place.name} have one number; drop one")
+        pieces = re.split(r"(\d+)", place.stem)
+        texts = (*pieces[:-1:2], pieces[-1].lower())
+        alike.setdefault(texts, []).append((pieces[1::2], place))
+    found: dict[str, dict[int, Path]] = {}
+    for texts, named in alike.items():
+        columns = [{int(text) for text in column} for column in zip(*(one for one, _ in named))]
+        order = max((k for k, column in enumerate(columns) if len(column) > 1), default=-1)
+        for numbers, place in named:
+            number = int(numbers[order])
+            plain = [str(int(text)) for text in numbers]
+            plain[order] = "*"
+            name = "".join(a + b for a, b in zip(texts, [*plain, ""], strict=True))
+            twin = found.setdefault(name, {}).setdefault(number, place)
+            if twin is not place:
+                raise ScanFileError(
+                    f"{folder}: {twin.name} and {place.name} have one number; drop one"
+                )
     if len(found) > 1:
-        names = ", ".join(
-            f"{one}*{suffix} ({len(files)})" for (one, suffix), files in found.items()
-        )
+        names = ", ".join(f"{name} ({len(files)})" for name, files in found.items())
         raise ScanFileError(f"{folder}: holds several series of slices: {names}; give one a folder")
     ((_, files),) = found.items()
     if len(files) < 2:
@@ -150,7 +163,7 @@ def _volume(tiff: tifffile.TiffFile, path: Path) -> Array:
     _check_pages(tiff, path)
     series = tiff.series[0]
     whole = tuple(series.shape)
-    kind = np.dtype(first.dtype).newbyteorder(tiff.byteorder)
+    kind = _stored(first).newbyteorder(tiff.byteorder)
     each = (_grey(page.asarray(), first, path) for page in tiff.pages)
     if math.prod(whole) < pages * math.prod(first.shape):
         # Several series: read the pages as they come.
@@ -160,20 +173,31 @@ def _volume(tiff: tifffile.TiffFile, path: Path) -> Array:
     _check_size(tiff, whole, path)
     if bytes_of(whole, kind, path) <= IN_MEMORY_BYTES:
         return _grey(np.asarray(series.asarray()), first, path)
-    if series.dataoffset is not None and first.photometric != _WHITE_IS_ZERO:
+    if series.dataoffset is not None and first.photometric not in (_WHITE_IS_ZERO, _PALETTE):
         return mapped(path, kind, series.dataoffset, whole)
     each = (_grey(page.asarray(), first, path) for page in series.pages)
     return fill_volume(each, whole, _stored(first), path)
 
 
 def _stored(page: Any) -> np.dtype[Any]:
-    """Type of a page's values once read: bits become bytes."""
+    """Type of a page's values once read: bits become bytes, colours of a palette 16-bit greys."""
+    if page.photometric == _PALETTE:
+        return np.dtype(np.uint16)
     kind = np.dtype(page.dtype)
     return np.dtype(np.uint8) if kind.kind == "b" else kind
 
 
 def _grey(values: Array, page: Any, path: Path) -> Array:
     """Values that rise with brightness, whatever the file says of white and black."""
+    if page.photometric == _PALETTE:
+        red, green, blue = page.colormap
+        if (red != green).any() or (red != blue).any():
+            raise ScanFileError(
+                f"{path}: its pixels are colours of a palette (photometric 3), so its brightness "
+                "isn't known; export it in grey"
+            )
+        looked_up: Array = red[np.asarray(values, np.intp)]
+        return looked_up
     grey = np.asarray(values, _stored(page).newbyteorder(values.dtype.byteorder))
     if page.photometric != _WHITE_IS_ZERO:
         return grey
@@ -199,15 +223,49 @@ class _KeptWords(logging.Filter):
         return False
 
 
-def _pages(tiff: tifffile.TiffFile, path: Path) -> int:
-    """Count the pages; of a file that ends before its list of pages tifffile only logs it."""
+@contextmanager
+def _kept_log() -> Iterator[list[str]]:
+    """Keep what tifffile logs: of a damaged file it often does nothing else."""
     log, kept = logging.getLogger("tifffile"), _KeptWords()
     log.addFilter(kept)
     try:
-        pages = len(tiff.pages)
+        yield kept.words
     finally:
         log.removeFilter(kept)
-    if any("invalid page offset" in word for word in kept.words):
+
+
+def _check_images(tiff: tifffile.TiffFile, path: Path) -> tuple[str, ...]:
+    """Compare the images that the file's text names with those it holds; return notes."""
+    pages = _pages(tiff, path)
+    with _kept_log():
+        series = tiff.series[0]
+    each = math.prod(tiff.pages.first.shape)
+    held = pages if series.dataoffset is None else max(pages, math.prod(series.shape) // each)
+    imagej = tiff.imagej_metadata or {}
+    named = int(imagej.get("images", 0)) or math.prod(series.shape) // each
+    if named > held:
+        raise ScanFileError(
+            f"{path}: is cut short: its text names {named} images, it holds {held}; copy or "
+            "export it again"
+        )
+    if series.axes[:1] == "T" and len(series.shape) == 3:
+        raise ScanFileError(
+            f"{path}: its {held} images are points in time (frames), not slices; give one point "
+            "in time, or have them called slices (ImageJ: Image, Properties) and save it again"
+        )
+    notes = []
+    if imagej and named < held:
+        notes.append(f"its text names {named} images, it holds {held}: all were read")
+    if series.axes[:1] == "C" and len(series.shape) == 3:
+        notes.append(f"its {held} images are called channels: they were taken as slices")
+    return tuple(notes)
+
+
+def _pages(tiff: tifffile.TiffFile, path: Path) -> int:
+    """Count the pages; of a file that ends before its list of pages tifffile only logs it."""
+    with _kept_log() as words:
+        pages = len(tiff.pages)
+    if any("invalid page offset" in word for word in words):
         raise ScanFileError(
             f"{path.name}: is cut short: page {pages + 1} would lie behind the end of the file; "
             "copy or export it again"
@@ -246,6 +304,12 @@ def _check_size(tiff: tifffile.TiffFile, shape: tuple[int, ...], path: Path) -> 
         raise ScanFileError(
             f"{path}: is compressed by {name}, which isn't read; export it uncompressed, or by "
             "Deflate (zip) or PackBits"
+        )
+    if first.bitspersample not in (1, 8, 16, 32, 64) or first.fillorder != 1:
+        order = "" if first.fillorder == 1 else ", the lowest first (FillOrder 2)"
+        raise ScanFileError(
+            f"{path}: stores {first.bitspersample} bits a pixel{order}, which isn't read; export "
+            "it with 8 or 16, the highest first"
         )
     bounds = {1: 1, **dict.fromkeys(_DEFLATE, DEFLATE_RATIO)}
     # Samples of less than a byte are packed, eight bits of them a byte.

@@ -128,6 +128,11 @@ def _check_volume(scan: Scan) -> None:
     low, high = probe.min(), probe.max()
     if low == high:
         raise SegmentationError(f"the volume is empty: every sampled voxel is {low}")
+    if ((probe == low) | (probe == high)).all():
+        raise SegmentationError(
+            f"the volume holds two values only, {low} and {high}: it is a segmented image, and "
+            "walls are placed by grey values; give the scan as it was before that"
+        )
     clipped = float((probe == high).mean())
     if clipped > 0.05 and np.issubdtype(volume.dtype, np.integer) and scan.counts is None:
         raise SegmentationError(

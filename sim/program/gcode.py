@@ -20,7 +20,7 @@ import numpy as np
 from firmware_profiles.families.grammar import ERule
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
-from sim.encoding import check_text
+from sim.encoding import text_of
 from sim.motion.state import Record, Records
 from sim.program.modal import (
     ARC,
@@ -246,7 +246,7 @@ def read_gcode(
     GcodeError
         For bytes that aren't text, such as a NUL.
     """
-    check_text(gcode)
+    gcode = text_of(gcode)
     room = gcode.count(b"\n") + gcode.count(b"\r") + 1
     while True:
         columns = Columns.of(room)

@@ -8,7 +8,7 @@ from typing import Final
 
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of
-from sim.encoding import check_text
+from sim.encoding import text_of
 from sim.errors import LineError
 from sim.reading.faults import MOST_REFUSED, refusal
 from sim.reading.line import GcodeLine
@@ -65,7 +65,7 @@ def read_file(gcode: bytes, printer: Printer, *, max_refused: int = MOST_REFUSED
     GcodeError
         When the bytes hold a NUL, as no text does.
     """
-    check_text(gcode)
+    gcode = text_of(gcode)
     translate = translator_of(printer)
     if translate is not None:
         written = translate(gcode, printer)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from firmware_profiles import Printer
+from sim.encoding import text_of
 from sim.errors import LineError
 from sim.reading.faults import MOST_REFUSED
 from sim.reading.line import GcodeLine
@@ -32,7 +33,7 @@ def other_lines(gcode: bytes, printer: Printer) -> Others:
     others: list[tuple[int, GcodeLine]] = []
     kept: dict[bytes, GcodeLine | None] = {}
     refused = 0
-    for number, text in enumerate(gcode.splitlines(), 1):
+    for number, text in enumerate(text_of(gcode).splitlines(), 1):
         if is_plain(text) or text[:1] == b";":
             continue
         if text not in kept:

@@ -196,12 +196,16 @@ def scan_like(volume: np.ndarray) -> Scan:
     return replace(as_scan(scanned), volume=volume)
 
 
+BRIGHT = np.pad(np.ones((30, 40, 40), np.uint16), ((10, 0), (0, 0), (0, 0)))
+
+
 @pytest.mark.parametrize(
     ("volume", "reason"),
     [
         (np.zeros((40, 40, 40), np.uint16), "empty"),
         (np.full((40, 40, 40), np.nan, np.float32), "NaN"),
-        (np.pad(np.full((30, 40, 40), 65535, np.uint16), ((10, 0), (0, 0), (0, 0))), "saturated"),
+        (np.arange(40, dtype=np.uint16).clip(9, 30) * BRIGHT, "saturated"),
+        (BRIGHT * np.uint16(65535), "two values only, 0 and 65535: it is a segmented image"),
         (np.random.default_rng(0).integers(900, 1100, (60, 60, 60)).astype(np.uint16), "stands"),
         (np.zeros((40, 40), np.uint16), "stack"),
     ],

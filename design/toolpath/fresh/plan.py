@@ -17,7 +17,7 @@ from design.toolpath.fresh.coverage import FINENESS, Coverage, measure_coverage
 from design.toolpath.fresh.filling import Filling
 from design.toolpath.fresh.infill import infill_paths
 from design.toolpath.fresh.levels import adaptive_levels, even_levels
-from design.toolpath.fresh.narrow import narrow_samples
+from design.toolpath.fresh.narrow import LevelPlaces, narrow_samples
 from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.fresh.paths import Paths, join
 from design.toolpath.fresh.patterns import concentric_paths, gyroid_paths
@@ -107,7 +107,7 @@ class FreshLayers:
         self._regions = regions
         self._options = options
         self._heads = (options, *heads)
-        self._tally = Tally()
+        self._tally: Tally
         _check_heads(self._heads, regions)
 
     @property
@@ -147,19 +147,21 @@ class FreshLayers:
         return self._tally.report()
 
     def __iter__(self) -> Iterator[Toolpath]:
-        self._tally = Tally()
         options, low = self._options, self._bounds[0]
         every = self._measured_every()
         regions = Regions(self._regions, options.compensation)
         carriage = Carriage(self._heads, low[:2])
-        for layer in layers(Body(self._solids), self.levels, self._inset_mm):
+        body = Body(self._solids)
+        finest = min(one.line_width_mm for one in self._heads)
+        self._tally = Tally(body.volume_ul, LevelPlaces(self._solids, self.levels, finest))
+        for layer in layers(body, self.levels, self._inset_mm):
             heads = [one.in_layer(layer.height_mm) for one in self._heads]
             sections = _sections(layer, heads, regions.at(layer.middle_mm), low[:2])
             laid = carriage.write(sections, layer.tip_mm, layer.height_mm)
             measured = layer.index % every == 0
             coverage = _coverage(layer, laid, heads) if measured else None
             narrow = self._narrow(layer) if measured else None
-            self._tally.add_layer(coverage, layer.height_mm, narrow)
+            self._tally.add_layer(layer, coverage, narrow)
             lines = sum(len(section.paths) for section in sections)
             if lines:
                 yield self._counted(layer, laid, lines)

@@ -8,7 +8,8 @@ import numpy as np
 
 from design.toolpath.fresh.carriage import LayerMoves
 from design.toolpath.fresh.coverage import Coverage
-from design.toolpath.fresh.narrow import NarrowPlaces, narrow_places
+from design.toolpath.fresh.narrow import LevelPlaces, NarrowPlaces, narrow_places
+from design.toolpath.fresh.section import BESIDE, Layer
 from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath
 
 
@@ -26,8 +27,10 @@ class FreshReport:
     changes : int
         Changes of head.
     written_ul, material_ul : float, µL
-        Ink of the lines, and the measured sections' mean area, weighted by
-        their layers' heights, times the part's height.
+        Ink of the lines, and the layers' sections times their heights.
+    part_ul, unfilled_ul : float, µL
+        Volume of the part itself, and what of it no line covers: in the layers, as those measured
+        have it, and between them.
     unfilled : (k,) float64
         Part of a layer's material that no line covers, in the layers where it was measured.
     outside : (k,) float64
@@ -35,6 +38,8 @@ class FreshReport:
         corners never, lines wider than the place they stand in always.
     thin_walls, narrow_gaps : NarrowPlaces or None
         In the layers whose cover was measured.
+    low_walls, low_gaps : NarrowPlaces or None
+        Between level faces, of a height that whole layers don't make; their width is that height.
     travels : int
         Travels between paths, links included.
     lifted : int
@@ -56,8 +61,12 @@ class FreshReport:
     links: int
     changes: int
     written_ul_of_heads: tuple[float, ...]
+    part_ul: float
+    unfilled_ul: float
     thin_walls: NarrowPlaces | None = None
     narrow_gaps: NarrowPlaces | None = None
+    low_walls: NarrowPlaces | None = None
+    low_gaps: NarrowPlaces | None = None
 
     @property
     def narrow_notes(self) -> tuple[str, ...]:
@@ -75,12 +84,25 @@ class FreshReport:
                     f"least that these lines make is {places.least_mm:.3g} mm: make them wider, "
                     "or write narrower lines"
                 )
+        for places, what, end in (
+            (self.low_walls, "walls", "a whole layer is written in them, or none"),
+            (self.low_gaps, "gaps", "layers close them, or leave a whole layer or two open"),
+        ):
+            if places is not None:
+                x, y, z = places.at_mm
+                notes.append(
+                    f"level {what} about {places.width_mm:.3g} mm high, as at x {x:.4g}, y {y:.4g},"
+                    f" z {z:.4g} mm of the part, over {places.area_mm2:.3g} mm² in all: {end}; the "
+                    f"least that these layers make is {places.least_mm:.3g} mm, from one border of "
+                    f"layers to the next, and {(1 + 2 * BESIDE) * places.least_mm:.3g} mm "
+                    "elsewhere: make them higher, or write lower layers"
+                )
         return tuple(notes)
 
     @property
     def unfilled_fraction(self) -> float:
-        """Part of the whole part's material that no line covers (layers weighted alike)."""
-        return float(self.unfilled.mean())
+        """Part of the part's own volume that no line covers."""
+        return self.unfilled_ul / self.part_ul
 
 
 @dataclass(frozen=True)
@@ -97,10 +119,11 @@ class LayerNarrow:
 class Tally:
     """Adds up a part's numbers, layer by layer."""
 
-    def __init__(self) -> None:
+    def __init__(self, part_ul: float, level_places: LevelPlaces) -> None:
         self.moves = 0
+        self._part_ul, self._level_places = part_ul, level_places
         self._layers = self._lines = self._travels = self._lifted = self._links = 0
-        self._written_mm = self._travel_mm = self._height_mm = 0.0
+        self._written_mm = self._travel_mm = self._material_ul = 0.0
         self._changes = 0
         self._written_ul = np.zeros(1)
         self._coverage: list[Coverage] = []
@@ -126,27 +149,33 @@ class Tally:
         self._written_ul = ink
 
     def add_layer(
-        self, coverage: Coverage | None, height_mm: float, narrow: LayerNarrow | None = None
+        self, layer: Layer, coverage: Coverage | None, narrow: LayerNarrow | None = None
     ) -> None:
         """Count a layer with material, and how well its lines cover it where that was measured."""
         self._narrow += [] if narrow is None else [narrow]
         self._layers += 1
-        self._height_mm += height_mm
+        self._level_places.add(layer)
+        self._material_ul += layer.material.area() * layer.height_mm
         if coverage is not None:
             self._coverage.append(coverage)
-            self._measured_mm.append(height_mm)
+            self._measured_mm.append(layer.height_mm)
 
     def report(self) -> FreshReport:
         """The numbers of the layers so far."""
         material = np.array([layer.material for layer in self._coverage])
+        unfilled = np.array([layer.unfilled for layer in self._coverage])
+        share = np.dot(unfilled, self._measured_mm) / np.dot(material, self._measured_mm)
+        lost = max(self._level_places.lost_ul, self._part_ul - self._material_ul, 0.0)
         return FreshReport(
             layers=self._layers,
             lines=self._lines,
             written_mm=self._written_mm,
             travel_mm=self._travel_mm,
             written_ul=float(self._written_ul.sum()),
-            material_ul=float(np.average(material, weights=self._measured_mm)) * self._height_mm,
-            unfilled=np.array([layer.unfilled for layer in self._coverage]) / material,
+            material_ul=self._material_ul,
+            part_ul=self._part_ul,
+            unfilled_ul=float(share) * self._material_ul + lost,
+            unfilled=unfilled / material,
             outside=np.array([layer.outside for layer in self._coverage]) / material,
             travels=self._travels,
             lifted=self._lifted,
@@ -155,6 +184,8 @@ class Tally:
             written_ul_of_heads=tuple(self._written_ul.tolist()),
             thin_walls=self._places(gaps=False),
             narrow_gaps=self._places(gaps=True),
+            low_walls=self._level_places.walls(),
+            low_gaps=self._level_places.gaps(),
         )
 
     def _places(self, *, gaps: bool) -> NarrowPlaces | None:

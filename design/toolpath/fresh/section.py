@@ -61,6 +61,13 @@ class Body:
         self.low_mm = min(float(solid.bounds[0, 2]) for solid in solids)
         self.high_mm = max(float(solid.bounds[1, 2]) for solid in solids)
 
+    @property
+    def volume_ul(self) -> float:
+        """Volume of the bodies, µL; where they overlap, once."""
+        if len(self._bodies) == 1:
+            return self._bodies[0].volume()
+        return Manifold.batch_boolean(self._bodies, OpType.Add).volume()
+
     def slice(self, z_mm: float) -> CrossSection:
         """Section at a height."""
         if len(self._bodies) == 1:

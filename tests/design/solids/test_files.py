@@ -102,7 +102,7 @@ def test_a_unit_is_asked_for_and_never_guessed(tmp_path: Path) -> None:
         read_solid(tmp_path / "block.stl", None)
     write_3mf(tmp_path / "block.3mf", block_solid((1, 2, 3)))
     assert read_solid(tmp_path / "block.3mf", None).volume_mm3 == pytest.approx(6.0)
-    with pytest.raises(SolidError, match="says mm, not in"):
+    with pytest.raises(SolidError, match="says millimeter, not in"):
         read_solid(tmp_path / "block.3mf", "in")
 
 

@@ -225,7 +225,7 @@ def test_numbers_are_read_however_they_are_written(tmp_path: Path, old: str, new
         ('v2="5"', f'v2="{2**32 + 5}"', "corner that isn't there"),
         ('v2="5"', 'v2="99999999999999999999"', "corner that isn't there"),
         ("</model>", "", "not a readable 3MF file"),
-        ('unit="millimeter"', 'unit="foot"', "the file's unit is foot"),
+        ('unit="millimeter"', 'unit="yard"', "the file's unit is yard"),
         ('type="model"', 'type="ghost"', "is a ghost"),
         ('objectid="2"', 'objectid="7"', "names object 7"),
         ("<mesh>", "<beamset/><mesh><beamlattice/>", "beamlattice, which isn't read"),
@@ -255,3 +255,9 @@ def test_components_that_hold_themselves_are_refused(tmp_path: Path) -> None:
     text = model(thing(1, inside), '<item objectid="1"/>')
     with pytest.raises(SolidError, match="made of itself"):
         read_solid(package(tmp_path / "a.3mf", {MODEL: text}), None)
+
+
+def test_a_model_in_feet_is_read(tmp_path: Path) -> None:
+    text = model(thing(1, mesh((0, 0, 0, 0.01, 0.02, 0.03))), '<item objectid="1"/>')
+    path = package(tmp_path / "a.3mf", {MODEL: text.replace("millimeter", "foot")})
+    assert read_solid(path, None).bounds[1] == pytest.approx((3.048, 6.096, 9.144))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from manifold3d import CrossSection
+from manifold3d import CrossSection, Manifold
 
 from design.solids import Solid, block_solid
 from design.solids.snap import solid_from_manifold
@@ -80,3 +80,53 @@ def test_two_bodies_a_hair_apart_have_a_gap_between_them() -> None:
     assert found.width_mm == pytest.approx(0.05, abs=1e-3)
     touching = [block_solid((2, 2, 0.3)), block_solid((2, 2, 0.3), (2, 0, 0))]
     assert plan_fresh(touching, OPTIONS).report.narrow_gaps is None
+
+
+def chambers(*spans: tuple[float, float]) -> FreshReport:
+    """A block of 6 × 4 × 1.2 mm with chambers of 4 × 2 mm between heights."""
+    body = Manifold.cube((6, 4, 1.2))
+    for low, high in spans:
+        body -= Manifold.cube((4, 2, high - low)).translate((1, 1, low))
+    return plan_fresh(solid_from_manifold(body, "part"), LEVEL_OPTIONS).report
+
+
+LEVEL_OPTIONS = FreshOptions(line_width_mm=0.15, layer_height_mm=0.1)
+
+
+@pytest.mark.parametrize("height", [0.02, 0.05, 0.1, 0.14])
+def test_a_membrane_between_layers_is_named_and_counts_as_unfilled(height: float) -> None:
+    found = chambers((0.2, 0.6 - height / 2), (0.6 + height / 2, 1))
+    assert found.low_gaps is None
+    assert found.low_walls is not None
+    assert found.low_walls.width_mm == pytest.approx(height, abs=1e-5)
+    assert found.low_walls.area_mm2 == pytest.approx(8, rel=0.15)
+    assert found.low_walls.at_mm[2] == pytest.approx(0.6, abs=1e-4)
+    assert found.low_walls.least_mm == pytest.approx(0.1)
+    assert found.part_ul == pytest.approx(28.8 - 8 * (0.8 - height), rel=1e-5)
+    if height < 0.1:
+        assert found.unfilled_fraction == pytest.approx(8 * height / found.part_ul, abs=0.003)
+
+
+@pytest.mark.parametrize("height", [0.05, 0.1])
+def test_a_level_slit_is_named(height: float) -> None:
+    found = chambers((0.6 - height / 2, 0.6 + height / 2))
+    assert found.low_walls is None
+    assert found.low_gaps is not None
+    assert found.low_gaps.width_mm == pytest.approx(height, abs=1e-5)
+    assert found.low_gaps.area_mm2 == pytest.approx(8, rel=0.15)
+
+
+def test_whole_layers_and_round_tops_are_not_low() -> None:
+    lying = Manifold.cylinder(8, 0.3, circular_segments=64).rotate((0, 90, 0))
+    block = Manifold.cube((6, 4, 1.2))
+    for body in (
+        block - Manifold.cube((4, 2, 0.1)).translate((1, 1, 0.5)),
+        block - lying.translate((-1, 2, 0.6)),
+        lying,
+        Manifold.sphere(1, 64),
+    ):
+        found = plan_fresh(solid_from_manifold(body, "part"), LEVEL_OPTIONS).report
+        assert (found.low_walls, found.low_gaps) == (None, None)
+        assert found.unfilled_fraction < 0.03
+    apart = chambers((0.2, 0.5), (0.6, 1))
+    assert (apart.low_walls, apart.low_gaps) == (None, None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 
 import pytest
@@ -23,6 +24,13 @@ def test_comments_and_blanks_are_left_out_and_lines_keep_their_place():
     job = parse_job(b"; head\r\n\r\nG90 (absolute)\nM82\n\n  G1 X1 ; there\n", "a")
     assert job.lines == [b"G90", b"M82", b"G1 X1"]
     assert [job.file_line(done) for done in range(5)] == [0, 3, 4, 6, 6]
+
+
+def test_a_byte_order_mark_is_not_sent():
+    text = b"M302 P1\nG90\nG1 X1\n"
+    marked = parse_job(b"\xef\xbb\xbf" + text, "a")
+    assert (marked.lines, marked.file_lines) == ([b"M302 P1", b"G90", b"G1 X1"], [1, 2, 3])
+    assert marked.sha256 == hashlib.sha256(b"\xef\xbb\xbf" + text).hexdigest()
 
 
 @pytest.mark.parametrize(

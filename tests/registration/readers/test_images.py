@@ -138,6 +138,60 @@ def test_bits_are_a_volume_of_zeros_and_ones(tmp_path: Path) -> None:
         read_scan(tmp_path / "s.tif", SIZED)
 
 
+def test_a_palette_of_greys_is_looked_up_and_one_of_colours_refused(tmp_path: Path) -> None:
+    path, values = tmp_path / "s.tif", (counts() % 256).astype(np.uint8)
+    greys = np.tile(65535 - 257 * np.arange(256), (3, 1)).astype(np.uint16)
+    tifffile.imwrite(path, values, photometric="palette", colormap=greys, metadata=None)
+    found = read_scan(path, SIZED).volume
+    np.testing.assert_array_equal(found, 65535 - 257 * values.astype(int))
+    greys[0] = 0
+    tifffile.imwrite(path, values, photometric="palette", colormap=greys, metadata=None)
+    with pytest.raises(ScanFileError, match="colours of a palette"):
+        read_scan(path, SIZED)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("images=80\nslices=80", "80 images, it holds 9"),
+        ("images=18\nslices=9\nframes=2", "18 images, it holds 9"),
+        ("images=9\nframes=9", "points in time"),
+        ("images=6\nslices=6", None),
+        ("images=9\nslices=9", None),
+    ],
+)
+def test_imagej_images_are_counted(tmp_path: Path, text: str, why: str | None) -> None:
+    path, words = tmp_path / "s.tif", f"ImageJ=1.53t\n{text}\n"
+    tifffile.imwrite(
+        path, counts(), photometric="minisblack", description=words, metadata=None, software=False
+    )
+    if why is None:
+        found = read_scan(path, SIZED)
+        np.testing.assert_array_equal(found.volume, counts())
+        assert ("names 6 images, it holds 9" in " ".join(found.notes)) == ("6" in text)
+        return
+    with pytest.raises(ScanFileError, match=why):
+        read_scan(path, SIZED)
+
+
+def test_ome_images_that_are_missing_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "s.ome.tif"
+    tifffile.imwrite(path, np.concatenate([counts()] * 2)[:10], metadata={"axes": "ZYX"})
+    path.write_bytes(path.read_bytes().replace(b'SizeZ="10"', b'SizeZ="20"'))
+    with pytest.raises(ScanFileError, match="20 images, it holds 10"):
+        read_scan(path, SIZED)
+
+
+def test_four_bits_a_pixel_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "s.tif"
+    tifffile.imwrite(path, (counts() % 16).astype(np.uint8), metadata=None)
+    with tifffile.TiffFile(path, mode="r+") as tiff:
+        for page in tiff.pages:
+            page.tags["BitsPerSample"].overwrite(4)  # type: ignore[union-attr]
+    with pytest.raises(ScanFileError, match="4 bits a pixel"):
+        read_scan(path, SIZED)
+
+
 def test_a_compression_that_isnt_read_is_named(tmp_path: Path) -> None:
     path = tmp_path / "s.tif"
     tifffile.imwrite(path, counts(), metadata=None)
@@ -165,6 +219,20 @@ def test_numbered_slices_in_a_folder_are_a_stack(tmp_path: Path) -> None:
     assert "3 other files" in " ".join(read_scan(folder, SIZED).notes)
     with pytest.raises(ScanFileError, match="--voxel-um"):
         read_scan(folder, MODALITY)
+
+
+@pytest.mark.parametrize("name", ["scan2_s{}_x10", "t000_z{:03}_c001", "{}_of_9"])
+def test_the_number_that_varies_orders_the_slices(tmp_path: Path, name: str) -> None:
+    pages = np.concatenate([counts(), counts()[::-1] + 1])
+    folder = slices(tmp_path / "ct", **{name.format(n): page for n, page in enumerate(pages)})
+    np.testing.assert_array_equal(read_scan(folder, SIZED).volume, pages)
+
+
+def test_slices_of_two_numbers_that_vary_are_several_series(tmp_path: Path) -> None:
+    names = [f"t{t}_z{z}" for t in range(2) for z in range(9)]
+    folder = slices(tmp_path / "ct", **dict.fromkeys(names, counts()[0]))
+    with pytest.raises(ScanFileError, match=r"several series of slices: t0_z\* \(9\), t1_z\* "):
+        read_scan(folder, SIZED)
 
 
 def test_slices_that_are_missing_are_told(tmp_path: Path) -> None:

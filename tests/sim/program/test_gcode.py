@@ -16,7 +16,7 @@ from sim.program.modal import Kind
 from tests.sim.transcripts import DATA
 from tests.slower import examples
 
-MARKS = (b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff")  # of UTF-8 and UTF-16: refused
+MARKS = (b"\xff\xfe", b"\xfe\xff")  # of UTF-16: refused
 
 
 def naive_program(text):
