@@ -156,7 +156,8 @@ def parse_job(data: bytes, name: str, printer: Printer) -> Job:
     lines: list[bytes] = []
     file_lines: list[int] = []
     marks = MarkReader()
-    for number, (command, raw) in enumerate(zip(read.lines, text_of(data).splitlines(), strict=True), 1):
+    texts = text_of(data).splitlines()
+    for number, (command, raw) in enumerate(zip(read.lines, texts, strict=True), 1):
         if command:
             if len(command) > _SHORT or not command.startswith(_MOVES):
                 _check(command, f"{name}, line {number}", printer.max_line_bytes, len(lines) + 1)

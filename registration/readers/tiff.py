@@ -118,7 +118,10 @@ def _numbered(folder: Path) -> tuple[list[Path], tuple[str, ...]]:
         alike.setdefault(texts, []).append((pieces[1::2], place))
     found: dict[str, dict[int, Path]] = {}
     for texts, named in alike.items():
-        columns = [{int(text) for text in column} for column in zip(*(one for one, _ in named))]
+        columns = [
+            {int(text) for text in column}
+            for column in zip(*(one for one, _ in named), strict=True)
+        ]
         order = max((k for k, column in enumerate(columns) if len(column) > 1), default=-1)
         for numbers, place in named:
             number = int(numbers[order])
