@@ -144,6 +144,11 @@ class LevelPlaces:
         height = np.diff(self._walls[:, 2:])[:, 0]
         return float(height[~self._in_material].sum() * self._step.prod())
 
+    @property
+    def gap_ul(self) -> float:
+        """Volume of the gaps, µL; of those that no section meets, the sections count it in."""
+        return float(np.diff(self._gaps[:, 2:]).sum() * self._step.prod())
+
     def walls(self) -> NarrowPlaces | None:
         """Walls lower than a layer, or in which none is written."""
         height = np.diff(self._walls[:, 2:])[:, 0]

@@ -166,6 +166,7 @@ class Tally:
         unfilled = np.array([layer.unfilled for layer in self._coverage])
         share = np.dot(unfilled, self._measured_mm) / np.dot(material, self._measured_mm)
         lost = max(self._level_places.lost_ul, self._part_ul - self._material_ul, 0.0)
+        gaps = np.clip(self._material_ul - self._part_ul, 0.0, self._level_places.gap_ul)
         return FreshReport(
             layers=self._layers,
             lines=self._lines,
@@ -174,7 +175,7 @@ class Tally:
             written_ul=float(self._written_ul.sum()),
             material_ul=self._material_ul,
             part_ul=self._part_ul,
-            unfilled_ul=float(share) * self._material_ul + lost,
+            unfilled_ul=max(float(share * self._material_ul + lost - gaps), 0.0),
             unfilled=unfilled / material,
             outside=np.array([layer.outside for layer in self._coverage]) / material,
             travels=self._travels,

@@ -114,6 +114,8 @@ def test_a_level_slit_is_named(height: float) -> None:
     assert found.low_gaps is not None
     assert found.low_gaps.width_mm == pytest.approx(height, abs=1e-5)
     assert found.low_gaps.area_mm2 == pytest.approx(8, rel=0.15)
+    # Two layers stay empty there.
+    assert found.unfilled_fraction == pytest.approx(8 * (0.2 - height) / found.part_ul, abs=0.004)
 
 
 def test_whole_layers_and_round_tops_are_not_low() -> None:

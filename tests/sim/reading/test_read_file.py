@@ -80,7 +80,7 @@ def test_a_binary_file_is_named():
 
 
 def test_utf_16_is_refused():
-    with pytest.raises(GcodeError, match="UTF-16.*save it as plain text"):
+    with pytest.raises(GcodeError, match=r"UTF-16.*save it as plain text"):
         read_file("G1 X5\n".encode("utf-16"), MARLIN)
 
 
