@@ -35,7 +35,9 @@ def test_line_of_another_program_takes_a_standing_printers_place(folder, profile
         station.close()
 
 
-def test_line_of_another_program_pauses_a_print_above_the_dish_and_takes_its_place(folder, profile, tmp_path):
+def test_line_of_another_program_pauses_a_print_above_the_dish_and_takes_its_place(
+    folder, profile, tmp_path
+):
     with pty_printer(FakeMarlin(), hold_at=40) as served:
         station = connect(profile, served.name, folder)
         station.set_position(0, 0, 0)
