@@ -123,9 +123,9 @@ def _numbered(folder: Path) -> tuple[list[Path], tuple[str, ...]]:
             for column in zip(*(one for one, _ in named), strict=True)
         ]
         order = max((k for k, column in enumerate(columns) if len(column) > 1), default=-1)
-        for numbers, place in named:
-            number = int(numbers[order])
-            plain = [str(int(text)) for text in numbers]
+        for digits, place in named:
+            number = int(digits[order])
+            plain = [str(int(text)) for text in digits]
             plain[order] = "*"
             name = "".join(a + b for a, b in zip(texts, [*plain, ""], strict=True))
             twin = found.setdefault(name, {}).setdefault(number, place)

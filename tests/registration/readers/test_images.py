@@ -187,7 +187,7 @@ def test_four_bits_a_pixel_are_named(tmp_path: Path) -> None:
     tifffile.imwrite(path, (counts() % 16).astype(np.uint8), metadata=None)
     with tifffile.TiffFile(path, mode="r+") as tiff:
         for page in tiff.pages:
-            page.tags["BitsPerSample"].overwrite(4)  # type: ignore[union-attr]
+            page.tags["BitsPerSample"].overwrite(4)
     with pytest.raises(ScanFileError, match="4 bits a pixel"):
         read_scan(path, SIZED)
 
