@@ -369,8 +369,8 @@ class RegistrationPart(Part):
     )
     decision_rule: DecisionRule = Field(
         default=Rule.name,
-        description="How limits count uncertainty: conformance (probability that the vessel "
-        "conforms), guarded (ISO 14253-1) or shared_risk (the value alone).",
+        description="How limits count uncertainty: guarded (ISO 14253-1), conformance "
+        "(probability that the vessel conforms) or shared_risk (the value alone).",
     )
     conformance_percent: Annotated[float, Field(gt=50, lt=100)] = Field(
         default=100 * Rule.level,

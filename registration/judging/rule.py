@@ -26,7 +26,7 @@ class Rule:
         probability of the contrary on.
     """
 
-    name: DecisionRule = DecisionRule.CONFORMANCE
+    name: DecisionRule = DecisionRule.GUARDED
     level: float = 0.95
 
     @property
