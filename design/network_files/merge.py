@@ -22,7 +22,7 @@ from design.network_files.along import (
     sample,
     shared_stretches,
 )
-from design.network_files.csv_format.chain import chain_pieces, fuse_vessels
+from design.network_files.csv_format.chain import chain_pieces, fuse_vessels, join_equal_points
 from design.network_files.csv_format.pieces import Pieces
 
 _PARALLEL: Final = 0.7
@@ -40,7 +40,9 @@ class NetworkWithNotes(NamedTuple):
     notes: tuple[str, ...]
 
 
-def merge_shared(path: Path, network: VesselNetwork) -> NetworkWithNotes:
+def merge_shared(
+    path: Path, network: VesselNetwork, *, by_place: bool = False
+) -> NetworkWithNotes:
     """Merge vessels of one kind where they run along each other.
 
     Vessels are compared in their order. Where the axis of one stays within `SAME_AXIS` radii of
@@ -57,10 +59,11 @@ def merge_shared(path: Path, network: VesselNetwork) -> NetworkWithNotes:
     path : Path
         Of the file, for messages.
     network : VesselNetwork
+    by_place : bool
+        Whether points at the same place, to the bit, are one node. They are joined after merging:
+        cut there before, lines of one lumen would be too short to be told as such.
     """
     pairs = _beside(network)
-    if not len(pairs):
-        return NetworkWithNotes(network, ())
     links = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(network.vessel_count,) * 2)
     _, group = connected_components(links, directed=False)
     involved = np.unique(pairs)
@@ -68,10 +71,12 @@ def merge_shared(path: Path, network: VesselNetwork) -> NetworkWithNotes:
     merge = _Merge(network)
     for vessels in np.split(involved, np.flatnonzero(np.diff(group[involved])) + 1):
         merge.add(vessels)
-    if not merge.shared:
+    if not (merge.shared or by_place):
         return NetworkWithNotes(network, ())
-    pieces, turned = merge.pieces(path)
+    pieces, turned = merge.pieces(path, by_place=by_place)
     merged = chain_pieces(pieces)
+    if not merge.shared:
+        return NetworkWithNotes(merged, ())
     return NetworkWithNotes(merged, (_note(network, merged, merge.shared, turned),))
 
 
@@ -164,6 +169,7 @@ class _Merge:
         self._paths: list[_Path] = []
         self._same = list(range(len(network.nodes)))
         self._place = list(network.nodes)
+        self._left_out: list[tuple[FloatArray, _Path, float, float]] = []
 
     def add(self, vessels: IntArray) -> None:
         """Add vessels that may run along each other, and along no others."""
@@ -202,6 +208,10 @@ class _Merge:
         for one in stretches:
             others = frozenset(kept[k].vessel for k in feet.path[one.first : one.last + 1])
             self.shared.append(_Shared(path.vessel, others, one))
+            for k in range(one.first, one.last + 1):
+                if own.at[k] == round(own.at[k]):
+                    foot = kept[feet.path[k]], float(feet.at[k]), float(own.radius[k])
+                    self._left_out.append((own.points[k], *foot))
             joints = [
                 self._joint(kept[feet.path[k]], float(feet.at[k]), float(own.radius[k]))
                 for k in (one.first, one.last)
@@ -244,8 +254,9 @@ class _Merge:
             label = self._same[label]
         return label
 
-    def pieces(self, path: Path) -> tuple[Pieces, int]:
+    def pieces(self, path: Path, *, by_place: bool) -> tuple[Pieces, int]:
         """Straight pieces of all paths, and how many vessels were turned round for it."""
+        moved = self._moved_places() if by_place else {}
         point = self._points()
         root = np.array(self._same)
         while (root[root] != root).any():
@@ -253,6 +264,8 @@ class _Merge:
         named = point.label >= 0
         node = np.where(named, root[point.label], len(root) + np.arange(len(named)))
         point.place[named] = np.array(self._place)[node[named]]
+        for k in np.flatnonzero([tuple(one) in moved for one in point.place.tolist()]).tolist():
+            point.place[k] = self._place[self._root(moved[tuple(point.place[k].tolist())])]
         row = np.flatnonzero((point.path[:-1] == point.path[1:]) & (node[:-1] != node[1:]))
         ends = np.stack([row, row + 1], axis=1)
         vessel = point.vessel[row]
@@ -266,19 +279,53 @@ class _Merge:
             kind=self._network.kind[vessel],
             tree=self._trees()[vessel],
         )
+        # How many ends of the given vessels, and how many of their pieces, each node holds.
+        share = np.bincount(root[self._network.vessel_nodes.ravel()], minlength=len(root))
+        before = np.zeros(len(node) + len(root), dtype=np.int64)
+        before[: len(self._network.nodes)] = self._network.degree()
+        if by_place:
+            pieces, share, before = self._joined(pieces, share)
         opposed = {
             v for one in self.shared if one.stretch.opposed for v in (one.vessel, *one.others)
         }
         turned = 0
         if opposed:
-            # How many ends of the given vessels each node holds.
-            share = np.bincount(root[self._network.vessel_nodes.ravel()], minlength=len(root))
-            pieces, flipped = _directed(pieces, np.isin(vessel, sorted(opposed)), share)
-            turned = len(np.unique(vessel[flipped]))
+            pieces, flipped = _directed(pieces, np.isin(pieces.line - 1, sorted(opposed)), share)
+            turned = len(np.unique(pieces.line[flipped]))
         # Where merging left two ends of vessels alone, they go on as one.
-        before = np.zeros(len(node) + len(root), dtype=np.int64)
-        before[: len(self._network.nodes)] = self._network.degree()
         return fuse_vessels(pieces, before != 2), turned
+
+    def _moved_places(self) -> dict[tuple[float, ...], int]:
+        """Points that were left out and are another vessel's, too; joints that are there now."""
+        compared = [path.vessel for path in self._paths]
+        apart = [
+            self._network.polyline(v)[0]
+            for v in range(self._network.vessel_count)
+            if v not in set(compared)
+        ]
+        own = {id(path): {*map(tuple, path.points.tolist())} for path in self._paths}
+        kept = set().union(*own.values(), *({*map(tuple, one.tolist())} for one in apart))
+        moved: dict[tuple[float, ...], int] = {}
+        for point, path, at, radius in self._left_out:
+            place = tuple(point.tolist())
+            if place in kept and place not in own[id(path)]:
+                moved.setdefault(place, self._joint(path, at, radius))
+        return moved
+
+    def _joined(self, pieces: Pieces, share: IntArray) -> tuple[Pieces, IntArray, IntArray]:
+        """Pieces with one node a place; how many ends and pieces of given vessels each holds."""
+        given = self._network
+        places = np.concatenate([pieces.points.reshape(-1, 3), given.points])
+        _, first, inverse = np.unique(places, axis=0, return_index=True, return_inverse=True)
+        number = first[inverse.reshape(-1)]
+        label, at = np.unique(pieces.nodes, return_index=True)
+        ends = np.bincount(
+            number[at[label < len(share)]], share[label[label < len(share)]], minlength=len(number)
+        )
+        held = np.full(len(given.points), 2)
+        held[given.offset[:-1]] = held[given.offset[1:] - 1] = 1
+        before = np.bincount(number[2 * len(pieces) :], held, minlength=len(number))
+        return join_equal_points(pieces), ends.astype(np.int64), before.astype(np.int64)
 
     def _points(self) -> _Points:
         """Points of all paths and of the vessels that run along no other."""
