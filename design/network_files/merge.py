@@ -16,6 +16,7 @@ from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
 from design.network_files.along import (
     NEAR_END,
     SAME_AXIS,
+    Feet,
     Samples,
     Stretch,
     nearest_feet,
@@ -27,6 +28,12 @@ from design.network_files.csv_format.pieces import Pieces
 
 _PARALLEL: Final = 0.7
 """Cosine from which two straight pieces can run along each other."""
+_IN_LUMEN: Final = 1.25
+"""Between two stretches of one lumen, an axis nearer than so many radii hasn't left it: chords of
+coarse lines cut corners. Two vessels that touch are two radii apart."""
+_JOINT_REACH: Final = 6.0
+"""Radii to a joint of two vessels, within which a line that goes over from one to the other makes
+no way of its own."""
 _NEAR_POINT: Final = 0.05
 """A joint goes to a point of the line that is nearer than so many radii."""
 _TOLD_DIFFERENCE: Final = 0.05
@@ -205,22 +212,37 @@ class _Merge:
         stretches = shared_stretches(own, feet, between_nodes=between_nodes)
         rests: list[_Path] = []
         begin, label = 0, path.ends[0]
-        for one in stretches:
+        for k, one in enumerate(stretches):
             others = frozenset(kept[k].vessel for k in feet.path[one.first : one.last + 1])
             self.shared.append(_Shared(path.vessel, others, one))
-            for k in range(one.first, one.last + 1):
-                if own.at[k] == round(own.at[k]):
-                    foot = kept[feet.path[k]], float(feet.at[k]), float(own.radius[k])
-                    self._left_out.append((own.points[k], *foot))
+            in_lumen = k > 0 and self._in_lumen(kept, feet, own, slice(begin, one.first + 1))
+            for row in range(begin if in_lumen else one.first, one.last + 1):
+                if own.at[row] == round(own.at[row]):
+                    foot = kept[feet.path[row]], float(feet.at[row]), float(own.radius[row])
+                    self._left_out.append((own.points[row], *foot))
             joints = [
-                self._joint(kept[feet.path[k]], float(feet.at[k]), float(own.radius[k]))
-                for k in (one.first, one.last)
+                self._joint(kept[feet.path[row]], float(feet.at[row]), float(own.radius[row]))
+                for row in (one.first, one.last)
             ]
-            rests += self._rest(path, own, (begin, one.first), (label, joints[0]))
+            if not in_lumen:
+                rests += self._rest(path, own, (begin, one.first), (label, joints[0]))
             begin, label = one.last, joints[1]
         if not stretches:
             return [path]
         return rests + self._rest(path, own, (begin, last), (label, path.ends[1]))
+
+    def _in_lumen(self, kept: list[_Path], feet: Feet, own: Samples, between: slice) -> bool:
+        """Whether samples between two stretches stay in the lumen of one path, or of two joined."""
+        if (feet.gap[between] > _IN_LUMEN * feet.radius[between]).any():
+            return False
+        one, two = (kept[k] for k in feet.path[between][[0, -1]])
+        nodes = {self._root(label): one.point(at) for at, label in one.labelled}
+        joints = [nodes[k] for _, label in two.labelled if (k := self._root(label)) in nodes]
+        reach = _JOINT_REACH * own.radius[between].max()
+        points = own.points[between]
+        return one is two or any(
+            np.linalg.norm(points - joint, axis=1).min() <= reach for joint in joints
+        )
 
     def _rest(
         self, path: _Path, own: Samples, span: tuple[int, int], ends: tuple[int, int]
@@ -309,7 +331,8 @@ class _Merge:
         for point, path, at, radius in self._left_out:
             place = tuple(point.tolist())
             if place in kept and place not in own[id(path)]:
-                moved.setdefault(place, self._joint(path, at, radius))
+                # As in `_rest`, no vessel of its own is shorter than a radius.
+                moved.setdefault(place, self._joint(path, at, radius / NEAR_END))
         return moved
 
     def _joined(self, pieces: Pieces, share: IntArray) -> tuple[Pieces, IntArray, IntArray]:
@@ -322,7 +345,7 @@ class _Merge:
         ends = np.bincount(
             number[at[label < len(share)]], share[label[label < len(share)]], minlength=len(number)
         )
-        held = np.full(len(given.points), 2)
+        held = np.full(len(given.points), 3)
         held[given.offset[:-1]] = held[given.offset[1:] - 1] = 1
         before = np.bincount(number[2 * len(pieces) :], held, minlength=len(number))
         return join_equal_points(pieces), ends.astype(np.int64), before.astype(np.int64)
