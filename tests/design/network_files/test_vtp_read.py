@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from design.errors import NetworkError
 from design.network import VesselKind, VesselNetwork
 from design.network_files.vtp import write_network_vtp
-from design.network_files.vtp_read import read_vtp_lines
+from design.network_files.by_suffix import read_network
 from tests.design.networks import random_trees
 from tests.slower import examples
 
@@ -70,11 +70,11 @@ def test_ours_come_back_to_the_bit(
     network = random_trees(seed, vessels, min(roots, vessels))
     path = tmp_path_factory.mktemp("vtp") / "network.vtp"
     write_network_vtp(path, network, {"flow_ul_s": np.ones(network.vessel_count)})
-    same_vessels(read_vtp_lines(path, "mm"), network)
+    same_vessels(read_network(path, "mm"), network)
 
 
 def test_lines_that_join_in_the_middle_are_cut_there(tmp_path: Path) -> None:
-    network = read_vtp_lines(written(tmp_path, document()), "cm")
+    network = read_network(written(tmp_path, document()), "cm")
     assert network.vessel_count == 3
     assert network.degree().tolist().count(3) == 1
     assert network.lengths() == pytest.approx([100.0, 100.0, 80.0])
@@ -84,7 +84,7 @@ def test_lines_that_join_in_the_middle_are_cut_there(tmp_path: Path) -> None:
 
 
 def test_a_radius_in_mm_stays_in_mm(tmp_path: Path) -> None:
-    network = read_vtp_lines(written(tmp_path, document(name="radius_mm")), "cm")
+    network = read_network(written(tmp_path, document(name="radius_mm")), "cm")
     assert network.radius.max() == 2.0
 
 
@@ -117,21 +117,21 @@ def test_binary_as_paraview_writes_it(tmp_path: Path, header: str, compressed: b
         attributes=attributes,
         form="binary",
     )
-    found = read_vtp_lines(written(tmp_path, text), "mm")
+    found = read_network(written(tmp_path, text), "mm")
     plain = tmp_path / "plain"
     plain.mkdir()
-    same_vessels(found, read_vtp_lines(written(plain, document()), "mm"))
+    same_vessels(found, read_network(written(plain, document()), "mm"))
 
 
 def test_lines_of_two_points_go_on_as_one_vessel(tmp_path: Path) -> None:
     """As SimVascular writes its centrelines."""
     pieces = {"connectivity": "0 1 1 2 3 4", "offsets": "2 4 6"}
     points = "0 0 0  10 0 0  20 0 0  20 0 0  20 8 0"
-    network = read_vtp_lines(written(tmp_path, document(points, "2 2 2 2 2", **pieces)), "mm")
+    network = read_network(written(tmp_path, document(points, "2 2 2 2 2", **pieces)), "mm")
     assert network.lengths() == pytest.approx([28.0])
     ours = '<DataArray type="Int64" Name="vessel" format="ascii">0 1 2</DataArray>'
     text = document(points, "2 2 2 2 2", cells=ours, **pieces)
-    assert read_vtp_lines(written(tmp_path, text), "mm").vessel_count == 3
+    assert read_network(written(tmp_path, text), "mm").vessel_count == 3
 
 
 @pytest.mark.parametrize("encoding", ["raw", "base64"])
@@ -158,7 +158,7 @@ def test_appended_data_are_read(tmp_path: Path, encoding: str, squeeze: Callable
     text = text.replace('"at"', '"appended"').replace("</VTKFile>", "")
     data = f'{text}<AppendedData encoding="{encoding}">\n_'.encode() + body
     (tmp_path / "network.vtp").write_bytes(data + b"\n</AppendedData></VTKFile>")
-    network = read_vtp_lines(tmp_path / "network.vtp", "mm")
+    network = read_network(tmp_path / "network.vtp", "mm")
     assert network.lengths() == pytest.approx([10.0, 10.0, 8.0])
     assert network.radius.tolist() == [2, 2, 2, 2, 1, 1]
 
@@ -188,7 +188,7 @@ def test_appended_data_are_read(tmp_path: Path, encoding: str, squeeze: Callable
 def test_what_cannot_be_read_is_told(tmp_path: Path, text: str, word: str) -> None:
     path = written(tmp_path, text)
     with pytest.raises(NetworkError, match=word) as caught:
-        read_vtp_lines(path, "mm")
+        read_network(path, "mm")
     assert str(path) in str(caught.value)
 
 
@@ -197,4 +197,4 @@ def test_no_entity_is_followed(tmp_path: Path) -> None:
     entity = f'<!DOCTYPE x [<!ENTITY s SYSTEM "{(tmp_path / "secret").as_uri()}">]>'
     path = written(tmp_path, entity + document(radius="&s;"))
     with pytest.raises(NetworkError):
-        read_vtp_lines(path, "mm")
+        read_network(path, "mm")
