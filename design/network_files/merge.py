@@ -157,6 +157,19 @@ class _Path:
         return self.points[k] + (at - k) * (self.points[k + 1] - self.points[k])
 
 
+class _Along(NamedTuple):
+    """A path, its samples, and their feet on the paths that are kept."""
+
+    path: _Path
+    own: Samples
+    feet: Feet
+    kept: list[_Path]
+
+    def foot(self, k: int) -> tuple[_Path, float, float]:
+        """Path and place along it below a sample, and the sample's radius, mm."""
+        return self.kept[self.feet.path[k]], float(self.feet.at[k]), float(self.own.radius[k])
+
+
 class _Points(NamedTuple):
     """Points of paths in turn: vessel, path, label (-1 for none), place (mm), radius (mm)."""
 
@@ -210,53 +223,63 @@ class _Merge:
 
         between_nodes = is_node(0) and is_node(last)
         stretches = shared_stretches(own, feet, between_nodes=between_nodes)
-        rests: list[_Path] = []
-        begin, label = 0, path.ends[0]
-        for k, one in enumerate(stretches):
-            others = frozenset(kept[k].vessel for k in feet.path[one.first : one.last + 1])
-            self.shared.append(_Shared(path.vessel, others, one))
-            in_lumen = k > 0 and self._in_lumen(kept, feet, own, slice(begin, one.first + 1))
-            for row in range(begin if in_lumen else one.first, one.last + 1):
-                if own.at[row] == round(own.at[row]):
-                    foot = kept[feet.path[row]], float(feet.at[row]), float(own.radius[row])
-                    self._left_out.append((own.points[row], *foot))
-            joints = [
-                self._joint(kept[feet.path[row]], float(feet.at[row]), float(own.radius[row]))
-                for row in (one.first, one.last)
-            ]
-            if not in_lumen:
-                rests += self._rest(path, own, (begin, one.first), (label, joints[0]))
-            begin, label = one.last, joints[1]
         if not stretches:
             return [path]
-        return rests + self._rest(path, own, (begin, last), (label, path.ends[1]))
+        along = _Along(path, own, feet, kept)
+        rests: list[_Path] = []
+        begin, label = 0, path.ends[0]
+        for one in stretches:
+            others = frozenset(kept[k].vessel for k in feet.path[one.first : one.last + 1])
+            self.shared.append(_Shared(path.vessel, others, one))
+            self._leave_out(along, one.first, one.last)
+            joints = [self._joint(*along.foot(k)) for k in (one.first, one.last)]
+            rests += self._rest(along, (begin, one.first), (label, joints[0]))
+            begin, label = one.last, joints[1]
+        return rests + self._rest(along, (begin, last), (label, path.ends[1]))
 
-    def _in_lumen(self, kept: list[_Path], feet: Feet, own: Samples, between: slice) -> bool:
-        """Whether samples between two stretches stay in the lumen of one path, or of two joined."""
-        if (feet.gap[between] > _IN_LUMEN * feet.radius[between]).any():
-            return False
-        one, two = (kept[k] for k in feet.path[between][[0, -1]])
-        nodes = {self._root(label): one.point(at) for at, label in one.labelled}
-        joints = [nodes[k] for _, label in two.labelled if (k := self._root(label)) in nodes]
-        reach = _JOINT_REACH * own.radius[between].max()
-        points = own.points[between]
-        return one is two or any(
-            np.linalg.norm(points - joint, axis=1).min() <= reach for joint in joints
-        )
+    def _leave_out(self, along: _Along, first: int, last: int) -> None:
+        """Record where points are left out, in case that others share them."""
+        for k in range(first, last + 1):
+            if along.own.at[k] == round(along.own.at[k]):
+                self._left_out.append((along.own.points[k], *along.foot(k)))
 
     def _rest(
-        self, path: _Path, own: Samples, span: tuple[int, int], ends: tuple[int, int]
+        self, along: _Along, span: tuple[int, int], ends: tuple[int, int]
     ) -> list[_Path]:
         """The path between two samples; none where it stays in the lumen that it leaves."""
-        first, last = span
-        if own.length[last] - own.length[first] <= own.radius[first : last + 1].max():
-            for outer in (0, 1):
-                if ends[outer] == path.ends[outer]:
-                    self._same[self._root(ends[outer])] = self._root(ends[1 - outer])
-            return []
+        (first, last), own, path = span, along.own, along.path
         rows = np.arange(first, last + 1)
+        free = [ends[side] == path.ends[side] for side in (0, 1)]
+        short = own.length[last] - own.length[first] <= own.radius[rows].max()
+        if (short and any(free)) or self._in_lumen(along, rows, free, short=short):
+            self._leave_out(along, first, last)
+            for side in (0, 1):
+                if free[side]:
+                    joint = ends[1 - side] if short else self._joint(*along.foot(span[side]))
+                    self._same[self._root(ends[side])] = self._root(joint)
+            return []
         rows = rows[(own.at[rows] == np.round(own.at[rows])) | (rows == first) | (rows == last)]
         return [_Path(own.points[rows], own.radius[rows], ends, path.vessel)]
+
+    def _in_lumen(self, along: _Along, rows: IntArray, free: list[bool], *, short: bool) -> bool:
+        """Whether samples stay in the lumen of one path, or of two that are joined near them.
+
+        At a free end, only where the path below ends, too: else it may be an outlet of its own.
+        """
+        feet = along.feet
+        reach = feet.radius[rows]
+        if not short and (feet.gap[rows] > _IN_LUMEN * reach).any():
+            return False
+        if (feet.to_end[rows] > reach)[[0, -1]][free].any():
+            return False
+        one, two = (along.kept[k] for k in feet.path[rows][[0, -1]])
+        nodes = {self._root(label): one.point(at) for at, label in one.labelled}
+        joints = [nodes[k] for _, label in two.labelled if (k := self._root(label)) in nodes]
+        return one is two or any(
+            np.linalg.norm(along.own.points[rows] - joint, axis=1).min()
+            <= _JOINT_REACH * reach.max()
+            for joint in joints
+        )
 
     def _joint(self, path: _Path, at: float, radius: float) -> int:
         """Label of the node at a place along a path, made where there is none near it."""
