@@ -192,7 +192,8 @@ class _File:
         kind, form = element.get("type", ""), element.get("format", "ascii")
         if kind not in _NUMPY:
             self.fail(f"type {kind or 'missing'} isn't one of VTK's numbers; write it again")
-        text = (element.text or "") + "".join(child.tail or "" for child in element)
+        # Not that of children: VTK's InformationKey.
+        text = "".join(element.xpath("text()")).strip()
         try:
             if form == "ascii":
                 return np.array(text.split(), dtype=_NUMPY[kind])
