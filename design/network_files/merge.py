@@ -472,6 +472,12 @@ def _note(before: VesselNetwork, after: VesselNetwork, shared: list[_Shared], tu
             f"; their radii differ by up to {100 * uneven:.0f} %: those that stand first in the "
             "file are kept"
         )
+    arteries = bool((after.kind == VesselKind.ARTERY).all())
+    if arteries and len(after.outlets()) == 1 < len(after.inlets()):
+        note += (
+            f"; all {len(after.inlets())} lines run to one end, which is more likely the inlet: "
+            "if so, reverse the lines in the file"
+        )
     if turned:
         note += f"; turned round, as merged vessels had opposite directions: {turned}"
     return f"{note}."
