@@ -232,10 +232,20 @@ class _Merge:
             others = frozenset(kept[k].vessel for k in feet.path[one.first : one.last + 1])
             self.shared.append(_Shared(path.vessel, others, one))
             self._leave_out(along, one.first, one.last)
+            self._join_ends(along, one)
             joints = [self._joint(*along.foot(k)) for k in (one.first, one.last)]
             rests += self._rest(along, (begin, one.first), (label, joints[0]))
             begin, label = one.last, joints[1]
         return rests + self._rest(along, (begin, last), (label, path.ends[1]))
+
+    def _join_ends(self, along: _Along, one: Stretch) -> None:
+        """Join paths below a stretch where one ends and another goes on."""
+        feet = along.feet
+        at_end = feet.to_end <= feet.radius
+        for k in range(one.first, one.last):
+            if feet.path[k] != feet.path[k + 1] and at_end[k] and at_end[k + 1]:
+                ends = [self._root(self._joint(*along.foot(row))) for row in (k, k + 1)]
+                self._same[ends[1]] = ends[0]
 
     def _leave_out(self, along: _Along, first: int, last: int) -> None:
         """Record where points are left out, in case that others share them."""

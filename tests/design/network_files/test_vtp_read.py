@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import zlib
 from collections.abc import Callable
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +82,49 @@ def test_lines_that_join_in_the_middle_are_cut_there(tmp_path: Path) -> None:
     # A radius that isn't said to be in mm is in the file's unit.
     assert network.radius.tolist() == [20, 20, 20, 20, 10, 10]
     assert (network.kind == VesselKind.ARTERY).all()
+
+
+@pytest.mark.parametrize("order", list(permutations(range(3))))
+@pytest.mark.parametrize("step", [0.5, 1.0, 2.0])
+def test_lines_of_shared_points_and_others_are_one_trunk(
+    tmp_path: Path, order: tuple[int, ...], step: float
+) -> None:
+    """One line traces the trunk by its own points, two by the same points, in any order."""
+    trunk = [(x, 0.0, 0.0) for x in np.arange(0.0, 10.1, step)]
+    lines = [
+        [(0, 0.1, 0), (10, 0.1, 0), (16, 6, 0)],
+        [*trunk, (16, -6, 0)],
+        [*trunk, (16, 0, 6)],
+    ]
+    points = np.array([point for k in order for point in lines[k]], dtype=float)
+    text = document(
+        " ".join(map(str, points.ravel())),
+        "1 " * len(points),
+        " ".join(map(str, range(len(points)))),
+        " ".join(map(str, np.cumsum([len(lines[k]) for k in order]))),
+    )
+    network = read_network(written(tmp_path, text), "mm")
+    assert (network.vessel_count, len(network.inlets()), len(network.outlets())) == (4, 1, 3)
+    # Of 10 mm and thrice √72 mm.
+    assert network.lengths().sum() == pytest.approx(10 + 3 * 72**0.5, rel=0.02)
+
+
+def test_a_branch_at_a_point_of_a_merged_line_stays_joined(tmp_path: Path) -> None:
+    points = "0 0 0  20 0 0  0 0.2 0  8 0.2 0  20 0.2 0  8 0.2 0  8 9 0"
+    text = document(points, "1 " * 7, "0 1 2 3 4 5 6", "2 5 7")
+    network = read_network(written(tmp_path, text), "mm")
+    assert sorted(network.lengths()) == pytest.approx([8.0, 9.0, 12.0])
+    assert network.degree().tolist().count(3) == 1
+
+
+def test_a_key_within_an_array_is_not_a_number(tmp_path: Path) -> None:
+    """As VTK writes the range of vectors and the names of components."""
+    key = '<InformationKey name="L2_NORM_RANGE"><Value index="0">0</Value></InformationKey>'
+    text = document(points=POINTS + key, radius=key + "2 2 2 1 1")
+    same_vessels(
+        read_network(written(tmp_path, text), "mm"),
+        read_network(written(tmp_path, document()), "mm"),
+    )
 
 
 def test_a_radius_in_mm_stays_in_mm(tmp_path: Path) -> None:

@@ -104,8 +104,9 @@ def test_vessels_outside_the_tissue_are_told_and_none_within_is_refused() -> Non
 def test_a_network_far_larger_than_its_tissue_is_refused() -> None:
     shape = block((10.0, 6.0, 4.0))
     tissue = tissue_from_surface(shape.vertices, shape.faces)
-    with pytest.raises(RecipeError, match=r"beyond .* to \(90, 50, 23\) mm.*unit"):
-        outside_note(tissue, replace(OVER, nodes=10 * OVER.nodes, points=10 * OVER.points))
+    large = replace(OVER, nodes=10 * OVER.nodes, points=10 * OVER.points)
+    with pytest.raises(RecipeError, match=r"beyond .* to \(81, 21, 4\) mm.*unit"):
+        outside_note(tissue, large.moved(np.array([-9.0, -29.0, -19.0])))
 
 
 @pytest.mark.parametrize("radius", [0.5, 1.0])
