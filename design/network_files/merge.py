@@ -47,9 +47,7 @@ class NetworkWithNotes(NamedTuple):
     notes: tuple[str, ...]
 
 
-def merge_shared(
-    path: Path, network: VesselNetwork, *, by_place: bool = False
-) -> NetworkWithNotes:
+def merge_shared(path: Path, network: VesselNetwork, *, by_place: bool = False) -> NetworkWithNotes:
     """Merge vessels of one kind where they run along each other.
 
     Vessels are compared in their order. Where the axis of one stays within `SAME_AXIS` radii of
@@ -253,9 +251,7 @@ class _Merge:
             if along.own.at[k] == round(along.own.at[k]):
                 self._left_out.append((along.own.points[k], *along.foot(k)))
 
-    def _rest(
-        self, along: _Along, span: tuple[int, int], ends: tuple[int, int]
-    ) -> list[_Path]:
+    def _rest(self, along: _Along, span: tuple[int, int], ends: tuple[int, int]) -> list[_Path]:
         """The path between two samples; none where it stays in the lumen that it leaves."""
         (first, last), own, path = span, along.own, along.path
         rows = np.arange(first, last + 1)

@@ -32,8 +32,9 @@ def has_points(path: Path) -> bool:
 def read_points_csv(path: Path, unit: LengthUnit) -> VesselNetwork:
     """Read points with the columns x, y, z, radius, parent, and id and kind where they are given.
 
-    Fields are separated by commas, semicolons or tabs. All lengths are in the file's unit. The parent is the ``id`` of another row; without a column
-    ``id`` rows are numbered from 0. A root's parent is -1 or empty.
+    Fields are separated by commas, semicolons or tabs. All lengths are in the file's unit. The
+    parent is the ``id`` of another row; without a column ``id`` rows are numbered from 0. A root's
+    parent is -1 or empty.
 
     Raises
     ------
@@ -71,9 +72,7 @@ def read_points_csv(path: Path, unit: LengthUnit) -> VesselNetwork:
             )
         if parent == number:
             start = "" if "id" in names else "; rows count from 0, or give a column id"
-            raise NetworkError(
-                f"{path}, line {at}: point {number} is its own parent{start}"
-            )
+            raise NetworkError(f"{path}, line {at}: point {number} is its own parent{start}")
         line.append(at)
         rows.append((number, kind, x, y, z, radius, parent))
     return trees_of_points(path, line, rows, np.full(4, MM_PER[unit]))

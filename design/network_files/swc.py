@@ -143,8 +143,8 @@ def read_swc_header(path: Path) -> SwcHeader:
             named = _unit(match[1] or match[2])
             if named is None:
                 raise NetworkError(
-                    f"{path}, line {number}: unit {match[1] or match[2]!r} isn't one of {', '.join(MM_PER)}; "
-                    "mend the line, or remove it and give unit (--unit)"
+                    f"{path}, line {number}: unit {match[1] or match[2]!r} isn't one of "
+                    f"{', '.join(MM_PER)}; mend the line, or remove it and give unit (--unit)"
                 )
             if unit not in (None, named):
                 raise NetworkError(

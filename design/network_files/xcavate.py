@@ -47,7 +47,8 @@ def read_network_xcavate(
     A vessel is a line ``Vessel: 0, Number of Points: 100`` and a line ``x, y, z, radius`` for
     each point, all in cm; a fifth number, where there is one, is 0 in a vein and another in an
     artery. Vessels begin and end within the vessel that they leave or join, not on its axis:
-    `join_lines` puts them there, once lines through one lumen are merged. Designed flow runs along each vessel as it is given.
+    `join_lines` puts them there, once lines through one lumen are merged. Designed flow runs along
+    each vessel as it is given.
 
     Parameters
     ----------

@@ -171,7 +171,7 @@ def _blame(
             convert(field)
         except (ValueError, KeyError) as exc:
             raise NetworkError(f"{path}, line {line}: {name} is {field!r}; give {wanted}") from exc
-    raise NetworkError(f"{path}, line {reader.before}: column {name} can't be read; give {wanted}")
+    raise NetworkError(f"{path}: column {name} can't be read; give {wanted}")
 
 
 def check_pieces(pieces: Pieces) -> None:

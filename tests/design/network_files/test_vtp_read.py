@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from design.errors import NetworkError
 from design.network import VesselKind, VesselNetwork
-from design.network_files.vtp import write_network_vtp
 from design.network_files.by_suffix import read_network
+from design.network_files.vtp import write_network_vtp
 from tests.design.networks import random_trees
 from tests.slower import examples
 
