@@ -17,7 +17,7 @@ from design.network_files.npz import read_network_npz, write_network_npz
 from design.network_files.points_csv import has_points, read_points_csv
 from design.network_files.swc import read_network_swc, read_swc_header, write_network_swc
 from design.network_files.vtp import write_network_vtp
-from design.network_files.vtp_read import read_network_vtp
+from design.network_files.vtp_read import read_vtp_lines
 from design.network_files.xcavate import read_network_xcavate
 from design.units import MM_PER, LengthUnit
 
@@ -90,7 +90,7 @@ def read_with_notes(
             f"{path} is in {SAID[suffix]}, as its format says, not {unit}; leave unit out"
         )
     network, notes = _read(path, unit, ends)
-    merged = merge_shared(path, network)
+    merged = merge_shared(path, network, by_place=suffix == ".vtp")
     return NetworkWithNotes(merged.network, (*notes, *merged.notes))
 
 
@@ -107,7 +107,7 @@ def _read(path: Path, unit: LengthUnit | None, ends: Path | None) -> NetworkWith
         case ".npz":
             network = read_network_npz(path)
         case ".vtp":
-            network = read_network_vtp(path, unit or "mm")
+            network = read_vtp_lines(path, unit or "mm")
         case _:
             read = read_points_csv if has_points(path) else read_network_csv
             network = read(path, unit or "mm")

@@ -16,17 +16,24 @@ from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
 from design.network_files.along import (
     NEAR_END,
     SAME_AXIS,
+    Feet,
     Samples,
     Stretch,
     nearest_feet,
     sample,
     shared_stretches,
 )
-from design.network_files.csv_format.chain import chain_pieces, fuse_vessels
+from design.network_files.csv_format.chain import chain_pieces, fuse_vessels, join_equal_points
 from design.network_files.csv_format.pieces import Pieces
 
 _PARALLEL: Final = 0.7
 """Cosine from which two straight pieces can run along each other."""
+_IN_LUMEN: Final = 1.25
+"""Between two stretches of one lumen, an axis nearer than so many radii hasn't left it: chords of
+coarse lines cut corners. Two vessels that touch are two radii apart."""
+_JOINT_REACH: Final = 6.0
+"""Radii to a joint of two vessels, within which a line that goes over from one to the other makes
+no way of its own."""
 _NEAR_POINT: Final = 0.05
 """A joint goes to a point of the line that is nearer than so many radii."""
 _TOLD_DIFFERENCE: Final = 0.05
@@ -40,7 +47,7 @@ class NetworkWithNotes(NamedTuple):
     notes: tuple[str, ...]
 
 
-def merge_shared(path: Path, network: VesselNetwork) -> NetworkWithNotes:
+def merge_shared(path: Path, network: VesselNetwork, *, by_place: bool = False) -> NetworkWithNotes:
     """Merge vessels of one kind where they run along each other.
 
     Vessels are compared in their order. Where the axis of one stays within `SAME_AXIS` radii of
@@ -57,10 +64,11 @@ def merge_shared(path: Path, network: VesselNetwork) -> NetworkWithNotes:
     path : Path
         Of the file, for messages.
     network : VesselNetwork
+    by_place : bool
+        Whether points at the same place, to the bit, are one node. They are joined after merging:
+        cut there before, lines of one lumen would be too short to be told as such.
     """
     pairs = _beside(network)
-    if not len(pairs):
-        return NetworkWithNotes(network, ())
     links = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(network.vessel_count,) * 2)
     _, group = connected_components(links, directed=False)
     involved = np.unique(pairs)
@@ -68,10 +76,12 @@ def merge_shared(path: Path, network: VesselNetwork) -> NetworkWithNotes:
     merge = _Merge(network)
     for vessels in np.split(involved, np.flatnonzero(np.diff(group[involved])) + 1):
         merge.add(vessels)
-    if not merge.shared:
+    if not (merge.shared or by_place):
         return NetworkWithNotes(network, ())
-    pieces, turned = merge.pieces(path)
+    pieces, turned = merge.pieces(path, by_place=by_place)
     merged = chain_pieces(pieces)
+    if not merge.shared:
+        return NetworkWithNotes(merged, ())
     return NetworkWithNotes(merged, (_note(network, merged, merge.shared, turned),))
 
 
@@ -145,6 +155,19 @@ class _Path:
         return self.points[k] + (at - k) * (self.points[k + 1] - self.points[k])
 
 
+class _Along(NamedTuple):
+    """A path, its samples, and their feet on the paths that are kept."""
+
+    path: _Path
+    own: Samples
+    feet: Feet
+    kept: list[_Path]
+
+    def foot(self, k: int) -> tuple[_Path, float, float]:
+        """Path and place along it below a sample, and the sample's radius, mm."""
+        return self.kept[self.feet.path[k]], float(self.feet.at[k]), float(self.own.radius[k])
+
+
 class _Points(NamedTuple):
     """Points of paths in turn: vessel, path, label (-1 for none), place (mm), radius (mm)."""
 
@@ -164,6 +187,7 @@ class _Merge:
         self._paths: list[_Path] = []
         self._same = list(range(len(network.nodes)))
         self._place = list(network.nodes)
+        self._left_out: list[tuple[FloatArray, _Path, float, float]] = []
 
     def add(self, vessels: IntArray) -> None:
         """Add vessels that may run along each other, and along no others."""
@@ -197,34 +221,71 @@ class _Merge:
 
         between_nodes = is_node(0) and is_node(last)
         stretches = shared_stretches(own, feet, between_nodes=between_nodes)
+        if not stretches:
+            return [path]
+        along = _Along(path, own, feet, kept)
         rests: list[_Path] = []
         begin, label = 0, path.ends[0]
         for one in stretches:
             others = frozenset(kept[k].vessel for k in feet.path[one.first : one.last + 1])
             self.shared.append(_Shared(path.vessel, others, one))
-            joints = [
-                self._joint(kept[feet.path[k]], float(feet.at[k]), float(own.radius[k]))
-                for k in (one.first, one.last)
-            ]
-            rests += self._rest(path, own, (begin, one.first), (label, joints[0]))
+            self._leave_out(along, one.first, one.last)
+            self._join_ends(along, one)
+            joints = [self._joint(*along.foot(k)) for k in (one.first, one.last)]
+            rests += self._rest(along, (begin, one.first), (label, joints[0]))
             begin, label = one.last, joints[1]
-        if not stretches:
-            return [path]
-        return rests + self._rest(path, own, (begin, last), (label, path.ends[1]))
+        return rests + self._rest(along, (begin, last), (label, path.ends[1]))
 
-    def _rest(
-        self, path: _Path, own: Samples, span: tuple[int, int], ends: tuple[int, int]
-    ) -> list[_Path]:
+    def _join_ends(self, along: _Along, one: Stretch) -> None:
+        """Join paths below a stretch where one ends and another goes on."""
+        feet = along.feet
+        at_end = feet.to_end <= feet.radius
+        for k in range(one.first, one.last):
+            if feet.path[k] != feet.path[k + 1] and at_end[k] and at_end[k + 1]:
+                ends = [self._root(self._joint(*along.foot(row))) for row in (k, k + 1)]
+                self._same[ends[1]] = ends[0]
+
+    def _leave_out(self, along: _Along, first: int, last: int) -> None:
+        """Record where points are left out, in case that others share them."""
+        for k in range(first, last + 1):
+            if along.own.at[k] == round(along.own.at[k]):
+                self._left_out.append((along.own.points[k], *along.foot(k)))
+
+    def _rest(self, along: _Along, span: tuple[int, int], ends: tuple[int, int]) -> list[_Path]:
         """The path between two samples; none where it stays in the lumen that it leaves."""
-        first, last = span
-        if own.length[last] - own.length[first] <= own.radius[first : last + 1].max():
-            for outer in (0, 1):
-                if ends[outer] == path.ends[outer]:
-                    self._same[self._root(ends[outer])] = self._root(ends[1 - outer])
-            return []
+        (first, last), own, path = span, along.own, along.path
         rows = np.arange(first, last + 1)
+        free = [ends[side] == path.ends[side] for side in (0, 1)]
+        short = own.length[last] - own.length[first] <= own.radius[rows].max()
+        if (short and any(free)) or self._in_lumen(along, rows, free, short=short):
+            self._leave_out(along, first, last)
+            for side in (0, 1):
+                if free[side]:
+                    joint = ends[1 - side] if short else self._joint(*along.foot(span[side]))
+                    self._same[self._root(ends[side])] = self._root(joint)
+            return []
         rows = rows[(own.at[rows] == np.round(own.at[rows])) | (rows == first) | (rows == last)]
         return [_Path(own.points[rows], own.radius[rows], ends, path.vessel)]
+
+    def _in_lumen(self, along: _Along, rows: IntArray, free: list[bool], *, short: bool) -> bool:
+        """Whether samples stay in the lumen of one path, or of two that are joined near them.
+
+        At a free end, only where the path below ends, too: else it may be an outlet of its own.
+        """
+        feet = along.feet
+        reach = feet.radius[rows]
+        if not short and (feet.gap[rows] > _IN_LUMEN * reach).any():
+            return False
+        if (feet.to_end[rows] > reach)[[0, -1]][free].any():
+            return False
+        one, two = (along.kept[k] for k in feet.path[rows][[0, -1]])
+        nodes = {self._root(label): one.point(at) for at, label in one.labelled}
+        joints = [nodes[k] for _, label in two.labelled if (k := self._root(label)) in nodes]
+        return one is two or any(
+            np.linalg.norm(along.own.points[rows] - joint, axis=1).min()
+            <= _JOINT_REACH * reach.max()
+            for joint in joints
+        )
 
     def _joint(self, path: _Path, at: float, radius: float) -> int:
         """Label of the node at a place along a path, made where there is none near it."""
@@ -244,8 +305,9 @@ class _Merge:
             label = self._same[label]
         return label
 
-    def pieces(self, path: Path) -> tuple[Pieces, int]:
+    def pieces(self, path: Path, *, by_place: bool) -> tuple[Pieces, int]:
         """Straight pieces of all paths, and how many vessels were turned round for it."""
+        moved = self._moved_places() if by_place else {}
         point = self._points()
         root = np.array(self._same)
         while (root[root] != root).any():
@@ -253,6 +315,8 @@ class _Merge:
         named = point.label >= 0
         node = np.where(named, root[point.label], len(root) + np.arange(len(named)))
         point.place[named] = np.array(self._place)[node[named]]
+        for k in np.flatnonzero([tuple(one) in moved for one in point.place.tolist()]).tolist():
+            point.place[k] = self._place[self._root(moved[tuple(point.place[k].tolist())])]
         row = np.flatnonzero((point.path[:-1] == point.path[1:]) & (node[:-1] != node[1:]))
         ends = np.stack([row, row + 1], axis=1)
         vessel = point.vessel[row]
@@ -266,19 +330,54 @@ class _Merge:
             kind=self._network.kind[vessel],
             tree=self._trees()[vessel],
         )
+        # How many ends of the given vessels, and how many of their pieces, each node holds.
+        share = np.bincount(root[self._network.vessel_nodes.ravel()], minlength=len(root))
+        before = np.zeros(len(node) + len(root), dtype=np.int64)
+        before[: len(self._network.nodes)] = self._network.degree()
+        if by_place:
+            pieces, share, before = self._joined(pieces, share)
         opposed = {
             v for one in self.shared if one.stretch.opposed for v in (one.vessel, *one.others)
         }
         turned = 0
         if opposed:
-            # How many ends of the given vessels each node holds.
-            share = np.bincount(root[self._network.vessel_nodes.ravel()], minlength=len(root))
-            pieces, flipped = _directed(pieces, np.isin(vessel, sorted(opposed)), share)
-            turned = len(np.unique(vessel[flipped]))
+            pieces, flipped = _directed(pieces, np.isin(pieces.line - 1, sorted(opposed)), share)
+            turned = len(np.unique(pieces.line[flipped]))
         # Where merging left two ends of vessels alone, they go on as one.
-        before = np.zeros(len(node) + len(root), dtype=np.int64)
-        before[: len(self._network.nodes)] = self._network.degree()
         return fuse_vessels(pieces, before != 2), turned
+
+    def _moved_places(self) -> dict[tuple[float, ...], int]:
+        """Points that were left out and are another vessel's, too; joints that are there now."""
+        compared = [path.vessel for path in self._paths]
+        apart = [
+            self._network.polyline(v)[0]
+            for v in range(self._network.vessel_count)
+            if v not in set(compared)
+        ]
+        own = {id(path): {*map(tuple, path.points.tolist())} for path in self._paths}
+        kept = set().union(*own.values(), *({*map(tuple, one.tolist())} for one in apart))
+        moved: dict[tuple[float, ...], int] = {}
+        for point, path, at, radius in self._left_out:
+            place = tuple(point.tolist())
+            if place in kept and place not in own[id(path)]:
+                # As in `_rest`, no vessel of its own is shorter than a radius.
+                moved.setdefault(place, self._joint(path, at, radius / NEAR_END))
+        return moved
+
+    def _joined(self, pieces: Pieces, share: IntArray) -> tuple[Pieces, IntArray, IntArray]:
+        """Pieces with one node a place; how many ends and pieces of given vessels each holds."""
+        given = self._network
+        places = np.concatenate([pieces.points.reshape(-1, 3), given.points])
+        _, first, inverse = np.unique(places, axis=0, return_index=True, return_inverse=True)
+        number = first[inverse.reshape(-1)]
+        label, at = np.unique(pieces.nodes, return_index=True)
+        ends = np.bincount(
+            number[at[label < len(share)]], share[label[label < len(share)]], minlength=len(number)
+        )
+        held = np.full(len(given.points), 3)
+        held[given.offset[:-1]] = held[given.offset[1:] - 1] = 1
+        before = np.bincount(number[2 * len(pieces) :], held, minlength=len(number))
+        return join_equal_points(pieces), ends.astype(np.int64), before.astype(np.int64)
 
     def _points(self) -> _Points:
         """Points of all paths and of the vessels that run along no other."""
@@ -378,6 +477,12 @@ def _note(before: VesselNetwork, after: VesselNetwork, shared: list[_Shared], tu
         note += (
             f"; their radii differ by up to {100 * uneven:.0f} %: those that stand first in the "
             "file are kept"
+        )
+    arteries = bool((after.kind == VesselKind.ARTERY).all())
+    if arteries and len(after.outlets()) == 1 < len(after.inlets()):
+        note += (
+            f"; all {len(after.inlets())} lines run to one end, which is more likely the inlet: "
+            "if so, reverse the lines in the file"
         )
     if turned:
         note += f"; turned round, as merged vessels had opposite directions: {turned}"

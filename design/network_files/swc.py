@@ -34,10 +34,13 @@ _TOWARDS_ROOT = (int(VesselKind.VEIN), int(VesselKind.LYMPH))
 _UM = 1000.0
 _SAME_MM = 1e-9
 _SCALE = re.compile(r"#\s*scale\b[:=]?\s*(.*)", re.IGNORECASE)
-_UNIT = re.compile(r"#\s*units?\s*[:=]?\s*([^\W\d]+)\s*$", re.IGNORECASE)
+_UNIT = re.compile(r"#\s*units?\b\s*(?:[:=]\s*(.*\S)|[\[(]?([^\W\d]+)[\])]?)\s*$", re.IGNORECASE)
+"""``# unit: mm``, whatever stands behind the colon; without one a single word."""
 _UNIT_OF: Final[dict[str, LengthUnit]] = {
     "um": "um", "µm": "um", "μm": "um", "micron": "um", "micrometer": "um", "micrometre": "um",
-    "mm": "mm", "millimeter": "mm", "millimetre": "mm", "cm": "cm", "m": "m", "in": "in",
+    "mm": "mm", "millimeter": "mm", "millimetre": "mm", "cm": "cm", "m": "m",
+    "meter": "m", "metre": "m", "centimeter": "cm", "centimetre": "cm", "in": "in", "inch": "in",
+    "inche": "in",
 }  # fmt: skip
 PointRow = tuple[int, int, float, float, float, float, int]
 """Number, kind, x, y, z, radius, parent; a negative parent is none."""
@@ -128,7 +131,8 @@ def read_swc_header(path: Path) -> SwcHeader:
     Raises
     ------
     NetworkError
-        For a scale that isn't three numbers above 0.
+        For a unit that isn't known or contradicts another, or a scale that isn't three numbers
+        above 0.
     OSError
         When the file can't be read.
     """
@@ -136,7 +140,18 @@ def read_swc_header(path: Path) -> SwcHeader:
     scale = (1.0, 1.0, 1.0)
     for number, row in enumerate(_text(path), start=1):
         if match := _UNIT.match(row.strip()):
-            unit = _UNIT_OF.get(match[1].lower().removesuffix("s"), unit)
+            named = _unit(match[1] or match[2])
+            if named is None:
+                raise NetworkError(
+                    f"{path}, line {number}: unit {match[1] or match[2]!r} isn't one of "
+                    f"{', '.join(MM_PER)}; mend the line, or remove it and give unit (--unit)"
+                )
+            if unit not in (None, named):
+                raise NetworkError(
+                    f"{path}, line {number}: unit {named} here, {unit} in a line before; remove "
+                    "the wrong one"
+                )
+            unit = named
         if match := _SCALE.match(row.strip()):
             try:
                 x, y, z = (float(word) for word in match[1].replace(",", " ").split())
@@ -149,6 +164,12 @@ def read_swc_header(path: Path) -> SwcHeader:
                 )
             scale = (x, y, z)
     return SwcHeader(unit, scale)
+
+
+def _unit(word: str) -> LengthUnit | None:
+    """Unit that a word, perhaps in brackets, names; None for none that is known."""
+    bare = word.strip().strip("[]()").strip().rstrip(".").lower()
+    return _UNIT_OF.get(bare) or _UNIT_OF.get(bare.removesuffix("s"))
 
 
 def read_network_swc(

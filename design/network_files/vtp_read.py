@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from design.errors import NetworkError
 from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
-from design.network_files.csv_format.chain import chain_pieces, fuse_vessels
+from design.network_files.csv_format.chain import chain_pieces, fuse_vessels, join_equal_points
 from design.network_files.csv_format.pieces import Pieces
 from design.units import MM_PER, LengthUnit
 
@@ -32,14 +32,14 @@ _ZLIB: Final = "vtkZLibDataCompressor"
 _APPENDED: Final = re.compile(rb"<AppendedData\b([^>]*)>\s*_")
 
 
-def read_network_vtp(
+def read_vtp_lines(
     path: Path, unit: LengthUnit, kind: VesselKind = VesselKind.ARTERY
 ) -> VesselNetwork:
-    """Read the polylines of a file whose coordinates are in ``unit``.
+    """Read the polylines of a file whose coordinates are in ``unit``, each a vessel of its own.
 
     The radius is the point array `RADIUS_MM`, which is in mm, or one of `RADII`, in ``unit``.
-    Points at the same place, to the bit, are one node; vessels are cut where others join them.
-    Cell arrays ``kind`` and ``tree``, as `write_network_vtp` writes them, are kept. Data may be
+    Lines share nodes at equal ends alone: `merge_shared` joins them at other equal points. Cell
+    arrays ``kind`` and ``tree``, as `write_network_vtp` writes them, are kept. Data may be
     ascii, binary or appended, as it is or compressed by zlib.
 
     Parameters
@@ -63,38 +63,45 @@ def read_network_vtp(
     _check_numbers(path, points, radius, connectivity)
     sizes = np.diff(np.concatenate([[0], offsets]))
     cell = np.repeat(np.arange(len(sizes)), sizes)
-    first = np.flatnonzero(cell[:-1] == cell[1:])
-    ends = np.stack([connectivity[first], connectivity[first + 1]], axis=1)
-    place, node = np.unique(points, axis=0, return_inverse=True)
-    node = _by_appearance(node.reshape(-1), len(place))
+    place, row = points[connectivity], radius[connectivity]
     # A point given twice in a row has no length.
-    real = node[ends[:, 0]] != node[ends[:, 1]]
+    moves = np.r_[True, (np.diff(place, axis=0) != 0.0).any(axis=1) | (np.diff(cell) > 0)]
+    cell, place, row = cell[moves], place[moves], row[moves]
+    real = np.bincount(cell, minlength=len(sizes))[cell] > 1
     if not real.any():
         file.fail("no two points of a line are apart; give at least one vessel")
-    ends, of = ends[real], cell[first][real]
-    pieces = Pieces(
-        path=path,
-        line=of + 1,
-        vessel=of,
-        nodes=node[ends],
-        points=points[ends],
-        radius=radius[ends],
-        kind=file.cell_numbers("kind", len(sizes), int(kind), len(VesselKind))[of],
-        tree=file.cell_numbers("tree", len(sizes), 0, None)[of],
-    )
+    cell, place, row = cell[real], place[real], row[real]
+    of, first = np.unique(cell, return_index=True)
+    kinds = file.cell_numbers("kind", len(sizes), int(kind), len(VesselKind))[of]
+    tree = file.cell_numbers("tree", len(sizes), 0, None)[of]
+    offset = np.r_[first, len(cell)]
+    ends = np.stack([offset[:-1], offset[1:] - 1], axis=1)
+    tips = place[ends.ravel()]
+    _, first, number = np.unique(tips, axis=0, return_index=True, return_inverse=True)
+    nodes, number = np.unique(first[number.reshape(-1, 2)], return_inverse=True)
     if (sizes == 2).all() and "vessel" not in file.cell_arrays():
         # SimVascular writes each straight piece as a line.
-        pieces = fuse_vessels(pieces, np.ones(len(place), dtype=bool))
-    return chain_pieces(pieces)
-
-
-def _by_appearance(number: IntArray, count: int) -> IntArray:
-    """The same numbering in the order of first appearance."""
-    first = np.full(count, len(number))
-    np.minimum.at(first, number, np.arange(len(number)))
-    rank = np.empty(count, dtype=np.int64)
-    rank[np.argsort(first)] = np.arange(count)
-    return rank[number]
+        pieces = Pieces(
+            path=path,
+            line=of + 1,
+            vessel=of,
+            nodes=number.reshape(-1, 2),
+            points=place[ends],
+            radius=row[ends],
+            kind=kinds,
+            tree=tree,
+        )
+        pieces = join_equal_points(pieces)
+        return chain_pieces(fuse_vessels(pieces, np.ones(pieces.nodes.max() + 1, dtype=bool)))
+    return VesselNetwork(
+        nodes=tips[nodes],
+        vessel_nodes=number.reshape(-1, 2),
+        kind=kinds,
+        tree=tree,
+        offset=offset,
+        points=place,
+        radius=row,
+    )
 
 
 def _check_numbers(
@@ -185,7 +192,8 @@ class _File:
         kind, form = element.get("type", ""), element.get("format", "ascii")
         if kind not in _NUMPY:
             self.fail(f"type {kind or 'missing'} isn't one of VTK's numbers; write it again")
-        text = "".join(element.itertext()).strip()
+        # Not that of children: VTK's InformationKey.
+        text = "".join(element.xpath("text()")).strip()
         try:
             if form == "ascii":
                 return np.array(text.split(), dtype=_NUMPY[kind])

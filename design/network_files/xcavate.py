@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Final, NoReturn
 
@@ -13,6 +14,7 @@ import numpy as np
 from design.errors import NetworkError
 from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
 from design.network_files.join import REACH, Line, Snap, join_lines
+from design.network_files.merge import merge_shared
 from design.units import MM_PER
 
 _MM: Final = MM_PER["cm"]
@@ -45,7 +47,8 @@ def read_network_xcavate(
     A vessel is a line ``Vessel: 0, Number of Points: 100`` and a line ``x, y, z, radius`` for
     each point, all in cm; a fifth number, where there is one, is 0 in a vein and another in an
     artery. Vessels begin and end within the vessel that they leave or join, not on its axis:
-    `join_lines` puts them there. Designed flow runs along each vessel as it is given.
+    `join_lines` puts them there, once lines through one lumen are merged. Designed flow runs along
+    each vessel as it is given.
 
     Parameters
     ----------
@@ -68,8 +71,46 @@ def read_network_xcavate(
     lines = _lines(path, kind)
     if ends is not None:
         lines = _turned(lines, ends)
-    joined = join_lines(path, lines)
-    return XcavateNetwork(joined.network, joined.snaps, (_note(joined.snaps, joined.free),))
+    merged, notes = _merged(path, lines)
+    joined = join_lines(path, merged)
+    # Merged vessels meet at nodes already.
+    snaps = tuple(snap for snap in joined.snaps if not notes or snap.moved_mm > 0.0)
+    return XcavateNetwork(joined.network, snaps, (*notes, _note(snaps, joined.free)))
+
+
+def _merged(path: Path, lines: list[Line]) -> tuple[list[Line], tuple[str, ...]]:
+    """Lines without what runs along others, and notes on it."""
+    kinds = [np.diff(line.kind[:-1], prepend=line.kind[0]) != 0 for line in lines]
+    parts = [
+        (line, a, b)
+        for line, cut in zip(lines, kinds, strict=True)
+        for a, b in pairwise([0, *np.flatnonzero(cut).tolist(), len(line.points) - 1])
+    ]
+    network = VesselNetwork(
+        nodes=np.concatenate([line.points[[a, b]] for line, a, b in parts]),
+        vessel_nodes=np.arange(2 * len(parts)).reshape(-1, 2),
+        kind=np.array([line.kind[a] for line, a, _ in parts]),
+        tree=np.zeros(len(parts), dtype=np.int64),
+        offset=np.cumsum([0, *(b - a + 1 for _, a, b in parts)]),
+        points=np.concatenate([line.points[a : b + 1] for line, a, b in parts]),
+        radius=np.concatenate([line.radius[a : b + 1] for line, a, b in parts]),
+    )
+    merged, notes = merge_shared(path, network)
+    if not notes:
+        return lines, ()
+    origin = {
+        tuple(point): (line.vessel, number)
+        for line in reversed(lines)
+        for point, number in zip(line.points.tolist(), line.number.tolist(), strict=True)
+    }
+    left = []
+    for k in range(merged.vessel_count):
+        points, radius = merged.polyline(k)
+        places = [origin[place] for place in map(tuple, points.tolist()) if place in origin]
+        vessel, number = places[0] if places else (lines[0].vessel, int(lines[0].number[0]))
+        kind = np.full(len(points), merged.kind[k])
+        left.append(Line(vessel, np.full(len(points), number), points, radius, kind))
+    return left, notes
 
 
 def _note(snaps: tuple[Snap, ...], free: int) -> str:

@@ -1,4 +1,4 @@
-"""Report how much of a given network lies outside the tissue; refuse one wholly outside."""
+"""Report how much of a given network lies outside the tissue; refuse what can't be meant."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ _TOLD: Final = 0.02
 
 _HOLLOW: Final = 0.5
 """Of the vessels' length, from which a tissue's channels are those vessels."""
-_WALL_RADII: Final = (0.5, 1.4)
-"""Distance of a channel's wall from its vessel's axis, in radii."""
+_WALL_RADII: Final = 1.4
+"""Distance of a channel's wall from its vessel's axis at most, in radii; it may be narrower."""
 _DIRECTIONS: Final = 8
 _WALLED: Final = 0.6
 """Of the directions across a vessel; beyond others neighbouring channels may be hollow, too."""
@@ -31,7 +31,8 @@ def outside_note(tissue: Tissue, network: VesselNetwork) -> tuple[str, ...]:
     Raises
     ------
     RecipeError
-        When no vessel lies in the tissue, or vessels are cut out of it already.
+        When no vessel lies in the tissue, or vessels reach farther beyond it than it is long, or
+        they are cut out of it already.
     """
     low, high = (bound(tissue.surface.vertices, axis=0) for bound in (np.min, np.max))
     start, end, r0, r1, _ = network.pieces()
@@ -54,16 +55,15 @@ def outside_note(tissue: Tissue, network: VesselNetwork) -> tuple[str, ...]:
     if hollow >= _HOLLOW * total:
         raise RecipeError(
             f"the vessels are hollow in the tissue already: {hollow:.3g} of {total:.3g} mm of "
-            "their axes run through empty channels, whose walls lie "
-            f"{np.median((depth / wide)[walls >= _WALLED]):.2g} radii from them. Give the solid "
-            "outline without channels as the tissue, or print the mesh as it is: printctl slice "
-            "MESH"
+            "their axes run through empty channels. Give the solid outline without channels as "
+            "the tissue, or print the mesh as it is: printctl slice MESH"
         )
-    if outside.all():
-        ends = np.concatenate([start, end])
+    ends = np.concatenate([start, end])
+    beyond = float(np.maximum(low - ends, ends - high).max())
+    if outside.all() or beyond > (high - low).max():
         raise RecipeError(
-            "no vessel of the network lies in the tissue: vessels reach from "
-            f"{_text(ends.min(0))} to {_text(ends.max(0))} mm, "
+            ("no vessel of the network lies in" if outside.all() else "vessels reach far beyond")
+            + f" the tissue: vessels reach from {_text(ends.min(0))} to {_text(ends.max(0))} mm, "
             f"the tissue from {_text(low)} to {_text(high)} mm; move one of them, "
             "or see to the network's unit"
         )
@@ -91,9 +91,7 @@ def _wall_share(
     for angle in angles.tolist():
         across = np.cos(angle) * one + np.sin(angle) * two
         behind += tissue.contains(places + 1.5 * radius[:, None] * across)
-    low, high = _WALL_RADII
-    is_wall = (depth >= low * radius) & (depth <= high * radius)
-    return np.where(is_wall, behind / _DIRECTIONS, 0.0)
+    return np.where(depth <= _WALL_RADII * radius, behind / _DIRECTIONS, 0.0)
 
 
 def _text(point: np.ndarray) -> str:

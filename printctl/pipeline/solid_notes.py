@@ -42,14 +42,22 @@ class ConstructDesign:
         return "({:.4g}, {:.4g}, {:.4g}) mm".format(*(self.scale * point).tolist())
 
 
-def no_ports_note(design: ConstructDesign) -> str:
-    """Sentence on a construct without ports: which free ends come nearest to the surface."""
+def no_ports_note(design: ConstructDesign, *, boxed: bool = False) -> str:
+    """Sentence on a construct without ports: which free ends come nearest to the surface.
+
+    ``boxed``: the tissue is the box around the network, as the recipe names none.
+    """
     network = design.network
     free = np.flatnonzero(network.degree() == 1)
     text = (
         "no vessel's end opens through the tissue's surface (0 ports): the lumens are closed "
-        "cavities, which nothing can be fed into or washed out of; let an inlet and an outlet "
-        "reach the surface"
+        "cavities, which nothing can be fed into or washed out of; "
+    )
+    text += (
+        "the recipe names no tissue, so its box reaches beyond every vessel (tissue.margin_mm): "
+        "give a tissue whose surface an inlet and an outlet reach"
+        if boxed
+        else "let an inlet and an outlet reach the surface"
     )
     if len(free) == 0:
         return f"{text} (no vessel has a free end)"

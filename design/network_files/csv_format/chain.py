@@ -90,6 +90,33 @@ def fuse_vessels(pieces: Pieces, fusible: NDArray[np.bool_]) -> Pieces:
     return replace(pieces, vessel=connected_components(graph, directed=False)[1][pieces.vessel])
 
 
+def join_equal_points(pieces: Pieces) -> Pieces:
+    """Make one node of points at the same place, to the bit, and one piece of equal pieces.
+
+    Pieces without length are left out, and of pieces of one kind between the same two points all
+    but the first. What is left of a vessel in several runs is several vessels.
+    """
+    flat = pieces.points.reshape(-1, 3)
+    _, first, node = np.unique(flat, axis=0, return_index=True, return_inverse=True)
+    nodes = first[node.reshape(-1, 2)]
+    key = np.column_stack([np.sort(nodes, axis=1), pieces.kind])
+    row = np.sort(np.unique(key, axis=0, return_index=True)[1])
+    row = row[nodes[row, 0] != nodes[row, 1]]
+    follows = (pieces.vessel[row[1:]] == pieces.vessel[row[:-1]]) & (
+        nodes[row[1:], 0] == nodes[row[:-1], 1]
+    )
+    return Pieces(
+        path=pieces.path,
+        line=pieces.line[row],
+        vessel=np.cumsum(np.r_[True, ~follows]) - 1 if len(row) else pieces.vessel[row],
+        nodes=nodes[row],
+        points=pieces.points[row],
+        radius=pieces.radius[row],
+        kind=pieces.kind[row],
+        tree=pieces.tree[row],
+    )
+
+
 def _node_positions(pieces: Pieces, node: IntArray, count: int) -> FloatArray:
     """Where each node is first said to be; every other mention must agree."""
     flat, points = node.ravel(), pieces.points.reshape(-1, 3)

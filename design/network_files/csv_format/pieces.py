@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 
@@ -92,28 +92,63 @@ def parse_pieces(path: Path, text: str, mm_per_unit: float) -> Pieces:
     )
 
 
+def open_table(text: str) -> tuple[Table, list[str]]:
+    """Rows below the header, and its column names in lower case.
+
+    Fields are separated by the comma, semicolon or tab that the header has most of. Comments (#)
+    and a spreadsheet's ``sep=;`` before the header are passed over.
+    """
+    stream = io.StringIO(text, newline=None)
+    skipped, header = 0, ""
+    for header in stream:
+        if header.strip() and not header.lstrip().lower().startswith(("#", "sep=")):
+            break
+        skipped += 1
+    separator = max(",;\t", key=header.count)
+    names = [name.strip().lower() for name in next(csv.reader([header], delimiter=separator), [])]
+    return Table(csv.reader(stream, delimiter=separator), skipped + 1), names
+
+
+class Table(NamedTuple):
+    """Reader of rows, and how many lines stand before them."""
+
+    reader: Iterator[list[str]]
+    before: int
+
+
+def table_rows(path: Path, table: Table, header: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
+    """Line number and fields of each row that isn't empty or a comment.
+
+    Raises
+    ------
+    NetworkError
+        For a row of another length than the header.
+    """
+    for number, row in enumerate(table.reader, start=table.before + 1):
+        if not row or row[0].lstrip().startswith("#") or not "".join(row).strip():
+            continue
+        if len(row) != len(header):
+            raise NetworkError(
+                f"{path}, line {number}: {len(row)} fields where the header has {len(header)}; "
+                "give as many as there are columns"
+            )
+        yield number, row
+
+
 def _fields(path: Path, text: str) -> tuple[list[int], dict[str, tuple[str, ...]]]:
     """Line number of each row, and the columns' text by name."""
-    reader = csv.reader(io.StringIO(text, newline=""))
-    header = [name.strip() for name in next(reader, [])]
+    reader, header = open_table(text)
     wrong = [name for name in COLUMNS if header.count(name) != 1]
     if wrong:
         raise NetworkError(
-            f"{path}, line 1: column {', '.join(wrong)} missing or doubled; "
+            f"{path}, line {reader.before}: column {', '.join(wrong)} missing or doubled; "
             f"the header must name {_HEADER}, or for points with their parents "
             "x,y,z,radius,parent"
         )
     lines: list[int] = []
     rows: list[list[str]] = []
-    for row in reader:
-        if not row:
-            continue
-        if len(row) != len(header):
-            raise NetworkError(
-                f"{path}, line {reader.line_num}: {len(row)} fields where the header has "
-                f"{len(header)}; complete the row"
-            )
-        lines.append(reader.line_num)
+    for line, row in table_rows(path, reader, header):
+        lines.append(line)
         rows.append(row)
     if not rows:
         raise NetworkError(f"{path}: no pieces below the header; give at least one vessel")

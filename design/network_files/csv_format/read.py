@@ -24,7 +24,7 @@ def read_network_csv(path: Path, unit: LengthUnit) -> VesselNetwork:
     Parameters
     ----------
     path : Path
-        The file, UTF-8, comma-separated.
+        The file, UTF-8, separated by commas, semicolons or tabs.
     unit : "um", "mm", "cm", "m" or "in"
         Unit of x0 to z1.
 

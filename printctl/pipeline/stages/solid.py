@@ -16,6 +16,7 @@ from printctl.pipeline.solid_notes import ConstructDesign, handles_note, no_port
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
 from printctl.recipe.growth import NamedNetwork
+from printctl.recipe.tissue import NetworkTissue
 from printctl.run_folder.artefacts import NETWORK, SOLID, SURFACE
 
 
@@ -70,7 +71,8 @@ def _notes(context: RunContext, ports: IntArray, genus: tuple[int | None, int]) 
     design = ConstructDesign(
         context.designed_network, context.tissue, ports, context.recipe.print_scale
     )
-    closed = () if len(ports) else (no_ports_note(design),)
+    boxed = isinstance(context.recipe.tissue, NetworkTissue)
+    closed = () if len(ports) else (no_ports_note(design, boxed=boxed),)
     return closed if wrong is None else (*closed, handles_note(design, wrong, expected))
 
 

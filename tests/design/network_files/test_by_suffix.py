@@ -50,6 +50,9 @@ SWC = "1 2 0 0 0 0.5 -1\n2 2 0 0 5 0.5 1\n3 2 3 0 8 0.3 2\n"
         ("", "um", 1e-3),
         ("# units: mm\n", None, 1.0),
         ("# unit = microns\n", "mm", 1.0),
+        ("# unit: [mm]\n", None, 1.0),
+        ("# units (um)\n", "mm", 1.0),
+        ("# units: inches\n", None, 25.4),
         ("# SCALE 1000 1000 1000\n", None, 1.0),
         ("# SCALE: 2, 2, 2\n", "mm", 2.0),
     ],
@@ -69,6 +72,23 @@ def test_scale_of_each_axis_keeps_the_volume(tmp_path: Path):
     assert "1000, 1000 and 8000, radii by 2000" in notes[0]
 
 
+@pytest.mark.parametrize(
+    ("comments", "message"),
+    [
+        ("# unit: nm", "line 1: unit 'nm' isn't one of um, mm"),
+        ("# unit pixel", "line 1: unit 'pixel'"),
+        ("# unit: 10 um", "line 1: unit '10 um'"),
+        ("# unit: mm\n# unit: um", "line 2: unit um here, mm in a line before"),
+    ],
+)
+def test_a_unit_of_swc_that_cant_be_taken_is_refused(
+    tmp_path: Path, comments: str, message: str
+) -> None:
+    (tmp_path / "a.swc").write_text(comments + "\n1 2 0 0 0 1 -1\n2 2 9 0 0 1 1\n")
+    with pytest.raises(NetworkError, match=message):
+        read_network(tmp_path / "a.swc")
+
+
 def test_swc_of_sizes_that_nothing_prints_is_asked_about(tmp_path: Path):
     path = tmp_path / "a.swc"
     path.write_text(SWC)
@@ -81,6 +101,26 @@ def test_swc_of_sizes_that_nothing_prints_is_asked_about(tmp_path: Path):
     path.write_text("# SCALE 1 0 1\n" + SWC)
     with pytest.raises(NetworkError, match=r"line 1: .*three numbers above 0"):
         read_network(path)
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("before", ["", "# by hand\n", "sep={}\n", "\n"])
+def test_a_csv_tells_its_separator_by_its_header(
+    tmp_path: Path, separator: str, before: str
+) -> None:
+    text = "X,Y,Z,Radius,Parent\n0,0,0,5,-1\n# a comment\n0,0,9,5,0\n".replace(",", separator)
+    (tmp_path / "a.csv").write_text(before.format(separator) + text)
+    assert read_network(tmp_path / "a.csv", "mm").lengths() == pytest.approx([9.0])
+    header = "VESSEL,NODE0,NODE1,X0,Y0,Z0,X1,Y1,Z1,RADIUS0_MM,RADIUS1_MM,KIND,TREE"
+    text = f"{header}\n0,0,1,0,0,0,0,0,9,1,1,artery,0\n".replace(",", separator)
+    (tmp_path / "a.csv").write_text(before.format(separator) + text)
+    assert read_network(tmp_path / "a.csv", "mm").lengths() == pytest.approx([9.0])
+
+
+def test_a_csv_of_points_with_a_doubled_column_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("x,y,z,radius,parent,radius\n0,0,0,1,-1,2\n0,0,9,1,0,2\n")
+    with pytest.raises(NetworkError, match="column radius is doubled"):
+        read_network(tmp_path / "a.csv", "mm")
 
 
 def test_a_csv_of_points_names_parents_by_row_or_id(tmp_path: Path):

@@ -125,6 +125,33 @@ def test_a_short_trunk_of_the_same_points_is_one_vessel() -> None:
     assert sorted(found.lengths()) == pytest.approx([1.5, np.sqrt(72), np.sqrt(72)])
 
 
+@pytest.mark.parametrize(("away", "vessels"), [(0.9, 1), (1.0, 1), (1.6, 4), (3.0, 4)])
+def test_a_line_that_leaves_the_lumen_between_makes_a_loop(away: float, vessels: int) -> None:
+    """As a chord of a coarse line cuts a corner; the other line leaves it to another vessel."""
+    found = merged(
+        line((0, 0, 0), (0, 0, 30)),
+        line((0, 0.1, 0), (0, 0.1, 10), (0, away, 14), (0, 0.1, 18), (0, 0.1, 30)),
+    )
+    assert found.vessel_count == vessels
+    assert (len(found.inlets()), len(found.outlets())) == (1, 1)
+
+
+def test_a_line_keeps_two_vessels_joined_between_which_it_goes_on() -> None:
+    found = merged(
+        line((0, 0, 0), (0, 0, 10)),
+        line((0, 0, 10.4), (0, 0, 20)),
+        line((0, 0.1, 0), (0, 0.1, 20)),
+    )
+    assert (len(found.inlets()), len(found.outlets())) == (1, 1)
+    assert found.lengths().sum() == pytest.approx(20.0, abs=0.2)
+
+
+def test_lines_that_all_run_to_one_end_are_questioned() -> None:
+    found, notes = merge_shared(Path("lines"), network(*(line(*way)[::-1] for way in WAYS)))
+    assert (len(found.inlets()), len(found.outlets())) == (3, 1)
+    assert "all 3 lines run to one end, which is more likely the inlet" in notes[0]
+
+
 def test_radii_that_differ_are_said() -> None:
     given = network(line(ROOT, FORK, LEFT), line(ROOT, FORK, FORK2))
     given.radius[3:] = 1.2

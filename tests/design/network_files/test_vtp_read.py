@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import zlib
 from collections.abc import Callable
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,8 @@ from hypothesis import strategies as st
 
 from design.errors import NetworkError
 from design.network import VesselKind, VesselNetwork
+from design.network_files.by_suffix import read_network
 from design.network_files.vtp import write_network_vtp
-from design.network_files.vtp_read import read_network_vtp
 from tests.design.networks import random_trees
 from tests.slower import examples
 
@@ -70,11 +71,11 @@ def test_ours_come_back_to_the_bit(
     network = random_trees(seed, vessels, min(roots, vessels))
     path = tmp_path_factory.mktemp("vtp") / "network.vtp"
     write_network_vtp(path, network, {"flow_ul_s": np.ones(network.vessel_count)})
-    same_vessels(read_network_vtp(path, "mm"), network)
+    same_vessels(read_network(path, "mm"), network)
 
 
 def test_lines_that_join_in_the_middle_are_cut_there(tmp_path: Path) -> None:
-    network = read_network_vtp(written(tmp_path, document()), "cm")
+    network = read_network(written(tmp_path, document()), "cm")
     assert network.vessel_count == 3
     assert network.degree().tolist().count(3) == 1
     assert network.lengths() == pytest.approx([100.0, 100.0, 80.0])
@@ -83,8 +84,51 @@ def test_lines_that_join_in_the_middle_are_cut_there(tmp_path: Path) -> None:
     assert (network.kind == VesselKind.ARTERY).all()
 
 
+@pytest.mark.parametrize("order", list(permutations(range(3))))
+@pytest.mark.parametrize("step", [0.5, 1.0, 2.0])
+def test_lines_of_shared_points_and_others_are_one_trunk(
+    tmp_path: Path, order: tuple[int, ...], step: float
+) -> None:
+    """One line traces the trunk by its own points, two by the same points, in any order."""
+    trunk = [(x, 0.0, 0.0) for x in np.arange(0.0, 10.1, step)]
+    lines = [
+        [(0, 0.1, 0), (10, 0.1, 0), (16, 6, 0)],
+        [*trunk, (16, -6, 0)],
+        [*trunk, (16, 0, 6)],
+    ]
+    points = np.array([point for k in order for point in lines[k]], dtype=float)
+    text = document(
+        " ".join(map(str, points.ravel())),
+        "1 " * len(points),
+        " ".join(map(str, range(len(points)))),
+        " ".join(map(str, np.cumsum([len(lines[k]) for k in order]))),
+    )
+    network = read_network(written(tmp_path, text), "mm")
+    assert (network.vessel_count, len(network.inlets()), len(network.outlets())) == (4, 1, 3)
+    # Of 10 mm and thrice √72 mm.
+    assert network.lengths().sum() == pytest.approx(10 + 3 * 72**0.5, rel=0.02)
+
+
+def test_a_branch_at_a_point_of_a_merged_line_stays_joined(tmp_path: Path) -> None:
+    points = "0 0 0  20 0 0  0 0.2 0  8 0.2 0  20 0.2 0  8 0.2 0  8 9 0"
+    text = document(points, "1 " * 7, "0 1 2 3 4 5 6", "2 5 7")
+    network = read_network(written(tmp_path, text), "mm")
+    assert sorted(network.lengths()) == pytest.approx([8.0, 9.0, 12.0])
+    assert network.degree().tolist().count(3) == 1
+
+
+def test_a_key_within_an_array_is_not_a_number(tmp_path: Path) -> None:
+    """As VTK writes the range of vectors and the names of components."""
+    key = '<InformationKey name="L2_NORM_RANGE"><Value index="0">0</Value></InformationKey>'
+    text = document(points=POINTS + key, radius=key + "2 2 2 1 1")
+    same_vessels(
+        read_network(written(tmp_path, text), "mm"),
+        read_network(written(tmp_path, document()), "mm"),
+    )
+
+
 def test_a_radius_in_mm_stays_in_mm(tmp_path: Path) -> None:
-    network = read_network_vtp(written(tmp_path, document(name="radius_mm")), "cm")
+    network = read_network(written(tmp_path, document(name="radius_mm")), "cm")
     assert network.radius.max() == 2.0
 
 
@@ -117,21 +161,21 @@ def test_binary_as_paraview_writes_it(tmp_path: Path, header: str, compressed: b
         attributes=attributes,
         form="binary",
     )
-    found = read_network_vtp(written(tmp_path, text), "mm")
+    found = read_network(written(tmp_path, text), "mm")
     plain = tmp_path / "plain"
     plain.mkdir()
-    same_vessels(found, read_network_vtp(written(plain, document()), "mm"))
+    same_vessels(found, read_network(written(plain, document()), "mm"))
 
 
 def test_lines_of_two_points_go_on_as_one_vessel(tmp_path: Path) -> None:
     """As SimVascular writes its centrelines."""
     pieces = {"connectivity": "0 1 1 2 3 4", "offsets": "2 4 6"}
     points = "0 0 0  10 0 0  20 0 0  20 0 0  20 8 0"
-    network = read_network_vtp(written(tmp_path, document(points, "2 2 2 2 2", **pieces)), "mm")
+    network = read_network(written(tmp_path, document(points, "2 2 2 2 2", **pieces)), "mm")
     assert network.lengths() == pytest.approx([28.0])
     ours = '<DataArray type="Int64" Name="vessel" format="ascii">0 1 2</DataArray>'
     text = document(points, "2 2 2 2 2", cells=ours, **pieces)
-    assert read_network_vtp(written(tmp_path, text), "mm").vessel_count == 3
+    assert read_network(written(tmp_path, text), "mm").vessel_count == 3
 
 
 @pytest.mark.parametrize("encoding", ["raw", "base64"])
@@ -158,7 +202,7 @@ def test_appended_data_are_read(tmp_path: Path, encoding: str, squeeze: Callable
     text = text.replace('"at"', '"appended"').replace("</VTKFile>", "")
     data = f'{text}<AppendedData encoding="{encoding}">\n_'.encode() + body
     (tmp_path / "network.vtp").write_bytes(data + b"\n</AppendedData></VTKFile>")
-    network = read_network_vtp(tmp_path / "network.vtp", "mm")
+    network = read_network(tmp_path / "network.vtp", "mm")
     assert network.lengths() == pytest.approx([10.0, 10.0, 8.0])
     assert network.radius.tolist() == [2, 2, 2, 2, 1, 1]
 
@@ -188,7 +232,7 @@ def test_appended_data_are_read(tmp_path: Path, encoding: str, squeeze: Callable
 def test_what_cannot_be_read_is_told(tmp_path: Path, text: str, word: str) -> None:
     path = written(tmp_path, text)
     with pytest.raises(NetworkError, match=word) as caught:
-        read_network_vtp(path, "mm")
+        read_network(path, "mm")
     assert str(path) in str(caught.value)
 
 
@@ -197,4 +241,4 @@ def test_no_entity_is_followed(tmp_path: Path) -> None:
     entity = f'<!DOCTYPE x [<!ENTITY s SYSTEM "{(tmp_path / "secret").as_uri()}">]>'
     path = written(tmp_path, entity + document(radius="&s;"))
     with pytest.raises(NetworkError):
-        read_network_vtp(path, "mm")
+        read_network(path, "mm")

@@ -106,6 +106,26 @@ def test_inlets_and_outlets_turn_vessels_round(tmp_path: Path) -> None:
         read_network_xcavate(path, ends)
 
 
+@pytest.mark.parametrize("shift", [-0.02, 0.0, 0.02])
+@pytest.mark.parametrize("aside", [0.005, 0.015, 0.025])
+def test_lines_through_one_trunk_are_merged_before_ends_are_moved(
+    tmp_path: Path, shift: float, aside: float
+) -> None:
+    lines = [
+        [*((x / 10, 0, 0) for x in range(11)), (1.6, 0.6, 0)],
+        [*((x / 10 + shift, aside, 0) for x in range(11)), (1.6, -0.6, 0)],
+        [*((x / 10 - shift, 0, aside) for x in range(11)), (1.6, 0, 0.6)],
+    ]
+    text = "".join(
+        f"Vessel: {k}, Number of Points: {len(each)}\n"
+        + "".join(f"{x}, {y}, {z}, 0.1\n" for x, y, z in each)
+        for k, each in enumerate(lines)
+    )
+    network = read_network_xcavate(_written(tmp_path, text)).network
+    assert (network.vessel_count, len(network.inlets()), len(network.outlets())) == (4, 1, 3)
+    assert network.lengths().sum() == pytest.approx(10 + 3 * 72**0.5, rel=0.03)
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

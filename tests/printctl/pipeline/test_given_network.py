@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -100,17 +101,27 @@ def test_vessels_outside_the_tissue_are_told_and_none_within_is_refused() -> Non
         outside_note(tissue, OVER.moved(np.array([100.0, 0, 0])))
 
 
-def test_a_tissue_with_the_vessels_cut_out_is_told_as_that() -> None:
+def test_a_network_far_larger_than_its_tissue_is_refused() -> None:
+    shape = block((10.0, 6.0, 4.0))
+    tissue = tissue_from_surface(shape.vertices, shape.faces)
+    large = replace(OVER, nodes=10 * OVER.nodes, points=10 * OVER.points)
+    with pytest.raises(RecipeError, match=r"beyond .* to \(81, 21, 4\) mm.*unit"):
+        outside_note(tissue, large.moved(np.array([-9.0, -29.0, -19.0])))
+
+
+@pytest.mark.parametrize("radius", [0.5, 1.0])
+def test_a_tissue_with_the_vessels_cut_out_is_told_as_that(radius: float) -> None:
+    """Channels of radius 0.5 mm, as wide as the vessels or half as wide."""
     hollow = annulus(6.0, 1.0, 10.0)
     tissue = tissue_from_surface(hollow.vertices, hollow.faces)
     upright = VesselNetwork.from_segments(
         np.array([[0.0, 0, -1], [0, 0, 11]]),
         np.array([[0, 1]]),
-        np.full(1, 0.5),
+        np.full(1, radius),
         np.zeros(1, dtype=np.int64),
         np.zeros(1, dtype=np.int64),
     )
-    with pytest.raises(RecipeError, match=r"hollow .* 10 of 12 mm .* 1 radii .*solid outline"):
+    with pytest.raises(RecipeError, match=r"hollow .* 10 of 12 mm .*solid outline"):
         outside_note(tissue, upright)
     # The channel of something else, or a network beside the tissue, isn't.
     with pytest.raises(RecipeError, match="see to the network's unit"):
