@@ -298,6 +298,9 @@ class AckProtocol(ABC):
             answers = self.in_job or (self._waits and self._behind_job)
             line, refusal = self.lines_done + self.in_job, sort is Sort.REFUSAL
             events.append(said.Fault(words, line, answers, refusal))
+            self._refused += self._asking
+            if self._refused == _SURE:  # it answers, but won't tell where it is
+                self.end(said.NoReply(now - self.sent_at), events)
         elif sort is Sort.OK:
             self._hear_ok(text, now, events)
         elif sort is Sort.NOTICE:
@@ -361,7 +364,7 @@ class AckProtocol(ABC):
     # --- doubt ---------------------------------------------------------------------------------
 
     def _begin_doubt_count(self) -> None:
-        self._asked = self._answered = self._bare = 0
+        self._asked = self._answered = self._bare = self._refused = 0
         self._asked_s = -math.inf
         self._position: dict[str, float] = {}
 
