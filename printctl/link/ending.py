@@ -89,7 +89,7 @@ class Ending:
             self._firmware.set_modes(journalled=True)  # others may have left them otherwise
         way = self._way_out(stop)
         self._channel.commands(way)
-        self._heaters_off()
+        complaints += self._heaters_off()
         self._channel.command(b"M400")
         # one that has complained may ignore moves and say ok to them
         missed = self._position.missed_height(way) if self._logbook.complaints else ""
@@ -158,5 +158,10 @@ class Ending:
             self._channel.settle()
             self.retreat(LinkState.FAILED, self._logbook.fault)
 
-    def _heaters_off(self) -> None:
+    def _heaters_off(self) -> int:
+        """Switch heaters off; return how many refusals came of heaters that it doesn't have."""
+        before, count = self._logbook.fault, self._logbook.complaints
         self._channel.commands(heaters_off(self._printer))
+        if not self._logbook.excuse(before) or self._logbook.fault:
+            return 0
+        return self._logbook.complaints - count

@@ -183,6 +183,24 @@ def test_controlled_stop_never_lowers_a_needle_that_stands_higher_than_the_job_s
     assert any("Z is 60.00 mm" in text for text in read_journal(tmp_path / "journal.log").alarms)
 
 
+def test_heater_that_the_firmware_does_not_have_leaves_the_place_known(tmp_path):
+    """A real Marlin without a bed quoted M140 S0 as unknown on the way out (2026-11-28)."""
+
+    class Bedless(FakeMarlin):
+        def _reply(self, word: str, command: str) -> str:
+            unknown = f'echo:Unknown command: "{command}"\nok\n'
+            return unknown if word == "M140" else super()._reply(word, command)
+
+    def on_status(status: Status) -> None:
+        if status.lines_done > 50 and status.state is LinkState.PRINTING:
+            streamer.stop()
+
+    transport = FakeTransport(Bedless(), VirtualClock())
+    streamer = streamer_of(job_of(zigzag(3000)), transport, tmp_path, on_status)
+    status = streamer.run()
+    assert (status.state, status.position_known) == (LinkState.STOPPED, True)
+
+
 def test_motors_stay_powered_from_before_the_first_line_to_the_end(tmp_path):
     """Marlin cut them two minutes into a dwell (real board, 2026-11-22); it doesn't tell the time
     in force, so nothing can be set back."""
