@@ -7,6 +7,7 @@ import threading
 
 import pytest
 
+from firmware_profiles import Printer, load
 from printctl.link import kill
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
@@ -186,18 +187,17 @@ def test_controlled_stop_never_lowers_a_needle_that_stands_higher_than_the_job_s
 def test_heater_that_the_firmware_does_not_have_leaves_the_place_known(tmp_path):
     """A real Marlin without a bed quoted M140 S0 as unknown on the way out (2026-11-28)."""
 
-    class Bedless(FakeMarlin):
+    class Heaterless(Following):
         def _reply(self, word: str, command: str) -> str:
             unknown = f'echo:Unknown command: "{command}"\nok\n'
-            return unknown if word == "M140" else super()._reply(word, command)
+            return unknown if word in ("M104", "M140") else super()._reply(word, command)
 
-    def on_status(status: Status) -> None:
-        if status.lines_done > 50 and status.state is LinkState.PRINTING:
-            streamer.stop()
-
-    transport = FakeTransport(Bedless(), VirtualClock())
-    streamer = streamer_of(job_of(zigzag(3000)), transport, tmp_path, on_status)
-    status = streamer.run()
+    printer = load(Printer, "generic_marlin").model_copy(update={"safe_state_on": []})
+    script = Script(at_line={30: lambda streamer: streamer.stop()})
+    data = b"\n".join(zigzag(300)) + b"\n"
+    board = Heaterless(parse_job(data, "test.gcode", printer), script)
+    transport = FakeTransport(board, VirtualClock())
+    status = played(data, tmp_path, transport, script, printer=printer)
     assert (status.state, status.position_known) == (LinkState.STOPPED, True)
 
 
