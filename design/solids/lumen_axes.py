@@ -19,11 +19,12 @@ from manifold3d import Manifold
 from scipy import ndimage
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from design.errors import SolidError
 from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselKind, VesselNetwork
-from design.solids.genus import construct_genus
+from design.solids.genus import construct_genus, network_genus
 from design.solids.manifolds import solid_manifold
 from design.solids.solid import Solid
 from design.vasculature.growth.trunk import straighten_line
@@ -53,10 +54,40 @@ MAX_MOVE_RADII: Final = 3.0
 ROUNDS: Final = 3
 """Of sections across the line through the middles of the last ones."""
 STRAIGHT_MM: Final = 0.003
+ASIDE: Final = 0.3
+"""A lumen's wall may lie by this share of the radius beside its vessel's, or two voxels."""
+MIN_LEFT_RADII: Final = 0.5
+"""A piece of lumens that no vessel follows counts from a ball of so many radii on."""
+
+
+@dataclass(frozen=True)
+class FoundLumens:
+    """Lumens of a part as a network of channels, and where that may not be what the part has.
+
+    Attributes
+    ----------
+    network : VesselNetwork
+    left : float
+        Share of the lumens' volume that lies in pieces that no vessel follows.
+    left_at : (n, 3), mm
+        A place in each of these, the largest first.
+    stretches : tuple of tuples of (from, to), mm
+        Of each vessel, where it isn't sure to lie in the middle of its lumen, or to be one.
+    """
+
+    network: VesselNetwork
+    left: float
+    left_at: FloatArray
+    stretches: tuple[tuple[tuple[float, float], ...], ...]
 
 
 def lumen_network(solid: Solid, *, is_lumen: bool = False) -> VesselNetwork:
-    """Return the lumens of a part as a network of channels.
+    """Return the lumens of a part as a network of channels, as `found_lumens` finds them."""
+    return found_lumens(solid, is_lumen=is_lumen).network
+
+
+def found_lumens(solid: Solid, *, is_lumen: bool = False) -> FoundLumens:
+    """Find the lumens of a part, and what is unsure of them.
 
     Parameters
     ----------
@@ -72,7 +103,8 @@ def lumen_network(solid: Solid, *, is_lumen: bool = False) -> VesselNetwork:
     extent = np.ptp(solid.vertices, axis=0)
     for most in MAX_VOXELS:
         step = max(FINEST_MM, float((np.prod(extent) / most) ** (1 / 3)))
-        graph = _graph(_voxels(body, solid, step, is_lumen))
+        voxels = _voxels(body, solid, step, is_lumen)
+        graph = _graph(voxels)
         thin = min((float(np.median(edge.radius)) for edge in graph.edges), default=0.0)
         if thin >= MIN_RADIUS_VOXELS * step or step == FINEST_MM:
             break
@@ -81,7 +113,80 @@ def lumen_network(solid: Solid, *, is_lumen: bool = False) -> VesselNetwork:
             "no lumen was found in the model: no hollow that it shuts in is longer than wide; give "
             "the network of its vessels, or the STL of the whole part with its channels cut out"
         )
-    return _measured(graph, _Sections.of(solid, -1 if not is_lumen else 1))
+    network = _measured(graph, _Sections.of(solid, -1 if not is_lumen else 1))
+    ways = len(network.nodes) if is_lumen else body.genus()
+    return _checked(network, voxels, all_unsure=network_genus(network) > ways)
+
+
+def _checked(network: VesselNetwork, voxels: _Voxels, all_unsure: bool) -> FoundLumens:
+    """Compare the vessels' tubes with the lumens' voxels; `all_unsure` where loops are too many."""
+    step, degree = voxels.step, network.degree()
+    covered = np.zeros_like(voxels.inside)
+    places, wides, of, along, off = [], [], [], [], []
+    for vessel, length in enumerate(network.lengths().tolist()):
+        line, radius = network.polyline(vessel)
+        arc = arc_lengths(line)
+        at = np.linspace(0.0, arc[-1], int(np.ceil(arc[-1] / step)) + 1)
+        place, wide = places_along(line, arc, at), np.interp(at, arc, radius)
+        # A blind end's wall is ahead.
+        blind = [degree[k] == 1 for k in network.vessel_nodes[vessel]]
+        ahead = np.minimum(at if blind[0] else np.inf, length - at if blind[1] else np.inf)
+        core = np.minimum((1 - ASIDE) * wide, ahead) - 2 * step
+        beyond = wide + np.maximum(ASIDE * wide, 2 * step)
+        between_forks = not any(blind) and length < 2 * wide.max()
+        bad = np.full(len(at), all_unsure or between_forks)
+        for k in range(len(at)):
+            bad[k] |= _painted(covered, voxels, place[k], beyond[k], core[k])
+        places, wides, along = [*places, place], [*wides, wide], [*along, at]
+        of, off = [*of, np.full(len(at), vessel)], [*off, bad]
+    unsure, wide = np.concatenate(off), np.concatenate(wides)
+    tree = cKDTree(np.vstack(places))
+    label, _ = ndimage.label(voxels.inside & ~covered, np.ones((3, 3, 3)))
+    left, left_at = [], []
+    for number, box in enumerate(ndimage.find_objects(label), 1):
+        index = np.argwhere(label[box] == number) + [one.start for one in box]
+        near = tree.query(voxels.origin + step * index[:, ::-1])[1]
+        ball = 4 / 3 * np.pi * (MIN_LEFT_RADII * float(wide[near].min())) ** 3
+        if len(index) * step**3 >= ball:
+            unsure[near] = True
+            left.append(len(index))
+            left_at.append(voxels.origin + step * index[len(index) // 2, ::-1])
+    stretches = tuple(
+        _stretches(along[k], unsure[np.concatenate(of) == k], wides[k])
+        for k in range(network.vessel_count)
+    )
+    order = np.argsort(left)[::-1]
+    share = sum(left) / int(voxels.inside.sum())
+    return FoundLumens(network, share, np.reshape(left_at, (-1, 3))[order], stretches)
+
+
+def _painted(
+    covered: BoolArray, voxels: _Voxels, place: FloatArray, beyond: float, core: float
+) -> bool:
+    """Mark a ball of voxels as covered; return whether the solid reaches into the inner ball."""
+    middle = ((place - voxels.origin) / voxels.step)[::-1]
+    reach = beyond / voxels.step
+    low = np.maximum(np.ceil(middle - reach).astype(int), 0)
+    high = np.maximum(np.floor(middle + reach).astype(int) + 1, low)
+    box = tuple(slice(*one) for one in zip(low, high, strict=True))
+    axes = np.ogrid[box]
+    away = sum((axis - m) ** 2 for axis, m in zip(axes, middle, strict=True))
+    away = away[tuple(slice(0, n) for n in covered[box].shape)]
+    covered[box] |= away <= reach**2
+    return core > 0 and bool((~voxels.free[box] & (away <= (core / voxels.step) ** 2)).any())
+
+
+def _stretches(
+    at: FloatArray, unsure: BoolArray, wide: FloatArray
+) -> tuple[tuple[float, float], ...]:
+    """Return runs of unsure places, each longer by a radius at both ends, along a vessel."""
+    out: list[tuple[float, float]] = []
+    for k in np.flatnonzero(unsure):
+        first, last = max(0.0, float(at[k] - wide[k])), min(float(at[-1]), float(at[k] + wide[k]))
+        if out and first <= out[-1][1]:
+            first, last = out[-1][0], max(last, out.pop()[1])
+        out.append((first, last))
+    return tuple(out)
 
 
 def unfollowed_ways(solid: Solid, network: VesselNetwork) -> int:
@@ -344,7 +449,7 @@ def _tidy(graph: _Graph) -> None:
 
 def _least_length(graph: _Graph, edge: _Edge, degree: IntArray) -> float:
     if degree[edge.a] == degree[edge.b] == 1:
-        return MIN_LENGTH_RADII * float(np.median(edge.radius))
+        return MIN_LENGTH_RADII * float(np.max(edge.radius))
     joint = max(float(graph.radius[end]) for end in (edge.a, edge.b) if degree[end] > 1)
     # A way into a corner of the wall narrows to nothing.
     narrows = min(degree[edge.a], degree[edge.b]) == 1 and np.median(edge.radius) < joint / 2
@@ -417,6 +522,34 @@ class _Sections:
         edge = np.unique(np.concatenate(keys), return_inverse=True)[1].reshape(2, -1)
         loop = _parts(edge.T, int(edge.max()) + 1)[edge[0]]
         return self._around(place, way, start - place, end - place, loop)
+
+    def to_face(self, place: FloatArray, way: FloatArray, radius: float) -> float:
+        """How far ahead the wall of a blind end is, or the face that the lumen opens through."""
+        blind = self._ahead(place, way)
+        if self.turn > 0:
+            return blind
+        u = np.cross(way, np.eye(3)[np.abs(way).argmin()])
+        u /= np.linalg.norm(u)
+        v = np.cross(way, u)
+        back = place - 2 * radius * way  # in the solid beside even a slanted mouth
+        turn = np.arange(8) * np.pi / 4
+        beside = 1.2 * radius * (np.cos(turn)[:, None] * u + np.sin(turn)[:, None] * v)
+        away = np.array([self._ahead(back + one, way) for one in beside])
+        face = float(np.median((away[:4] + away[4:]) / 2)) - 2 * radius
+        return min(blind, face)
+
+    def _ahead(self, start: FloatArray, way: FloatArray) -> float:
+        """How far ahead a ray meets the mesh first; inf where it doesn't."""
+        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
+        across = np.cross(way, c - a)
+        volume = ((b - a) * across).sum(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            one = ((start - a) * across).sum(axis=1) / volume
+            turned = np.cross(start - a, b - a)
+            two = turned @ way / volume
+            far = ((c - a) * turned).sum(axis=1) / volume
+            hit = (one >= 0) & (two >= 0) & (one + two <= 1) & (far > 0)
+        return float(far[hit].min(initial=np.inf))
 
     def _around(
         self, place: FloatArray, way: FloatArray, start: FloatArray, end: FloatArray, loop: IntArray
@@ -549,7 +682,7 @@ def _off_joint(radius: FloatArray, at: FloatArray, reach: float) -> BoolArray:
 def _to_its_end(
     centre: FloatArray, radius: FloatArray, sections: _Sections
 ) -> tuple[FloatArray, FloatArray]:
-    """Go straight on to where the last section is that the solid shuts in."""
+    """Go straight on to the last section that the solid shuts in, and to the face or wall."""
     wide = float(radius[-1])
     back = centre[max(-1 - 4, -len(centre))]
     way = (centre[-1] - back) / np.linalg.norm(centre[-1] - back)
@@ -565,7 +698,14 @@ def _to_its_end(
             near = middle
         else:
             far = middle
-    return np.vstack([centre, centre[-1] + near * way]), np.append(radius, wide)
+    last = sections.at(centre[-1] + near * way, way)
+    if near and last is not None:
+        centre, radius = np.vstack([centre, last[0]]), np.append(radius, last[1])
+    onward = sections.to_face(centre[-1], way, float(radius[-1]))
+    if 0 < onward <= 6 * wide:
+        centre = np.vstack([centre, centre[-1] + onward * way])
+        radius = np.append(radius, radius[-1])
+    return centre, radius
 
 
 def _is_own(section: tuple[FloatArray, float] | None, wide: float) -> bool:
