@@ -51,6 +51,9 @@ MAX_BEND_SECTIONS: Final = 2
 """So far from a joint at most, a section is left out that differs by this share from the next."""
 MAX_MOVE_RADII: Final = 3.0
 """Farther from where its lumens part a joint isn't laid; its vessels hardly are straight there."""
+FAR_MOVE_RADII: Final = 8.0
+MEET: Final = 0.15
+"""So far, in its radius, a joint may move where all lines pass it within this share of it."""
 ROUNDS: Final = 3
 """Of sections across the line through the middles of the last ones."""
 STRAIGHT_MM: Final = 0.003
@@ -586,9 +589,12 @@ def _measured(graph: _Graph, sections: _Sections) -> VesselNetwork:
     for _ in range(ROUNDS):
         axes = [_axis(graph, edge, sections, degree) for edge in graph.edges]
         for node in np.flatnonzero(degree > 1):
-            place = _meeting(graph.nodes[node], list(_ways_into(int(node), axes)))
-            far = np.linalg.norm(place - first[node]) > MAX_MOVE_RADII * graph.radius[node]
-            graph.nodes[node] = first[node] if far else place
+            ways = list(_ways_into(int(node), axes))
+            place = _meeting(graph.nodes[node], ways)
+            moved, radius = np.linalg.norm(place - first[node]), graph.radius[node]
+            # Lines that do meet tell where, however long the joint of an acute fork is.
+            most = FAR_MOVE_RADII if _apart(place, ways) < MEET * radius else MAX_MOVE_RADII
+            graph.nodes[node] = place if moved <= most * radius else first[node]
         graph.edges[:] = [_along(graph, axis, degree) for axis in axes]
     nodes = graph.nodes
     lines, radii = [], []
@@ -724,6 +730,12 @@ def _ways_into(node: int, axes: list[_Axis]) -> Iterator[tuple[FloatArray, Float
                 way = line[0] - line[min(3, len(line) - 1)]
                 if (size := float(np.linalg.norm(way))) > 0:
                     yield line[0], way / size
+
+
+def _apart(place: FloatArray, ways: list[tuple[FloatArray, FloatArray]]) -> float:
+    """Return how far the farthest of the lines passes by a place."""
+    off = (np.cross(way, place - start) for start, way in ways)
+    return max((float(np.linalg.norm(one)) for one in off), default=np.inf)
 
 
 def _meeting(near: FloatArray, ways: list[tuple[FloatArray, FloatArray]]) -> FloatArray:
