@@ -47,8 +47,10 @@ WIDER: Final = 1.3
 """A section so many times as wide as the median of its vessel belongs to a joint."""
 MAX_JOINT_RADII: Final = 5.0
 IN_JOINT: Final = 0.015
-MAX_BEND_SECTIONS: Final = 2
+MAX_BEND_SECTIONS: Final = 4
 """So far from a joint at most, a section is left out that differs by this share from the next."""
+STEEPEST: Final = 0.3
+"""Where a radius changes by more of the way it isn't sure where it does."""
 MAX_MOVE_RADII: Final = 3.0
 """Farther from where its lumens part a joint isn't laid; its vessels hardly are straight there."""
 FAR_MOVE_RADII: Final = 8.0
@@ -129,7 +131,7 @@ def _checked(network: VesselNetwork, voxels: _Voxels, all_unsure: bool) -> Found
     for vessel, length in enumerate(network.lengths().tolist()):
         line, radius = network.polyline(vessel)
         arc = arc_lengths(line)
-        at = np.linspace(0.0, arc[-1], int(np.ceil(arc[-1] / step)) + 1)
+        at = np.linspace(0.0, arc[-1], int(np.ceil(arc[-1] / step)) + 2)
         place, wide = places_along(line, arc, at), np.interp(at, arc, radius)
         # A blind end's wall is ahead.
         blind = [degree[k] == 1 for k in network.vessel_nodes[vessel]]
@@ -137,7 +139,8 @@ def _checked(network: VesselNetwork, voxels: _Voxels, all_unsure: bool) -> Found
         core = np.minimum((1 - ASIDE) * wide, ahead) - 2 * step
         beyond = wide + np.maximum(ASIDE * wide, 2 * step)
         between_forks = not any(blind) and length < 2 * wide.max()
-        bad = np.full(len(at), all_unsure or between_forks)
+        bad = np.abs(np.gradient(wide, at)) > STEEPEST
+        bad |= all_unsure or between_forks
         for k in range(len(at)):
             bad[k] |= _painted(covered, voxels, place[k], beyond[k], core[k])
         places, wides, along = [*places, place], [*wides, wide], [*along, at]
@@ -635,6 +638,7 @@ def _along(graph: _Graph, axis: _Axis, degree: IntArray) -> _Edge:
 def _axis(graph: _Graph, edge: _Edge, sections: _Sections, degree: IntArray) -> _Axis:
     """Cut a vessel across its line, outside of its joints."""
     wide = float(np.median(edge.radius))
+    line = edge.line[1:-1] if len(edge.line) > 3 else edge.line[[0, -1]]  # for want of sections
     sections = sections.near(edge.line, 6 * wide)
     arc = arc_lengths(edge.line)
     joint = [graph.radius[k] if degree[k] > 1 else 0.0 for k in (edge.a, edge.b)]
@@ -650,15 +654,23 @@ def _axis(graph: _Graph, edge: _Edge, sections: _Sections, degree: IntArray) -> 
     found = [sections.at(*one) for one in zip(place, way, strict=True)]
     closed = np.array([one is not None for one in found])
     if closed.sum() < 2:
-        return _Axis(edge, edge.line[[0, -1]], np.full(2, wide))
+        return _Axis(edge, line, np.full(len(line), wide))
     at = at[closed]
     centre = np.array([one[0] for one in found if one is not None])
     radius = np.array([one[1] for one in found if one is not None])
-    own = _alike(radius, float(np.median(radius)))
+    # Others belong to a joint or an end, if one is near; else the lumen is wider.
+    reach = [max(MAX_JOINT_RADII * one, 1.5 * wide) for one in joint]
+    near = (at < reach[0]) | (at > arc[-1] - reach[1])
+    alike = ~near | _alike(radius, float(np.median(radius)))
+    own = alike.copy()
     own &= _off_joint(radius, at, MAX_JOINT_RADII * joint[0])
     own &= _off_joint(radius[::-1], arc[-1] - at[::-1], MAX_JOINT_RADII * joint[1])[::-1]
     if own.sum() < 2:  # all of it lies in joints
-        return _Axis(edge, edge.line[[0, -1]], np.full(2, wide))
+        return _Axis(edge, line, np.full(len(line), wide))
+    # The middles of a bend's sections are good, though these are too wide.
+    within = np.flatnonzero(own)[[0, -1]]
+    radius = np.interp(at, at[own], radius[own])
+    own[within[0] : within[1] + 1] |= alike[within[0] : within[1] + 1]
     centre, radius = centre[own], radius[own]
     if degree[edge.b] == 1:
         centre, radius = _to_its_end(centre, radius, sections)
@@ -670,19 +682,28 @@ def _axis(graph: _Graph, edge: _Edge, sections: _Sections, degree: IntArray) -> 
 def _off_joint(radius: FloatArray, at: FloatArray, reach: float) -> BoolArray:
     """Leave out sections that, on the way to a joint at 0, are unlike those before them.
 
-    A bend is wider in one or two sections; behind more of them all is left out.
+    A bend is wider in a few sections, with even ones behind; else what is behind is left out.
     """
     kept = np.ones(len(radius), dtype=np.bool_)
     first = int(np.searchsorted(at, reach))
+    quiet = (k for k in range(first, len(radius) - 4) if _even(radius[k : k + 5], radius[k]))
+    first = next(quiet, first)  # no bend's
     before = list(radius[first : first + 3])
     for k in range(first - 1, -1, -1):
         kept[k] = abs(radius[k] - np.median(before or radius)) < IN_JOINT * radius[k]
         if kept[k]:
             before = [radius[k], *before[:2]]
-        elif not kept[k : k + MAX_BEND_SECTIONS + 1].any():
+        elif not kept[k : k + MAX_BEND_SECTIONS + 1].any() and not any(
+            _even(radius[j - 3 : j], float(np.median(before)))
+            for j in range(k, max(k - MAX_BEND_SECTIONS, 2), -1)
+        ):
             kept[:k] = False
             break
     return kept
+
+
+def _even(radius: FloatArray, like: float) -> bool:
+    return bool((np.abs(radius - like) < IN_JOINT * like).all())
 
 
 def _to_its_end(
@@ -704,14 +725,9 @@ def _to_its_end(
             near = middle
         else:
             far = middle
-    last = sections.at(centre[-1] + near * way, way)
-    if near and last is not None:
-        centre, radius = np.vstack([centre, last[0]]), np.append(radius, last[1])
-    onward = sections.to_face(centre[-1], way, float(radius[-1]))
-    if 0 < onward <= 6 * wide:
-        centre = np.vstack([centre, centre[-1] + onward * way])
-        radius = np.append(radius, radius[-1])
-    return centre, radius
+    onward = sections.to_face(centre[-1] + near * way, way, wide)
+    near += onward if 0 < onward <= 6 * wide else 0.0
+    return np.vstack([centre, centre[-1] + near * way]), np.append(radius, wide)
 
 
 def _is_own(section: tuple[FloatArray, float] | None, wide: float) -> bool:
