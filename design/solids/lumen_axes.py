@@ -40,6 +40,8 @@ FINEST_MM: Final = 0.02
 MIN_RADIUS_VOXELS: Final = 3.0
 MIN_LENGTH_RADII: Final = 2.0
 """A shorter hollow is a dimple."""
+ROUND: Final = 1.3
+"""A hollow without a way in, its box no longer than so many of its widths, is a bubble."""
 JOINT_RADII: Final = 1.2
 SPUR_RADII: Final = 2.2
 """Shorter ways from a fork, in its radius, lie within its joint, or lead into a corner."""
@@ -49,7 +51,7 @@ MAX_JOINT_RADII: Final = 5.0
 IN_JOINT: Final = 0.015
 MAX_BEND_SECTIONS: Final = 4
 """So far from a joint at most, a section is left out that differs by this share from the next."""
-STEEPEST: Final = 0.3
+STEEPEST: Final = 0.6
 """Where a radius changes by more of the way it isn't sure where it does."""
 MAX_MOVE_RADII: Final = 3.0
 """Farther from where its lumens part a joint isn't laid; its vessels hardly are straight there."""
@@ -318,20 +320,34 @@ def _graph(voxels: _Voxels) -> _Graph:
     """Reduce the lumens to a graph; leave out what is no longer than wide."""
     if not voxels.inside.any():
         return _Graph(np.zeros((0, 3)), np.zeros(0))
-    index = np.argwhere(voxels.inside)
     wall = ndimage.distance_transform_edt(np.pad(voxels.free, 1))[1:-1, 1:-1, 1:-1]
-    level = (_way_from_ends(voxels.inside) / BAND_VOXELS)[voxels.inside].astype(np.int64)
-    pairs = _neighbours(voxels.inside)
+    inside = voxels.inside & ~_bubbles(voxels, wall)
+    if not inside.any():
+        return _Graph(np.zeros((0, 3)), np.zeros(0))
+    index = np.argwhere(inside)
+    level = (_way_from_ends(inside) / BAND_VOXELS)[inside].astype(np.int64)
+    pairs = _neighbours(inside)
     band = _parts(pairs[level[pairs[:, 0]] == level[pairs[:, 1]]], len(index))
     count = np.bincount(band)
     place = np.stack([np.bincount(band, index[:, k]) / count for k in (2, 1, 0)], axis=1)
     wide = np.zeros(len(count))
-    np.maximum.at(wide, band, wall[voxels.inside])
+    np.maximum.at(wide, band, wall[inside])
     joined = np.sort(band[pairs], axis=1)
     joined = np.unique(joined[joined[:, 0] != joined[:, 1]], axis=0)
     graph = _traced(joined, voxels.origin + voxels.step * place, voxels.step * wide)
     _tidy(graph)
     return graph
+
+
+def _bubbles(voxels: _Voxels, wall: FloatArray) -> BoolArray:
+    """Voxels of hollows in the solid that no way leads into, about as long as wide."""
+    out = np.zeros_like(voxels.inside)
+    label, _ = ndimage.label(voxels.free)
+    for number, box in enumerate(ndimage.find_objects(label), 1):
+        own = label[box] == number
+        if number != label[0, 0, 0] and max(own.shape) < 2 * ROUND * wall[box][own].max():
+            out[box] |= own
+    return out
 
 
 def _neighbours(inside: BoolArray) -> IntArray:
@@ -443,14 +459,20 @@ def _tidy(graph: _Graph) -> None:
         edge = min(short, key=lambda one: one.length)
         graph.edges.remove(edge)
         if min(degree[edge.a], degree[edge.b]) > 1:  # two forks in one joint
-            keep, gone = sorted((edge.a, edge.b))
-            graph.nodes[keep] = (graph.nodes[keep] + graph.nodes[gone]) / 2
-            graph.radius[keep] = max(graph.radius[keep], graph.radius[gone])
-            names = {gone: keep}
-            graph.edges[:] = [one.to(names.get(one.a, one.a), names.get(one.b, one.b))
-                              for one in graph.edges]  # fmt: skip
+            _merge(graph, edge)
         _join_runs(graph)
     _join_runs(graph)
+
+
+def _merge(graph: _Graph, edge: _Edge) -> None:
+    """Make one fork of the two at a vessel's ends."""
+    keep, gone = sorted((edge.a, edge.b))
+    graph.nodes[keep] = (graph.nodes[keep] + graph.nodes[gone]) / 2
+    graph.radius[keep] = max(graph.radius[keep], graph.radius[gone])
+    names = {gone: keep}
+    graph.edges[:] = [
+        one.to(names.get(one.a, one.a), names.get(one.b, one.b)) for one in graph.edges
+    ]
 
 
 def _least_length(graph: _Graph, edge: _Edge, degree: IntArray) -> float:
@@ -600,6 +622,14 @@ def _measured(graph: _Graph, sections: _Sections) -> VesselNetwork:
             graph.nodes[node] = place if moved <= most * radius else first[node]
         graph.edges[:] = [_along(graph, axis, degree) for axis in axes]
     nodes = graph.nodes
+    for edge in graph.edges:
+        joint = [edge.a, edge.b]
+        apart = float(np.linalg.norm(nodes[edge.a] - nodes[edge.b]))
+        in_joint = max(apart, edge.length / 2 / np.pi) < graph.radius[joint].min()
+        if edge.a != edge.b and degree[joint].min() > 1 and in_joint:
+            graph.edges.remove(edge)
+            _merge(graph, edge)
+            return _measured(graph, sections)
     lines, radii = [], []
     for axis in axes:
         line, radius = [axis.centre], [axis.radius]
@@ -638,7 +668,6 @@ def _along(graph: _Graph, axis: _Axis, degree: IntArray) -> _Edge:
 def _axis(graph: _Graph, edge: _Edge, sections: _Sections, degree: IntArray) -> _Axis:
     """Cut a vessel across its line, outside of its joints."""
     wide = float(np.median(edge.radius))
-    line = edge.line[1:-1] if len(edge.line) > 3 else edge.line[[0, -1]]  # for want of sections
     sections = sections.near(edge.line, 6 * wide)
     arc = arc_lengths(edge.line)
     joint = [graph.radius[k] if degree[k] > 1 else 0.0 for k in (edge.a, edge.b)]
@@ -654,7 +683,7 @@ def _axis(graph: _Graph, edge: _Edge, sections: _Sections, degree: IntArray) -> 
     found = [sections.at(*one) for one in zip(place, way, strict=True)]
     closed = np.array([one is not None for one in found])
     if closed.sum() < 2:
-        return _Axis(edge, line, np.full(len(line), wide))
+        return _Axis(edge, edge.line[[0, -1]], np.full(2, wide))
     at = at[closed]
     centre = np.array([one[0] for one in found if one is not None])
     radius = np.array([one[1] for one in found if one is not None])
@@ -666,7 +695,7 @@ def _axis(graph: _Graph, edge: _Edge, sections: _Sections, degree: IntArray) -> 
     own &= _off_joint(radius, at, MAX_JOINT_RADII * joint[0])
     own &= _off_joint(radius[::-1], arc[-1] - at[::-1], MAX_JOINT_RADII * joint[1])[::-1]
     if own.sum() < 2:  # all of it lies in joints
-        return _Axis(edge, line, np.full(len(line), wide))
+        return _Axis(edge, edge.line[[0, -1]], np.full(2, wide))
     # The middles of a bend's sections are good, though these are too wide.
     within = np.flatnonzero(own)[[0, -1]]
     radius = np.interp(at, at[own], radius[own])
@@ -725,9 +754,13 @@ def _to_its_end(
             near = middle
         else:
             far = middle
+    spacing = np.linalg.norm(np.diff(centre[-8:], axis=0), axis=1)
+    slope = float(np.median(np.diff(radius[-8:]) / spacing))
     onward = sections.to_face(centre[-1] + near * way, way, wide)
     near += onward if 0 < onward <= 6 * wide else 0.0
-    return np.vstack([centre, centre[-1] + near * way]), np.append(radius, wide)
+    return np.vstack([centre, centre[-1] + near * way]), np.append(
+        radius, wide + near * float(np.clip(slope, -STEEPEST, STEEPEST))
+    )
 
 
 def _is_own(section: tuple[FloatArray, float] | None, wide: float) -> bool:
