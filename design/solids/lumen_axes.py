@@ -19,11 +19,12 @@ from manifold3d import Manifold
 from scipy import ndimage
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from design.errors import SolidError
 from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselKind, VesselNetwork
-from design.solids.genus import construct_genus
+from design.solids.genus import construct_genus, network_genus
 from design.solids.manifolds import solid_manifold
 from design.solids.solid import Solid
 from design.vasculature.growth.trunk import straighten_line
@@ -39,6 +40,8 @@ FINEST_MM: Final = 0.02
 MIN_RADIUS_VOXELS: Final = 3.0
 MIN_LENGTH_RADII: Final = 2.0
 """A shorter hollow is a dimple."""
+ROUND: Final = 1.3
+"""A hollow without a way in, its box no longer than so many of its widths, is a bubble."""
 JOINT_RADII: Final = 1.2
 SPUR_RADII: Final = 2.2
 """Shorter ways from a fork, in its radius, lie within its joint, or lead into a corner."""
@@ -46,17 +49,52 @@ WIDER: Final = 1.3
 """A section so many times as wide as the median of its vessel belongs to a joint."""
 MAX_JOINT_RADII: Final = 5.0
 IN_JOINT: Final = 0.015
-MAX_BEND_SECTIONS: Final = 2
+MAX_BEND_SECTIONS: Final = 4
 """So far from a joint at most, a section is left out that differs by this share from the next."""
+STEEPEST: Final = 0.6
+"""Where a radius changes by more of the way it isn't sure where it does."""
 MAX_MOVE_RADII: Final = 3.0
 """Farther from where its lumens part a joint isn't laid; its vessels hardly are straight there."""
+FAR_MOVE_RADII: Final = 8.0
+MEET: Final = 0.15
+"""So far, in its radius, a joint may move where all lines pass it within this share of it."""
 ROUNDS: Final = 3
 """Of sections across the line through the middles of the last ones."""
 STRAIGHT_MM: Final = 0.003
+ASIDE: Final = 0.3
+"""A lumen's wall may lie by this share of the radius beside its vessel's, or two voxels."""
+MIN_LEFT_RADII: Final = 0.5
+"""A piece of lumens that no vessel follows counts from a ball of so many radii on."""
+
+
+@dataclass(frozen=True)
+class FoundLumens:
+    """Lumens of a part as a network of channels, and where that may not be what the part has.
+
+    Attributes
+    ----------
+    network : VesselNetwork
+    left : float
+        Share of the lumens' volume that lies in pieces that no vessel follows.
+    left_at : (n, 3), mm
+        A place in each of these, the largest first.
+    stretches : tuple of tuples of (from, to), mm
+        Of each vessel, where it isn't sure to lie in the middle of its lumen, or to be one.
+    """
+
+    network: VesselNetwork
+    left: float
+    left_at: FloatArray
+    stretches: tuple[tuple[tuple[float, float], ...], ...]
 
 
 def lumen_network(solid: Solid, *, is_lumen: bool = False) -> VesselNetwork:
-    """Return the lumens of a part as a network of channels.
+    """Return the lumens of a part as a network of channels, as `found_lumens` finds them."""
+    return found_lumens(solid, is_lumen=is_lumen).network
+
+
+def found_lumens(solid: Solid, *, is_lumen: bool = False) -> FoundLumens:
+    """Find the lumens of a part, and what is unsure of them.
 
     Parameters
     ----------
@@ -72,7 +110,8 @@ def lumen_network(solid: Solid, *, is_lumen: bool = False) -> VesselNetwork:
     extent = np.ptp(solid.vertices, axis=0)
     for most in MAX_VOXELS:
         step = max(FINEST_MM, float((np.prod(extent) / most) ** (1 / 3)))
-        graph = _graph(_voxels(body, solid, step, is_lumen))
+        voxels = _voxels(body, solid, step, is_lumen)
+        graph = _graph(voxels)
         thin = min((float(np.median(edge.radius)) for edge in graph.edges), default=0.0)
         if thin >= MIN_RADIUS_VOXELS * step or step == FINEST_MM:
             break
@@ -81,7 +120,81 @@ def lumen_network(solid: Solid, *, is_lumen: bool = False) -> VesselNetwork:
             "no lumen was found in the model: no hollow that it shuts in is longer than wide; give "
             "the network of its vessels, or the STL of the whole part with its channels cut out"
         )
-    return _measured(graph, _Sections.of(solid, -1 if not is_lumen else 1))
+    network = _measured(graph, _Sections.of(solid, -1 if not is_lumen else 1))
+    ways = len(network.nodes) if is_lumen else body.genus()
+    return _checked(network, voxels, all_unsure=network_genus(network) > ways)
+
+
+def _checked(network: VesselNetwork, voxels: _Voxels, all_unsure: bool) -> FoundLumens:
+    """Compare the vessels' tubes with the lumens' voxels; `all_unsure` where loops are too many."""
+    step, degree = voxels.step, network.degree()
+    covered = np.zeros_like(voxels.inside)
+    places, wides, of, along, off = [], [], [], [], []
+    for vessel, length in enumerate(network.lengths().tolist()):
+        line, radius = network.polyline(vessel)
+        arc = arc_lengths(line)
+        at = np.linspace(0.0, arc[-1], int(np.ceil(arc[-1] / step)) + 2)
+        place, wide = places_along(line, arc, at), np.interp(at, arc, radius)
+        # A blind end's wall is ahead.
+        blind = [degree[k] == 1 for k in network.vessel_nodes[vessel]]
+        ahead = np.minimum(at if blind[0] else np.inf, length - at if blind[1] else np.inf)
+        core = np.minimum((1 - ASIDE) * wide, ahead) - 2 * step
+        beyond = wide + np.maximum(ASIDE * wide, 2 * step)
+        between_forks = not any(blind) and length < 2 * wide.max()
+        bad = np.abs(np.gradient(wide, at)) > STEEPEST
+        bad |= all_unsure or between_forks
+        for k in range(len(at)):
+            bad[k] |= _painted(covered, voxels, place[k], beyond[k], core[k])
+        places, wides, along = [*places, place], [*wides, wide], [*along, at]
+        of, off = [*of, np.full(len(at), vessel)], [*off, bad]
+    unsure, wide = np.concatenate(off), np.concatenate(wides)
+    tree = cKDTree(np.vstack(places))
+    label, _ = ndimage.label(voxels.inside & ~covered, np.ones((3, 3, 3)))
+    left, left_at = [], []
+    for number, box in enumerate(ndimage.find_objects(label), 1):
+        index = np.argwhere(label[box] == number) + [one.start for one in box]
+        near = tree.query(voxels.origin + step * index[:, ::-1])[1]
+        ball = 4 / 3 * np.pi * (MIN_LEFT_RADII * float(wide[near].min())) ** 3
+        if len(index) * step**3 >= ball:
+            unsure[near] = True
+            left.append(len(index))
+            left_at.append(voxels.origin + step * index[len(index) // 2, ::-1])
+    stretches = tuple(
+        _stretches(along[k], unsure[np.concatenate(of) == k], wides[k])
+        for k in range(network.vessel_count)
+    )
+    order = np.argsort(left)[::-1]
+    share = sum(left) / int(voxels.inside.sum())
+    return FoundLumens(network, share, np.reshape(left_at, (-1, 3))[order], stretches)
+
+
+def _painted(
+    covered: BoolArray, voxels: _Voxels, place: FloatArray, beyond: float, core: float
+) -> bool:
+    """Mark a ball of voxels as covered; return whether the solid reaches into the inner ball."""
+    middle = ((place - voxels.origin) / voxels.step)[::-1]
+    reach = beyond / voxels.step
+    low = np.maximum(np.ceil(middle - reach).astype(int), 0)
+    high = np.maximum(np.floor(middle + reach).astype(int) + 1, low)
+    box = tuple(slice(*one) for one in zip(low, high, strict=True))
+    axes = np.ogrid[box]
+    away = sum((axis - m) ** 2 for axis, m in zip(axes, middle, strict=True))
+    away = away[tuple(slice(0, n) for n in covered[box].shape)]
+    covered[box] |= away <= reach**2
+    return core > 0 and bool((~voxels.free[box] & (away <= (core / voxels.step) ** 2)).any())
+
+
+def _stretches(
+    at: FloatArray, unsure: BoolArray, wide: FloatArray
+) -> tuple[tuple[float, float], ...]:
+    """Return runs of unsure places, each longer by a radius at both ends, along a vessel."""
+    out: list[tuple[float, float]] = []
+    for k in np.flatnonzero(unsure):
+        first, last = max(0.0, float(at[k] - wide[k])), min(float(at[-1]), float(at[k] + wide[k]))
+        if out and first <= out[-1][1]:
+            first, last = out[-1][0], max(last, out.pop()[1])
+        out.append((first, last))
+    return tuple(out)
 
 
 def unfollowed_ways(solid: Solid, network: VesselNetwork) -> int:
@@ -207,20 +320,34 @@ def _graph(voxels: _Voxels) -> _Graph:
     """Reduce the lumens to a graph; leave out what is no longer than wide."""
     if not voxels.inside.any():
         return _Graph(np.zeros((0, 3)), np.zeros(0))
-    index = np.argwhere(voxels.inside)
     wall = ndimage.distance_transform_edt(np.pad(voxels.free, 1))[1:-1, 1:-1, 1:-1]
-    level = (_way_from_ends(voxels.inside) / BAND_VOXELS)[voxels.inside].astype(np.int64)
-    pairs = _neighbours(voxels.inside)
+    inside = voxels.inside & ~_bubbles(voxels, wall)
+    if not inside.any():
+        return _Graph(np.zeros((0, 3)), np.zeros(0))
+    index = np.argwhere(inside)
+    level = (_way_from_ends(inside) / BAND_VOXELS)[inside].astype(np.int64)
+    pairs = _neighbours(inside)
     band = _parts(pairs[level[pairs[:, 0]] == level[pairs[:, 1]]], len(index))
     count = np.bincount(band)
     place = np.stack([np.bincount(band, index[:, k]) / count for k in (2, 1, 0)], axis=1)
     wide = np.zeros(len(count))
-    np.maximum.at(wide, band, wall[voxels.inside])
+    np.maximum.at(wide, band, wall[inside])
     joined = np.sort(band[pairs], axis=1)
     joined = np.unique(joined[joined[:, 0] != joined[:, 1]], axis=0)
     graph = _traced(joined, voxels.origin + voxels.step * place, voxels.step * wide)
     _tidy(graph)
     return graph
+
+
+def _bubbles(voxels: _Voxels, wall: FloatArray) -> BoolArray:
+    """Voxels of hollows in the solid that no way leads into, about as long as wide."""
+    out = np.zeros_like(voxels.inside)
+    label, _ = ndimage.label(voxels.free)
+    for number, box in enumerate(ndimage.find_objects(label), 1):
+        own = label[box] == number
+        if number != label[0, 0, 0] and max(own.shape) < 2 * ROUND * wall[box][own].max():
+            out[box] |= own
+    return out
 
 
 def _neighbours(inside: BoolArray) -> IntArray:
@@ -332,19 +459,25 @@ def _tidy(graph: _Graph) -> None:
         edge = min(short, key=lambda one: one.length)
         graph.edges.remove(edge)
         if min(degree[edge.a], degree[edge.b]) > 1:  # two forks in one joint
-            keep, gone = sorted((edge.a, edge.b))
-            graph.nodes[keep] = (graph.nodes[keep] + graph.nodes[gone]) / 2
-            graph.radius[keep] = max(graph.radius[keep], graph.radius[gone])
-            names = {gone: keep}
-            graph.edges[:] = [one.to(names.get(one.a, one.a), names.get(one.b, one.b))
-                              for one in graph.edges]  # fmt: skip
+            _merge(graph, edge)
         _join_runs(graph)
     _join_runs(graph)
 
 
+def _merge(graph: _Graph, edge: _Edge) -> None:
+    """Make one fork of the two at a vessel's ends."""
+    keep, gone = sorted((edge.a, edge.b))
+    graph.nodes[keep] = (graph.nodes[keep] + graph.nodes[gone]) / 2
+    graph.radius[keep] = max(graph.radius[keep], graph.radius[gone])
+    names = {gone: keep}
+    graph.edges[:] = [
+        one.to(names.get(one.a, one.a), names.get(one.b, one.b)) for one in graph.edges
+    ]
+
+
 def _least_length(graph: _Graph, edge: _Edge, degree: IntArray) -> float:
     if degree[edge.a] == degree[edge.b] == 1:
-        return MIN_LENGTH_RADII * float(np.median(edge.radius))
+        return MIN_LENGTH_RADII * float(np.max(edge.radius))
     joint = max(float(graph.radius[end]) for end in (edge.a, edge.b) if degree[end] > 1)
     # A way into a corner of the wall narrows to nothing.
     narrows = min(degree[edge.a], degree[edge.b]) == 1 and np.median(edge.radius) < joint / 2
@@ -418,6 +551,34 @@ class _Sections:
         loop = _parts(edge.T, int(edge.max()) + 1)[edge[0]]
         return self._around(place, way, start - place, end - place, loop)
 
+    def to_face(self, place: FloatArray, way: FloatArray, radius: float) -> float:
+        """How far ahead the wall of a blind end is, or the face that the lumen opens through."""
+        blind = self._ahead(place, way)
+        if self.turn > 0:
+            return blind
+        u = np.cross(way, np.eye(3)[np.abs(way).argmin()])
+        u /= np.linalg.norm(u)
+        v = np.cross(way, u)
+        back = place - 2 * radius * way  # in the solid beside even a slanted mouth
+        turn = np.arange(8) * np.pi / 4
+        beside = 1.2 * radius * (np.cos(turn)[:, None] * u + np.sin(turn)[:, None] * v)
+        away = np.array([self._ahead(back + one, way) for one in beside])
+        face = float(np.median((away[:4] + away[4:]) / 2)) - 2 * radius
+        return min(blind, face)
+
+    def _ahead(self, start: FloatArray, way: FloatArray) -> float:
+        """How far ahead a ray meets the mesh first; inf where it doesn't."""
+        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
+        across = np.cross(way, c - a)
+        volume = ((b - a) * across).sum(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            one = ((start - a) * across).sum(axis=1) / volume
+            turned = np.cross(start - a, b - a)
+            two = turned @ way / volume
+            far = ((c - a) * turned).sum(axis=1) / volume
+            hit = (one >= 0) & (two >= 0) & (one + two <= 1) & (far > 0)
+        return float(far[hit].min(initial=np.inf))
+
     def _around(
         self, place: FloatArray, way: FloatArray, start: FloatArray, end: FloatArray, loop: IntArray
     ) -> tuple[FloatArray, float] | None:
@@ -453,11 +614,22 @@ def _measured(graph: _Graph, sections: _Sections) -> VesselNetwork:
     for _ in range(ROUNDS):
         axes = [_axis(graph, edge, sections, degree) for edge in graph.edges]
         for node in np.flatnonzero(degree > 1):
-            place = _meeting(graph.nodes[node], list(_ways_into(int(node), axes)))
-            far = np.linalg.norm(place - first[node]) > MAX_MOVE_RADII * graph.radius[node]
-            graph.nodes[node] = first[node] if far else place
+            ways = list(_ways_into(int(node), axes))
+            place = _meeting(graph.nodes[node], ways)
+            moved, radius = np.linalg.norm(place - first[node]), graph.radius[node]
+            # Lines that do meet tell where, however long the joint of an acute fork is.
+            most = FAR_MOVE_RADII if _apart(place, ways) < MEET * radius else MAX_MOVE_RADII
+            graph.nodes[node] = place if moved <= most * radius else first[node]
         graph.edges[:] = [_along(graph, axis, degree) for axis in axes]
     nodes = graph.nodes
+    for edge in graph.edges:
+        joint = [edge.a, edge.b]
+        apart = float(np.linalg.norm(nodes[edge.a] - nodes[edge.b]))
+        in_joint = max(apart, edge.length / 2 / np.pi) < graph.radius[joint].min()
+        if edge.a != edge.b and degree[joint].min() > 1 and in_joint:
+            graph.edges.remove(edge)
+            _merge(graph, edge)
+            return _measured(graph, sections)
     lines, radii = [], []
     for axis in axes:
         line, radius = [axis.centre], [axis.radius]
@@ -515,11 +687,19 @@ def _axis(graph: _Graph, edge: _Edge, sections: _Sections, degree: IntArray) -> 
     at = at[closed]
     centre = np.array([one[0] for one in found if one is not None])
     radius = np.array([one[1] for one in found if one is not None])
-    own = _alike(radius, float(np.median(radius)))
+    # Others belong to a joint or an end, if one is near; else the lumen is wider.
+    reach = [max(MAX_JOINT_RADII * one, 1.5 * wide) for one in joint]
+    near = (at < reach[0]) | (at > arc[-1] - reach[1])
+    alike = ~near | _alike(radius, float(np.median(radius)))
+    own = alike.copy()
     own &= _off_joint(radius, at, MAX_JOINT_RADII * joint[0])
     own &= _off_joint(radius[::-1], arc[-1] - at[::-1], MAX_JOINT_RADII * joint[1])[::-1]
     if own.sum() < 2:  # all of it lies in joints
         return _Axis(edge, edge.line[[0, -1]], np.full(2, wide))
+    # The middles of a bend's sections are good, though these are too wide.
+    within = np.flatnonzero(own)[[0, -1]]
+    radius = np.interp(at, at[own], radius[own])
+    own[within[0] : within[1] + 1] |= alike[within[0] : within[1] + 1]
     centre, radius = centre[own], radius[own]
     if degree[edge.b] == 1:
         centre, radius = _to_its_end(centre, radius, sections)
@@ -531,25 +711,34 @@ def _axis(graph: _Graph, edge: _Edge, sections: _Sections, degree: IntArray) -> 
 def _off_joint(radius: FloatArray, at: FloatArray, reach: float) -> BoolArray:
     """Leave out sections that, on the way to a joint at 0, are unlike those before them.
 
-    A bend is wider in one or two sections; behind more of them all is left out.
+    A bend is wider in a few sections, with even ones behind; else what is behind is left out.
     """
     kept = np.ones(len(radius), dtype=np.bool_)
     first = int(np.searchsorted(at, reach))
+    quiet = (k for k in range(first, len(radius) - 4) if _even(radius[k : k + 5], radius[k]))
+    first = next(quiet, first)  # no bend's
     before = list(radius[first : first + 3])
     for k in range(first - 1, -1, -1):
         kept[k] = abs(radius[k] - np.median(before or radius)) < IN_JOINT * radius[k]
         if kept[k]:
             before = [radius[k], *before[:2]]
-        elif not kept[k : k + MAX_BEND_SECTIONS + 1].any():
+        elif not kept[k : k + MAX_BEND_SECTIONS + 1].any() and not any(
+            _even(radius[j - 3 : j], float(np.median(before)))
+            for j in range(k, max(k - MAX_BEND_SECTIONS, 2), -1)
+        ):
             kept[:k] = False
             break
     return kept
 
 
+def _even(radius: FloatArray, like: float) -> bool:
+    return bool((np.abs(radius - like) < IN_JOINT * like).all())
+
+
 def _to_its_end(
     centre: FloatArray, radius: FloatArray, sections: _Sections
 ) -> tuple[FloatArray, FloatArray]:
-    """Go straight on to where the last section is that the solid shuts in."""
+    """Go straight on to the last section that the solid shuts in, and to the face or wall."""
     wide = float(radius[-1])
     back = centre[max(-1 - 4, -len(centre))]
     way = (centre[-1] - back) / np.linalg.norm(centre[-1] - back)
@@ -565,7 +754,13 @@ def _to_its_end(
             near = middle
         else:
             far = middle
-    return np.vstack([centre, centre[-1] + near * way]), np.append(radius, wide)
+    spacing = np.linalg.norm(np.diff(centre[-8:], axis=0), axis=1)
+    slope = float(np.median(np.diff(radius[-8:]) / spacing))
+    onward = sections.to_face(centre[-1] + near * way, way, wide)
+    near += onward if 0 < onward <= 6 * wide else 0.0
+    return np.vstack([centre, centre[-1] + near * way]), np.append(
+        radius, wide + near * float(np.clip(slope, -STEEPEST, STEEPEST))
+    )
 
 
 def _is_own(section: tuple[FloatArray, float] | None, wide: float) -> bool:
@@ -584,6 +779,12 @@ def _ways_into(node: int, axes: list[_Axis]) -> Iterator[tuple[FloatArray, Float
                 way = line[0] - line[min(3, len(line) - 1)]
                 if (size := float(np.linalg.norm(way))) > 0:
                     yield line[0], way / size
+
+
+def _apart(place: FloatArray, ways: list[tuple[FloatArray, FloatArray]]) -> float:
+    """Return how far the farthest of the lines passes by a place."""
+    off = (np.cross(way, place - start) for start, way in ways)
+    return max((float(np.linalg.norm(one)) for one in off), default=np.inf)
 
 
 def _meeting(near: FloatArray, ways: list[tuple[FloatArray, FloatArray]]) -> FloatArray:

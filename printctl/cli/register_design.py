@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv, write_network_csv
@@ -15,6 +15,9 @@ from printctl.cli.options import messages
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import LUMEN, NETWORK, SOLID
 from printctl.run_folder.manifest import Manifest
+
+if TYPE_CHECKING:
+    from design.solids.lumen_axes import FoundLumens
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,8 @@ class DesignRead:
     vessels : VesselNetwork
     printed : dict or None
         As far as a journal tells it (`print_identity`).
+    lumens : FoundLumens or None
+        Where no network was given: what is unsure of the one that was found.
     """
 
     model: Path
@@ -38,6 +43,7 @@ class DesignRead:
     network: Path
     vessels: VesselNetwork
     printed: dict[str, Any] | None
+    lumens: FoundLumens | None = None
 
 
 def read_design(
@@ -59,15 +65,17 @@ def read_design(
     UsageError
         When a file isn't there, or no journal is where a print is named.
     """
+    found = None
     surface, path = _surface(model, network, lumens, unit)
     if network is None and not path.is_file() and not model.is_dir():
         path = out / NETWORK
-        vessels = _found(surface, path, bool(lumens), tell)
+        found = _found(surface, path, bool(lumens), tell)
+        vessels = found.network
     elif not path.is_file():
         raise UsageError(f"no network at {path}; give --network network.csv for the vessel table")
     else:
         vessels = read_network_csv(path, unit="mm")
-    return DesignRead(model, surface, path, vessels, _printed(model, printed_in))
+    return DesignRead(model, surface, path, vessels, _printed(model, printed_in), found)
 
 
 def _surface(
@@ -89,13 +97,12 @@ def _surface(
     return surface, network if network is not None else beside
 
 
-def _found(
-    surface: Solid, path: Path, is_lumen: bool, tell: Callable[[str], None]
-) -> VesselNetwork:
+def _found(surface: Solid, path: Path, is_lumen: bool, tell: Callable[[str], None]) -> FoundLumens:
     """Find the lumens of a model without a network, and write them to a file."""
-    from design.solids.lumen_axes import lumen_network, unfollowed_ways  # slow to load
+    from design.solids.lumen_axes import found_lumens, unfollowed_ways  # slow to load
 
-    vessels = lumen_network(surface, is_lumen=is_lumen)
+    found = found_lumens(surface, is_lumen=is_lumen)
+    vessels = found.network
     path.parent.mkdir(parents=True, exist_ok=True)
     write_network_csv(path, vessels)
     wide = 2e3 * vessels.mean_radius()
@@ -108,7 +115,7 @@ def _found(
             f"note: {left} more ways lead through the model, too short or too thin to be followed; "
             "they aren't measured: give --network to have them measured"
         )
-    return vessels
+    return found
 
 
 def _printed(model: Path, named: Path | None) -> dict[str, Any] | None:

@@ -66,7 +66,8 @@ def read_and_register(how: Measuring, design: DesignRead, steps: Steps) -> Regis
     steps.begin("registration")
     report = register_scan(measured, design.surface, design.vessels, options)
     return RegisteredScan(how.scan, measured, design.model, design.surface, design.network,
-                      design.vessels, report, design.printed)  # fmt: skip
+                      design.vessels, report, design.printed,
+                      design.lumens)  # fmt: skip
 
 
 def judge_registration(

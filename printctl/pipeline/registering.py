@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from design.files import write_text
 from design.measures.morphometry import network_strahler_orders
@@ -31,13 +31,16 @@ from printctl.run_folder.registration_files import (
 )
 from printctl.second_process import Call, SecondProcess
 from registration import RegistrationReport, Scan, report_dict
-from registration.judging import Tolerances, judge
+from registration.judging import Tolerances, judge, withhold_unsure
 from registration.optics import is_resampled
 from registration.report import ReportSurface
 from registration.report.deviation_surfaces import split_surfaces
 from registration.report.packing import pack_surfaces
 from registration.result import SIGN, scaled_vertices
 from registration.views import add_scan_places, take_views
+
+if TYPE_CHECKING:
+    from design.solids.lumen_axes import FoundLumens
 
 PAGES: Final = "printctl.pipeline.registration_pages"
 """What draws and writes the pages; called by this name, it loads in the second process alone."""
@@ -61,6 +64,8 @@ class RegisteredScan:
     found : RegistrationReport
     printed : dict or None
         Which print was scanned (`print_identity`).
+    lumens : FoundLumens or None
+        Of a network that was found in the model: what is unsure of it.
     """
 
     source: Path
@@ -71,6 +76,7 @@ class RegisteredScan:
     vessels: VesselNetwork
     found: RegistrationReport
     printed: dict[str, Any] | None
+    lumens: FoundLumens | None = None
 
     def add_record(
         self, data: dict[str, Any], stated: RecordPart, done: Corrections, now: datetime
@@ -86,8 +92,15 @@ class RegisteredScan:
         ToleranceError
             When the tolerances name a vessel or kind that the network doesn't have.
         """
+        measured = report_dict(self.found)
+        if self.lumens is not None:
+            withhold_unsure(measured, self.lumens.stretches)
+            measured["unfollowed"] = {
+                "share": self.lumens.left,
+                "at_mm": self.lumens.left_at.round(3).tolist(),
+            }
         numbers = {
-            **judge(report_dict(self.found), tolerances),
+            **judge(measured, tolerances),
             "sign_convention": SIGN,
             "design": design_facts(self.network),
             "measured_by": scan_facts(self.scan),

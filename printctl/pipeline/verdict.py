@@ -67,6 +67,7 @@ def verdict(registration: Record) -> dict[str, Any]:
         *(_in_this_pose(registration, *one) for one in _flow(registration)),
         *_pose(registration),
         *_proven(registration, features),
+        *_unfollowed(registration),
         *_places(registration),
         *_not_judged(registration),
     ]
@@ -216,6 +217,21 @@ def _proven(registration: Record, features: Sequence[Record]) -> list[Finding]:
         out.append(("pass", "No leak, and no bridge between vessels, was found"))
     rms = [f for f in features if f["name"] == "rms" and f["decision"] == "pass"]
     return [*out, *(("pass", reason(f)) for f in rms)]
+
+
+def _unfollowed(registration: Record) -> list[Finding]:
+    """Say how much of the lumens no vessel that was found in the model follows, and where."""
+    left = registration.get("unfollowed") or {}
+    if not left.get("at_mm"):
+        return []
+    where = "; ".join("x {:.1f}, y {:.1f}, z {:.1f}".format(*at) for at in left["at_mm"][:3])
+    more = f"; {len(left['at_mm']) - 3} more places" if len(left["at_mm"]) > 3 else ""
+    text = (
+        f"{100 * left['share']:.1f} % of the lumens' volume isn't followed by any vessel found in "
+        f"the model (at {where} mm{more}), so neither good nor bad there; give --network to have "
+        "it measured"
+    )
+    return [("undecided", text)]
 
 
 def _not_judged(registration: Record) -> list[Finding]:

@@ -12,7 +12,7 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from registration.judging.decisions import Decision, worst_decision
-    from registration.judging.judge_registration import judge, judge_plain
+    from registration.judging.judge_registration import judge, judge_plain, withhold_unsure
     from registration.judging.listing import list_findings
     from registration.judging.pose import decision_at_sure_pose, pose_in_doubt
     from registration.judging.rule import DecisionRule, Rule
@@ -40,6 +40,7 @@ __all__ = [
     "list_findings",
     "pose_in_doubt",
     "reason",
+    "withhold_unsure",
     "worst_decision",
 ]
 

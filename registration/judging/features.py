@@ -20,7 +20,7 @@ Record = Mapping[str, Any]
 
 FeatureName = Literal[
     "section", "narrowest", "mean", "change", "offset", "open", "seen", "gel_like", "measured",
-    "leak", "rms", "zone",
+    "unsure", "leak", "rms", "zone",
 ]  # fmt: skip
 
 
@@ -33,7 +33,7 @@ class Feature:
     name : str
         ``section``: the worst section's diameter; ``narrowest``, ``mean``: diameters; ``change``:
         of a diameter within a junction; ``offset``: of the axis; ``open``, ``seen``,
-        ``gel_like``, ``measured``: without a value; ``leak``: the width of a
+        ``gel_like``, ``measured``, ``unsure``: without a value; ``leak``: the width of a
         leak or bridge; ``rms``: of the scaled fit; ``zone``: a geometric characteristic.
     decision : str
     vessel : int or None
@@ -50,12 +50,13 @@ class Feature:
     limit : str
         In the user's words, like "±10 %".
     unseen_mm : list of (from, to)
-        Of ``seen``, ``gel_like`` and ``measured``: where it isn't known.
+        Of ``seen``, ``gel_like``, ``measured`` and ``unsure``: where it isn't known.
     other : int or None
         Of ``leak``: the vessel that a bridge leads into; None: out of the part.
     doubt : str
         ``shade``: of ``leak``, where gel in a shadow would look alike; undecided. ``faint``: of
-        ``leak``, where so much gel is left that it may be a crack; undecided. ``pose``: a fail
+        ``leak``, where so much gel is left that it may be a crack; undecided. ``axis``: of
+        ``leak``, where the axis may not follow its lumen; undecided. ``pose``: a fail
         if the pose, which is in doubt, is right; undecided. ``no limit``: of ``offset``, far aside
         where nobody has said what is allowed; undecided.
     words, of : str
@@ -79,7 +80,7 @@ class Feature:
     limit: str = ""
     unseen_mm: Sequence[Sequence[float]] = ()
     other: int | None = None
-    doubt: Literal["", "shade", "faint", "pose", "no limit"] = ""
+    doubt: Literal["", "shade", "faint", "axis", "pose", "no limit"] = ""
     words: str = ""
     of: str = ""
     interval_um: Sequence[float] = ()
@@ -305,13 +306,15 @@ def open_features(row: Record, limits: VesselLimits, closed: bool) -> list[Featu
     if limits.open:
         states: dict[bool | None, Decision] = {True: "pass", False: "fail", None: "undecided"}
         state = states[False if closed else row["open"]]
-        out.append(Feature("open", state, vessel))
+        if state != "undecided" or not row.get("unsure_mm"):
+            out.append(Feature("open", state, vessel))
     gel_like = row.get("gel_like_mm") or ()
     unseen = [one for one in row.get("unseen_mm") or () if one not in gel_like]
     unknown: dict[FeatureName, Sequence[Sequence[float]]] = {
         "seen": unseen,
         "gel_like": gel_like,
         "measured": row.get("unmeasured_mm") or (),
+        "unsure": row.get("unsure_mm") or (),
     }
     out += [Feature(name, "undecided", vessel, unseen_mm=at) for name, at in unknown.items() if at]
     return out

@@ -45,6 +45,11 @@ from registration.judging.zones import judged_zones
 Record = Mapping[str, Any]
 
 _WAYS = ("leak", "bridge")
+_ALONG = (
+    "along_mm", "diameter_um", "area_mm2", "ovality_along", "offset_along_um", "noise_um",
+    "shift_along_um", "designed_along_um", "place_mm", "interval_95_um",
+)  # fmt: skip
+"""Of a vessel's row, one for each section."""
 
 
 def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
@@ -120,6 +125,45 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
     )
     out["defects"] = [finding for finding in out["findings"] if is_defect(finding)]
     return fails_withdrawn(out) if pose_in_doubt(numbers.get("ambiguity") or {}) else out
+
+
+def withhold_unsure(
+    numbers: dict[str, Any], unsure_mm: Sequence[Sequence[tuple[float, float]]]
+) -> None:
+    """Take out of report numbers what counts on an axis that may not follow its lumen.
+
+    Sections, closures and changes within such a stretch, of each vessel's `unsure_mm`, are dropped;
+    the vessel is undecided there, neither open nor closed. Ways out of it are doubtful.
+    """
+    stretches = {
+        int(row["vessel"]): one for row, one in zip(numbers["vessels"], unsure_mm, strict=True)
+    }
+    kept, closed = [], set()
+    for defect in numbers["defects"]:
+        ends = stretches[int(defect["vessel"])] + stretches.get(defect.get("other"), ())
+        if not any(first <= defect["at_mm"] <= last for first, last in ends):
+            kept.append(defect)
+        elif defect["kind"] in _WAYS:
+            kept.append({**defect, "doubt": "axis"})
+        elif defect["kind"] in ("occlusion", "missing"):
+            closed.add(int(defect["vessel"]))
+            numbers["perfusion"] = None
+    numbers["defects"] = kept
+    still = {int(d["vessel"]) for d in kept if d["kind"] in ("occlusion", "missing")}
+    for row in numbers["vessels"]:
+        unsure = stretches[int(row["vessel"])]
+        if not unsure:
+            continue
+        along = list(row["along_mm"])
+        own = [k for k, at in enumerate(along) if not any(a <= at <= b for a, b in unsure)]
+        for key, values in row.items():
+            if key in _ALONG and len(values) == len(along):
+                row[key] = [values[k] for k in own]
+        if 2 * len(own) < len(along):
+            row["measured_um"] = row["error_percent"] = None
+        row["unsure_mm"] = [list(one) for one in unsure]
+        row["open"] = False if int(row["vessel"]) in still else None
+    numbers["all_open"] = all(row["open"] is True for row in numbers["vessels"])
 
 
 def is_defect(finding: Record) -> bool:

@@ -16,6 +16,7 @@ _NAMES = {
 }
 _DOUBTS = {
     "shade": ": not proven, as gel below a bubble or a particle looks alike; see its picture",
+    "axis": ": not proven, as the axis that was found may not follow its lumen there",
     "faint": ": not proven, as gel is left in it; a crack thinner than 0.1 mm, or thin gel, looks "
     "so; see its picture",
 }
@@ -126,6 +127,11 @@ def _sight(feature: Record) -> str:
         )
     if feature["name"] == "measured":
         return f"{vessel}: no wall found all round at {where}, so no diameter is known there"
+    if feature["name"] == "unsure":
+        return (
+            f"{vessel}: the axis that was found may not follow its lumen at {where}, so neither "
+            "good nor bad, open nor closed there; give --network to have it measured"
+        )
     if feature["decision"] == "fail":
         return f"{vessel}: closed"
     if feature["decision"] == "undecided":

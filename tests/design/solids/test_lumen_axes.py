@@ -8,7 +8,7 @@ import pytest
 
 from design.errors import SolidError
 from design.network import VesselNetwork
-from design.solids.lumen_axes import lumen_network, unfollowed_ways
+from design.solids.lumen_axes import found_lumens, lumen_network, unfollowed_ways
 from tests.registration.parts import lumens, solid
 
 BLOCK = manifold3d.Manifold.cube((9.0, 5.0, 2.6))
@@ -63,6 +63,48 @@ def test_a_slanted_channel_reaches_both_faces_and_a_blind_one_its_end() -> None:
     way = (line[:, :1] + 0.5) * [1.0, 0.08, 0.12]
     assert line - [-0.5, 0.8, 0.7] == pytest.approx(way, abs=0.003)
     assert radius == pytest.approx(np.full(len(radius), 0.2), rel=0.01)
+
+
+def test_axes_go_on_to_slanted_faces_and_the_joints_of_acute_forks() -> None:
+    places = np.array([(-0.5, 2.5, 1.3), (2.2, 2.5, 1.3), (9.5, 0.7, 1.5), (9.5, 4.0, 1.3),
+                       (1.0, 4.2, -0.4), (3.54, 4.2, 3.0)])  # fmt: skip
+    net = VesselNetwork.from_segments(places, np.array([(0, 1), (1, 2), (1, 3), (4, 5)]),
+                                      np.array([0.4, 0.3, 0.26, 0.25]), np.full(4, 4),
+                                      np.zeros(4))  # fmt: skip
+    found = found_lumens(solid(BLOCK - lumens(net)))
+    assert (found.network.vessel_count, found.left, found.stretches) == (4, 0.0, ((),) * 4)
+    fork = found.network.nodes[found.network.degree() == 3]
+    assert fork[0] == pytest.approx(places[1], abs=0.03)
+    steep = found.network.nodes[np.argsort(found.network.nodes[:, 2])[[0, -1]]]
+    assert steep == pytest.approx(np.array([(1.3, 4.2, 0.0), (3.24, 4.2, 2.6)]), abs=0.03)
+
+
+def test_a_step_is_followed_and_unsure_where_it_is() -> None:
+    wide = lumens(channel((4.5, 2.5, 1.3), (9.5, 2.5, 1.3), 0.45))
+    part = BLOCK - lumens(channel((-0.5, 2.5, 1.3), (5.0, 2.5, 1.3), 0.25)) - wide
+    found = found_lumens(solid(part))
+    line, radius = found.network.polyline(0)
+    at = np.argsort(line[:, 0])[[0, -1]]
+    assert line[at, 0] == pytest.approx([0.0, 9.0], abs=0.01)
+    assert radius[at] == pytest.approx([0.25, 0.45], rel=0.02)
+    ((first, last),) = found.stretches[0]
+    assert last - first < 1.5
+
+
+def test_what_no_vessel_follows_is_told_and_a_bubble_is_no_lumen() -> None:
+    bubble = manifold3d.Manifold.sphere(0.6, 64).translate((4.5, 1.2, 1.3))
+    with pytest.raises(SolidError, match="no lumen"):
+        lumen_network(solid(BLOCK - bubble))
+    found = found_lumens(solid(BLOCK - bubble - lumens(channel((-1, 3, 1.3), (10, 3, 1.3), 0.3))))
+    assert found.network.vessel_count == 1
+    share = 0.6**3 * 4 / 3 / (0.6**3 * 4 / 3 + 9 * 0.3**2)
+    assert found.left == pytest.approx(share, rel=0.1)
+    assert np.abs(found.left_at - [4.5, 1.2, 1.3]).max() < 0.6
+    flat = manifold3d.Manifold.cube((11.0, 2.4, 0.5)).translate((-1.0, 1.2, 1.0))
+    found = found_lumens(solid(BLOCK - flat))
+    lengths = found.network.lengths()
+    unsure = [sum(b - a for a, b in one) for one in found.stretches]
+    assert sum(unsure) > 0.8 * lengths.sum()
 
 
 def test_a_groove_a_notch_and_a_dimple_are_no_lumens() -> None:

@@ -20,6 +20,7 @@ from registration.judging import (
     judge,
     judge_plain,
     reason,
+    withhold_unsure,
 )
 from tests.registration.judging.registered import GUARDED, change, registration, vessel
 from tests.slower import examples
@@ -84,6 +85,7 @@ def test_a_withdrawn_interval_is_undecided() -> None:
         ("unseen_mm", "at 1.0 to 1.4 mm"),
         ("gel_like_mm", "partly like gel at 1.0 to 1.4 mm"),
         ("unmeasured_mm", "at 1.0 to 1.4 mm"),
+        ("unsure_mm", "may not follow its lumen at 1.0 to 1.4 mm"),
     ],
 )
 def test_what_wasnt_seen_or_measured_isnt_a_pass(name: str, said: str) -> None:
@@ -279,6 +281,21 @@ def test_closed_sections_belong_to_their_occlusion() -> None:
     found = judged(row, defects=[plug])
     assert [(d["kind"], d["decision"]) for d in found["findings"]] == [("occlusion", "fail")]
     assert set(found["vessels"][0]["decision_along"][10:20]) == {"fail"}
+
+
+def test_nothing_fails_nor_is_open_on_an_axis_that_may_not_follow_its_lumen() -> None:
+    errors = np.zeros(40)
+    errors[10:20] = -500.0
+    plug = change(0, 1.22, 2.38) | {"kind": "occlusion", "size_um": 1160.0, "percent": None}
+    leak = change(0, 1.3, 1.5) | {"kind": "leak", "size_um": 200.0, "percent": None}
+    rows = vessel(0, errors, u_um=SURE, open=False), vessel(1, np.zeros(40), u_um=SURE)
+    numbers = registration(*rows, defects=[plug, leak], perfusion={"vessels": []})
+    withhold_unsure(numbers, [((1.1, 2.5),), ()])
+    found = judge_plain(numbers | {"judging": GUARDED}, 100.0, 10.0)
+    assert [row["decision"] for row in found["vessels"]] == ["undecided", "pass"]
+    assert found["vessels"][0]["open"] is None
+    assert [(d["kind"], d["decision"]) for d in found["findings"]] == [("leak", "undecided")]
+    assert (found["all_open"], found["perfusion"]) == (False, None)
 
 
 @settings(max_examples=examples(200), deadline=None)
