@@ -367,8 +367,8 @@ class RegistrationPart(Part):
     diameter_tolerance_percent: Sides = Field(
         default=10.0, description="Error of a diameter, in any section, beyond which it fails."
     )
-    decision_rule: DecisionRule = Field(
-        default=Rule.name,
+    decision_rule: Literal["guarded", "conformance", "shared_risk"] = Field(
+        default="guarded",
         description="How limits count uncertainty: guarded (ISO 14253-1), conformance "
         "(probability that the vessel conforms) or shared_risk (the value alone).",
     )
@@ -397,7 +397,7 @@ class RegistrationPart(Part):
     def all_tolerances(self) -> Tolerances:
         """What every section, vessel and feature is held against."""
         part = self.tolerances or TolerancesPart()
-        rule = Rule(self.decision_rule, self.conformance_percent / 100)
+        rule = Rule(DecisionRule(self.decision_rule), self.conformance_percent / 100)
         return part.tolerances(self.tolerance_um, self.diameter_tolerance_percent, rule)
 
 

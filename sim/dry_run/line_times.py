@@ -2,7 +2,7 @@
 
 A line leaves as the link sends it, with number and checksum, once the host has read the last `ok`;
 so the time between two lines is wire out + board + wire back + the host's turnaround. With two
-lines in flight the link's own rule (`firmware_profiles.families.marlin.pairing`) tells which line
+lines in flight the link's own rule (`firmware_profiles.families.pairing`) tells which line
 follows before that.
 
 The board's times are those of Marlin bugfix-2.1.x on an ATmega2560 at 16 MHz, run in an AVR
@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Printer
-from firmware_profiles.families.marlin.pairing import Pairing
+from firmware_profiles.families.pairing import Pairing
 from kernels import jit
 from kernels.arrays import FloatArray
 from sim.program.gcode import Program

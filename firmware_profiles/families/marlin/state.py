@@ -19,7 +19,7 @@ from firmware_profiles.families.marlin.doubt import (
     QueryGoal,
     Questions,
 )
-from firmware_profiles.families.marlin.pairing import Pairing
+from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.marlin.replies import Reply, classify
 from firmware_profiles.families.marlin.tokens import Tokens
 

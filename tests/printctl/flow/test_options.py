@@ -196,7 +196,8 @@ def test_what_cannot_be_meant_ends_in_one_message(
     [
         ((*ROWS, "3,3,4,4,7,7,4,7,7,0.3,0.3,artery,0\n"), "zero length"),
         ((ROWS[0], ROWS[1].replace("0.4,0.4", "0,0"), ROWS[2]), "radius"),
-        ((*ROWS, "3,4,5,1,1,1,2,2,2,0.3,0.3,artery,0\n4,5,4,2,2,2,1,1,1,0.3,0.3,artery,0\n"),
+        ((*ROWS, "3,4,5,1,1,1,2,2,2,0.3,0.3,artery,0\n4,5,6,2,2,2,2,1,5,0.3,0.3,artery,0\n"
+          "5,6,4,2,1,5,1,1,1,0.3,0.3,artery,0\n"),
          "isolated part without inlet"),
     ],
 )  # fmt: skip

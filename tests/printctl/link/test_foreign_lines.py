@@ -11,7 +11,7 @@ import pytest
 from firmware_profiles import Printer, load
 from firmware_profiles.families.link_protocol import StrayOk, Synchronised
 from firmware_profiles.families.link_timing import Timing
-from firmware_profiles.families.marlin.pairing import Pairing
+from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
 from printctl.link.answer_count import EVERY_S

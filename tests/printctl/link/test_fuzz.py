@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.link_timing import Timing
-from firmware_profiles.families.marlin.pairing import Pairing
+from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
 from firmware_profiles.families.reprapfirmware.crc16 import crc16

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from firmware_profiles.families.link_timing import Timing
-from firmware_profiles.families.marlin.pairing import Pairing
+from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock

@@ -9,7 +9,7 @@ import pytest
 
 from printctl.pipeline.verdict import MOST_REASONS, verdict
 from registration.judging import Tolerances, VesselLimits, judge, judge_plain
-from tests.registration.judging.registered import change, registration, vessel
+from tests.registration.judging.registered import CONFORMANCE, change, registration, vessel
 
 FLOW = {
     "pressure_drop_pa": 12.0,
@@ -103,7 +103,7 @@ def test_unseen_vessel_beside_a_failure_is_a_failure() -> None:
 
 
 def test_undecided_is_told_with_value_interval_and_limit() -> None:
-    result = judged(good(0), vessel(1, np.full(20, -40.0), u_um=20.0))
+    result = judged(good(0), vessel(1, np.full(20, -40.0), u_um=20.0), judging=CONFORMANCE)
     assert result["undecided"]
     said = result["reasons"][0]
     assert said.startswith("Vessel 1, ")
@@ -235,7 +235,7 @@ def shifted(sizes: list[float], errors: list[float], scale: float) -> dict[str, 
         vessel(n, np.full(20, error), designed_um=size, u_um=8.0)
         for n, (size, error) in enumerate(zip(sizes, errors, strict=True))
     ]
-    return judged(*rows, scale=[scale] * 3)
+    return judged(*rows, scale=[scale] * 3, judging=CONFORMANCE)
 
 
 SIZES = [300.0, 400.0, 500.0, 600.0, 700.0, 800.0] * 5

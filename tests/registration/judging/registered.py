@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 GUARDED = {"decision_rule": "guarded", "conformance_level": 0.95}
+CONFORMANCE = GUARDED | {"decision_rule": "conformance"}
 """``judging`` of numbers that were judged by guard bands, and will be again."""
 
 
