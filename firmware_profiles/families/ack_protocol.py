@@ -298,7 +298,7 @@ class AckProtocol(ABC):
             )
         elif sort in (Sort.FAULT, Sort.REFUSAL):
             self.held = True
-            answers = self.in_job or (self._waits and self._behind_job)
+            answers = self.in_job or (self.flight is None and self._waits and self._behind_job)
             line, refusal = self.lines_done + self.in_job, sort is Sort.REFUSAL
             events.append(said.Fault(words, line, answers, refusal))
             self._refused += self._asking

@@ -214,7 +214,7 @@ class PrintEvents:
         where = f"line {job.file_line(event.line)} of {job.name}"
         if event.refused and self._progress.refuse(event.line):
             text = f"the printer refused {where}: {event.text!r}"
-        elif self._logbook.state in OWN_MOVES:
+        elif self._logbook.state in OWN_MOVES or self._progress.done == len(job):
             text = (
                 f"the printer says {event.text!r} (to a command of the link's own, behind {where})"
             )
