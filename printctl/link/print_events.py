@@ -212,7 +212,7 @@ class PrintEvents:
     def _on_fault(self, event: said.Fault) -> None:
         job = self._progress.job
         where = f"line {job.file_line(event.line)} of {job.name}"
-        if event.refused and self._progress.refuse(event.line):
+        if event.refused and self._progress.refuse(event.line, event.about_command):
             text = f"the printer refused {where}: {event.text!r}"
         elif self._logbook.state in OWN_MOVES or self._progress.done == len(job):
             text = (

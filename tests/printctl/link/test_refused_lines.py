@@ -84,10 +84,11 @@ class SharedKlipper(FakeKlipper):
         said = super().take(line)
         if JOB[REFUSED] in line and not self.told:
             self.told = True
-            return "!! Move out of range: 900.000 0.000 0.000 [0.000]\n" + said
+            return f"{self.words}\n{said}"
         return said
 
     told = False
+    words = "!! Move out of range: 900.000 0.000 0.000 [0.000]"
 
 
 def test_a_complaint_about_another_programs_command_doubles_no_line(tmp_path):
@@ -101,6 +102,20 @@ def test_a_complaint_about_another_programs_command_doubles_no_line(tmp_path):
     assert "refused" not in history.end
     plan = plan_recovery(job, data, history, facts("klipper"), Retreat())
     assert plan.begin == REFUSED + 1
+
+
+@pytest.mark.parametrize("words", ['!! MCU "mcu" shutdown: Timer too close', "!! Driver wobble"])
+def test_a_fault_of_the_printers_own_is_no_other_programs_refusal(words, tmp_path):
+    fake = SharedKlipper()
+    fake.words = words
+    status = streamer_of("klipper", fake, tmp_path, JOB).run()
+    assert status.state is LinkState.FAILED
+    assert words in status.message
+    assert "another program" not in status.message
+    assert not any(
+        "another program" in text for text in read_journal(tmp_path / "journal.log").alarms
+    )
+    assert status.lines_done == REFUSED + 1
 
 
 class StuckAtEnd(FakeKlipper):
