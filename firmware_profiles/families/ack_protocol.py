@@ -79,6 +79,8 @@ _SORTS: Final = {
 }
 _REPORT: Final = re.compile(rb"(?:[TBC]\d*:|[XYZ]:|//|echo:)")
 """How answers begin that a job's own lines ask for, or that macros write."""
+_GLUED: Final = re.compile(rb"ok(?![a-z])")
+"""An ok whose line end was lost: what follows is another line."""
 _ENDS: Final = frozenset({Sort.FAULT, Sort.REFUSAL, Sort.HALT, Sort.RESTART})
 """After these nothing leaves, not even for an ok before them in the same read."""
 
@@ -112,7 +114,7 @@ class AckProtocol(ABC):
         self._controls: deque[bytes] = deque()
         self.flight: bytes | None = None
         self.in_job = self.probing = self._placing = self._over = self._waits = False
-        self._behind_job = False
+        self._behind_job = self._complained = False
         self.sent_at = 0.0
         self._rest = self.report = b""
         self.out: list[bytes] = []
@@ -276,6 +278,7 @@ class AckProtocol(ABC):
     def fly(self, now: float) -> None:
         """Write the line in flight for the first time."""
         self.sent_at, self._told, self._placed = now, 0, False
+        self._complained = False
         self._begin_doubt_count()
         self._write(now)
 
@@ -295,16 +298,21 @@ class AckProtocol(ABC):
             )
         elif sort in (Sort.FAULT, Sort.REFUSAL):
             self.held = True
-            answers = self.in_job or (self._waits and self._behind_job)
+            answers = self.in_job or (self.flight is None and self._waits and self._behind_job)
             line, refusal = self.lines_done + self.in_job, sort is Sort.REFUSAL
             events.append(said.Fault(words, line, answers, refusal))
             self._refused += self._asking
+            self._complained |= not self._asking
             if self._refused == _SURE:  # it answers, but won't tell where it is
                 self.end(said.NoReply(now - self.sent_at), events)
+            elif _GLUED.match(text):
+                self._hear_ok(b"ok", now, events)
         elif sort is Sort.OK:
             self._hear_ok(text, now, events)
         elif sort is Sort.NOTICE:
             events.append(said.Remark(words, known=True))
+            if _GLUED.match(text):
+                self._hear_ok(b"ok", now, events)
         elif self.flight is not None:
             self._hear_place(text, now)
             if self.in_job and not _REPORT.match(text):
@@ -413,7 +421,8 @@ class AckProtocol(ABC):
         after, before = (self._there(position, self.lines_done + k) for k in (1, 0))
         moves = self.in_job and after != before
         missing = self._asked - self._answered
-        if self._asks_place or (self._bare and missing <= 0):
+        answered = self._complained or (self._bare and missing <= 0)
+        if self._asks_place or answered:
             self.acknowledge(now, events)
         elif moves and after:
             events.append(said.Notice(f"the ok to line {self.number + 1} was lost"))

@@ -64,6 +64,17 @@ def parse_motors(replies: Sequence[bytes]) -> dict[str, tuple[float, float]]:
     return {axis: (steps[axis], places[axis]) for axis in sorted(set(steps) & set(places))}
 
 
+def parse_driven(replies: Sequence[bytes]) -> dict[str, tuple[float, float]]:
+    """Read from Klipper's reply to GET_POSITION where the motors' steps lead, and should, mm.
+
+    ``kinematic`` is reckoned from them for any kind of axes, ``toolhead`` holds a levelling; where
+    they aren't told each motor counts as its axis.
+    """
+    made = _words_behind(b"kinematic: ", replies) or _motors(b"stepper: ", replies)
+    meant = _words_behind(b"toolhead: ", replies) or _words_behind(_COMMANDED, replies)
+    return {axis: (made[axis], meant[axis]) for axis in "XYZ" if axis in made and axis in meant}
+
+
 def _motors(start: bytes, replies: Sequence[bytes]) -> dict[str, float]:
     text = next((text for text in map(_bare, replies) if text.startswith(start)), b"")
     return {axis.decode().upper(): float(value) for axis, value in _MOTOR.findall(text)}

@@ -19,10 +19,11 @@ from printctl.link.stop_place import StopPlace
 from printctl.link.valve import shut
 from printctl.link.valve_switch import ValveSwitch
 
-OTHERS: Final = (
-    ", but the line was carried out: another program's command was refused; see that nothing else "
-    "drives this printer, and look at the part"
+_OTHERS: Final = (
+    "another program's command was refused; see that nothing else drives this printer, and look at "
+    "the part"
 )
+_OWN: Final = "the fault is the printer's own; look at the part"
 
 
 class Ending:
@@ -81,8 +82,10 @@ class Ending:
         complaints = self._logbook.complaints
         refused = self._logbook.progress.refused
         stop = self._stop_motors()
-        others = self._logbook.progress.refused != refused
-        message += OTHERS if others else ""
+        carried_out = self._logbook.progress.refused != refused
+        if carried_out:
+            whose = _OTHERS if self._logbook.progress.about_command else _OWN
+            message += f", but the line was carried out: {whose}"
         message += stop.words()
         self._valve.shut()
         if facts.place_question or self._logbook.progress.meddled:
@@ -94,7 +97,7 @@ class Ending:
         # one that has complained may ignore moves and say ok to them
         missed = self._position.missed_height(way) if self._logbook.complaints else ""
         known = stop.read and self._logbook.complaints == complaints and not missed
-        if known and (state is LinkState.STOPPED or self._logbook.disk_full or others):
+        if known and (state is LinkState.STOPPED or self._logbook.disk_full or carried_out):
             self._record_stood(stop)
         self._firmware.undo_settings()
         fault = self._logbook.fault

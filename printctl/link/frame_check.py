@@ -17,6 +17,7 @@ from typing import Final
 
 from firmware_profiles.families.position_reply import (
     parse_counts,
+    parse_driven,
     parse_motors,
     parse_position,
     parse_shifted,
@@ -52,6 +53,7 @@ class FrameCheck:
         self._named: list[Renaming] | None = None
         self._plunger: tuple[int, float] | None = None
         self._motors: Place = {}
+        self._driven: dict[str, tuple[float, float]] = {}
         self._declared: tuple[int, Place] = 0, {}
         self._question = link_facts(channel.wiring.printer).place_question
 
@@ -140,6 +142,8 @@ class FrameCheck:
             wrong = disagreement(at, told)
             if not wrong and compared:
                 wrong = self._aside(told, offset)
+            if self._question and not self._unshifted:
+                wrong, compared = wrong or self._undriven(told), bool(self._driven)
             if not wrong:
                 break
         self._channel.logbook.excuse(before)  # a question that this build doesn't know
@@ -152,6 +156,15 @@ class FrameCheck:
             return wrong or self._plunger_difference(offset) or self._declared_difference()
         # a build without workspace offsets counts its steps from the place's name
         return wrong if self._difference(self._offset, told, offset) else ""
+
+    def _undriven(self, told: Place) -> str:
+        """Return which axes' motors stand elsewhere than the place that is told, or ''."""
+        return ", ".join(
+            f"{axis} is told at {told[axis]:.2f} mm, and its motors' steps make "
+            f"{told[axis] + made - meant:.2f} mm"
+            for axis, (made, meant) in self._driven.items()
+            if abs(made - meant) > self._within(axis)
+        )
 
     def doubtful(self) -> bool:
         """Whether the motors are where the moves that they may be making don't lead; no waiting."""
@@ -184,6 +197,7 @@ class FrameCheck:
                 axis: steps / getattr(per_mm, axis.lower()) - mm
                 for axis, (steps, mm) in parse_motors(replies).items()
             }
+            self._driven = parse_driven(replies)
             return parse_shifted(replies)
         replies = self._channel.command(b"M114", journalled)
         told = parse_position(replies)

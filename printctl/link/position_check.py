@@ -107,15 +107,16 @@ class PositionCheck:
         return replace(at, z=z, e=position.get("E", at.e))
 
     def _was_of_others(self, position: Mapping[str, float]) -> bool:
-        """Whether the line that seemed refused was carried out: another's command was."""
+        """Whether the line that seemed refused was carried out: the complaint wasn't of it."""
         behind = self._progress.behind_refused()
         facts = link_facts(self._channel.wiring.printer)
         if behind is None or not facts.complains_to_all or disagreement(behind, dict(position)):
             return False
         self._progress.not_refused()
+        of = "another program's command" if self._progress.about_command else "a fault of its own"
         self._logbook.alarm(
             f"{self._progress.words()}, the last of them all the same: the printer complained of "
-            "another program's command"
+            f"{of}"
         )
         return True
 

@@ -212,9 +212,9 @@ class PrintEvents:
     def _on_fault(self, event: said.Fault) -> None:
         job = self._progress.job
         where = f"line {job.file_line(event.line)} of {job.name}"
-        if event.refused and self._progress.refuse(event.line):
+        if event.refused and self._progress.refuse(event.line, event.about_command):
             text = f"the printer refused {where}: {event.text!r}"
-        elif self._logbook.state in OWN_MOVES:
+        elif self._logbook.state in OWN_MOVES or self._progress.done == len(job):
             text = (
                 f"the printer says {event.text!r} (to a command of the link's own, behind {where})"
             )

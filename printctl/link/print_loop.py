@@ -206,7 +206,7 @@ class PrintLoop:
         if self._progress.done < len(self._job):
             return False
         confirmed = self._finish()
-        self._parts.ending.end_on_fault()  # of the last moves
+        self._parts.ending.end_on_fault()
         # a stop while the last moves were made: the way out needs the job's settings
         self._obey()
         if confirmed:
@@ -220,6 +220,7 @@ class PrintLoop:
         """Wait for the last move; return whether the printer confirms its last line."""
         self._channel.settle()
         self._channel.command(b"M400")
+        self._parts.ending.end_on_fault()  # of the last moves, or M400 was refused
         self._compared = self._parts.position.verify_end()
         self._parts.clients.compare()
         self._parts.heat.take_back()

@@ -44,6 +44,8 @@ class JobProgress:
         Job lines taken and made as the journal knows, until a printer that is found again has
         proved to be the print's own; None from then on.
     standstills : StandstillWatch
+    about_command : bool
+        Whether a line was refused by words about a command, not by the printer's own fault.
     """
 
     def __init__(self, wiring: Wiring, job: Job) -> None:
@@ -57,6 +59,7 @@ class JobProgress:
         self.standstills = StandstillWatch(wiring.printer)
         self._wiring = wiring
         self._refused: int | None = None
+        self.about_command = False
 
     @property
     def done(self) -> int:
@@ -186,11 +189,14 @@ class JobProgress:
         """Take notice that the printer acknowledged moves and didn't make them all."""
         self._made.doubt()
 
-    def refuse(self, line: int) -> bool:
-        """Take notice that line ``line`` of the job was refused; False where one was before."""
+    def refuse(self, line: int, about_command: bool = False) -> bool:
+        """Take notice that line ``line`` of the job was refused; False where one was before.
+
+        ``about_command``: by words about a command; else by the printer's own fault.
+        """
         first = self._refused is None and line > 0
         if first:
-            self._refused = line - 1
+            self._refused, self.about_command = line - 1, about_command
         return first
 
     def behind_refused(self) -> Modal | None:

@@ -241,3 +241,42 @@ def test_the_limit_on_silence_can_be_chosen_for_each_family(profile, field, by_d
     assert getattr(protocol_for(printer, 0.05).timing, field) == by_default
     chosen = protocol_for(printer, 0.05, Care(silent_limit_s=300.0)).timing
     assert getattr(chosen, field) == 300.0
+
+
+class TellingKlipper(FakeKlipper):
+    """It answers GET_POSITION; its motors' Z may not be made."""
+
+    def __init__(self, rows: str, short_mm: float) -> None:
+        super().__init__()
+        self.rows, self.short_mm = rows, short_mm
+
+    def take(self, line: bytes) -> str:
+        if line.strip() != b"GET_POSITION":
+            return super().take(line)
+        at, made = self.where, dict(self.at)
+        made["Z"] -= self.short_mm if JOB[-1].decode() in self.executed else 0.0
+        per_mm = {"X": 80.0, "Y": 80.0, "Z": 400.0}
+        steps = " ".join(f"stepper_{a.lower()}:{made[a] * n + 77:.0f}" for a, n in per_mm.items())
+        motors = " ".join(f"stepper_{a.lower()}:{made[a]:.6f}" for a in per_mm)
+        kinematic = " ".join(f"{a}:{made[a]:.6f}" for a in per_mm)
+        told = {
+            "mcu": steps,
+            "stepper": motors,
+            "kinematic": kinematic,
+            "toolhead": at,
+            "gcode": at,
+            "gcode base": "X:0.0 Y:0.0 Z:0.0 E:0.0",
+        }
+        return "".join(f"// {row}: {told[row]}\n" for row in self.rows.split(",")) + "ok\n"
+
+
+@pytest.mark.parametrize(
+    "rows", ["mcu,stepper,kinematic,toolhead,gcode,gcode base", "mcu,stepper,gcode,gcode base"]
+)
+@pytest.mark.parametrize(
+    ("short_mm", "state"), [(0.0, LinkState.DONE), (0.4, LinkState.POSITION_UNKNOWN)]
+)
+def test_klippers_motors_must_stand_where_the_job_ends(rows, short_mm, state, tmp_path):
+    status = streamer_of("klipper", TellingKlipper(rows, short_mm), tmp_path).run()
+    assert status.state is state
+    assert ("0.10 mm" in status.message) == ("0.50 mm" in status.message) == bool(short_mm)

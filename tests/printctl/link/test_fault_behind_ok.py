@@ -26,6 +26,12 @@ FAULTS = [
     (MarlinProtocol, b"ok\r\nX:1.00\r\necho: cold extrusion prevented\r\n"),
     (SmoothieProtocol, b"ok\r\necho: cold extrusion prevented\r\n"),
 ]
+GLUED = [
+    (KlipperProtocol, b"ok!! Driver wobble\n"),
+    (KlipperProtocol, b"ok !! Driver wobble\n"),
+    (KlipperProtocol, b'ok// Unknown command:"G1"\n'),
+    (RRF, b"okError: G1: outside machine limits\n"),
+]
 ENDS = [
     (KlipperProtocol, b"ok\n// Klipper state: Shutdown\n", FirmwareHalted),
     (KlipperProtocol, b"ok\n// Klipper state: Ready\n", FirmwareReset),
@@ -62,6 +68,29 @@ def test_no_further_line_leaves_where_an_error_is_behind_the_ok(family, said):
     assert (protocol.idle, protocol.lines_done) == (True, 1)
     assert_nothing_leaves(protocol)
     assert protocol.lines_done == 1
+
+
+@pytest.mark.parametrize(("family", "said"), GLUED)
+def test_an_ok_glued_to_an_error_is_both_answer_and_error(family, said):
+    protocol = in_flight(family)
+    (fault,) = protocol.feed(said, 0.1)
+    assert (fault.line, fault.refused) == (1, True)
+    assert (protocol.idle, protocol.lines_done) == (True, 1)
+    assert_nothing_leaves(protocol)
+
+
+def test_a_line_answered_by_an_error_whose_ok_is_lost_isnt_sent_again():
+    protocol = KlipperProtocol(places)
+    protocol.load(JOB, 1, 1)
+    protocol.held = False
+    protocol.go(0.0)
+    assert protocol.take_output() == b"G1 X2\n"
+    protocol.feed(b"!! Driver wobbleok\n", 0.1)
+    protocol.tick(protocol.deadline)
+    assert protocol.take_output() == b"M114\n"
+    protocol.feed(b"X:1.000 Y:0.000 Z:0.000 E:0.000\nok\n", 2.0)
+    protocol.tick(protocol.deadline)
+    assert (protocol.take_output(), protocol.idle) == (b"", True)
 
 
 @pytest.mark.parametrize(("family", "said", "end"), ENDS)

@@ -84,10 +84,11 @@ class SharedKlipper(FakeKlipper):
         said = super().take(line)
         if JOB[REFUSED] in line and not self.told:
             self.told = True
-            return "!! Move out of range: 900.000 0.000 0.000 [0.000]\n" + said
+            return f"{self.words}\n{said}"
         return said
 
     told = False
+    words = "!! Move out of range: 900.000 0.000 0.000 [0.000]"
 
 
 def test_a_complaint_about_another_programs_command_doubles_no_line(tmp_path):
@@ -101,3 +102,42 @@ def test_a_complaint_about_another_programs_command_doubles_no_line(tmp_path):
     assert "refused" not in history.end
     plan = plan_recovery(job, data, history, facts("klipper"), Retreat())
     assert plan.begin == REFUSED + 1
+
+
+@pytest.mark.parametrize("words", ['!! MCU "mcu" shutdown: Timer too close', "!! Driver wobble"])
+def test_a_fault_of_the_printers_own_is_no_other_programs_refusal(words, tmp_path):
+    fake = SharedKlipper()
+    fake.words = words
+    status = streamer_of("klipper", fake, tmp_path, JOB).run()
+    assert status.state is LinkState.FAILED
+    assert words in status.message
+    assert "another program" not in status.message
+    assert not any(
+        "another program" in text for text in read_journal(tmp_path / "journal.log").alarms
+    )
+    assert status.lines_done == REFUSED + 1
+
+
+class StuckAtEnd(FakeKlipper):
+    """It refuses to wait for the last moves, and stands elsewhere, or where the job ends."""
+
+    def __init__(self, z: float) -> None:
+        super().__init__()
+        self.z, self.told = z, False
+
+    def take(self, line: bytes) -> str:
+        said = super().take(line)
+        if line == b"M400" and JOB[-1].decode() in self.executed[-2:] and not self.told:
+            self.told, self.at["Z"] = True, self.z
+            return "!! Driver wobble\nok\n"
+        return said
+
+
+@pytest.mark.parametrize("z", [0.5, 3.0])
+def test_a_refused_wait_behind_the_last_line_ends_as_failed_with_the_retreat(z, tmp_path):
+    fake = StuckAtEnd(z)
+    status = streamer_of("klipper", fake, tmp_path).run()
+    assert (status.state, status.lines_done) == (LinkState.FAILED, len(JOB))
+    assert "Driver wobble" in status.message
+    assert "refused line" not in status.message
+    assert fake.at["Z"] > z + 1
