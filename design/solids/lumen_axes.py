@@ -129,7 +129,10 @@ def _checked(network: VesselNetwork, voxels: _Voxels, all_unsure: bool) -> Found
     """Compare the vessels' tubes with the lumens' voxels; `all_unsure` where loops are too many."""
     step, degree = voxels.step, network.degree()
     covered = np.zeros_like(voxels.inside)
-    places, wides, of, along, off = [], [], [], [], []
+    places: list[FloatArray] = []
+    wides: list[FloatArray] = []
+    along: list[FloatArray] = []
+    off: list[BoolArray] = []
     for vessel, length in enumerate(network.lengths().tolist()):
         line, radius = network.polyline(vessel)
         arc = arc_lengths(line)
@@ -146,7 +149,8 @@ def _checked(network: VesselNetwork, voxels: _Voxels, all_unsure: bool) -> Found
         for k in range(len(at)):
             bad[k] |= _painted(covered, voxels, place[k], beyond[k], core[k])
         places, wides, along = [*places, place], [*wides, wide], [*along, at]
-        of, off = [*of, np.full(len(at), vessel)], [*off, bad]
+        off.append(bad)
+    of = np.repeat(np.arange(len(along)), [len(one) for one in along])
     unsure, wide = np.concatenate(off), np.concatenate(wides)
     tree = cKDTree(np.vstack(places))
     label, _ = ndimage.label(voxels.inside & ~covered, np.ones((3, 3, 3)))
@@ -160,8 +164,7 @@ def _checked(network: VesselNetwork, voxels: _Voxels, all_unsure: bool) -> Found
             left.append(len(index))
             left_at.append(voxels.origin + step * index[len(index) // 2, ::-1])
     stretches = tuple(
-        _stretches(along[k], unsure[np.concatenate(of) == k], wides[k])
-        for k in range(network.vessel_count)
+        _stretches(along[k], unsure[of == k], wides[k]) for k in range(network.vessel_count)
     )
     order = np.argsort(left)[::-1]
     share = sum(left) / int(voxels.inside.sum())
@@ -719,12 +722,12 @@ def _off_joint(radius: FloatArray, at: FloatArray, reach: float) -> BoolArray:
     first = next(quiet, first)  # no bend's
     before = list(radius[first : first + 3])
     for k in range(first - 1, -1, -1):
-        kept[k] = abs(radius[k] - np.median(before or radius)) < IN_JOINT * radius[k]
+        like = float(np.median(before or radius))
+        kept[k] = abs(radius[k] - like) < IN_JOINT * radius[k]
         if kept[k]:
             before = [radius[k], *before[:2]]
         elif not kept[k : k + MAX_BEND_SECTIONS + 1].any() and not any(
-            _even(radius[j - 3 : j], float(np.median(before)))
-            for j in range(k, max(k - MAX_BEND_SECTIONS, 2), -1)
+            _even(radius[j - 3 : j], like) for j in range(k, max(k - MAX_BEND_SECTIONS, 2), -1)
         ):
             kept[:k] = False
             break
