@@ -63,6 +63,8 @@ ROUNDS: Final = 3
 STRAIGHT_MM: Final = 0.003
 ASIDE: Final = 0.3
 """A lumen's wall may lie by this share of the radius beside its vessel's, or two voxels."""
+MOST_LEFT: Final = 0.1
+"""Of the volume of lumens that hang together: where more is left, none of their axes is sure."""
 MIN_LEFT_RADII: Final = 0.5
 """A piece of lumens that no vessel follows counts from a ball of so many radii on."""
 
@@ -154,6 +156,8 @@ def _checked(network: VesselNetwork, voxels: _Voxels, all_unsure: bool) -> Found
     unsure, wide = np.concatenate(off), np.concatenate(wides)
     tree = cKDTree(np.vstack(places))
     label, _ = ndimage.label(voxels.inside & ~covered, np.ones((3, 3, 3)))
+    part, count = ndimage.label(voxels.inside, np.ones((3, 3, 3)))
+    lost = np.zeros(count + 1)
     left, left_at = [], []
     for number, box in enumerate(ndimage.find_objects(label), 1):
         index = np.argwhere(label[box] == number) + [one.start for one in box]
@@ -161,8 +165,15 @@ def _checked(network: VesselNetwork, voxels: _Voxels, all_unsure: bool) -> Found
         ball = 4 / 3 * np.pi * (MIN_LEFT_RADII * float(wide[near].min())) ** 3
         if len(index) * step**3 >= ball:
             unsure[near] = True
+            lost[part[tuple(index[0])]] += len(index)
             left.append(len(index))
             left_at.append(voxels.origin + step * index[len(index) // 2, ::-1])
+    # Of lumens far from round no vessel is one.
+    lost /= np.bincount(part.ravel(), minlength=count + 1)
+    sample = np.round((np.vstack(places) - voxels.origin) / step).astype(int)[:, ::-1]
+    sample = np.clip(sample, 0, np.array(part.shape) - 1)
+    odd = lost[part[tuple(sample.T)]] > MOST_LEFT
+    unsure |= np.isin(of, of[odd])
     stretches = tuple(
         _stretches(along[k], unsure[of == k], wides[k]) for k in range(network.vessel_count)
     )
