@@ -63,6 +63,8 @@ ROUNDS: Final = 3
 STRAIGHT_MM: Final = 0.003
 ASIDE: Final = 0.3
 """A lumen's wall may lie by this share of the radius beside its vessel's, or two voxels."""
+MOST_LEFT: Final = 0.1
+"""Of the volume of lumens that hang together: where more is left, none of their axes is sure."""
 MIN_LEFT_RADII: Final = 0.5
 """A piece of lumens that no vessel follows counts from a ball of so many radii on."""
 
@@ -129,7 +131,10 @@ def _checked(network: VesselNetwork, voxels: _Voxels, all_unsure: bool) -> Found
     """Compare the vessels' tubes with the lumens' voxels; `all_unsure` where loops are too many."""
     step, degree = voxels.step, network.degree()
     covered = np.zeros_like(voxels.inside)
-    places, wides, of, along, off = [], [], [], [], []
+    places: list[FloatArray] = []
+    wides: list[FloatArray] = []
+    along: list[FloatArray] = []
+    off: list[BoolArray] = []
     for vessel, length in enumerate(network.lengths().tolist()):
         line, radius = network.polyline(vessel)
         arc = arc_lengths(line)
@@ -146,10 +151,13 @@ def _checked(network: VesselNetwork, voxels: _Voxels, all_unsure: bool) -> Found
         for k in range(len(at)):
             bad[k] |= _painted(covered, voxels, place[k], beyond[k], core[k])
         places, wides, along = [*places, place], [*wides, wide], [*along, at]
-        of, off = [*of, np.full(len(at), vessel)], [*off, bad]
+        off.append(bad)
+    of = np.repeat(np.arange(len(along)), [len(one) for one in along])
     unsure, wide = np.concatenate(off), np.concatenate(wides)
     tree = cKDTree(np.vstack(places))
     label, _ = ndimage.label(voxels.inside & ~covered, np.ones((3, 3, 3)))
+    part, count = ndimage.label(voxels.inside, np.ones((3, 3, 3)))
+    lost = np.zeros(count + 1)
     left, left_at = [], []
     for number, box in enumerate(ndimage.find_objects(label), 1):
         index = np.argwhere(label[box] == number) + [one.start for one in box]
@@ -157,11 +165,17 @@ def _checked(network: VesselNetwork, voxels: _Voxels, all_unsure: bool) -> Found
         ball = 4 / 3 * np.pi * (MIN_LEFT_RADII * float(wide[near].min())) ** 3
         if len(index) * step**3 >= ball:
             unsure[near] = True
+            lost[part[tuple(index[0])]] += len(index)
             left.append(len(index))
             left_at.append(voxels.origin + step * index[len(index) // 2, ::-1])
+    # Of lumens far from round no vessel is one.
+    lost /= np.bincount(part.ravel(), minlength=count + 1)
+    sample = np.round((np.vstack(places) - voxels.origin) / step).astype(int)[:, ::-1]
+    sample = np.clip(sample, 0, np.array(part.shape) - 1)
+    odd = lost[part[tuple(sample.T)]] > MOST_LEFT
+    unsure |= np.isin(of, of[odd])
     stretches = tuple(
-        _stretches(along[k], unsure[np.concatenate(of) == k], wides[k])
-        for k in range(network.vessel_count)
+        _stretches(along[k], unsure[of == k], wides[k]) for k in range(network.vessel_count)
     )
     order = np.argsort(left)[::-1]
     share = sum(left) / int(voxels.inside.sum())
@@ -719,12 +733,12 @@ def _off_joint(radius: FloatArray, at: FloatArray, reach: float) -> BoolArray:
     first = next(quiet, first)  # no bend's
     before = list(radius[first : first + 3])
     for k in range(first - 1, -1, -1):
-        kept[k] = abs(radius[k] - np.median(before or radius)) < IN_JOINT * radius[k]
+        like = float(np.median(before or radius))
+        kept[k] = abs(radius[k] - like) < IN_JOINT * radius[k]
         if kept[k]:
             before = [radius[k], *before[:2]]
         elif not kept[k : k + MAX_BEND_SECTIONS + 1].any() and not any(
-            _even(radius[j - 3 : j], float(np.median(before)))
-            for j in range(k, max(k - MAX_BEND_SECTIONS, 2), -1)
+            _even(radius[j - 3 : j], like) for j in range(k, max(k - MAX_BEND_SECTIONS, 2), -1)
         ):
             kept[:k] = False
             break

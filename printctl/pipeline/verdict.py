@@ -227,7 +227,7 @@ def _unfollowed(registration: Record) -> list[Finding]:
     where = "; ".join("x {:.1f}, y {:.1f}, z {:.1f}".format(*at) for at in left["at_mm"][:3])
     more = f"; {len(left['at_mm']) - 3} more places" if len(left["at_mm"]) > 3 else ""
     text = (
-        f"{100 * left['share']:.1f} % of the lumens' volume isn't followed by any vessel found in "
+        f"{100 * left['share']:.2g} % of the lumens' volume isn't followed by any vessel found in "
         f"the model (at {where} mm{more}), so neither good nor bad there; give --network to have "
         "it measured"
     )

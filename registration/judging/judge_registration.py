@@ -128,7 +128,7 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
 
 
 def withhold_unsure(
-    numbers: dict[str, Any], unsure_mm: Sequence[Sequence[tuple[float, float]]]
+    numbers: dict[str, Any], unsure_mm: Sequence[tuple[tuple[float, float], ...]]
 ) -> None:
     """Take out of report numbers what counts on an axis that may not follow its lumen.
 
