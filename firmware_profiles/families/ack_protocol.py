@@ -423,6 +423,8 @@ class AckProtocol(ABC):
         missing = self._asked - self._answered
         answered = self._complained or (self._bare and missing <= 0)
         if self._asks_place or answered:
+            if not answered:
+                events.append(said.Notice(f"line {self.number + 1} was answered when asked again"))
             self.acknowledge(now, events)
         elif moves and after:
             events.append(said.Notice(f"the ok to line {self.number + 1} was lost"))
@@ -461,6 +463,7 @@ class AckProtocol(ABC):
 
     def _send_again(self, now: float, events: list[Event]) -> None:
         """Write the line in flight once more; what was heard of it counts no longer."""
+        events.append(said.Notice(f"line {self.number + 1} wasn't answered; it is sent again"))
         noisy = self.errors.count(self.number)
         if noisy:
             events.append(noisy)

@@ -102,7 +102,7 @@ class RestWait:
         self._busy |= "busy:" in heard.last
         if heard.count and now - self._since > 2.0 * _BUSY_S:
             self._tell()
-        if heard.count and now - self._since > REST_LIMIT_S:
+        if heard.count and now - self._since > REST_LIMIT_S and self._says_busy:
             self._refuse(now - self._since)
 
     def wait(self) -> None:
@@ -130,14 +130,17 @@ class RestWait:
         channel.ask(b"M400")
         channel.on_step = None
         busy_s = clock.now() - began
-        # a firmware that says that it is busy may answer late all the same
-        certain = self._busy or not link_facts(channel.wiring.printer).keepalive
-        if certain and busy_s > _BUSY_S and channel.troubles == troubles:
+        if self._says_busy and busy_s > _BUSY_S and channel.troubles == troubles:
             self.moved = self.moved or f"it made for {busy_s:.1f} s what it was sent before"
         until = clock.now() + _APART_S
         while clock.now() < until:
             channel.pump(until)
         return self._place()
+
+    @property
+    def _says_busy(self) -> bool:
+        """Whether it is the machine that is slow; of one that says so, not the line's answers."""
+        return self._busy or not link_facts(self._channel.wiring.printer).keepalive
 
     def _refuse(self, waited_s: float) -> NoReturn:
         seen = self.moved or "it hasn't answered yet, as if behind moves or a wait for heat"
