@@ -15,6 +15,7 @@ from registration.segmentation import GelField, Segmentation, Strength
 from registration.segmentation.unevenness import unevenness
 from registration.segmentation.working import Working
 from registration.uncertainty import MOST_UNEVEN, ScanErrors, scan_errors
+from registration.uncertainty.scan_errors import LEVEL_PART
 
 VOXEL = 0.025
 WORKING = Working((1, 1, 1), np.ones(3), np.full(3, VOXEL), np.zeros(3), 0.03)
@@ -56,7 +57,7 @@ def errors(uneven: float) -> ScanErrors:
 
 
 def test_walls_are_less_sure_in_uneven_gel_and_unknown_in_very_uneven_gel() -> None:
-    assert errors(0.05).level_mm == pytest.approx(np.hypot(0.015, 0.025) * 2.5066 * 0.04)
+    assert errors(0.05).level_mm == pytest.approx(np.hypot(LEVEL_PART, 0.025) * 2.5066 * 0.04)
     assert errors(0.05).outer_mm > errors(0.0).outer_mm
     assert np.isnan(errors(0.12).level_mm)
     assert np.isnan(errors(0.12).outer_mm)
