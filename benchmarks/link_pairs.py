@@ -14,8 +14,8 @@ from benchmarks.link_runs import DONE, new_printer, run
 from benchmarks.link_wire import BreakingTroubles
 from benchmarks.machine import row
 from firmware_profiles.families.link_timing import Timing
-from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from firmware_profiles.families.pairing import Pairing
 
 Row = dict[str, Any]
 LATENCIES_S = (0.0, 0.004, 0.016)

@@ -27,8 +27,8 @@ from firmware_profiles.families.job_facts import (
 from firmware_profiles.families.link_facts import LinkFacts, LinkSetup
 from firmware_profiles.families.link_protocol import LinkProtocol
 from firmware_profiles.families.marlin.codes import CODES, WHOLE, WORDS
-from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.probe_facts import ProbeFacts
 
 ADVANCE: Final = rb"M900\b[^;]*?K\s*([0-9.]+)"

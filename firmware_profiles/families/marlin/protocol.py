@@ -40,10 +40,10 @@ from firmware_profiles.families.link_protocol import Event
 from firmware_profiles.families.link_timing import HOST_LATE_S, Timing
 from firmware_profiles.families.marlin.doubt import RENUMBER, Phase, QueryGoal, Questions
 from firmware_profiles.families.marlin.doubt_resolver import DoubtResolver
-from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.marlin.reply_handler import ReplyHandler
 from firmware_profiles.families.marlin.sender import Sender
 from firmware_profiles.families.marlin.state import LineState, Wording
+from firmware_profiles.families.pairing import Pairing
 
 _REST_LIMIT: Final = 4096
 _ARC: Final = re.compile(rb"G0*[23](?!\d)")

@@ -7,10 +7,10 @@ import math
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.link_protocol import Event
 from firmware_profiles.families.marlin.doubt import Phase, QueryGoal
-from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.marlin.replies import frame
 from firmware_profiles.families.marlin.state import LineState
 from firmware_profiles.families.marlin.tokens import TRIES
+from firmware_profiles.families.pairing import Pairing
 
 
 class Sender:

@@ -19,9 +19,9 @@ from firmware_profiles.families.marlin.doubt import (
     QueryGoal,
     Questions,
 )
-from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.marlin.replies import Reply, classify
 from firmware_profiles.families.marlin.tokens import Tokens
+from firmware_profiles.families.pairing import Pairing
 
 _RECALLED: Final = 4
 """Lines behind which an unknown-command reply may come late: as many as a command queue holds."""

@@ -9,8 +9,8 @@ import pytest
 
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
 from firmware_profiles.families.link_protocol import Fault, FirmwareHalted, FirmwareReset
-from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.reprapfirmware.protocol import RrfProtocol
 from firmware_profiles.families.smoothieware.protocol import SmoothieProtocol
 from printctl.link.modal import places

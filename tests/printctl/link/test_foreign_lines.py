@@ -11,9 +11,9 @@ import pytest
 from firmware_profiles import Printer, load
 from firmware_profiles.families.link_protocol import StrayOk, Synchronised
 from firmware_profiles.families.link_timing import Timing
-from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
+from firmware_profiles.families.pairing import Pairing
 from printctl.link.answer_count import EVERY_S
 from printctl.link.clock import VirtualClock
 from printctl.link.journal import Journal

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.link_timing import Timing
-from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
+from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.reprapfirmware.crc16 import crc16
 from printctl.link.clock import VirtualClock
 from printctl.link.families import protocol_for

@@ -10,9 +10,9 @@ from firmware_profiles.families.klipper.protocol import KlipperProtocol
 from firmware_profiles.families.link_protocol import Fault, LinesResent, Notice, StrayOk, TokenSent
 from firmware_profiles.families.link_timing import Timing
 from firmware_profiles.families.marlin.doubt import QUESTION
-from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
+from firmware_profiles.families.pairing import Pairing
 from printctl.link.clock import VirtualClock
 from printctl.link.families import protocol_for
 from printctl.link.journal import Journal

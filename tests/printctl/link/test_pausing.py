@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from firmware_profiles.families.link_timing import Timing
-from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from firmware_profiles.families.pairing import Pairing
 from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import LinkError

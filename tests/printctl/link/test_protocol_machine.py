@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import invariant, rule
 
 from firmware_profiles.families.link_timing import Timing
-from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from firmware_profiles.families.pairing import Pairing
 from tests.printctl.link.fake_marlin import FakeMarlin, slips_through
 from tests.printctl.link.queueing_marlin import QueueingMarlin
 from tests.printctl.link.wire_machine import MANUAL, WireMachine, as_test
