@@ -9,6 +9,7 @@ import numpy as np
 
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
+from registration.gauging.sections import oval_conductance
 from registration.gauging.trace import VesselTrace
 
 
@@ -41,8 +42,7 @@ class MeasuredLumen:
 
     def radius(self, error: float) -> FloatArray:
         """As it conducts, (n,), mm; where nothing was measured, the designed one plus ``error``."""
-        oval = self.ovality
-        thinner = np.where(np.isfinite(oval), (2 / (oval + 1 / oval)) ** 0.25, 1.0)
+        thinner = oval_conductance(self.ovality) ** 0.25
         filled = np.maximum(self.designed + error, 0.2 * self.designed)
         with np.errstate(invalid="ignore"):
             return np.where(self.diameter > 0, self.diameter / 2 * thinner, filled)
@@ -75,9 +75,8 @@ def network_of_lumens(network: VesselNetwork, lumens: Sequence[MeasuredLumen]) -
 
     Where a station wasn't measured (within a junction, unseen) the radius is the designed one
     plus the vessel's mean error, or where it has none, that of all vessels. An oval lumen of equal
-    area conducts less: its radius r is taken as r (2 / (o + 1/o))^¼ with the ovality o (Poiseuille
-    flow in an ellipse, White, Viscous Fluid Flow, 3-3.3). A closed section has no radius; take
-    closed vessels out (`perfusion` does).
+    area conducts less: its radius is smaller by the fourth root of `oval_conductance`. A closed
+    section has no radius; take closed vessels out (`perfusion` does).
     """
     errors = [lumen.error for lumen in lumens]
     common = np.array([error for error in errors if np.isfinite(error)])

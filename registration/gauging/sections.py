@@ -104,6 +104,15 @@ class Sections:
         return np.asarray(np.pi / 4 * self.diameter**2)
 
 
+def oval_conductance(ovality: FloatArray) -> FloatArray:
+    """Return the conductance of an oval over that of a circle of its area, (n,); 1 where unknown.
+
+    2 / (o + 1/o) with the ovality o (Poiseuille flow in an ellipse, White, Viscous Fluid Flow,
+    3-3.3).
+    """
+    return np.where(np.isfinite(ovality), 2 / (ovality + 1 / ovality), 1.0)
+
+
 def cut_sections(field: GelField, planes: Planes) -> Sections:
     """Measure the lumen in each plane by rays from its middle to the wall."""
     angle = 2 * np.pi * np.arange(RAYS) / RAYS

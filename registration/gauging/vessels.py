@@ -14,6 +14,7 @@ from registration.gauging.defect import Defect
 from registration.gauging.near_walls import near_walls
 from registration.gauging.outlines import Outlines, outlines
 from registration.gauging.planes import stations
+from registration.gauging.sections import oval_conductance
 from registration.gauging.trace import VesselTrace
 from registration.segmentation import Segmentation
 from registration.uncertainty import Budget, ScanErrors, SectionErrors, section_errors
@@ -298,7 +299,8 @@ def _summary(trace: VesselTrace, stretch: float) -> dict[str, float]:
     measured, design = trace.diameter[counted], 2 * trace.radius[counted]
     free = measured > 0 if (measured > 0).any() else np.ones_like(measured, dtype=np.bool_)
     with np.errstate(divide="ignore"):
-        ratio = stretch * float(np.mean(measured**-4.0) / np.mean(design**-4.0))
+        resisting = measured**-4.0 / oval_conductance(trace.sections.ovality[counted])
+        ratio = stretch * float(np.mean(resisting) / np.mean(design**-4.0))
     return {
         "designed_um": 1e3 * float(design[free].mean()),
         "measured_um": 1e3 * float(measured[free].mean()),

@@ -10,7 +10,7 @@ from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.gauging import deviations, find_changes, summarise, trace_vessels
 from registration.gauging.planes import clearances, stations
-from registration.gauging.sections import Planes, cut_sections
+from registration.gauging.sections import Planes, cut_sections, oval_conductance
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh
 from tests.registration.parts import lumen_distance, lumens, solid
@@ -143,3 +143,10 @@ def test_an_axis_that_runs_on_past_the_parts_face_has_no_section_at_its_mouth() 
     np.testing.assert_allclose(found.to_end, found.along - 0.3, atol=found.spacing / 2)
     plain = trace_vessels(designed, block(), IDENTITY, 0.1, part)[0]
     assert plain.along[plain.own].min() < 0.3
+
+
+def test_an_oval_conducts_less_than_a_circle_of_its_area() -> None:
+    a, b = 0.34, 0.20  # semi-axes: q is as a³ b³ / (a² + b²), of the circle as (ab)² / 2
+    ratio = 2 * a * b / (a * a + b * b)
+    found = oval_conductance(np.array([a / b, 1.0, np.nan]))
+    np.testing.assert_allclose(found, [ratio, 1.0, 1.0])
