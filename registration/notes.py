@@ -16,6 +16,8 @@ LEAST_EXAMINED = 0.98
 """Of the gel; less is said."""
 TOLD_UNEVEN = 0.03
 """Even gel's is at most 0.015 on scans of three generators."""
+FAR_END_MM = 0.3
+"""Longest stretch at a vessel's end without diameters that no note is made of."""
 
 
 def pose_notes(scan: Scan, alignment: Alignment) -> list[str]:
@@ -110,7 +112,23 @@ def sight_notes(vessels: tuple[VesselGauge, ...], seen: float) -> list[str]:
             f"No section could be measured in vessels {', '.join(bare)}: where they pass, it is by "
             "being open, whatever their diameters are."
         )
-    return notes
+    return notes + _end_notes(vessels)
+
+
+def _end_notes(vessels: tuple[VesselGauge, ...]) -> list[str]:
+    """Return how far from a vessel's end its diameters begin, where that is far."""
+    ends = {
+        one.vessel: max(one.along_mm[0], one.length_mm - one.along_mm[-1])
+        for one in vessels
+        if len(one.along_mm)
+    }
+    vessel = max(ends, key=lambda number: ends[number], default=-1)
+    if vessel < 0 or ends[vessel] <= FAR_END_MM:
+        return []
+    return [
+        f"Diameters begin up to {ends[vessel]:.2f} mm from a vessel's end (vessel {vessel}): no "
+        "whole section is cut in a junction or a slanted mouth, and a neck in such a mouth isn't found."
+    ]
 
 
 def contrast_notes(contrast: ContrastGauge) -> list[str]:

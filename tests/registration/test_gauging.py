@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from registration.distance import ModelSurface
 from registration.gauging import deviations, find_changes, summarise, trace_vessels
 from registration.gauging.planes import clearances, stations
 from registration.gauging.sections import Planes, cut_sections, oval_conductance
+from registration.notes import sight_notes
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh
 from tests.registration.parts import lumen_distance, lumens, solid
@@ -150,3 +153,13 @@ def test_an_oval_conducts_less_than_a_circle_of_its_area() -> None:
     ratio = 2 * a * b / (a * a + b * b)
     found = oval_conductance(np.array([a / b, 1.0, np.nan]))
     np.testing.assert_allclose(found, [ratio, 1.0, 1.0])
+
+
+def test_a_mouth_in_which_no_diameter_is_measured_is_noted() -> None:
+    gauge = SimpleNamespace(vessel=4, open=True, seen_fraction=1.0, sections=2, length_mm=3.0,
+                            along_mm=np.array([0.44, 2.9]))  # fmt: skip
+    (note,) = sight_notes((gauge,), 1.0)  # type: ignore[arg-type]
+    assert "0.44 mm" in note
+    assert "vessel 4" in note
+    gauge.along_mm[0] = 0.2
+    assert sight_notes((gauge,), 1.0) == []  # type: ignore[arg-type]
