@@ -127,7 +127,7 @@ def _end_notes(vessels: tuple[VesselGauge, ...]) -> list[str]:
         return []
     return [
         f"Diameters begin up to {ends[vessel]:.2f} mm from a vessel's end (vessel {vessel}): no "
-        "whole section is cut in a junction or a slanted mouth, and a neck in such a mouth isn't found."
+        "whole section is cut in a junction or a slanted mouth; a neck in such a mouth isn't found."
     ]
 
 
