@@ -27,7 +27,7 @@ from registration.gauging import (
     liquid_level,
     trace_vessels,
     with_interval,
-    with_ledges,
+    with_told_walls,
     with_own_levels,
     withdraw_sections,
     without_gel_like,
@@ -116,7 +116,7 @@ def inspect(case: Inspection) -> Findings:
     field, fit = case.segmentation.field, case.alignment.scaled
     part = None if case.model_is_lumen else case.surface
     traces = trace_vessels(case.network, case.segmentation, fit, case.section_mm, part)
-    traces, errors, wall_mm = with_ledges(traces, case.segmentation, case.errors)
+    traces, errors, wall_mm = with_told_walls(traces, case.segmentation, case.errors)
     margin = _margin(case)
     grid = _grid(case, margin)
     evidence = case.evidence

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from registration.gauging.through_vessels import connected_vessels, drop_dead_ends, sub_network
     from registration.gauging.trace import VesselTrace, trace_vessels
     from registration.gauging.vessels import VesselGauge, gauge_vessels, without_resistance
-    from registration.gauging.wall_reflections import with_ledges
+    from registration.gauging.wall_profile import with_told_walls
 
 __all__ = [
     "TOLERANCES_UM",
@@ -70,7 +70,7 @@ __all__ = [
     "surface_points",
     "trace_vessels",
     "with_interval",
-    "with_ledges",
+    "with_told_walls",
     "with_own_levels",
     "with_printed_lengths",
     "withdraw_sections",

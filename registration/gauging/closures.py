@@ -30,7 +30,7 @@ class Ends:
     fit : Fit
         Scan to part, with which the traces were made.
     wall_mm : float, mm
-        How much further into the gel walls along the light lie than the field says (`with_ledges`).
+        How much further into the gel walls lie than the field says (`with_told_walls`).
     errors : ScanErrors
         Of those walls.
     """
@@ -44,7 +44,7 @@ class Ends:
     def shared_mm(self) -> float:
         """Standard uncertainty that both ends share, mm."""
         errors = self.errors
-        shared = (errors.level_mm, errors.cut_mm, errors.faint_mm, errors.line_mm)
+        shared = (errors.level_mm, errors.faint_mm, errors.line_mm)
         return float(np.linalg.norm(shared))
 
 

@@ -31,13 +31,6 @@ from registration.segmentation.light import remaining_light, share_of_gel
 from registration.segmentation.local_level import local_level
 from registration.segmentation.reflections import without_lines
 from registration.segmentation.response import depth_response
-from registration.segmentation.speckle_cap import (
-    cap_shift,
-    edge_of,
-    looks_of,
-    speckle_shift,
-    two_caps_shift,
-)
 from registration.segmentation.unevenness import unevenness
 from registration.segmentation.volume import GelField, Strength
 from registration.segmentation.walls import Sides, share_of_volume
@@ -65,9 +58,6 @@ UNSEEN_LINE = 0.5
 """Of the scan's own depth voxel: the most that a reflection no brighter than gel adds to it at a
 wall, which is half gel already. Rough walls have ledges that send light back whichever way they
 stand; walls that face the light or away from it send back as much again."""
-CUT_PART = 0.5
-"""Relative standard uncertainty of what caps and speckle move walls by where liquid is bright; of
-dark liquid the prior of walls holds it (`wall_reflections.FACING_PRIOR_MM`)."""
 QUIET = 6.0
 """Distance of gel and liquid, in standard deviations of the gel, from which on no more smoothing
 helps: half of it is 3, by which no speckle of a section's middle passes for gel."""
@@ -104,17 +94,15 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
         sides, bright = _sides(dull, light), 0.0
         _, fy, fx = _coarse(working, signal)
         share, known = share_of_volume(signal, light, sides, working, (1, fy, fx))
-        looks = looks_of(share, sides.gel)
-        edges = edge_of(share, sides.gel, 0), edge_of(share, sides.gel, 2)
         signal *= response  # as it came back, to be held against the noise
     else:
         sides, bright = both.sides, both.liquid
         signal *= response
         raw = signal + np.float32(noise)  # the floor may be bright liquid's
-        looks = looks_of(raw / both.light, sides.gel)
         share, known = _share_of_step(raw, both), np.ones(signal.shape, dtype=np.bool_)
         del raw
     del dull, light, both
+    uncapped = share.astype(np.float16)
     most, dazzling = (np.float32((b - bright) / (1 - bright)) for b in (BRIGHTEST, DAZZLE))
     share = without_lines(share, sides.gel, float(most))
     np.minimum(share, most, out=share)
@@ -122,7 +110,6 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     # they spread.
     values = working.smoothed(share, 0.6)
     if not bright:
-        soft_looks = looks_of(values, sides.gel)
         np.minimum(values, dazzling, out=values)
     values = working.smoothed(values, 0.8)
     del share
@@ -132,12 +119,7 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
         _refuse_flat(contrast)
     # A reflection too weak to be told moves a wall by up to half a voxel of depth: take the middle.
     facing = UNSEEN_LINE * scan.geometric_voxel_mm[0] / 2
-    if not bright:
-        cut = _cut_mm(edges, (looks, soft_looks), working) - speckle_shift(blur_mm, contrast)
-        cut_u = 0.0
-    else:
-        cut = float(cap_shift(looks, bright, BRIGHTEST) * np.cbrt(working.voxel_mm.prod()))
-        cut_u = CUT_PART * cut
+    if bright:
         values, contrast, blur_mm = _softened(values, sides, contrast, working)
         _refuse_flat(contrast)
     field = GelField(values, 0.5, 1.0, working.voxel_mm, working.origin_mm, blur_mm)
@@ -145,11 +127,9 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
         field,
         faint_mm=facing,
         facing_mm=facing,
-        cut_mm=cut,
-        cut_u_mm=cut_u,
         uneven=unevenness(values, working),
     )
-    return field, contrast, Strength(signal, noise, bright or dark)
+    return field, contrast, Strength(signal, noise, uncapped, bright or dark)
 
 
 def _two_media(signal: FloatVolume, working: Working, depth_down: bool) -> TwoMedia | None:
@@ -194,16 +174,6 @@ def _softened(
         soft = working.smoothed(values, part)
     blur = float(np.hypot(working.blur_mm, part * working.smoothing_mm))
     return soft, _contrast(soft, sides), blur
-
-
-def _cut_mm(edges: tuple[float, float], looks: tuple[float, float], working: Working) -> float:
-    """Shift of walls into the liquid by `BRIGHTEST` and `DAZZLE`, mm: mean along z and x."""
-    shifts = []
-    for edge, voxel_mm in zip(edges, working.voxel_mm[[2, 0]].tolist(), strict=True):
-        soft = working.smoothing_mm / voxel_mm
-        caps = BRIGHTEST, DAZZLE
-        shifts.append(voxel_mm * two_caps_shift(edge, (0.6 * soft, 0.8 * soft), looks, caps))
-    return float(np.mean(shifts))
 
 
 def _noise_floor(signal: FloatVolume, bins: tuple[int, int, int]) -> float:

@@ -40,11 +40,6 @@ class GelField:
     facing_mm : float, mm
         The same, for walls that face the light or away from it, beyond `wall_mm`; walls along the
         light have none of it, and between it goes with the square of the normal's part along z.
-    cut_mm : float, mm
-        How much further into the gel walls lie for speckle and the caps on it (`speckle_cap`). Not
-        in `wall_mm`: sections alone are moved by it (`gauging.ledges`).
-    cut_u_mm : float, mm
-        Its standard uncertainty.
     uneven : float
         Standard deviation of the gel's own level, of the step from liquid to gel (`unevenness`).
     """
@@ -58,8 +53,6 @@ class GelField:
     wall_mm: float = 0.0
     faint_mm: float = 0.0
     facing_mm: float = 0.0
-    cut_mm: float = 0.0
-    cut_u_mm: float = 0.0
     uneven: float = 0.0
 
     def above_level(self, points: FloatArray) -> FloatArray:
@@ -79,12 +72,15 @@ class Strength:
         On the voxels of the gel field.
     noise : float
         The floor that was taken off.
+    share : (nz, ny, nx) float16
+        Share of gel, 1 where there is gel alone, speckle and reflections and all.
     dark : float
         Brightness of liquid over that of gel.
     """
 
     signal: NDArray[np.float32]
     noise: float
+    share: NDArray[np.float16]
     dark: float = 0.0
 
 

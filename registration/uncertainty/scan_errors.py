@@ -61,10 +61,8 @@ class ScanErrors:
         Unit vector of the light's way, in the scan's frame.
     faint_mm : float, mm
         Of the place of all walls alike, by reflections no brighter than gel.
-    cut_mm : float, mm
-        Of the place of walls in sections, by speckle and the caps on it.
     line_mm : float, mm
-        Of the place of walls in sections, where the profile of their bright line has told it.
+        Of the place of walls in sections, where their profile has told it (`gauging.wall_profile`).
     """
 
     level_mm: float
@@ -76,7 +74,6 @@ class ScanErrors:
     blur_mm: float
     beam: FloatArray
     faint_mm: float = 0.0
-    cut_mm: float = 0.0
     line_mm: float = 0.0
 
     def surface_expanded(self, contrast: float) -> float:
@@ -129,7 +126,6 @@ def scan_errors(
         float(np.hypot(part, field.uneven / 2)) * rise
         for part in (LEVEL_PART, LEVEL_PART if strength is None else OUTER_PART)
     )
-    cut = field.cut_u_mm
     # A reflection as bright as gel is 1 / step of the step from bright liquid: anything from 0 to
     # 2 / step times the correction.
     reach = 2 / float(np.clip(step, LEAST_STEP, 1.0)) - 1
@@ -138,13 +134,12 @@ def scan_errors(
         own = 1e-3 * walls.interval_um / coverage_factor(np.inf)
         layers = ROOT_TWO_PI * field.blur_mm * field.uneven / 2
         level = float(np.hypot(own, layers)) if field.uneven <= MOST_UNEVEN else float("nan")
-        faint, facing, cut = 0.0, 0.0, 0.0
+        faint, facing = 0.0, 0.0
     return ScanErrors(
         level_mm=level,
         outer_mm=outer,
         faint_mm=faint,
         facing_mm=facing,
-        cut_mm=cut,
         wall_dof=WALL_DOF,
         depth=_depth(scan),
         lateral=rectangular(LATERAL_HALF_WIDTH)

@@ -144,7 +144,7 @@ def section_errors(
     curved = 2 * BLUR_PART * errors.blur_mm**2 / radius
     shared = np.column_stack(
         [
-            np.full(len(diameter), 2 * np.hypot(errors.level_mm, errors.cut_mm)),
+            np.full(len(diameter), 2 * errors.level_mm),
             # One print's walls either shine or don't: both are off the same way.
             2 * errors.faint_mm + in_depth * errors.facing_mm,
             np.full(len(diameter), 2 * errors.line_mm),

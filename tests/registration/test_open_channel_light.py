@@ -26,7 +26,7 @@ def test_gel_beside_the_light_of_a_wide_channel_is_gel(roof: int) -> None:
     speckle = np.random.default_rng(3).exponential(size=gel.shape)
     signal = (gel * np.exp(-PER_MM * above) * speckle).astype(np.float32)
     field = GelField(gel, 0.5, 1.0, np.full(3, VOXEL), np.zeros(3), 0.05)
-    evidence = gel_evidence(field, Strength(signal, 1e-3, 0.0))
+    evidence = gel_evidence(field, Strength(signal, 1e-3, signal.astype(np.float16), 0.0))
     beside = evidence.smooth[46:60, 15:45, 34:76]
     assert beside.mean() == pytest.approx(1.0, abs=0.08)
     assert beside.mean(axis=(0, 1)).min() > 0.85

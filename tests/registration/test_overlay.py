@@ -93,7 +93,9 @@ def scanned(gel: Gel, planes: slice = slice(None), lit: float | None = None) -> 
         # Light comes from below here (depth up): what is deeper lies higher in the part.
         height = pose[2, 3] + VOXEL * np.arange(len(values))
         signal = values * (height < lit)[:, None, None]
-        strength = Strength(np.ascontiguousarray(signal, np.float32), 0.1)
+        strength = Strength(
+            np.ascontiguousarray(signal, np.float32), 0.1, signal.astype(np.float16)
+        )
         scan = replace(scan, depth_down=True)
     none = np.zeros((0, 3))
     found = Segmentation(

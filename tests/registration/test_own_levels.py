@@ -72,7 +72,7 @@ def scanned(gel: float, liquid: float, *, oct_scan: bool = True) -> Segmentation
     part, origin = share()
     values = (liquid + (gel - liquid) * part).astype(np.float32)
     field = GelField(values, 0.5, 1.0, np.full(3, VOXEL), origin, blur_mm=BLUR)
-    strength = Strength(values, 0.0) if oct_scan else None
+    strength = Strength(values, 0.0, values.astype(np.float16)) if oct_scan else None
     return Segmentation(field, *surface_mesh(field, None, 0.3), 50.0, strength)
 
 

@@ -17,7 +17,7 @@ def test_a_wall_is_seen_and_gel_that_slowly_fades_is_not(over: int, seen: bool) 
     values = np.repeat(np.repeat(fades[:, None, None], VOXELS, 1), VOXELS, 2)
     size = np.full(3, 0.03)
     field = GelField(values, 0.5, 1.0, size, np.zeros(3), 0.03)
-    bright = Strength(np.full_like(values, 100.0), 1.0)
+    bright = Strength(np.full_like(values, 100.0), 1.0, values.astype(np.float16))
     surface, _, found = surface_mesh(field, bright, 0.1)
     within = (np.abs(surface.vertices[:, :2] - 0.9) < 0.7).all(axis=1)
     assert (found[within] == seen).all()
@@ -33,6 +33,8 @@ def test_a_wall_beside_bright_liquid_is_seen_where_raw_light_steps(
     speckle = np.random.default_rng(3).exponential(1.0, values.shape)
     signal = (np.where(values > 0.5, 1.0, liquid) * speckle).astype(np.float32)
     field = GelField(values, 0.5, 1.0, np.full(3, 0.03), np.zeros(3), 0.03)
-    surface, _, found = surface_mesh(field, Strength(signal, 0.01, 0.4), 0.1)
+    surface, _, found = surface_mesh(
+        field, Strength(signal, 0.01, signal.astype(np.float16), 0.4), 0.1
+    )
     within = (np.abs(surface.vertices[:, 1:] - 0.9) < 0.7).all(axis=1)
     assert (found[within] == seen).mean() > 0.97

@@ -24,11 +24,10 @@ def shared(dark: float, depth_standard: bool = False) -> ScanErrors:
         depth_standard=depth_standard,
     )  # fmt: skip
     field = GelField(
-        values, 0.5, 1.0, np.full(3, 0.05), np.zeros(3), 0.04, faint_mm=0.004, facing_mm=0.006,
-        cut_mm=0.005, cut_u_mm=0.002,
+        values, 0.5, 1.0, np.full(3, 0.05), np.zeros(3), 0.04, faint_mm=0.004, facing_mm=0.006
     )  # fmt: skip
     none, faces = np.zeros((0, 3)), np.zeros((0, 3), np.int32)
-    strength = Strength(values, 0.01, dark)
+    strength = Strength(values, 0.01, values.astype(np.float16), dark)
     seen = np.zeros(0, np.bool_)
     return scan_errors(scan, Segmentation(field, Surface(none, faces), none, seen, 5.0, strength))
 
@@ -37,7 +36,6 @@ def test_the_level_is_less_sure_the_brighter_the_liquid():
     assert shared(0.5).level_mm == pytest.approx(2 * shared(0.0).level_mm)
     assert shared(0.0).facing_mm == pytest.approx(at_either_end(0.006))
     assert shared(0.0).faint_mm == pytest.approx(at_either_end(0.004))
-    assert shared(0.0).cut_mm == 0.002
 
 
 def test_reflections_weigh_more_where_the_step_from_the_liquid_is_small():
@@ -48,8 +46,8 @@ def test_reflections_weigh_more_where_the_step_from_the_liquid_is_small():
 def test_a_note_tells_the_contrast_and_the_one_needed():
     values = np.zeros((8, 8, 8), np.float32)
     assert step_notes(None) == []
-    assert step_notes(Strength(values, 0.0, 0.4)) == []
-    (note,) = step_notes(Strength(values, 0.0, 0.625))
+    assert step_notes(Strength(values, 0.0, values.astype(np.float16), 0.4)) == []
+    (note,) = step_notes(Strength(values, 0.0, values.astype(np.float16), 0.625))
     assert "1.6 times as bright as the liquid (needed: 2)" in note
 
 
