@@ -95,6 +95,12 @@ def segment(scan: Scan, options: SegmentationOptions | None = None) -> Segmentat
     """
     options = options or SegmentationOptions()
     _check_volume(scan)
+    if scan.modality == "oct" and options.lumens == "bright":
+        raise SegmentationError(
+            "the lumens are said to be filled with something brighter than gel, which is read of "
+            "micro-CT and confocal scans alone: what scatters more than gel looks like gel to OCT, "
+            "and shades what lies below; fill the lumens with clear liquid and scan again"
+        )
     smoothing = options.smoothing_mm or 0.8 * _fineness(scan, options)
     working = Working.of(scan, options.working_voxel_mm, smoothing)
     strength: Strength | None = None

@@ -14,8 +14,8 @@ from registration.uncertainty.scan_errors import BLUR_PART, ScanErrors
 OWN_DOF = 40.0
 """Of a section's own noise: independent places on 48 rays, less the harmonics."""
 
-LINE_DOF = 5.0
-"""Of the place of a bright line: groups of sections less one, walls of three directions."""
+PLACE_DOF = 5.0
+"""Of the place of walls: groups of sections less one, walls of three directions."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,8 @@ class SectionErrors:
     own : (n,) float64, mm
         Independent of every other vessel, correlated along `correlation_mm`.
     shared : (n, 7) float64, mm
-        Change of each diameter by one standard deviation of level, reflections, the walls' bright
-        line, blur, depth, lateral scale and thin gel.
+        Change of each diameter by one standard deviation of level, reflections, the walls'
+        place, blur, depth, lateral scale and thin gel.
     spacing_mm, correlation_mm : float, mm
     wall_dof : float
     """
@@ -105,9 +105,7 @@ class SectionErrors:
                 Term("speckle and roughness", "A", own, OWN_DOF, "scatter of the rays"),
                 Term("level of the wall", "B", float(level), self.wall_dof, "halfway to the gel"),
                 Term("reflections", "B", float(facing), np.inf, "too weak to be told from gel"),
-                Term(
-                    "bright line of walls", "B", float(line), LINE_DOF, "profile across the walls"
-                ),
+                Term("place of the walls", "B", float(line), PLACE_DOF, "profile across walls"),
                 Term("blur and curvature", "B", float(blur), np.inf, "10 % of the blur"),
                 Term("refractive index", "B", float(depth), np.inf, "depth"),
                 Term("voxel size", "B", float(lateral), np.inf, "lateral scale"),

@@ -13,7 +13,7 @@ REMEDIES = {
     "level of the wall": "calibrate walls on a phantom (printctl calibrate walls, --walls)",
     "level of the walls": "calibrate walls on a phantom (printctl calibrate walls, --walls)",
     "reflections": "calibrate walls on a phantom (--walls), or tilt the part by a few degrees",
-    "bright line of walls": "calibrate walls on a phantom (printctl calibrate walls, --walls)",
+    "place of the walls": "calibrate walls on a phantom (printctl calibrate walls, --walls)",
     "blur and curvature": "smaller voxels",
     "refractive index": "scan a depth standard (printctl calibrate oct --step, --oct-calibration)",
     "thin gel beside": "smaller voxels, or more gel between lumens",
