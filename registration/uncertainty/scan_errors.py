@@ -21,8 +21,7 @@ WALL_DOF = 12.0
 """Of `LEVEL_PART`, known to about a fifth (GUM G.4.2)."""
 LEVEL_PART = 0.010
 """Standard uncertainty of the surface's level, of the step from liquid to gel without haze. With it
-and `wall_reflections.FACING_PRIOR_MM` 96 to 98 % of sections' intervals hold on 70 scans of two
-generators; with 0.015 and 0.0025 mm 97 to 99 %, with 0.005 and 0.0015 mm 95 to 98 %."""
+97 % of sections' intervals hold on 144 scans of three generators (2026-11-28)."""
 OUTER_PART = 0.11
 """The same of outer faces: an A-scan filled in part has light of its own only beside it (`walls`),
 and a beam that widens away from its focus takes part of its light past the face (calibrated on a
