@@ -52,7 +52,7 @@ def errors(uneven: float) -> ScanErrors:
     scan = Scan(values, (0.02, 0.05, 0.05), 1.34, False, "linear", "oct", True, Path("a"))
     field = GelField(values, 0.5, 1.0, np.full(3, 0.05), np.zeros(3), 0.04, uneven=uneven)
     none, faces = np.zeros((0, 3)), np.zeros((0, 3), np.int32)
-    strength, seen = Strength(values, 0.01, 0.0), np.zeros(0, np.bool_)
+    strength, seen = Strength(values, 0.01, values.astype(np.float16), 0.0), np.zeros(0, np.bool_)
     return scan_errors(scan, Segmentation(field, Surface(none, faces), none, seen, 5.0, strength))
 
 

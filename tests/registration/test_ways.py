@@ -28,7 +28,7 @@ def speckled(
     power = np.where(share > 0.5, gel, liquid)
     fade = np.exp(-0.02 * np.arange(len(share)))[:, None, None]
     signal = np.random.default_rng(seed).gamma(looks, power * fade / looks).astype(np.float32)
-    return replace(clean, strength=Strength(signal, 0.0))
+    return replace(clean, strength=Strength(signal, 0.0, signal.astype(np.float16)))
 
 
 @pytest.mark.parametrize("seed", first_of(range(2)))
@@ -52,7 +52,7 @@ def with_bubble(scan: Segmentation, x: float, y: float, z: float, radius: float)
     top = round(float(at[2]))
     signal[top, columns] = 40 * np.exp(-0.02 * top)
     signal[top + 1 :, columns] /= 16
-    return replace(scan, strength=Strength(signal, 0.0))
+    return replace(scan, strength=Strength(signal, 0.0, signal.astype(np.float16)))
 
 
 @pytest.mark.slow
@@ -78,7 +78,8 @@ def test_light_from_below_gives_the_same_evidence() -> None:
     assert scan.strength is not None
     whole = gel_evidence(scan.field, scan.strength)
     turned = replace(scan.field, values=np.ascontiguousarray(np.asarray(scan.field.values)[::-1]))
-    signal = Strength(np.ascontiguousarray(scan.strength.signal[::-1]), 0.0)
+    turned = np.ascontiguousarray(scan.strength.signal[::-1])
+    signal = Strength(turned, 0.0, turned.astype(np.float16))
     upwards = gel_evidence(turned, signal, depth_down=False)
     apart = np.abs(np.asarray(upwards.smooth)[::-1] - np.asarray(whole.smooth))
     assert float(np.percentile(apart, 99)) < 0.01
