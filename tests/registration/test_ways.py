@@ -78,8 +78,8 @@ def test_light_from_below_gives_the_same_evidence() -> None:
     assert scan.strength is not None
     whole = gel_evidence(scan.field, scan.strength)
     turned = replace(scan.field, values=np.ascontiguousarray(np.asarray(scan.field.values)[::-1]))
-    turned = np.ascontiguousarray(scan.strength.signal[::-1])
-    signal = Strength(turned, 0.0, turned.astype(np.float16))
+    below = np.ascontiguousarray(scan.strength.signal[::-1])
+    signal = Strength(below, 0.0, below.astype(np.float16))
     upwards = gel_evidence(turned, signal, depth_down=False)
     apart = np.abs(np.asarray(upwards.smooth)[::-1] - np.asarray(whole.smooth))
     assert float(np.percentile(apart, 99)) < 0.01
