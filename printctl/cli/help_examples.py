@@ -182,6 +182,7 @@ MANUAL: Final[Mapping[str, Manual]] = {
             "printctl calibrate oct --reference r1 --reference r2 --write device.yaml",
         )
     ),
+    "calibrate walls": Manual(("printctl calibrate walls r1 r2 r3 --write device.yaml",)),
     "observe": Manual(("printctl observe insert --dish petri_60mm --out insert",)),
     "observe insert": Manual(
         (

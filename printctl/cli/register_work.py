@@ -51,9 +51,7 @@ class Measuring:
     @property
     def options(self) -> RegistrationOptions:
         """As the registration takes them."""
-        return RegistrationOptions(
-            lumens="bright" if self.filled else "dark", datums=self.datums
-        )
+        return RegistrationOptions(lumens="bright" if self.filled else "dark", datums=self.datums)
 
 
 def read_and_register(how: Measuring, design: DesignRead, steps: Steps) -> RegisteredScan:

@@ -87,8 +87,9 @@ def _corrections(scan: Scan, done: Corrections) -> tuple[list[str], list[str]]:
     light = scan.modality == "oct"
     index = f"depth divided by the group index {scan.refractive_index:g}"
     refraction = "refraction at the sample's surface"
+    beam = "beam's fan and bow"
     rows = [
-        (bool(done.optics and scan.lateral_error), f"beam's fan and bow, by {done.optics}", "beam's fan and bow"),
+        (scan.lateral_error is not None, f"{beam}, by {done.optics}", beam),
         (done.air_above, refraction, refraction),
         (scan.optical_depth, index, "depth by the index (the file's depth counts as geometric)"),
         (scan.depth_standard, "depth by a standard of known height", "depth by a standard"),

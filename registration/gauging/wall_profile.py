@@ -95,8 +95,8 @@ def with_told_walls(
     The last is how much further into the gel than the field says, mm. Without a profile nothing
     changes: half of the most that reflections may be is off (`GelField.faint_mm`). A reference's
     offset is made by the same instrument on diameters moved so: it stands beyond the profile's
-    place, and leaves nothing of what isn't known of the line; of a single scan of it the chance of its
-    own profile is left too.
+    place, and leaves nothing of what isn't known of the line; of a single scan of it the chance of
+    its own profile is left too.
     """
     field = segmentation.field
     profile = wall_profile(traces, segmentation)

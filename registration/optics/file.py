@@ -105,10 +105,11 @@ def _walls(data: Any, path: Path) -> WallCalibration:
     if not isinstance(data, dict) or not needed <= set(data) <= known:
         raise ScanFileError(f"{path}: walls must hold {', '.join(sorted(needed))}; calibrate again")
     numbers = _all_numbers(_WALLS, data, path)
-    voxel = tuple(numbers.pop("voxel_um", ())) or None
-    text = {k: str(v) for k, v in data.items() if k not in _WALLS and v is not None}
-    plain = {name: value for name, (value,) in numbers.items()}
-    return WallCalibration(**{**plain, "scans": int(plain["scans"])}, voxel_um=voxel, **text)
+    voxel = numbers.pop("voxel_um", None)
+    made: dict[str, Any] = {name: value for name, (value,) in numbers.items()}
+    made |= {name: str(text) for name, text in data.items() if name not in _WALLS and text}
+    made |= {"scans": int(made["scans"]), "voxel_um": voxel and tuple(voxel)}
+    return WallCalibration(**made)
 
 
 def _pair(name: object, value: Any, path: Path) -> tuple[float, float]:

@@ -12,7 +12,6 @@ import pytest
 from numpy.typing import NDArray
 
 from design.network import VesselNetwork
-
 from registration import ScanOverrides, register_scan
 from registration.alignment import Fit
 from registration.corrected import corrected_scan
@@ -105,7 +104,8 @@ def test_a_capillarys_diameter_moves_by_twice_the_offset_and_says_what_it_rests_
     scanned = parts.as_scan(simulate_oct(ink, OctOptions(voxel_mm=(0.03,) * 3), 1))
     walls = WallCalibration(10.0, 1.0, 500.0, 700.0, 3)
     plain, moved = (
-        register_scan(each, model, network, FAST) for each in (scanned, replace(scanned, walls=walls))
+        register_scan(each, model, network, FAST)
+        for each in (scanned, replace(scanned, walls=walls))
     )
     (was,), (now,) = plain.vessels, moved.vessels
     assert now.measured_um - was.measured_um == pytest.approx(20.0, abs=1.5)

@@ -94,7 +94,8 @@ def test_a_reference_is_written_beside_grid_and_step(
     write_calibration(Path("device.yaml"), device)
     record = {"material": "GelMA", "instrument": None}
     names = [
-        reference(tmp_path, f"r{k}", um, record=record) for k, um in enumerate((590.0, 588.0, 592.0))
+        reference(tmp_path, f"r{k}", um, record=record)
+        for k, um in enumerate((590.0, 588.0, 592.0))
     ]
     given = [word for name in names for word in ("--reference", name)]
     u_um = 0.0 if old_name else 4.0
