@@ -51,6 +51,8 @@ def corrected_scan(
     """
     device = OctCalibration() if calibration is None else read_calibration(calibration)
     known = device.walls if walls is None else read_calibration(walls).walls
+    if walls is not None and known is None:
+        raise RegistrationError(f"{walls}: holds no walls (printctl calibrate oct --reference)")
     device = replace(device, walls=None)
     as_it_is = device == OctCalibration() and not air_above
     if is_mosaic(path):

@@ -231,6 +231,9 @@ def walls(
     ] = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Old name of `calibrate oct --reference`."""
+    """Old name of `calibrate oct --reference`, for one more release.
+
+    The file that it writes is the device's, for `register --oct-calibration`.
+    """
     messages().print("note: the new name is printctl calibrate oct --reference", markup=False)
     oct_device(reference=phantoms, write=write, as_json=as_json)

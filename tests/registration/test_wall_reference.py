@@ -84,6 +84,9 @@ def test_a_scan_of_other_voxels_is_left_and_one_of_another_kind_refused(tmp_path
     other = read(voxel_mm=(0.010, 0.025, 0.025))
     assert other.walls is None
     assert "25 × 25 × 15 µm, and this part in 25 × 25 × 10 µm (limit 10 %" in other.notes[-1]
+    write_calibration(tmp_path / "beam.yaml", OctCalibration())
+    with pytest.raises(RegistrationError, match="holds no walls"):
+        corrected_scan(tmp_path / "s.tif", ScanOverrides(), walls=tmp_path / "beam.yaml")
     with pytest.raises(RegistrationError, match="microct"):
         read(voxel_mm=(0.015, 0.025, 0.025), modality="microct")
 
