@@ -141,16 +141,16 @@ def assemble(
         overlap_scaled=findings.overlap_scaled,
         perfusion=findings.perfusion,
         gel_at=parts.gel_at,
-        walls=options.walls,
+        walls=scan.walls,
         notes=(
             *scan.notes,
             *pose_notes(scan, alignment),
             *unlisted_notes(len(findings.defects) - len(listed)),
             *sight_notes(findings.vessels, float(seen.mean())),
             *contrast_notes(findings.contrast),
-            *([] if options.walls else step_notes(segmentation.strength)),
+            *([] if scan.walls else step_notes(segmentation.strength)),
             *uneven_notes(segmentation.field),
-            *wall_notes(options.walls, findings.vessels),
+            *wall_notes(scan.walls, findings.vessels),
         ),
     )
 

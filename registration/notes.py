@@ -10,7 +10,7 @@ from registration.gauging import ContrastGauge, VesselGauge
 from registration.scan import Scan
 from registration.segmentation import GelField, Strength
 from registration.uncertainty import LEAST_STEP, MOST_UNEVEN, ROOT_TWO_PI
-from registration.walls_file import WallCalibration
+from registration.wall_reference import WallCalibration
 
 LEAST_EXAMINED = 0.98
 """Of the gel; less is said."""
@@ -188,10 +188,16 @@ def wall_notes(walls: WallCalibration | None, vessels: tuple[VesselGauge, ...]) 
     """What was taken out of the walls, and for which vessels nobody has shown that it holds."""
     if walls is None:
         return []
+    of = f" of {walls.material}" if walls.material else ""
     notes = [
-        f"Walls were moved {walls.offset_um:+.1f} µm into the gel, the offset of a phantom "
+        f"Walls were moved {walls.offset_um:+.1f} µm into the gel, the offset of a reference{of} "
         f"(± {walls.interval_um:.1f} µm; every diameter shares that error twice)."
     ]
+    if walls.scans == 1:
+        notes.append(
+            "The reference was scanned once: what differs from scan to scan isn't in its interval, "
+            "which holds for that scan alone."
+        )
     beyond = [
         str(vessel.vessel)
         for vessel in vessels
@@ -199,7 +205,7 @@ def wall_notes(walls: WallCalibration | None, vessels: tuple[VesselGauge, ...]) 
     ]
     if beyond:
         notes.append(
-            f"The phantom's channels were {walls.from_um:.0f} to {walls.to_um:.0f} µm wide; of "
+            f"The reference's lumens were {walls.from_um:.0f} to {walls.to_um:.0f} µm wide; of "
             f"vessels {', '.join(beyond)} that offset isn't known."
         )
     return notes

@@ -16,7 +16,6 @@ from registration.geometry.datum import Datum
 from registration.scan import Scan
 from registration.segmentation import SegmentationOptions
 from registration.segmentation.working import bins
-from registration.walls_file import WallCalibration
 
 MOST_WORKING_VOXELS = 20_000_000
 """What a segmentation works on, unless 0.1 mm asks for more: with 1 GB in all."""
@@ -39,8 +38,6 @@ class RegistrationOptions:
         Between sections along a vessel; None takes a quarter of the thinnest lumen.
     tolerances_um : tuple of float, µm
         For which the share of the surface within is told.
-    walls : WallCalibration or None
-        How far off walls come out in scans of this kind, which is taken out.
     false_alarm : float
         Probability that a scan without defects shows a bulge or a stenosis.
     flow : FlowConditions or None
@@ -58,7 +55,6 @@ class RegistrationOptions:
     lumens: Literal["dark", "bright"] = "dark"
     section_mm: float | None = None
     tolerances_um: tuple[float, ...] = TOLERANCES_UM
-    walls: WallCalibration | None = None
     false_alarm: float = FALSE_ALARM
     flow: FlowConditions | None = None
     alignment: AlignmentOptions = field(default_factory=AlignmentOptions)
@@ -80,5 +76,5 @@ def segmentation_options(
         working_voxel_mm=options.working_voxel_mm or min(0.1, fine),
         smoothing_mm=options.smoothing_mm,
         lumens=options.lumens,
-        wall_mm=0.0 if options.walls is None else 1e-3 * options.walls.offset_um,
+        wall_mm=0.0 if scan.walls is None else 1e-3 * scan.walls.offset_um,
     )

@@ -72,7 +72,7 @@ class PreparedScan:
             whole = scan.modality != "oct" and not _model_is_lumen(preparing.result(), network)
             how = replace(segmentation_options(scan, options, thinnest), whole_part=whole)
             segmentation = segment(scan, how)
-        errors = scan_errors(scan, segmentation, options.walls)
+        errors = scan_errors(scan, segmentation)
         surface = preparing.result()
         is_lumen = _model_is_lumen(surface, network)
         section_mm = options.section_mm or thinnest / 4

@@ -18,7 +18,7 @@ from registration.geometry import Characteristic, Frame
 from registration.json_ready import json_ready
 from registration.topology import Agreement, Overlap, Topology
 from registration.uncertainty import quantity, terms
-from registration.walls_file import WallCalibration
+from registration.wall_reference import WallCalibration
 
 SIGN = "positive where the lumen, or the outside, reaches beyond the design: too little gel"
 """Of every deviation."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from registration.counts import CountLine
 from registration.memory_pages import drop_pages
 from registration.space import Space
+from registration.wall_reference import WallCalibration
 
 SLAB_BYTES = 64 << 20
 """About what a slab holds unless told otherwise."""
@@ -85,6 +86,8 @@ class Scan:
     lateral_error, depth_error : float or None
         Relative standard uncertainty of lengths across and along the light by the device's
         calibration (`registration.optics`), its targets' certificates included; None without one.
+    walls : WallCalibration or None
+        How far off walls come out in scans of this kind, which is to be taken out.
     """
 
     volume: NDArray[np.generic]
@@ -103,6 +106,7 @@ class Scan:
     lateral_error: float | None = None
     depth_error: float | None = None
     counts: CountLine | None = None
+    walls: WallCalibration | None = None
 
     @property
     def intensities(self) -> NDArray[np.float32] | None:

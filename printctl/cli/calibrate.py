@@ -12,10 +12,9 @@ from printctl.cli.calibrate_backlash import backlash
 from printctl.cli.calibrate_camera import board, camera
 from printctl.cli.calibrate_lag import lag
 from printctl.cli.calibrate_level import level
-from printctl.cli.calibrate_oct import oct_device
+from printctl.cli.calibrate_oct import oct_device, walls
 from printctl.cli.calibrate_offset import offset
 from printctl.cli.calibrate_pattern import pattern
-from printctl.cli.calibrate_walls import walls
 from printctl.cli.calibrate_weigh import weigh
 from printctl.cli.calibrate_widths import widths
 

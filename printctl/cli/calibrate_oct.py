@@ -1,7 +1,8 @@
-"""`printctl calibrate oct`: fit an OCT device's distortion and scales to grid and step scans."""
+"""`printctl calibrate oct`: fit a device's distortion, scales and walls to scans of targets."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -20,9 +21,11 @@ from registration.optics import (
     find_grid,
     fit_grid,
     measure_step,
+    read_calibration,
     with_step,
     write_calibration,
 )
+from registration.wall_reference import WallCalibration, measured_walls, read_reference
 
 _MEANING = {
     "scale_x": ("scale along x", ""), "shear": ("shear of y along x", ""),
@@ -60,6 +63,19 @@ def oct_device(
             "--height-u-um", min=0.0, help="U (k = 2) of the height by the step's certificate."
         ),
     ] = 0.0,
+    reference: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--reference",
+            help="Report folder of a part whose model is what it truly is; again of other scans.",
+        ),
+    ] = None,
+    reference_u_um: Annotated[
+        float,
+        typer.Option(
+            "--reference-u-um", min=0.0, help="U (k = 2) of its diameters by its certificate."
+        ),
+    ] = 0.0,
     immersed: Annotated[
         bool,
         typer.Option("--immersed/--in-air", help="The step lay in the medium of the prints."),
@@ -79,23 +95,32 @@ def oct_device(
     ] = None,
     write: Annotated[
         Path | None,
-        typer.Option("--write", help="YAML file for `register --oct-calibration`."),
+        typer.Option(
+            "--write",
+            help="YAML file for `register --oct-calibration`; what it says of other targets stays.",
+        ),
     ] = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Fan, bow and scales of an OCT device, from a dot grid and a step of known height.
+    """Fan, bow, scales and walls of a device: from a dot grid, a step, a part of known channels.
 
     Scan the grid in air at two heights at least 0.5 mm apart: one height can't show the fan.
     The step in air gives the scale of depth; under the medium (--immersed) its group index.
+    The part's diameters give the offset of walls: register it with the model that it truly is.
     """
     overrides = ScanOverrides(
         voxel_mm=voxel_mm(voxel_um), refractive_index=1.0, scale=scale, modality="oct", axes=axes
     )
     if overrides.voxel_mm is not None:
         overrides = ScanOverrides(**{**overrides.__dict__, "optical_depth": True})
-    if not grid and step is None:
-        raise UsageError("give scans of a grid (--grid) or of a step (--step), or both")
-    calibration, notes = OctCalibration(), []
+    if not grid and step is None and not reference:
+        raise UsageError(
+            "give scans of a grid (--grid), of a step (--step) or reports of a part of known "
+            "diameters (--reference)"
+        )
+    kept = write is not None and write.exists()
+    calibration = read_calibration(write) if write and kept else OctCalibration()
+    notes = [f"with what {write} said of other targets"] if kept else []
     if step is not None:
         heights = height_um, height_u_um
         measured, calibration = _step(_read(step, overrides), heights, calibration, immersed)
@@ -104,7 +129,11 @@ def oct_device(
         fit = _grid([_read(path, overrides) for path in grid], (pitch_um, pitch_u_um), calibration)
         calibration = fit.calibration
         notes.append(_told_grid(fit))
-    if not calibration.depth_standard:
+    if reference:
+        walls = measured_walls([read_reference(path) for path in reference], reference_u_um)
+        calibration = replace(calibration, walls=walls)
+        notes += _told_reference(walls, reference_u_um)
+    if (grid or step) and not calibration.depth_standard:
         notes.append(
             "no step in the medium: depth has no standard, so an error of the index and shrinkage "
             "along depth look the same"
@@ -154,6 +183,11 @@ def _estimates(calibration: OctCalibration) -> dict[str, Estimate]:
         if value is not None:
             meaning, unit = _MEANING[name]
             lines[meaning] = Estimate(value, low, high, unit)
+    if calibration.walls is not None:
+        value, half = calibration.walls.offset_um, calibration.walls.interval_um
+        lines["walls lie further into the gel by"] = Estimate(
+            value, value - half, value + half, "µm"
+        )
     return lines
 
 
@@ -172,3 +206,34 @@ def _told_grid(fit: GridFit) -> str:
         f"grid: {fit.dots} dots, {fit.before_um:.1f} µm off as the device says, "
         f"{fit.lateral_um:.1f} µm in the plane and {fit.depth_um:.1f} µm in depth after it{fan}"
     )
+
+
+def _told_reference(walls: WallCalibration, u_um: float) -> list[str]:
+    notes = [
+        f"reference: {walls.scans} scan(s), lumens of {walls.from_um:.0f} to {walls.to_um:.0f} µm, "
+        + (f"known to ± {u_um:g} µm by their certificate" if u_um else "taken as exact")
+        + "; holds for this device, voxel size and material alone"
+    ]
+    if walls.scans == 1:
+        notes.append("one scan: its interval doesn't hold what differs from scan to scan")
+    return notes
+
+
+def walls(
+    phantoms: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Report folders of a reference, as --reference takes them.", show_default=False
+        ),
+    ],
+    write: Annotated[
+        Path | None, typer.Option("--write", help="YAML file for `register --oct-calibration`.")
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Old name of `calibrate oct --reference`, for one more release.
+
+    The file that it writes is the device's, for `register --oct-calibration`.
+    """
+    messages().print("note: the new name is printctl calibrate oct --reference", markup=False)
+    oct_device(reference=phantoms, write=write, as_json=as_json)

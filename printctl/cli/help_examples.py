@@ -177,9 +177,12 @@ MANUAL: Final[Mapping[str, Manual]] = {
         ("printctl calibrate camera board_seen.png --square-mm 2.003 --write camera.yaml",)
     ),
     "calibrate oct": Manual(
-        ("printctl calibrate oct --grid low.oct --grid high.oct --pitch-um 500",)
+        (
+            "printctl calibrate oct --grid low.oct --grid high.oct --pitch-um 500",
+            "printctl calibrate oct --reference r1 --reference r2 --write device.yaml",
+        )
     ),
-    "calibrate walls": Manual(("printctl calibrate walls p1 p2 p3 --write walls.yaml",)),
+    "calibrate walls": Manual(("printctl calibrate walls r1 r2 r3 --write device.yaml",)),
     "observe": Manual(("printctl observe insert --dish petri_60mm --out insert",)),
     "observe insert": Manual(
         (

@@ -19,7 +19,6 @@ from registration.corrected import corrected_scan
 from registration.options import RegistrationOptions, segmentation_options
 from registration.overlay import align_pose, read_pose
 from registration.segmentation import segment
-from registration.walls_file import read_walls
 
 
 @with_options_of(ScanOptions, "scan_said")
@@ -58,10 +57,7 @@ def overlay(
 
     A scan taken while the part is printed can't be aligned by itself: give --pose.
     """
-    options = RegistrationOptions(
-        lumens="bright" if scan_said.filled else "dark",
-        walls=None if scan_said.walls is None else read_walls(scan_said.walls),
-    )
+    options = RegistrationOptions(lumens="bright" if scan_said.filled else "dark")
     known = None if pose is None else read_pose(pose, fit)
     run = read_written(model, messages(), fit)
     chosen = chosen_layers(run.layers, layer or [])
@@ -70,7 +66,11 @@ def overlay(
     with bars.all():
         with bars.stage("scan"):
             measured = corrected_scan(
-                scan, overrides, scan_said.oct_calibration, scan_said.air_above
+                scan,
+                overrides,
+                scan_said.oct_calibration,
+                scan_said.air_above,
+                walls=scan_said.walls,
             )
         with bars.stage("segmentation"):
             how = segmentation_options(measured, options, run.thinnest_mm)
@@ -81,7 +81,7 @@ def overlay(
             laid = overlay_scan(run, measured, segmentation, known, report)
         with bars.stage("drawing") as report:
             facts = {"schema": 1, "scan": str(scan), "model": str(model)}
-            facts |= {"walls": None if options.walls is None else asdict(options.walls)}
+            facts |= {"walls": None if measured.walls is None else asdict(measured.walls)}
             data = write_overlay(out, laid, chosen, facts, report)
     if as_json:
         print_json(data)

@@ -20,7 +20,6 @@ from registration import RegistrationOptions, ScanOverrides, register_scan
 from registration.corrected import corrected_scan
 from registration.geometry import Datum
 from registration.judging import Tolerances
-from registration.walls_file import read_walls
 
 
 @dataclass(frozen=True)
@@ -52,16 +51,13 @@ class Measuring:
     @property
     def options(self) -> RegistrationOptions:
         """As the registration takes them."""
-        walls = None if self.walls is None else read_walls(self.walls)
-        return RegistrationOptions(
-            lumens="bright" if self.filled else "dark", walls=walls, datums=self.datums
-        )
+        return RegistrationOptions(lumens="bright" if self.filled else "dark", datums=self.datums)
 
 
 def read_and_register(how: Measuring, design: DesignRead, steps: Steps) -> RegisteredScan:
     """Read the scan and register it."""
     options = how.options
-    measured = corrected_scan(how.scan, how.said, how.optics, how.air_above, True)
+    measured = corrected_scan(how.scan, how.said, how.optics, how.air_above, True, how.walls)
     note(measured.notes)
     steps.begin("registration")
     report = register_scan(measured, design.surface, design.vessels, options)
@@ -75,7 +71,7 @@ def judge_registration(
 ) -> dict[str, Any]:
     """Numbers and verdict, with the measurement record."""
     data = made.judged(limits)
-    done = Corrections(_text(how.optics), how.air_above, _text(how.walls))
+    done = Corrections(_text(how.optics), how.air_above)
     made.add_record(data, stated, done, datetime.now(UTC))
     return data
 

@@ -74,7 +74,8 @@ AirAbove = Annotated[
     typer.Option("--air-above", help="Air lies above the sample: undo refraction at its surface."),
 ]
 WallsFile = Annotated[
-    Path | None, typer.Option("--walls", help="File of `printctl calibrate walls`.")
+    Path | None,
+    typer.Option("--walls", help="Old name for a file of walls; give it as --oct-calibration."),
 ]
 Filled = Annotated[
     bool,

@@ -134,9 +134,9 @@ def unknown_bias(prints: Sequence[Print], voxel_mm: float) -> Mean:
 
 
 def known_bias(prints: Sequence[Print], given: Mean | None) -> Mean | None:
-    """Of diameters, mm: as given, or of scans whose walls a phantom has put right.
+    """Of diameters, mm: as given, or of scans whose walls a reference has put right.
 
-    None where it isn't given and any of the scans was registered without `calibrate walls`.
+    None where it isn't given and any of the scans was registered without one.
 
     Raises
     ------
@@ -147,8 +147,8 @@ def known_bias(prints: Sequence[Print], given: Mean | None) -> Mean | None:
     if given is not None:
         if any(walls):
             raise UsageError(
-                "--diameter-bias-um and register --walls would both take the scanner's bias off; "
-                "leave --diameter-bias-um out, or register the scans without --walls"
+                "--diameter-bias-um and the scans' reference (register --oct-calibration) would "
+                "both take the scanner's bias off; leave --diameter-bias-um out"
             )
         return given
     if any(one is None for one in walls):
@@ -374,8 +374,9 @@ def _notes(
         notes.append(
             "The scanner's bias of diameters is known by its budget alone (walls, reflections, "
             "index, voxel size): a radial offset is corrected only where "
-            f"it exceeds {1e3 * common.offset.half / 2:.0f} um. Measure it on a phantom "
-            "(docs/registration.md) and give register --walls or --diameter-bias-um."
+            f"it exceeds {1e3 * common.offset.half / 2:.0f} um. Measure it on a reference "
+            "(calibrate oct --reference) and give register --oct-calibration, or "
+            "--diameter-bias-um."
         )
     if common.is_real and not depth.corrected:
         notes.append(

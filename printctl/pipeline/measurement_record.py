@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import date, datetime
 from typing import Any
 
 from printctl.recipe.record import RecordPart
 from registration.scan import Scan
+from registration.wall_reference import WallCalibration, differing
 
 
 @dataclass(frozen=True)
@@ -20,13 +21,10 @@ class Corrections:
         File of the OCT's calibration.
     air_above : bool
         Refraction at the sample's surface.
-    walls : str or None
-        File of the walls' calibration.
     """
 
     optics: str | None = None
     air_above: bool = False
-    walls: str | None = None
 
 
 def add_record(
@@ -48,6 +46,7 @@ def add_record(
     corrected, left = _corrections(scan, done)
     numbers["record"] = {
         "part": stated.part,
+        "material": stated.material,
         "operator": stated.operator,
         "instrument": stated.instrument,
         "serial": stated.serial,
@@ -62,6 +61,18 @@ def add_record(
         "decision_rule": numbers["judging"]["rule"],
     }
     numbers["notes"] = [*numbers.get("notes", []), *record_notes(stated, now)]
+    numbers["notes"] += _reference_notes(stated, scan.walls)
+
+
+def _reference_notes(stated: RecordPart, walls: WallCalibration | None) -> list[str]:
+    """Return in what the reference of the walls was another than the part, as records say."""
+    known = {} if walls is None else asdict(walls)
+    here = stated.model_dump(include={"instrument", "material"})
+    return [
+        f"The walls' offset was measured with {name} {known[name]}, and this scan states "
+        f"{here[name]}: whether it holds isn't known; scan the reference so too"
+        for name in differing(known, here)
+    ]
 
 
 def _age_h(stated: RecordPart, now: datetime) -> float | None:
@@ -76,16 +87,17 @@ def _corrections(scan: Scan, done: Corrections) -> tuple[list[str], list[str]]:
     light = scan.modality == "oct"
     index = f"depth divided by the group index {scan.refractive_index:g}"
     refraction = "refraction at the sample's surface"
+    beam = "beam's fan and bow"
     rows = [
-        (done.optics is not None, f"beam's fan and bow, by {done.optics}", "beam's fan and bow"),
+        (scan.lateral_error is not None, f"{beam}, by {done.optics}", beam),
         (done.air_above, refraction, refraction),
         (scan.optical_depth, index, "depth by the index (the file's depth counts as geometric)"),
         (scan.depth_standard, "depth by a standard of known height", "depth by a standard"),
         (True, "bright lines of reflections at walls, as far as they were seen", ""),
     ] if light else []  # fmt: skip
     rows.append((True, "diameters by the blur of the segmentation", ""))
-    rows.append((done.walls is not None, f"place of the walls, by {done.walls}",
-                 "place of the walls"))  # fmt: skip
+    walls = "place of the walls"
+    rows.append((scan.walls is not None, f"{walls}, by a reference of known diameters", walls))
     rows.append((False, "", "temperature (lengths are those of the part as it was scanned)"))
     rows.append((False, "", "shrinkage: the rigid fit shows it, the scaled fit takes it out"))
     return [yes for was, yes, _ in rows if was], [no for was, _, no in rows if not was]

@@ -16,7 +16,7 @@ from registration.notes import wall_notes
 from registration.overlay import LayerStatus, overlay_csv, overlay_dict
 from registration.report.overlay import OverlayPage, PictureOf, draw_overlay, write_overlay_html
 from registration.report.wording import number
-from registration.walls_file import WallCalibration
+from registration.wall_reference import WallCalibration
 
 HTML, JSON, CSV = "overlay.html", "overlay.json", "overlay.csv"
 _DIMMEST: Final = 0.15

@@ -332,7 +332,7 @@ class FileScan(Part):
     )
     walls: str | None = Field(
         default=None,
-        description="File of `printctl calibrate walls`, relative to the recipe.",
+        description="Old name for a file of walls; give it as oct_calibration.",
         json_schema_extra=FILE,
     )
     air_above: bool = Field(

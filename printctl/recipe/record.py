@@ -55,6 +55,7 @@ class RecordPart(Part):
     certificate: CertificatePart = CertificatePart()
     operator: Text | None = None
     part: Text | None = Field(default=None, description="Name or number of the part scanned.")
+    material: Text | None = Field(default=None, description="Of the part, as you name it.")
     scanned: Time | None = Field(
         default=None, description="Time of the scan with its zone, like 2026-03-31T14:30+02:00."
     )

@@ -108,7 +108,7 @@ class FitErrors:
                     "B",
                     _size(self.level[:, parameter]),
                     errors.wall_dof,
-                    "halfway between liquid and gel",
+                    errors.level_note,
                 ),
                 Term(
                     "reflections",

@@ -93,18 +93,21 @@ def with_told_walls(
     """Return sections with walls where their profile tells, the errors left, and where walls lie.
 
     The last is how much further into the gel than the field says, mm. Without a profile nothing
-    changes: half of the most that reflections may be is off (`GelField.faint_mm`). A calibration of
-    walls (`--walls`) is made by the same instrument on diameters moved so: it leaves nothing of
-    what isn't known of the line.
+    changes: half of the most that reflections may be is off (`GelField.faint_mm`). A reference's
+    offset is made by the same instrument on diameters moved so: it stands beyond the profile's
+    place, and leaves nothing of what isn't known of the line; of a single scan of it the chance of
+    its own profile is left too.
     """
     field = segmentation.field
     profile = wall_profile(traces, segmentation)
     if profile is None:
         return traces, errors, field.wall_mm
     line, unknown = profile.line_mm
-    further = profile.place_mm + line
-    calibrated = errors.faint_mm == 0 and field.faint_mm > 0
-    left = float(np.hypot(profile.error_mm, 0.0 if calibrated else unknown))
+    further, reference = profile.place_mm + line, errors.reference
+    if reference is not None:
+        further += 1e-3 * reference.offset_um
+        unknown = profile.error_mm if reference.scans == 1 else 0.0
+    left = float(np.hypot(profile.error_mm, unknown))
     return (
         tuple(_widened(trace, 2 * further) for trace in traces),
         replace(errors, faint_mm=0.0, facing_mm=0.0, line_mm=left),

@@ -25,6 +25,7 @@ from registration.errors import RegistrationError
 from registration.optics.refraction import refract
 from registration.optics.surface import SampleSurface
 from registration.scan import Scan
+from registration.wall_reference import WallCalibration
 
 COVERAGE = 1.96
 """Standard uncertainties in half of a 95 % interval."""
@@ -36,7 +37,7 @@ _STEP_MM = 1e-3
 
 @dataclass(frozen=True)
 class OctCalibration:
-    """What a grid and a step have shown of an OCT device; the default changes nothing.
+    """What targets have shown of an OCT device; the default changes nothing.
 
     Attributes
     ----------
@@ -55,6 +56,8 @@ class OctCalibration:
         do: the medium's index still is an assumption.
     intervals : mapping of str to (low, high)
         95 % of each measured number.
+    walls : WallCalibration or None
+        What a reference has shown of walls; no part of the beam.
     """
 
     lateral: tuple[tuple[float, float], tuple[float, float]] = ((1.0, 0.0), (0.0, 1.0))
@@ -64,6 +67,7 @@ class OctCalibration:
     refractive_index: float | None = None
     depth_standard: bool = False
     intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
+    walls: WallCalibration | None = None
 
     def relative_error(self, *names: str) -> float | None:
         """Largest relative standard uncertainty of some measured numbers; None if not measured."""

@@ -14,8 +14,11 @@ from design.files import write_text
 from firmware_profiles.yaml_file import read_yaml
 from registration.errors import ScanFileError
 from registration.optics.beam import OctCalibration
+from registration.wall_reference import MOST_UM, WallCalibration
 
 SCHEMA = "printctl-oct-calibration-1"
+OLD_WALLS = "printctl-walls-1"
+"""Files that hold what now stands under `walls`."""
 
 _MOST_BYTES = 1 << 20
 _LIMITS: dict[str, tuple[int, float, float]] = {
@@ -24,6 +27,14 @@ _LIMITS: dict[str, tuple[int, float, float]] = {
     "bow_per_mm": (3, -0.1, 0.1),
     "depth_scale": (1, 0.5, 2.0),
     "refractive_index": (1, 1.0, 2.0),
+}
+_WALLS: dict[str, tuple[int, float, float]] = {
+    "offset_um": (1, -MOST_UM, MOST_UM),
+    "interval_um": (1, 0.0, math.inf),
+    "from_um": (1, 0.0, math.inf),
+    "to_um": (1, 0.0, math.inf),
+    "scans": (1, 1, math.inf),
+    "voxel_um": (3, 0.0, math.inf),
 }
 
 
@@ -54,14 +65,15 @@ def read_calibration(path: Path) -> OctCalibration:
         data = read_yaml(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as exc:
         raise ScanFileError(f"{path}: not YAML ({exc}); calibrate again") from exc
+    if isinstance(data, dict) and data.get("schema") == OLD_WALLS:
+        data = {"schema": SCHEMA, "walls": {k: v for k, v in data.items() if k != "schema"}}
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
         raise ScanFileError(f"{path}: isn't a calibration of an OCT device (schema {SCHEMA})")
     known = set(asdict(OctCalibration()))
     unknown = sorted(str(key) for key in set(data) - known - {"schema"})
     if unknown:
         raise ScanFileError(f"{path}: unknown key {unknown[0]}; known are {', '.join(known)}")
-    numbers = {name: _numbers(name, data, path) for name in _LIMITS if data.get(name) is not None}
-    return _built(numbers, data, path)
+    return _built(_all_numbers(_LIMITS, data, path), data, path)
 
 
 def _built(numbers: dict[str, list[float]], data: dict[str, Any], path: Path) -> OctCalibration:
@@ -83,7 +95,21 @@ def _built(numbers: dict[str, list[float]], data: dict[str, Any], path: Path) ->
         index[0] if index else None,
         standard,
         {str(name): _pair(name, pair, path) for name, pair in intervals.items()},
+        None if data.get("walls") is None else _walls(data["walls"], path),
     )
+
+
+def _walls(data: Any, path: Path) -> WallCalibration:
+    known = set(WallCalibration.__annotations__)
+    needed = set(_WALLS) - {"voxel_um"}
+    if not isinstance(data, dict) or not needed <= set(data) <= known:
+        raise ScanFileError(f"{path}: walls must hold {', '.join(sorted(needed))}; calibrate again")
+    numbers = _all_numbers(_WALLS, data, path)
+    voxel = numbers.pop("voxel_um", None)
+    made: dict[str, Any] = {name: value for name, (value,) in numbers.items()}
+    made |= {name: str(text) for name, text in data.items() if name not in _WALLS and text}
+    made |= {"scans": int(made["scans"]), "voxel_um": voxel and tuple(voxel)}
+    return WallCalibration(**made)
 
 
 def _pair(name: object, value: Any, path: Path) -> tuple[float, float]:
@@ -93,14 +119,22 @@ def _pair(name: object, value: Any, path: Path) -> tuple[float, float]:
     return flat[0], flat[1]
 
 
-def _numbers(name: str, data: dict[str, Any], path: Path) -> list[float]:
-    count, low, high = _LIMITS[name]
-    flat = _flat(data[name])
-    if flat is None or len(flat) != count or not all(low <= value <= high for value in flat):
-        raise ScanFileError(
-            f"{path}: {name} is {data[name]!r}; it must be {count} number(s) in {low:g} to {high:g}"
-        )
-    return flat
+def _all_numbers(
+    limits: dict[str, tuple[int, float, float]], data: dict[str, Any], path: Path
+) -> dict[str, list[float]]:
+    """Return the numbers that are given, each as a flat list."""
+    numbers = {}
+    for name, (count, low, high) in limits.items():
+        if data.get(name) is None:
+            continue
+        flat = _flat(data[name])
+        if flat is None or len(flat) != count or not all(low <= value <= high for value in flat):
+            raise ScanFileError(
+                f"{path}: {name} is {data[name]!r}; it must be {count} number(s) in {low:g} to "
+                f"{high:g}"
+            )
+        numbers[name] = flat
+    return numbers
 
 
 def _flat(value: Any) -> list[float] | None:

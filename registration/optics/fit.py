@@ -98,7 +98,7 @@ def fit_grid(
         replace(
             calibration,
             intervals={
-                **base.intervals,
+                **{name: pair for name, pair in base.intervals.items() if name not in _NAMES},
                 **_certified(_intervals(best, count), pitch_u_mm / pitch_mm),
             },
         ),
@@ -139,6 +139,9 @@ def with_step(
             f"{high:g}); check --height-um and whether it stood in air or medium"
         )
     interval = (value * (1 - relative), value * (1 + relative))
+    if not immersed and base.refractive_index is not None:
+        # A step in the medium has told scale over index alone.
+        base = _with_index(base, base.refractive_index, value / base.depth_scale)
     name = "refractive_index" if immersed else "depth_scale"
     return replace(
         base,
@@ -147,6 +150,13 @@ def with_step(
         depth_standard=base.depth_standard or immersed,
         intervals={**base.intervals, name: interval},
     )
+
+
+def _with_index(base: OctCalibration, index: float, factor: float) -> OctCalibration:
+    name = "refractive_index"
+    low, high = base.intervals.get(name, (index, index))
+    intervals = {**base.intervals, name: (low * factor, high * factor)}
+    return replace(base, refractive_index=index * factor, intervals=intervals)
 
 
 def _identity() -> FloatArray:

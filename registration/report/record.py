@@ -11,6 +11,7 @@ from registration.report.wording import is_number, plain
 NOT_STATED: Final = "not stated"
 _LABELS: Final = {
     "part": "Part",
+    "material": "Material",
     "operator": "Operator",
     "instrument": "Instrument",
     "serial": "Serial number",

@@ -42,7 +42,7 @@ class SegmentationOptions:
     lumens : "dark" or "bright"
         Against the gel; "bright" when filled with contrast agent.
     wall_mm : float, mm
-        How much further into the gel this instrument's walls truly lie (`walls_file`).
+        How much further into the gel this instrument's walls truly lie (`wall_reference`).
     whole_part : bool
         Whether micro-CT or confocal shows the part's outside, not only lumens in gel.
     speck_mm : float, mm

@@ -10,7 +10,7 @@ from kernels.arrays import FloatArray
 from registration.scan import Scan
 from registration.segmentation import Segmentation
 from registration.uncertainty.budget import at_either_end, coverage_factor, rectangular
-from registration.walls_file import WallCalibration
+from registration.wall_reference import WallCalibration
 
 INDEX_HALF_WIDTH = 0.02
 """Of the group index without a depth standard: hydrogels and media lie within ± 2 % of water."""
@@ -62,6 +62,8 @@ class ScanErrors:
         Of the place of all walls alike, by reflections no brighter than gel.
     line_mm : float, mm
         Of the place of walls in sections, where their profile has told it (`gauging.wall_profile`).
+    reference : WallCalibration or None
+        What the walls were moved by (`Scan.walls`).
     """
 
     level_mm: float
@@ -74,6 +76,12 @@ class ScanErrors:
     beam: FloatArray
     faint_mm: float = 0.0
     line_mm: float = 0.0
+    reference: WallCalibration | None = None
+
+    @property
+    def level_note(self) -> str:
+        """What `level_mm` rests on."""
+        return "halfway to the gel" if self.reference is None else "offset of the reference"
 
     def surface_expanded(self, contrast: float) -> float:
         """Half width of the 95 % interval of an RMS over the surface, mm; NaN if not known.
@@ -104,9 +112,7 @@ def _depth(scan: Scan) -> float:
     return rectangular(LATERAL_HALF_WIDTH if known else INDEX_HALF_WIDTH)
 
 
-def scan_errors(
-    scan: Scan, segmentation: Segmentation, walls: WallCalibration | None = None
-) -> ScanErrors:
+def scan_errors(scan: Scan, segmentation: Segmentation) -> ScanErrors:
     """Return what is known of a scan's shared errors.
 
     The level: a part of the step shifts a wall by √(2π) σ times that part; with liquid nearly as
@@ -114,8 +120,9 @@ def scan_errors(
     adds half of its spread; more than `MOST_UNEVEN`, and nothing is known. Reflections: anywhere
     from none to one just not seen (`GelField.faint_mm` and `facing_mm` are the middle of that); the
     walls of one print either have them or not, so that the ends are likelier than the middle. And
-    more where the step is small. A calibration of walls replaces all but what uneven gel adds.
+    more where the step is small. A reference replaces the level, but not what uneven gel adds.
     """
+    walls = scan.walls
     field, strength = segmentation.field, segmentation.strength
     step = 1.0 - (strength.dark if strength else 0.0)
     known = step >= LEAST_STEP and field.uneven <= MOST_UNEVEN
@@ -133,13 +140,13 @@ def scan_errors(
         own = 1e-3 * walls.interval_um / coverage_factor(np.inf)
         layers = ROOT_TWO_PI * field.blur_mm * field.uneven / 2
         level = float(np.hypot(own, layers)) if field.uneven <= MOST_UNEVEN else float("nan")
-        faint, facing = 0.0, 0.0
     return ScanErrors(
         level_mm=level,
         outer_mm=outer,
         faint_mm=faint,
         facing_mm=facing,
-        wall_dof=WALL_DOF,
+        wall_dof=WALL_DOF if walls is None else np.inf,
+        reference=walls,
         depth=_depth(scan),
         lateral=rectangular(LATERAL_HALF_WIDTH)
         if scan.lateral_error is None

@@ -33,6 +33,8 @@ class SectionErrors:
         place, blur, depth, lateral scale and thin gel.
     spacing_mm, correlation_mm : float, mm
     wall_dof : float
+    level_note : str
+        What the level of the walls rests on.
     """
 
     diameter: FloatArray
@@ -41,6 +43,7 @@ class SectionErrors:
     spacing_mm: float
     correlation_mm: float
     wall_dof: float
+    level_note: str
 
     @property
     def expanded(self) -> FloatArray:
@@ -103,7 +106,7 @@ class SectionErrors:
         return Budget(
             (
                 Term("speckle and roughness", "A", own, OWN_DOF, "scatter of the rays"),
-                Term("level of the wall", "B", float(level), self.wall_dof, "halfway to the gel"),
+                Term("level of the wall", "B", float(level), self.wall_dof, self.level_note),
                 Term("reflections", "B", float(facing), np.inf, "too weak to be told from gel"),
                 Term("place of the walls", "B", float(line), PLACE_DOF, "profile across walls"),
                 Term("blur and curvature", "B", float(blur), np.inf, "10 % of the blur"),
@@ -153,4 +156,6 @@ def section_errors(
         ]
     )
     correlation = 2 * np.sqrt(np.pi) * errors.blur_mm
-    return SectionErrors(diameter, noise, shared, spacing_mm, float(correlation), errors.wall_dof)
+    return SectionErrors(
+        diameter, noise, shared, spacing_mm, float(correlation), errors.wall_dof, errors.level_note
+    )

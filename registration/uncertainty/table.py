@@ -6,14 +6,15 @@ from typing import Any
 
 from registration.uncertainty.budget import Budget
 
+_REFERENCE = "scan a reference of known diameters (printctl calibrate oct --reference)"
 REMEDIES = {
     "speckle": "average more looks: repeat the scan and average, or scan slower",
     "speckle and roughness": "average more looks: repeat the scan and average, or scan slower",
     "shape": "the print deviates over millimetres: no better scan makes it less",
-    "level of the wall": "calibrate walls on a phantom (printctl calibrate walls, --walls)",
-    "level of the walls": "calibrate walls on a phantom (printctl calibrate walls, --walls)",
-    "reflections": "calibrate walls on a phantom (--walls), or tilt the part by a few degrees",
-    "place of the walls": "calibrate walls on a phantom (printctl calibrate walls, --walls)",
+    "level of the wall": _REFERENCE,
+    "level of the walls": _REFERENCE,
+    "reflections": "scan a reference of known diameters, or tilt the part by a few degrees",
+    "place of the walls": _REFERENCE,
     "blur and curvature": "smaller voxels",
     "refractive index": "scan a depth standard (printctl calibrate oct --step, --oct-calibration)",
     "thin gel beside": "smaller voxels, or more gel between lumens",

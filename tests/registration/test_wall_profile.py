@@ -14,6 +14,7 @@ from registration.gauging.wall_profile import wall_profile, with_told_walls
 from registration.segmentation import Segmentation
 from registration.segmentation.volume import Strength
 from registration.uncertainty import ScanErrors
+from registration.wall_reference import WallCalibration
 from tests.registration.phantom import as_designed, block, traces
 
 SPREAD, PLACE = 0.015, 0.008
@@ -60,7 +61,7 @@ def test_walls_that_shine_lie_further_out(level: bool):
         assert found.place_mm + line == pytest.approx(PLACE, abs=2 * unknown)
 
 
-def test_sections_move_and_a_calibration_leaves_the_profiles_own_error():
+def test_sections_move_and_a_reference_moves_them_on_and_leaves_the_profiles_own_error():
     dull = scan(0.0)
     before = traces(dull)
     errors = replace(ScanErrors.of_blur(0.04), faint_mm=0.0045, facing_mm=0.004)
@@ -74,10 +75,20 @@ def test_sections_move_and_a_calibration_leaves_the_profiles_own_error():
         np.testing.assert_array_equal(
             one.sections.diameter[~known], other.sections.diameter[~known]
         )
-    _, calibrated, _ = with_told_walls(before, dull, replace(errors, faint_mm=0.0))
     profile = wall_profile(before, dull)
     assert profile is not None
-    assert calibrated.line_mm == profile.error_mm < left.line_mm
+    for scans, chance in ((3, profile.error_mm), (1, np.sqrt(2) * profile.error_mm)):
+        reference = replace(errors, reference=WallCalibration(10.0, 1.0, 400.0, 600.0, scans))
+        field = replace(dull.field, wall_mm=dull.field.wall_mm + 0.010)  # as `segment` does
+        offset = replace(dull, field=field)
+        further, known, place = with_told_walls(traces(offset), offset, reference)
+        assert place == pytest.approx(wall + 0.010, abs=5e-4)
+        assert known.line_mm == pytest.approx(chance, rel=0.1)
+        assert known.line_mm < left.line_mm
+        for one, other in zip(further, moved, strict=True):
+            known_mm = other.sections.diameter > 0
+            change = one.sections.diameter[known_mm] - other.sections.diameter[known_mm]
+            np.testing.assert_allclose(change, 0.020, atol=1e-3)
 
 
 def test_without_light_nothing_moves():

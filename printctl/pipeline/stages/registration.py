@@ -43,7 +43,6 @@ from registration.judging import judge
 from registration.optics import is_resampled
 from registration.result import SIGN
 from registration.views import add_scan_places, save_views, take_views
-from registration.walls_file import read_walls
 
 
 def depends(context: RunContext) -> Any:
@@ -87,7 +86,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     }
     part = context.scan_part
     if isinstance(part, FileScan):
-        done = Corrections(part.oct_calibration, part.air_above, part.walls)
+        done = Corrections(part.oct_calibration, part.air_above)
         add_record(summary, part.record or RecordPart(), scan, done, datetime.now(UTC))
     add_scan_places(summary, scan, registered)
     add_traces(summary, context, registered, job)
@@ -112,12 +111,8 @@ def _options(context: RunContext) -> RegistrationOptions:
     flow, part = context.conditions, context.scan_part
     datums = read_datums(context.recipe.registration.datums)
     check_designed(datums, context.network)
-    if not isinstance(part, FileScan):
-        return RegistrationOptions(flow=flow, datums=datums)
-    walls = None if part.walls is None else read_walls(context.recipe_folder / part.walls)
-    return RegistrationOptions(
-        lumens="bright" if part.filled else "dark", walls=walls, flow=flow, datums=datums
-    )
+    filled = isinstance(part, FileScan) and part.filled
+    return RegistrationOptions(lumens="bright" if filled else "dark", flow=flow, datums=datums)
 
 
 def _written_job(context: RunContext) -> Job:

@@ -206,8 +206,10 @@ def load_scan(context: RunContext) -> Scan:
         db_at_zero=part.db_at_zero,
     )
     folder = context.recipe_folder
-    device = None if part.oct_calibration is None else folder / part.oct_calibration
-    return corrected_scan(folder / part.file, overrides, device, part.air_above, True)
+    device, walls = (
+        None if name is None else folder / name for name in (part.oct_calibration, part.walls)
+    )
+    return corrected_scan(folder / part.file, overrides, device, part.air_above, True, walls)
 
 
 def describe(scan: Scan, source: str) -> dict[str, Any]:

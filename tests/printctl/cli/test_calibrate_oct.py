@@ -75,10 +75,72 @@ def test_without_a_step_depth_has_no_standard(run: Shell, targets: Path) -> None
     assert "one height" in text
 
 
+def reference(folder: Path, name: str, measured_um: float, **said: object) -> str:
+    """A report of a capillary of 600 um."""
+    vessel = {"open": True, "sections": 40, "designed_um": 600.0, "measured_um": measured_um}
+    scan = {"modality": "oct", "voxel_um": [25.0, 25.0, 15.0]}
+    numbers = {"vessels": [vessel], "measured_by": scan, "walls": None, **said}
+    (folder / name).mkdir()
+    (folder / name / "registration.json").write_text(json.dumps({"registration": numbers}))
+    return name
+
+
+@pytest.mark.parametrize("old_name", [False, True])
+def test_a_reference_is_written_beside_grid_and_step(
+    run: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, old_name: bool
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    device = replace(FAULT, refractive_index=1.35, depth_standard=True)
+    write_calibration(Path("device.yaml"), device)
+    record = {"material": "GelMA", "instrument": None}
+    names = [
+        reference(tmp_path, f"r{k}", um, record=record)
+        for k, um in enumerate((590.0, 588.0, 592.0))
+    ]
+    given = [word for name in names for word in ("--reference", name)]
+    u_um = 0.0 if old_name else 4.0
+    if old_name:
+        run.first = ("calibrate", "walls")
+        given = names
+    else:
+        given += ["--reference-u-um", "4"]
+    code, text, said = run(*given, "--write", "device.yaml", "--json")
+    assert code == 0, said
+    assert ("calibrate oct --reference" in said) == old_name
+    told = json.loads(text)["estimates"]["walls lie further into the gel by"]
+    assert told["value"] == pytest.approx(5.0)
+    # Offsets of 5, 6 and 4 um: t of 0.975 at 2 degrees of freedom is 4.303.
+    half = np.hypot(4.303 * 1.0 / np.sqrt(3), u_um / 2)
+    assert told["high"] - told["value"] == pytest.approx(half, rel=1e-3)
+    found = read_calibration(Path("device.yaml"))
+    assert replace(found, walls=None) == device
+    assert found.walls is not None
+    assert found.walls.interval_um == pytest.approx(half, rel=1e-3)
+    assert (found.walls.scans, found.walls.material) == (3, "GelMA")
+    assert found.walls.voxel_um == (25.0, 25.0, 15.0)
+
+
+@pytest.mark.parametrize(
+    ("said", "reason"),
+    [
+        ({"walls": {"offset_um": 5.0}}, "already"),
+        ({"agreement": {"other_part": True}}, "another part"),
+        ({"vessels": []}, "no lumen"),
+        ({"measured_by": None}, "no result of `printctl register`"),
+    ],
+)
+def test_a_report_that_is_no_reference_is_refused(
+    run: Shell, tmp_path: Path, said: dict[str, object], reason: str
+) -> None:
+    reference(tmp_path, "r", 590.0, **said)
+    code, _, err = run("--reference", f"{tmp_path / 'r'}")
+    assert (code, reason in err) == (1, True), err
+
+
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        ([], "--grid"),
+        ([], "--reference"),
         (["--grid", "low.oct"], "--pitch-um"),
         (["--step", "step.oct"], "--height-um"),
         (["--step", "step.oct", "--height-um", "5000"], "depth scale"),

@@ -28,7 +28,8 @@ from design.solids import write_stl
 from firmware_profiles import Ink, Syringe, load
 from printctl.pipeline.written_layers import read_written
 from printctl.recipe import parse_recipe
-from registration.walls_file import WallCalibration, write_walls
+from registration.optics import OctCalibration, write_calibration
+from registration.wall_reference import WallCalibration
 from registration.writers import write_scan
 from sim.scanner import OctOptions, Placing, ScannerOutput, simulate_oct
 from tests.printctl.cli.shell import Shell
@@ -154,8 +155,10 @@ def test_a_calibration_of_walls_moves_gels_border(tmp_path: Path, shell: Shell) 
     """The slot of 0.2 mm is free of lines; its walls further back leave less gel in it."""
     share = []
     for offset_um in (-60.0, -20.0, 20.0):
-        write_walls(tmp_path / "walls.yaml", WallCalibration(offset_um, 0.6, 150.0, 250.0, 10))
-        code, out, err = shell("run", *POSE, "--layer", "3", "--json", "--walls", "walls.yaml")
+        walls = WallCalibration(offset_um, 0.6, 150.0, 250.0, 10)
+        write_calibration(tmp_path / "device.yaml", OctCalibration(walls=walls))
+        option = "--walls" if offset_um < 0 else "--oct-calibration"
+        code, out, err = shell("run", *POSE, "--layer", "3", "--json", option, "device.yaml")
         assert code == 0, err
         data = json.loads(out)
         assert data["walls"]["offset_um"] == offset_um
@@ -167,7 +170,7 @@ def test_a_calibration_of_walls_moves_gels_border(tmp_path: Path, shell: Shell) 
     page = (tmp_path / "out/overlay.html").read_text(encoding="utf-8")
     assert "Walls were moved +20.0 µm into the gel" in page
     code, _, err = shell("run", *POSE, "--walls", "scan.tif")
-    assert (code, "no calibration of walls there" in err) == (1, True)
+    assert (code, "scan.tif: not YAML" in err) == (1, True)
 
 
 def test_only_the_layers_that_are_asked_for(tmp_path: Path, shell: Shell) -> None:

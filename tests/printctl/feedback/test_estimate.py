@@ -83,7 +83,7 @@ def test_an_unknown_bias_of_the_scanner_is_not_printed_into_the_part() -> None:
     seen = Lab(shrink=(1, 1, 1), spread_mm=-0.010).print()
     known = estimate([seen], CALIBRATED)
     assert known.radial.offset_um == pytest.approx(5.0, abs=1.0)
-    # `register --walls` has put the walls right, to within half a micrometre.
+    # A reference has put the walls right, to within half a micrometre.
     lab = Lab(shrink=(1, 1, 1), spread_mm=-0.010)
     righted, not_righted = lab.print(), lab.print()
     righted.found["walls"] = {"offset_um": 5.0, "interval_um": 0.5}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from printctl.recipe.record import RecordPart
 from registration.report.page import report_html
 from registration.report.record import record_facts
 from registration.scan import Scan
+from registration.wall_reference import WallCalibration
 
 NOW = datetime(2026, 4, 2, 12, 0, tzinfo=UTC)
 RECORD = """
@@ -35,16 +37,17 @@ def scan() -> Scan:
     return Scan(volume, (0.01, 0.02, 0.02), 1.36, True, "db", "oct", True, Path("s.tif"))
 
 
-def recorded(stated: RecordPart, done: Corrections | None = None) -> dict[str, Any]:
+def recorded(stated: RecordPart, part: Scan | None = None) -> dict[str, Any]:
     numbers: dict[str, Any] = {"notes": ["first"], "judging": {"rule": "JCGM 106: words"}}
-    add_record(numbers, stated, scan(), done or Corrections(), NOW)
+    add_record(numbers, stated, part or scan(), Corrections(), NOW)
     return numbers
 
 
 def test_a_record_is_kept_and_what_is_wrong_with_it_noted(tmp_path: Path) -> None:
     path = tmp_path / "record.yaml"
-    path.write_text(RECORD)
-    found = recorded(read_record(path), Corrections(walls="walls.json"))
+    path.write_text(RECORD + "material: GelMA 10 %\n")
+    walls = WallCalibration(4.5, 0.6, 400.0, 1000.0, 3, None, "oct", "Acme OCT-1", "GelMA 5 %")
+    found = recorded(read_record(path), replace(scan(), walls=walls))
     record, notes = found["record"], found["notes"]
     assert (record["operator"], record["part"], record["serial"]) == ("A. Smith", "P1", "0042")
     assert record["certificate"]["valid_until"] == "2026-03-01"
@@ -52,7 +55,9 @@ def test_a_record_is_kept_and_what_is_wrong_with_it_noted(tmp_path: Path) -> Non
     assert notes[0] == "first"
     assert "certificate ended on 2026-03-01, before the scan of 2026-04-01" in notes[1]
     assert "31 °C is outside the stated range of 18 to 24 °C" in notes[2]
-    assert "place of the walls, by walls.json" in record["corrected"]
+    assert notes[3].startswith("The walls' offset was measured with material GelMA 5 %, and this")
+    assert len(notes) == 4
+    assert "place of the walls, by a reference of known diameters" in record["corrected"]
     assert "beam's fan and bow" in record["not_corrected"]
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from pydantic import ValidationError
 
@@ -14,6 +15,7 @@ from printctl.pipeline.stages.scan import digest_scan, digest_user_files, load_s
 from printctl.recipe.making import FileScan, SimulatedScan
 from registration.optics.beam import OctCalibration
 from registration.optics.file import write_calibration
+from registration.wall_reference import WallCalibration
 from registration.writers import write_scan, write_scan_zarr
 from tests.registration.readers.crafted import counts, scan
 
@@ -51,11 +53,18 @@ def test_a_recipe_names_the_devices_calibration(tmp_path: Path) -> None:
     write_scan(tmp_path / "s.tif", scan(volume=counts(20, 20, 20)))
     said = {"file": "s.tif", "oct_calibration": "device.yaml"}
     before = digest_user_files(tmp_path, FileScan(**said))
-    device = OctCalibration(refractive_index=1.45, depth_standard=True)
+    walls = WallCalibration(4.5, 0.6, 400.0, 1000.0, 3)
+    device = OctCalibration(refractive_index=1.45, depth_standard=True, walls=walls)
     write_calibration(tmp_path / "device.yaml", device)
     assert digest_user_files(tmp_path, FileScan(**said)) != before
     assert loaded(tmp_path, **said).depth_standard
+    assert loaded(tmp_path, **said).walls == walls
     assert not loaded(tmp_path, file="s.tif").depth_standard
+    write_calibration(tmp_path / "device.yaml", OctCalibration(walls=walls))
+    # Walls alone lay no voxel anew.
+    found = loaded(tmp_path, **said)
+    assert found.walls == walls
+    assert found.volume.dtype == np.uint16
 
 
 def test_only_an_oct_writes_a_thorlabs_file() -> None:

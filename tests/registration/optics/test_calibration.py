@@ -18,6 +18,7 @@ from registration.optics import (
     with_step,
     write_calibration,
 )
+from registration.wall_reference import WallCalibration
 from tests.registration.optics.optical import FAULT, blank, dots, reflecting
 
 PITCH = 0.5
@@ -74,7 +75,9 @@ def test_one_height_leaves_the_fan_alone(views: list[GridView]) -> None:
     fit = fit_grid(views[:1], PITCH)
     assert not fit.fan_known
     assert fit.calibration.fan_per_mm == (0.0, 0.0)
-    assert "fan_x" not in fit.calibration.intervals
+    again = fit_grid(views[:1], PITCH, fit_grid(views, PITCH).calibration)
+    for found in (fit, again):
+        assert "fan_x" not in found.calibration.intervals
     with pytest.raises(SegmentationError, match="at least one"):
         fit_grid([], PITCH)
 
@@ -129,6 +132,15 @@ def test_a_step_in_air_scales_depth_and_one_in_gel_gives_its_index() -> None:
         with_step(OctCalibration(), step, 2.0, immersed=False)
 
 
+def test_a_new_step_in_air_keeps_the_height_that_a_step_in_gel_has_told() -> None:
+    step = measure_step(step_scan(1.0, 0.0))  # type: ignore[arg-type]
+    gel = with_step(OctCalibration(), step, 0.75, immersed=True)
+    both = with_step(gel, step, 1.02, immersed=False)
+    assert both.refractive_index == pytest.approx(1.02 / 0.75, abs=0.003)
+    error = gel.relative_error("refractive_index")
+    assert both.relative_error("refractive_index") == pytest.approx(error)
+
+
 def test_a_flat_plate_is_no_step() -> None:
     with pytest.raises(SegmentationError, match="no step"):
         measure_step(step_scan(0.0, 0.02))  # type: ignore[arg-type]
@@ -138,11 +150,19 @@ def test_a_flat_plate_is_no_step() -> None:
 
 def test_the_file_keeps_a_calibration(tmp_path: Path) -> None:
     full = OctCalibration(
-        FAULT.lateral, FAULT.fan_per_mm, FAULT.bow_per_mm, 1.01, 1.337, True, {"a": (1.0, 2.0)}
-    )
+        FAULT.lateral, FAULT.fan_per_mm, FAULT.bow_per_mm, 1.01, 1.337, True, {"a": (1.0, 2.0)},
+        WallCalibration(4.5, 0.6, 400.0, 1000.0, 10, (25.0, 25.0, 15.0), "oct", "Acme", "GelMA"),
+    )  # fmt: skip
     for calibration in (full, OctCalibration()):
         write_calibration(tmp_path / "c.yaml", calibration)
         assert read_calibration(tmp_path / "c.yaml") == calibration
+
+
+def test_an_older_file_of_walls_alone_is_read(tmp_path: Path) -> None:
+    text = "offset_um: 4.5\ninterval_um: 0.6\nfrom_um: 400.0\nto_um: 1000.0\nscans: 10\n"
+    (tmp_path / "walls.yaml").write_text("schema: printctl-walls-1\n" + text)
+    walls = WallCalibration(4.5, 0.6, 400.0, 1000.0, 10)
+    assert read_calibration(tmp_path / "walls.yaml") == OctCalibration(walls=walls)
 
 
 @pytest.mark.parametrize(
@@ -155,6 +175,12 @@ def test_the_file_keeps_a_calibration(tmp_path: Path) -> None:
         ("depth_scale: 1.0", "colour: red", "unknown key"),
         ("depth_standard: false", "depth_standard: 1", "true or false"),
         ("intervals: {}", "intervals: {a: [1]}", "two numbers"),
+        ("walls: null", "walls: {offset_um: 3}", "walls must hold"),
+        (
+            "walls: null",
+            "walls: {offset_um: 300, interval_um: 1, from_um: 1, to_um: 2, scans: 1}",
+            "offset_um is 300; it must be 1 number.* -100 to 100",
+        ),
     ],
 )
 def test_a_broken_file_is_refused(tmp_path: Path, old: str, new: str, reason: str) -> None:
