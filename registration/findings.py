@@ -28,6 +28,7 @@ from registration.gauging import (
     trace_vessels,
     with_interval,
     with_ledges,
+    with_mouths,
     with_own_levels,
     withdraw_sections,
     without_gel_like,
@@ -116,6 +117,7 @@ def inspect(case: Inspection) -> Findings:
     field, fit = case.segmentation.field, case.alignment.scaled
     part = None if case.model_is_lumen else case.surface
     traces = trace_vessels(case.network, case.segmentation, fit, case.section_mm, part)
+    traces = with_mouths(traces, case.segmentation, fit, part)
     traces, errors, wall_mm = with_ledges(traces, case.segmentation, case.errors)
     margin = _margin(case)
     grid = _grid(case, margin)
