@@ -32,6 +32,7 @@ from registration.judging.features import (
     narrowest_feature,
     offset_feature,
     open_features,
+    oval_feature,
     rms_feature,
     section_feature,
 )
@@ -212,6 +213,7 @@ class _Vessel:
             *section_feature(band, limits),
             *narrowest_feature(band, limits),
             *mean_feature(row, band, limits),
+            *oval_feature(row, limits),
             *offset_feature(row, limits),
             *open_features(row, limits, bool(closures)),
             *zones,
