@@ -160,6 +160,9 @@ def withhold_unsure(
         for key, values in row.items():
             if key in _ALONG and len(values) == len(along):
                 row[key] = [values[k] for k in own]
+        oval_at = row.get("oval_at_mm")
+        if oval_at is not None and any(a <= oval_at <= b for a, b in unsure):
+            row["oval_um"] = None
         if 2 * len(own) < len(along):
             row["measured_um"] = row["error_percent"] = None
         row["unsure_mm"] = [list(one) for one in unsure]
