@@ -42,7 +42,7 @@ def ovality(trace: VesselTrace, own: SectionErrors, errors: ScanErrors) -> Oval:
     """Return where a lumen is most oval.
 
     Each component of c has half the variance of the diameter, and the widths differ by 4 |c|.
-    Walls along the light err by reflections and index as those across it don't.
+    Walls across the light err by reflections and index as those along it don't.
 
     Parameters
     ----------
@@ -57,6 +57,9 @@ def ovality(trace: VesselTrace, own: SectionErrors, errors: ScanErrors) -> Oval:
     mean = np.nanmean(np.where(whole[:, None], rays, 1.0), axis=1, keepdims=True)
     turned = np.where(np.isfinite(rays), rays, mean) @ _TWICE
     vector = 2 * turned / RAYS
+    # Reflections may be of the walls alone that face the light, both of them. A line's place is the
+    # mean over walls of three directions, which the difference of two exceeds √(3 · 3/2) times.
+    walls = 2 * (errors.faint_mm + errors.facing_mm), 2 * np.sqrt(4.5) * errors.line_mm
     best = Oval(np.nan, np.nan, np.nan)
     for k in [] if trace.short else np.flatnonzero(whole).tolist():
         reach = WINDOW * trace.radius[counted[k]]
@@ -65,7 +68,7 @@ def ovality(trace: VesselTrace, own: SectionErrors, errors: ScanErrors) -> Oval:
         noise = np.sqrt(8) * own.averaged(weights)
         widths = np.sqrt(max((4 * abs(weights[near] @ vector[near])) ** 2 - 2 * noise**2, 0.0))
         if not 1e3 * widths <= best.widths_um:
-            shared = np.hypot(2 * errors.facing_mm, 2 * trace.radius[counted[k]] * errors.depth)
-            half = coverage_factor(np.inf) * float(np.hypot(noise, shared))
+            stretched = 2 * trace.radius[counted[k]] * errors.depth
+            half = coverage_factor(np.inf) * float(np.linalg.norm([noise, stretched, *walls]))
             best = Oval(1e3 * float(widths), 1e3 * half, float(trace.along[counted[k]]))
     return best
