@@ -53,22 +53,27 @@ def ovality(trace: VesselTrace, own: SectionErrors, errors: ScanErrors) -> Oval:
     """
     counted = np.flatnonzero(trace.counted)
     whole = trace.sections.closed_outline[counted] & own.open
+    best = Oval(np.nan, np.nan, np.nan)
+    if trace.short or not whole.any():
+        return best
     rays = trace.sections.rays[counted]
     mean = np.nanmean(np.where(whole[:, None], rays, 1.0), axis=1, keepdims=True)
-    turned = np.where(np.isfinite(rays), rays, mean) @ _TWICE
-    vector = 2 * turned / RAYS
+    vector = 2 / RAYS * (np.where(np.isfinite(rays), rays, mean) @ _TWICE)
+    along, radius = trace.along[counted], trace.radius[counted]
+    first, last = along[whole][[0, -1]]
     # Reflections may be of the walls alone that face the light, both of them. A line's place is the
     # mean over walls of three directions, which the difference of two exceeds √(3 · 3/2) times.
     walls = 2 * (errors.faint_mm + errors.facing_mm), 2 * np.sqrt(4.5) * errors.line_mm
-    best = Oval(np.nan, np.nan, np.nan)
-    for k in [] if trace.short else np.flatnonzero(whole).tolist():
-        reach = WINDOW * trace.radius[counted[k]]
-        near = whole & (np.abs(trace.along[counted] - trace.along[counted[k]]) <= reach)
+    for k in np.flatnonzero(whole).tolist():
+        # The window stays within the vessel: fewer sections at its ends would be noisier.
+        reach = min(WINDOW * radius[k], (last - first) / 2)
+        middle = float(np.clip(along[k], first + reach, last - reach))
+        near = whole & (np.abs(along - middle) <= reach + 1e-9)
         weights = near / near.sum()
         noise = np.sqrt(8) * own.averaged(weights)
         widths = np.sqrt(max((4 * abs(weights[near] @ vector[near])) ** 2 - 2 * noise**2, 0.0))
         if not 1e3 * widths <= best.widths_um:
-            stretched = 2 * trace.radius[counted[k]] * errors.depth
-            half = coverage_factor(np.inf) * float(np.linalg.norm([noise, stretched, *walls]))
-            best = Oval(1e3 * float(widths), 1e3 * half, float(trace.along[counted[k]]))
+            terms = [noise, 2 * radius[k] * errors.depth, *walls]
+            half = coverage_factor(np.inf) * float(np.linalg.norm(terms))
+            best = Oval(1e3 * float(widths), 1e3 * half, middle)
     return best
