@@ -204,8 +204,9 @@ def _brightened(core: FloatArray, usual: FloatArray, step: float, trace: VesselT
         _MAD * float(np.median(np.abs(halves - np.roll(halves, half_size, axis=0)))) / np.sqrt(2)
     )
     half = halves.max(axis=1)
-    # Beside an upright face light goes past the gel above one half of a mouth.
-    half[trace.to_end[_nearest(trace, step * np.arange(len(core)))] < HALF_MM / 2] = 0.0
+    # In a junction halves aren't alike by design, nor where light goes past a mouth's upright face.
+    clear = trace.own & (trace.to_end >= HALF_MM / 2)
+    half[~clear[_nearest(trace, step * np.arange(len(core)))]] = 0.0
     film = _films(share, _CORE * float(trace.radius.mean()) / step)
     own = usual == least
     return (
