@@ -30,11 +30,12 @@ LEAST_SHARE = 0.2
 As bright voxels are capped, what scatters a tenth as much as gel has 0.15, a fifth 0.26. Clear
 lumens vary by 0.01 to 0.02, a gradient of cells from 2 to 12 % of gel by 0.12; a film of 30 µm at
 20 µm voxels has 0.6."""
-LEAST_OF_HALF = 0.1
+LEAST_OF_HALF = 0.12
 """More in one half of the core than in the other, over `HALF_MM`: sediment or debris along a
-lumen's bottom. What brightens or darkens liquid elsewhere does so on both sides: what gel above
-scatters on lifts the upper half of a lumen 1 mm wide by 0.05, speckle either by 0.04, on sound
-scans of two generators; debris with 0.15 of the gel's brightness by 0.15 to 0.2."""
+lumen's bottom. What brightens or darkens liquid elsewhere does so on both sides: gel above that
+scatters a tenth of its light on lifts the upper half of a lumen 1 mm wide by 0.05, a fifth of it by
+0.105, speckle either by 0.04 (sound scans of two generators); debris with 0.15 of the gel's
+brightness lifts it by 0.15 to 0.19."""
 LEAST_OF_ALL = 0.35
 """The same above the other vessels' liquid, for what fills a vessel all along."""
 HALF_MM = 0.5
@@ -206,7 +207,7 @@ def _brightened(core: FloatArray, usual: FloatArray, step: float, trace: VesselT
     half = halves.max(axis=1)
     # In a junction halves aren't alike by design, nor where light goes past a mouth's upright face.
     clear = trace.own & (trace.to_end >= HALF_MM / 2)
-    half[~clear[_nearest(trace, step * np.arange(len(core)))]] = 0.0
+    half[~clear[_nearest(trace, step * np.arange(len(core), dtype=np.float64))]] = 0.0
     film = _films(share, _CORE * float(trace.radius.mean()) / step)
     own = usual == least
     return (

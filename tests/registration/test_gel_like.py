@@ -93,7 +93,7 @@ def test_sediment_in_half_of_a_lumen_is_found() -> None:
 
 
 def test_faint_debris_in_the_lower_half_all_along_is_found() -> None:
-    trace = found(holding(lambda x, y, z: 0.16 * (z < 0) + 0 * (x + y)))[CHANNEL]
+    trace = found(holding(lambda x, y, z: 0.18 * (z < 0) + 0 * (x + y)))[CHANNEL]
     assert trace.own.mean() > 0.8
     assert trace.gel_like[trace.own].all()
 
