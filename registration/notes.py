@@ -126,8 +126,8 @@ def _end_notes(vessels: tuple[VesselGauge, ...]) -> list[str]:
     if vessel < 0 or ends[vessel] <= FAR_END_MM:
         return []
     return [
-        f"Diameters begin up to {ends[vessel]:.2f} mm from a vessel's end (vessel {vessel}): no "
-        "whole section is cut in a junction or a slanted mouth; a neck in such a mouth isn't found."
+        f"Diameters begin up to {ends[vessel]:.2f} mm from a vessel's end (vessel {vessel}): "
+        "nearer to a junction or a face less than half of a section's wall lies in the gel."
     ]
 
 

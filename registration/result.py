@@ -247,6 +247,7 @@ _INTERVALS = {
     "u_um": "interval_95_um",
     "measured_u_um": "measured_interval_95_um",
     "offset_u_um": "offset_interval_95_um",
+    "oval_u_um": "oval_interval_95_um",
     "resistance_ratio_95": "resistance_ratio_interval_95",
 }
 """Names of a vessel's 95 % intervals in JSON: half widths, but for the last, which has ends."""

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from registration.gauging.edge_changes import drop_edge_changes
     from registration.gauging.gel_like import without_gel_like
     from registration.gauging.junctions import find_junction_changes
+    from registration.gauging.mouths import with_mouths
     from registration.gauging.own_levels import with_own_levels
     from registration.gauging.perfusion import Perfusion, with_interval
     from registration.gauging.printed import (
@@ -70,6 +71,7 @@ __all__ = [
     "surface_points",
     "trace_vessels",
     "with_interval",
+    "with_mouths",
     "with_own_levels",
     "with_printed_lengths",
     "with_told_walls",

@@ -30,11 +30,15 @@ LEAST_SHARE = 0.2
 As bright voxels are capped, what scatters a tenth as much as gel has 0.15, a fifth 0.26. Clear
 lumens vary by 0.01 to 0.02, a gradient of cells from 2 to 12 % of gel by 0.12; a film of 30 µm at
 20 µm voxels has 0.6."""
-LEAST_OF_HALF = 0.25
-"""The same in half of the core, over `HALF_MM`: sediment along a lumen's bottom."""
+LEAST_OF_HALF = 0.12
+"""More in one half of the core than in the other, over `HALF_MM`: sediment or debris along a
+lumen's bottom. What brightens or darkens liquid elsewhere does so on both sides: gel above that
+scatters a tenth of its light on lifts the upper half of a lumen 1 mm wide by 0.05, a fifth of it by
+0.105, speckle either by 0.04 (sound scans of two generators); debris with 0.15 of the gel's
+brightness lifts it by 0.15 to 0.19."""
 LEAST_OF_ALL = 0.35
 """The same above the other vessels' liquid, for what fills a vessel all along."""
-HALF_MM = 0.3
+HALF_MM = 0.5
 _LONG_MM = 0.15
 """What is no film is averaged over this length: a quarter of gel is speckle voxel by voxel."""
 _SPREADS = 6.0
@@ -53,8 +57,10 @@ _QUIET, _QUIETEST = 20, 5
 """Percentiles of a vessel's profile: its quiet liquid, though most of it be filled."""
 _QUIET_SPREADS, _QUIET_BELOW = 0.80, 0.84
 """Standard deviations of a normal distribution between these two, and up to its middle."""
-_NOISE, _NOISE_OF_HALF = 0.05, 0.2
-"""By how much noise may lift a quiet profile; of twelve halves the brightest is lifted most."""
+_NOISE = 0.05
+"""By how much noise may lift a quiet profile."""
+_MAD = 1.4826
+"""Standard deviation over median absolute deviation, of normal noise."""
 _TILTS = (0.0, 0.4, 0.8)
 """Slopes of a film against the section, from square to the axis to that of a slanted face."""
 _ANGLE = 2 * np.pi * np.arange(12) / 12
@@ -163,10 +169,15 @@ def _core(trace: VesselTrace, evidence: GelEvidence, fit: Fit, along: FloatArray
     line = np.concatenate([ends[:1], trace.centre, ends[1:]])
     at = np.concatenate([[-_BEYOND_MM[1]], trace.along, [trace.length + _BEYOND_MM[1]]])
     axis_points = places_along(line, at, along)
-    nearest = np.clip((along / trace.spacing).astype(np.int64), 0, len(trace.along) - 1)
     flat = shift[:, None] + _CORE * radius[:, None, None] * _PATTERN
-    places = fit.invert(axis_points)[:, None] + flat @ trace.planes.across[nearest]
+    across = trace.planes.across[_nearest(trace, along)]
+    places = fit.invert(axis_points)[:, None] + flat @ across
     return np.nan_to_num(evidence.fine_at(places))
+
+
+def _nearest(trace: VesselTrace, along: FloatArray) -> NDArray[np.int64]:
+    """Return the stations in whose stretches places along a vessel lie, (n,)."""
+    return np.clip((along / trace.spacing).astype(np.int64), 0, len(trace.along) - 1)
 
 
 def _bath(trace: VesselTrace, along: FloatArray, evidence: GelEvidence, fit: Fit) -> FloatArray:
@@ -189,30 +200,38 @@ def _brightened(core: FloatArray, usual: FloatArray, step: float, trace: VesselT
     share = (core - usual[:, None]) / (1 - least)
     size, half_size = (int(length / step) | 1 for length in (_LONG_MM, HALF_MM))
     long = _lit(uniform_filter1d(share, size, axis=0, mode="nearest"))
-    half = (uniform_filter1d(share, half_size, axis=0, mode="nearest") @ _HALVES).max(axis=1)
+    halves = uniform_filter1d(share, half_size, axis=0, mode="nearest") @ _OPPOSED
+    noise = (
+        _MAD * float(np.median(np.abs(halves - np.roll(halves, half_size, axis=0)))) / np.sqrt(2)
+    )
+    half = halves.max(axis=1)
+    # In a junction halves aren't alike by design, nor where light goes past a mouth's upright face.
+    clear = trace.own & (trace.to_end >= HALF_MM / 2)
+    half[~clear[_nearest(trace, step * np.arange(len(core), dtype=np.float64))]] = 0.0
     film = _films(share, _CORE * float(trace.radius.mean()) / step)
     own = usual == least
     return (
-        _stands_out(film, own, LEAST_SHARE, _NOISE)
-        | _stands_out(long, own, LEAST_SHARE, _NOISE)
-        | _stands_out(half, own, LEAST_OF_HALF, _NOISE_OF_HALF)
+        _stands_out(film, own, LEAST_SHARE)
+        | _stands_out(long, own, LEAST_SHARE)
+        | (half > max(LEAST_OF_HALF, _SPREADS * noise))
     )
 
 
 _SIDES = (_PATTERN @ _CIRCLE.T > 0.1).astype(np.float64)
 _HALVES = _SIDES / _SIDES.sum(axis=0)
-"""Weights of the pattern's points, (points, 12), to the mean on one side of its middle."""
+_OPPOSED = _HALVES - np.roll(_HALVES, len(_ANGLE) // 2, axis=1)
+"""Weights of the pattern's points, (points, 12): mean of one side of its middle less the other."""
 
 
-def _stands_out(value: FloatArray, own: BoolArray, least: float, noise: float) -> BoolArray:
+def _stands_out(value: FloatArray, own: BoolArray, least: float) -> BoolArray:
     """Where a profile exceeds its own quiet part by `least` and by `_SPREADS` of its deviations.
 
     Both are told from the lower quantiles over `own` samples, which what lies in the lumen leaves
-    alone. By `noise` at most the quiet part lies above the usual liquid.
+    alone. By `_NOISE` at most the quiet part lies above the usual liquid.
     """
     quietest, quiet = np.percentile(value[own], [_QUIETEST, _QUIET])
     spread = (quiet - quietest) / _QUIET_SPREADS
-    middle = np.clip(quiet + _QUIET_BELOW * spread, 0.0, noise)
+    middle = np.clip(quiet + _QUIET_BELOW * spread, 0.0, _NOISE)
     return np.asarray(value > middle + max(least, _SPREADS * spread))
 
 

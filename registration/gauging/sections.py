@@ -120,21 +120,20 @@ def cut_sections(field: GelField, planes: Planes) -> Sections:
     start, is_open = _free_start(field, planes, circle)
     shift = start
     for _ in range(3):
-        radii = _rays(field, planes, shift, circle)
+        radii = wall_distances(field, planes, shift, circle)
         centroid = _centroid(_fill_gaps(radii), circle)
         shift = np.where(np.isfinite(centroid), shift + centroid, shift)
-    rays = _rays(field, planes, shift, circle)
+    rays = wall_distances(field, planes, shift, circle)
     met = np.isfinite(rays).mean(axis=1)
     radii = _fill_gaps(rays)
     area = np.pi * (radii**2).mean(axis=1)  # sectors, not triangles: the wall is round
     outline = is_open & (met >= 0.9)
-    walls = 2 * field.wall_mm + field.facing_mm * (planes.across[..., 2] ** 2).sum(axis=1)
-    round_ = _true(2 * np.sqrt(area / np.pi), field.blur_mm, walls)
+    round_ = true_diameter(2 * np.sqrt(area / np.pi), field, planes)
     diameter = np.where(outline, round_, np.where(is_open, np.nan, 0.0))
     offset = np.where(outline, np.linalg.norm(shift, axis=1), np.nan)
     own = np.where((met > 0)[:, None], rays, np.inf)  # those of other lumens would move it
     middle = np.where(met > 0, np.nanmedian(own, axis=1), np.nan)
-    median = _true(2 * middle, field.blur_mm, walls)
+    median = true_diameter(2 * middle, field, planes)
     oval, noise = _shape(radii, field.blur_mm)
     return Sections(
         open=is_open,
@@ -192,13 +191,14 @@ def independent_rays(radius: FloatArray, blur: float) -> FloatArray:
     return np.asarray(np.clip(np.sqrt(np.pi) * radius / max(blur, 1e-9), 6.0, RAYS))
 
 
-def _true(diameter: FloatArray, blur: float, walls: FloatArray) -> FloatArray:
-    """Diameter without the field's blur, and with walls where this instrument's truly are.
+def true_diameter(diameter: FloatArray, field: GelField, planes: Planes) -> FloatArray:
+    """Return diameters (n,) without the field's blur, with walls where this instrument's truly are.
 
     A wall's part w n² along the light, averaged round a section, widens it by w times the square
-    of the beam's part in its plane (`cut_sections`).
+    of the beam's part in its plane.
     """
-    return np.asarray(np.maximum(_unblurred(diameter, blur) + walls, 0.0))
+    walls = 2 * field.wall_mm + field.facing_mm * (planes.across[..., 2] ** 2).sum(axis=1)
+    return np.asarray(np.maximum(_unblurred(diameter, field.blur_mm) + walls, 0.0))
 
 
 def _unblurred(diameter: FloatArray, blur: float) -> FloatArray:
@@ -242,8 +242,10 @@ def _free_start(
     return flat[rows, best], np.asarray(value[rows, best] < 0)
 
 
-def _rays(field: GelField, planes: Planes, shift: FloatArray, circle: FloatArray) -> FloatArray:
-    """Distance from the shifted middle to the wall along each ray, (n, rays), NaN if not met."""
+def wall_distances(
+    field: GelField, planes: Planes, shift: FloatArray, circle: FloatArray
+) -> FloatArray:
+    """Return the way from the shifted middle to the wall on each ray, (n, rays), NaN if not met."""
     step = 0.3 * float(field.voxel_mm.min())
     reach = REACH * float(planes.radius.max()) + 3 * step
     along = np.arange(0.0, reach, step)

@@ -13,6 +13,7 @@ from registration.alignment import Fit, Uncertainty
 from registration.gauging.defect import Defect
 from registration.gauging.near_walls import near_walls
 from registration.gauging.outlines import Outlines, outlines
+from registration.gauging.ovality import ovality
 from registration.gauging.planes import stations
 from registration.gauging.sections import oval_conductance
 from registration.gauging.trace import VesselTrace
@@ -41,6 +42,9 @@ class VesselGauge:
         Smallest measured diameter, 0 where closed, and how far from the first node it is.
     ovality : float
         Median over the sections, of longest over shortest axis.
+    oval_um, oval_u_um, oval_at_mm : float
+        Longest less shortest width where that is greatest, half width of its 95 % interval, and
+        the place; NaN without a whole section.
     open : bool or None
         False where a seen section is free nowhere within the designed lumen; True where all were
         seen and are free; None where none is closed but not all were seen.
@@ -98,6 +102,9 @@ class VesselGauge:
     narrowest_um: float
     narrowest_at_mm: float
     ovality: float
+    oval_um: float
+    oval_u_um: float
+    oval_at_mm: float
     open: bool | None
     offset_um: float
     rms_um: float
@@ -210,9 +217,13 @@ def _gauge(
     stretch = _stretch(trace, fit)
     placed = pose.of_place(trace.centre.mean(axis=0) - fit.centre)
     summary = _summary(trace, stretch)
+    oval = ovality(trace, own, errors)
     return VesselGauge(
         vessel=trace.vessel,
         kind=kind.name.lower(),
+        oval_um=oval.widths_um,
+        oval_u_um=oval.u_um,
+        oval_at_mm=oval.at_mm,
         open=_is_open(trace),
         rms_um=rms,
         length_mm=trace.length,

@@ -150,7 +150,7 @@ def _across(trace: VesselTrace, segmentation: Segmentation) -> list[FloatArray]:
     """Distance into the gel (mm), the normal's part along the light, share of gel, by section."""
     sections = trace.sections
     which = np.flatnonzero(
-        trace.counted & sections.closed_outline & ~trace.short
+        trace.counted & trace.apart & sections.closed_outline
         & (np.nan_to_num(trace.diameter) > 0)
     )  # fmt: skip
     if len(which) == 0:

@@ -19,8 +19,8 @@ from registration.judging.tolerance import Limit, VesselLimits
 Record = Mapping[str, Any]
 
 FeatureName = Literal[
-    "section", "narrowest", "mean", "change", "offset", "open", "seen", "gel_like", "measured",
-    "unsure", "leak", "rms", "zone",
+    "section", "narrowest", "mean", "change", "oval", "offset", "open", "seen", "gel_like",
+    "measured", "unsure", "leak", "rms", "zone",
 ]  # fmt: skip
 
 
@@ -32,7 +32,8 @@ class Feature:
     ----------
     name : str
         ``section``: the worst section's diameter; ``narrowest``, ``mean``: diameters; ``change``:
-        of a diameter within a junction; ``offset``: of the axis; ``open``, ``seen``,
+        of a diameter within a junction; ``oval``: how much longer the longest width is than the
+        shortest; ``offset``: of the axis; ``open``, ``seen``,
         ``gel_like``, ``measured``, ``unsure``: without a value; ``leak``: the width of a
         leak or bridge; ``rms``: of the scaled fit; ``zone``: a geometric characteristic.
     decision : str
@@ -228,6 +229,33 @@ def _mean_half(series: Series) -> float:
         return math.nan
     random = float(np.sqrt(np.mean(np.nan_to_num(series.random_um[free]) ** 2) / free.sum()))
     return COVERAGE * math.hypot(float(np.sqrt(np.mean(series.common_um[free] ** 2))), random)
+
+
+def oval_feature(row: Record, limits: VesselLimits) -> list[Feature]:
+    """Judge how oval a vessel is: its widths may differ by all of the diameter's tolerance.
+
+    A size's limits hold for each two-point size of a section (ISO 14405-1), not for the circle of
+    equal area alone: widths from the lower to the upper limit differ by as much as those do. What
+    all walls are off by isn't in that difference. Less is asked for by `cylindricity_um`.
+    """
+    value, half = row.get("oval_um"), row.get("oval_interval_95_um")
+    below, above = limits.section.around(np.array([float(row["designed_um"])]))
+    limit = float(below[0] + above[0])
+    if value is None or math.isinf(limit):
+        return []
+    u = math.nan if half is None else float(half)
+    return [
+        Feature(
+            name="oval",
+            decision=_upper(limits.rule, float(value), u, limit),
+            vessel=int(row["vessel"]),
+            at_mm=row.get("oval_at_mm"),
+            value_um=float(value),
+            u_um=u,
+            upper_um=limit,
+            limit=f"{_upto(round(limit))} ({limits.section} from width to width)",
+        )
+    ]
 
 
 def offset_feature(row: Record, limits: VesselLimits) -> list[Feature]:

@@ -32,6 +32,7 @@ from registration.judging.features import (
     narrowest_feature,
     offset_feature,
     open_features,
+    oval_feature,
     rms_feature,
     section_feature,
 )
@@ -159,6 +160,9 @@ def withhold_unsure(
         for key, values in row.items():
             if key in _ALONG and len(values) == len(along):
                 row[key] = [values[k] for k in own]
+        oval_at = row.get("oval_at_mm")
+        if oval_at is not None and any(a <= oval_at <= b for a, b in unsure):
+            row["oval_um"] = None
         if 2 * len(own) < len(along):
             row["measured_um"] = row["error_percent"] = None
         row["unsure_mm"] = [list(one) for one in unsure]
@@ -212,6 +216,7 @@ class _Vessel:
             *section_feature(band, limits),
             *narrowest_feature(band, limits),
             *mean_feature(row, band, limits),
+            *oval_feature(row, limits),
             *offset_feature(row, limits),
             *open_features(row, limits, bool(closures)),
             *zones,

@@ -34,6 +34,11 @@ def reason(feature: Record) -> str:
             f"{_place(feature)}: the lumen lies {_measured(feature)} beside its designed axis, "
             "more than half its radius, and no limit is given; say what is allowed (position_um)"
         )
+    if name == "oval":
+        return (
+            f"{_place(feature)}: oval, its longest width {_measured(feature)} more than its "
+            f"shortest, limit {feature['limit']}{_end(feature)}"
+        )
     if name == "offset":
         return f"{_place(feature)}: axis off by {_measured(feature)} of {feature['limit']}" + _end(
             feature

@@ -37,6 +37,20 @@ def test_the_interval_of_an_rms_never_goes_below_nothing(u: float, said: str) ->
 
 
 @pytest.mark.parametrize(
+    ("widths", "u", "decision"),
+    [(60, 20, "pass"), (90, 20, "undecided"), (160, 20, "fail"), (160, None, "undecided")],
+)
+def test_widths_may_differ_by_the_diameters_whole_tolerance(
+    widths: float, u: float | None, decision: str
+) -> None:
+    row = vessel(0, np.zeros(20), u_um=SURE, oval_um=widths, oval_interval_95_um=u)
+    found = judge_plain(registration(row), 100.0, 10.0)  # ± 50 of 500 µm
+    (feature,) = (f for f in found["judging"]["features"] if f["name"] == "oval")
+    assert (feature["upper_um"], feature["decision"]) == (100.0, decision)
+    assert found["vessels"][0]["decision"] == decision
+
+
+@pytest.mark.parametrize(
     ("aside", "limits", "decision"),
     [
         (120.0, {}, "pass"),  # less than half the radius of 250 µm
