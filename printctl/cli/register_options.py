@@ -79,7 +79,7 @@ RuleOption = Annotated[
     typer.Option(
         "--decision-rule",
         help="How limits count uncertainty: conformance (probability that the vessel conforms), "
-        "guarded (ISO 14253-1), shared_risk (the value alone); else guarded.",
+        "guarded (ISO 14253-1), shared_risk (the value alone); else conformance.",
     ),
 ]
 ConformanceOption = Annotated[

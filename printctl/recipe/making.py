@@ -368,9 +368,9 @@ class RegistrationPart(Part):
         default=10.0, description="Error of a diameter, in any section, beyond which it fails."
     )
     decision_rule: Literal["guarded", "conformance", "shared_risk"] = Field(
-        default="guarded",
-        description="How limits count uncertainty: guarded (ISO 14253-1), conformance "
-        "(probability that the vessel conforms) or shared_risk (the value alone).",
+        default="conformance",
+        description="How limits count uncertainty: conformance (probability that the vessel "
+        "conforms), guarded (ISO 14253-1) or shared_risk (the value alone).",
     )
     conformance_percent: Annotated[float, Field(gt=50, lt=100)] = Field(
         default=100 * Rule.level,
