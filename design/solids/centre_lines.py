@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -27,55 +28,52 @@ MIN_LENGTH_RADII: Final = 2.0
 """A shorter hollow is a dimple, a shorter branch the rest of a joint."""
 MIN_BUBBLE_RADII: Final = 2.6
 """A shorter hollow without a way in is a bubble."""
-JOINT_RADII: Final = 1.2
-"""Ways between forks that are shorter, in the radius there, lie within one joint."""
+NO_PATH: Final = np.zeros((0, 3), dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)
 class CentreLine:
-    """A lumen's way between two nodes: places (n, 3), mm, and distances to walls (n,), mm."""
+    """A lumen's way between two nodes.
 
-    a: int
-    b: int
+    Attributes
+    ----------
+    ends : (int, int)
+        Numbers of the nodes.
+    line : (n, 3) float64, mm
+    radius : (n,) float64, mm
+    is_sure : bool
+        Whether the lines of its part of the hollow make as many loops as that has, and its
+        sections are round.
+    """
+
+    ends: tuple[int, int]
     line: FloatArray
     radius: FloatArray
-
-    @property
-    def length(self) -> float:
-        """Length along the line, mm."""
-        return float(arc_lengths(self.line)[-1])
+    is_sure: bool = True
 
     def reversed(self) -> CentreLine:
         """Return the same way from its other end."""
-        return CentreLine(self.b, self.a, self.line[::-1], self.radius[::-1])
+        return CentreLine(self.ends[::-1], self.line[::-1], self.radius[::-1], self.is_sure)
 
 
-def centre_lines(hollow: Hollow) -> tuple[list[CentreLine], BoolArray]:
-    """Trace a hollow's lumens.
-
-    Returns
-    -------
-    list of CentreLine
-        Nodes are numbered from 0.
-    (n,) bool
-        Whether the lines of the same part make more or fewer loops than its voxels have.
-    """
+def centre_lines(hollow: Hollow) -> list[CentreLine]:
+    """Trace a hollow's lumens; nodes are numbered from 0."""
     lines: list[CentreLine] = []
-    doubtful: list[bool] = []
     label, _ = ndimage.label(hollow.inside, ALL_NEIGHBOURS)
     for number, box in enumerate(ndimage.find_objects(label), 1):
         own = label[box] == number
         least = MIN_BUBBLE_RADII if hollow.is_closed[box][own].all() else MIN_LENGTH_RADII
         own, wall = np.pad(own, 1), np.pad(hollow.wall[box], 1)
         traced = _joined(_cut_at_forks(_Tracer(own, wall).paths(least), wall))
+        nodes = {node for one in traced for node in one.ends}
+        is_sure = len(traced) - len(nodes) + 1 == _loops(own)
         corner = hollow.origin + hollow.pitch * np.array([one.start - 1 for one in box])
-        first = max((max(one.a, one.b) for one in lines), default=-1) + 1
+        first = max((max(one.ends) for one in lines), default=-1) + 1
         for one in traced:
             place, wide = corner + hollow.pitch * one.line, hollow.pitch * one.radius
-            lines.append(CentreLine(first + one.a, first + one.b, place, wide))
-        nodes = {node for one in traced for node in (one.a, one.b)}
-        doubtful += [len(traced) - len(nodes) + 1 != _loops(own)] * len(traced)
-    return lines, np.array(doubtful, dtype=np.bool_)
+            a, b = one.ends
+            lines.append(CentreLine((first + a, first + b), place, wide, is_sure))
+    return lines
 
 
 def _loops(own: BoolArray) -> int:
@@ -126,46 +124,40 @@ class _Tracer:
 
     def _branch(self, piece: IntArray) -> IntArray:
         """Trace one branch or loop in a piece; take up what is too short or too broad for it."""
-        low = np.maximum(piece.min(axis=0) - self._margin, 0)
-        high = piece.max(axis=0) + self._margin + 1
-        box = tuple(slice(*one) for one in zip(low, high, strict=True))
+        margin = self._margin
+        low, box = self._box_around(piece, margin)
+        while not self._on_line[box].any():
+            margin *= 2
+            low, box = self._box_around(piece, margin)
         taken, wall = self._taken[box], self._wall[box]
         inside = np.zeros_like(taken)
         inside[tuple((piece - low).T)] = True
         seeds = np.argwhere(self._on_line[box])
         away = _lengths(inside | taken, seeds)
         near, far = float(away[inside].min()), float(away[inside].max())
-        if far < 0:
-            taken |= inside
-            return np.zeros((0, 3), dtype=np.int64)
         patch, count = ndimage.label(
             ndimage.binary_dilation(inside, ALL_NEIGHBOURS) & taken & (away >= 0), ALL_NEIGHBOURS
         )
         broad = np.sqrt(np.bincount(patch.ravel())[1:].max(initial=0))
-        if far - near < broad:
-            # Nothing goes on from here but what is farther off.
-            rest = inside & (away < near + max(1.0, broad / 8))
-            self._taken[box] |= rest
-            return np.zeros((0, 3), dtype=np.int64)
+        if far < 0 or far - near < broad:
+            # No branch is as short as the place where it begins; what is farther off may be one.
+            taken |= inside & (away < near + max(1.0, broad / 8))
+            return NO_PATH
         path = self._route(inside | taken, wall, seeds, np.argwhere(inside & (away == far))[0])
-        contact = [np.argwhere(patch == k) for k in range(1, count + 1)]
-        contact = [one[away[tuple(one.T)].argmin()] for one in contact]
-        legs = [self._route(taken, wall, seeds, one) for one in contact]
-        apart = [k for k, leg in enumerate(legs) if self._are_apart(leg[0], legs[0][0], wall)]
-        if apart:
-            rim = inside | (patch > 0)
-            through = self._route(rim, wall, contact[0][None], contact[apart[0]])
-            path = np.concatenate([legs[0], through[1:-1], legs[apart[0]][::-1]])
+        ends = [np.argwhere(patch == k) for k in range(1, count + 1)]
+        ends = [one[away[tuple(one.T)].argmin()] for one in ends]
+        legs = [self._route(taken, wall, seeds, end) for end in ends]
+        for end, leg in zip(ends, legs, strict=True):
+            one, two = leg[0], legs[0][0]
+            if np.linalg.norm(one - two) > wall[tuple(one)] + wall[tuple(two)]:
+                through = self._route(inside | (patch > 0), wall, ends[0][None], end)
+                path = np.concatenate([legs[0], through[1:-1], leg[::-1]])
+                break
         own = inside[tuple(path.T)]
-        radius = np.median(wall[tuple(path[own].T)])
-        if own.sum() < MIN_LENGTH_RADII * radius:
+        if own.sum() < MIN_LENGTH_RADII * np.median(wall[tuple(path[own].T)]):
             taken |= inside
-            return np.zeros((0, 3), dtype=np.int64)
+            return NO_PATH
         return path + low
-
-    @staticmethod
-    def _are_apart(one: IntArray, other: IntArray, wall: FloatArray) -> bool:
-        return bool(np.linalg.norm(one - other) > wall[tuple(one)] + wall[tuple(other)])
 
     @staticmethod
     def _route(mask: BoolArray, wall: FloatArray, seeds: IntArray, end: IntArray) -> IntArray:
@@ -178,8 +170,7 @@ class _Tracer:
 
     def _take(self, path: IntArray) -> None:
         """Take up what hangs together with a path in the balls around it."""
-        low = np.maximum(path.min(axis=0) - self._margin, 0)
-        box = tuple(slice(*one) for one in zip(low, path.max(axis=0) + self._margin + 1, strict=True))
+        low, box = self._box_around(path, self._margin)
         near = np.zeros_like(self._own[box])
         for place in path:
             reach = TAKEN_RADII * float(self._wall[tuple(place)]) + TAKEN_VOXELS
@@ -188,6 +179,13 @@ class _Tracer:
         # Not the lumen behind the wall.
         label, _ = ndimage.label(near & self._own[box], ALL_NEIGHBOURS)
         self._taken[box] |= label == label[tuple(path[0] - low)]
+
+    @staticmethod
+    def _box_around(places: IntArray, margin: int) -> tuple[IntArray, tuple[slice, ...]]:
+        """Return a box's first voxel, and its slices."""
+        low = np.maximum(places.min(axis=0) - margin, 0)
+        high = places.max(axis=0) + margin + 1
+        return low, tuple(slice(*one) for one in zip(low, high, strict=True))
 
     def _pieces(self, piece: IntArray) -> Iterator[IntArray]:
         """Yield the connected pieces that no path has taken up, unless they are tiny."""
@@ -214,16 +212,15 @@ def paint_ball(out: BoolArray, middle: FloatArray | IntArray, reach: float) -> N
 
 def _cut_at_forks(paths: list[IntArray], wall: FloatArray) -> list[CentreLine]:
     """Cut paths where others begin or end on them; nodes are numbers of voxels."""
-    number = [np.ravel_multi_index(tuple(path.T), wall.shape) for path in paths]
-    ends = {int(one[k]) for one in number for k in (0, -1)}
-    nodes = {voxel: k for k, voxel in enumerate(sorted(ends))}
+    number = [np.ravel_multi_index(tuple(path.T), wall.shape).tolist() for path in paths]
+    nodes = {one[k]: 0 for one in number for k in (0, -1)}
+    nodes = {voxel: k for k, voxel in enumerate(nodes)}
     out = []
     for path, voxels in zip(paths, number, strict=True):
-        at = [k for k, voxel in enumerate(voxels.tolist()) if voxel in nodes]
-        for i, j in zip(at[:-1], at[1:], strict=True):
-            run = path[i : j + 1]
-            out.append(CentreLine(nodes[int(voxels[i])], nodes[int(voxels[j])],
-                                  run.astype(np.float64), wall[tuple(run.T)]))  # fmt: skip
+        at = [k for k, voxel in enumerate(voxels) if voxel in nodes]
+        for i, j in pairwise(at):
+            run, ends = path[i : j + 1], (nodes[voxels[i]], nodes[voxels[j]])
+            out.append(CentreLine(ends, run.astype(np.float64), wall[tuple(run.T)]))
     return out
 
 
@@ -231,31 +228,30 @@ def _joined(lines: list[CentreLine]) -> list[CentreLine]:
     """Make one node of those within a joint, and one line of two where just these meet."""
     if not lines:
         return []
-    ends = np.array([(one.a, one.b) for one in lines])
+    ends = np.array([one.ends for one in lines])
     degree = np.bincount(ends.ravel())
     radius = np.zeros(len(degree))
-    for one in lines:
-        np.maximum.at(radius, [one.a, one.b], one.radius[[0, -1]])
-    length = np.array([one.length for one in lines])
-    short = (degree[ends].min(axis=1) > 1) & (length < JOINT_RADII * radius[ends].max(axis=1))
-    size = (len(degree), len(degree))
-    joint = coo_array((np.ones(short.sum()), tuple(ends[short].T)), shape=size)
-    name = connected_components(joint, directed=False)[1]
-    lines = [replace(one, a=int(name[one.a]), b=int(name[one.b])) for one in lines]
+    np.maximum.at(radius, ends, np.array([one.radius[[0, -1]] for one in lines]))
+    length = np.array([arc_lengths(one.line)[-1] for one in lines])
+    # In the ball around a joint; at a free end, only the first path's, which begins at a wall.
+    short = (degree[ends].max(axis=1) > 2) & (length < TAKEN_RADII * radius[ends].max(axis=1))
+    pairs = coo_array((np.ones(short.sum()), tuple(ends[short].T)), shape=(len(degree),) * 2)
+    name = connected_components(pairs, directed=False)[1][ends]
+    round_way = 2 * np.pi * np.array([one.radius.max() for one in lines])
+    kept = ~short & ((name[:, 0] != name[:, 1]) | (length > round_way))
     lines = [
-        one for one in lines if one.a != one.b or one.length > 2 * np.pi * float(one.radius.max())
+        replace(lines[k], ends=(int(name[k, 0]), int(name[k, 1]))) for k in np.flatnonzero(kept)
     ]
     while True:
-        degree = np.bincount([end for one in lines for end in (one.a, one.b)])
+        degree = np.bincount([end for one in lines for end in one.ends])
         for node in np.flatnonzero(degree == 2).tolist():
-            pair = [one for one in lines if node in (one.a, one.b)]
+            pair = [one for one in lines if node in one.ends]
             if len(pair) == 2:
                 break
         else:
             return lines
-        one, two = pair
-        lines = [other for other in lines if other is not one and other is not two]
-        one = one if one.b == node else one.reversed()
-        two = two if two.a == node else two.reversed()
+        lines = [one for one in lines if one not in pair]
+        one = pair[0] if pair[0].ends[1] == node else pair[0].reversed()
+        two = pair[1] if pair[1].ends[0] == node else pair[1].reversed()
         line, wide = np.vstack([one.line, two.line]), np.concatenate([one.radius, two.radius])
-        lines.append(CentreLine(one.a, two.b, line, wide))
+        lines.append(CentreLine((one.ends[0], two.ends[1]), line, wide))

@@ -53,10 +53,10 @@ def hollow_voxels(body: Manifold, pitch: float, *, is_lumen: bool) -> Hollow:
     shape = tuple(np.ceil((box[3:] - low) / pitch + 1.5).astype(int).tolist())
     filled = _filled(body, low, pitch, shape)
     free = filled if is_lumen else ~filled
-    inside = filled if is_lumen else _shut_in(filled)
+    wall = ndimage.distance_transform_edt(free).astype(np.float32)
+    inside = filled if is_lumen else _shut_in(filled, wall)
     label, _ = ndimage.label(free)
     closed = free if is_lumen else inside & (label != label[0, 0, 0])
-    wall = ndimage.distance_transform_edt(free).astype(np.float32)
     return Hollow(inside, wall, closed, low + pitch / 2, pitch)
 
 
@@ -71,7 +71,7 @@ def _filled(body: Manifold, low: FloatArray, pitch: float, shape: tuple[int, ...
     return np.asarray(np.logical_xor.accumulate(turns, axis=2))
 
 
-def _shut_in(filled: BoolArray) -> BoolArray:
+def _shut_in(filled: BoolArray, wall: FloatArray) -> BoolArray:
     """Free voxels in hollows that are shut in all round, out to where they open."""
     count = np.zeros(filled.shape, dtype=np.uint8)
     for way in product((-1, 0, 1), repeat=3):
@@ -81,12 +81,13 @@ def _shut_in(filled: BoolArray) -> BoolArray:
     if not core.any():
         return core
     # Within about a width of its mouth a lumen is shut in less, and by its walls first.
-    wall = np.where(core, ndimage.distance_transform_edt(~filled), 0.0)
+    wall = np.where(core, wall, 0.0)
     size = 2 * int(np.ceil(np.percentile(wall[core], 90))) + 1
     away, nearest = ndimage.distance_transform_edt(~core, return_indices=True)
     reach = MOUTH_RADII * ndimage.maximum_filter(wall, size)[tuple(nearest)]
     near = ~filled & (count >= SHUT_IN_AT_MOUTH) & (away <= reach)
-    return np.asarray(ndimage.binary_propagation(core & near, mask=near))
+    label, _ = ndimage.label(near)
+    return np.asarray(near & np.isin(label, np.unique(label[core & near])))
 
 
 def _behind(filled: BoolArray, way: tuple[int, ...]) -> BoolArray:

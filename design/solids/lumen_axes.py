@@ -13,6 +13,9 @@ from typing import Final
 import numpy as np
 from manifold3d import Manifold
 from scipy import ndimage
+from scipy.ndimage import gaussian_filter1d
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from design.errors import SolidError
@@ -39,14 +42,11 @@ EVEN: Final = 0.015
 """Sections that differ by less of their radius from the next ones lie in no joint or bend."""
 WIDER: Final = 1.3
 """A section so many times as wide as the median of its vessel belongs to a joint."""
-STEEPEST: Final = 0.6
+STEEPEST: Final = 0.4
 """Where a radius changes by more of the way it isn't sure where it does."""
-MAX_MOVE_RADII: Final = 3.0
-"""Farther from where its lumens part a joint isn't laid; its vessels hardly are straight there."""
-FAR_MOVE_RADII: Final = 8.0
-MEET: Final = 0.15
-"""So far, in its radius, a joint may move where all lines pass it within this share of it."""
-ROUNDS: Final = 3
+MAX_MOVE_RADII: Final = 8.0
+"""Farther from where its lumens part a joint isn't laid: its vessels aren't straight there."""
+ROUNDS: Final = 4
 """Of sections across the line through the middles of the last ones."""
 STRAIGHT_MM: Final = 0.003
 ASIDE: Final = 0.3
@@ -78,11 +78,6 @@ class FoundLumens:
     stretches: tuple[tuple[tuple[float, float], ...], ...]
 
 
-def lumen_network(solid: Solid, *, is_lumen: bool = False) -> VesselNetwork:
-    """Return the lumens of a part as a network of channels, as `found_lumens` finds them."""
-    return found_lumens(solid, is_lumen=is_lumen).network
-
-
 def found_lumens(solid: Solid, *, is_lumen: bool = False) -> FoundLumens:
     """Find the lumens of a part, and what is unsure of them.
 
@@ -101,7 +96,7 @@ def found_lumens(solid: Solid, *, is_lumen: bool = False) -> FoundLumens:
     for most in MAX_VOXELS:
         pitch = max(FINEST_MM, float((np.prod(extent) / most) ** (1 / 3)))
         hollow = hollow_voxels(body, pitch, is_lumen=is_lumen)
-        lines, doubtful = centre_lines(hollow)
+        lines = centre_lines(hollow)
         thin = min((float(np.median(line.radius)) for line in lines), default=0.0)
         if thin >= MIN_RADIUS_VOXELS * pitch or pitch == FINEST_MM:
             break
@@ -110,8 +105,8 @@ def found_lumens(solid: Solid, *, is_lumen: bool = False) -> FoundLumens:
             "no lumen was found in the model: no hollow that it shuts in is longer than wide; give "
             "the network of its vessels, or the STL of the whole part with its channels cut out"
         )
-    axes = _measured(lines, _Rays(body, -1 if is_lumen else 1))
-    return _checked(_network(axes), [axis.is_sure for axis in axes], doubtful, hollow)
+    lines = _measured(lines, pitch, _Rays(body, -1 if is_lumen else 1))
+    return _checked(_network(lines), [line.is_sure for line in lines], hollow)
 
 
 def unfollowed_ways(solid: Solid, network: VesselNetwork) -> int:
@@ -171,59 +166,40 @@ def _across(way: FloatArray) -> tuple[FloatArray, FloatArray]:
     return u, np.cross(way, u)
 
 
-@dataclass(frozen=True, eq=False)
-class _Axis:
-    """Centres (n, 3), mm, and radii (n,), mm, of a vessel's sections; the nodes at its ends."""
-
-    nodes: tuple[int, int]
-    centre: FloatArray
-    radius: FloatArray
-    is_sure: bool = True
-
-
-def _measured(lines: list[CentreLine], rays: _Rays) -> list[_Axis]:
+def _measured(lines: list[CentreLine], pitch: float, rays: _Rays) -> list[CentreLine]:
     """Lay vessels along the middles of their sections, from joint to joint or to their ends."""
-    degree = np.bincount([end for line in lines for end in (line.a, line.b)])
-    near: list[list[FloatArray]] = [[] for _ in degree]
-    wide = np.zeros(len(degree))
-    for line in lines:
-        for node, end in ((line.a, 0), (line.b, -1)):
-            near[node].append(line.line[end])
-            wide[node] = max(wide[node], line.radius[end])
-    first = np.array([np.mean(one or [np.zeros(3)], axis=0) for one in near])
+    ends = np.array([line.ends for line in lines])
+    degree = np.bincount(ends.ravel())
+    first, wide = np.zeros((len(degree), 3)), np.zeros(len(degree))
+    np.add.at(first, ends, np.array([line.line[[0, -1]] for line in lines]))
+    np.maximum.at(wide, ends, np.array([line.radius[[0, -1]] for line in lines]))
+    first /= np.maximum(degree, 1)[:, None]
     nodes, wide = first.copy(), np.where(degree > 1, wide, 0.0)
-    axes = [
-        _Axis((line.a, line.b), ndimage.gaussian_filter1d(line.line, 3.0, axis=0, mode="nearest"),
-              line.radius) for line in lines
-    ]  # fmt: skip
+    lines = [
+        replace(one, line=gaussian_filter1d(one.line, np.median(one.radius) / pitch, axis=0))
+        for one in lines
+    ]
     for _ in range(ROUNDS):
-        axes = [_sections(_whole(axis, nodes, degree), wide, rays) for axis in axes]
+        lines = [_sections(_whole(line, nodes, degree), wide, rays) for line in lines]
         for node in np.flatnonzero(degree > 1):
-            ways = list(_ways_into(int(node), axes))
-            place = _meeting(nodes[node], ways)
-            # Lines that do meet tell where, however long the joint of an acute fork is.
-            most = FAR_MOVE_RADII if _apart(place, ways) < MEET * wide[node] else MAX_MOVE_RADII
+            place = _meeting(nodes[node], list(_ways_into(int(node), lines)))
             moved = np.linalg.norm(place - first[node])
-            nodes[node] = place if moved <= most * wide[node] else first[node]
-    return [_whole(axis, nodes, degree) for axis in axes]
+            nodes[node] = place if moved <= MAX_MOVE_RADII * wide[node] else first[node]
+    return [_whole(line, nodes, degree) for line in lines]
 
 
-def _whole(axis: _Axis, nodes: FloatArray, degree: IntArray) -> _Axis:
+def _whole(axis: CentreLine, nodes: FloatArray, degree: IntArray) -> CentreLine:
     """Return an axis that begins and ends at its joints."""
-    centre, radius = axis.centre, axis.radius
-    a, b = axis.nodes
-    if degree[a] > 1:
-        centre, radius = np.vstack([nodes[a], centre]), np.append(radius[0], radius)
-    if degree[b] > 1:
-        centre, radius = np.vstack([centre, nodes[b]]), np.append(radius, radius[-1])
-    return replace(axis, centre=centre, radius=radius)
+    a, b = (nodes[[k]] if degree[k] > 1 else nodes[:0] for k in axis.ends)
+    radius = np.pad(axis.radius, (len(a), len(b)), mode="edge")
+    return replace(axis, line=np.vstack([a, axis.line, b]), radius=radius)
 
 
-def _sections(axis: _Axis, wide: FloatArray, rays: _Rays) -> _Axis:
+def _sections(axis: CentreLine, wide: FloatArray, rays: _Rays) -> CentreLine:
     """Cut a vessel across its line outside of its joints, whose radii are `wide`, 0 at ends."""
-    radius, line = float(np.median(axis.radius)), axis.centre
+    radius, line = float(np.median(axis.radius)), axis.line
     arc = arc_lengths(line)
-    joint = wide[list(axis.nodes)]
+    joint = wide[list(axis.ends)]
     cut = 1.2 * joint
     if arc[-1] - cut.sum() < radius / 2:
         cut = 0.8 * arc[-1] * joint / (joint.sum() or 1.0)
@@ -237,7 +213,7 @@ def _sections(axis: _Axis, wide: FloatArray, rays: _Rays) -> _Axis:
     found = [rays.section(*one, reach) for one in zip(place, way, strict=True)]
     at = at[[one is not None for one in found]]
     if len(at) < 3:
-        return replace(axis, centre=line[[0, -1]], radius=np.full(2, radius), is_sure=False)
+        return replace(axis, line=line[[0, -1]], radius=np.full(2, radius), is_sure=False)
     cuts = np.array([one for one in found if one is not None])
     own, is_sure = _own(cuts[:, 3], cuts[:, 4])
     # A bend's sections are too wide, their middles good.
@@ -248,7 +224,7 @@ def _sections(axis: _Axis, wide: FloatArray, rays: _Rays) -> _Axis:
         centre, radius_at = _to_its_end(centre, radius_at, rays)
     if joint[0] == 0:
         centre, radius_at = (one[::-1] for one in _to_its_end(centre[::-1], radius_at[::-1], rays))
-    return replace(axis, centre=centre, radius=radius_at, is_sure=is_sure)
+    return replace(axis, line=centre, radius=radius_at, is_sure=axis.is_sure and is_sure)
 
 
 def _own(radius: FloatArray, shape: FloatArray) -> tuple[IntArray, bool]:
@@ -264,7 +240,9 @@ def _own(radius: FloatArray, shape: FloatArray) -> tuple[IntArray, bool]:
     return (own, is_sure) if len(own) > 2 else (np.arange(len(radius)), False)
 
 
-def _to_its_end(centre: FloatArray, radius: FloatArray, rays: _Rays) -> tuple[FloatArray, FloatArray]:
+def _to_its_end(
+    centre: FloatArray, radius: FloatArray, rays: _Rays
+) -> tuple[FloatArray, FloatArray]:
     """Go straight on to the face that a lumen opens through, or to the wall of its blind end."""
     wide = float(radius[-1])
     way = centre[-1] - centre[max(-5, -len(centre))]
@@ -278,20 +256,14 @@ def _to_its_end(centre: FloatArray, radius: FloatArray, rays: _Rays) -> tuple[Fl
     return np.vstack([centre, centre[-1] + onward * way]), np.append(radius, end)
 
 
-def _ways_into(node: int, axes: list[_Axis]) -> Iterator[tuple[FloatArray, FloatArray]]:
+def _ways_into(node: int, axes: list[CentreLine]) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Places and directions of the axes that lead to a node."""
     for axis in axes:
-        for end, line in zip(axis.nodes, (axis.centre, axis.centre[::-1]), strict=True):
+        for end, line in zip(axis.ends, (axis.line, axis.line[::-1]), strict=True):
             if end == node:
                 way = line[0] - line[min(3, len(line) - 1)]
                 if (size := float(np.linalg.norm(way))) > 0:
                     yield line[0], way / size
-
-
-def _apart(place: FloatArray, ways: list[tuple[FloatArray, FloatArray]]) -> float:
-    """Return how far the farthest of the lines passes by a place."""
-    off = (np.cross(way, place - start) for start, way in ways)
-    return max((float(np.linalg.norm(one)) for one in off), default=np.inf)
 
 
 def _meeting(near: FloatArray, ways: list[tuple[FloatArray, FloatArray]]) -> FloatArray:
@@ -304,35 +276,27 @@ def _meeting(near: FloatArray, ways: list[tuple[FloatArray, FloatArray]]) -> Flo
     return np.asarray(np.linalg.solve(left, right))
 
 
-def _network(axes: list[_Axis]) -> VesselNetwork:
-    lines, radii = [], []
-    for axis in axes:
-        whole = np.column_stack([axis.centre, axis.radius])
-        kept = whole[straighten_line(whole, STRAIGHT_MM)[0]]
-        lines.append(kept[:, :3])
-        radii.append(kept[:, 3])
-    used, number = np.unique([axis.nodes for axis in axes], return_inverse=True)
+def _network(axes: list[CentreLine]) -> VesselNetwork:
+    rows = [np.column_stack([axis.line, axis.radius]) for axis in axes]
+    rows = [one[straighten_line(one, STRAIGHT_MM)[0]] for one in rows]
+    used, number = np.unique([axis.ends for axis in axes], return_inverse=True)
     ends = number.reshape(-1, 2).astype(np.int64)
     nodes = np.zeros((len(used), 3))
-    for line, (a, b) in zip(lines, ends, strict=True):
-        nodes[a], nodes[b] = line[0], line[-1]
-    tree = np.arange(len(nodes))
-    for _ in nodes:
-        np.minimum.at(tree, ends.ravel(), tree[ends[:, ::-1]].ravel())
+    nodes[ends] = [one[[0, -1], :3] for one in rows]
+    links = coo_array((np.ones(len(ends)), tuple(ends.T)), shape=(len(used),) * 2)
+    every = np.vstack(rows)
     return VesselNetwork(
         nodes,
         ends,
         np.full(len(axes), int(VesselKind.CHANNEL)),
-        np.unique(tree[ends[:, 0]], return_inverse=True)[1].astype(np.int64),
-        np.cumsum([0, *(len(line) for line in lines)]),
-        np.vstack(lines),
-        np.concatenate(radii),
+        connected_components(links, directed=False)[1][ends[:, 0]].astype(np.int64),
+        np.cumsum([0, *(len(one) for one in rows)]),
+        every[:, :3],
+        every[:, 3],
     )
 
 
-def _checked(
-    network: VesselNetwork, is_sure: list[bool], doubtful: BoolArray, hollow: Hollow
-) -> FoundLumens:
+def _checked(network: VesselNetwork, is_sure: list[bool], hollow: Hollow) -> FoundLumens:
     """Compare the vessels' tubes with the lumens' voxels: each is to lie in one."""
     pitch, degree = hollow.pitch, network.degree()
     covered = np.zeros_like(hollow.inside)
@@ -351,7 +315,7 @@ def _checked(
         core = np.minimum((1 - ASIDE) * wide, ahead) - 2 * pitch
         wall = pitch * ndimage.map_coordinates(hollow.wall, voxel.T, order=1, mode="nearest")
         bad = (np.abs(np.gradient(wide, at)) > STEEPEST) | (wall < core)
-        bad |= doubtful[vessel] or not is_sure[vessel]
+        bad |= not is_sure[vessel]
         bad |= not any(blind) and length < 2 * wide.max()
         places.append(place)
         wides.append(wide)
