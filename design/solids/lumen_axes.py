@@ -33,6 +33,7 @@ MAX_VOXELS: Final = (4_000_000, 40_000_000)
 """Of the box around the solid, first and where lumens are too thin for that."""
 FINEST_MM: Final = 0.02
 MIN_RADIUS_VOXELS: Final = 3.0
+MIN_PART_MM: Final = 1.0
 RAYS: Final = 40
 """Across a section."""
 REACH_RADII: Final = 6.0
@@ -100,6 +101,13 @@ def found_lumens(solid: Solid, *, is_lumen: bool = False) -> FoundLumens:
         thin = min((float(np.median(line.radius)) for line in lines), default=0.0)
         if thin >= MIN_RADIUS_VOXELS * pitch or pitch == FINEST_MM:
             break
+    if not lines and extent.max() < MIN_PART_MM:
+        size = " × ".join(f"{one:.3g}" for one in extent)
+        raise SolidError(
+            f"no lumen was found in the model: it is only {size} mm in all, and lumens are looked "
+            f"for from {2 * FINEST_MM:g} mm on; if it was exported in metres or inches, give its "
+            "unit"
+        )
     if not lines:
         raise SolidError(
             "no lumen was found in the model: no hollow that it shuts in is longer than wide; give "
