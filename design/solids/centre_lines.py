@@ -92,6 +92,11 @@ def _lengths(mask: BoolArray, seeds: IntArray) -> FloatArray:
     return np.where(np.isfinite(out) & mask, out, -1.0)
 
 
+def _tip(away: FloatArray, wall: FloatArray, inside: BoolArray) -> IntArray:
+    """Return the voxel of an end: the middle of a mouth, not its rim."""
+    return np.array(np.unravel_index((inside * (away + wall)).argmax(), away.shape))
+
+
 class _Tracer:
     """Paths through one connected hollow, as voxels (n, 3) each."""
 
@@ -107,7 +112,7 @@ class _Tracer:
         for _ in range(3):  # the farthest place from any is at an end
             start = tip
             away = _lengths(self._own, start[None])
-            tip = np.array(np.unravel_index(away.argmax(), away.shape))
+            tip = _tip(away, self._wall, self._own)
         if away.max() < least * self._wall[self._own].max():
             return []
         paths = [self._route(self._own, self._wall, start[None], tip)]
@@ -143,7 +148,7 @@ class _Tracer:
             # No branch is as short as the place where it begins; what is farther off may be one.
             taken |= inside & (away < near + max(1.0, broad / 8))
             return NO_PATH
-        path = self._route(inside | taken, wall, seeds, np.argwhere(inside & (away == far))[0])
+        path = self._route(inside | taken, wall, seeds, _tip(away, wall, inside))
         ends = [np.argwhere(patch == k) for k in range(1, count + 1)]
         ends = [one[away[tuple(one.T)].argmin()] for one in ends]
         legs = [self._route(taken, wall, seeds, end) for end in ends]
@@ -154,7 +159,8 @@ class _Tracer:
                 path = np.concatenate([legs[0], through[1:-1], leg[::-1]])
                 break
         own = inside[tuple(path.T)]
-        if own.sum() < MIN_LENGTH_RADII * np.median(wall[tuple(path[own].T)]):
+        least = MIN_LENGTH_RADII * np.median(wall[tuple(path[own].T)])
+        if own.sum() < max(least, wall[tuple(path[0])] / 2):
             taken |= inside
             return NO_PATH
         return path + low

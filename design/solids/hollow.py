@@ -49,8 +49,8 @@ class Hollow:
 def hollow_voxels(body: Manifold, pitch: float, *, is_lumen: bool) -> Hollow:
     """Return the hollow of a solid; with `is_lumen`, the solid itself is the hollow."""
     box = np.array(body.bounding_box())
-    low = box[:3] - 1.5 * pitch
-    shape = tuple(np.ceil((box[3:] - low) / pitch + 1.5).astype(int).tolist())
+    low = box[:3] - 2.0 * pitch  # no middle of a voxel on a face
+    shape = tuple(np.ceil((box[3:] - low) / pitch + 1.6).astype(int).tolist())
     filled = _filled(body, low, pitch, shape)
     free = filled if is_lumen else ~filled
     wall = ndimage.distance_transform_edt(free).astype(np.float32)
