@@ -85,12 +85,29 @@ def merge_shared(path: Path, network: VesselNetwork, *, by_place: bool = False) 
     return NetworkWithNotes(merged, (_note(network, merged, merge.shared, turned),))
 
 
-def _beside(network: VesselNetwork) -> IntArray:
-    """Pairs of vessels (k, 2) that may run along each other for a radius or more."""
+def side_by_side(network: VesselNetwork) -> tuple[str, ...]:
+    """Return a note on vessels that run within a radius of each other and don't meet."""
+    pairs = _beside(network, 1.0, 2.0)
+    nodes = network.vessel_nodes[pairs]
+    pairs = pairs[~(nodes[:, 0, :, None] == nodes[:, 1, None, :]).any(axis=(1, 2))]
+    if not len(pairs):
+        return ()
+    one, two = pairs[0].tolist()
+    line = network.polyline(one)[0]
+    x, y, z = line[len(line) // 2]
+    return (
+        f"{len(pairs)} pairs of vessels run within a radius of each other and are kept as two, as "
+        f"vessels {one} and {two} near ({x:.4g}, {y:.4g}, {z:.4g}) mm: their lumens overlap. If "
+        "they are one vessel, give one line for it.",
+    )
+
+
+def _beside(network: VesselNetwork, apart: float = SAME_AXIS, least: float = 1.0) -> IntArray:
+    """Pairs of vessels (k, 2) that may run within `apart` radii of each other for `least` radii."""
     start, end, r0, r1, vessel = network.pieces()
     length = np.linalg.norm(end - start, axis=1)
     no_nodes = np.arange(2 * len(start)).reshape(-1, 2)
-    reach = SAME_AXIS / 2 * np.maximum(r0, r1)
+    reach = apart / 2 * np.maximum(r0, r1)
     pairs, _, _ = close_pairs(start, end, reach, no_nodes, 0.0, 0.0)
     of = vessel[pairs]
     kept = (of[:, 0] != of[:, 1]) & (network.kind[of[:, 0]] == network.kind[of[:, 1]])
@@ -99,7 +116,7 @@ def _beside(network: VesselNetwork) -> IntArray:
     of, which = np.unique(vessel[pairs], axis=0, return_inverse=True)
     total = np.bincount(which.reshape(-1), along, minlength=len(of))
     # A vessel that lies along another between two nodes may be shorter than a radius.
-    enough = np.minimum(network.mean_radius(), network.lengths() / 2)
+    enough = least * np.minimum(network.mean_radius(), network.lengths() / 2)
     return of[(total > 0.0) & (total >= enough[of].min(axis=1))]
 
 
