@@ -43,7 +43,7 @@ EVEN: Final = 0.015
 """Sections that differ by less of their radius from the next ones lie in no joint or bend."""
 WIDER: Final = 1.3
 """A section so many times as wide as the median of its vessel belongs to a joint."""
-STEEPEST: Final = 0.4
+STEEPEST: Final = 0.3
 """Where a radius changes by more of the way it isn't sure where it does."""
 MAX_MOVE_RADII: Final = 8.0
 """Farther from where its lumens part a joint isn't laid: its vessels aren't straight there."""
