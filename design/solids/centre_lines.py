@@ -64,7 +64,7 @@ def centre_lines(hollow: Hollow) -> list[CentreLine]:
         own = label[box] == number
         least = MIN_BUBBLE_RADII if hollow.is_closed[box][own].all() else MIN_LENGTH_RADII
         own, wall = np.pad(own, 1), np.pad(hollow.wall[box], 1)
-        traced = _joined(_cut_at_forks(_Tracer(own, wall).paths(least), wall))
+        traced = joined(_cut_at_forks(_Tracer(own, wall).paths(least), wall))
         nodes = {node for one in traced for node in one.ends}
         is_sure = len(traced) - len(nodes) + 1 == _loops(own)
         corner = hollow.origin + hollow.pitch * np.array([one.start - 1 for one in box])
@@ -230,7 +230,7 @@ def _cut_at_forks(paths: list[IntArray], wall: FloatArray) -> list[CentreLine]:
     return out
 
 
-def _joined(lines: list[CentreLine]) -> list[CentreLine]:
+def joined(lines: list[CentreLine]) -> list[CentreLine]:
     """Make one node of those within a joint, and one line of two where just these meet."""
     if not lines:
         return []
@@ -260,4 +260,6 @@ def _joined(lines: list[CentreLine]) -> list[CentreLine]:
         one = pair[0] if pair[0].ends[1] == node else pair[0].reversed()
         two = pair[1] if pair[1].ends[0] == node else pair[1].reversed()
         line, wide = np.vstack([one.line, two.line]), np.concatenate([one.radius, two.radius])
-        lines.append(CentreLine((one.ends[0], two.ends[1]), line, wide))
+        lines.append(
+            CentreLine((one.ends[0], two.ends[1]), line, wide, one.is_sure and two.is_sure)
+        )

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from design.errors import SolidError
 from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselKind, VesselNetwork
-from design.solids.centre_lines import CentreLine, centre_lines, paint_ball
+from design.solids.centre_lines import CentreLine, centre_lines, joined, paint_ball
 from design.solids.genus import construct_genus
 from design.solids.hollow import ALL_NEIGHBOURS, Hollow, hollow_voxels
 from design.solids.manifolds import solid_manifold
@@ -99,7 +99,8 @@ def found_lumens(solid: Solid, *, is_lumen: bool = False) -> FoundLumens:
         hollow = hollow_voxels(body, pitch, is_lumen=is_lumen)
         lines = centre_lines(hollow)
         thin = min((float(np.median(line.radius)) for line in lines), default=0.0)
-        if thin >= MIN_RADIUS_VOXELS * pitch or pitch == FINEST_MM:
+        is_fine = thin >= MIN_RADIUS_VOXELS * pitch and all(line.is_sure for line in lines)
+        if is_fine or pitch == FINEST_MM:
             break
     if not lines and extent.max() < MIN_PART_MM:
         size = " × ".join(f"{one:.3g}" for one in extent)
@@ -113,7 +114,10 @@ def found_lumens(solid: Solid, *, is_lumen: bool = False) -> FoundLumens:
             "no lumen was found in the model: no hollow that it shuts in is longer than wide; give "
             "the network of its vessels, or the STL of the whole part with its channels cut out"
         )
-    lines = _measured(lines, pitch, _Rays(body, -1 if is_lumen else 1))
+    rays = _Rays(body, -1 if is_lumen else 1)
+    lines = _measured(lines, pitch, rays)
+    if len(one_joint := joined(lines)) < len(lines):
+        lines = _measured(one_joint, pitch, rays)
     return _checked(_network(lines), [line.is_sure for line in lines], hollow)
 
 
@@ -182,7 +186,8 @@ def _measured(lines: list[CentreLine], pitch: float, rays: _Rays) -> list[Centre
     np.add.at(first, ends, np.array([line.line[[0, -1]] for line in lines]))
     np.maximum.at(wide, ends, np.array([line.radius[[0, -1]] for line in lines]))
     first /= np.maximum(degree, 1)[:, None]
-    nodes, wide = first.copy(), np.where(degree > 1, wide, 0.0)
+    # A ring's own node is no joint.
+    nodes, wide = first.copy(), np.where(degree > 2, wide, 1e-9 * (degree == 2))
     lines = [
         replace(one, line=gaussian_filter1d(one.line, np.median(one.radius) / pitch, axis=0))
         for one in lines
@@ -190,7 +195,11 @@ def _measured(lines: list[CentreLine], pitch: float, rays: _Rays) -> list[Centre
     for _ in range(ROUNDS):
         lines = [_sections(_whole(line, nodes, degree), wide, rays) for line in lines]
         for node in np.flatnonzero(degree > 1):
-            place = _meeting(nodes[node], list(_ways_into(int(node), lines)))
+            ways = list(_ways_into(int(node), lines))
+            if degree[node] == 2:
+                nodes[node] = first[node] = np.mean([start for start, _ in ways], axis=0)
+                continue
+            place = _meeting(nodes[node], ways)
             moved = np.linalg.norm(place - first[node])
             nodes[node] = place if moved <= MAX_MOVE_RADII * wide[node] else first[node]
     return [_whole(line, nodes, degree) for line in lines]
@@ -322,7 +331,7 @@ def _checked(network: VesselNetwork, is_sure: list[bool], hollow: Hollow) -> Fou
         ahead = np.minimum(at if blind[0] else np.inf, length - at if blind[1] else np.inf)
         core = np.minimum((1 - ASIDE) * wide, ahead) - 2 * pitch
         wall = pitch * ndimage.map_coordinates(hollow.wall, voxel.T, order=1, mode="nearest")
-        bad = (np.abs(np.gradient(wide, at)) > STEEPEST) | (wall < core)
+        bad = (np.abs(np.gradient(wide, at)) > STEEPEST) | (wall < core) | (wide < 1.5 * pitch)
         bad |= not is_sure[vessel]
         bad |= not any(blind) and length < 2 * wide.max()
         places.append(place)
