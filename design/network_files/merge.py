@@ -31,6 +31,8 @@ _PARALLEL: Final = 0.7
 _IN_LUMEN: Final = 1.25
 """Between two stretches of one lumen, an axis nearer than so many radii hasn't left it: chords of
 coarse lines cut corners. Two vessels that touch are two radii apart."""
+_CHORD: Final = 3.0
+"""As `_IN_LUMEN`, between given points, where a coarse line cuts corners most."""
 _JOINT_REACH: Final = 6.0
 """Radii to a joint of two vessels, within which a line that goes over from one to the other makes
 no way of its own."""
@@ -291,7 +293,9 @@ class _Merge:
         """
         feet = along.feet
         reach = feet.radius[rows]
-        if not short and (feet.gap[rows] > _IN_LUMEN * reach).any():
+        given = along.own.at[rows] == np.round(along.own.at[rows])
+        limit = np.where(given, _IN_LUMEN, _CHORD) * reach
+        if not short and (feet.gap[rows] > limit).any():
             return False
         if (feet.to_end[rows] > reach)[[0, -1]][free].any():
             return False
