@@ -167,3 +167,10 @@ def test_vessels_within_a_radius_of_each_other_are_told(apart: float, told: bool
     assert found.vessel_count == 2
     assert bool(side_by_side(found)) == told
     assert not side_by_side(WANTED)
+
+
+def test_a_coarse_line_that_cuts_a_bend_is_the_same_vessel() -> None:
+    bend, end = (0.0, 0.0, 12.0), (12.0, 0.0, 19.0)
+    fine = line(ROOT, bend, end, points=60)
+    coarse = line(ROOT, (0.0, 0.0, 8.0), (3.45, 0.0, 14.01), end)
+    assert merged(fine, coarse).vessel_count == 1
