@@ -278,7 +278,7 @@ def _ways_into(node: int, axes: list[CentreLine]) -> Iterator[tuple[FloatArray, 
     for axis in axes:
         for end, line in zip(axis.ends, (axis.line, axis.line[::-1]), strict=True):
             if end == node:
-                way = line[0] - line[min(3, len(line) - 1)]
+                way = line[0] - line[1]
                 if (size := float(np.linalg.norm(way))) > 0:
                     yield line[0], way / size
 
