@@ -10,6 +10,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from importlib import import_module
+from threading import Thread
 from types import TracebackType
 from typing import Any
 
@@ -28,7 +29,7 @@ class SecondProcess:
     """
 
     def __init__(self, module: str | None = None) -> None:
-        self._pool = ProcessPoolExecutor(1, _context(), initializer=_leave_interrupts)
+        self._pool = ProcessPoolExecutor(1, _context(), initializer=_set_up)
         if module is not None:
             with suppress(BrokenProcessPool, OSError):
                 self._pool.submit(_load, module)
@@ -80,9 +81,18 @@ def _is_alone() -> bool:
         return False
 
 
-def _leave_interrupts() -> None:
-    """Ctrl-C reaches both processes; the first one says what it means."""
+def _set_up() -> None:
+    """Leave Ctrl-C to the first process, which says what it means, and end where that ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with_first, daemon=True).start()
+
+
+def _end_with_first() -> None:
+    """Leave no process behind that holds the output open, however the first one ends."""
+    first = multiprocessing.parent_process()
+    if first is not None:
+        first.join()
+        os._exit(1)
 
 
 def _load(module: str) -> None:

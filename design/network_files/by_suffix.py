@@ -12,7 +12,7 @@ from design.errors import NetworkError
 from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv, write_network_csv
 from design.network_files.json_format import read_network_json, write_network_json
-from design.network_files.merge import NetworkWithNotes, merge_shared
+from design.network_files.merge import NetworkWithNotes, merge_shared, side_by_side
 from design.network_files.npz import read_network_npz, write_network_npz
 from design.network_files.points_csv import has_points, read_points_csv
 from design.network_files.swc import read_network_swc, read_swc_header, write_network_swc
@@ -91,7 +91,8 @@ def read_with_notes(
         )
     network, notes = _read(path, unit, ends)
     merged = merge_shared(path, network, by_place=suffix == ".vtp")
-    return NetworkWithNotes(merged.network, (*notes, *merged.notes))
+    beside = side_by_side(merged.network)
+    return NetworkWithNotes(merged.network, (*notes, *merged.notes, *beside))
 
 
 def _read(path: Path, unit: LengthUnit | None, ends: Path | None) -> NetworkWithNotes:

@@ -31,6 +31,8 @@ _PARALLEL: Final = 0.7
 _IN_LUMEN: Final = 1.25
 """Between two stretches of one lumen, an axis nearer than so many radii hasn't left it: chords of
 coarse lines cut corners. Two vessels that touch are two radii apart."""
+_CHORD: Final = 3.0
+"""As `_IN_LUMEN`, between given points, where a coarse line cuts corners most."""
 _JOINT_REACH: Final = 6.0
 """Radii to a joint of two vessels, within which a line that goes over from one to the other makes
 no way of its own."""
@@ -85,12 +87,29 @@ def merge_shared(path: Path, network: VesselNetwork, *, by_place: bool = False) 
     return NetworkWithNotes(merged, (_note(network, merged, merge.shared, turned),))
 
 
-def _beside(network: VesselNetwork) -> IntArray:
-    """Pairs of vessels (k, 2) that may run along each other for a radius or more."""
+def side_by_side(network: VesselNetwork) -> tuple[str, ...]:
+    """Return a note on vessels that run within a radius of each other and don't meet."""
+    pairs = _beside(network, 1.0, 2.0)
+    nodes = network.vessel_nodes[pairs]
+    pairs = pairs[~(nodes[:, 0, :, None] == nodes[:, 1, None, :]).any(axis=(1, 2))]
+    if not len(pairs):
+        return ()
+    one, two = pairs[0].tolist()
+    line = network.polyline(one)[0]
+    x, y, z = line[len(line) // 2]
+    return (
+        f"{len(pairs)} pairs of vessels run within a radius of each other and are kept as two, as "
+        f"vessels {one} and {two} near ({x:.4g}, {y:.4g}, {z:.4g}) mm: their lumens overlap. If "
+        "they are one vessel, give one line for it.",
+    )
+
+
+def _beside(network: VesselNetwork, apart: float = SAME_AXIS, least: float = 1.0) -> IntArray:
+    """Pairs of vessels (k, 2) that may run within `apart` radii of each other for `least` radii."""
     start, end, r0, r1, vessel = network.pieces()
     length = np.linalg.norm(end - start, axis=1)
     no_nodes = np.arange(2 * len(start)).reshape(-1, 2)
-    reach = SAME_AXIS / 2 * np.maximum(r0, r1)
+    reach = apart / 2 * np.maximum(r0, r1)
     pairs, _, _ = close_pairs(start, end, reach, no_nodes, 0.0, 0.0)
     of = vessel[pairs]
     kept = (of[:, 0] != of[:, 1]) & (network.kind[of[:, 0]] == network.kind[of[:, 1]])
@@ -99,7 +118,7 @@ def _beside(network: VesselNetwork) -> IntArray:
     of, which = np.unique(vessel[pairs], axis=0, return_inverse=True)
     total = np.bincount(which.reshape(-1), along, minlength=len(of))
     # A vessel that lies along another between two nodes may be shorter than a radius.
-    enough = np.minimum(network.mean_radius(), network.lengths() / 2)
+    enough = least * np.minimum(network.mean_radius(), network.lengths() / 2)
     return of[(total > 0.0) & (total >= enough[of].min(axis=1))]
 
 
@@ -274,7 +293,9 @@ class _Merge:
         """
         feet = along.feet
         reach = feet.radius[rows]
-        if not short and (feet.gap[rows] > _IN_LUMEN * reach).any():
+        given = along.own.at[rows] == np.round(along.own.at[rows])
+        limit = np.where(given, _IN_LUMEN, _CHORD) * reach
+        if not short and (feet.gap[rows] > limit).any():
             return False
         if (feet.to_end[rows] > reach)[[0, -1]][free].any():
             return False

@@ -71,7 +71,10 @@ def three_numbers(text: str, option: str) -> tuple[float, float, float]:
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError as exc:
-        raise UsageError(f"{option} {text!r} isn't X,Y,Z in mm; write it like 100,100,10") from exc
+        unit = "µm" if option.endswith("-um") else "mm"
+        raise UsageError(
+            f"{option} {text!r} isn't X,Y,Z in {unit}; write it like 100,100,10"
+        ) from exc
     if not all(map(math.isfinite, (x, y, z))):
         raise UsageError(f"{option} {text!r} has a number that isn't finite")
     return x, y, z

@@ -20,10 +20,10 @@ CLOSE_MM: Final = 0.25
 designed gel."""
 GEL_REACH_MM: Final = 1.0
 """How far around lumens scanned without their construct gel is known to be designed."""
-MAX_FOREIGN: Final = 0.25
+MAX_FOREIGN: Final = 0.12
 MIN_OPEN: Final = 0.5
 """Of 14 scans of right parts (up to 4 of 7 vessels missing, half in view, hard light, swollen,
-narrowed, leaks with debris) foreign was at most 0.06, and of 22 scans of other parts at least 0.38;
+narrowed, leaks with debris) foreign was at most 0.07, and of 23 scans of other parts at least 0.18;
 of those the designed lumens were open to at most 0.39."""
 
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
+import sys
 
 import pytest
 
@@ -35,3 +38,21 @@ def test_what_a_process_that_ends_leaves_undone_is_done_here():
         ended = second.call(__name__, "end_elsewhere", os.getpid())
         assert ended.result() == "made here"
         assert second.call(__name__, "where").result() == os.getpid()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no signals")
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
+def test_it_ends_with_the_first_and_lets_go_of_the_output(how: signal.Signals) -> None:
+    code = (
+        "import os\n"
+        "from printctl.second_process import SecondProcess\n"
+        "with SecondProcess() as second:\n"
+        "    print(second.call('os', 'getpid').result(), flush=True)\n"
+        "    second.call('time', 'sleep', 600).result()\n"
+    )
+    first = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
+    assert first.stdout is not None
+    assert int(first.stdout.readline()) != first.pid
+    first.send_signal(how)
+    first.communicate(timeout=60)  # until no process holds the pipe
+    assert first.returncode == -how

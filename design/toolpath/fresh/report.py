@@ -71,38 +71,39 @@ class FreshReport:
     @property
     def narrow_notes(self) -> tuple[str, ...]:
         """What lines can't make of the part, in words."""
-        notes = []
-        for places, what, end in (
+        kinds = (
             (self.thin_walls, "walls", "no line is written in them"),
             (self.narrow_gaps, "gaps", "the lines beside them may close them"),
-        ):
-            if places is not None:
-                x, y, z = places.at_mm
-                notes.append(
-                    f"{what} about {places.width_mm:.3g} mm wide, as at x {x:.4g}, y {y:.4g}, z "
-                    f"{z:.4g} mm of the part, in {places.layers:.0%} of the layers: {end}; the "
-                    f"least that these lines make is {places.least_mm:.3g} mm: make them wider, "
-                    "or write narrower lines"
-                )
-        for places, what, end in (
-            (self.low_walls, "walls", "a whole layer is written in them, or none"),
-            (self.low_gaps, "gaps", "layers close them, or leave a whole layer or two open"),
-        ):
-            if places is not None:
-                x, y, z = places.at_mm
-                notes.append(
-                    f"level {what} about {places.width_mm:.3g} mm high, as at x {x:.4g}, y {y:.4g},"
-                    f" z {z:.4g} mm of the part, over {places.area_mm2:.3g} mm² in all: {end}; the "
-                    f"least that these layers make is {places.least_mm:.3g} mm, from one border of "
-                    f"layers to the next, and {(1 + 2 * BESIDE) * places.least_mm:.3g} mm "
-                    "elsewhere: make them higher, or write lower layers"
-                )
-        return tuple(notes)
+            (self.low_walls, "level walls", "a whole layer is written in them, or none"),
+            (self.low_gaps, "level gaps", "layers close them, or leave a whole layer or two open"),
+        )
+        return tuple(
+            _narrow_note(places, what, end) for places, what, end in kinds if places is not None
+        )
 
     @property
     def unfilled_fraction(self) -> float:
         """Part of the part's own volume that no line covers."""
         return self.unfilled_ul / self.part_ul
+
+
+def _narrow_note(places: NarrowPlaces, what: str, end: str) -> str:
+    x, y, z = places.at_mm
+    least = f"{places.least_mm:.3g} mm"
+    if what.startswith("level"):
+        size, extent = "high", f"over {places.area_mm2:.3g} mm² in all"
+        least = (
+            f"these layers make is {least}, from one border of layers to the next, and "
+            f"{(1 + 2 * BESIDE) * places.least_mm:.3g} mm elsewhere: make them higher, or write "
+            "lower layers"
+        )
+    else:
+        size, extent = "wide", f"in {places.layers:.0%} of the layers"
+        least = f"these lines make is {least}: make them wider, or write narrower lines"
+    return (
+        f"{what} about {places.width_mm:.3g} mm {size}, as at x {x:.4g}, y {y:.4g}, z {z:.4g} mm "
+        f"of the part, {extent}: {end}; the least that {least}"
+    )
 
 
 @dataclass(frozen=True)

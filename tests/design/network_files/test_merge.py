@@ -10,7 +10,7 @@ import pytest
 
 from design.hemodynamics import FlowConditions, solve_flow
 from design.network import FloatArray, VesselNetwork
-from design.network_files.merge import merge_shared
+from design.network_files.merge import merge_shared, side_by_side
 
 ROOT, FORK, FORK2 = (0.0, 0.0, 0.0), (0.0, 0.0, 10.0), (6.0, 0.0, 16.0)
 LEFT, RIGHT, FAR = (-6.0, 0.0, 16.0), (12.0, 0.0, 16.0), (6.0, 0.0, 24.0)
@@ -158,3 +158,19 @@ def test_radii_that_differ_are_said() -> None:
     found, notes = merge_shared(Path("lines"), given)
     assert found.vessel_count == 3
     assert "radii differ by up to 20 %" in notes[0]
+
+
+@pytest.mark.parametrize(("apart", "told"), [(0.5, True), (0.9, True), (1.2, False), (2.1, False)])
+def test_vessels_within_a_radius_of_each_other_are_told(apart: float, told: bool) -> None:
+    beside = line((apart, 0.0, 2.0), (apart, 0.0, 8.0))
+    found = merged(line(ROOT, FORK), beside)
+    assert found.vessel_count == 2
+    assert bool(side_by_side(found)) == told
+    assert not side_by_side(WANTED)
+
+
+def test_a_coarse_line_that_cuts_a_bend_is_the_same_vessel() -> None:
+    bend, end = (0.0, 0.0, 12.0), (12.0, 0.0, 19.0)
+    fine = line(ROOT, bend, end, points=60)
+    coarse = line(ROOT, (0.0, 0.0, 8.0), (3.45, 0.0, 14.01), end)
+    assert merged(fine, coarse).vessel_count == 1

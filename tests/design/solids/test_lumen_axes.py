@@ -8,7 +8,8 @@ import pytest
 
 from design.errors import SolidError
 from design.network import VesselNetwork
-from design.solids.lumen_axes import found_lumens, lumen_network, unfollowed_ways
+from design.solids.genus import network_genus
+from design.solids.lumen_axes import found_lumens, unfollowed_ways
 from tests.registration.parts import lumens, solid
 
 BLOCK = manifold3d.Manifold.cube((9.0, 5.0, 2.6))
@@ -40,7 +41,7 @@ def off_axis_mm(found: VesselNetwork, designed: VesselNetwork) -> float:
 def test_a_loop_and_its_forks_are_found_where_and_as_wide_as_designed(alone: bool) -> None:
     inside = lumens(FORKED)
     model = solid(inside if alone else BLOCK - inside)
-    found = lumen_network(model, is_lumen=alone)
+    found = found_lumens(model, is_lumen=alone).network
     # The two vessels to each bend are one lumen.
     assert (found.vessel_count, len(found.nodes)) == (4, 4)
     assert off_axis_mm(found, FORKED) < 0.03
@@ -54,7 +55,7 @@ def test_a_slanted_channel_reaches_both_faces_and_a_blind_one_its_end() -> None:
         channel((-0.5, 0.8, 0.7), (9.5, 1.6, 1.9), 0.2),
         channel((4.5, 5.5, 1.3), (4.5, 2.8, 1.3), 0.3),
     )
-    found = lumen_network(solid(BLOCK - lumens(slanted) - lumens(blind)))
+    found = found_lumens(solid(BLOCK - lumens(slanted) - lumens(blind))).network
     assert found.vessel_count == 2
     # The blind one ends in half a ball.
     assert sorted(found.lengths()) == pytest.approx([2.35, 9.1], abs=0.2)
@@ -94,7 +95,7 @@ def test_a_step_is_followed_and_unsure_where_it_is() -> None:
 def test_what_no_vessel_follows_is_told_and_a_bubble_is_no_lumen() -> None:
     bubble = manifold3d.Manifold.sphere(0.6, 64).translate((4.5, 1.2, 1.3))
     with pytest.raises(SolidError, match="no lumen"):
-        lumen_network(solid(BLOCK - bubble))
+        found_lumens(solid(BLOCK - bubble))
     found = found_lumens(solid(BLOCK - bubble - lumens(channel((-1, 3, 1.3), (10, 3, 1.3), 0.3))))
     assert found.network.vessel_count == 1
     share = 0.6**3 * 4 / 3 / (0.6**3 * 4 / 3 + 9 * 0.3**2)
@@ -113,7 +114,30 @@ def test_a_groove_a_notch_and_a_dimple_are_no_lumens() -> None:
     dimple = manifold3d.Manifold.sphere(0.5, 32).translate((2.0, 1.0, 2.6))
     part = BLOCK - groove - notch - dimple
     with pytest.raises(SolidError, match="no lumen"):
-        lumen_network(solid(part))
-    found = lumen_network(solid(part - lumens(channel((-1, 2, 1), (10, 2, 1), 0.3))))
+        found_lumens(solid(part))
+    found = found_lumens(solid(part - lumens(channel((-1, 2, 1), (10, 2, 1), 0.3)))).network
     assert found.vessel_count == 1
     assert found.lengths()[0] == pytest.approx(9.0, abs=0.05)
+
+
+def test_a_closed_ring_and_lumens_a_wall_apart_are_found() -> None:
+    turn = np.linspace(0, 2 * np.pi, 33)[:-1]
+    ring = VesselNetwork.from_segments(
+        np.column_stack([3 + 1.2 * np.cos(turn), 2.5 + 1.2 * np.sin(turn), np.full(32, 1.3)]),
+        np.column_stack([np.arange(32), np.roll(np.arange(32), -1)]),
+        np.full(32, 0.3), np.full(32, 4), np.zeros(32),
+    )  # fmt: skip
+    one = channel((7.0, -0.5, 1.3), (7.0, 5.5, 1.3), 0.3)
+    two = channel((7.65, -0.5, 1.3), (7.65, 5.5, 1.3), 0.3)
+    found = found_lumens(solid(BLOCK - lumens(ring) - lumens(one) - lumens(two)))
+    assert sorted(found.network.lengths()) == pytest.approx([5.0, 5.0, 2.4 * np.pi], abs=0.1)
+    assert (found.left, found.stretches) == (0.0, ((),) * 3)
+    assert network_genus(found.network) == 1
+
+
+def test_lumens_that_a_plenum_joins_are_unsure() -> None:
+    shape = BLOCK - lumens(channel((-0.5, 2.5, 1.3), (9.5, 2.5, 1.3), 0.3))
+    found = found_lumens(solid(shape - manifold3d.Manifold.cube((3, 3, 1)).translate((3, 1, 0.8))))
+    assert found.left > 0.1
+    unsure = [sum(b - a for a, b in one) for one in found.stretches]
+    assert sum(unsure) == pytest.approx(found.network.lengths().sum())

@@ -1,0 +1,265 @@
+"""Centre lines of a hollow's voxels, each from the farthest place that none has reached yet.
+
+After Sato et al. 2000 (TEASAR, doi 10.1109/PCCGA.2000.883951): a path keeps away from walls and
+takes up the voxels around it; what is left gives the next path. A piece left between two places
+that are taken up closes a loop, which TEASAR's trees leave open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from design.geometry.polyline import arc_lengths
+from design.solids.hollow import ALL_NEIGHBOURS, Hollow
+from kernels.arrays import BoolArray, FloatArray, IntArray
+
+TAKEN_RADII: Final = 1.3
+TAKEN_VOXELS: Final = 2.0
+"""A path takes up balls of so many times the distance to the wall, and so much more."""
+MIN_LENGTH_RADII: Final = 2.0
+"""A shorter hollow is a dimple, a shorter branch the rest of a joint."""
+MIN_BUBBLE_RADII: Final = 2.6
+"""A shorter hollow without a way in is a bubble."""
+NO_PATH: Final = np.zeros((0, 3), dtype=np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class CentreLine:
+    """A lumen's way between two nodes.
+
+    Attributes
+    ----------
+    ends : (int, int)
+        Numbers of the nodes.
+    line : (n, 3) float64, mm
+    radius : (n,) float64, mm
+    is_sure : bool
+        Whether the lines of its part of the hollow make as many loops as that has, and its
+        sections are round.
+    """
+
+    ends: tuple[int, int]
+    line: FloatArray
+    radius: FloatArray
+    is_sure: bool = True
+
+    def reversed(self) -> CentreLine:
+        """Return the same way from its other end."""
+        return CentreLine(self.ends[::-1], self.line[::-1], self.radius[::-1], self.is_sure)
+
+
+def centre_lines(hollow: Hollow) -> list[CentreLine]:
+    """Trace a hollow's lumens; nodes are numbered from 0."""
+    lines: list[CentreLine] = []
+    label, _ = ndimage.label(hollow.inside, ALL_NEIGHBOURS)
+    for number, box in enumerate(ndimage.find_objects(label), 1):
+        own = label[box] == number
+        least = MIN_BUBBLE_RADII if hollow.is_closed[box][own].all() else MIN_LENGTH_RADII
+        own, wall = np.pad(own, 1), np.pad(hollow.wall[box], 1)
+        traced = joined(_cut_at_forks(_Tracer(own, wall).paths(least), wall))
+        nodes = {node for one in traced for node in one.ends}
+        is_sure = len(traced) - len(nodes) + 1 == _loops(own)
+        corner = hollow.origin + hollow.pitch * np.array([one.start - 1 for one in box])
+        first = max((max(one.ends) for one in lines), default=-1) + 1
+        for one in traced:
+            place, wide = corner + hollow.pitch * one.line, hollow.pitch * one.radius
+            a, b = one.ends
+            lines.append(CentreLine((first + a, first + b), place, wide, is_sure))
+    return lines
+
+
+def _loops(own: BoolArray) -> int:
+    """Count the independent loops of a connected piece by its Euler number."""
+    from skimage.measure import euler_number  # slow to load
+
+    islands = int(ndimage.label(~own)[1]) - 1
+    return 1 + islands - int(euler_number(own, connectivity=3))
+
+
+def _lengths(mask: BoolArray, seeds: IntArray) -> FloatArray:
+    """Length of the way through `mask` to each voxel from the nearest of `seeds`; -1 elsewhere."""
+    from skimage.graph import MCP_Geometric  # slow to load
+
+    out = MCP_Geometric(np.where(mask, 1.0, -1.0)).find_costs(seeds)[0]
+    return np.where(np.isfinite(out) & mask, out, -1.0)
+
+
+def _tip(away: FloatArray, wall: FloatArray, inside: BoolArray) -> IntArray:
+    """Return the voxel of an end: the middle of a mouth, not its rim."""
+    return np.array(np.unravel_index((inside * (away + wall)).argmax(), away.shape))
+
+
+class _Tracer:
+    """Paths through one connected hollow, as voxels (n, 3) each."""
+
+    def __init__(self, own: BoolArray, wall: FloatArray) -> None:
+        self._own, self._wall = own, wall
+        self._taken = np.zeros_like(own)
+        self._on_line = np.zeros_like(own)
+        self._margin = int(TAKEN_RADII * wall[own].max() + TAKEN_VOXELS) + 2
+
+    def paths(self, least: float) -> list[IntArray]:
+        """Trace until what is left is no lumen; none if the first is below `least` radii."""
+        tip = np.argwhere(self._own)[0]
+        for _ in range(3):  # the farthest place from any is at an end
+            start = tip
+            away = _lengths(self._own, start[None])
+            tip = _tip(away, self._wall, self._own)
+        if away.max() < least * self._wall[self._own].max():
+            return []
+        paths = [self._route(self._own, self._wall, start[None], tip)]
+        self._take(paths[0])
+        todo = list(self._pieces(np.argwhere(self._own)))
+        while todo:
+            piece = todo.pop()
+            path = self._branch(piece)
+            if len(path):
+                paths.append(path)
+                self._take(path)
+            todo += self._pieces(piece)
+        return paths
+
+    def _branch(self, piece: IntArray) -> IntArray:
+        """Trace one branch or loop in a piece; take up what is too short or too broad for it."""
+        margin = self._margin
+        low, box = self._box_around(piece, margin)
+        while not self._on_line[box].any():
+            margin *= 2
+            low, box = self._box_around(piece, margin)
+        taken, wall = self._taken[box], self._wall[box]
+        inside = np.zeros_like(taken)
+        inside[tuple((piece - low).T)] = True
+        seeds = np.argwhere(self._on_line[box])
+        away = _lengths(inside | taken, seeds)
+        near, far = float(away[inside].min()), float(away[inside].max())
+        patch, count = ndimage.label(
+            ndimage.binary_dilation(inside, ALL_NEIGHBOURS) & taken & (away >= 0), ALL_NEIGHBOURS
+        )
+        broad = np.sqrt(np.bincount(patch.ravel())[1:].max(initial=0))
+        if far < 0 or far - near < broad:
+            # No branch is as short as the place where it begins; what is farther off may be one.
+            taken |= inside & (away < near + max(1.0, broad / 8))
+            return NO_PATH
+        path = self._route(inside | taken, wall, seeds, _tip(away, wall, inside))
+        ends = [np.argwhere(patch == k) for k in range(1, count + 1)]
+        ends = [one[away[tuple(one.T)].argmin()] for one in ends]
+        legs = [self._route(taken, wall, seeds, end) for end in ends]
+        for end, leg in zip(ends, legs, strict=True):
+            one, two = leg[0], legs[0][0]
+            if np.linalg.norm(one - two) > wall[tuple(one)] + wall[tuple(two)]:
+                through = self._route(inside | (patch > 0), wall, ends[0][None], end)
+                path = np.concatenate([legs[0], through[1:-1], leg[::-1]])
+                break
+        own = inside[tuple(path.T)]
+        least = MIN_LENGTH_RADII * np.median(wall[tuple(path[own].T)])
+        if own.sum() < max(least, wall[tuple(path[0])] / 2):
+            taken |= inside
+            return NO_PATH
+        return path + low
+
+    @staticmethod
+    def _route(mask: BoolArray, wall: FloatArray, seeds: IntArray, end: IntArray) -> IntArray:
+        """Return the voxels of the way off the walls from the nearest of `seeds` to `end`."""
+        from skimage.graph import MCP_Geometric  # slow to load
+
+        way = MCP_Geometric(np.where(mask, np.maximum(wall, 0.5) ** -2.0, -1.0))
+        way.find_costs(seeds, [end])
+        return np.array(way.traceback(end), dtype=np.int64)
+
+    def _take(self, path: IntArray) -> None:
+        """Take up what hangs together with a path in the balls around it."""
+        low, box = self._box_around(path, self._margin)
+        near = np.zeros_like(self._own[box])
+        for place in path:
+            reach = TAKEN_RADII * float(self._wall[tuple(place)]) + TAKEN_VOXELS
+            paint_ball(near, place - low, reach)
+        self._on_line[tuple(path.T)] = True
+        # Not the lumen behind the wall.
+        label, _ = ndimage.label(near & self._own[box], ALL_NEIGHBOURS)
+        self._taken[box] |= label == label[tuple(path[0] - low)]
+
+    @staticmethod
+    def _box_around(places: IntArray, margin: int) -> tuple[IntArray, tuple[slice, ...]]:
+        """Return a box's first voxel, and its slices."""
+        low = np.maximum(places.min(axis=0) - margin, 0)
+        high = places.max(axis=0) + margin + 1
+        return low, tuple(slice(*one) for one in zip(low, high, strict=True))
+
+    def _pieces(self, piece: IntArray) -> Iterator[IntArray]:
+        """Yield the connected pieces that no path has taken up, unless they are tiny."""
+        low = piece.min(axis=0)
+        mask = np.zeros(piece.max(axis=0) - low + 1, dtype=np.bool_)
+        mask[tuple((piece - low).T)] = ~self._taken[tuple(piece.T)]
+        label, _ = ndimage.label(mask, ALL_NEIGHBOURS)
+        for number, box in enumerate(ndimage.find_objects(label), 1):
+            index = np.argwhere(label[box] == number) + low + [one.start for one in box]
+            if np.linalg.norm(np.ptp(index, axis=0)) > self._wall[tuple(index.T)].max():
+                yield index
+            else:
+                self._taken[tuple(index.T)] = True
+
+
+def paint_ball(out: BoolArray, middle: FloatArray | IntArray, reach: float) -> None:
+    """Mark the voxels of `out` within `reach` voxels of a place."""
+    low = np.maximum(np.ceil(middle - reach).astype(int), 0)
+    high = np.minimum(np.floor(middle + reach).astype(int) + 1, out.shape)
+    box = tuple(slice(*one) for one in zip(low, np.maximum(high, low), strict=True))
+    axes = np.ogrid[box]
+    out[box] |= sum((axis - m) ** 2 for axis, m in zip(axes, middle, strict=True)) <= reach**2
+
+
+def _cut_at_forks(paths: list[IntArray], wall: FloatArray) -> list[CentreLine]:
+    """Cut paths where others begin or end on them; nodes are numbers of voxels."""
+    number = [np.ravel_multi_index(tuple(path.T), wall.shape).tolist() for path in paths]
+    nodes = {one[k]: 0 for one in number for k in (0, -1)}
+    nodes = {voxel: k for k, voxel in enumerate(nodes)}
+    out = []
+    for path, voxels in zip(paths, number, strict=True):
+        at = [k for k, voxel in enumerate(voxels) if voxel in nodes]
+        for i, j in pairwise(at):
+            run, ends = path[i : j + 1], (nodes[voxels[i]], nodes[voxels[j]])
+            out.append(CentreLine(ends, run.astype(np.float64), wall[tuple(run.T)]))
+    return out
+
+
+def joined(lines: list[CentreLine]) -> list[CentreLine]:
+    """Make one node of those within a joint, and one line of two where just these meet."""
+    if not lines:
+        return []
+    ends = np.array([one.ends for one in lines])
+    degree = np.bincount(ends.ravel())
+    radius = np.zeros(len(degree))
+    np.maximum.at(radius, ends, np.array([one.radius[[0, -1]] for one in lines]))
+    length = np.array([arc_lengths(one.line)[-1] for one in lines])
+    # In the ball around a joint; at a free end, only the first path's, which begins at a wall.
+    short = (degree[ends].max(axis=1) > 2) & (length < TAKEN_RADII * radius[ends].max(axis=1))
+    pairs = coo_array((np.ones(short.sum()), tuple(ends[short].T)), shape=(len(degree),) * 2)
+    name = connected_components(pairs, directed=False)[1][ends]
+    round_way = 2 * np.pi * np.array([one.radius.max() for one in lines])
+    kept = ~short & ((name[:, 0] != name[:, 1]) | (length > round_way))
+    lines = [
+        replace(lines[k], ends=(int(name[k, 0]), int(name[k, 1]))) for k in np.flatnonzero(kept)
+    ]
+    while True:
+        degree = np.bincount([end for one in lines for end in one.ends])
+        for node in np.flatnonzero(degree == 2).tolist():
+            pair = [one for one in lines if node in one.ends]
+            if len(pair) == 2:
+                break
+        else:
+            return lines
+        lines = [one for one in lines if one not in pair]
+        one = pair[0] if pair[0].ends[1] == node else pair[0].reversed()
+        two = pair[1] if pair[1].ends[0] == node else pair[1].reversed()
+        line, wide = np.vstack([one.line, two.line]), np.concatenate([one.radius, two.radius])
+        lines.append(
+            CentreLine((one.ends[0], two.ends[1]), line, wide, one.is_sure and two.is_sure)
+        )
