@@ -89,7 +89,13 @@ def read_with_notes(
         raise NetworkError(
             f"{path} is in {SAID[suffix]}, as its format says, not {unit}; leave unit out"
         )
-    network, notes = _read(path, unit, ends)
+    if suffix == ".vtp":
+        network, whole = read_vtp_lines(path, unit or "mm")
+        notes = _size(network)
+        if whole:
+            return NetworkWithNotes(network, notes)
+    else:
+        network, notes = _read(path, unit, ends)
     merged = merge_shared(path, network, by_place=suffix == ".vtp")
     beside = side_by_side(merged.network)
     return NetworkWithNotes(merged.network, (*notes, *merged.notes, *beside))
@@ -107,8 +113,6 @@ def _read(path: Path, unit: LengthUnit | None, ends: Path | None) -> NetworkWith
             network = read_network_json(path)
         case ".npz":
             network = read_network_npz(path)
-        case ".vtp":
-            network = read_vtp_lines(path, unit or "mm")
         case _:
             read = read_points_csv if has_points(path) else read_network_csv
             network = read(path, unit or "mm")

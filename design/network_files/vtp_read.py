@@ -34,13 +34,15 @@ _APPENDED: Final = re.compile(rb"<AppendedData\b([^>]*)>\s*_")
 
 def read_vtp_lines(
     path: Path, unit: LengthUnit, kind: VesselKind = VesselKind.ARTERY
-) -> VesselNetwork:
-    """Read the polylines of a file whose coordinates are in ``unit``, each a vessel of its own.
+) -> tuple[VesselNetwork, bool]:
+    """Read polylines in ``unit``, each a vessel, and whether a network was written so.
+
+    `write_network_vtp` says by cell arrays ``vessel``, ``kind`` and ``tree`` what is a vessel of
+    its own; of other lines several may run through one lumen.
 
     The radius is the point array `RADIUS_MM`, which is in mm, or one of `RADII`, in ``unit``.
-    Lines share nodes at equal ends alone: `merge_shared` joins them at other equal points. Cell
-    arrays ``kind`` and ``tree``, as `write_network_vtp` writes them, are kept. Data may be
-    ascii, binary or appended, as it is or compressed by zlib.
+    Lines share nodes at equal ends alone: `merge_shared` joins them at other equal points. Data may
+    be ascii, binary or appended, as it is or compressed by zlib.
 
     Parameters
     ----------
@@ -92,8 +94,9 @@ def read_vtp_lines(
             tree=tree,
         )
         pieces = join_equal_points(pieces)
-        return chain_pieces(fuse_vessels(pieces, np.ones(pieces.nodes.max() + 1, dtype=bool)))
-    return VesselNetwork(
+        fused = fuse_vessels(pieces, np.ones(pieces.nodes.max() + 1, dtype=bool))
+        return chain_pieces(fused), False
+    network = VesselNetwork(
         nodes=tips[nodes],
         vessel_nodes=number.reshape(-1, 2),
         kind=kinds,
@@ -102,6 +105,7 @@ def read_vtp_lines(
         points=place,
         radius=row,
     )
+    return network, {"vessel", "kind", "tree"} <= set(file.cell_arrays())
 
 
 def _check_numbers(
