@@ -166,6 +166,14 @@ class FrameCheck:
             if abs(made - meant) > self._within(axis)
         )
 
+    def stands_at(self, at: Modal) -> bool:
+        """Whether two answers alike tell that the motors' steps have come to ``at``; no waiting."""
+        if not self._applies() or self._question:
+            return False
+        told, offset = self._asked(journalled=True)
+        there = bool(offset) and not (disagreement(at, told) or self._aside(told, offset))
+        return there and self._asked(journalled=True) == (told, offset)
+
     def doubtful(self) -> bool:
         """Whether the motors are where the moves that they may be making don't lead; no waiting."""
         if not self._applies() or self._question:

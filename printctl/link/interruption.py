@@ -34,6 +34,7 @@ WAITS: Final = (
 
 
 FIRST: Final = "stopping behind the line that is being made: kill doesn't wait"
+SILENT: Final = "stopping once the printer answers: by plan it has made all that was sent"
 
 
 class StopRequested(Exception):  # noqa: N818
@@ -109,6 +110,10 @@ class Interruption:
         link, now = link_facts(wiring.printer), wiring.clock.now()
         if not link.quickstop:
             self._tell(WAITS)
+            return
+        if self._logbook.progress.all_made():  # M410 would cost one that answers again 2 s
+            wiring.protocol.cut_in((), again=False, now=now)
+            self._tell(SILENT)
             return
         if self._heard.count != self._heard_count:
             if now - self._heard_s > DEAD_S:

@@ -19,6 +19,7 @@ from printctl.link.frame_check import FrameCheck
 from printctl.link.modal import AXES, Modal, disagreement, modal_state
 from printctl.link.states import LinkState, PrintEnded
 from printctl.link.valve_switch import ValveSwitch
+from sim.reading import is_motion, read_sent
 
 RETRIES: Final = 8
 """So often a question is asked whose answer may be garbled."""
@@ -144,6 +145,15 @@ class PositionCheck:
         position = self._said_twice()
         words = {axis.lower(): value for axis, value in position.items() if axis in AXES}
         return Standstill(Modal(**words), read=bool(position), dropped=False)
+
+    def made(self) -> bool:
+        """Whether the motors stand where the job's last line leads: nothing is left to be dropped.
+
+        M114 doesn't count the plunger's steps: not behind a line that moves it alone.
+        """
+        moves = (line for line in reversed(self._progress.taken) if is_motion(line))
+        last = read_sent(next(moves, b"")).words
+        return bool(set("XYZ") & last.keys()) and self._frame.stands_at(self._progress.modal())
 
     def standstill(self) -> Standstill:
         """Return where the printer stands after it dropped moves."""

@@ -123,7 +123,7 @@ class PrintLoop:
         now = now_s()
         stop = protocol.limit = self._next_stop(now)
         taken = protocol.lines_done
-        progress.standstills.answered(self._job.lines, taken, now)
+        progress.standstills.answered(self._job.lines, taken, now, protocol.line_errors)
         if not progress.unverified:
             protocol.held = False
             protocol.go(now)
