@@ -26,7 +26,7 @@ from firmware_profiles import Printer
 from printctl.link.completed_moves import moves_ahead
 from printctl.link.modal import modal_state
 from printctl.link.motor_run_on import motion_of
-from printctl.link.planned_moves import planned_moves
+from printctl.link.planned_moves import FAR_MM, planned_moves
 from sim.reading import is_motion, read_sent
 
 SHORTEST_S: Final = 1.0
@@ -36,6 +36,8 @@ _TURNAROUND_S: Final = 0.05
 """An answer within this waited for no move."""
 _MEASURED: Final = 3
 """Answers since a rest by which is measured how much such a firmware (Klipper) holds ahead."""
+_UNMEASURED_S: Final = 2.25
+"""As much where a move came from a place that nobody has named."""
 _BEGIN_S: Final = 0.25
 """Time by which such a firmware lets moves wait before the first of them (Klipper's toolhead.py)."""
 _UNBOUNDED: Final = re.compile(
@@ -192,6 +194,8 @@ class StandstillWatch:
             return
         if now - before_s > _TURNAROUND_S:  # it waited until there was room
             self._waited += 1
+            if math.isinf(self._ends_s):
+                self._waited, self._held_s = _MEASURED + 1, _UNMEASURED_S
             if self._waited <= _MEASURED:
                 self._held_s = max(self._held_s, self._ends_s - now)
             else:
@@ -292,7 +296,7 @@ class StandstillWatch:
         self._plan_s = [_dwell_s(one) if one.startswith(b"G4 ") else 0.0
                         for one in lines[begin:end]]  # fmt: skip
         for move, (a, b) in zip(moves, pairwise(starts), strict=True):
-            self._plan_s[move.line - begin] += b - a
+            self._plan_s[move.line - begin] += math.inf if move.length_mm >= FAR_MM else b - a
 
 
 def _dwell_s(line: bytes) -> float:
