@@ -68,6 +68,9 @@ class LinkFacts:
     place_question : bytes
         Question that is answered with places and what they are shifted by, of a family in whose
         answers other clients' commands leave no trace; empty for others.
+    axes_question : bytes
+        Question whose answer holds ``Cartesian`` where each axis has its motor, of a family whose
+        M114 tells motors' steps for any kind of axes; empty for others.
     rest_question : bytes
         Question that the board itself answers once its motors rest, where another computer answers
         M400, which may not know yet that the board is gone. Empty for none.
@@ -94,6 +97,7 @@ class LinkFacts:
     plans_by_time: bool = False
     complains_to_all: bool = False
     place_question: bytes = b""
+    axes_question: bytes = b""
     rest_question: bytes = b""
     run_on_s: float = 0.0
     quickstop: bytes = b""

@@ -260,7 +260,8 @@ class PositionCheck:
             words = "; the end's place isn't compared: the job names none"
         elif not by_steps:
             words = (
-                "; the end's place is compared as told, its motors' steps aren't: M114 lacks them"
+                "; the end's place is compared as told, its motors' steps aren't: the printer "
+                "doesn't tell them by axis"
             )
         else:
             words = ""
