@@ -52,8 +52,6 @@ class LinkFacts:
     remembers : bool
         Whether it can be asked which line it took last, so that a print can be gone on with
         after the host died.
-    confirms_at_once : bool
-        Whether `LinkProtocol.confirm` waits for no move, so that it costs little in mid-print.
     pairs : bool
         Whether two lines may be in flight: it counts them, and that was tried.
     cuts_long_lines : bool
@@ -90,7 +88,6 @@ class LinkFacts:
     keepalive: bool = False
     tells_steps: bool = False
     remembers: bool = False
-    confirms_at_once: bool = False
     pairs: bool = False
     cuts_long_lines: bool = False
     m84_sets_timeout: bool = False

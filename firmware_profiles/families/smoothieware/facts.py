@@ -94,7 +94,7 @@ def _make_protocol(setup: LinkSetup) -> LinkProtocol:
 
 FAMILY: Final = Family(
     link=LinkFacts(
-        says="smoothie", make_protocol=_make_protocol, remembers=True, confirms_at_once=True
+        says="smoothie", make_protocol=_make_protocol, remembers=True
     ),
     grammar=Grammar(
         codes=_CODES,

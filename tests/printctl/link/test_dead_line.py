@@ -166,7 +166,7 @@ def test_needle_is_lifted_within_a_second_of_the_lines_return(tmp_path, held, do
     assert line.lift_s - line.ends_s < (1.3 if drops else 1.0)
     ends_s = line.printer.executed().time_end
     stood = line.lift_s - ends_s[ends_s < line.ends_s].max()
-    assert stood_s(status.message) == pytest.approx(stood, abs=0.3)
+    assert stood_s(status.message) == pytest.approx(stood, abs=0.5)
 
 
 def test_time_that_the_moves_in_flight_explain_is_no_standstill(tmp_path):
