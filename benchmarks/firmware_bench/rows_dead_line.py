@@ -57,7 +57,7 @@ class Returned:
 
 
 def ink_lines(head: list[str], moves: int) -> MotionFile:
-    """Return moves of 0.1 s with E, to and fro; only the first moves Z, downwards at the end."""
+    """Return moves of 0.1 s with E, to and fro, behind one of Z."""
     file = MotionFile(list(head))
     file.move(300, Z=0.5)
     for i in range(moves):
