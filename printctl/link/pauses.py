@@ -181,7 +181,6 @@ class Pauses:
         self.excursion.begin(at, 0.0, None)
         self.excursion.lose_count()
         self.changer.found_again(at, head)
-        self.channel.command(b"M400")
         self.wait_and_come_back(at, f"paused, found again: {self.change.words()}")
 
     def wait_and_come_back(self, at: Modal, message: str) -> None:
