@@ -39,7 +39,7 @@ _MEASURED: Final = 3
 _UNMEASURED_S: Final = 2.25
 """As much where a move came from a place that nobody has named."""
 _BEGIN_S: Final = 0.25
-"""Time by which such a firmware lets moves wait before the first of them (Klipper's toolhead.py)."""
+"""Time for which such a firmware lets its first moves wait (Klipper: toolhead.py)."""
 _UNBOUNDED: Final = re.compile(
     rb"(?!SET_)[A-Z]{2}|T|G(28|29|30|32)\b|M(0|1|6|109|116|190|191|226|291|303|600)\b"
 )
