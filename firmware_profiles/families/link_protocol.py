@@ -350,7 +350,7 @@ class LinkProtocol(Protocol):
         Parameters
         ----------
         commands : sequence of bytes
-            None: nothing more is written behind moves in flight, either.
+            Without any the printer is asked at once whether it hears.
         again : bool
             Whether the last is written once more behind each move that is in flight, as soon as
             that was taken.

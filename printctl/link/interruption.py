@@ -70,6 +70,7 @@ class Interruption:
         self._over = self._told = False
         self._cuts, self._again_s = 0, -math.inf
         self._silent_s = -math.inf
+        self._asked_s: float | None = None
         self._heard, self._heard_count, self._heard_s = heard, 0, math.inf
 
     def disarm(self) -> None:
@@ -118,8 +119,14 @@ class Interruption:
             return
         waits = any(one in wiring.protocol.report for one in BREAKABLE)  # else its place is wanted
         if not waits and self._is_silent(now) and self._logbook.progress.all_made():
-            wiring.protocol.cut_in((), again=False, now=now)
             self._tell(SILENT)
+            return
+        if self._asked_s is None:  # M410 into a dead line is obeyed when nothing is left to stop
+            overdue = not waits and self._logbook.progress.overdue()
+            self._asked_s = now if overdue else -math.inf
+            if overdue:
+                wiring.protocol.cut_in((), again=False, now=now)
+        if self._heard.heard_s <= self._asked_s:
             return
         if self._heard.count != self._heard_count:
             if now - self._heard_s > DEAD_S:

@@ -193,6 +193,10 @@ class JobProgress:
         place = f"line {self.job.file_line(last)}" + (f" ({where})" if where else "")
         return f"for {one.seconds:.1f} s at {place}"
 
+    def overdue(self) -> bool:
+        """Whether the line in flight would be answered by now, by plan."""
+        return self.standstills.overdue(self.job.lines, self._wiring.clock.now())
+
     def all_made(self) -> bool:
         """Whether all that was sent has ended by plan, though nothing says so."""
         return self.standstills.all_made(self.job.lines, self._wiring.clock.now())

@@ -32,6 +32,7 @@ from sim.reading import is_motion, read_sent
 SHORTEST_S: Final = 1.0
 MODEL_ERROR: Final = 0.05
 """Share by which moves may take longer than planned; the dry run is within 3 %."""
+_LATE_S: Final = 0.3
 _TURNAROUND_S: Final = 0.05
 """An answer within this waited for no move."""
 _MEASURED: Final = 3
@@ -151,6 +152,13 @@ class StandstillWatch:
         """Return job lines that had arrived when ``line`` of ``taken`` were answered."""
         again, self._resent = resent > self._resent, resent
         return line if again else taken
+
+    def overdue(self, lines: Sequence[bytes], now: float) -> bool:
+        """Whether the next line's answer is late by plan."""
+        line, before_s = self._taken[-1] if self._taken else (len(lines), now)
+        if not self._on or any(_UNBOUNDED.match(one) for one in lines[line : line + 1]):
+            return False
+        return line < len(lines) and now - before_s > _LATE_S + self._usual_s(lines, line, line + 1)
 
     def all_made(self, lines: Sequence[bytes], now: float) -> bool:
         """Whether all that was taken or sent has ended by plan, though nothing says so."""

@@ -183,7 +183,8 @@ class MarlinProtocol:
         """
         state = self.state
         if not commands:
-            state.behind_moves = b""
+            if state.phase is Phase.FLIGHT:
+                state.deadline = now
             return False
         if state.phase in (Phase.READY, Phase.OVER):
             return False

@@ -163,7 +163,7 @@ def test_answers_that_are_all_late_by_up_to_five_seconds_lead_nowhere_else(tmp_p
     assert same_motion(line.printer.executed(), alone.printer.executed())
 
 
-@pytest.mark.parametrize("asked_s", [6.0, 20.0])
+@pytest.mark.parametrize("asked_s", [0.8, 6.0, 20.0])
 @pytest.mark.parametrize(("down", "up"), [(True, True), (True, False), (False, True)])
 @pytest.mark.parametrize("held", [False, True])
 def test_needle_is_lifted_within_a_second_of_the_lines_return(tmp_path, held, down, up, asked_s):
