@@ -73,5 +73,3 @@ class HeldLine:
             for end, other in ((self._host, self._board), (self._board, self._host)):
                 if kept[end]:
                     kept[end] = kept[end][os.write(other, kept[end]) :]
-            if not any(kept.values()):
-                self._over.wait(0.0)
