@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.firmware_bench.avr_board import BoardError, build_board
+from benchmarks.firmware_bench.rows_dead_line import dead_line_rows
 from benchmarks.firmware_bench.rows_done import done_rows
 from benchmarks.firmware_bench.rows_dry_run import random_rows, time_rows
 from benchmarks.firmware_bench.rows_faults import fault_rows
@@ -67,6 +68,8 @@ def jobs(asked: argparse.Namespace, folder: Path) -> Iterator[tuple[str, Job]]:
         name = f"noise {100 * rate:g} %"
         yield name, marlin_job(noise_rows, first, "--marlin", place, rate, runs)
     yield "faults", marlin_job(fault_rows, first, "--marlin", folder / "faults", tries)
+    place = folder / "dead"
+    yield "dead line", marlin_job(dead_line_rows, first, "--marlin", place, tries, "real Marlin")
     yield "looks", marlin_job(look_rows, first, "--marlin", folder / "looks", min(runs, 4))
     parser = "emergency parser on"
     yield "stop", marlin_job(stop_rows, first, "--marlin", folder / "stop", tries, parser)
@@ -92,6 +95,12 @@ def jobs(asked: argparse.Namespace, folder: Path) -> Iterator[tuple[str, Job]]:
     yield (
         "klipper",
         lambda: klipper_rows(image(asked.klipper, "--klipper"), folder / "klipper", runs),
+    )
+    yield (
+        "klipper dead line",
+        lambda: dead_line_rows(
+            image(asked.klipper, "--klipper"), folder / "klipper-dead", tries, "real Klipper"
+        ),
     )
 
 

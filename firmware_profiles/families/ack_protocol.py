@@ -114,7 +114,7 @@ class AckProtocol(ABC):
         self._controls: deque[bytes] = deque()
         self.flight: bytes | None = None
         self.in_job = self.probing = self._placing = self._over = self._waits = False
-        self._behind_job = self._complained = False
+        self._behind_job = self._complained = self._doubted = False
         self.sent_at = 0.0
         self._rest = self.report = b""
         self.out: list[bytes] = []
@@ -332,7 +332,7 @@ class AckProtocol(ABC):
 
     def _hear_ok(self, text: bytes, now: float, events: list[Event]) -> None:
         if self.flight is None:
-            events.append(said.Notice("an ok with nothing in flight"))
+            self._surplus(events)
             return
         if text != b"ok":
             self.heard.append(text)
@@ -346,17 +346,24 @@ class AckProtocol(ABC):
             self.heard.clear()
             self._await_more(now)
         elif self._placing and not placed:
-            events.append(said.Notice("an ok that answers an earlier line"))
+            self._surplus(events)
             self._await_more(now)
         else:
             if not asks_place:  # it left behind all questions
                 self._earlier = 0
             self.acknowledge(now, events)
 
+    def _surplus(self, events: list[Event]) -> None:
+        """Hold the job at an ok that answers no line: another program's, but behind a doubt."""
+        if self.lines:
+            self.held = True
+            events.append(said.StrayOk(self.number, 0 if self._doubted else 1))
+
     def acknowledge(self, now: float, events: list[Event]) -> None:
         """Count the line in flight as taken, and send the next."""
         self._end_doubt()
         if self.probing:
+            self._doubted &= not self._placing  # all answers of before have come
             self.probing = self._placing = False
             events.append(said.Synchronised(self.number))
             self.flight, self.deadline = None, math.inf
@@ -379,7 +386,7 @@ class AckProtocol(ABC):
     def _ask(self, now: float, events: list[Event]) -> None:
         """Ask where the printer is, ever again; once a minute of one that stays silent."""
         silent = now - self.sent_at
-        self._asking = True
+        self._asking = self._doubted = True
         self._asked, self._asked_s = self._asked + 1, now
         self.out.append(self.frame(self.number + 2, PLACE))
         self.deadline = now + self.timing.answer_s

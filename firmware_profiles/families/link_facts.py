@@ -52,8 +52,6 @@ class LinkFacts:
     remembers : bool
         Whether it can be asked which line it took last, so that a print can be gone on with
         after the host died.
-    confirms_at_once : bool
-        Whether `LinkProtocol.confirm` waits for no move, so that it costs little in mid-print.
     pairs : bool
         Whether two lines may be in flight: it counts them, and that was tried.
     cuts_long_lines : bool
@@ -68,6 +66,9 @@ class LinkFacts:
     place_question : bytes
         Question that is answered with places and what they are shifted by, of a family in whose
         answers other clients' commands leave no trace; empty for others.
+    axes_question : bytes
+        Question whose answer holds ``Cartesian`` where each axis has its motor, of a family whose
+        M114 tells motors' steps for any kind of axes; empty for others.
     rest_question : bytes
         Question that the board itself answers once its motors rest, where another computer answers
         M400, which may not know yet that the board is gone. Empty for none.
@@ -87,13 +88,13 @@ class LinkFacts:
     keepalive: bool = False
     tells_steps: bool = False
     remembers: bool = False
-    confirms_at_once: bool = False
     pairs: bool = False
     cuts_long_lines: bool = False
     m84_sets_timeout: bool = False
     plans_by_time: bool = False
     complains_to_all: bool = False
     place_question: bytes = b""
+    axes_question: bytes = b""
     rest_question: bytes = b""
     run_on_s: float = 0.0
     quickstop: bytes = b""

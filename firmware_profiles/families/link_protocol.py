@@ -350,6 +350,7 @@ class LinkProtocol(Protocol):
         Parameters
         ----------
         commands : sequence of bytes
+            Without any the printer is asked at once whether it hears.
         again : bool
             Whether the last is written once more behind each move that is in flight, as soon as
             that was taken.

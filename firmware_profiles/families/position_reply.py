@@ -16,6 +16,10 @@ _COUNT: Final = re.compile(
     rb" Count X: ?(-?[\d.]+) Y: ?(-?[\d.]+) Z: ?(-?[\d.]+)(?: E: ?-?[\d.]+)?$"
 )
 
+_MACHINE: Final = re.compile(
+    rb" Count((?: -?\d+){3,}) Machine((?: -?[\d.]+){3,})(?: Bed comp (-?[\d.]+))?"
+)
+
 
 def parse_position(replies: Sequence[bytes]) -> dict[str, float]:
     """Read the reply to M114, mm, by axis letter; empty when it isn't there."""
@@ -73,6 +77,23 @@ def parse_driven(replies: Sequence[bytes]) -> dict[str, tuple[float, float]]:
     made = _words_behind(b"kinematic: ", replies) or _motors(b"stepper: ", replies)
     meant = _words_behind(b"toolhead: ", replies) or _words_behind(_COMMANDED, replies)
     return {axis: (made[axis], meant[axis]) for axis in "XYZ" if axis in made and axis in meant}
+
+
+def parse_machine(
+    replies: Sequence[bytes], per_mm: Mapping[str, float]
+) -> dict[str, tuple[float, float]]:
+    """Read from RepRapFirmware's reply to M114 where motors are, and should be, mm.
+
+    ``Count`` are the motors' steps now, ``Machine`` the place in the machine's own coordinates that
+    the last command leads to; the bed's compensation is added to Z. Where each axis has its motor.
+    """
+    match = next((match for text in replies if (match := _MACHINE.search(text))), None)
+    if match is None:
+        return {}
+    meant = dict(zip("XYZ", map(float, match[2].split()), strict=False))
+    meant["Z"] += float(match[3] or 0.0)
+    steps = zip("XYZ", match[1].split(), strict=False)
+    return {axis: (int(count) / per_mm[axis], meant[axis]) for axis, count in steps}
 
 
 def _motors(start: bytes, replies: Sequence[bytes]) -> dict[str, float]:

@@ -6,6 +6,7 @@ Everything here runs in one thread, the one that owns the port. Other threads le
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
@@ -47,13 +48,16 @@ class PrinterReplies:
         The last words, for a message.
     booted : bool
         Whether its firmware has said that it starts.
+    heard_s : float, s
+        When the last of them came; of a job's lines, too.
     """
 
     def __init__(self) -> None:
-        self.count, self.booted, self._last = 0, False, b""
+        self.count, self.booted, self._last, self.heard_s = 0, False, b"", math.inf
 
-    def add(self, data: bytes) -> None:
-        """Count what came."""
+    def add(self, data: bytes, now: float) -> None:
+        """Count what came by ``now``, s."""
+        self.heard_s = now
         self.count += len(data)
         self._last = (self._last + data)[-_LAST_BYTES:]
 
@@ -118,7 +122,7 @@ class Channel:
         data = wiring.transport.read(min(POLL_S, max(0.0, due - now)))
         now = wiring.clock.now()
         if data:
-            self.heard.add(data)
+            self.heard.add(data, now)
             self.handle(protocol.feed(data, now))
         if now >= protocol.deadline:
             self.handle(protocol.tick(now))

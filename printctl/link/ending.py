@@ -82,6 +82,7 @@ class Ending:
         complaints = self._logbook.complaints
         refused = self._logbook.progress.refused
         stop = self._stop_motors()
+        self._logbook.progress.leaves()
         carried_out = self._logbook.progress.refused != refused
         if carried_out:
             whose = _OTHERS if self._logbook.progress.about_command else _OWN
@@ -118,7 +119,11 @@ class Ending:
             return self._position.standing_away()
         if not quickstop:
             return Standstill(self._position.actual(), read=True, dropped=False)
-        self._logbook.progress.moves_dropped()
+        progress = self._logbook.progress
+        if progress.all_made() and self._position.made():
+            progress.stands_still()
+            return self._position.standstill()
+        progress.moves_dropped()
         self._channel.command(quickstop)
         return self._position.standstill()
 

@@ -18,6 +18,7 @@ from typing import Final
 from firmware_profiles.families.position_reply import (
     parse_counts,
     parse_driven,
+    parse_machine,
     parse_motors,
     parse_position,
     parse_shifted,
@@ -55,7 +56,9 @@ class FrameCheck:
         self._motors: Place = {}
         self._driven: dict[str, tuple[float, float]] = {}
         self._declared: tuple[int, Place] = 0, {}
-        self._question = link_facts(channel.wiring.printer).place_question
+        facts = link_facts(channel.wiring.printer)
+        self._question, self._axes_question = facts.place_question, facts.axes_question
+        self._cartesian = False
 
     def begin(self) -> None:
         """Note both before the job's first line, with the motors standing."""
@@ -134,6 +137,8 @@ class FrameCheck:
         """
         wrong, told, compared = "", Place(), False
         before = self._channel.logbook.fault
+        if self._axes_question:
+            self._cartesian = b"Cartesian" in b"".join(self._channel.command(self._axes_question))
         for _ in range(RETRIES):
             answer, offset = self._asked(journalled=True)
             if not answer:
@@ -142,8 +147,8 @@ class FrameCheck:
             wrong = disagreement(at, told)
             if not wrong and compared:
                 wrong = self._aside(told, offset)
-            if self._question and not self._unshifted:
-                wrong, compared = wrong or self._undriven(told), bool(self._driven)
+            if self._driven:
+                wrong, compared = wrong or self._undriven(told), True
             if not wrong:
                 break
         self._channel.logbook.excuse(before)  # a question that this build doesn't know
@@ -165,6 +170,14 @@ class FrameCheck:
             for axis, (made, meant) in self._driven.items()
             if abs(made - meant) > self._within(axis)
         )
+
+    def stands_at(self, at: Modal) -> bool:
+        """Whether two answers alike tell that the motors' steps have come to ``at``; no waiting."""
+        if not self._applies() or self._question:
+            return False
+        told, offset = self._asked(journalled=True)
+        there = bool(offset) and not (disagreement(at, told) or self._aside(told, offset))
+        return there and self._asked(journalled=True) == (told, offset)
 
     def doubtful(self) -> bool:
         """Whether the motors are where the moves that they may be making don't lead; no waiting."""
@@ -200,8 +213,10 @@ class FrameCheck:
             self._driven = parse_driven(replies)
             return parse_shifted(replies)
         replies = self._channel.command(b"M114", journalled)
-        told = parse_position(replies)
-        at = parse_counts(replies, {axis: getattr(per_mm, axis.lower()) for axis in _AXES})
+        told, steps = parse_position(replies), {axis: getattr(per_mm, axis.lower())
+                                                for axis in _AXES}  # fmt: skip
+        self._driven = parse_machine(replies, steps) if self._cartesian else {}
+        at = parse_counts(replies, steps)
         if not set(_AXES) <= set(told):
             return {}, {}
         return told, {axis: mm - told[axis] for axis, mm in at.items()}

@@ -25,6 +25,10 @@ MOST: Final = 3
 """So often the motors are told to stop while the line in flight isn't answered; each takes 1 s."""
 DEAD_S: Final = 2.5
 """Without a word for so long what was written may have been lost: it counts for nothing."""
+SILENT_S: Final = 1.2
+"""Without a word for so long a line may be dead: a firmware that is busy says so each second."""
+SETTLED_S: Final = 1.0
+"""Within so long of the first word behind that a doubt is settled, where nothing is left to do."""
 BREAKABLE: Final = (b" W:", b"paused for ")
 """In what is told while heat, or a person at the printer's own button, is waited for."""
 WAITS: Final = (
@@ -34,6 +38,7 @@ WAITS: Final = (
 
 
 FIRST: Final = "stopping behind the line that is being made: kill doesn't wait"
+SILENT: Final = "stopping once the printer answers: by plan it has made all that was sent"
 
 
 class StopRequested(Exception):  # noqa: N818
@@ -64,6 +69,8 @@ class Interruption:
         self._wiring, self._logbook, self._queue, self._kill = wiring, logbook, queue, kill
         self._over = self._told = False
         self._cuts, self._again_s = 0, -math.inf
+        self._silent_s = -math.inf
+        self._asked_s: float | None = None
         self._heard, self._heard_count, self._heard_s = heard, 0, math.inf
 
     def disarm(self) -> None:
@@ -110,6 +117,17 @@ class Interruption:
         if not link.quickstop:
             self._tell(WAITS)
             return
+        waits = any(one in wiring.protocol.report for one in BREAKABLE)  # else its place is wanted
+        if not waits and self._is_silent(now) and self._logbook.progress.all_made():
+            self._tell(SILENT)
+            return
+        if self._asked_s is None:  # M410 into a dead line is obeyed when nothing is left to stop
+            overdue = not waits and self._logbook.progress.overdue()
+            self._asked_s = now if overdue else -math.inf
+            if overdue:
+                wiring.protocol.cut_in((), again=False, now=now)
+        if self._heard.heard_s <= self._asked_s:
+            return
         if self._heard.count != self._heard_count:
             if now - self._heard_s > DEAD_S:
                 self._cuts, self._again_s = 0, now
@@ -118,7 +136,6 @@ class Interruption:
             return
         # a second would hold up a firmware that looks at it in its turn
         again = self._kill.halting.stops_at_once
-        waits = any(one in wiring.protocol.report for one in BREAKABLE)  # else its place is wanted
         commands = (*shut(wiring.printer), link.ends_waits if waits else b"", link.quickstop)
         if not wiring.protocol.cut_in([text for text in commands if text], again, now):
             if not wiring.protocol.idle:
@@ -129,6 +146,12 @@ class Interruption:
         self._heard_s = min(self._heard_s, now)
         self._logbook.progress.moves_dropped()
         self._tell(f"stopping the motors ({link.quickstop.decode()})")
+
+    def _is_silent(self, now: float) -> bool:
+        """Whether no word comes, or some came just now, whose doubt is being settled."""
+        if now - self._heard.heard_s > SILENT_S:
+            self._silent_s = now
+        return now - self._silent_s < SETTLED_S
 
     def _tell(self, message: str) -> None:
         if not self._told:

@@ -74,6 +74,10 @@ class JournalledPrint:
         are missing, so that lines can't be counted.
     cut_short : bool
         Whether the disk was full, and the print's end isn't there.
+    written_s : float, s since 1970
+        Last word of the print, attempts that didn't find the printer aside.
+    in_ink : bool
+        Whether the needle stood at the job's place then.
     stopping : bool
         Whether it had begun to end the print: needle up, heaters perhaps off.
     settings : dict of str to str
@@ -113,6 +117,8 @@ class JournalledPrint:
     damaged: int = 0
     gaps: int = 0
     cut_short: bool = False
+    written_s: float = 0.0
+    in_ink: bool = False
     stopping: bool = False
     settings: dict[str, str] = field(default_factory=dict)
     heat: Record = field(default_factory=dict)
@@ -167,6 +173,7 @@ def read_journal(path: Path) -> JournalledPrint:
     """
     try:
         history = replay(read_records(path))
+        history.written_s = history.heard or path.stat().st_mtime
     except OSError as exc:
         raise JournalError(f"journal {path} can't be read: {exc.strerror}") from exc
     reserve = path.with_name(RESERVE)
@@ -202,6 +209,7 @@ def _apply(history: JournalledPrint, record: Record | None) -> None:
     elif sort == "state":
         history.state = LinkState(record["state"])
         history.stopping |= history.state is LinkState.STOPPING
+        history.in_ink &= not history.stopping
         if history.state is LinkState.PAUSED:
             history.wanted = None
         if history.state is LinkState.PRINTING:
@@ -260,7 +268,7 @@ def _apply(history: JournalledPrint, record: Record | None) -> None:
 
 def _left(history: JournalledPrint, record: Record) -> None:
     """The needle leaves the job's place, perhaps for another one."""
-    history.left, history.park = dict(record["place"]), None
+    history.left, history.park, history.in_ink = dict(record["place"]), None, False
     if record.get("park"):
         x, y, z = map(float, record["park"])
         history.park = x, y, z
@@ -304,7 +312,7 @@ def _control(history: JournalledPrint, record: Record) -> None:
 
 def _printing(history: JournalledPrint) -> None:
     """The print goes on: whatever change of syringe there was is made."""
-    history.begun, history.park = True, None
+    history.begun, history.park, history.in_ink = True, None, True
     if history.reload is not None:
         history.reloaded = history.reload["done"]
     history.reload = history.syringe = None

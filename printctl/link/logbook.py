@@ -256,8 +256,7 @@ class Logbook:
             self._standstills.append(one)
             count = len(self._standstills)
             self.alarm(
-                f"the ink stood still for {one.seconds:.1f} s at "
-                f"{self.progress.place_words(one.line)}; look at the part",
+                f"the ink stood still {self.progress.standstill_words(one)}; look at the part",
                 kind=f"standstill {min(count, MOST_STANDSTILLS)}",
             )
         found.clear()
@@ -267,7 +266,7 @@ class Logbook:
         if not self._standstills:
             return ""
         longest = max(self._standstills, key=lambda one: one.seconds)
-        where = f"for {longest.seconds:.1f} s at {self.progress.place_words(longest.line)}"
+        where = self.progress.standstill_words(longest)
         if len(self._standstills) == 1:
             return f"; the ink stood still {where}"
         total = sum(one.seconds for one in self._standstills)

@@ -128,7 +128,7 @@ class Looks:
         if ending.changing:
             pauses.change.plan(pauses.requests.reload_head)
             pauses.begin_change(at)
-            words = f"paused: {pauses.change.words()}"
+            words = pauses.change.words()
         pauses.wait_and_come_back(at, words)
 
     def _paused(self, look: Look, ending: _Ending) -> str:

@@ -111,7 +111,7 @@ class Pauses:
         self.channel.logbook.alarm(message)
         if care.deadman_stops:
             self.ending.retreat(LinkState.STOPPED, message)
-        self.pause(f"paused: {message}; `printctl resume RUN` goes on")
+        self.pause(f"{message}; `printctl resume RUN` goes on")
 
     # --- leaving, waiting, coming back -----------------------------------------------------------
 
@@ -181,7 +181,6 @@ class Pauses:
         self.excursion.begin(at, 0.0, None)
         self.excursion.lose_count()
         self.changer.found_again(at, head)
-        self.channel.command(b"M400")
         self.wait_and_come_back(at, f"paused, found again: {self.change.words()}")
 
     def wait_and_come_back(self, at: Modal, message: str) -> None:
@@ -236,7 +235,7 @@ class Pauses:
             if request is Request.RELOAD and not self.change.going_on:
                 self.change.plan(self.requests.reload_head)
                 self.begin_change(at)
-                channel.logbook.enter(LinkState.PAUSED, f"paused: {self.change.words()}")
+                channel.logbook.enter(LinkState.PAUSED, self.change.words())
             if request is Request.RESUME:
                 new, unchanged = self.requests.take_new_syringe()
                 problem = self._why_not_resume(at, new, unchanged)

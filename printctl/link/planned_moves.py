@@ -12,11 +12,11 @@ from itertools import pairwise
 from typing import Final
 
 from firmware_profiles import Printer
-from printctl.link.modal import Modal
+from printctl.link.modal import Modal, declared_axes
 from sim.reading import GcodeLine, is_motion, read_sent
 
 _AXES: Final = "XYZE"
-_FAR_MM: Final = 1000.0
+FAR_MM: Final = 1000.0
 """Length of a move on an axis whose place nobody has told before: as long as any."""
 ARC_PIECE_MM: Final = 1.0
 """Length of an arc's pieces, each a block of the planner (Marlin's MAX_ARC_SEGMENT_MM)."""
@@ -81,13 +81,15 @@ def _moves(
         told = {axis: mm for axis in _AXES if (mm := line.number(axis)) is not None}
         feed = line.number("F") or feed
         if is_motion(lines[index]):
-            way = [told[axis] - place.get(axis, told[axis] - _FAR_MM) if axis in told else 0.0
+            way = [told[axis] - place.get(axis, told[axis] - FAR_MM) if axis in told else 0.0
                    for axis in _AXES]  # fmt: skip
             speed = printer.max_speed_mm_s.x if feed is None else feed / 60.0
             for piece, top in _pieces(line, way, speed, printer):
                 yield _move(index, piece, top, printer)
         if is_motion(lines[index]) or line.code == "G92":
             place |= told
+        else:
+            place |= declared_axes(lines[index])
 
 
 def _pieces(

@@ -19,6 +19,7 @@ from printctl.link.frame_check import FrameCheck
 from printctl.link.modal import AXES, Modal, disagreement, modal_state
 from printctl.link.states import LinkState, PrintEnded
 from printctl.link.valve_switch import ValveSwitch
+from sim.reading import is_motion, read_sent
 
 RETRIES: Final = 8
 """So often a question is asked whose answer may be garbled."""
@@ -145,6 +146,15 @@ class PositionCheck:
         words = {axis.lower(): value for axis, value in position.items() if axis in AXES}
         return Standstill(Modal(**words), read=bool(position), dropped=False)
 
+    def made(self) -> bool:
+        """Whether the motors stand where the job's last line leads: nothing is left to be dropped.
+
+        M114 doesn't count the plunger's steps: not behind a line that moves it alone.
+        """
+        moves = (line for line in reversed(self._progress.taken) if is_motion(line))
+        last = read_sent(next(moves, b"")).words
+        return bool(set("XYZ") & last.keys()) and self._frame.stands_at(self._progress.modal())
+
     def standstill(self) -> Standstill:
         """Return where the printer stands after it dropped moves."""
         at, heights = self._progress.modal(), self._progress.heights()
@@ -250,7 +260,8 @@ class PositionCheck:
             words = "; the end's place isn't compared: the job names none"
         elif not by_steps:
             words = (
-                "; the end's place is compared as told, its motors' steps aren't: M114 lacks them"
+                "; the end's place is compared as told, its motors' steps aren't: the printer "
+                "doesn't tell them by axis"
             )
         else:
             words = ""

@@ -111,7 +111,7 @@ class PrintLoop:
         now_s, read, take = self._wiring.clock.now, transport.read, protocol.take_output
         feed, queue, progress = protocol.feed, self._parts.queue, self._progress
         requests, commands, logbook = queue.requests, queue.commands, self._logbook
-        killed = channel.kill.asked.is_set
+        killed, heard = channel.kill.asked.is_set, channel.heard
         self._measure(now_s())
         self._parts.answers.look(now_s())
         self._parts.clients.look(now_s())
@@ -123,7 +123,7 @@ class PrintLoop:
         now = now_s()
         stop = protocol.limit = self._next_stop(now)
         taken = protocol.lines_done
-        progress.standstills.answered(self._job.lines, taken, now)
+        progress.standstills.answered(self._job.lines, taken, now, protocol.line_errors)
         if not progress.unverified:
             protocol.held = False
             protocol.go(now)
@@ -135,6 +135,7 @@ class PrintLoop:
             data = read(wait if wait < POLL_S else POLL_S)
             now = now_s()
             if data:
+                heard.heard_s = now
                 events = feed(data, now)
                 if events:
                     channel.handle(events)

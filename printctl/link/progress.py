@@ -11,7 +11,7 @@ from printctl.link.marks import MarkKind
 from printctl.link.modal import Modal, ModalTrail, modal_state, relieved_mm
 from printctl.link.motor_run_on import Answers, MotorRunOn, longest_run_on
 from printctl.link.planned_moves import planned_moves
-from printctl.link.standstill import StandstillWatch
+from printctl.link.standstill import Standstill, StandstillWatch
 from printctl.link.stop_place import StopPlace, find_stop_line
 from printctl.link.wiring import Wiring
 
@@ -164,22 +164,42 @@ class JobProgress:
     def answered(self, lines: int, now: float) -> None:
         """Take notice that ``lines`` of the job were taken by ``now``, s."""
         self._answers = Answers(self._answers.last, self._answers.last_s, lines, now)
-        self.standstills.answered(self.job.lines, lines, now)
+        self.standstills.answered(self.job.lines, lines, now, self._protocol.line_errors)
 
     def stands_still(self) -> None:
         """Take notice that the printer has made all that it took."""
         self._made.waited(self.done)
-        self.standstills.rest(self.job.lines, self._protocol.lines_done,
-                              self._wiring.clock.now())  # fmt: skip
+        self.leaves()
 
-    def place_words(self, line: int) -> str:
-        """Return a place of the job, after ``line`` of its lines, for a message."""
-        at = " ".join(f"{k.upper()}{v:.2f}" for k, v in self._each_after(line, line)[0].place()
-                      .items() if k in "xyz")  # fmt: skip
+    def leaves(self) -> None:
+        """Take notice that the machine stands, or that what comes leads the needle away."""
+        protocol, now = self._protocol, self._wiring.clock.now()
+        self.standstills.rest(self.job.lines, protocol.lines_done, now, protocol.line_errors)
+
+    def stood_without_host(self, seconds: float) -> None:
+        """Take notice that the print is gone on with; nobody spoke to the printer for so long."""
+        self.standstills.without_host(self.job.lines, self.done, seconds)
+
+    def standstill_words(self, one: Standstill) -> str:
+        """Return for how long and where the ink stood, for a message."""
+        line, last = one.line, one.line + one.within
+        ways = [
+            " ".join(f"{k.upper()}{v:.2f}" for k, v in at.place().items() if k in "xyz")
+            for at in self._each_after(line, last)
+        ]
         marks = [self.job.marks.next(kind, line) for kind in (MarkKind.LAYER, MarkKind.VESSEL)]
-        within = [str(mark).removeprefix("end of ") for mark in marks if mark and mark.number >= 0]
-        where = ", ".join([at, *within])
-        return f"line {self.job.file_line(line)}" + (f" ({where})" if where else "")
+        parts = [str(mark).removeprefix("end of ") for mark in marks if mark and mark.number >= 0]
+        where = ", ".join([" to ".join(filter(None, ways)), *parts]).removeprefix(", ")
+        place = f"line {self.job.file_line(last)}" + (f" ({where})" if where else "")
+        return f"for {one.seconds:.1f} s at {place}"
+
+    def overdue(self) -> bool:
+        """Whether the line in flight would be answered by now, by plan."""
+        return self.standstills.overdue(self.job.lines, self._wiring.clock.now())
+
+    def all_made(self) -> bool:
+        """Whether all that was sent has ended by plan, though nothing says so."""
+        return self.standstills.all_made(self.job.lines, self._wiring.clock.now())
 
     def moves_dropped(self) -> None:
         """Take notice that the printer has dropped the moves that it held."""

@@ -51,7 +51,7 @@ class RequestQueue:
     def add(self, request: Request, by: str = "the user", why: str = "") -> None:
         """Ask for something; ``why`` in place of who has asked for it."""
         if request is Request.PAUSE and request not in self.requests:
-            self.pause_words = f"paused: {why}" if why else f"paused by {by}"
+            self.pause_words = why or f"paused by {by}"
         if request is Request.STOP:
             self.stopped_by = self.stopped_by or by
         self.requests.append(request)

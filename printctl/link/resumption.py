@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 
 from printctl.link.channel import Channel
@@ -104,6 +105,8 @@ class Resumption:
             self.pauses.await_syringe(at, head)
         elif done < len(logbook.progress.job):
             self._rejoin(at, history.park, done)
+            if history.in_ink:
+                logbook.progress.stood_without_host(time.time() - history.written_s)
         # else it died behind the last line, when settings may be as before the job: no move is left
 
     def _last_line(self, history: JournalledPrint) -> tuple[int, int]:

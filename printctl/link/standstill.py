@@ -5,6 +5,10 @@ So an answer that is later than the moves' plan says is suspicious. What the nex
 decides: a board whose motors stood goes on at its old pace; one that was merely not heard has made
 moves meanwhile and takes as many lines at once.
 
+A firmware that plans by time (Klipper) lets an answer wait once it holds moves of a certain time:
+how long, the first answers that wait since the machine stood tell. So the end of its moves is
+known, and it stood from there to a later answer.
+
 Not modelled: standstills of a planner that is never full for as long as it isn't empty.
 """
 
@@ -22,17 +26,21 @@ from firmware_profiles import Printer
 from printctl.link.completed_moves import moves_ahead
 from printctl.link.modal import modal_state
 from printctl.link.motor_run_on import motion_of
-from printctl.link.planned_moves import planned_moves
+from printctl.link.planned_moves import FAR_MM, planned_moves
 from sim.reading import is_motion, read_sent
 
 SHORTEST_S: Final = 1.0
 MODEL_ERROR: Final = 0.05
 """Share by which moves may take longer than planned; the dry run is within 3 %."""
+_LATE_S: Final = 0.3
 _TURNAROUND_S: Final = 0.05
 """An answer within this waited for no move."""
-_BUFFER_S: Final = 3.0
-"""Most that a firmware which plans by time (Klipper) holds ahead, beside the last moves."""
-_BUFFER_MOVES: Final = 3
+_MEASURED: Final = 3
+"""Answers since a rest by which is measured how much such a firmware (Klipper) holds ahead."""
+_UNMEASURED_S: Final = 2.25
+"""As much where a move came from a place that nobody has named."""
+_BEGIN_S: Final = 0.25
+"""Time for which such a firmware lets its first moves wait (Klipper: toolhead.py)."""
 _UNBOUNDED: Final = re.compile(
     rb"(?!SET_)[A-Z]{2}|T|G(28|29|30|32)\b|M(0|1|6|109|116|190|191|226|291|303|600)\b"
 )
@@ -48,17 +56,32 @@ class Standstill:
     line : int
         Job lines before its place.
     seconds : float, s
+    within : bool
+        Whether the place is on the way of the line behind those.
     """
 
     line: int
     seconds: float
+    within: bool = False
 
 
 @dataclass(frozen=True)
 class _Late:
-    """A late answer that is still to be judged: the lines before it, when they and it came, s."""
+    """A late answer that is still to be judged.
+
+    Attributes
+    ----------
+    line : int
+        Job lines taken before it.
+    reached : int
+        Those, and what was in flight where it arrived before the answers failed.
+    before_s, came_s : float, s
+        When those and it were answered.
+    was_full : bool
+    """
 
     line: int
+    reached: int
     before_s: float
     came_s: float
     was_full: bool
@@ -76,12 +99,13 @@ class StandstillWatch:
         self._printer = printer
         ahead = moves_ahead(printer)
         self._by_time = math.isinf(ahead)
-        self._held = _BUFFER_MOVES if self._by_time else printer.planner_blocks - 1
-        self._shifts = range(_BUFFER_MOVES + 1) if self._by_time else range(
-            max(self._held - 1, 0), int(ahead) + 1
-        )  # fmt: skip
+        self._held = printer.planner_blocks - 1
+        most = self._held if self._by_time else int(ahead)
+        self._shifts = range(max(self._held - 1, 0), most + 1)
         self._taken: deque[tuple[int, float]] = deque(maxlen=2 * self._shifts[-1] + 8)
         self._rested: int | None = None
+        self._resent = 0
+        self._ends_s, self._held_s, self._waited = math.inf, 0.0, 0
         self._late: _Late | None = None
         self._on = self._ends = False
         self._plan_begin, self._plan_s = 0, list[float]()
@@ -93,45 +117,98 @@ class StandstillWatch:
         self._taken.clear()
         self._taken.append((taken, now))
         self._rested, self._late, self._on, self._ends = taken, None, True, False
+        self._ends_s, self._held_s, self._waited = now + _BEGIN_S, 0.0, 0
 
     def end_at_rest(self) -> None:
         """Record that the print is being held: what stands behind the next rest is meant to."""
         self._ends = True
 
-    def answered(self, lines: Sequence[bytes], taken: int, now: float) -> None:
-        """Record that ``taken`` lines of the job were taken by ``now``, s."""
+    def answered(self, lines: Sequence[bytes], taken: int, now: float, resent: int = 0) -> None:
+        """Record that ``taken`` lines of the job were taken by ``now``, s.
+
+        ``resent``: lines sent again so far: one that was had not arrived before.
+        """
         if not self._on or taken == self._taken[-1][0]:
             return
         line, before_s = self._taken[-1]
-        if self._late is not None:
-            self._taken.append((taken, now))
-            self._look_behind(lines, self._late)
+        reached = self._reached(line, taken, resent)
+        waits = now - before_s > SHORTEST_S and taken > line
+        if waits and any(_UNBOUNDED.match(one) for one in lines[line:taken]):
+            self.begin(taken, now)
             return
-        late_s = now - before_s
-        if late_s > SHORTEST_S and taken > line:
-            if any(_UNBOUNDED.match(one) for one in lines[line:taken]):
-                self.begin(taken, now)
-                return
-            if late_s > self._usual_s(lines, line, taken) + SHORTEST_S:
-                self._late = _Late(line, before_s, now, self._is_full())
+        if self._by_time:
+            self._plan_on(lines, taken, reached, now)
+        elif waits and self._late is None and (
+            now - before_s > self._usual_s(lines, line, taken) + SHORTEST_S
+        ):  # fmt: skip
+            self._late = _Late(line, reached, before_s, now, self._is_full())
+            self._taken.append((taken, now))
+            return
         self._taken.append((taken, now))
+        if self._late is not None:
+            self._look_behind(lines, self._late)
 
-    def rest(self, lines: Sequence[bytes], taken: int, now: float) -> None:
-        """Record that all was made by ``now``, s, and the machine stands."""
+    def _reached(self, line: int, taken: int, resent: int) -> int:
+        """Return job lines that had arrived when ``line`` of ``taken`` were answered."""
+        again, self._resent = resent > self._resent, resent
+        return line if again else taken
+
+    def overdue(self, lines: Sequence[bytes], now: float) -> bool:
+        """Whether the next line's answer is late by plan."""
+        line, before_s = self._taken[-1] if self._taken else (len(lines), now)
+        if not self._on or any(_UNBOUNDED.match(one) for one in lines[line : line + 1]):
+            return False
+        return line < len(lines) and now - before_s > _LATE_S + self._usual_s(lines, line, line + 1)
+
+    def all_made(self, lines: Sequence[bytes], now: float) -> bool:
+        """Whether all that was taken or sent has ended by plan, though nothing says so."""
+        if not self._on:
+            return False
+        line, before_s = self._taken[-1]
+        end = min(line + self._printer.lines_in_flight, len(lines))
+        first = max(line - self._shifts[-1], 0)
+        if any(_UNBOUNDED.match(one) for one in lines[first:end]):
+            return False
+        ahead_s = self._ahead_s(lines, line, full=True) + self._sum(lines, line, end)
+        return now - before_s > ahead_s
+
+    def without_host(self, lines: Sequence[bytes], taken: int, seconds: float) -> None:
+        """Record that nobody spoke for so long to the printer, which had taken so many lines."""
+        self._note(taken, seconds - self._sum(lines, taken - self._held, taken))
+
+    def rest(self, lines: Sequence[bytes], taken: int, now: float, resent: int = 0) -> None:
+        """Record that all was made by ``now``, s, and the machine stands, or is led away."""
         if self._on:
             ends, (line, before_s) = self._ends, self._taken[-1]
+            reached = self._reached(line, taken, resent)
             if self._late is not None:
                 self._judge(lines, self._late, full=False)
             elif not any(_UNBOUNDED.match(one) for one in lines[line:taken]):
-                spent = self._ahead_s(lines, line, self._is_full())
-                if self._by_time:  # some builds hold more
-                    spent = max(spent, self._sum(lines, line - self._printer.planner_blocks, line))
-                spent += self._sum(lines, line, taken)
-                self._note(line, now - before_s - spent)
+                spent = self._ahead_s(lines, line, self._is_full()) + self._sum(lines, line, taken)
+                self._note(reached, now - before_s - spent)
             self.begin(taken, now)
             self._on = not ends
 
     # --- judging a late answer --------------------------------------------------------------------
+
+    def _plan_on(self, lines: Sequence[bytes], taken: int, reached: int, now: float) -> None:
+        """Add an answer's moves to those ahead of a firmware that plans by time; judge it."""
+        line, before_s = self._taken[-1]
+        ends_s = self._ends_s + self._sum(lines, line, reached)
+        if now > ends_s:
+            if now - before_s > SHORTEST_S:
+                self._note(reached, now - ends_s)
+            self._ends_s = now + _BEGIN_S + self._sum(lines, reached, taken)
+            return
+        if now - before_s > _TURNAROUND_S:  # it waited until there was room
+            self._waited += 1
+            if math.isinf(self._ends_s):
+                self._waited, self._held_s = _MEASURED + 1, _UNMEASURED_S
+            if self._waited <= _MEASURED:
+                self._held_s = max(self._held_s, self._ends_s - now)
+            else:
+                self._ends_s = now + self._held_s
+        self._ends_s += self._sum(lines, line, taken)
 
     def _usual_s(self, lines: Sequence[bytes], line: int, taken: int) -> float:
         """Return how long the answer to lines behind ``line`` may take, s."""
@@ -140,8 +217,6 @@ class StandstillWatch:
                                                     for one in own) else 0.0  # fmt: skip
         if not all(is_motion(one) for one in own):  # it may wait for all moves
             return self._ahead_s(lines, line, full=True) + plan
-        if self._by_time:
-            return self._ahead_s(lines, line, full=True) - _BUFFER_S + plan
         if self._rested is not None and line - self._rested < self._shifts[0]:
             return plan  # there is room in the planner
         return plan + max(
@@ -166,17 +241,26 @@ class StandstillWatch:
             spent = max(
                 self._sum(lines, late.line - shift, taken - shift) for shift in self._shifts
             )
-            place = max(late.line - self._shifts[0], 0)
-            self._note(place, now - late.before_s - spent)
+            held = self._shifts[0] - self._taken_at_once(late.came_s)
+            if held > self._shifts[0] / 2:  # the planner stayed full: the motors stood in a move
+                self._note(max(late.line - self._shifts[0] - 1, 0), now - late.before_s - spent,
+                           within=True)  # fmt: skip
+            else:
+                self._note(late.reached, now - late.before_s - spent)
             return
         spent = self._ahead_s(lines, late.line, late.was_full)
-        if self._note(late.line, late.came_s - late.before_s - spent):
+        if self._note(late.reached, late.came_s - late.before_s - spent):
             self._rested = late.line
 
-    def _note(self, line: int, seconds: float) -> bool:
+    def _taken_at_once(self, after_s: float) -> int:
+        """Return how many lines the planner had room for behind a late answer."""
+        times = [one for one in self._taken if one[1] >= after_s]
+        return sum(b[0] - a[0] for a, b in pairwise(times) if b[1] - a[1] <= _TURNAROUND_S)
+
+    def _note(self, line: int, seconds: float, within: bool = False) -> bool:
         stood = seconds > SHORTEST_S
         if stood:
-            self.found.append(Standstill(line, seconds))
+            self.found.append(Standstill(line, seconds, within))
         return stood
 
     # --- what the moves take ----------------------------------------------------------------------
@@ -188,9 +272,11 @@ class StandstillWatch:
 
     def _ahead_s(self, lines: Sequence[bytes], line: int, full: bool) -> float:
         """Return the time of the moves ahead when ``line`` lines were taken, s."""
+        if self._by_time:
+            return max(self._ends_s - self._taken[-1][1], 0.0)
         first = max(line - self._held, 0)
-        most = self._sum(lines, first, line) + (_BUFFER_S if self._by_time else 0.0)
-        if full or self._by_time or self._rested is None or self._rested < self._taken[0][0]:
+        most = self._sum(lines, first, line)
+        if full or self._rested is None or self._rested < self._taken[0][0]:
             return most
         ends = before_s = 0.0
         for (a, _), (b, at) in pairwise(self._taken):
@@ -218,7 +304,7 @@ class StandstillWatch:
         self._plan_s = [_dwell_s(one) if one.startswith(b"G4 ") else 0.0
                         for one in lines[begin:end]]  # fmt: skip
         for move, (a, b) in zip(moves, pairwise(starts), strict=True):
-            self._plan_s[move.line - begin] += b - a
+            self._plan_s[move.line - begin] += math.inf if move.length_mm >= FAR_MM else b - a
 
 
 def _dwell_s(line: bytes) -> float:

@@ -69,11 +69,12 @@ class SyringeChanger:
     def _take_idle_head(self) -> None:
         """Have E move the plunger whose syringe is changed, where that isn't the one in use.
 
-        The needle stands high above the bath by now.
+        The needle stands high above the bath behind M400; whoever says at once that a syringe is in
+        has places compared that must stand still.
         """
+        self._channel.command(b"M400")
         idle = self._change.idle_head
         if idle is not None:
-            self._channel.command(b"M400")
             self._heads.choose(idle)
 
     @property

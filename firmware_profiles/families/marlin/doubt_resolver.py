@@ -161,14 +161,14 @@ class DoubtResolver:
         if tokens.flying:
             tokens.drop()
             self._sender.send_token(now, events)
-        elif state.faulty and not state.flight_control:
-            self._sender.send_next(now)  # held: the line isn't sent again
-        elif state.flight_control or tokens.heard <= tokens.owed:
-            self._sender.fly(now)
-        else:
+        elif not (state.flight_control or state.faulty) and tokens.heard > tokens.owed:
             events.append(said.StrayOk(state.number + 1))
             state.held = True
             tokens.forget_oks()
+            self._sender.send_next(now)
+        elif state.flight_control or not state.held:
+            self._sender.fly(now)
+        else:  # the line goes again once the job goes on
             self._sender.send_next(now)
 
     def _were_taken(self, both: bool, now: float, events: list[Event]) -> None:

@@ -182,6 +182,10 @@ class MarlinProtocol:
         would cut across to a further point of it (seen on the real one).
         """
         state = self.state
+        if not commands:
+            if state.phase is Phase.FLIGHT:
+                state.deadline = now
+            return False
         if state.phase in (Phase.READY, Phase.OVER):
             return False
         if any(line and _ARC.match(line) for line in (state.flight, state.second)):

@@ -40,7 +40,6 @@ FAMILY: Final = Family(
         keepalive=True,
         tells_steps=True,
         remembers=True,
-        confirms_at_once=True,
         pairs=True,
         cuts_long_lines=True,
         m84_sets_timeout=True,

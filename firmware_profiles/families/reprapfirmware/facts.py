@@ -5,7 +5,7 @@ S lowers the idle motors' current only; M203 in mm/min; G92 X Y Z makes the axes
 ``GCodes::SetPositions``; ``StringParser.cpp``: a G or M outside of quotes begins another command of
 the line, but in the text without quotes of M23, M28, M30, M32, M36 and M117; a text that begins
 with a brace is an expression, behind which the line goes on with the next command; M220 and M221
-answer a number and ``%``); docs.duet3d.com (M572, G10 P).
+answer a number and ``%``); docs.duet3d.com (M572, G10 P, M114, M669).
 """
 
 from __future__ import annotations
@@ -35,7 +35,12 @@ def _make_protocol(setup: LinkSetup) -> LinkProtocol:
 
 
 FAMILY: Final = Family(
-    link=LinkFacts(says="reprapfirmware", make_protocol=_make_protocol, tells_steps=True),
+    link=LinkFacts(
+        says="reprapfirmware",
+        make_protocol=_make_protocol,
+        tells_steps=True,
+        axes_question=b"M669",
+    ),
     grammar=Grammar(
         codes=CODES,
         words=WORDS,

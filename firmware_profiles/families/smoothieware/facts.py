@@ -93,9 +93,7 @@ def _make_protocol(setup: LinkSetup) -> LinkProtocol:
 
 
 FAMILY: Final = Family(
-    link=LinkFacts(
-        says="smoothie", make_protocol=_make_protocol, remembers=True, confirms_at_once=True
-    ),
+    link=LinkFacts(says="smoothie", make_protocol=_make_protocol, remembers=True),
     grammar=Grammar(
         codes=_CODES,
         words={code: words for code, words in COMMON.items() if code not in _ANY_WORD},

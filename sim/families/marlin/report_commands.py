@@ -43,8 +43,8 @@ def temperatures(machine: Machine) -> str:
 
 
 def planned_position(board: Controller) -> str:
-    """Report of M114: counts are those at the end of the last block taken."""
-    return position_report(board, [int(v) for v in board.machine.motion.planner["position"][0]])
+    """Report of M114: counts are the motors' own at this moment."""
+    return position_report(board, board.machine.steps_now())
 
 
 def ok_words(board: Controller) -> str:

@@ -52,8 +52,13 @@ def _where(board: Controller) -> str:
 
 
 def _m114(board: Controller, command: Command) -> None:
-    counts = " ".join(str(int(v)) for v in board.machine.motion.planner["position"][0][:3])
-    board.machine.say(f"{_where(board)} E0:0.0 Count {counts} Machine 0.000 0.000 0.000")
+    counts = " ".join(map(str, board.machine.steps_now()[:3]))
+    place = " ".join(f"{float(v) + 0.0:.3f}" for v in board.machine.motion.modal["position"][0, :3])
+    board.machine.say(f"{_where(board)} E0:0.0 Count {counts} Machine {place} Bed comp 0.000")
+
+
+def _m669(board: Controller, command: Command) -> None:
+    board.machine.say("Kinematics is Cartesian, no segmentation")
 
 
 def _m115(board: Controller, command: Command) -> None:
@@ -110,6 +115,7 @@ class RepRapFirmware(Marlin):
         "M203": _m203,
         "M208": _m208,
         "M114": _m114,
+        "M669": _m669,
         "M115": _m115,
         "M220": set_speed_percent,
         "M221": set_flow_percent,

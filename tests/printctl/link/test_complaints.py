@@ -219,6 +219,8 @@ def test_families_that_count_no_lines_drop_none_either(family, said, about_comma
         (("prusa", "marlin"), "Error:0: Heaters switched off. MINTEMP triggered!", "fault"),
         (("prusa", "marlin"), "Hotend fan speed is lower than expected", "fault"),
         (("prusa", "marlin"), "Error:!! KILL caused by KILL button/pin", "fault"),
+        (("prusa", "marlin"), "!!", "fault"),
+        (("prusa", "marlin"), "echo:M112 Shutdown", "halt"),
         (("prusa", "marlin"), "echo:Home XYZ First", "refusal"),
         (("prusa", "marlin"), "Error:No Line Number with checksum, Last Line: 5", "line_error"),
         (("prusa", "marlin"), 'echo:enqueueing "M600"', "notice"),

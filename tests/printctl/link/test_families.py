@@ -200,6 +200,40 @@ def test_duet_whose_ok_to_a_setting_was_lost_is_told_it_again(tmp_path, line):
     assert fake.executed.count(line.decode()) == 2
 
 
+class CountingDuet(FakeDuet):
+    """It tells its motors' steps, which stand ``astray_mm`` beside the place it tells in Y."""
+
+    def __init__(self, astray_mm: float, axes: str) -> None:
+        super().__init__()
+        self.astray_mm, self.axes = astray_mm, axes
+
+    def do(self, command: str) -> str:
+        if command == "M669":
+            return f"Kinematics is {self.axes}, no segmentation\nok\n"
+        said = super().do(command)
+        if command != "M114":
+            return said
+        x, y, z = (self.at[axis] for axis in "XYZ")
+        steps = f"{round(80 * x)} {round(80 * (y - self.astray_mm))} {round(400 * (z + 0.1))} 0"
+        machine = f"{x:.3f} {y:.3f} {z:.3f} Bed comp 0.100"
+        return f"{self.where} E0:0.0 Count {steps} Machine {machine}\nok\n"
+
+
+@pytest.mark.parametrize(
+    ("astray_mm", "axes", "state", "words"),
+    [
+        (0.0, "Cartesian", LinkState.DONE, "lines done"),
+        (0.1, "Cartesian", LinkState.POSITION_UNKNOWN, "its motors' steps make"),
+        (0.1, "CoreXY", LinkState.DONE, "its motors' steps aren't"),
+    ],
+)
+def test_end_compares_the_motors_steps_of_a_duet(tmp_path, astray_mm, axes, state, words):
+    status = streamer_of("reprapfirmware", CountingDuet(astray_mm, axes), tmp_path).run()
+    assert status.state is state
+    assert words in status.message
+    assert "aren't" in words or "aren't" not in status.message
+
+
 def test_crc_is_that_of_xmodem():
     assert crc16(b"123456789") == 0x31C3 == xmodem(b"123456789")
 

@@ -16,13 +16,19 @@ from firmware_profiles.families.marlin.replies import frame
 from firmware_profiles.families.pairing import Pairing
 from printctl.link.answer_count import EVERY_S
 from printctl.link.clock import VirtualClock
+from printctl.link.families import protocol_for
 from printctl.link.journal import Journal
 from printctl.link.journalled_print import JournalledPrint, read_journal
 from printctl.link.ports import PortPrograms
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
+from sim.families.registry import simulated_printer
 from tests.printctl.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
+from tests.printctl.link.jobs import parse_job
+from tests.printctl.link.journals import journal_in
+from tests.printctl.link.sim_transport import SimTransport
+from tests.printctl.link.simulated import START, gcode
 from tests.printctl.link.test_streamer import job_of, streamer_of
 from tests.slower import first_of
 
@@ -246,3 +252,38 @@ def test_each_ok_before_the_echo_is_one_more_than_lines(oks):
     assert token
     events = protocol.feed(b"ok\n" * oks + b"echo:" + token[0] + b"\nok\n", 0.3)
     assert events == [StrayOk(32, oks), Synchronised(32)]
+
+
+@pytest.mark.parametrize(
+    ("profile", "head"),
+    [
+        ("klipper_bioprinter", b"SET_KINEMATIC_POSITION X=50 Y=50 Z=10\n"),
+        ("ender5_duet3_replistruder5", b"M302 P1\n"),
+    ],
+)
+def test_another_program_s_line_on_other_boards_pauses_once_and_is_told(tmp_path, profile, head):
+    facts, states = load(Printer, profile), list[LinkState]()
+
+    class Meddled(SimTransport):
+        writes = b"M105\n"
+
+        def write(self, data: bytes) -> None:
+            super().write(data)
+            if b" E0.2" in data and self.writes:
+                super().write(self.writes)
+                self.writes = b""
+
+    def on_status(status: Status) -> None:
+        if status.state is LinkState.PAUSED:
+            streamer.resume()
+        states.append(status.state)
+
+    data = head + b"G90\nM82\n" + gcode(200).split(b"\n", 4)[4]
+    wire = Meddled(simulated_printer(facts)(facts, START), VirtualClock())
+    protocol, journal = protocol_for(facts, 0.05), journal_in(tmp_path)
+    wiring = Wiring(wire, protocol, wire.clock, journal, facts, on_status=on_status)
+    streamer = Streamer(wiring, parse_job(data, "test.gcode", facts))
+    status = streamer.run()
+    assert (status.state, status.position_known) == (LinkState.DONE, False), status
+    assert states.count(LinkState.PAUSED) == 1
+    assert OTHERS in status.message

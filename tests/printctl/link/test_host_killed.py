@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import time
 from pathlib import Path
 
@@ -92,6 +94,36 @@ def test_host_killed_in_a_pause_comes_down_and_primes_again(tmp_path):
     assert np.array_equal(motion.end[-1], foreseen.end[-1])
     assert motion.plunger_end[-1] == foreseen.plunger_end[-1]
     assert len(motion) == len(foreseen) + 13  # relieve, lift, ten steps down, prime
+
+
+@pytest.mark.parametrize("paused", [False, True])
+def test_ink_that_stood_without_a_host_is_told_with_its_place(tmp_path, paused):
+    data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
+
+    def on_status(status: Status) -> None:
+        if paused and status.state is LinkState.PAUSED:
+            raise HostDiedError
+
+    wire = SimTransport(printer, clock) if paused else doomed(printer, clock, 60, 1.0)
+    asked = ("pause",) if paused else ()
+    with pytest.raises(HostDiedError):
+        printed(data, tmp_path, wire, *asked, on_status=on_status)
+    journal = tmp_path / "journal.log"
+    os.utime(journal, (time.time() - 20.0,) * 2)
+    printer.advance(20.0)
+    stood = printer.executed().end[-1]
+    status = resumed(data, tmp_path, SimTransport(printer, clock))
+    assert status.state is LinkState.DONE
+    found = re.search(
+        r"stood still for ([\d.]+) s at line \d+ \(X([\d.]+) Y([\d.]+)", status.message
+    )
+    if paused:
+        assert found is None
+        return
+    assert found is not None
+    ahead_s = 3.0  # of the moves that the planner held
+    assert 20.0 - ahead_s < float(found[1]) < 20.5
+    assert [float(found[2]), float(found[3])] == pytest.approx(stood[:2], abs=0.02)
 
 
 def test_printer_reset_while_the_host_was_dead_is_position_unknown(tmp_path):

@@ -82,7 +82,7 @@ def test_told_time_is_true_within_a_fifth_and_never_too_short(make, seed: int) -
     rng = random.Random(f"{make.__name__} {seed}")
     head = ["G21", "G90", "M82", "M302 P1", "G92 X50 Y50 Z5 E0"]
     lines = [line.encode() for line in [*head, *make(rng)]]
-    taken = SimpleNamespace(lines_done=0)
+    taken = SimpleNamespace(lines_done=0, line_errors=0)
     wiring = SimpleNamespace(printer=PRINTER, protocol=taken)
     progress = JobProgress(wiring, Job(lines, list(range(1, len(lines) + 1)), "", "a"))
     clock: list[float] = []
