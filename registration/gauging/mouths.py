@@ -76,14 +76,15 @@ def _in_gel(
     trace: VesselTrace, stations: IntArray, field: GelField, fit: Fit, part: ModelSurface
 ) -> BoolArray:
     """Which rays meet a wall by design, with gel behind it and farther out, (n, `RAYS`)."""
-    # The smoothing rounds an end face; a wall so far from it isn't moved.
+    # Smoothing, and light that comes past an upright face, move walls nearer to it (up to 17 %
+    # of 0.4 mm at 2 voxels): as whole sections (`trace`), rays keep twice that.
     border = 2 * float(field.voxel_mm.max())
     across = trace.planes.across[stations] @ fit.rotation.T
     along = np.cross(across[:, 0], across[:, 1])
     outwards = along * np.where(stations < len(trace.along) / 2, -1.0, 1.0)[:, None]
     reach = (trace.radius[stations] + border)[:, None, None]
     behind = trace.centre[stations][:, None] + reach * (_CIRCLE @ across)
-    places = np.stack([behind, behind + border * outwards[:, None]])
+    places = np.stack([behind, behind + 2 * border * outwards[:, None]])
     distance = part.query(places.reshape(-1, 3)).distance.reshape(places.shape[:-1])
     return np.asarray((distance < 0).all(axis=0))
 
