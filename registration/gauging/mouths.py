@@ -64,12 +64,16 @@ def with_mouths(
 
 
 def _mouths(trace: VesselTrace) -> Iterator[IntArray]:
-    """Stations between each free end and the first that lies clear of it, outermost first."""
+    """Stations between each free end and the first that lies clear of it, outermost first.
+
+    And that one, where the face still cuts it off.
+    """
     every = np.arange(len(trace.along))
     for stations in (every, every[::-1]):
         clear = int(np.argmax(trace.apart[stations]))
-        if clear and trace.to_end[stations[0]] < trace.to_end[stations[clear]]:
-            yield stations[:clear]
+        first = stations[clear]
+        if clear and trace.to_end[stations[0]] < trace.to_end[first]:
+            yield stations[: clear + bool(trace.seen[first] and not trace.counted[first])]
 
 
 def _in_gel(
