@@ -28,6 +28,8 @@ FEWEST_ALIKE: Final = 3
 """Vessels off to one side, half of all at least, that are one cause."""
 ALIKE: Final = 0.25
 """Spread of their shifts, of the shift, within which one size tells it for all."""
+THROUGHOUT: Final = 0.8
+"""Of a vessel's sections that fail: the vessel is off, not a place of it."""
 _OF_PLACE: Final = ("position_um", "profile_um")
 """Zones that an axis may not leave, or a wall."""
 _ORDER: Final[tuple[Decision, ...]] = ("fail", "undecided", "pass")
@@ -60,8 +62,22 @@ def verdict(registration: Record) -> dict[str, Any]:
     if (registration.get("agreement") or {}).get("other_part"):
         return {"passed": False, "undecided": False, "reasons": [_other_part(registration)]}
     features = registration["judging"]["features"]
-    worst_first = sorted(_worth_saying(features), key=_beyond, reverse=True)
-    of_features: list[Finding] = [(f["decision"], reason(f)) for f in worst_first]
+    missing = {f["vessel"] for f in registration.get("findings", ()) if f["kind"] == "missing"}
+    worst_first = [
+        f
+        for f in sorted(_worth_saying(features), key=_beyond, reverse=True)
+        # Of a lumen that isn't there nothing else is worth saying.
+        if f["name"] == "open" or f.get("vessel") not in missing
+    ]
+    throughout = _throughout(registration)
+    of_features: list[Finding] = []
+    for f in worst_first:
+        text = reason(f)
+        if f["name"] == "open" and f["decision"] == "fail" and f["vessel"] in missing:
+            text = f"Vessel {f['vessel']} is missing: no lumen was found along it"
+        elif f["name"] == "section" and f["vessel"] in throughout:
+            text = f"{text}; {throughout[f['vessel']]}"
+        of_features.append((f["decision"], text))
     causes = _common_causes(registration, worst_first)
     others: list[Finding] = [
         *(_in_this_pose(registration, *one) for one in _flow(registration)),
@@ -155,6 +171,19 @@ def _common_causes(registration: Record, worst: Sequence[Record]) -> list[str]:
     return []
 
 
+def _throughout(registration: Record) -> dict[int, str]:
+    """Say of vessels that fail nearly all along that they do: a width, not a place."""
+    out = {}
+    for row in registration["vessels"]:
+        along = row.get("decision_along") or ()
+        failed = sum(one == "fail" for one in along)
+        off = row.get("error_percent")
+        if off and row["open"] and failed >= THROUGHOUT * max(len(along), 1):
+            word = "narrower" if off < 0 else "wider"
+            out[row["vessel"]] = f"it is {word} nearly all along, by {abs(off):.1f} % in the mean"
+    return out
+
+
 def _shift(percent: FloatArray, um: FloatArray) -> str:
     """Say a common shift in the unit in which the lumens agree best."""
     spread = [float(np.ptp(np.percentile(v, [16, 84])) / abs(np.median(v))) for v in (percent, um)]
@@ -204,7 +233,8 @@ def _proven(registration: Record, features: Sequence[Record]) -> list[Finding]:
     vessels = registration["vessels"]
     good = [row for row in vessels if row["decision"] == "pass"]
     text = f"{len(good)} of {len(vessels)} vessels pass"
-    sections = [f for f in features if f["name"] == "section" and f["decision"] == "pass"]
+    passing = {row["vessel"] for row in good}
+    sections = [f for f in features if f["name"] == "section" and f["vessel"] in passing]
     if sections:
         largest = max(sections, key=lambda f: abs(f["value_um"]) / f["designed_um"])
         text += f"; of their sections the one farthest off: {reason(largest)}"

@@ -227,10 +227,16 @@ class _Vessel:
         ]
         # Features of ways stand once in the print's list; here they count for both ends.
         leaking = [f for d, f in ways if row["vessel"] in (d["vessel"], d.get("other"))]
+        decision = worst_decision(f.decision for f in [*self.features, *leaking])
+        others = worst_decision(
+            f.decision for f in [*self.features, *leaking] if f.name != "section"
+        )
+        probability = None if math.isnan(band.conformance) else band.conformance
         self.row = {
             **row,
-            "decision": worst_decision(f.decision for f in [*self.features, *leaking]),
-            "conformance": None if math.isnan(band.conformance) else band.conformance,
+            "decision": decision,
+            # Of its diameters; what fails for another reason doesn't conform, whatever those are.
+            "conformance": 0.0 if others == "fail" else probability,
             "interval_95_um": np.round(series.u_um, 2).tolist(),
             "lower_um": np.round(series.designed_um - band.below_um, 2).tolist(),
             "upper_um": np.round(series.designed_um + band.above_um, 2).tolist(),

@@ -88,6 +88,19 @@ def test_closed_vessel_fails() -> None:
     assert result["reasons"][0] == "Vessel 1: closed"
 
 
+def test_a_missing_lumen_is_called_missing_and_no_more() -> None:
+    gone = change(1, 0.0, 4.0) | {"kind": "missing"}
+    closed = vessel(1, np.full(20, -500.0), u_um=8.0)
+    result = judged(good(0), {**closed, "open": False}, defects=[gone])
+    about = [one for one in result["reasons"] if one.startswith("Vessel 1")]
+    assert about == ["Vessel 1 is missing: no lumen was found along it"]
+
+
+def test_a_lumen_off_all_along_is_told_as_that() -> None:
+    result = judged(good(0), vessel(1, np.full(20, -80.0), u_um=8.0))
+    assert "nearly all along, by 16.0 % in the mean" in result["reasons"][0]
+
+
 def test_unseen_vessel_is_neither_passed_nor_called_closed() -> None:
     result = judged(good(0), good(1, open=None, unseen_mm=[[0.5, 0.9]]))
     assert not result["passed"]
@@ -126,7 +139,9 @@ def test_leak_fails_and_is_named() -> None:
     assert not result["passed"]
     (reason,) = [r for r in result["reasons"] if "leads out" in r]
     assert "Vessel 1, 2.0 mm along: a way 200 ± 12 µm wide" in reason
-    assert next(row for row in result_rows(leak) if row["vessel"] == 1)["decision"] == "fail"
+    row = next(row for row in result_rows(leak) if row["vessel"] == 1)
+    assert (row["decision"], row["conformance"]) == ("fail", 0.0)
+    assert "of their sections the one farthest off: Vessel 0" in "; ".join(result["reasons"])
 
 
 def result_rows(*defects: dict[str, Any]) -> list[dict[str, Any]]:
