@@ -56,7 +56,7 @@ class VtuFlow:
             better = outside < best[open_]
             where = np.flatnonzero(open_)[better]
             best[where] = outside[better]
-            weight[where], self.found[where] = _shapes(at[better])[0], cells[better]
+            weight[where], self.found[where] = quadratic_shapes(at[better])[0], cells[better]
         return best < 0.02, weight
 
 
@@ -71,7 +71,7 @@ def _disc(centre: FloatArray, along: FloatArray, radius: float) -> tuple[FloatAr
     return centre + np.outer(r * np.cos(a), side) + np.outer(r * np.sin(a), other), weight
 
 
-def _shapes(at: FloatArray) -> tuple[FloatArray, FloatArray]:
+def quadratic_shapes(at: FloatArray) -> tuple[FloatArray, FloatArray]:
     """VTK's quadratic tetrahedron: values (p, 10), derivatives (p, 10, 3)."""
     one = np.column_stack([1.0 - at.sum(axis=1), at])
     slope = np.vstack([-np.ones(3), np.eye(3)])
@@ -87,7 +87,7 @@ def _inverse(nodes: FloatArray, places: FloatArray) -> FloatArray:
     """Reference coordinates of places in elements (p, 10, 3), by Newton's steps."""
     at = np.full((len(places), 3), 0.25)
     for _ in range(_STEPS):
-        value, slope = _shapes(at)
+        value, slope = quadratic_shapes(at)
         off = np.einsum("pn,pnk->pk", value, nodes) - places
         jacobian = np.einsum("pnd,pnk->pkd", slope, nodes)
         safe = np.abs(np.linalg.det(jacobian)) > 1e-14
