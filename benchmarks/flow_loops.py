@@ -119,14 +119,14 @@ def vessel_flow(flow: VtuFlow, net: Pieces, vessel: int) -> tuple[float, float]:
         radius = float(net.radius[mine[k]] @ [1.0 - part, part])
         area, through, pressure = cut(flow, start + part * (end - start), along, radius)
         if abs(area / (np.pi * radius**2) - 1.0) <= AREA_OFF:
-            found.append((s, area, through, pressure))
+            found.append((s, through, pressure))
     if not found:
         return np.nan, np.nan
-    s, area, through, pressure = np.array(found).T
+    s, through, pressure = np.array(found).T
     sloped = np.nan
     if len(s) > 2 and np.ptp(s) > MIN_SPAN_RADII * net.radius[mine].mean() and _straight(net, mine):
         slope = np.polyfit(s, pressure, 1)[0]
-        sloped = -slope * float((area**2).mean()) / (8.0 * np.pi * VISCOSITY_PA_S)
+        sloped = -slope * np.pi * net.radius[mine].mean() ** 4 / (8.0 * VISCOSITY_PA_S)
     return float(np.median(through)), sloped
 
 

@@ -10,6 +10,7 @@ from design.files import write_bytes
 from design.hemodynamics import FlowConditions, PulsatileConditions, solve_one_d
 from design.hemodynamics.probes import Probes, ProbeWaves
 from design.hemodynamics.three_d import check_cycles, probe_steady
+from design.hemodynamics.three_d.streamlines import vessel_seeds
 from design.network import VesselNetwork
 from printctl.flow.comparison import (
     Comparison,
@@ -25,9 +26,9 @@ from printctl.flow.three_d import FlowInMesh, Tell, pulse_at, resolve, stepping_
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.space import ComparePart
 from registration.report.flow_figures import comparison_figure
-from registration.report.lumen_figure import shear_figure
+from registration.report.lumen_figure import shear_figure, streamline_figure
 
-COMPARED, SEEN = "flow_comparison.svg", "flow_3d.svg"
+COMPARED, SEEN, STREAMLINES = "flow_comparison.svg", "flow_3d.svg", "flow_streamlines.svg"
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,9 @@ def solve_fidelities(folder: Path, case: Case, tell: Tell) -> Outcome:
         done.summary["three_d"] = summary
         done.files += write_resolved(folder, resolved)
         write_bytes(folder / SEEN, shear_figure(resolved.mesh, resolved.steady.wall_shear))
-        done.files.append(SEEN)
+        lines = streamline_figure(resolved.steady.field, vessel_seeds(case.network))
+        write_bytes(folder / STREAMLINES, lines)
+        done.files += [SEEN, STREAMLINES]
     if case.part.compare is not None and (resolved is not None or case.part.one_d is not None):
         compared = _compared(case, case.part.compare, resolved, tell)
         done.summary["comparison"] = comparison_summary(compared)

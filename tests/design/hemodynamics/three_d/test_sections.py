@@ -21,6 +21,7 @@ from design.hemodynamics.three_d import (
 from design.hemodynamics.three_d.lagrange import gradients, nodes, quadratic, shapes
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.hemodynamics.three_d.sections import VesselSections
+from design.hemodynamics.three_d.streamlines import trace_streamlines
 from design.network import FloatArray
 from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.three_d.lumens import bend, pipe
@@ -125,6 +126,19 @@ def test_wall_shear_of_the_parabola() -> None:
     exact = 4.0 * 2e-3 * FLOW / (np.pi * RADIUS**3)
     assert found.traction[:, 2] == pytest.approx(exact, rel=2e-3)
     assert np.abs(found.traction[:, :2]).max() < 1e-3 * exact
+
+
+def test_streamlines_of_the_parabola_are_straight_and_as_fast() -> None:
+    seeds = np.array([[0.0, 0.0, 2.0], [0.3, 0.1, 1.0]])
+    for seed, (points, speed) in zip(
+        seeds, trace_streamlines(_poiseuille(pipe(2, 14)), seeds), strict=True
+    ):
+        assert points[:, :2] == pytest.approx(np.broadcast_to(seed[:2], (len(points), 2)), abs=1e-6)
+        assert np.all(np.diff(points[:, 2]) > 0.0)
+        assert points[0, 2] < 0.2
+        assert points[-1, 2] > LENGTH - 0.2
+        exact = 2.0 * FLOW / (np.pi * RADIUS**2) * (1.0 - (seed[:2] ** 2).sum() / RADIUS**2)
+        assert speed == pytest.approx(exact, rel=0.02)
 
 
 def test_a_vtu_is_read_back(tmp_path: Path) -> None:
