@@ -10,7 +10,6 @@ from design.files import write_bytes
 from design.hemodynamics import FlowConditions, PulsatileConditions, solve_one_d
 from design.hemodynamics.probes import Probes, ProbeWaves
 from design.hemodynamics.three_d import check_cycles, probe_steady
-from design.hemodynamics.three_d.streamlines import vessel_seeds
 from design.network import VesselNetwork
 from printctl.flow.comparison import (
     Comparison,
@@ -80,8 +79,7 @@ def solve_fidelities(folder: Path, case: Case, tell: Tell) -> Outcome:
         done.summary["three_d"] = summary
         done.files += write_resolved(folder, resolved)
         write_bytes(folder / SEEN, shear_figure(resolved.mesh, resolved.steady.wall_shear))
-        lines = streamline_figure(resolved.steady.field, vessel_seeds(case.network))
-        write_bytes(folder / STREAMLINES, lines)
+        write_bytes(folder / STREAMLINES, streamline_figure(resolved.steady.field))
         done.files += [SEEN, STREAMLINES]
     if case.part.compare is not None and (resolved is not None or case.part.one_d is not None):
         compared = _compared(case, case.part.compare, resolved, tell)

@@ -47,15 +47,15 @@ def shear_figure(mesh: LumenMesh, shear: WallShear) -> bytes:
     return _two_views(mesh, drawn, scale, ("wall shear / (dyn/cm²)", "wall shear"), len(faces))
 
 
-def streamline_figure(field: Field, seeds: FloatArray) -> bytes:
-    """Streamlines through ``seeds`` (n, 3) from the front and from above, coloured by speed.
+def streamline_figure(field: Field) -> bytes:
+    """Streamlines from the front and from above, coloured by speed.
 
     Returns
     -------
     bytes
         SVG.
     """
-    lines = trace_streamlines(field, seeds)
+    lines = trace_streamlines(field)
     pieces = np.concatenate([np.stack([p[:-1], p[1:]], axis=1) for p, _ in lines])
     speed = np.concatenate([0.5 * (s[:-1] + s[1:]) for _, s in lines])
     scale = Normalize(0.0, float(np.percentile(speed, _TOP)))
