@@ -109,7 +109,9 @@ def test_what_has_no_periodic_state_is_refused() -> None:
     mesh = pipe(1, 2, RADIUS, LENGTH)
     with pytest.raises(FlowError, match=r"no periodic state after 1 cycles: .*most_cycles"):
         march_flow(mesh, _pulse(0.1), FlowOptions(2), Stepping(8, cycles=1))
-    with pytest.raises(FlowError, match=r"no periodic state in 3 cycles of 0\.001 s: .* needs \d+"):
+    with pytest.raises(
+        FlowError, match=r"no periodic state in 3 cycles of 0\.001 s: .* more than \d+"
+    ):
         march_flow(mesh, _pulse(0.001), FlowOptions(2), Stepping(8, cycles=3))
     with pytest.raises(FlowError, match="nothing changes in time"):
         march_flow(mesh, PulsatileConditions(MU, Constant(1.0)))
