@@ -78,8 +78,9 @@ def solve(loops: int, folder: Path) -> Path:
     recipe.write_text(text.replace("terminals: 31", f"terminals: {loops}"))
     for command in (
         ["design", str(recipe), "--until", "vasculature", "--out", str(out)],
-        ["flow", str(out / "network.csv"), "--unit", "mm", "--three-d", "--inlet-flow-ml-min", "0.25",
-         "--viscosity-mpa-s", f"{1e3 * VISCOSITY_PA_S:g}", "--out", str(out / "flow")],
+        ["flow", str(out / "network.csv"), "--unit", "mm", "--three-d",
+         "--inlet-flow-ml-min", "0.25", "--viscosity-mpa-s", f"{1e3 * VISCOSITY_PA_S:g}",
+         "--out", str(out / "flow")],
     ):  # fmt: skip
         subprocess.run([sys.executable, "-m", "printctl", *command], check=True, cwd=ROOT,
                        stdout=subprocess.DEVNULL)  # fmt: skip

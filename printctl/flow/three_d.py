@@ -52,17 +52,7 @@ Tell = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class FlowInMesh:
-    """A network's lumens, meshed, the steady flow in them, and how old the fluid is.
-
-    Attributes
-    ----------
-    network : VesselNetwork
-    mesh : LumenMesh
-    steady : ThreeDSolution
-    flow : (v,) float64, µL/s
-        See `vessel_flows`.
-    ages : ResidenceTime
-    """
+    """A network's lumens, meshed, the steady flow in them (by vessel, too), and the fluid's age."""
 
     network: VesselNetwork
     mesh: LumenMesh

@@ -114,11 +114,6 @@ class VesselSections:
     An element belongs to the vessel whose axis is nearest to its centre, in radii; vessels that
     follow each other without a branch count as one.
 
-    Parameters
-    ----------
-    network : VesselNetwork
-    mesh : LumenMesh
-    order : int
     """
 
     def __init__(self, network: VesselNetwork, mesh: LumenMesh, order: int) -> None:

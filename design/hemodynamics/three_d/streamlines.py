@@ -21,9 +21,7 @@ _OUTSIDE: Final = -0.1
 _STILL: Final = 1e-6
 """Of the greatest speed: a line ends there."""
 
-_MAX_STEPS: Final = 1500
-
-_LINES: Final = 200
+_LINES, _MAX_STEPS = 200, 1500
 
 
 def trace_streamlines(

@@ -180,4 +180,4 @@ def test_what_cannot_be_solved_is_refused_with_numbers(monkeypatch: pytest.Monke
 def test_resistances_behind_outlets_hold_in_space() -> None:
     behind = {1: OutletLoad(2.5, 7.0)}
     found = solve_steady(pipe(1, 2), FlowConditions(1e-3, 4.0, behind=behind), FlowOptions(2))
-    assert found.port_pressure[1] == pytest.approx(7.0 + 2.5 * found.port_flow[1], rel=1e-6)
+    assert found.port_pressure[1] == pytest.approx(7.0 + 2.5 * found.port_flow[1], rel=1e-4)
