@@ -64,7 +64,7 @@ class Section:
     velocity : (m, n, 3) float64
         Flow is their product's sum with the velocity at these elements' nodes.
     pressure : (m, n') float64
-        As much for pressure; 0 in other vessels' elements.
+        As much for pressure; 0 in other vessels' elements, unless all is junction.
     area : float, mm²
         Mean over the slab.
     clear : bool
@@ -195,11 +195,13 @@ class VesselSections:
         bump = 35.0 / (32.0 * half)
         bump = bump * np.clip(1.0 - ((along - slab.middle) / half) ** 2, 0.0, None) ** 3
         measure = bump * weight * np.abs(np.linalg.det(jacobian(node, slope)))
-        own = measure * (slab.own if slab.own.any() else True)[:, None]
+        area = float(measure.sum())
+        # Where a vessel is all junction, pressure is the junction's.
+        hardly = float(measure[slab.own].sum()) < 0.1 * area
+        own = measure * (slab.own | hardly)[:, None]
         total = np.array([(own * along**k).sum() for k in range(3)])
         line = (total[2] - total[1] * along) / (total[0] * total[2] - total[1] ** 2)
         by_velocity, by_pressure = shapes(self.order, at)[0], shapes(self.order - 1, at)[0]
-        area = float(measure.sum())
         return Section(
             tet,
             (measure @ by_velocity)[..., None] * place.direction,
