@@ -137,13 +137,14 @@ def interior_imbalance(network: VesselNetwork, field: VtuFlow) -> float:
     along = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
     count = network.vessel_count
     amid = np.array(
-        [field.section(0.5 * (start[v] + end[v]), along[v], radius[v])[0] for v in range(count)]
+        [field.section(0.5 * (start[v] + end[v]), along[v], radius[v]).flow for v in range(count)]
     )
     leaf = ~np.isin(network.vessel_nodes[:, 1], network.vessel_nodes[:, 0])
     beyond = np.zeros(count)
     for v in range(count):
         if leaf[v]:
-            beyond[v] = field.section(end[v] - 0.05 * radius[v] * along[v], along[v], radius[v])[0]
+            near = end[v] - 0.05 * radius[v] * along[v]
+            beyond[v] = field.section(near, along[v], radius[v]).flow
     for v in _upwards(network):
         beyond[v] += beyond[network.vessel_nodes[:, 0] == network.vessel_nodes[v, 1]].sum()
     # Short vessels are all junction: a section amid them cuts their neighbours, too.

@@ -1,23 +1,53 @@
-"""Flow and pressure through cross-sections, read from a VTU file alone.
+"""Flow and pressure through plane cuts of quadratic tetrahedra, read from a VTU file alone.
 
 Reads with meshio and interpolates by itself: it shares nothing with what wrote the file.
 """
 
 from __future__ import annotations
 
+from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import meshio
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 FloatArray = NDArray[np.float64]
 
-_NEAR = 60
-_STEPS = 12
-_INSIDE = 1e-6
+_REACH = 6.0
+"""How far from its centre a cut's elements are looked for, in radii."""
+
+_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
+_PARTS = np.array([[0, 4, 6, 7], [1, 5, 4, 8], [2, 6, 5, 9], [3, 7, 9, 8],
+                   [4, 9, 5, 6], [4, 9, 6, 7], [4, 9, 7, 8], [4, 9, 8, 5]])  # fmt: skip
+"""Tetrahedra within one, by its corners and edges' middles."""
+
+
+def _split(corner: FloatArray) -> FloatArray:
+    """Eight parts (8, 4, 3) of a tetrahedron (4, 3)."""
+    return np.vstack([corner, [corner[list(edge)].mean(axis=0) for edge in _EDGES]])[_PARTS]
+
+
+_PLACES = np.concatenate([_split(c) for c in _split(np.vstack([np.zeros(3), np.eye(3)]))])
+"""64 parts of the reference element, each taken as straight: (64, 4, 3)."""
+
+_TRIANGLES = (
+    (1, ((0, 1), (0, 2), (0, 3))), (3, ((3, 0), (3, 1), (3, 2))),
+    (2, ((0, 2), (0, 3), (1, 3))), (2, ((0, 2), (1, 3), (1, 2))),
+)  # fmt: skip
+"""Corners above a plane, and edges that it cuts, corners sorted from the highest."""
+
+
+class Cut(NamedTuple):
+    """Area, mm², flow along the direction, µL/s, and mean pressure, Pa."""
+
+    area: float
+    flow: float
+    pressure: float
 
 
 class VtuFlow:
@@ -29,68 +59,63 @@ class VtuFlow:
         self.cells = found.cells_dict["tetra10"]
         names = {name.lower(): name for name in found.point_data}
         self.velocity = found.point_data[next(names[n] for n in names if n.startswith("velocity"))]
-        self.pressure = found.point_data[next(names[n] for n in names if n.startswith("pressure"))]
+        pressure = found.point_data[next(names[n] for n in names if n.startswith("pressure"))]
+        self.pressure = pressure.reshape(-1, 1)
         self.tree = cKDTree(self.points[self.cells[:, :4]].mean(axis=1))
 
-    def section(self, centre: FloatArray, along: FloatArray, radius: float) -> tuple[float, float]:
-        """Flow through the disc (µL/s) and mean pressure (Pa) over it, by Gauss's places."""
-        places, weights = _disc(centre, along, radius)
-        inside, weight = self._weights(places)
-        weights = np.where(inside, weights, 0.0)
-        speed = np.einsum("pn,pnk,k->p", weight, self.velocity[self.found], along)
-        pressure = np.einsum("pn,pn->p", weight, self.pressure.reshape(-1)[self.found])
-        return float(weights @ speed), float(weights @ pressure / weights.sum())
-
-    def _weights(self, places: FloatArray) -> tuple[Any, FloatArray]:
-        """Shape functions (p, 10) at places in the element that holds each; whether one does."""
-        near = self.tree.query(places, k=min(_NEAR, len(self.cells)))[1]
-        best = np.full(len(places), np.inf)
-        weight, self.found = np.zeros((len(places), 10)), self.cells[near[:, 0]].copy()
-        for column in near.T:
-            open_ = best > _INSIDE
-            if not open_.any():
-                break
-            cells = self.cells[column[open_]]
-            at = _inverse(self.points[cells], places[open_])
-            outside = np.maximum(-at.min(axis=1), at.sum(axis=1) - 1.0)
-            better = outside < best[open_]
-            where = np.flatnonzero(open_)[better]
-            best[where] = outside[better]
-            weight[where], self.found[where] = _shapes(at[better])[0], cells[better]
-        return best < 0.02, weight
+    def section(self, centre: FloatArray, along: FloatArray, radius: float) -> Cut:
+        """Cut square to ``along``: the part that hangs together round the centre."""
+        cells = self.cells[self.tree.query_ball_point(centre, _REACH * radius)]
+        beyond = (self.points[cells] - centre) @ along
+        met = (beyond.min(axis=1) < 0.0) & (beyond.max(axis=1) > 0.0)
+        at, owner = _polygons(beyond[met])
+        cells = cells[met][owner]
+        corner = _values(self.points[cells], at)
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        part = _hanging_together(cells[:, :4])
+        mine = part == part[np.linalg.norm(corner.mean(axis=1) - centre, axis=1).argmin()]
+        area = np.where(mine, 0.5 * np.linalg.norm(normal, axis=1), 0.0)
+        # Exact for quadratics: the middles of a triangle's edges.
+        middle = 0.5 * (at + np.roll(at, -1, axis=1))
+        speed = _values(self.velocity[cells], middle).mean(axis=1) @ along
+        pressure = _values(self.pressure[cells], middle).mean(axis=(1, 2))
+        return Cut(*(float(x) for x in (area.sum(), area @ speed, area @ pressure / area.sum())))
 
 
-def _disc(centre: FloatArray, along: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
-    side = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
-    side /= np.linalg.norm(side)
-    other = np.cross(along, side)
-    node, share = np.polynomial.legendre.leggauss(12)
-    rho, turns = 0.5 * radius * (node + 1.0), 2.0 * np.pi * (np.arange(24) + 0.5) / 24
-    r, a = (x.ravel() for x in np.meshgrid(rho, turns, indexing="ij"))
-    weight = np.repeat(0.5 * radius * share * rho, 24) * 2.0 * np.pi / 24
-    return centre + np.outer(r * np.cos(a), side) + np.outer(r * np.sin(a), other), weight
+def _polygons(beyond: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Reference corners (m, 3, 3) of triangles where nodes' heights (t, 10) are 0; elements."""
+    height = (beyond @ _shapes(_PLACES.reshape(-1, 3)).T).reshape(-1, 4)
+    order = np.argsort(-height, axis=1)
+    height = np.take_along_axis(height, order, axis=1)
+    place = np.take_along_axis(np.tile(_PLACES, (len(beyond), 1, 1)), order[..., None], axis=1)
+    corners, owners = [], []
+    for above, edges in _TRIANGLES:
+        mine = np.flatnonzero((height > 0.0).sum(axis=1) == above)
+        first, last = np.array(edges).T
+        high, low = height[mine][:, first], height[mine][:, last]
+        start, end = place[mine][:, first], place[mine][:, last]
+        corners.append(start + (high / (high - low))[..., None] * (end - start))
+        owners.append(mine // len(_PLACES))
+    return np.concatenate(corners), np.concatenate(owners)
 
 
-def _shapes(at: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """VTK's quadratic tetrahedron: values (p, 10), derivatives (p, 10, 3)."""
+def _values(nodal: FloatArray, at: FloatArray) -> FloatArray:
+    """Values (m, q, k) at reference places (m, q, 3) of elements with nodal ones (m, 10, k)."""
+    shape = _shapes(at.reshape(-1, 3)).reshape(*at.shape[:2], 10)
+    return np.asarray(np.einsum("mqn,mnk->mqk", shape, nodal))
+
+
+def _shapes(at: FloatArray) -> FloatArray:
+    """VTK's quadratic tetrahedron, (p, 10)."""
     one = np.column_stack([1.0 - at.sum(axis=1), at])
-    slope = np.vstack([-np.ones(3), np.eye(3)])
-    pairs = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
     value = [one[:, i] * (2.0 * one[:, i] - 1.0) for i in range(4)]
-    value += [4.0 * one[:, i] * one[:, j] for i, j in pairs]
-    first = [(4.0 * one[:, i] - 1.0)[:, None] * slope[i] for i in range(4)]
-    first += [4.0 * (one[:, i, None] * slope[j] + one[:, j, None] * slope[i]) for i, j in pairs]
-    return np.stack(value, axis=1), np.stack(first, axis=1)
+    return np.stack([*value, *(4.0 * one[:, i] * one[:, j] for i, j in _EDGES)], axis=1)
 
 
-def _inverse(nodes: FloatArray, places: FloatArray) -> FloatArray:
-    """Reference coordinates of places in elements (p, 10, 3), by Newton's steps."""
-    at = np.full((len(places), 3), 0.25)
-    for _ in range(_STEPS):
-        value, slope = _shapes(at)
-        off = np.einsum("pn,pnk->pk", value, nodes) - places
-        jacobian = np.einsum("pnd,pnk->pkd", slope, nodes)
-        safe = np.abs(np.linalg.det(jacobian)) > 1e-14
-        jacobian[~safe] = np.eye(3)
-        at = np.clip(at - np.linalg.solve(jacobian, off[..., None])[..., 0], -2.0, 3.0)
-    return at
+def _hanging_together(corner: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Label of the part that each element (m, 4) belongs to."""
+    name = np.unique(corner, return_inverse=True)[1].reshape(corner.shape)
+    pairs = np.concatenate([name[:, edge] for edge in combinations(range(4), 2)])
+    size = int(name.max()) + 1
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(size, size))
+    return np.asarray(connected_components(graph, directed=False)[1][name[:, 0]])

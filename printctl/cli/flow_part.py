@@ -35,7 +35,7 @@ ONE_D: Final = SectionOptions(
 THREE_D: Final = SectionOptions(
     ThreeDPart,
     ("three_d",),
-    renamed={"steps": "three_d_steps"},
+    renamed={"steps": "three_d_steps", "most_cycles": "three_d_most_cycles"},
     panel="In space (3D)",
     flag="Resolve the flow in the lumens' space, too.",
 )

@@ -175,7 +175,8 @@ def comparison_summary(comparison: Comparison) -> dict[str, Any]:
     for name, wave in comparison.waves.items():
         if name == IDEAL:
             continue
-        flow = float(np.abs(wave.flow - ideal.flow).max())
+        # 3D has no flow where no section is clear.
+        flow = float(np.nanmax(np.abs(wave.flow - ideal.flow)))
         pressure = float(np.abs(wave.pressure - ideal.pressure).max())
         summary[name] = {
             "flow_off_ul_min": flow * _UL_MIN,
@@ -192,7 +193,8 @@ def _spread(comparison: Comparison, wave: ProbeWaves) -> float:
     """Standard deviation over mean of the flow amid vessels, in percent."""
     amid = len(comparison.probes.vessel) - comparison.points
     flow = np.abs(wave.flow[:amid].mean(axis=1))
-    return float(100.0 * flow.std() / flow.mean()) if flow.mean() > 0.0 else 0.0
+    mean = np.nanmean(flow)
+    return float(100.0 * np.nanstd(flow) / mean) if mean > 0.0 else 0.0
 
 
 def write_comparison(folder: Path, comparison: Comparison) -> str:

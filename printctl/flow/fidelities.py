@@ -9,8 +9,7 @@ from typing import Any
 from design.files import write_bytes
 from design.hemodynamics import FlowConditions, PulsatileConditions, solve_one_d
 from design.hemodynamics.probes import Probes, ProbeWaves
-from design.hemodynamics.three_d import probe_steady
-from design.hemodynamics.three_d.vessel_flows import conserve_mass, vessel_flows
+from design.hemodynamics.three_d import check_cycles, probe_steady
 from design.network import VesselNetwork
 from printctl.flow.comparison import (
     Comparison,
@@ -22,13 +21,13 @@ from printctl.flow.comparison import (
 )
 from printctl.flow.match import reduced_summary
 from printctl.flow.one_d import one_d_options
-from printctl.flow.three_d import FlowInMesh, Tell, pulse_at, resolve, write_resolved
+from printctl.flow.three_d import FlowInMesh, Tell, pulse_at, resolve, stepping_of, write_resolved
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.space import ComparePart
 from registration.report.flow_figures import comparison_figure
-from registration.report.lumen_figure import shear_figure
+from registration.report.lumen_figure import shear_figure, streamline_figure
 
-COMPARED, SEEN = "flow_comparison.svg", "flow_3d.svg"
+COMPARED, SEEN, STREAMLINES = "flow_comparison.svg", "flow_3d.svg", "flow_streamlines.svg"
 
 
 @dataclass(frozen=True)
@@ -69,6 +68,8 @@ def solve_fidelities(folder: Path, case: Case, tell: Tell) -> Outcome:
         As `resolve`, `pulse_at`, `solve_one_d` and the writers.
     """
     done, resolved = Outcome(), None
+    if case.pulse is not None and case.part.three_d is not None and case.part.compare is not None:
+        check_cycles(case.network.radius.max(), case.pulse, stepping_of(case.part.three_d))
     if case.part.three_d is not None:
         driven = case.steady
         resolved, summary = resolve(
@@ -78,7 +79,8 @@ def solve_fidelities(folder: Path, case: Case, tell: Tell) -> Outcome:
         done.summary["three_d"] = summary
         done.files += write_resolved(folder, resolved)
         write_bytes(folder / SEEN, shear_figure(resolved.mesh, resolved.steady.wall_shear))
-        done.files.append(SEEN)
+        write_bytes(folder / STREAMLINES, streamline_figure(resolved.steady.field))
+        done.files += [SEEN, STREAMLINES]
     if case.part.compare is not None and (resolved is not None or case.part.one_d is not None):
         compared = _compared(case, case.part.compare, resolved, tell)
         done.summary["comparison"] = comparison_summary(compared)
@@ -115,16 +117,11 @@ def _waves(
             waves["1D"] = solved
     if resolved is not None and case.part.three_d is not None:
         tell(0.0, "3D, in pulses")
-        at, whole = pulse_at(resolved, conditions, case.part.three_d, probes)
-        # The first places are amid every vessel.
-        amid = at.flow[: case.network.vessel_count]
-        flow = conserve_mass(case.network, amid, resolved.mesh.ports, whole.port_flow)
-        waves["3D"] = replace(at, flow=flow[probes.vessel])
+        waves["3D"] = pulse_at(resolved, conditions, case.part.three_d, probes)
     return waves
 
 
 def _steady_at(resolved: FlowInMesh, probes: Probes) -> ProbeWaves:
     """Pressure at probes, and the flow of their vessels: a section amid a fork isn't one's own."""
     at = probe_steady(resolved.network, probes, resolved.steady.field)
-    flow = vessel_flows(resolved.network, resolved.steady)
-    return replace(at, flow=flow[probes.vessel, None])
+    return replace(at, flow=resolved.flow[probes.vessel, None])

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.hemodynamics import (
     FlowConditions,
@@ -25,6 +24,7 @@ from design.hemodynamics.three_d import (
     straighten_edges,
 )
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
+from design.hemodynamics.three_d.vessel_flows import vessel_flows
 from design.network import FloatArray, VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
 from printctl.flow.as_printed import OpenPart, PrintedNetwork
@@ -46,7 +46,7 @@ class VesselFlow:
         Pressure lost over flow; inf where nothing flows. In 3D that of the part clear of
         junctions, for the whole length, and NaN where next to nothing flows.
     flow : (v,) float64, µL/s
-        Mean of a cycle; in 3D NaN in a vessel without a part clear of junctions.
+        Mean of a cycle; in 3D NaN where it isn't known (`vessel_flows`).
     wall_shear : (v,) float64, Pa
         Mean by size.
     drop_pa : float, Pa
@@ -156,12 +156,10 @@ def in_space(
     every = np.arange(network.vessel_count)
     places = _apart(network)
     probes = Probes(np.repeat(every, 3), places.ravel())
-    waves = probe_steady(network, probes, solution.field)
-    pressure, flow = waves.pressure[:, 0].reshape(-1, 3), waves.flow[:, 0].reshape(-1, 3)[:, 1]
+    pressure = probe_steady(network, probes, solution.field).pressure[:, 0].reshape(-1, 3)
     between = places[:, 2] - places[:, 0]
     lost = (pressure[:, 0] - pressure[:, 2]) / between
-    # Through a vessel that is all junction a section is the fork's, and its flow nobody's.
-    flow = np.where(_all_junction(network), np.nan, flow)
+    flow = vessel_flows(network, solution)
     ports = solution.port_flow
     inflow = -float(ports[ports < 0.0].sum())
     return VesselFlow(
@@ -186,16 +184,6 @@ def _apart(network: VesselNetwork) -> FloatArray:
         shares[vessel, 0] = min(first + more[vessel], _MOST_CLEAR)
         shares[vessel, 2] = max(last - more[vessel], 1.0 - _MOST_CLEAR)
     return shares
-
-
-def _all_junction(network: VesselNetwork) -> NDArray[np.bool_]:
-    """Whether a slab amid a vessel, three quarters of a radius to each side, meets a junction."""
-    ends = np.stack([network.offset[:-1], network.offset[1:] - 1], axis=1)
-    wide = np.zeros(len(network.nodes))
-    np.maximum.at(wide, network.vessel_nodes.ravel(), network.radius[ends].ravel())
-    wide[network.degree() == 1] = 0.0
-    reach = wide[network.vessel_nodes].max(axis=1) + 0.75 * network.mean_radius()
-    return np.asarray(reach > 0.5 * network.lengths())
 
 
 def mesh_of(network: VesselNetwork, part: ThreeDPart, fillet_ratio: float) -> LumenMesh:

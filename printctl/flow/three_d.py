@@ -18,7 +18,6 @@ from design.hemodynamics.three_d import (
     ResidenceTime,
     Stepping,
     ThreeDSolution,
-    ThreeDWaves,
     at_points,
     estimate_error,
     march_flow,
@@ -31,7 +30,11 @@ from design.hemodynamics.three_d import (
 )
 from design.hemodynamics.three_d.axes import axis_places
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
-from design.hemodynamics.three_d.vessel_flows import vessel_flows
+from design.hemodynamics.three_d.vessel_flows import (
+    clear_sections,
+    conserve_mass,
+    vessel_flows,
+)
 from design.network import FloatArray, VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
 from printctl.flow.tables import write_columns
@@ -49,11 +52,12 @@ Tell = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class FlowInMesh:
-    """A network's lumens, meshed, the steady flow in them, and how old the fluid is."""
+    """A network's lumens, meshed, the steady flow in them (by vessel, too), and the fluid's age."""
 
     network: VesselNetwork
     mesh: LumenMesh
     steady: ThreeDSolution
+    flow: FloatArray
     ages: ResidenceTime
 
 
@@ -80,6 +84,7 @@ def resolve(
     options = options_of(part, conditions.density)
     solution = solve_steady(mesh, conditions, options)
     ages = residence_time(solution, options=options)
+    flow = vessel_flows(network, solution)
     summary: dict[str, Any] = {
         "elements": len(mesh.tets),
         "straightened_elements": bent_back,
@@ -91,6 +96,7 @@ def resolve(
         "energy_imbalance": solution.energy.imbalance,
         "volume_ul": ages.volume_ul,
         "mean_residence_s": ages.mean_s,
+        "vessels_without_flow": np.flatnonzero(np.isnan(flow)).tolist(),
         "wall_shear_median_dyn_cm2": float(np.median(solution.wall_shear.magnitude))
         * DYN_CM2_PER_PA,
     }
@@ -101,7 +107,7 @@ def resolve(
             "pressure": error.pressure, "flow": error.flow, "wall_shear": error.wall_shear
         }  # fmt: skip
     tell(1.0, "")
-    return FlowInMesh(network, mesh, solution, ages), summary
+    return FlowInMesh(network, mesh, solution, flow, ages), summary
 
 
 def options_of(part: ThreeDPart, density: float) -> FlowOptions:
@@ -109,6 +115,11 @@ def options_of(part: ThreeDPart, density: float) -> FlowOptions:
     return FlowOptions(
         order=part.order, convection=part.inertia, memory_gb=part.memory_gb, density=density
     )
+
+
+def stepping_of(part: ThreeDPart) -> Stepping:
+    """A recipe's steps and cycles; no fields are kept."""
+    return Stepping(steps=part.steps, cycles=part.most_cycles, frames=0)
 
 
 def write_resolved(folder: Path, resolved: FlowInMesh) -> tuple[str, str]:
@@ -133,7 +144,7 @@ def vessel_table(resolved: FlowInMesh) -> dict[str, Any]:
     mean, most = wall_shear_of_vessels(resolved.network, resolved.steady)
     return {
         "vessel": np.arange(resolved.network.vessel_count),
-        "flow_ml_min": vessel_flows(resolved.network, resolved.steady) / UL_S_PER_ML_MIN,
+        "flow_ml_min": resolved.flow / UL_S_PER_ML_MIN,
         "pressure_mmhg": amid.pressure[:, 0] / PA_PER_MMHG,
         "wall_shear_mean_dyn_cm2": mean * DYN_CM2_PER_PA,
         "wall_shear_max_dyn_cm2": most * DYN_CM2_PER_PA,
@@ -167,17 +178,26 @@ def pulse_at(
     conditions: PulsatileConditions,
     part: ThreeDPart,
     probes: Probes,
-) -> tuple[ProbeWaves, ThreeDWaves]:
-    """A cycle of pulsatile flow in the mesh, at probes.
+) -> ProbeWaves:
+    """A cycle of pulsatile flow in the mesh: pressure at probes, and the flow of their vessels.
 
     Raises
     ------
     FlowError
         As `march_flow`.
     """
-    sections = sections_at(resolved.network, probes, resolved.mesh, part.order)
-    clock = Stepping(steps=part.steps, frames=0)
+    places = sections_at(resolved.network, probes, resolved.mesh, part.order)
+    own = clear_sections(resolved.network, resolved.mesh, part.order)
+    clear = np.array([section is not None for section in own])
+    sections = [*places, *(section for section in own if section is not None)]
     waves = march_flow(
-        resolved.mesh, conditions, options_of(part, conditions.density), clock, sections
+        resolved.mesh,
+        conditions,
+        options_of(part, conditions.density),
+        stepping_of(part),
+        sections,
     )
-    return ProbeWaves(waves.time_s, waves.section_pressure, waves.section_flow), waves
+    through = np.full((len(own), len(waves.time_s)), np.nan)
+    through[clear] = waves.section_flow[len(places) :]
+    flow = conserve_mass(resolved.network, through, resolved.mesh.ports, waves.port_flow)
+    return ProbeWaves(waves.time_s, waves.section_pressure[: len(places)], flow[probes.vessel])

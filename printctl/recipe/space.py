@@ -27,6 +27,9 @@ class ThreeDPart(StrictModel):
         default=24,
         description="Of a cycle in 3D, where the flow pulses and fidelities are compared.",
     )
+    most_cycles: Annotated[int, Field(ge=1, le=100_000)] = Field(
+        default=20, description="Of 3D: cycles after which it gives up."
+    )
     inertia: bool = Field(default=True, description="Of 3D: Navier-Stokes; without it Stokes.")
     check: bool = Field(
         default=False,

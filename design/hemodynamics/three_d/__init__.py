@@ -8,7 +8,7 @@ from design.hemodynamics.three_d.compare import ErrorEstimate, estimate_error
 from design.hemodynamics.three_d.harmonic import solve_harmonics
 from design.hemodynamics.three_d.jacobian import least_jacobian, straighten_edges
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh, MeshPort
-from design.hemodynamics.three_d.march import march_flow
+from design.hemodynamics.three_d.march import check_cycles, march_flow
 from design.hemodynamics.three_d.options import FlowOptions
 from design.hemodynamics.three_d.record import Stepping
 from design.hemodynamics.three_d.residence import ResidenceTime, residence_time
@@ -17,7 +17,6 @@ from design.hemodynamics.three_d.sections import (
     place_of,
     probe_steady,
     probe_waves,
-    section_of,
     sections_at,
 )
 from design.hemodynamics.three_d.solution import Field, ThreeDSolution, ThreeDWaves, WallShear
@@ -38,6 +37,7 @@ __all__ = [
     "ThreeDWaves",
     "WallShear",
     "at_points",
+    "check_cycles",
     "estimate_error",
     "least_jacobian",
     "march_flow",
@@ -45,7 +45,6 @@ __all__ = [
     "probe_steady",
     "probe_waves",
     "residence_time",
-    "section_of",
     "sections_at",
     "solve_harmonics",
     "solve_steady",

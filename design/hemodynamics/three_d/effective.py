@@ -39,7 +39,7 @@ class Effective:
     network : VesselNetwork
         The same graph; each vessel's radii scaled so that Poiseuille gives `resistance`.
     flow : float64, µL/s
-        In 3D.
+        In 3D; NaN as `vessel_flows`.
     pressure : (m,) float64, Pa
         At nodes in 3D: a port's mean; where vessels meet, nearest to what their clear parts
         have when drawn on to the node.
@@ -52,9 +52,9 @@ class Effective:
     loss : (v, 2) float64, Pa
         Lost, from first node to last, at the first end and at the last beyond the nominal.
     told : bool
-        Whether the resistance can be told. Elsewhere there is hardly any flow, and it is the
-        nominal one; or the pressure doesn't fall (a short piece amid a junction), and it is a
-        hundredth of it.
+        Whether the resistance can be told. Elsewhere there is hardly any flow, or none that is
+        known, and it is the nominal one; or the pressure doesn't fall (a short piece amid a
+        junction), and it is a hundredth of it.
     """
 
     network: VesselNetwork
@@ -74,7 +74,7 @@ class Gap:
     Attributes
     ----------
     flow : float
-        Largest difference of a vessel's flow, of the inlet's.
+        Largest difference of a vessel's flow that is known in 3D, of the inlet's.
     pressure : float
         Largest difference at a node, of the largest difference between nodes.
     """
@@ -105,7 +105,10 @@ def effective_network(
     vessels = np.arange(network.vessel_count)
     first, last = (Probes(vessels, parts[:, side]) for side in (0, 1))
     begin, end = (probe_steady(network, each, solution.field) for each in (first, last))
-    flow = vessel_flows(network, solution)
+    through = vessel_flows(network, solution)
+    known = np.isfinite(through)
+    # Nodal pressures need some flow in every vessel.
+    flow = np.where(known, through, 0.0 if known.all() else solve_flow(network, conditions).flow)
     nominal = measure_pipes(network).resistance(conditions.viscosity_pa_s)
     before, until = (_before(network, each, conditions.viscosity_pa_s) for each in (first, last))
     at_ends = np.stack(
@@ -116,14 +119,21 @@ def effective_network(
     nodal = pressure[network.vessel_nodes]
     loss = np.stack([nodal[:, 0] - at_ends[:, 0], at_ends[:, 1] - nodal[:, 1]], axis=1)
     still = _STILL * np.abs(flow).max()
-    safe = np.where(np.abs(flow) > still, flow, np.inf)
+    safe = np.where(known & (np.abs(flow) > still), flow, np.inf)
     ratio = (nodal[:, 0] - nodal[:, 1]) / safe / nominal
-    sure = (ratio > _LEAST) & (ratio < 1.0 / _LEAST)
+    sure = known & (ratio > _LEAST) & (ratio < 1.0 / _LEAST)
     ratio = np.where(np.isfinite(safe), np.clip(ratio, _LEAST, 1.0 / _LEAST), 1.0)
     fall = begin.pressure[:, 0] - end.pressure[:, 0]
     clear = np.where(np.isfinite(safe), fall / safe / (until - before), 1.0)
     return Effective(
-        rescaled(network, ratio**-0.25), flow, pressure, ratio * nominal, nominal, clear, loss, sure
+        rescaled(network, ratio**-0.25),
+        through,
+        pressure,
+        ratio * nominal,
+        nominal,
+        clear,
+        loss,
+        sure,
     )
 
 
@@ -137,7 +147,7 @@ def flow_error(network: VesselNetwork, conditions: FlowConditions, effective: Ef
     """
     lumped = solve_flow(network, conditions)
     return Gap(
-        float(np.abs(lumped.flow - effective.flow).max()) / inflow_of(network, effective.flow),
+        float(np.nanmax(np.abs(lumped.flow - effective.flow))) / inflow_of(network, effective.flow),
         float(np.abs(lumped.pressure - effective.pressure).max())
         / float(np.ptp(effective.pressure)),
     )

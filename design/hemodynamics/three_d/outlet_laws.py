@@ -57,6 +57,29 @@ class OutletLaws:
                 new[k] = self._inner(k, law, float(flow[k]))
         self._before, self._now = self._now, new
 
+    def start_periodic(self, flow: FloatArray) -> None:
+        """Begin with the Windkessels' periodic pressures at these flows of a cycle (m, steps).
+
+        By the same backward differences as the steps', each harmonic for itself.
+        """
+        steps = flow.shape[1]
+        turn = np.exp(-2j * np.pi * np.arange(steps // 2 + 1) / steps)
+        rate = (1.5 - 2.0 * turn + 0.5 * turn**2) / self._step_s
+        self._now, self._before = self._now.copy(), self._before.copy()
+        for k, law in enumerate(self._laws):
+            if isinstance(law, WindkesselOutlet):
+                above = np.fft.rfft(flow[k]) / (law.compliance * rate + 1.0 / law.distal)
+                pressure = law.distal_pa + np.fft.irfft(above, steps)
+                self._now[k], self._before[k] = pressure[0], pressure[-1]
+
+    def stored(self) -> FloatArray:
+        """Pressure in the Windkessels (m,), Pa; 0 for other laws."""
+        return self._now.copy()
+
+    def shift(self, pressure: FloatArray) -> None:
+        """Add to the pressure in the Windkessels (m,), Pa."""
+        self._now, self._before = self._now + pressure, self._before + pressure
+
     def _slope(self, law: GivenFlow | ResistanceOutlet | WindkesselOutlet) -> float:
         if isinstance(law, GivenFlow):
             return 0.0

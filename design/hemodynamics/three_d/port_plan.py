@@ -93,8 +93,15 @@ def steady_plan(mesh: LumenMesh, conditions: FlowConditions, density: float) -> 
     _check_nodes(conditions.outlet_flow_ul_s, node_port, "outlet_flow_ul_s")
     given = {node_port[n]: q for n, q in conditions.outlet_flow_ul_s.items()}
     coupled = [CoupledPorts((k,), GivenFlow(Constant(q))) for k, q in given.items()]
-    pressure = Constant(conditions.outlet_pressure_pa)
-    held: list[tuple[int, Waveform]] = [(k, pressure) for k in outlets if k not in given]
+    _check_nodes(conditions.behind, node_port, "behind")
+    held: list[tuple[int, Waveform]] = []
+    for k in outlets:
+        load = conditions.behind.get(mesh.ports[k].node)
+        if load is not None and load.resistance > 0.0:
+            coupled.append(CoupledPorts((k,), ResistanceOutlet(load.resistance, load.pressure_pa)))
+        elif k not in given:
+            pressure = conditions.outlet_pressure_pa if load is None else load.pressure_pa
+            held.append((k, Constant(pressure)))
     inflow = None
     if conditions.inlet_pressure_pa is not None:
         held += [(k, Constant(conditions.inlet_pressure_pa)) for k in inlets]
@@ -102,7 +109,7 @@ def steady_plan(mesh: LumenMesh, conditions: FlowConditions, density: float) -> 
     else:
         flow = Constant(conditions.inlet_flow_ul_s or 0.0)
         inflow = _supply(inlets, flow, coupled)
-    if not held:
+    if not held and all(isinstance(c.law, GivenFlow) for c in coupled):
         raise FlowError(
             "every inlet and outlet has a flow, so no pressure is determined; give "
             "inlet_pressure_pa, or leave one outlet to outlet_pressure_pa"

@@ -1,8 +1,7 @@
 """Compute the flow in each vessel from a 3D solution, with mass conserved at the nodes.
 
-Amid a vessel that is shorter than the junctions at its ends a section cuts a fork, and what passes
-through it isn't the vessel's flow. Ports and sections clear of junctions are exact; what flows in
-between follows from them.
+Ports are exact, and sections clear of other vessels nearly so. What flows in vessels without a
+clear section follows from them, where the nodes leave one answer.
 """
 
 from __future__ import annotations
@@ -13,9 +12,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from design.hemodynamics.probes import clear_parts, midpoints
-from design.hemodynamics.three_d.lumen_mesh import MeshPort
-from design.hemodynamics.three_d.sections import probe_steady
+from design.hemodynamics.probes import clear_parts
+from design.hemodynamics.three_d.lumen_mesh import LumenMesh, MeshPort
+from design.hemodynamics.three_d.sections import Section, VesselSections
 from design.hemodynamics.three_d.solution import ThreeDSolution
 from design.network import FloatArray, VesselNetwork
 
@@ -24,21 +23,45 @@ BoolArray = NDArray[np.bool_]
 _CLEAR: Final = 0.39
 """Share of a vessel's length taken by its ends up to which the rest counts as clear."""
 
-_UNSURE: Final = 1e-3
-"""Weight of a section that isn't clear."""
+_SECTION_OFF: Final = 0.02
+"""Of its own flow, by which mass may correct a section; one that is farther off is left out."""
+
+_RANK: Final = 1e-9
+_ALIKE: Final = 1e-6
+"""Relative: rounding of what is exact."""
+
+_STILL: Final = 1e-3
+"""Of the largest flow through a port: an error of a section that has less is of this."""
+
+
+def clear_sections(
+    network: VesselNetwork, mesh: LumenMesh, order: int
+) -> tuple[Section | None, ...]:
+    """Return each vessel's clearest section, None where none is clear.
+
+    Raises
+    ------
+    FlowError
+        As `VesselSections.at`.
+    """
+    sections = VesselSections(network, mesh, order)
+    return tuple(sections.clearest(vessel) for vessel in range(network.vessel_count))
 
 
 def vessel_flows(network: VesselNetwork, solution: ThreeDSolution) -> FloatArray:
     """Steady flow in every vessel, (v,), µL/s, from its first node to its last.
 
+    NaN as `conserve_mass`.
+
     Raises
     ------
     FlowError
-        As `probe_steady`.
+        As `clear_sections`.
     """
-    amid = probe_steady(network, midpoints(network), solution.field).flow
-    ports = solution.field.mesh.ports
-    return conserve_mass(network, amid, ports, solution.port_flow[:, None])[:, 0]
+    field = solution.field
+    sections = clear_sections(network, field.mesh, field.order)
+    amid = np.array([[np.nan if s is None else s.flow(field)] for s in sections])
+    return conserve_mass(network, amid, field.mesh.ports, solution.port_flow[:, None])[:, 0]
 
 
 def is_clear(network: VesselNetwork) -> BoolArray:
@@ -52,19 +75,19 @@ def conserve_mass(
 ) -> FloatArray:
     """Flows (v, t) nearest to those ``amid`` the vessels that the nodes leave nothing of.
 
-    Least squares, sections that aren't clear weighing a thousandth. A wall is rigid in 3D, so this
-    holds at every moment.
+    Least squares, each section weighing by its own flow: errors are parts of it. A section that
+    the others contradict by more than 2 % of its flow is left out. Where no section is, flow
+    follows from the nodes, or is NaN. A wall is rigid in 3D, so this holds at every moment.
 
     Parameters
     ----------
     network : VesselNetwork
     amid : (v, t) float64, µL/s
-        Through the middle sections.
+        Through a clear section of each vessel; NaN where it has none.
     ports : sequence of MeshPort
     port_flow : (p, t) float64, µL/s
         Out of the lumen.
     """
-    weight = np.where(is_clear(network), 1.0, _UNSURE)
     incidence = np.zeros((len(network.nodes), network.vessel_count))
     vessel = np.arange(network.vessel_count)
     np.add.at(incidence, (network.vessel_nodes[:, 1], vessel), 1.0)
@@ -73,7 +96,30 @@ def conserve_mass(
     for port, flow in zip(ports, port_flow, strict=True):
         if port.node >= 0:
             leaves[port.node] = flow
-    # The correction d of least weighted size with A d = what is left over.
-    scaled = incidence / np.sqrt(weight)
-    step = np.linalg.lstsq(scaled, leaves - incidence @ amid, rcond=1e-10)[0]
-    return np.asarray(amid + step / np.sqrt(weight)[:, None], dtype=np.float64)
+    size = np.sqrt((amid**2).mean(axis=1))
+    still = _STILL * float(np.sqrt((leaves**2).mean(axis=1)).max())
+    known = np.isfinite(size)
+    while True:
+        error = np.maximum(size[known], still)
+        without = incidence[:, ~known]
+        back = np.linalg.pinv(without, rcond=_RANK)
+        left = leaves - incidence[:, known] @ amid[known]
+        # What no choice of the flows without a section can take up, as corrections of the others.
+        matrix = (incidence[:, known] - without @ (back @ incidence[:, known])) * error
+        inverse = np.linalg.pinv(matrix, rcond=_RANK)
+        step = inverse @ (left - without @ (back @ left))
+        # A correction over the share of an error that the nodes can see (Baarda 1968).
+        seen = np.sqrt(np.clip(np.einsum("km,mk->k", inverse, matrix), _RANK, None))
+        suspect = np.sqrt((step**2).mean(axis=1)) / seen
+        worst = float(suspect.max(initial=0.0))
+        if worst <= _SECTION_OFF:
+            break
+        # Several that are as suspect can't be told apart.
+        known[np.flatnonzero(known)[suspect > (1.0 - _ALIKE) * worst]] = False
+    flow = np.full_like(amid, np.nan)
+    flow[known] = amid[known] + step * error[:, None]
+    follows = np.einsum("km,mk->k", back, without) > 1.0 - _ALIKE
+    flow[~known] = np.where(
+        follows[:, None], back @ (leaves - incidence[:, known] @ flow[known]), np.nan
+    )
+    return flow

@@ -101,7 +101,7 @@ def _round(
     solution = solve_steady(mesh, conditions, how.flow)
     effective = effective_network(network, conditions, solution)
     off = np.abs(effective.flow[target.vessel] - target.flow) / inflow_of(network, effective.flow)
-    worst = int(np.argmax(off))
+    worst = int(np.nanargmax(off))
     return effective, Round(
         float(off[worst]),
         int(target.vessel[worst]),

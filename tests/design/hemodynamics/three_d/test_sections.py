@@ -14,14 +14,14 @@ from design.hemodynamics.probes import Probes
 from design.hemodynamics.three_d import (
     Field,
     LumenMesh,
-    Section,
     probe_steady,
-    section_of,
     wall_shear,
     write_flow_vtu,
 )
 from design.hemodynamics.three_d.lagrange import gradients, nodes, quadratic, shapes
-from design.hemodynamics.three_d.sections import SectionPlace
+from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
+from design.hemodynamics.three_d.sections import VesselSections
+from design.hemodynamics.three_d.streamlines import trace_streamlines
 from design.network import FloatArray
 from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.three_d.lumens import bend, pipe
@@ -71,25 +71,54 @@ def test_probes_along_a_pipe_find_its_flow_and_pressure() -> None:
     assert found.pressure[:, 0] == pytest.approx(10.0 - 2.0 * LENGTH * fraction, abs=1e-9)
 
 
-def _across(mesh: LumenMesh, turn: float) -> Section:
-    where = np.array([turn - turn * np.cos(0.7), 0.0, turn * np.sin(0.7)])
-    return section_of(
-        mesh, SectionPlace(where, np.array([np.sin(0.7), 0.0, np.cos(0.7)]), RADIUS), 2
-    )
-
-
 def test_a_section_of_a_tight_bend_leaves_the_other_leg_out() -> None:
     """A U whose legs the same plane cuts: one of them only."""
-    mesh = bend(2, 16, RADIUS, 1.5, np.pi)
-    place = SectionPlace(np.array([0.0, 0.0, 0.02]), np.array([0.0, 0.0, 1.0]), RADIUS)
-    assert section_of(mesh, place, 2).area == pytest.approx(np.pi * RADIUS**2, rel=0.1)
-    assert _across(bend(2, 8), 1.5).area == pytest.approx(np.pi * RADIUS**2, rel=0.05)
+    for turn, layers in ((np.pi, 16), (np.pi / 2, 8)):
+        angle = np.linspace(0.0, turn, 40)
+        axis = np.column_stack([1.5 - 1.5 * np.cos(angle), 0.0 * angle, 1.5 * np.sin(angle)])
+        # The mesh's ports are nodes 0 and 1: the line's ends.
+        nodes, count = [*axis[[0, -1]].tolist(), *axis[1:-1].tolist()], len(axis) - 1
+        ends = [(k and k + 1, k + 2 if k < count - 1 else 1) for k in range(count)]
+        network = network_of(nodes, ends, RADIUS)
+        mesh = bend(2, layers, RADIUS, 1.5, turn)
+        for vessel in (0, count // 2, count - 1):
+            section = VesselSections(network, mesh, 2).at(vessel, 0.5)
+            assert section.area == pytest.approx(np.pi * RADIUS**2, rel=0.1)
+            assert section.clear
 
 
 def test_a_place_outside_the_mesh_is_refused() -> None:
-    place = SectionPlace(np.array([5.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]), RADIUS)
+    network = network_of([[5, 0, 0], [5, 0, 2]], [(0, 1)], RADIUS)
     with pytest.raises(FlowError, match=r"nothing at 5\.000, 0\.000, 1\.000 mm"):
-        section_of(pipe(1, 2), place, 2)
+        VesselSections(network, pipe(1, 2), 2).at(0, 0.5)
+
+
+def test_a_section_that_another_vessel_is_part_of_has_no_flow() -> None:
+    """A wide vessel that leaves a thin one by 20°; before it has left, a section cuts both."""
+    pytest.importorskip("ngsolve")
+    turn = np.deg2rad(20.0)
+    far = [3.0 + 8.0 * np.cos(turn), 8.0 * np.sin(turn), 0.0]
+    network = network_of(
+        [[0, 0, 0], [3, 0, 0], [11, 0, 0], far], [(0, 1), (1, 2), (1, 3)], [0.4, 0.2, 0.4]
+    )
+    mesh = lumen_mesh(network, MeshOptions(edge_ratio=1.0, fillet_ratio=0.1))
+    sections = VesselSections(network, mesh, 2)
+    field = _uniform(mesh)
+    for vessel, radius in enumerate((0.4, 0.2, 0.4)):
+        section = sections.clearest(vessel)
+        assert section is not None
+        assert section.area == pytest.approx(np.pi * radius**2, rel=0.03)
+    # The thin one's wall has left the other's at 0.4/sin 20° + 0.2/tan 20° = 1.72 mm.
+    for away, clear in ((0.5, False), (1.2, False), (1.6, False), (2.6, True), (4.0, True)):
+        section = sections.at(1, away / 8.0)
+        assert section.clear == clear
+        assert np.isfinite(section.flow(field)) == clear
+        assert np.isfinite(section.mean_pressure(field))
+
+
+def _uniform(mesh: LumenMesh) -> Field:
+    count = len(mesh.tets)
+    return Field(mesh, np.ones((count, 10, 3)), np.ones((count, 4, 1)), 2)
 
 
 def test_wall_shear_of_the_parabola() -> None:
@@ -97,6 +126,19 @@ def test_wall_shear_of_the_parabola() -> None:
     exact = 4.0 * 2e-3 * FLOW / (np.pi * RADIUS**3)
     assert found.traction[:, 2] == pytest.approx(exact, rel=2e-3)
     assert np.abs(found.traction[:, :2]).max() < 1e-3 * exact
+
+
+def test_streamlines_of_the_parabola_are_straight_and_as_fast() -> None:
+    seeds = np.array([[0.0, 0.0, 2.0], [0.3, 0.1, 1.0]])
+    for seed, (points, speed) in zip(
+        seeds, trace_streamlines(_poiseuille(pipe(2, 14)), seeds), strict=True
+    ):
+        assert points[:, :2] == pytest.approx(np.broadcast_to(seed[:2], (len(points), 2)), abs=1e-6)
+        assert np.all(np.diff(points[:, 2]) > 0.0)
+        assert points[0, 2] < 0.2
+        assert points[-1, 2] > LENGTH - 0.2
+        exact = 2.0 * FLOW / (np.pi * RADIUS**2) * (1.0 - (seed[:2] ** 2).sum() / RADIUS**2)
+        assert speed == pytest.approx(exact, rel=0.02)
 
 
 def test_a_vtu_is_read_back(tmp_path: Path) -> None:

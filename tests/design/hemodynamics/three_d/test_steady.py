@@ -12,6 +12,7 @@ pytest.importorskip("ngsolve", reason='the extra "flow3d" isn\'t installed')
 
 from design.errors import FlowError
 from design.hemodynamics import FlowConditions, PulsatileConditions, ResistanceOutlet
+from design.hemodynamics.conditions import OutletLoad
 from design.hemodynamics.three_d import (
     FlowOptions,
     LumenMesh,
@@ -174,3 +175,9 @@ def test_what_cannot_be_solved_is_refused_with_numbers(monkeypatch: pytest.Monke
     monkeypatch.setitem(sys.modules, "ngsolve", None)
     with pytest.raises(FlowError, match=r"printctl\[flow3d\]"):
         solve_steady(mesh, DRIVEN)
+
+
+def test_resistances_behind_outlets_hold_in_space() -> None:
+    behind = {1: OutletLoad(2.5, 7.0)}
+    found = solve_steady(pipe(1, 2), FlowConditions(1e-3, 4.0, behind=behind), FlowOptions(2))
+    assert found.port_pressure[1] == pytest.approx(7.0 + 2.5 * found.port_flow[1], rel=1e-4)

@@ -1,0 +1,99 @@
+"""Check flow_3d.csv against plane cuts of flow_3d.vtu: ``python -m benchmarks.flow_loops``.
+
+The cube of `examples/paper/cube_closed.yaml` with 3, 8, 31 and 60 loops, or
+with ``--solved`` folders with network.csv, flow_3d.csv and flow_3d.vtu. Cuts count whose area is
+that of the vessel's own radius.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.checkers.read_network import Pieces, read_network
+from benchmarks.checkers.vtu_sections import VtuFlow
+from benchmarks.machine import ROOT, print_rows, row
+
+LOOPS, VISCOSITY_PA_S, UL_S = (3, 8, 31, 60), 4e-3, 1000.0 / 60.0
+FRACTIONS, AREA_OFF, LIMIT = np.linspace(0.04, 0.96, 24), 0.03, 0.02
+MIN_SPAN_RADII = 3.0
+
+
+def vessel_flow(flow: VtuFlow, net: Pieces, vessel: int) -> tuple[float, float]:
+    """Flow of the vessel's clean cuts (median), and by π r⁴/8μ dp/dx where straight, µL/s."""
+    mine = np.flatnonzero(net.vessel == vessel)
+    way = np.concatenate([[0.0], np.cumsum(net.length[mine])])
+    found = []
+    for s in FRACTIONS * way[-1]:
+        k = min(int(np.searchsorted(way, s, side="right")) - 1, len(mine) - 1)
+        part = (s - way[k]) / net.length[mine[k]]
+        along = (net.end[mine[k]] - net.start[mine[k]]) / net.length[mine[k]]
+        radius = float(net.radius[mine[k]] @ [1.0 - part, part])
+        cut = flow.section(net.start[mine[k]] + (s - way[k]) * along, along, radius)
+        if abs(cut.area / (np.pi * radius**2) - 1.0) <= AREA_OFF:
+            found.append((s, cut.flow, cut.pressure))
+    if not found:
+        return np.nan, np.nan
+    places, through, pressure = np.array(found).T
+    radius = float(net.radius[mine].mean())
+    straight = len(mine) == 1 and np.ptp(net.radius[mine]) < 1e-9
+    if not straight or np.ptp(places) < MIN_SPAN_RADII * radius:
+        return float(np.median(through)), np.nan
+    slope = float(np.polyfit(places, pressure, 1)[0])
+    return float(np.median(through)), -slope * np.pi * radius**4 / (8.0 * VISCOSITY_PA_S)
+
+
+def compare(folder: Path, name: str) -> list[dict[str, Any]]:
+    """Rows of one solved network."""
+    net, field = read_network(folder / "network.csv"), VtuFlow(next(folder.rglob("flow_3d.vtu")))
+    with next(folder.rglob("flow_3d.csv")).open() as table:
+        ours = UL_S * np.array([float(r["flow_ml_min"]) for r in csv.DictReader(table)])
+    theirs = np.array([vessel_flow(field, net, vessel) for vessel in range(len(ours))])
+    rows = [
+        row(f"{name}: vessels", len(ours), ""),
+        row(f"{name}: vessels without a figure", int(np.isnan(ours).sum()), ""),
+    ]
+    for what, against in zip(("plane cuts", "dp/dx"), theirs.T, strict=True):
+        off = np.abs(ours / against - 1.0)
+        worst, count = float(np.nanmax(off)), int((off > LIMIT).sum())
+        rows += [
+            row(f"{name}: vessels compared with {what}", int(np.isfinite(off).sum()), ""),
+            row(f"{name}: off by more than 2 %", count, "", "0", count == 0),
+            row(f"{name}: worst", worst, "", f"<= {LIMIT}", worst <= LIMIT),
+        ]
+    return rows
+
+
+def solve(loops: int, folder: Path) -> Path:
+    """Grow the cube with so many loops, and solve it in 3D, by the command."""
+    text = (ROOT / "examples" / "paper" / "cube_closed.yaml").read_text()
+    recipe, out = folder / f"cube_{loops}.yaml", folder / str(loops)
+    recipe.write_text(text.replace("terminals: 31", f"terminals: {loops}"))
+    for command in (
+        ["design", str(recipe), "--until", "vasculature", "--out", str(out)],
+        ["flow", str(out / "network.csv"), "--unit", "mm", "--three-d",
+         "--inlet-flow-ml-min", "0.25", "--viscosity-mpa-s", f"{1e3 * VISCOSITY_PA_S:g}",
+         "--out", str(out / "flow")],
+    ):  # fmt: skip
+        subprocess.run([sys.executable, "-m", "printctl", *command], check=True, cwd=ROOT,
+                       stdout=subprocess.DEVNULL)  # fmt: skip
+    return out
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--loops", type=int, nargs="*", default=LOOPS)
+    parser.add_argument("--solved", type=Path, nargs="*", default=())
+    asked = parser.parse_args()
+    rows = [r for each in asked.solved for r in compare(each, each.name)]
+    with tempfile.TemporaryDirectory() as temporary:
+        for loops in () if asked.solved else asked.loops:
+            rows += compare(solve(loops, Path(temporary)), f"{loops} loops")
+    print_rows(rows)
