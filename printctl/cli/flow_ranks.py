@@ -16,10 +16,9 @@ from design.units import PA_PER_MMHG
 from printctl.cli.flow_options import OtherSolvers
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
-from printctl.flow import pulsatile_conditions, steady_conditions
+from printctl.flow.driven import Driven
 from printctl.flow.ranks import run_on_ranks, slurm_job, write_slurm
 from printctl.flow.three_d import SHARP
-from printctl.recipe.parts import FlowPart
 from printctl.recipe.space import ThreeDPart
 
 CASE = "ranks"
@@ -27,7 +26,7 @@ CASE = "ranks"
 
 def run_other_solvers(
     network: VesselNetwork,
-    part: FlowPart,
+    driven: Driven,
     space: ThreeDPart,
     out: Path,
     fillet_ratio: float,
@@ -44,16 +43,14 @@ def run_other_solvers(
     if asked.ranks is None and asked.slurm is None and asked.svmultiphysics is None:
         return
     mesh = _mesh(network, space, fillet_ratio)
-    if asked.svmultiphysics is not None and part.pulse is not None:
-        pulse = pulsatile_conditions(part, part.pulse, Path(), network=network)
-        write_svmultiphysics(asked.svmultiphysics, mesh, pulse)
+    if asked.svmultiphysics is not None:
+        write_svmultiphysics(asked.svmultiphysics, mesh, driven.problem(network))
         output.files.append(asked.svmultiphysics)
     if asked.ranks is None and asked.slurm is None:
         return
     folder = out / CASE
     model: Any = "navier_stokes" if space.inertia else "stokes"
-    conditions = steady_conditions(part, Path(), network)
-    write_case(mesh, rank_conditions(mesh, conditions, model=model), folder)
+    write_case(mesh, rank_conditions(mesh, driven.steady(network), model=model), folder)
     output.files.append(folder)
     if asked.slurm is not None:
         write_slurm(asked.slurm, folder, slurm_job(asked.slurm_set or []))

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
+from design.units import BLOOD_MPA_S
 from firmware_profiles.strict_model import StrictModel
 from printctl.recipe.fluids import FluidPart, LossPart
 from printctl.recipe.marks import FILE
@@ -55,7 +56,7 @@ class FlowPart(Part):
     """How the network is perfused."""
 
     viscosity_mpa_s: Annotated[float, Field(gt=0, le=1000)] = Field(
-        default=1.0, description="Of a Newtonian fluid."
+        default=BLOOD_MPA_S, description="Of a Newtonian fluid; the default is blood's."
     )
     viscosity: FluidPart | None = Field(
         default=None, description="Of a fluid with more than one; in place of viscosity_mpa_s."
@@ -105,6 +106,19 @@ class FlowPart(Part):
     compare: ComparePart | None = Field(
         default=None, description="Fidelities side by side, each against the ideal."
     )
+
+    @model_serializer(mode="wrap")
+    def _as_read(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out what another key displaces, so that what is written can be read again."""
+        data: dict[str, Any] = handler(self)
+        displaced = (
+            (self.inlet_pressure_mmhg, "inlet_flow_ml_min"),
+            (self.viscosity, "viscosity_mpa_s"),
+        )
+        for given, key in displaced:
+            if given is not None:
+                data.pop(key, None)
+        return data
 
     @property
     def every_outlet(self) -> PulseOutlet | None:
