@@ -52,7 +52,7 @@ def random_recipe(number: int) -> Row:
             "grow": "closed_loop",
             "terminals": int(rng.integers(2, 7)),
             "smallest_diameter_mm": round(rng.uniform(0.3, 0.5), 2),
-            "clearance_mm": 0.3,
+            "clearance_mm": 0.15,
             **dict(zip(keys, (*ends[0], *ends[1]), strict=True)),
         },
         "solid": {

@@ -13,10 +13,11 @@ from printctl.cli.flow_output import FlowOutput
 from printctl.cli.flow_part import part_of, space_of
 from printctl.cli.flow_printed import driven_of, run_as_printed
 from printctl.cli.flow_ranks import run_other_solvers
-from printctl.cli.flow_solve import in_space, lumped_and_waves, write_problems
+from printctl.cli.flow_solve import in_space, lumped_and_waves
 from printctl.errors import UsageError
 from printctl.flow import NPZ, CsvTables, NpzTables
 from printctl.flow.driven import Driven
+from printctl.flow.exports import EXPORTS, write_exports
 from printctl.networks import load_source
 
 FILLET: Final = 0.5
@@ -58,9 +59,10 @@ def run_network(
     tables = NpzTables(out / NPZ) if asked["results"] == "npz" else CsvTables(out)
     lumped_and_waves(source.network, driven, tables, output)
     output.files = list(tables.files)
-    write_problems(source.network, driven, asked["svzerod"], asked["svoned"], output)
-    in_space(source.network, driven, out, fillet, output)
+    paths = {name: asked[name] for name in EXPORTS if asked[name] is not None}
     space = space_of(asked)
+    output.files += write_exports(paths, source.network, driven, space, fillet)
+    in_space(source.network, driven, out, fillet, output)
     run_other_solvers(source.network, driven, space, out, fillet, others, output)
     match(source.network, driven, space, out, fillet, how, output)
     return output

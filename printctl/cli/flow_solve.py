@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
 
-from design.hemodynamics import write_svoned
-from design.hemodynamics.zero_d.svzerod import write_svzerod
 from design.network import VesselNetwork
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
-from printctl.flow import FlowTables, one_d_options, solve_section
+from printctl.flow import FlowTables, solve_section
 from printctl.flow.driven import Driven
 from printctl.flow.fidelities import Case, solve_fidelities
-from printctl.recipe.waves import OneDPart
-
-_STEADY_STEPS: Final = 8
-"""Of a cycle in which nothing changes."""
 
 
 def lumped_and_waves(
@@ -37,35 +30,6 @@ def lumped_and_waves(
             folder=driven.folder,
             print_scale=driven.print_scale,
         )[1]
-
-
-def write_problems(
-    network: VesselNetwork,
-    driven: Driven,
-    svzerod: Path | None,
-    svoned: Path | None,
-    output: FlowOutput,
-) -> None:
-    """Write the problem for other solvers, where it is asked for.
-
-    Raises
-    ------
-    FlowError, UsageError, OSError
-        As `Driven.problem`, `write_svzerod` and `write_svoned`.
-    """
-    if svzerod is svoned is None:
-        return
-    conditions, steps = driven.problem(network), _STEADY_STEPS
-    pulse = driven.part.pulse
-    if pulse is not None:
-        steps = pulse.steps
-    if svzerod is not None:
-        write_svzerod(svzerod, network, conditions, steps)
-        output.files.append(svzerod)
-    if svoned is not None:
-        options = one_d_options(driven.part.one_d or OneDPart(), steps)
-        write_svoned(svoned, network, conditions, options)
-        output.files.append(svoned)
 
 
 def in_space(

@@ -96,8 +96,8 @@ def recipe_of(folder: Path, what: str = "--as-printed") -> Recipe:
         return Recipe.model_validate(Manifest.load(folder).facts["recipe"])
     except (KeyError, ValidationError) as exc:
         raise UsageError(
-            f"the manifest in {folder} has no recipe of this version, so that {what} doesn't know "
-            f"the flow's conditions; run the recipe again, or solve {folder / NETWORK} with options"
+            f"the manifest in {folder} has no recipe of this version, which {what} needs; run the "
+            f"recipe again, or give {folder / NETWORK} and options"
         ) from exc
 
 

@@ -7,7 +7,7 @@ pipeline.
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
@@ -41,6 +41,9 @@ class NetworkSection(Part):
 def value_given(value: Any, key: str) -> Any:
     """What a section, as a dict or as a model, says under ``key``; None when it doesn't."""
     return value.get(key) if isinstance(value, dict) else getattr(value, key, None)
+
+
+Export = Literal["svzerod", "svoned", "svmultiphysics"]
 
 
 class SupplyPart(Part):
@@ -105,6 +108,10 @@ class FlowPart(Part):
     )
     compare: ComparePart | None = Field(
         default=None, description="Fidelities side by side, each against the ideal."
+    )
+
+    exports: tuple[Export, ...] = Field(
+        default=(), description="Inputs of other solvers, written into the run folder."
     )
 
     @model_serializer(mode="wrap")
