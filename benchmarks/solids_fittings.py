@@ -103,10 +103,16 @@ def _checked(recipe: Row) -> tuple[str, str]:
         done = subprocess.run(
             [*call, "--until", "solid"], capture_output=True, text=True, check=False
         )
-        if done.returncode or not (run / "solid.stl").is_file():
+        # A plate's run has a solid for each well.
+        solids = sorted(run.rglob("solid.stl"))
+        if done.returncode or not solids:
             return name, " ".join(done.stderr.split())[-300:] or "no solid.stl"
-        mesh = trimesh.load_mesh(run / "solid.stl")
+        faults = [fault for path in solids if (fault := _fault(trimesh.load_mesh(path)))]
+    return name, "; ".join(faults)
+
+
+def _fault(mesh: trimesh.Trimesh) -> str:
     outer = [one for one in mesh.split(only_watertight=False) if one.volume > 0.0]
     if mesh.is_watertight and len(outer) == 1:
-        return name, ""
-    return name, f"watertight {mesh.is_watertight}, {len(outer)} bodies"
+        return ""
+    return f"watertight {mesh.is_watertight}, {len(outer)} bodies"

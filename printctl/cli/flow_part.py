@@ -145,7 +145,9 @@ def _over(
     if base.every_outlet is not None:
         known["outlet"] = known.get("pulse", {}).pop("outlet", None) or known["outlet"]
     known.get("compare", {}).pop("lattice", None)
-    solved = {key: known.pop(key, {}) | typed.pop(key) for key in _SOLVED if key in typed}
+    section: dict[str, Any] = {
+        key: known.pop(key, {}) | typed.pop(key) for key in _SOLVED if key in typed
+    }
     held = _flat({key: value for key, value in known.items() if key not in _SOLVED})
     said = []
     for key, value in _flat(typed).items():
@@ -159,7 +161,6 @@ def _over(
             )
         power = _PRINT_POWER.get(key, 0)
         held[key] = value / print_scale**power if power else value
-    section: dict[str, Any] = dict(solved)
     for key, value in held.items():
         part, _, name = key.rpartition(".")
         (section.setdefault(part, {}) if part else section)[name] = value
@@ -189,7 +190,7 @@ def conditions_said(part: FlowPart, typed: list[str], print_scale: float) -> str
     main = {inlet: getattr(part, inlet)}
     if part.viscosity is None:
         main["viscosity_mpa_s"] = part.viscosity_mpa_s
-    own = _flat(part.model_dump(exclude_defaults=True, exclude=set(_SOLVED)))
+    own = _flat(part.model_dump(exclude_defaults=True, exclude={*_SOLVED, "exports"}))
     held = ", ".join(f"{key} {_shown(value)}" for key, value in (main | own).items())
     size = "" if print_scale == 1.0 else f", of the design's size (print_scale {print_scale:g})"
     if not typed:
