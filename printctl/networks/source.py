@@ -14,6 +14,7 @@ import numpy as np
 from design.errors import FlowError
 from design.geometry.surface import Surface
 from design.hemodynamics import FlowConditions, flow_table, solve_flow
+from design.hemodynamics.zero_d.steady import node_inflow
 from design.network import FloatArray, VesselNetwork
 from design.network_files.csv_format import read_network_csv
 from design.solids import read_solid
@@ -168,22 +169,12 @@ def with_flow(source: Source, drive: Drive, own: FlowConditions | None = None) -
     table = flow_table(source.network, solution)
     flow = {key: np.asarray(table[key], dtype=np.float64) for key in _FLOW}
     highest = float(np.abs(solution.pressure).max()) / PA_PER_MMHG
+    inflow = float(node_inflow(source.network, solution.flow).clip(min=0.0).sum())
+    fluid = "" if driven.fluid is not None else f" of {driven.viscosity_pa_s * 1e3:g} mPa·s"
     note = (
-        f"Flow solved for {_inlet_text(driven)} and {_fluid_text(driven)}, "
+        f"Flow solved for {inflow / UL_S_PER_ML_MIN:.4g} mL/min in all{fluid}, "
         f"{'outlets at 0 mmHg' if own is None else 'all else as the recipe of the run says'}; the "
         f"highest pressure is {highest:.3g} mmHg."
     )
     known = VesselQuantities(flow, source.known.gauged)
     return replace(source, known=known, notes=(*source.notes, note))
-
-
-def _inlet_text(driven: FlowConditions) -> str:
-    if driven.inlet_flow_ul_s is None:
-        return f"{(driven.inlet_pressure_pa or 0.0) / PA_PER_MMHG:g} mmHg at the inlet"
-    return f"{driven.inlet_flow_ul_s / UL_S_PER_ML_MIN:g} mL/min in all"
-
-
-def _fluid_text(driven: FlowConditions) -> str:
-    if driven.fluid is not None:
-        return f"a fluid of {type(driven.fluid).__name__}"
-    return f"{driven.viscosity_pa_s * 1e3:g} mPa·s"

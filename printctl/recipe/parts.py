@@ -118,14 +118,9 @@ class FlowPart(Part):
     def _as_read(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out what another key displaces, so that what is written can be read again."""
         data: dict[str, Any] = handler(self)
-        displaced = (
-            (self.inlet_pressure_mmhg, "inlet_flow_ml_min"),
-            (self.viscosity, "viscosity_mpa_s"),
-        )
-        for given, key in displaced:
-            if given is not None:
-                data.pop(key, None)
-        return data
+        displaced = {"inlet_pressure_mmhg": "inlet_flow_ml_min", "viscosity": "viscosity_mpa_s"}
+        left_out = {key for given, key in displaced.items() if getattr(self, given) is not None}
+        return {key: value for key, value in data.items() if key not in left_out}
 
     @property
     def every_outlet(self) -> PulseOutlet | None:

@@ -64,7 +64,7 @@ def test_a_number_typed_takes_the_place_of_a_run_s_own_and_the_rest_stays(folder
     (folder / "manifest.json").write_text(json.dumps(facts))
     typed = load_source(folder, None, Drive(viscosity_mpa_s=6.0))
     assert typed.known.flow["flow_ml_min"].max() == pytest.approx(4.0)
-    assert "4 mL/min in all and 6 mPa·s" in typed.notes[0]
+    assert "4 mL/min in all of 6 mPa·s" in typed.notes[0]
     (folder / "flow.csv").unlink()
     own = load_source(folder, None, Drive())
     assert typed.known.flow["wall_shear_pa"] == pytest.approx(2 * own.known.flow["wall_shear_pa"])
