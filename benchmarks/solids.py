@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from benchmarks.command import Job, run
 from benchmarks.solids_bent import rows as bent_rows
+from benchmarks.solids_fittings import rows as fittings_rows
 from benchmarks.solids_large import rows as large_rows
 from benchmarks.solids_lumens import rows as lumens_rows
 from benchmarks.solids_organs import rows as organs_rows
@@ -19,6 +20,7 @@ JOBS: dict[str, Job] = {
     "slicing": lambda quick: slicing_rows(),
     "bent": lambda quick: bent_rows(),
     "lumens": lambda quick: lumens_rows(),
+    "fittings": fittings_rows,
     "union": union_rows,
     "organs": organs_rows,
     "large": lambda quick: iter(()) if quick else large_rows(),

@@ -1,4 +1,4 @@
-"""Conversion factors to the internal units mm, s, Pa, Pa·s, µL, µL/s; water's density."""
+"""Conversion factors to the internal units mm, s, Pa, Pa·s, µL, µL/s; blood's viscosity."""
 
 from __future__ import annotations
 
@@ -21,3 +21,6 @@ DYN_CM2_PER_PA: Final = 10.0
 PA_S2_MM2_PER_G_CM3: Final = 1e-3
 WATER_DENSITY: Final = 1.06e-3
 """Density of water-like media, Pa·s²/mm² (1.06 g/cm³)."""
+BLOOD_MPA_S: Final = 4.0
+"""Viscosity of whole blood, mPa·s, wherever none is given: Sexton et al. 2025 (Science 388, 1198,
+doi 10.1126/science.adj6152) take it with 1.06 g/cm³ (printed "0.04 cP", meaning poise)."""

@@ -8,14 +8,16 @@ from numpy.typing import NDArray
 
 from design.errors import SolidError
 from design.geometry.frames import vectors_across
-from design.solids.connector import LUER_TAPER, MALE_TIP_MM, Connector, profiles
+from design.solids.connector import Connector, profiles
 from design.solids.facets import FACET_TOLERANCE_MM, area_factor, facet_count
 from design.solids.manifolds import solid_manifold, subtract, unite
 from design.solids.snap import solid_from_manifold
 from design.solids.solid import Solid
 
 
-def connector_parts(connector: Connector, through_mm: float = 1.0) -> tuple[Solid, Solid]:
+def connector_parts(
+    connector: Connector, through_mm: float = 1.0, lead_in_mm: float = 0.0
+) -> tuple[Solid, Solid]:
     """Outside and bore of a fitting that leaves the origin along +z.
 
     Parameters
@@ -23,6 +25,8 @@ def connector_parts(connector: Connector, through_mm: float = 1.0) -> tuple[Soli
     connector : Connector
     through_mm : float, mm
         How deep within the body the bore begins: a wall's thickness and a little, to pass it.
+    lead_in_mm : float, mm
+        How deep within the body the outside begins.
 
     Returns
     -------
@@ -38,6 +42,9 @@ def connector_parts(connector: Connector, through_mm: float = 1.0) -> tuple[Soli
     if not 0.0 < through_mm < np.inf:
         raise SolidError(f"through_mm {through_mm:g}; give a depth above 0")
     outside, bore = profiles(connector, through_mm)
+    if lead_in_mm > 0.0:
+        # One piece with the outside: parts that end at the body's face may only touch there.
+        outside = [(outside[0][0], -lead_in_mm), *outside]
     return _turned(outside, "the fitting"), _turned(bore, "the fitting's bore")
 
 
@@ -72,27 +79,17 @@ def with_connector(
     length = float(np.linalg.norm(outward))
     if not length > 0.0:
         raise SolidError("outward has no length; give the direction out of the body")
-    outside, bore = connector_parts(connector, through_mm)
+    outside, bore = connector_parts(connector, through_mm, lead_in_mm)
     frame = _frame(np.asarray(outward, dtype=np.float64) / length)
-    sunk = Manifold.cylinder(
-        lead_in_mm, 0.5 * _widest(connector), circular_segments=_facets(connector.outer_mm)
-    ).translate([0.0, 0.0, -lead_in_mm])
     placed = [
         part.transform(np.column_stack([frame, at]))
         for part in (
             solid_manifold(outside, "the fitting"),
-            sunk,
             solid_manifold(bore, "the fitting's bore"),
         )
     ]
-    whole = unite([solid_manifold(body, "the body"), placed[0], placed[1]])
-    return solid_from_manifold(subtract(whole, [placed[2]]), "the body with its fitting")
-
-
-def _widest(connector: Connector) -> float:
-    if connector.kind == "luer_male":
-        return MALE_TIP_MM + LUER_TAPER * connector.length_mm
-    return connector.outer_mm
+    whole = unite([solid_manifold(body, "the body"), placed[0]])
+    return solid_from_manifold(subtract(whole, [placed[1]]), "the body with its fitting")
 
 
 def _facets(diameter_mm: float) -> int:

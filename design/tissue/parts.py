@@ -61,7 +61,11 @@ def parts_of(tissue: Tissue) -> tuple[Part, ...]:
     TissueError
         When the surface has more than 2,000 shells.
     """
-    points, faces = tissue.surface.vertices, tissue.surface.faces
+    return surface_parts(tissue.surface.vertices, tissue.surface.faces)
+
+
+def surface_parts(points: FloatArray, faces: FaceArray) -> tuple[Part, ...]:
+    """The same of a closed surface, by its vertices (n, 3), mm, and faces (m, 3)."""
     shell = shells_of(points, faces)
     count = int(shell.max()) + 1
     signed = np.array([enclosed_volume(points, faces[shell == n]) for n in range(count)])

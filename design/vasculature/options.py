@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from design.errors import GrowthError
-from design.units import PA_PER_MMHG
+from design.units import BLOOD_MPA_S, PA_PER_MMHG
 from design.vasculature.limits import Limits, check_angles, joint_limits
 from design.vasculature.penalty import DepthPenalty, PenaltyFunction
 from kernels.arrays import FloatArray
@@ -128,7 +128,7 @@ class GrowthOptions:
     murray_exponent: float = 3.0
     length_exponent: float = 1.0
     radius_exponent: float = 2.0
-    viscosity_pa_s: float = 4e-3
+    viscosity_pa_s: float = BLOOD_MPA_S * 1e-3
     viscosity_law: Literal["newtonian", "pries_1994"] = "newtonian"
     haematocrit: float = 0.45
     pressure_drop_pa: float = 40.0 * PA_PER_MMHG

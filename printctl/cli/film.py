@@ -16,7 +16,7 @@ from printctl.cli.view_options import FromOption
 from printctl.errors import UsageError
 from printctl.film import GrowthFilm, PulseFilm, growth_frames, pulse_frames, write_film
 from printctl.film.film_file import Frame, check_suffix
-from printctl.flow.printed_case import recipe_of
+from printctl.flow.driven import recipe_of
 from printctl.networks import Drive, Source, load_source
 from printctl.recipe.growth import Growth
 from registration.picture import FilmScene, PictureOptions, Quantity, quantities

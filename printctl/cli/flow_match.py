@@ -9,10 +9,9 @@ from printctl.cli.flow_options import Match
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
 from printctl.errors import UsageError
-from printctl.flow import steady_conditions
+from printctl.flow.driven import Driven
 from printctl.flow.match import HISTORY, MATCHED, VESSELS, match_and_write, options_from
 from printctl.flow.three_d import SHARP
-from printctl.recipe.parts import FlowPart
 from printctl.recipe.space import ThreeDPart
 
 _PERCENT = 0.5
@@ -20,7 +19,7 @@ _PERCENT = 0.5
 
 def match(
     network: VesselNetwork,
-    part: FlowPart,
+    driven: Driven,
     space: ThreeDPart,
     out: Path,
     fillet_ratio: float,
@@ -32,7 +31,7 @@ def match(
     Raises
     ------
     FlowError, SolidError, UsageError, OSError
-        As `steady_conditions` and `match_and_write`.
+        As `Driven.steady` and `match_and_write`.
     """
     if not how.match_split:
         return
@@ -43,12 +42,11 @@ def match(
         max(fillet_ratio, SHARP),
         space.inertia,
     )
-    conditions = steady_conditions(part, Path(), network)
     with messages().status("matching the split") as status:
         output.summary["match"] = match_and_write(
             out,
             network,
-            conditions,
+            driven.steady(network),
             _wanted(how.want or []),
             options,
             lambda _, doing: status.update(f"matching the split: {doing}"),

@@ -11,11 +11,13 @@ from printctl.cli.flow_match import match
 from printctl.cli.flow_options import Match, OtherSolvers
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.flow_part import part_of, space_of
-from printctl.cli.flow_printed import run_as_printed
+from printctl.cli.flow_printed import driven_of, run_as_printed
 from printctl.cli.flow_ranks import run_other_solvers
-from printctl.cli.flow_solve import in_space, lumped_and_waves, write_problems
+from printctl.cli.flow_solve import in_space, lumped_and_waves
 from printctl.errors import UsageError
 from printctl.flow import NPZ, CsvTables, NpzTables
+from printctl.flow.driven import Driven
+from printctl.flow.exports import EXPORTS, write_exports
 from printctl.networks import load_source
 
 FILLET: Final = 0.5
@@ -45,18 +47,22 @@ def run_network(
         return output
     if asked["scanned"]:
         raise UsageError("--scanned is for --as-printed --three-d; add these, or leave it out")
-    # Options are a recipe's section under the same names: `part_of` takes them by name.
-    part = part_of(asked)
-    fillet = FILLET if asked["fillet_ratio"] is None else asked["fillet_ratio"]
     source = load_source(network, asked["unit"], None)
+    # Options are a recipe's section under the same names: `part_of` takes them by name.
+    if network.is_dir():
+        driven, fillet, output.summary["conditions"] = driven_of(context, network, "flow of a run")
+    else:
+        driven = Driven(part_of(asked)[0])
+        fillet = FILLET if asked["fillet_ratio"] is None else asked["fillet_ratio"]
     if source.notes:
         output.summary["notes"] = list(source.notes)
     tables = NpzTables(out / NPZ) if asked["results"] == "npz" else CsvTables(out)
-    lumped_and_waves(source.network, part, tables, output)
+    lumped_and_waves(source.network, driven, tables, output)
     output.files = list(tables.files)
-    write_problems(source.network, part, asked["svzerod"], asked["svoned"], output)
-    in_space(source.network, part, out, fillet, output)
+    paths = {name: asked[name] for name in EXPORTS if asked[name] is not None}
     space = space_of(asked)
-    run_other_solvers(source.network, part, space, out, fillet, others, output)
-    match(source.network, part, space, out, fillet, how, output)
+    output.files += write_exports(paths, source.network, driven, space, fillet)
+    in_space(source.network, driven, out, fillet, output)
+    run_other_solvers(source.network, driven, space, out, fillet, others, output)
+    match(source.network, driven, space, out, fillet, how, output)
     return output

@@ -34,7 +34,7 @@ ShearBandOption = Annotated[
 ]
 SvzerodOption = Annotated[
     Path | None,
-    typer.Option("--svzerod", help="Write the pulsatile problem for svZeroDSolver, too."),
+    typer.Option("--svzerod", help="Write the problem for svZeroDSolver, too."),
 ]
 SvonedOption = Annotated[
     Path | None,
@@ -82,9 +82,7 @@ class OtherSolvers:
     ] = None
     svmultiphysics: Annotated[
         Path | None,
-        typer.Option(
-            "--svmultiphysics", help="Write the pulsatile 3D case for svMultiPhysics here."
-        ),
+        typer.Option("--svmultiphysics", help="Write the 3D case for svMultiPhysics here."),
     ] = None
 
 

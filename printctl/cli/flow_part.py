@@ -56,6 +56,26 @@ DRIVING: Final = (
 SECTIONS: Final = (*DRIVING, ONE_D, THREE_D, COMPARE)
 
 _WAVES: Final = ("amplitude_ml_min", "amplitude_mmhg", "shape", "waveform")
+_SOLVED: Final = ("one_d", "three_d", "compare")
+_EVERY_OUTLET: Final = "outlet."
+_ALTERNATIVES: Final = (
+    {"inlet_flow_ml_min", "inlet_pressure_mmhg"},
+    {"viscosity_mpa_s", "viscosity"},
+    {_EVERY_OUTLET, "outlets"},
+    {f"pulse.{PULSE.fields()[name]}" for name in _WAVES},
+)
+"""Keys of which a section has one: what is typed takes the recipe's place."""
+_PRINT_POWER: Final = {
+    "inlet_flow_ml_min": 3,
+    "pulse.amplitude_ml_min": 3,
+    "pulse.wall_thickness_mm": 1,
+    "outlet.resistance_mmhg_min_ml": -3,
+    "outlet.proximal_mmhg_min_ml": -3,
+    "outlet.compliance_ml_mmhg": 3,
+}
+"""By which power of print_scale a print's value is above its design's."""
+_UNSCALED: Final = ("outlets", "pulse.table", "losses.stenoses")
+_HAS_NONE: Final = ", and the recipe has none"
 _GIVE_WAVE: Final = "give --amplitude-ml-min, --amplitude-mmhg, --shape or --waveform"
 _IN_SPACE: Final = ("three_d", "match_split", "ranks", "slurm", "svmultiphysics")
 """Options that solve in the lumens' space, which fillets round."""
@@ -73,8 +93,18 @@ _TAKEN: Final[Mapping[str, tuple[str, ...]]] = {
 """Options of --three-d that others who solve in space take, too."""
 
 
-def part_of(asked: Mapping[str, Any]) -> FlowPart:
-    """The section that options, by their names, stand for.
+def part_of(
+    asked: Mapping[str, Any], base: FlowPart | None = None, print_scale: float = 1.0
+) -> tuple[FlowPart, list[str]]:
+    """The section that options, by their names, stand for, and what they say in a run's place.
+
+    Parameters
+    ----------
+    base : FlowPart, optional
+        A run's section, whose conditions hold where no option says otherwise. What is solved is
+        what options ask for: the section's own 1D and 3D settings wait for --one-d and --three-d.
+    print_scale : float
+        Of the run. Numbers typed are the print's, the section's are its design's.
 
     Raises
     ------
@@ -82,7 +112,8 @@ def part_of(asked: Mapping[str, Any]) -> FlowPart:
         For options that don't go together, a value out of bounds, a fluid that can't be read.
     """
     waves = any(asked[key] is not None for key in _WAVES)
-    _refuse_without_wave(asked, waves)
+    own_pulse = base is not None and base.pulse is not None
+    _refuse_without_wave(asked, waves or own_pulse, "" if base is None else _HAS_NONE)
     refuse_idle_options(asked)
     section = (
         section_values(SECTIONS, _with_own_space(asked))
@@ -91,10 +122,84 @@ def part_of(asked: Mapping[str, Any]) -> FlowPart:
     )
     if asked["stenosis"]:
         section.setdefault("losses", {})["stenoses"] = stenoses(asked["stenosis"])
+    typed: list[str] = []
+    if base is not None:
+        section, typed = _over(base, section, print_scale)
     try:
-        return FlowPart(**section)
+        return FlowPart(**section), typed
     except ValidationError as exc:
         raise wrong_option(exc, SECTIONS, "pulsatile flow" if waves else "flow") from exc
+
+
+def _over(
+    base: FlowPart, typed: dict[str, Any], print_scale: float
+) -> tuple[dict[str, Any], list[str]]:
+    """A run's section with what was typed in its place, and what that is.
+
+    Raises
+    ------
+    UsageError
+        For a typed table or stenosis of a print that isn't of its design's size.
+    """
+    known = base.model_dump(exclude_none=True)
+    if base.every_outlet is not None:
+        known["outlet"] = known.get("pulse", {}).pop("outlet", None) or known["outlet"]
+    known.get("compare", {}).pop("lattice", None)
+    section: dict[str, Any] = {
+        key: known.pop(key, {}) | typed.pop(key) for key in _SOLVED if key in typed
+    }
+    held = _flat({key: value for key, value in known.items() if key not in _SOLVED})
+    said = []
+    for key, value in _flat(typed).items():
+        rivals = [other for other in held if other == key or _alternatives(key, other)]
+        old = ", ".join(f"{other} {_shown(held.pop(other))}" for other in rivals)
+        said.append(f"{key} {_shown(value)}" + (f" in place of {old}" if old else ""))
+        if print_scale != 1.0 and key in _UNSCALED:
+            raise UsageError(
+                f"{key} is of the design's size, and this run is printed {print_scale:g} times as "
+                "large; say it in the recipe"
+            )
+        power = _PRINT_POWER.get(key, 0)
+        held[key] = value / print_scale**power if power else value
+    for key, value in held.items():
+        part, _, name = key.rpartition(".")
+        (section.setdefault(part, {}) if part else section)[name] = value
+    return section, said
+
+
+def _flat(section: Mapping[str, Any]) -> dict[str, Any]:
+    """Values by key, those of sections as ``pulse.period_s``; a fluid is one value."""
+    made: dict[str, Any] = {}
+    for key, value in section.items():
+        if isinstance(value, dict) and key != "viscosity":
+            made |= {f"{key}.{name}": one for name, one in value.items()}
+        else:
+            made[key] = value
+    return made
+
+
+def _alternatives(key: str, other: str) -> bool:
+    """Whether a section has one of two keys; those of ``outlet`` go together."""
+    pair = {_EVERY_OUTLET if one.startswith(_EVERY_OUTLET) else one for one in (key, other)}
+    return len(pair) > 1 and any(pair <= group for group in _ALTERNATIVES)
+
+
+def conditions_said(part: FlowPart, typed: list[str], print_scale: float) -> str:
+    """Sentence on a run's conditions: what holds, and what was typed in the recipe's place."""
+    inlet = "inlet_flow_ml_min" if part.inlet_pressure_mmhg is None else "inlet_pressure_mmhg"
+    main = {inlet: getattr(part, inlet)}
+    if part.viscosity is None:
+        main["viscosity_mpa_s"] = part.viscosity_mpa_s
+    own = _flat(part.model_dump(exclude_defaults=True, exclude={*_SOLVED, "exports"}))
+    held = ", ".join(f"{key} {_shown(value)}" for key, value in (main | own).items())
+    size = "" if print_scale == 1.0 else f", of the design's size (print_scale {print_scale:g})"
+    if not typed:
+        return f"the recipe's{size}: {held}"
+    return f"the recipe's with what was typed{size}: {held}; typed: {'; '.join(typed)}"
+
+
+def _shown(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def space_of(asked: Mapping[str, Any]) -> ThreeDPart:
@@ -153,20 +258,15 @@ def refuse_idle_options(asked: Mapping[str, Any]) -> None:
         )
 
 
-def _refuse_without_wave(asked: Mapping[str, Any], waves: bool) -> None:
+def _refuse_without_wave(asked: Mapping[str, Any], waves: bool, why: str) -> None:
     if waves:
         return
     idle = next((name for name in PULSE.fields() if asked[name] is not None), None)
     if idle is not None:
-        raise UsageError(f"{option(idle)} is for pulsatile flow; {_GIVE_WAVE}")
-    for key, does in (
-        ("svzerod", "writes a pulsatile problem"),
-        ("svoned", "writes a pulsatile problem"),
-        ("svmultiphysics", "writes a pulsatile problem"),
-        ("one_d", "follows a pulse"),
-    ):
+        raise UsageError(f"{option(idle)} is for pulsatile flow{why}; {_GIVE_WAVE}")
+    for key, does in (("svoned", "writes a pulsatile problem"), ("one_d", "follows a pulse")):
         if asked[key]:
-            raise UsageError(f"{option(key)} {does}; {_GIVE_WAVE}")
+            raise UsageError(f"{option(key)} {does}{why}; {_GIVE_WAVE}")
 
 
 def shear_band(asked: Mapping[str, Any]) -> dict[str, Any]:

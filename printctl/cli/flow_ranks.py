@@ -1,4 +1,4 @@
-"""Run `printctl flow` in 3D on MPI ranks; write Slurm script and svMultiPhysics input files."""
+"""Run `printctl flow` in 3D on MPI ranks; write Slurm script."""
 
 from __future__ import annotations
 
@@ -7,19 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from design.hemodynamics.three_d import LumenMesh, straighten_edges
-from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
+from design.hemodynamics.three_d import straighten_edges
 from design.hemodynamics.three_d.ranks import rank_conditions, write_case
-from design.hemodynamics.three_d.svmultiphysics import write_svmultiphysics
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
 from printctl.cli.flow_options import OtherSolvers
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
-from printctl.flow import pulsatile_conditions, steady_conditions
+from printctl.flow.driven import Driven
+from printctl.flow.printed_fidelities import mesh_of
 from printctl.flow.ranks import run_on_ranks, slurm_job, write_slurm
-from printctl.flow.three_d import SHARP
-from printctl.recipe.parts import FlowPart
 from printctl.recipe.space import ThreeDPart
 
 CASE = "ranks"
@@ -27,7 +24,7 @@ CASE = "ranks"
 
 def run_other_solvers(
     network: VesselNetwork,
-    part: FlowPart,
+    driven: Driven,
     space: ThreeDPart,
     out: Path,
     fillet_ratio: float,
@@ -41,30 +38,18 @@ def run_other_solvers(
     FlowError, SolidError, UsageError, PrintctlError, OSError
         As `lumen_mesh`, `run_on_ranks` and the writers.
     """
-    if asked.ranks is None and asked.slurm is None and asked.svmultiphysics is None:
-        return
-    mesh = _mesh(network, space, fillet_ratio)
-    if asked.svmultiphysics is not None and part.pulse is not None:
-        pulse = pulsatile_conditions(part, part.pulse, Path(), network=network)
-        write_svmultiphysics(asked.svmultiphysics, mesh, pulse)
-        output.files.append(asked.svmultiphysics)
     if asked.ranks is None and asked.slurm is None:
         return
+    mesh = straighten_edges(mesh_of(network, space, fillet_ratio))[0]
     folder = out / CASE
     model: Any = "navier_stokes" if space.inertia else "stokes"
-    conditions = steady_conditions(part, Path(), network)
-    write_case(mesh, rank_conditions(mesh, conditions, model=model), folder)
+    write_case(mesh, rank_conditions(mesh, driven.steady(network), model=model), folder)
     output.files.append(folder)
     if asked.slurm is not None:
         write_slurm(asked.slurm, folder, slurm_job(asked.slurm_set or []))
         output.files.append(asked.slurm)
     if asked.ranks is not None:
         output.summary["ranks"] = _solved(folder, asked.ranks, asked.ranks_python)
-
-
-def _mesh(network: VesselNetwork, part: ThreeDPart, fillet_ratio: float) -> LumenMesh:
-    shape = MeshOptions(edge_ratio=part.edge_ratio, fillet_ratio=max(fillet_ratio, SHARP))
-    return straighten_edges(lumen_mesh(network, shape))[0]
 
 
 def _solved(folder: Path, ranks: int, python: Path | None) -> dict[str, Any]:

@@ -4,25 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from design.hemodynamics import write_svoned
-from design.hemodynamics.zero_d.svzerod import write_svzerod
 from design.network import VesselNetwork
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
-from printctl.flow import (
-    FlowTables,
-    one_d_options,
-    pulsatile_conditions,
-    solve_section,
-    steady_conditions,
-)
+from printctl.flow import FlowTables, solve_section
+from printctl.flow.driven import Driven
 from printctl.flow.fidelities import Case, solve_fidelities
-from printctl.recipe.parts import FlowPart
-from printctl.recipe.waves import OneDPart
 
 
 def lumped_and_waves(
-    network: VesselNetwork, part: FlowPart, tables: FlowTables, output: FlowOutput
+    network: VesselNetwork, driven: Driven, tables: FlowTables, output: FlowOutput
 ) -> None:
     """Solve 0D and 1D flow and write their tables; see `solve_section`."""
     with messages().status("0D flow") as status:
@@ -30,37 +21,19 @@ def lumped_and_waves(
         def tell(cycle: int, change: float, _: float) -> None:
             status.update(f"1D flow, cycle {cycle}: changed by {change:.2g} of the swing")
 
-        output.summary |= solve_section(tables, network, part, tell)[1]
-
-
-def write_problems(
-    network: VesselNetwork,
-    part: FlowPart,
-    svzerod: Path | None,
-    svoned: Path | None,
-    output: FlowOutput,
-) -> None:
-    """Write the pulsatile problem for other solvers, where it is asked for.
-
-    Raises
-    ------
-    FlowError, UsageError, OSError
-        As `pulsatile_conditions`, `write_svzerod` and `write_svoned`.
-    """
-    if part.pulse is None or svzerod is svoned is None:
-        return
-    conditions = pulsatile_conditions(part, part.pulse, Path(), network=network)
-    if svzerod is not None:
-        write_svzerod(svzerod, network, conditions, part.pulse.steps)
-        output.files.append(svzerod)
-    if svoned is not None:
-        options = one_d_options(part.one_d or OneDPart(), part.pulse.steps)
-        write_svoned(svoned, network, conditions, options)
-        output.files.append(svoned)
+        output.summary |= solve_section(
+            tables,
+            network,
+            driven.part,
+            tell,
+            steady=driven.steady(network),
+            folder=driven.folder,
+            print_scale=driven.print_scale,
+        )[1]
 
 
 def in_space(
-    network: VesselNetwork, part: FlowPart, out: Path, fillet_ratio: float, output: FlowOutput
+    network: VesselNetwork, driven: Driven, out: Path, fillet_ratio: float, output: FlowOutput
 ) -> None:
     """Resolve the flow in space and compare fidelities, as far as the section asks for it.
 
@@ -69,12 +42,10 @@ def in_space(
     FlowError, SolidError, UsageError, OSError
         As `solve_fidelities`.
     """
+    part = driven.part
     if part.three_d is None and part.compare is None:
         return
-    pulse = None
-    if part.pulse is not None:
-        pulse = pulsatile_conditions(part, part.pulse, Path(), network=network)
-    case = Case(network, part, steady_conditions(part, Path(), network), pulse, fillet_ratio)
+    case = Case(network, part, driven.steady(network), driven.pulsatile(network), fillet_ratio)
     with messages().status("3D flow") as status:
         done = solve_fidelities(out, case, lambda _, doing: status.update(f"3D flow: {doing}"))
     output.summary |= done.summary

@@ -60,8 +60,8 @@ def measure(
         Literal["coronary", "kidney", "lung", "liver"] | None,
         typer.Option("--against", help="Compare orders and forks with published real vessels."),
     ] = None,
-    inlet_flow_ml_min: InletFlowOption = 0.25,
-    viscosity_mpa_s: ViscosityOption = 1.0,
+    inlet_flow_ml_min: InletFlowOption = None,
+    viscosity_mpa_s: ViscosityOption = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Measure any network in a tissue: distances, densities, oxygen, orders, Murray's law, flow.

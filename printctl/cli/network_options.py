@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from design.units import LengthUnit
+from design.units import BLOOD_MPA_S, LengthUnit
 
 SourceArg = Annotated[
     Path,
@@ -27,9 +27,16 @@ TissueUnitOption = Annotated[
     LengthUnit | None, typer.Option("--tissue-unit", help="Of the tissue's mesh.")
 ]
 InletFlowOption = Annotated[
-    float,
-    typer.Option("--inlet-flow-ml-min", min=1e-9, help="Where the network comes without flow."),
+    float | None,
+    typer.Option(
+        "--inlet-flow-ml-min", min=1e-9, help="In place of a run's own; of a file 0.25 without it."
+    ),
 ]
 ViscosityOption = Annotated[
-    float, typer.Option("--viscosity-mpa-s", min=1e-6, help="Where it comes without flow.")
+    float | None,
+    typer.Option(
+        "--viscosity-mpa-s",
+        min=1e-6,
+        help=f"In place of a run's own; of a file {BLOOD_MPA_S:g}, blood's, without it.",
+    ),
 ]

@@ -16,10 +16,12 @@ from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
 from printctl.cli.measure import tissue_around
 from printctl.cli.network_options import (
+    InletFlowOption,
     SourceArg,
     TissueOption,
     TissueUnitOption,
     UnitOption,
+    ViscosityOption,
 )
 from printctl.cli.option_group import with_options
 from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
@@ -53,13 +55,8 @@ def oxygen(
             "--out", callback=folder_to_write, help="Folder for the files; made where it isn't."
         ),
     ] = Path("oxygen"),
-    inlet_flow_ml_min: Annotated[
-        float | None,
-        typer.Option("--inlet-flow-ml-min", min=1e-9, help="0.25, or the run's own flow."),
-    ] = None,
-    viscosity_mpa_s: Annotated[
-        float | None, typer.Option("--viscosity-mpa-s", min=1e-6, help="1, or the run's own.")
-    ] = None,
+    inlet_flow_ml_min: InletFlowOption = None,
+    viscosity_mpa_s: ViscosityOption = None,
     part: OxygenPart,
     as_json: JsonFlag = False,
 ) -> None:
@@ -68,10 +65,9 @@ def oxygen(
     What isn't given is assumed, and the assumptions stand in the result: cells and their uptake
     decide it, so give your own.
     """
-    given = inlet_flow_ml_min is not None or viscosity_mpa_s is not None
-    drive = Drive(inlet_flow_ml_min or 0.25, viscosity_mpa_s or 1.0)
+    drive = Drive(inlet_flow_ml_min, viscosity_mpa_s)
     source = load_source(network, unit, drive)
-    flow = None if given else known_flow(source)
+    flow = known_flow(source)
     if flow is None:
         flow = solve_flow(source.network, drive.conditions())
     around = tissue_around(tissue if tissue is not None else network, tissue_unit)

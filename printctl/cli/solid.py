@@ -10,7 +10,7 @@ import typer
 
 from design.solids import lumen_solid, tube_solid, validate_file, write_step
 from design.solids.read import SUFFIXES
-from printctl.cli.network_options import UnitOption
+from printctl.cli.network_options import SourceArg, UnitOption
 from printctl.cli.options import (
     JsonFlag,
     messages,
@@ -19,15 +19,13 @@ from printctl.cli.options import (
     refuse_input_as_output,
 )
 from printctl.errors import UsageError
-from printctl.networks import read_noted
+from printctl.flow.driven import recipe_of
+from printctl.networks import load_source
 from printctl.pipeline.solid_files import WRITERS
 
 
 def solid(
-    source: Annotated[
-        Path,
-        typer.Argument(help="Network: .csv, .vtp, .swc, .json, .npz, .txt.", show_default=False),
-    ],
+    source: SourceArg,
     out: Annotated[
         Path,
         typer.Option(
@@ -36,11 +34,14 @@ def solid(
     ],
     unit: UnitOption = None,
     fillet_ratio: Annotated[
-        float,
+        float | None,
         typer.Option(
-            "--fillet-ratio", min=0, max=1, help="Of junctions, over their thinnest vessel."
+            "--fillet-ratio",
+            min=0,
+            max=1,
+            help="Of junctions, over their thinnest vessel; 0, or the run's own.",
         ),
-    ] = 0.0,
+    ] = None,
     wall_mm: Annotated[
         float | None,
         typer.Option("--wall-mm", min=1e-3, max=50, help="Tubes of this wall, not the lumens."),
@@ -57,9 +58,13 @@ def solid(
     if kind == "step" and (fillet_ratio or wall_mm is not None):
         raise UsageError("--fillet-ratio and --wall-mm are for triangles; STEP has sharp lumens")
     refuse_input_as_output(out, source)
-    network, notes = read_noted(source, unit)
-    for note in notes:
+    read = load_source(source, unit, None)
+    network = read.network
+    for note in read.notes:
         messages().print(note, style="dim", markup=False)
+    if fillet_ratio is None:
+        own = source.is_dir() and kind != "step"
+        fillet_ratio = recipe_of(source, "solid of a run").solid.fillet_ratio if own else 0.0
     if kind == "step":
         facts = asdict(write_step(out, network))
     else:

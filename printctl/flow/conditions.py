@@ -20,7 +20,7 @@ from design.hemodynamics import (
     Supply,
     ThinWall,
 )
-from design.hemodynamics.waveforms import Sine, Tabulated, Waveform, read_waveform, shape
+from design.hemodynamics.waveforms import Constant, Sine, Tabulated, Waveform, read_waveform, shape
 from design.hemodynamics.waveforms.waveform import cycle_times
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, PA_S2_MM2_PER_G_CM3, UL_S_PER_ML_MIN
@@ -121,7 +121,7 @@ def losses_of(part: LossPart) -> Losses:
 
 def pulsatile_conditions(
     part: FlowPart,
-    pulse: PulsePart,
+    pulse: PulsePart | None,
     folder: Path,
     print_scale: float = 1.0,
     network: VesselNetwork | None = None,
@@ -130,7 +130,7 @@ def pulsatile_conditions(
 
     Flows grow by the scale's third power and pressures stay; so resistances of outlets fall and
     their compliances grow by it. Tables' names are relative to ``folder``; ``network`` is needed
-    for one of outlets.
+    for one of outlets. Without a ``pulse`` the inlet is constant.
 
     Raises
     ------
@@ -147,8 +147,8 @@ def pulsatile_conditions(
         inlet=_wave(part, pulse, folder, volume),
         inlet_is="flow" if part.inlet_pressure_mmhg is None else "pressure",
         outlet=every if outlets is None else outlets,
-        wall=_wall(pulse, print_scale),
-        profile=pulse.profile,
+        wall=RigidWall() if pulse is None else _wall(pulse, print_scale),
+        profile="poiseuille" if pulse is None else pulse.profile,
         density=part.density_g_cm3 * PA_S2_MM2_PER_G_CM3,
         supplies=supplies_of(part, network, volume),
     )
@@ -166,12 +166,14 @@ def _outlets(
     return read_outlets(folder / part.outlets, network, volume)
 
 
-def _wave(part: FlowPart, pulse: PulsePart, folder: Path, volume: float) -> Waveform:
+def _wave(part: FlowPart, pulse: PulsePart | None, folder: Path, volume: float) -> Waveform:
     """The inlet's flow in µL/s, or its pressure in Pa."""
     if part.inlet_pressure_mmhg is None:
         mean, scale, swing = part.inlet_flow_ml_min, UL_S_PER_ML_MIN * volume, "amplitude_ml_min"
     else:
         mean, scale, swing = part.inlet_pressure_mmhg, PA_PER_MMHG, "amplitude_mmhg"
+    if pulse is None:
+        return Constant(mean * scale)
     if pulse.table is not None:
         by_flow = part.inlet_pressure_mmhg is None
         return _table(folder / pulse.table, mean, pulse, scale, by_flow=by_flow)

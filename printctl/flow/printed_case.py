@@ -8,15 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from design.files import write_text
-from design.hemodynamics import (
-    FlowConditions,
-    PulsatileConditions,
-    same_shear_conditions,
-    scaled_network,
-)
+from design.hemodynamics import FlowConditions
 from design.hemodynamics.three_d.engine import load_engine
 from design.hemodynamics.three_d.surface_mesh import SurfaceOptions, surface_mesh
 from design.network import VesselNetwork
@@ -29,7 +22,7 @@ from printctl.flow.as_printed import (
     printed_lumens,
     read_print,
 )
-from printctl.flow.conditions import pulsatile_conditions, steady_conditions
+from printctl.flow.driven import Driven
 from printctl.flow.one_d import one_d_options
 from printctl.flow.printed_fidelities import (
     Pair,
@@ -51,13 +44,9 @@ from printctl.flow.printed_intervals import (
 from printctl.flow.scanned import scanned_lumen
 from printctl.flow.steady import shear_band
 from printctl.flow.tables import write_columns
-from printctl.recipe import Recipe
-from printctl.recipe.parts import FlowPart
-from printctl.recipe.pulse import PulsePart
 from printctl.recipe.space import ThreeDPart
 from printctl.recipe.waves import OneDPart
 from printctl.run_folder.artefacts import NETWORK
-from printctl.run_folder.manifest import Manifest
 from registration.gauging import with_printed_lengths
 
 AS_PRINTED, SUMMARY = "flow_as_printed.csv", "flow_as_printed.json"
@@ -71,10 +60,8 @@ class PrintedCase:
     ----------
     folder : Path
         Of the run.
-    part : FlowPart
+    driven : Driven
         With ``one_d`` and ``three_d`` where these are asked for.
-    print_scale : float
-        Of the section's numbers: 1 where they are the print's own.
     fillet_ratio : float
         Of the lumens.
     scanned : bool
@@ -82,31 +69,9 @@ class PrintedCase:
     """
 
     folder: Path
-    part: FlowPart
-    print_scale: float
+    driven: Driven
     fillet_ratio: float
     scanned: bool = False
-
-
-def recipe_of(folder: Path, what: str = "--as-printed") -> Recipe:
-    """The recipe of a run, for ``what`` needs it.
-
-    Raises
-    ------
-    UsageError
-        When the folder is no run's.
-    """
-    if not (folder / NETWORK).is_file():
-        raise UsageError(
-            f"{what} wants a run folder, and {folder} holds no {NETWORK}; `printctl run` makes one"
-        )
-    try:
-        return Recipe.model_validate(Manifest.load(folder).facts["recipe"])
-    except (KeyError, ValidationError) as exc:
-        raise UsageError(
-            f"the manifest in {folder} has no recipe of this version; run the recipe again, or "
-            "give the flow's conditions"
-        ) from exc
 
 
 def solve_as_printed(
@@ -121,7 +86,7 @@ def solve_as_printed(
     FlowError, SolidError, OSError
         As the solvers and writers, and when nothing is open.
     """
-    if case.part.three_d is not None:
+    if case.driven.part.three_d is not None:
         load_engine()  # Missing, it is better told before minutes of work.
     design = read_network_csv(case.folder / NETWORK, unit="mm")
     rows, scale = read_print(case.folder)
@@ -130,14 +95,14 @@ def solve_as_printed(
     part = replace(on_design, network=with_printed_lengths(on_design.network, scale))
     tell("intervals of 0D flow")
     pairs = {"0D": _steady(case, design, part, lumen_errors(rows))}
-    if case.part.one_d is not None:
+    if case.driven.part.one_d is not None:
         tell("1D flow")
-        pairs["1D"] = _waves(case, case.part.one_d, design, part)
-    if case.part.three_d is not None:
+        pairs["1D"] = _waves(case, case.driven.part.one_d, design, part)
+    if case.driven.part.three_d is not None:
         lumens = on_design if case.scanned else part  # `scanned_lumen` moves the axes itself
-        pairs["3D"] = _space(case, case.part.three_d, design, lumens, tell)
+        pairs["3D"] = _space(case, case.driven.part.three_d, design, lumens, tell)
     pairs |= {name: _with_ends(pairs["0D"], pair) for name, pair in pairs.items() if name != "0D"}
-    summary = printed_summary(printed, pairs, shear_band(case.part))
+    summary = printed_summary(printed, pairs, shear_band(case.driven.part))
     summary["interval_95"] = _intervals_said(pairs["0D"])
     summary["lumens_3d"] = _lumens_said(case)
     out.mkdir(parents=True, exist_ok=True)
@@ -147,7 +112,7 @@ def solve_as_printed(
 
 
 def _lumens_said(case: PrintedCase) -> str:
-    if case.part.three_d is None:
+    if case.driven.part.three_d is None:
         return "not solved"
     return "the scan's surface" if case.scanned else "round, of the measured diameters"
 
@@ -168,20 +133,20 @@ def _with_ends(steady: Pair, pair: Pair) -> Pair:
 
 
 def _steady(case: PrintedCase, design: VesselNetwork, part: OpenPart, errors: LumenErrors) -> Pair:
-    conditions, count = _conditions(case, design), design.vessel_count
+    conditions, count = case.driven.steady(design), design.vessel_count
     printed = lumped(part.network, part.steady(conditions))
     ends = flow_intervals(part, part.steady(conditions), errors, count)
     return Pair(lumped(design, conditions), printed.of_design(part, count), ends)
 
 
 def _waves(case: PrintedCase, how: OneDPart, design: VesselNetwork, part: OpenPart) -> Pair:
-    pulse = case.part.pulse
-    if pulse is None:
+    pulse, conditions = case.driven.part.pulse, case.driven.pulsatile(design)
+    if pulse is None or conditions is None:
         raise UsageError(
             "--one-d follows a pulse, and the recipe has none; give --amplitude-ml-min, --shape "
             "or --waveform, with --wall-young-kpa"
         )
-    conditions, options = _pulsatile(case, pulse, design), one_d_options(how, pulse.steps)
+    options = one_d_options(how, pulse.steps)
     printed = mean_one_d(part.network, part.pulsatile(conditions), options)
     return Pair(
         mean_one_d(design, conditions, options), printed.of_design(part, design.vessel_count)
@@ -195,7 +160,7 @@ def _space(
     part: OpenPart,
     tell: Callable[[str], None],
 ) -> Pair:
-    conditions = _conditions(case, design)
+    conditions = case.driven.steady(design)
     tell("3D flow as designed")
     designed = in_space(design, mesh_of(design, how, case.fillet_ratio), conditions, how)
     tell("3D flow as printed")
@@ -217,13 +182,3 @@ def _in_printed_space(
     fine = SurfaceOptions(edge_ratio=how.edge_ratio)
     mesh = surface_mesh(seen.surface.vertices, seen.surface.faces, seen.network, fine)
     return in_space(seen.network, mesh, conditions, how)
-
-
-def _conditions(case: PrintedCase, design: VesselNetwork) -> FlowConditions:
-    """Of the print's size, at the wall shear of the section's."""
-    small = scaled_network(design, 1.0 / case.print_scale)
-    return same_shear_conditions(steady_conditions(case.part, Path(), small), case.print_scale)
-
-
-def _pulsatile(case: PrintedCase, pulse: PulsePart, design: VesselNetwork) -> PulsatileConditions:
-    return pulsatile_conditions(case.part, pulse, Path(), case.print_scale, design)

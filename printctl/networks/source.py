@@ -14,14 +14,18 @@ import numpy as np
 from design.errors import FlowError
 from design.geometry.surface import Surface
 from design.hemodynamics import FlowConditions, flow_table, solve_flow
+from design.hemodynamics.zero_d.steady import node_inflow
 from design.network import FloatArray, VesselNetwork
 from design.network_files.csv_format import read_network_csv
 from design.solids import read_solid
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN, LengthUnit
 from printctl.errors import UsageError
-from printctl.flow import TABLE
+from printctl.flow import TABLE, steady_conditions
+from printctl.flow.driven import driven_by_run, recipe_of
 from printctl.networks.formats import read_noted
+from printctl.recipe.parts import FlowPart
 from printctl.run_folder.artefacts import NETWORK, NUMBERS, SURFACE
+from printctl.run_folder.manifest import Manifest
 from registration.picture import FLOW, GAUGED, VesselQuantities
 from registration.report.network_view import columns
 
@@ -30,17 +34,20 @@ _FLOW: Final = ("flow_ul_s", *FLOW)
 
 @dataclass(frozen=True)
 class Drive:
-    """What drives the flow of a network that comes without one."""
+    """Inlet flow and viscosity in place of a run's own, or of the defaults."""
 
-    inlet_flow_ml_min: float = 0.25
-    viscosity_mpa_s: float = 1.0
+    inlet_flow_ml_min: float | None = None
+    viscosity_mpa_s: float | None = None
 
-    def conditions(self) -> FlowConditions:
-        """In the design's units."""
-        return FlowConditions(
-            viscosity_pa_s=self.viscosity_mpa_s * 1e-3,
-            inlet_flow_ul_s=self.inlet_flow_ml_min * UL_S_PER_ML_MIN,
-        )
+    def conditions(self, own: FlowConditions | None = None) -> FlowConditions:
+        """Conditions of a run, or the defaults, and in their place what is given here."""
+        made = steady_conditions(FlowPart()) if own is None else own
+        if self.inlet_flow_ml_min is not None:
+            flow = self.inlet_flow_ml_min * UL_S_PER_ML_MIN
+            made = replace(made, inlet_flow_ul_s=flow, inlet_pressure_pa=None)
+        if self.viscosity_mpa_s is not None:
+            made = replace(made, viscosity_pa_s=self.viscosity_mpa_s * 1e-3, fluid=None)
+        return made
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +81,7 @@ def load_source(path: Path, unit: LengthUnit | None, drive: Drive | None) -> Sou
     unit : LengthUnit or None
         Of a file that doesn't say it.
     drive : Drive or None
-        Where no flow is known, it is solved for so; None: it isn't.
+        Where no flow is known or it says a number, flow is solved for so; None: it isn't.
 
     Raises
     ------
@@ -108,7 +115,17 @@ def _run(folder: Path, drive: Drive | None) -> Source:
     surface = read_solid(folder / SURFACE, unit="mm") if (folder / SURFACE).is_file() else None
     name = folder.resolve().name
     source = Source(name, network, VesselQuantities(flow or {}, gauged), surface, tuple(notes))
-    return source if flow or drive is None else with_flow(source, drive)
+    if drive is None or (flow and drive == Drive()):
+        return source
+    return with_flow(source, drive, _own_conditions(folder, network))
+
+
+def _own_conditions(folder: Path, network: VesselNetwork) -> FlowConditions | None:
+    """A run's steady conditions; None where its manifest holds no recipe of this version."""
+    if "recipe" not in Manifest.load(folder).facts:
+        return None
+    recipe = recipe_of(folder, "its flow")
+    return driven_by_run(folder, recipe.flow, recipe.print_scale).steady(network)
 
 
 def _flow(folder: Path, count: int) -> dict[str, FloatArray] | None:
@@ -139,19 +156,25 @@ def _gauged(folder: Path, count: int) -> tuple[dict[str, FloatArray], list[str]]
         return {}, [f"{NUMBERS} can't be read and is left out; run the recipe again."]
 
 
-def with_flow(source: Source, drive: Drive) -> Source:
-    """The same with its flow solved for; where that can't be, a note says why."""
+def with_flow(source: Source, drive: Drive, own: FlowConditions | None = None) -> Source:
+    """The same with its flow solved for; where that can't be, a note says why.
+
+    ``own``: the run's conditions, in whose place ``drive`` stands.
+    """
+    driven = drive.conditions(own)
     try:
-        solution = solve_flow(source.network, drive.conditions())
+        solution = solve_flow(source.network, driven)
     except FlowError as exc:
         return replace(source, notes=(*source.notes, f"No flow: {exc}."))
     table = flow_table(source.network, solution)
     flow = {key: np.asarray(table[key], dtype=np.float64) for key in _FLOW}
     highest = float(np.abs(solution.pressure).max()) / PA_PER_MMHG
+    inflow = float(node_inflow(source.network, solution.flow).clip(min=0.0).sum())
+    fluid = "" if driven.fluid is not None else f" of {driven.viscosity_pa_s * 1e3:g} mPa·s"
     note = (
-        f"Flow solved for {drive.inlet_flow_ml_min:g} mL/min in all at "
-        f"{drive.viscosity_mpa_s:g} mPa·s, outlets at 0 mmHg; the highest pressure is "
-        f"{highest:.3g} mmHg."
+        f"Flow solved for {inflow / UL_S_PER_ML_MIN:.4g} mL/min in all{fluid}, "
+        f"{'outlets at 0 mmHg' if own is None else 'all else as the recipe of the run says'}; the "
+        f"highest pressure is {highest:.3g} mmHg."
     )
     known = VesselQuantities(flow, source.known.gauged)
     return replace(source, known=known, notes=(*source.notes, note))

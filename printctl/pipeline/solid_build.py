@@ -29,6 +29,7 @@ from design.solids import (
     with_text,
 )
 from design.solids.construct import Vector
+from design.tissue.parts import surface_parts
 from printctl.recipe.solid import ChamberPart, ConnectorPart, SolidPart, TextPart
 
 Dimple = tuple[Vector, float]
@@ -37,6 +38,7 @@ INTO_BORE_MM = 0.01
 """By how much a lumen goes on into a fitting's bore, so that no skin stays between them."""
 
 _LEAD_IN_MM = 2.0
+_NAMED = 3
 _LEAST_CUT = 0.3
 """Of a dimple's ball that the body must hold; on a flat face it is a half."""
 
@@ -96,7 +98,8 @@ def build(
     Raises
     ------
     SolidError
-        When something can't be made there.
+        When something can't be made there, or the construct falls into more parts than the tissue
+        (the tubes) had.
     """
     beyond = 2.0 * float(network.radius.max())
     if part.tubes is None:
@@ -105,7 +108,7 @@ def build(
     else:
         body = tube_outside(network, part.tubes.wall_mm, fillet_ratio=part.fillet_ratio)
         genus, nodes = network_genus(network), np.flatnonzero(network.degree() == 1)
-    fitted = _fitted_ports(part, network, body, nodes)
+    fitted, bare = _fitted_ports(part, network, body, nodes), body
     for port, fitting in fitted:
         body = with_connector(body, fitting.connector, port.at, port.outward)
     dimples = [*(marks if part.tubes is None else []), *_fiducials(part)]
@@ -113,6 +116,7 @@ def build(
     construct = _dimpled(construct_solid(body, tool), dimples)
     for index, text in enumerate(part.texts):
         construct = _lettered(construct, text, index)
+    _refuse_loose_parts(construct, bare)
     chamber, holes = _chamber(part.chamber, network, construct, nodes)
     return RunSolids(
         lumen=lumen,
@@ -124,6 +128,20 @@ def build(
         genus=construct_genus(network, nodes, genus),
         fittings=len(fitted) + holes,
     )
+
+
+def _refuse_loose_parts(construct: Solid, bare: Solid) -> None:
+    if surface_genus(construct.faces)[1] == 1:
+        return
+    parts = surface_parts(construct.vertices, construct.faces)
+    whole = len(surface_parts(bare.vertices, bare.faces))
+    if len(parts) > whole:
+        loose = "; ".join(map(str, parts[whole : whole + _NAMED]))
+        raise SolidError(
+            f"the construct falls into {len(parts)} parts, {whole} would hold together: loose "
+            f"would be {loose}; move the vessel or the fitting (solid.inlets, solid.outlets) that "
+            "cuts it off, or make it thinner"
+        )
 
 
 def _fitted_ports(

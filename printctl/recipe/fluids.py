@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from design.units import BLOOD_MPA_S
 from firmware_profiles.strict_model import StrictModel
 
 _MPA_S = Field(gt=0, le=1e6)
@@ -35,7 +36,7 @@ class PriesPart(StrictModel):
 
     model: Literal["pries_1994"]
     wide_mpa_s: Annotated[float, _MPA_S] = Field(
-        default=4.0, description="Viscosity in wide vessels."
+        default=BLOOD_MPA_S, description="Viscosity in wide vessels."
     )
     haematocrit: Annotated[float, Field(ge=0, le=0.8)] = 0.45
 

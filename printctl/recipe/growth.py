@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from design.units import LengthUnit
+from design.units import BLOOD_MPA_S, LengthUnit
 from printctl.recipe.anatomy import AnatomyPart
 from printctl.recipe.connections import ConnectionPart
 from printctl.recipe.marks import FILE
@@ -151,7 +151,7 @@ class Growth(NetworkSection):
         default=2.0, description="λ of the cost; with u = 1 and λ = 2 it is the volume."
     )
     viscosity_mpa_s: Annotated[float, Field(gt=0, le=1000)] = Field(
-        default=4.0, description="With a viscosity law, in wide vessels."
+        default=BLOOD_MPA_S, description="With a viscosity law, in wide vessels."
     )
     viscosity_law: Literal["newtonian", "pries_1994"] = "newtonian"
     haematocrit: Annotated[float, Field(ge=0, le=0.8)] = Field(

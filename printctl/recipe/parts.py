@@ -7,10 +7,11 @@ pipeline.
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
+from design.units import BLOOD_MPA_S
 from firmware_profiles.strict_model import StrictModel
 from printctl.recipe.fluids import FluidPart, LossPart
 from printctl.recipe.marks import FILE
@@ -42,6 +43,9 @@ def value_given(value: Any, key: str) -> Any:
     return value.get(key) if isinstance(value, dict) else getattr(value, key, None)
 
 
+Export = Literal["svzerod", "svoned", "svmultiphysics"]
+
+
 class SupplyPart(Part):
     """Inlets of some trees, on a supply of their own; its flow is steady."""
 
@@ -55,7 +59,7 @@ class FlowPart(Part):
     """How the network is perfused."""
 
     viscosity_mpa_s: Annotated[float, Field(gt=0, le=1000)] = Field(
-        default=1.0, description="Of a Newtonian fluid."
+        default=BLOOD_MPA_S, description="Of a Newtonian fluid; the default is blood's."
     )
     viscosity: FluidPart | None = Field(
         default=None, description="Of a fluid with more than one; in place of viscosity_mpa_s."
@@ -105,6 +109,18 @@ class FlowPart(Part):
     compare: ComparePart | None = Field(
         default=None, description="Fidelities side by side, each against the ideal."
     )
+
+    exports: tuple[Export, ...] = Field(
+        default=(), description="Inputs of other solvers, written into the run folder."
+    )
+
+    @model_serializer(mode="wrap")
+    def _as_read(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out what another key displaces, so that what is written can be read again."""
+        data: dict[str, Any] = handler(self)
+        displaced = {"inlet_pressure_mmhg": "inlet_flow_ml_min", "viscosity": "viscosity_mpa_s"}
+        left_out = {key for given, key in displaced.items() if getattr(self, given) is not None}
+        return {key: value for key, value in data.items() if key not in left_out}
 
     @property
     def every_outlet(self) -> PulseOutlet | None:

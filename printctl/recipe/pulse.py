@@ -44,8 +44,9 @@ class PulsePart(StrictModel):
     amplitude_mmhg: Annotated[float, Field(gt=0, le=1e5)] | None = Field(
         default=None, description="Of a sine about inlet_pressure_mmhg."
     )
-    shape: Literal["ejection", "roller_pump"] | None = Field(
-        default=None, description="Scaled to the inlet's mean."
+    shape: Literal["ejection", "kassab", "roller_pump"] | None = Field(
+        default=None,
+        description="Scaled to the inlet's mean; kassab: coronary (Huo & Kassab 2006).",
     )
     table: str | None = Field(
         default=None,

@@ -9,6 +9,7 @@ import numpy as np
 from design.errors import FlowError
 from design.hemodynamics.fluids.fluid import check_positive
 from design.network import FloatArray
+from design.units import BLOOD_MPA_S
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class Pries1994:
         Discharge haematocrit, 0 to 0.8.
     """
 
-    viscosity_pa_s: float = 4e-3
+    viscosity_pa_s: float = BLOOD_MPA_S * 1e-3
     haematocrit: float = 0.45
 
     def __post_init__(self) -> None:

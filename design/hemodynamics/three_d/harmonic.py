@@ -17,7 +17,6 @@ from design.errors import FlowError
 from design.hemodynamics.three_d.bordered import BorderBlocks, solve_bordered
 from design.hemodynamics.three_d.engine import engine_threads
 from design.hemodynamics.three_d.engine_mesh import engine_mesh
-from design.hemodynamics.three_d.inflow import harmonics_of
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.memory import check_memory
 from design.hemodynamics.three_d.options import FlowOptions
@@ -29,7 +28,7 @@ from design.hemodynamics.three_d.solution import ThreeDWaves
 from design.hemodynamics.three_d.steady import columns_of
 from design.hemodynamics.three_d.stokes import Spaces, Stokes, spaces
 from design.hemodynamics.waveforms import Waveform
-from design.hemodynamics.waveforms.waveform import common_period, cycle_times
+from design.hemodynamics.waveforms.waveform import common_period, cycle_times, harmonics_of
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions, ResistanceOutlet
 
 ComplexArray = NDArray[np.complex128]
@@ -79,12 +78,11 @@ def solve_harmonics(
 
 
 def _numbers(plan: PortPlan, period: float, steps: int) -> NDArray[np.int64]:
-    numbers = [harmonics_of(wave, period, steps)[0] for wave in plan.waveforms()]
-    return np.unique(np.concatenate(numbers))
+    return harmonics_of(list(plan.waveforms()), period, steps)[0]
 
 
 def _phasor(waveform: Waveform, period: float, steps: int, number: int) -> complex:
-    numbers, phasors = harmonics_of(waveform, period, steps)
+    numbers, (phasors,) = harmonics_of([waveform], period, steps)
     return complex(phasors[numbers == number].sum())
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +11,8 @@ from design.hemodynamics.three_d.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.port_plan import PortPlan
 from design.hemodynamics.three_d.port_profile import unit_profile
 from design.hemodynamics.three_d.stokes import Spaces
-from design.hemodynamics.waveforms import Waveform
-from design.hemodynamics.waveforms.waveform import cycle_times
+from design.hemodynamics.waveforms.waveform import harmonics_of
 from design.network import FloatArray
-
-_SMALL: Final = 1e-6
-"""Harmonics below it, of the largest, are left out."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +38,7 @@ def inflow_of(room: Spaces, mesh: LumenMesh, plan: PortPlan, period_s: float, st
     """Womersley's profile for each harmonic of the inlet's flow, or Poiseuille's for all."""
     if plan.inflow is None:
         return Inflow(np.zeros(1), np.zeros((1, room.count), dtype=np.complex128))
-    number, phasor = harmonics_of(plan.flow, period_s, steps)
+    number, (phasor,) = harmonics_of([plan.flow], period_s, steps)
     omega: FloatArray = 2.0 * np.pi * number.astype(np.float64) / period_s
     steady = unit_profile(room, mesh, plan.inflow)
     per_omega = plan.density / plan.viscosity_pa_s if plan.womersley else 0.0
@@ -52,15 +47,3 @@ def inflow_of(room: Spaces, mesh: LumenMesh, plan: PortPlan, period_s: float, st
         for w in omega
     ]
     return Inflow(omega, phasor[:, None] * np.array(shapes))
-
-
-def harmonics_of(
-    waveform: Waveform, period_s: float, steps: int
-) -> tuple[NDArray[np.int64], NDArray[np.complex128]]:
-    """Numbers and phasors of what so many steps of a cycle resolve; the first is the mean."""
-    values = np.fft.rfft(waveform.at(cycle_times(period_s, steps))) / steps
-    values[1:] *= 2.0
-    values = values[: (steps + 1) // 2]
-    kept = np.abs(values) > _SMALL * np.abs(values).max(initial=0.0)
-    kept[0] = True
-    return np.flatnonzero(kept), np.asarray(values[kept], dtype=np.complex128)

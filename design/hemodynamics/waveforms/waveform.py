@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.errors import FlowInputError
 from design.network import FloatArray
@@ -13,6 +15,12 @@ from design.network import FloatArray
 Interpolation = Literal["linear", "spline"]
 
 _CLOSES = 1e-6
+_ROUNDING = 1e-9
+"""Of the largest value, below which a wave counts as at 0."""
+_OVERSAMPLED = 16
+"""Samples of the waveforms for each step: kinks don't alias into the mean."""
+_SILENT = 1e-13
+"""Harmonics weaker than this part of the strongest aren't solved for."""
 
 
 class Waveform(Protocol):
@@ -128,6 +136,40 @@ class Tabulated:
         if self._spline is not None:
             return np.asarray(self._spline(within))
         return np.asarray(np.interp(within, self._time, self._value))
+
+
+def harmonics_of(
+    waveforms: Sequence[Waveform], period_s: float, steps: int
+) -> tuple[NDArray[np.int64], NDArray[np.complex128]]:
+    """Numbers (k,) and amplitudes (w, k) of the harmonics of a cycle of so many steps.
+
+    Kept are those below half as many, of 0 always. Where, cut off, a wave that is never below 0
+    swings below it, four times as many are kept and damped by Jackson's kernel, which is
+    positive, so that what it smooths stays so (Weisse et al. 2006, Rev Mod Phys 78, 275,
+    doi 10.1103/RevModPhys.78.275, equation 71).
+    """
+    times = cycle_times(period_s, steps * _OVERSAMPLED)
+    samples = np.array([wave.at(times) for wave in waveforms])
+    size, fine, n = len(times), 2 * steps, np.arange(len(times) // 2 + 1)
+    spectrum = np.fft.rfft(samples, axis=1)
+    kept = np.where(n < (steps + 1) // 2, spectrum, 0.0)
+    swing = np.fft.irfft(kept, size, axis=1).min(axis=1)
+    rings = (samples.min(axis=1) >= 0.0) & (swing < -_ROUNDING * samples.max(axis=1))
+    angle = np.pi / (fine + 1)
+    damping = (fine - n + 1) * np.cos(angle * n) + np.sin(angle * n) / np.tan(angle)
+    damped = (spectrum * np.where(n < fine, damping / (fine + 1), 0.0))[rings]
+    # Sampled at the steps, harmonic ``steps`` would show in the mean: left out, and what it may
+    # have held above 0 is taken from the swing.
+    alone = 2.0 * np.abs(damped[:, steps]) / size
+    mean = damped[:, 0].real / size
+    damped[:, 1:] *= np.where(n[1:] == steps, 0.0, (mean / (mean + alone))[:, None])
+    kept[rings] = damped
+    amplitudes = np.where(n == 0, 1.0, 2.0) / size * kept
+    # Pressures and flows are in units of their own: each waveform by its own scale.
+    scale = np.maximum(np.abs(amplitudes).max(axis=1, keepdims=True), 1e-300)
+    heard = (np.abs(amplitudes) / scale).max(axis=0) > _SILENT
+    heard[0] = True
+    return np.flatnonzero(heard), np.asarray(amplitudes[:, heard], dtype=np.complex128)
 
 
 def check_period(period_s: float) -> float:

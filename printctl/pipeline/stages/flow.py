@@ -10,9 +10,12 @@ import numpy as np
 from design.hemodynamics import scaled_flow
 from design.network_files.vtp import write_network_vtp
 from printctl.flow import CsvTables, solve_section
+from printctl.flow.driven import Driven
+from printctl.flow.exports import EXPORTS, write_exports
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
+from printctl.recipe.space import ThreeDPart
 from printctl.run_folder.artefacts import NETWORK
 
 PICTURE = "network.vtp"
@@ -41,7 +44,20 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     if recipe.print_scale != 1:
         summary["print_scale"] = recipe.print_scale
         summary["scaled"] = scale_to_print(context, summary)
-    return summary, [*(file.name for file in tables.files), PICTURE]
+    return summary, [*(file.name for file in tables.files), PICTURE, *_exported(context)]
+
+
+def _exported(context: RunContext) -> list[str]:
+    """Names of the files written for other solvers."""
+    recipe, folder = context.recipe, context.folder
+    if not recipe.flow.exports:
+        return []
+    paths = {name: folder / EXPORTS[name] for name in recipe.flow.exports}
+    driven = Driven(recipe.flow, context.recipe_folder, recipe.print_scale)
+    space = recipe.flow.three_d or ThreeDPart()
+    written = write_exports(paths, context.network, driven, space, recipe.solid.fillet_ratio)
+    files = [file for one in written for file in (one, *one.rglob("*")) if file.is_file()]
+    return [file.relative_to(folder).as_posix() for file in files]
 
 
 def _periodic(change: float, goal: float) -> float:
@@ -77,6 +93,9 @@ def key(context: RunContext) -> list[Any]:
     named = [name for name in tables if name is not None]
     section = part.model_dump(mode="json", exclude_none=True, exclude={"three_d", "compare"})
     settings = [section, context.recipe.print_scale]
+    if part.exports:
+        space = None if part.three_d is None else part.three_d.edge_ratio
+        settings += [space, context.recipe.solid.fillet_ratio]
     return [*settings, context.digests(named)] if named else settings
 
 

@@ -71,6 +71,19 @@ def test_a_fitting_has_one_channel_through_it(kind: Kind) -> None:
     assert body.volume_mm3 > slab().volume_mm3
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("high", [0, 1])
+def test_a_fitting_is_one_body_with_what_it_stands_on_at_every_face(axis: int, high: int) -> None:
+    """A rounding error outside of a face at 0 it only touched it, and was a body of its own."""
+    size, outward = np.array([12.0, 12.0, 6.0]), np.zeros(3)
+    outward[axis] = 2.0 * high - 1.0
+    at = 0.5 * size * (1.0 + outward) + 1e-9 * outward
+    kinds: tuple[Kind, ...] = ("plain", "barb", "luer_female", "luer_male")
+    for kind in kinds:
+        body = with_connector(slab(), Connector(kind, 1.5, 4.8), at, outward)
+        assert surface_genus(body.faces) == (0, 1)
+
+
 def _radius_at(solid_radius: np.ndarray, z: np.ndarray, height: float) -> float:
     return float(solid_radius[np.abs(z - height) < 1e-5].max())
 

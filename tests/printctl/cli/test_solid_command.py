@@ -32,6 +32,28 @@ def test_lumens_and_tubes_in_every_format_of_triangles(tmp_path: Path, shell: Sh
     assert (code, found["genus"], found["crossing_faces"]) == (0, 2, 0)
 
 
+def test_a_run_folder_s_lumens_have_its_fillets(tmp_path: Path, shell: Shell) -> None:
+    """A run folder was refused as a broken network's file."""
+    (tmp_path / "run").mkdir()
+    (tmp_path / "a.csv").rename(tmp_path / "run" / "network.csv")
+    recipe = {
+        "schema": 1,
+        "name": "fork",
+        "tissue": {"shape": "block", "size_mm": [16, 8, 3]},
+        "vasculature": {"design": "planar_four_vessel"},
+        "solid": {"fillet_ratio": 0.5},
+    }
+    facts = {"schema": 1, "facts": {"recipe": recipe}, "stages": {}}
+    (tmp_path / "run" / "manifest.json").write_text(json.dumps(facts))
+    of_run = Shell(shell.monkeypatch, shell.capsys, "solid", "run", "--out")
+    volumes = []
+    for ratio in ((), ("--fillet-ratio", "0.5"), ("--fillet-ratio", "0")):
+        code, out, err = of_run("l.stl", "--json", *ratio)
+        assert code == 0, err
+        volumes.append(json.loads(out)["volume"])
+    assert volumes[0] == volumes[1] > volumes[2]
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -25,9 +25,12 @@ from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from printctl.errors import UsageError
 from printctl.flow.as_printed import even_radii, open_part, printed_lumens
-from printctl.flow.printed_case import AS_PRINTED, PrintedCase, recipe_of, solve_as_printed
+from printctl.flow.driven import Driven, recipe_of
+from printctl.flow.printed_case import AS_PRINTED, PrintedCase, solve_as_printed
 from printctl.flow.printed_fidelities import FlowIntervals, Pair, lumped, printed_summary
 from printctl.flow.printed_intervals import flow_intervals, lumen_errors
+from printctl.pipeline.facts import recipe_facts
+from printctl.recipe import Recipe
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.space import ThreeDPart
 from tests.system.cli import called as printctl
@@ -206,12 +209,67 @@ def test_the_door_takes_the_recipe_s_conditions(run: Path) -> None:
     done = printctl("flow", "run", "--as-printed", "--json", "--out", "found", cwd=run.parent)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
-    assert told["conditions"] == "the recipe's"
+    assert told["conditions"].startswith("the recipe's: inlet_flow_ml_min 0.5, ")
     assert told["closed_vessels"] == [2]
     with (run.parent / "found" / AS_PRINTED).open() as handle:
         table = list(csv.DictReader(handle))
     assert float(table[0]["designed_flow_ml_min"]) == pytest.approx(0.5)
     assert float(table[2]["share"]) == 0.0
+
+
+def _solved(run: Path, recipe: dict[str, Any], *options: str) -> dict[str, Any]:
+    """Solve the run's flow, its recipe's keys replaced by ``recipe``; return the summary."""
+    manifest = json.loads((run / "manifest.json").read_text())
+    manifest["facts"]["recipe"] |= recipe
+    whole = Recipe.model_validate(manifest["facts"]["recipe"])
+    manifest["facts"]["recipe"] = recipe_facts(whole)
+    (run / "manifest.json").write_text(json.dumps(manifest))
+    found = str(run.parent / "found")
+    done = printctl("flow", str(run), "--json", "--out", found, *options, cwd=run)
+    assert done.returncode == 0, done.stderr
+    return dict(json.loads(done.stdout))
+
+
+def test_a_run_is_solved_by_its_own_conditions_and_what_was_typed_in_their_place(
+    run: Path,
+) -> None:
+    """It was solved at the options' defaults, and nothing said so."""
+    windkessel = {"resistance_mmhg_min_ml": 4, "proximal_mmhg_min_ml": 1,
+                  "compliance_ml_mmhg": 0.01}  # fmt: skip
+    pulse = {"amplitude_ml_min": 5, "period_s": 1, "profile": "poiseuille"}
+    flow = {"inlet_flow_ml_min": 20, "viscosity_mpa_s": 3, "outlet": windkessel, "pulse": pulse}
+    own = _solved(run, {"flow": flow}, "--svzerod", "../case.json")
+    assert own["inflow_ml_min"] == pytest.approx(20)
+    assert own["pulsatile"]["inlet_flow_amplitude_ml_min"] == pytest.approx(5)
+    case = json.loads((run.parent / "case.json").read_text())
+    kinds = [one["bc_type"] for one in case["boundary_conditions"]]
+    assert sorted(kinds) == ["FLOW", "RCR"]
+    assert max(case["boundary_conditions"][0]["bc_values"]["Q"]) == pytest.approx(25 / 60, rel=1e-3)
+    told = _solved(run, {}, "--viscosity-mpa-s", "6", "--outlet-resistance-mmhg-min-ml", "8",
+                   "--shape", "roller_pump")  # fmt: skip
+    assert told["pressure_drop_pa"] == pytest.approx(2 * own["pressure_drop_pa"])
+    assert "viscosity_mpa_s 6 in place of viscosity_mpa_s 3" in told["conditions"]
+    assert "outlet.proximal_mmhg_min_ml 1," in told["conditions"]
+    assert "pulse.shape roller_pump in place of pulse.amplitude_ml_min 5" in told["conditions"]
+    by_pressure = _solved(run, {"flow": {"inlet_pressure_mmhg": 2, "viscosity_mpa_s": 3}})
+    assert by_pressure["pressure_drop_mmhg"] == pytest.approx(2)
+
+
+def test_a_run_of_another_size_takes_its_recipe_s_flow_scaled_and_typed_flow_as_it_is(
+    run: Path,
+) -> None:
+    (run.parent / "outlets.csv").write_text("node,resistance_mmhg_min_ml\n5,8\n")
+    flow = {"inlet_flow_ml_min": 0.5, "outlets": "outlets.csv"}
+    scaled = _solved(run, {"print_scale": 2, "flow": flow})
+    assert scaled["inflow_ml_min"] == pytest.approx(4)
+    with (run.parent / "found" / "flow.csv").open() as handle:
+        # 4 mL/min through the eighth of 8 mmHg·min/mL.
+        assert float(list(csv.DictReader(handle))[5]["pressure_out_mmhg"]) == pytest.approx(4)
+    assert _solved(run, {}, "--inlet-flow-ml-min", "3")["inflow_ml_min"] == pytest.approx(3)
+    (run.parent / "outlets.csv").unlink()
+    done = printctl("flow", "run", cwd=run.parent)
+    assert done.returncode == 2
+    assert "outlets.csv, a table of the run's recipe" in " ".join(done.stderr.split())
 
 
 @pytest.mark.parametrize(
@@ -234,32 +292,34 @@ def test_a_file_and_a_run_without_registration_are_told(run: Path) -> None:
     (run / "registration.json").unlink()
     part = FlowPart()
     with pytest.raises(UsageError, match="register a scan first"):
-        solve_as_printed(PrintedCase(run, part, 1.0, 0.5), run / "found", print)
+        solve_as_printed(PrintedCase(run, Driven(part), 0.5), run / "found", print)
     with pytest.raises(UsageError, match="wants a run folder"):
         recipe_of(run / "network.csv")
 
 
 def test_without_the_engine_3d_is_refused_first(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ngsolve", None)
-    case = PrintedCase(run, FlowPart(three_d=ThreeDPart()), 1.0, 0.5)
+    case = PrintedCase(run, Driven(FlowPart(three_d=ThreeDPart())), 0.5)
     with pytest.raises(FlowError, match=r"pip install 'printctl\[flow3d\]'"):
         solve_as_printed(case, run / "found", print)
     assert not (run / "found").exists()
 
 
 def test_a_print_of_another_size_has_the_design_s_wall_shear(run: Path) -> None:
-    one, _ = solve_as_printed(PrintedCase(run, FlowPart(), 1.0, 0.5), run / "one", print)
-    two, _ = solve_as_printed(PrintedCase(run, FlowPart(), 2.0, 0.5), run / "two", print)
+    one, _ = solve_as_printed(PrintedCase(run, Driven(FlowPart()), 0.5), run / "one", print)
+    two, _ = solve_as_printed(
+        PrintedCase(run, Driven(FlowPart(), print_scale=2.0), 0.5), run / "two", print
+    )
     # The folder's network is the print's; the recipe's flow is the design's, 8 times in the print.
     for key in ("designed_pressure_drop_mmhg", "pressure_drop_mmhg"):
         assert two["0D"][key] == pytest.approx(8.0 * one["0D"][key])
 
 
 def test_lengths_are_the_print_s_as_in_the_verdict(run: Path) -> None:
-    one, _ = solve_as_printed(PrintedCase(run, FlowPart(), 1.0, 0.5), run / "one", print)
+    one, _ = solve_as_printed(PrintedCase(run, Driven(FlowPart()), 0.5), run / "one", print)
     found = json.loads((run / "registration.json").read_text()) | {"scale": [0.98] * 3}
     (run / "registration.json").write_text(json.dumps(found))
-    two, _ = solve_as_printed(PrintedCase(run, FlowPart(), 1.0, 0.5), run / "two", print)
+    two, _ = solve_as_printed(PrintedCase(run, Driven(FlowPart()), 0.5), run / "two", print)
     ratio = two["0D"]["pressure_drop_ratio"] / one["0D"]["pressure_drop_ratio"]
     assert ratio == pytest.approx(0.98)
 
@@ -268,7 +328,7 @@ def test_lengths_are_the_print_s_as_in_the_verdict(run: Path) -> None:
 def test_3d_says_what_0d_says_of_long_vessels(run: Path) -> None:
     pytest.importorskip("ngsolve")
     part = FlowPart(three_d=ThreeDPart(inertia=False))
-    solve_as_printed(PrintedCase(run, part, 1.0, 0.5), run / "found", print)
+    solve_as_printed(PrintedCase(run, Driven(part), 0.5), run / "found", print)
     with (run / "found" / AS_PRINTED).open() as handle:
         table = list(csv.DictReader(handle))
     lumped_rows, space = ([r for r in table if r["fidelity"] == name] for name in ("0D", "3D"))

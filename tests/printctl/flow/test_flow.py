@@ -65,6 +65,18 @@ def test_a_pulse_leaves_tables_and_the_case_for_another_solver(fork: Path) -> No
         assert words in refused.stderr
 
 
+def test_a_steady_case_for_another_solver_gives_the_steady_flow(fork: Path) -> None:
+    done = printctl("flow", "fork.csv", "--unit", "mm", "--svzerod", "case.json",
+                    "--svmultiphysics", "sv", "--json", cwd=fork)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    drop = json.loads(done.stdout)["pressure_drop_pa"]
+    assert printctl("flow", "case.json", "--out", "theirs", cwd=fork).returncode == 0
+    with (fork / "theirs" / "svzerod.csv").open() as handle:
+        inlet = float(next(csv.DictReader(handle))["pressure_in"])
+    assert inlet == pytest.approx(10 * drop, rel=1e-6)
+    assert (fork / "sv" / "solver.xml").is_file()
+
+
 def test_tables_are_the_same_numbers_as_arrays_of_one_file(fork: Path) -> None:
     asked = ("flow", "fork.csv", "--unit", "mm", *SINE, "--wall-young-kpa", "10", "--one-d",
              "--shear-band-dyn-cm2", "1,5")  # fmt: skip
@@ -98,7 +110,8 @@ def test_a_broken_json_file_is_told_of_as_such(tmp_path: Path) -> None:
         (("--amplitude-ml-min", "0.1"), "give --period-s"),
         (("--amplitude-ml-min", "0.1", "--period-s", "-1"), "--period-s: must be above 0"),
         (("--shape", "heart", "--period-s", "1"), "'roller_pump'"),
-        (("--svzerod", "x.json"), "--svzerod writes a pulsatile problem"),
+        (("--svoned", "x.in"), "--svoned writes a pulsatile problem"),
+        (("--svzerod", "x.json", "--junction-k", "1"), "one viscosity and no losses"),
         ((*SINE, "--svzerod", "x.json"), "no Womersley impedance"),
         (("--waveform", "wave.csv"), "line 3: '' is no number"),
         (("--waveform", "other.csv"), "set inlet_flow_ml_min: 2"),

@@ -75,10 +75,10 @@ def test_outlets_take_what_lies_behind_them_from_a_table(fork: Path) -> None:
 
 def test_a_fluid_and_losses_come_from_files_and_options(fork: Path) -> None:
     (fork / "blood.yaml").write_text("model: carreau\n")
-    water = _flow(fork)
+    water = _flow(fork, "--viscosity-mpa-s", "1")
     blood = _flow(fork, "--fluid", "blood.yaml")
     assert blood["pressure_drop_pa"] > 3.45 * water["pressure_drop_pa"]
-    narrow = _flow(fork, "--stenosis", "1,0.3,1", "--junction-k", "1")
+    narrow = _flow(fork, "--viscosity-mpa-s", "1", "--stenosis", "1,0.3,1", "--junction-k", "1")
     assert narrow["pressure_drop_pa"] > water["pressure_drop_pa"]
     assert 0 < narrow["losses_share"] < 1
     assert "losses_share" not in water
@@ -88,8 +88,9 @@ def test_a_fluid_and_losses_come_from_files_and_options(fork: Path) -> None:
 
 
 def test_a_band_of_wall_shear_gets_a_verdict(fork: Path) -> None:
-    """At 0.25 mL/min the trunk has 4μQ/(πr³) = 0.0424 Pa and the branches 0.0414 Pa."""
-    found = _flow(fork, "--shear-band-dyn-cm2", "0.42,1")
+    """At 0.25 mL/min of 1 mPa·s the trunk has 4μQ/(πr³) = 0.0424 Pa and the branches 0.0414 Pa."""
+    water = ("--viscosity-mpa-s", "1", "--shear-band-dyn-cm2")
+    found = _flow(fork, *water, "0.42,1")
     band = found["shear_band"]
     assert band["verdict"] == "mixed"
     assert band["vessels_inside"] == pytest.approx(1 / 3)
@@ -97,7 +98,7 @@ def test_a_band_of_wall_shear_gets_a_verdict(fork: Path) -> None:
     assert band["area_inside"] == pytest.approx(area)
     places = [row["wall_shear_band"] for row in _rows(fork / "flow" / "flow.csv")]
     assert places == ["inside", "below", "below"]
-    assert _flow(fork, "--shear-band-dyn-cm2", "0.1,0.2")["shear_band"]["verdict"] == "above"
+    assert _flow(fork, *water, "0.1,0.2")["shear_band"]["verdict"] == "above"
 
 
 @pytest.mark.parametrize(

@@ -50,6 +50,26 @@ def test_a_flow_of_another_network_is_left_out_and_told(folder: Path) -> None:
     assert source.known.flow["flow_ml_min"].max() == pytest.approx(0.25)
 
 
+def test_a_number_typed_takes_the_place_of_a_run_s_own_and_the_rest_stays(folder: Path) -> None:
+    """The flow that wasn't typed was the default's, not the run's."""
+    recipe = {
+        "schema": 1,
+        "name": "planar",
+        "print_scale": 2,
+        "tissue": {"shape": "block", "size_mm": [16, 8, 3]},
+        "vasculature": {"design": "planar_four_vessel"},
+        "flow": {"inlet_flow_ml_min": 0.5, "viscosity_mpa_s": 3},
+    }
+    facts = {"schema": 1, "facts": {"recipe": recipe}, "stages": {}}
+    (folder / "manifest.json").write_text(json.dumps(facts))
+    typed = load_source(folder, None, Drive(viscosity_mpa_s=6.0))
+    assert typed.known.flow["flow_ml_min"].max() == pytest.approx(4.0)
+    assert "4 mL/min in all of 6 mPa·s" in typed.notes[0]
+    (folder / "flow.csv").unlink()
+    own = load_source(folder, None, Drive())
+    assert typed.known.flow["wall_shear_pa"] == pytest.approx(2 * own.known.flow["wall_shear_pa"])
+
+
 @pytest.mark.parametrize("text", ["{", "[]", '{"vessels": 3}', '{"vessels": ["x"]}'])
 def test_a_broken_registration_is_left_out_and_told(folder: Path, text: str) -> None:
     (folder / "registration.json").write_text(text)

@@ -97,6 +97,14 @@ def test_what_doesnt_fit_is_refused_with_the_key(keys: dict[str, Any], message: 
         make(**keys)
 
 
+def test_a_construct_that_a_lumen_cuts_in_two_is_refused_with_the_loose_part() -> None:
+    across = channels([[8, 0, 1.5], [8, 8, 1.5]], [(0, 1)], 1.6)
+    with pytest.raises(
+        SolidError, match=r"falls into 2 parts.*of 160 mm³ around \(3\.722, 4, 1\.5"
+    ):
+        make(across)
+
+
 def test_a_fitting_without_a_port_is_refused() -> None:
     inside = channels([[4, 4, 1.5], [12, 4, 1.5]], [(0, 1)], 0.4)
     with pytest.raises(SolidError, match=r"solid.inlets: no vessel's inlet opens through a face"):

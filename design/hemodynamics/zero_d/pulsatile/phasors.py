@@ -17,18 +17,11 @@ from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.hemodynamics.vessel.womersley import impedance_factor
-from design.hemodynamics.waveforms.waveform import common_period, cycle_times
+from design.hemodynamics.waveforms.waveform import common_period, harmonics_of
 from design.hemodynamics.zero_d.nodal.conductance import Structure
 from design.hemodynamics.zero_d.pulsatile.circuit import Circuit
-from design.network import FloatArray
 
 ComplexArray = NDArray[np.complex128]
-
-_OVERSAMPLED = 16
-"""Samples of the waveforms for each step: kinks don't alias into the mean."""
-
-_SILENT = 1e-13
-"""Harmonics weaker than this part of the strongest aren't solved for."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +56,7 @@ def solve_periodic(circuit: Circuit, steps: int) -> Phasors:
     ----------
     circuit : Circuit
     steps : int
-        Of a cycle; harmonics that these resolve, below half as many, are kept.
+        Of a cycle; harmonics as `harmonics_of` keeps them.
 
     Raises
     ------
@@ -72,8 +65,7 @@ def solve_periodic(circuit: Circuit, steps: int) -> Phasors:
     """
     _check(circuit, steps)
     period = common_period(circuit.waveforms)
-    times = cycle_times(period or 1.0, steps * _OVERSAMPLED)
-    harmonic, drives = _harmonics(np.array([w.at(times) for w in circuit.waveforms]), steps)
+    harmonic, drives = harmonics_of(circuit.waveforms, period or 1.0, steps)
     structure = circuit.structure()
     size = (len(harmonic), len(circuit.first))
     pressure = np.empty((len(harmonic), circuit.node_count), dtype=np.complex128)
@@ -119,18 +111,6 @@ def _one(
     system = structure.factorise(series, ground)
     pressure, flow = system.balanced(np.where(circuit.held, 0.0, driven), driven)
     return pressure, flow, s0, s1
-
-
-def _harmonics(samples: FloatArray, steps: int) -> tuple[NDArray[np.int64], ComplexArray]:
-    """Numbers (k,) and amplitudes (w, k) of the harmonics that are heard; of 0 always."""
-    amplitudes = np.fft.rfft(samples, axis=1) / samples.shape[1]
-    amplitudes[:, 1:] *= 2.0
-    amplitudes = amplitudes[:, : (steps + 1) // 2]
-    # Pressures and flows are in units of their own: each waveform by its own scale.
-    scale = np.maximum(np.abs(amplitudes).max(axis=1, keepdims=True), 1e-300)
-    heard = (np.abs(amplitudes) / scale).max(axis=0) > _SILENT
-    heard[0] = True
-    return np.flatnonzero(heard), amplitudes[:, heard]
 
 
 def _check(circuit: Circuit, steps: int) -> None:

@@ -84,7 +84,7 @@ def test_fields_know_bounds_units_choices_and_defaults() -> None:
     layer = fields["toolpath", "layer_um"]
     assert (layer.node.low, layer.node.high, layer.unit, layer.default) == (10, 2000, "µm", 60.0)
     assert fields["printer", "ink"].node.profile == "inks"
-    assert fields["flow", "pulse", "shape"].node.values == ("ejection", "roller_pump")
+    assert fields["flow", "pulse", "shape"].node.values == ("ejection", "kassab", "roller_pump")
     tags = [option.tag for option in fields["vasculature",].node.options]
     grown = ["grow: tree", "grow: closed_loop", "grow: forest"]
     assert tags == ["design", "network", "lattice", *grown]
