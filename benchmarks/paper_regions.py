@@ -112,7 +112,9 @@ def _nearest_seed(middle: FloatArray, faces: IntArray, rng: np.random.Generator)
     nearest = dijkstra(
         graph, directed=False, indices=seeds, return_predecessors=True, min_only=True
     )[2][faces].astype(np.int64)
-    return np.where(nearest[:, 1] == nearest[:, 2], nearest[:, 1], nearest[:, 0])
+    a, b, c = nearest.T
+    most: IntArray = np.where(b == c, b, a)
+    return most
 
 
 def _edges(faces: IntArray) -> IntArray:
