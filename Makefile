@@ -79,7 +79,7 @@ bench-embedded: $(VENV)/.ready-test
 bench-flow: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks.flow $(BENCH)
 
-# The paper's cases from shipped recipes (docs/paper.md); six minutes, BENCH=--quick half a minute.
+# The paper's cases (docs/paper.md): six minutes, where nilearn is installed twenty; BENCH=--quick one.
 bench-paper: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks.paper $(BENCH)
 

@@ -26,6 +26,7 @@ from benchmarks.checkers.poiseuille import graph_flows, resistances
 from benchmarks.checkers.read_network import Pieces
 from benchmarks.command import Row, run
 from benchmarks.machine import ROOT, row
+from benchmarks.paper_regions import regions
 
 EXAMPLES = ROOT / "examples"
 DROP_PA, BLOOD_PA_S = 40 * 133.322, 4e-3
@@ -159,4 +160,13 @@ def _between_junctions(node: Any) -> int:
 
 
 if __name__ == "__main__":
-    run({"trees": trees, "loops": loops, "prints": prints, "fidelities": fidelities}, __doc__)
+    run(
+        {
+            "trees": trees,
+            "loops": loops,
+            "prints": prints,
+            "fidelities": fidelities,
+            "regions": regions,
+        },
+        __doc__,
+    )
