@@ -108,6 +108,7 @@ class StandstillWatch:
         self._late: _Late | None = None
         self._on = self._ends = False
         self._plan_begin, self._plan_s = 0, list[float]()
+        self._total, self._at_end = 0, list[Standstill]()
         self.found: list[Standstill] = []
 
     def begin(self, taken: int, now: float) -> None:
@@ -131,6 +132,7 @@ class StandstillWatch:
         if not self._on or taken == self._taken[-1][0]:
             return
         line, before_s = self._taken[-1]
+        self._total = len(lines)
         reached = self._reached(line, taken, resent)
         waits = now - before_s > SHORTEST_S and taken > line
         if waits and any(_UNBOUNDED.match(one) for one in lines[line:taken]):
@@ -180,12 +182,14 @@ class StandstillWatch:
         """Record that all was made by ``now``, s, and the machine stands, or is led away."""
         if self._on:
             ends, (line, before_s) = self._ends, self._taken[-1]
+            self._total = len(lines)
             reached = self._reached(line, taken, resent)
             if self._late is not None:
                 self._judge(lines, self._late, full=False)
             if not any(_UNBOUNDED.match(one) for one in lines[line:taken]):
                 spent = self._ahead_s(lines, line, self._is_full()) + self._sum(lines, line, taken)
                 self._note(line, reached, now - before_s - spent)
+            self._look_at_end(lines, now - before_s)
             self.begin(taken, now)
             self._on = not ends
 
@@ -260,7 +264,19 @@ class StandstillWatch:
 
     def _note(self, line: int, last: int, seconds: float) -> None:
         if seconds > SHORTEST_S:
-            self.found.append(Standstill(line, last, seconds))
+            where = self._at_end if last == self._total else self.found
+            where.append(Standstill(line, last, seconds))
+
+    def _look_at_end(self, lines: Sequence[bytes], rested_s: float) -> None:
+        """Tell those that may be behind the job's last move, unless all was made by then.
+
+        ``rested_s``: from the last answer to the rest: less than the moves in flight take is proof.
+        """
+        for one in self._at_end:
+            left_s = self._sum(lines, one.line, one.last) / (1.0 + MODEL_ERROR) ** 2
+            if one.line < one.last and rested_s >= left_s:
+                self.found.append(one)
+        self._at_end.clear()
 
     # --- what the moves take ----------------------------------------------------------------------
 
