@@ -195,6 +195,11 @@ class JobProgress:
         before = f"line {self.job.file_line(one.line)}" + (f" ({ways[0]})" if ways[0] else "")
         return f"for {one.seconds:.1f} s between the end of {before} and that of {place}"
 
+    def standing_words(self) -> str:
+        """Return for how long and where the motors stand by plan; empty where it doesn't tell."""
+        one = self.standstills.standing(self.job.lines, self._wiring.clock.now())
+        return f"by plan its motors have stood {self.standstill_words(one)}" if one else ""
+
     def overdue(self) -> bool:
         """Whether the line in flight would be answered by now, by plan."""
         return self.standstills.overdue(self.job.lines, self._wiring.clock.now())

@@ -174,6 +174,18 @@ class StandstillWatch:
         ahead_s = self._ahead_s(lines, line, full=True) + self._sum(lines, line, end)
         return now - before_s > ahead_s
 
+    def standing(self, lines: Sequence[bytes], now: float) -> Standstill | None:
+        """Return for how long by plan, and where, the motors stand; None where no plan tells."""
+        if not self._on:
+            return None
+        line, before_s = self._taken[-1]
+        end = min(line + self._printer.lines_in_flight, len(lines))
+        if any(_UNBOUNDED.match(one) for one in lines[max(line - self._shifts[-1], 0) : end]):
+            return None
+        stood_s = now - before_s - self._ahead_s(lines, line, self._is_full())
+        stood_s -= self._sum(lines, line, end)
+        return Standstill(line, end, stood_s) if stood_s > 0.0 else None
+
     def without_host(self, lines: Sequence[bytes], taken: int, seconds: float) -> None:
         """Record that nobody spoke for so long to the printer, which had taken so many lines."""
         self._note(taken, taken, seconds - self._sum(lines, taken - self._held, taken))

@@ -294,6 +294,20 @@ def test_dwell_and_pause_are_no_standstill(tmp_path):
     assert status.alarms == 0
 
 
+def test_print_that_a_silent_line_ends_tells_for_how_long_and_where_its_motors_stand(tmp_path):
+    line = DeadLine(math.inf, held=False)
+    status, _ = printed(gcode(400), tmp_path, line)
+    assert status.state is LinkState.FAILED
+    found = re.search(r"motors have stood for ([\d.]+) s (.*?), and", status.message)
+    assert found is not None, status.message
+    made = line.printer.executed()
+    stood = line.clock.now() - made.time_end[-1]
+    assert float(found[1]) == pytest.approx(stood, abs=0.5)
+    told = [[float(word) for word in place] for place in _PLACE.findall(found[2])]
+    assert any(np.allclose(place, made.end[-1, :2], atol=0.02) for place in told)
+    assert "power" in status.message
+
+
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
 def test_bytes_that_another_reader_has_taken_are_no_lost_port():
     master, slave = os.openpty()
