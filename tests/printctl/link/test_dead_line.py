@@ -79,7 +79,9 @@ class DeadLine(SimulatedTransport):
         return data
 
 
-_TOLD = re.compile(r"the ink stood still(?: \d times, [0-9.]+ s in all, the longest)? for ([0-9.]+) s")
+_TOLD = re.compile(
+    r"the ink stood still(?: \d times, [0-9.]+ s in all, the longest)? for ([0-9.]+) s"
+)
 _ALARM = re.compile(r'"t":"alarm"[^\n]*?"text":"(the ink stood still[^"]*)"')
 _PLACE = re.compile(r"line \d+ \(X([\d.]+) Y([\d.]+)")
 
