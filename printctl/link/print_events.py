@@ -315,6 +315,12 @@ class PrintEvents:
             message = (
                 f"{silent}{self._progress.words()}; the next line may or may not have been taken"
             )
+            if self._logbook.state is not LinkState.PAUSED:
+                stands = self._progress.standing_words() or "where its motors stand isn't known"
+                message += (
+                    f"; {stands}, and the needle wasn't lifted, it may be in the ink: cut the "
+                    "printer's power, then lift the needle straight up by hand"
+                )
         raise PrintEnded(LinkState.FAILED, message, known=False)
 
     def _unanswered(self, seconds: float) -> str:

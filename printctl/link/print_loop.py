@@ -220,6 +220,8 @@ class PrintLoop:
     def _finish(self) -> bool:
         """Wait for the last move; return whether the printer confirms its last line."""
         self._channel.settle()
+        done, now = self._protocol.lines_done, self._wiring.clock.now()
+        self._progress.standstills.answered(self._job.lines, done, now, self._protocol.line_errors)
         self._channel.command(b"M400")
         self._parts.ending.end_on_fault()  # of the last moves, or M400 was refused
         self._compared = self._parts.position.verify_end()

@@ -182,16 +182,23 @@ class JobProgress:
 
     def standstill_words(self, one: Standstill) -> str:
         """Return for how long and where the ink stood, for a message."""
-        line, last = one.line, one.line + one.within
         ways = [
             " ".join(f"{k.upper()}{v:.2f}" for k, v in at.place().items() if k in "xyz")
-            for at in self._each_after(line, last)
+            for at in (self._each_after(line, line)[0] for line in (one.line, one.last))
         ]
-        marks = [self.job.marks.next(kind, line) for kind in (MarkKind.LAYER, MarkKind.VESSEL)]
+        marks = [self.job.marks.next(kind, one.line) for kind in (MarkKind.LAYER, MarkKind.VESSEL)]
         parts = [str(mark).removeprefix("end of ") for mark in marks if mark and mark.number >= 0]
-        where = ", ".join([" to ".join(filter(None, ways)), *parts]).removeprefix(", ")
-        place = f"line {self.job.file_line(last)}" + (f" ({where})" if where else "")
-        return f"for {one.seconds:.1f} s at {place}"
+        where = ", ".join(filter(None, [ways[1], *parts]))
+        place = f"line {self.job.file_line(one.last)}" + (f" ({where})" if where else "")
+        if one.last == one.line:
+            return f"for {one.seconds:.1f} s at {place}"
+        before = f"line {self.job.file_line(one.line)}" + (f" ({ways[0]})" if ways[0] else "")
+        return f"for {one.seconds:.1f} s between the end of {before} and that of {place}"
+
+    def standing_words(self) -> str:
+        """Return for how long and where the motors stand by plan; empty where it doesn't tell."""
+        one = self.standstills.standing(self.job.lines, self._wiring.clock.now())
+        return f"by plan its motors have stood {self.standstill_words(one)}" if one else ""
 
     def overdue(self) -> bool:
         """Whether the line in flight would be answered by now, by plan."""

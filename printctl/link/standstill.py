@@ -53,16 +53,14 @@ class Standstill:
 
     Attributes
     ----------
-    line : int
-        Job lines before its place.
+    line, last : int
+        Job lines made before it: at least and at most. The place is between their ends.
     seconds : float, s
-    within : bool
-        Whether the place is on the way of the line behind those.
     """
 
     line: int
+    last: int
     seconds: float
-    within: bool = False
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ class _Late:
     line : int
         Job lines taken before it.
     reached : int
-        Those, and what was in flight where it arrived before the answers failed.
+        Those, and what was in flight where it may have arrived before the answers failed.
     before_s, came_s : float, s
         When those and it were answered.
     was_full : bool
@@ -104,11 +102,13 @@ class StandstillWatch:
         self._shifts = range(max(self._held - 1, 0), most + 1)
         self._taken: deque[tuple[int, float]] = deque(maxlen=2 * self._shifts[-1] + 8)
         self._rested: int | None = None
+        self._rested_s = -math.inf
         self._resent = 0
         self._ends_s, self._held_s, self._waited = math.inf, 0.0, 0
         self._late: _Late | None = None
         self._on = self._ends = False
         self._plan_begin, self._plan_s = 0, list[float]()
+        self._total, self._at_end = 0, list[Standstill]()
         self.found: list[Standstill] = []
 
     def begin(self, taken: int, now: float) -> None:
@@ -117,6 +117,7 @@ class StandstillWatch:
         self._taken.clear()
         self._taken.append((taken, now))
         self._rested, self._late, self._on, self._ends = taken, None, True, False
+        self._rested_s = now
         self._ends_s, self._held_s, self._waited = now + _BEGIN_S, 0.0, 0
 
     def end_at_rest(self) -> None:
@@ -131,6 +132,7 @@ class StandstillWatch:
         if not self._on or taken == self._taken[-1][0]:
             return
         line, before_s = self._taken[-1]
+        self._total = len(lines)
         reached = self._reached(line, taken, resent)
         waits = now - before_s > SHORTEST_S and taken > line
         if waits and any(_UNBOUNDED.match(one) for one in lines[line:taken]):
@@ -138,9 +140,9 @@ class StandstillWatch:
             return
         if self._by_time:
             self._plan_on(lines, taken, reached, now)
-        elif waits and self._late is None and (
-            now - before_s > self._usual_s(lines, line, taken) + SHORTEST_S
-        ):  # fmt: skip
+        elif waits and now - before_s > self._usual_s(lines, line, taken) + SHORTEST_S:
+            if self._late is not None:  # nothing more is learnt of the one before
+                self._judge(lines, self._late, full=False)
             self._late = _Late(line, reached, before_s, now, self._is_full())
             self._taken.append((taken, now))
             return
@@ -149,7 +151,7 @@ class StandstillWatch:
             self._look_behind(lines, self._late)
 
     def _reached(self, line: int, taken: int, resent: int) -> int:
-        """Return job lines that had arrived when ``line`` of ``taken`` were answered."""
+        """Return job lines that may have arrived when ``line`` of ``taken`` were answered."""
         again, self._resent = resent > self._resent, resent
         return line if again else taken
 
@@ -172,20 +174,34 @@ class StandstillWatch:
         ahead_s = self._ahead_s(lines, line, full=True) + self._sum(lines, line, end)
         return now - before_s > ahead_s
 
+    def standing(self, lines: Sequence[bytes], now: float) -> Standstill | None:
+        """Return for how long by plan, and where, the motors stand; None where no plan tells."""
+        if not self._on:
+            return None
+        line, before_s = self._taken[-1]
+        end = min(line + self._printer.lines_in_flight, len(lines))
+        if any(_UNBOUNDED.match(one) for one in lines[max(line - self._shifts[-1], 0) : end]):
+            return None
+        stood_s = now - before_s - self._ahead_s(lines, line, self._is_full())
+        stood_s -= self._sum(lines, line, end)
+        return Standstill(line, end, stood_s) if stood_s > 0.0 else None
+
     def without_host(self, lines: Sequence[bytes], taken: int, seconds: float) -> None:
         """Record that nobody spoke for so long to the printer, which had taken so many lines."""
-        self._note(taken, seconds - self._sum(lines, taken - self._held, taken))
+        self._note(taken, taken, seconds - self._sum(lines, taken - self._held, taken))
 
     def rest(self, lines: Sequence[bytes], taken: int, now: float, resent: int = 0) -> None:
         """Record that all was made by ``now``, s, and the machine stands, or is led away."""
         if self._on:
             ends, (line, before_s) = self._ends, self._taken[-1]
+            self._total = len(lines)
             reached = self._reached(line, taken, resent)
             if self._late is not None:
                 self._judge(lines, self._late, full=False)
-            elif not any(_UNBOUNDED.match(one) for one in lines[line:taken]):
+            if not any(_UNBOUNDED.match(one) for one in lines[line:taken]):
                 spent = self._ahead_s(lines, line, self._is_full()) + self._sum(lines, line, taken)
-                self._note(reached, now - before_s - spent)
+                self._note(line, reached, now - before_s - spent)
+            self._look_at_end(lines, now - before_s)
             self.begin(taken, now)
             self._on = not ends
 
@@ -197,7 +213,7 @@ class StandstillWatch:
         ends_s = self._ends_s + self._sum(lines, line, reached)
         if now > ends_s:
             if now - before_s > SHORTEST_S:
-                self._note(reached, now - ends_s)
+                self._note(line, reached, now - ends_s)
             self._ends_s = now + _BEGIN_S + self._sum(lines, reached, taken)
             return
         if now - before_s > _TURNAROUND_S:  # it waited until there was room
@@ -243,30 +259,42 @@ class StandstillWatch:
             )
             held = self._shifts[0] - self._taken_at_once(late.came_s)
             if held > self._shifts[0] / 2:  # the planner stayed full: the motors stood in a move
-                self._note(max(late.line - self._shifts[0] - 1, 0), now - late.before_s - spent,
-                           within=True)  # fmt: skip
+                line = max(late.line - self._shifts[0] - 1, 0)
+                self._note(line, line + 1, now - late.before_s - spent)
             else:
-                self._note(late.reached, now - late.before_s - spent)
+                self._note(late.line, late.reached, now - late.before_s - spent)
             return
-        spent = self._ahead_s(lines, late.line, late.was_full)
-        if self._note(late.reached, late.came_s - late.before_s - spent):
-            self._rested = late.line
+        stood_s = late.came_s - late.before_s - self._ahead_s(lines, late.line, late.was_full)
+        self._note(late.line, late.reached, stood_s)
+        if stood_s > 0.0:
+            self._rested, self._rested_s = late.line, late.came_s
 
     def _taken_at_once(self, after_s: float) -> int:
         """Return how many lines the planner had room for behind a late answer."""
         times = [one for one in self._taken if one[1] >= after_s]
         return sum(b[0] - a[0] for a, b in pairwise(times) if b[1] - a[1] <= _TURNAROUND_S)
 
-    def _note(self, line: int, seconds: float, within: bool = False) -> bool:
-        stood = seconds > SHORTEST_S
-        if stood:
-            self.found.append(Standstill(line, seconds, within))
-        return stood
+    def _note(self, line: int, last: int, seconds: float) -> None:
+        if seconds > SHORTEST_S:
+            where = self._at_end if last == self._total else self.found
+            where.append(Standstill(line, last, seconds))
+
+    def _look_at_end(self, lines: Sequence[bytes], rested_s: float) -> None:
+        """Tell those that may be behind the job's last move, unless all was made by then.
+
+        ``rested_s``: from the last answer to the rest: less than the moves in flight take is proof.
+        """
+        for one in self._at_end:
+            left_s = self._sum(lines, one.line, one.last) / (1.0 + MODEL_ERROR) ** 2
+            if one.line < one.last and rested_s >= left_s:
+                self.found.append(one)
+        self._at_end.clear()
 
     # --- what the moves take ----------------------------------------------------------------------
 
     def _is_full(self, after_s: float = -math.inf) -> bool:
-        """Whether the last two answers each waited for a move to end."""
+        """Whether the last two answers, since the last rest, each waited for a move to end."""
+        after_s = max(after_s, self._rested_s)
         times = [(line, at) for line, at in self._taken if at >= after_s][-3:]
         return len(times) == 3 and all(b[1] - a[1] > _TURNAROUND_S for a, b in pairwise(times))
 

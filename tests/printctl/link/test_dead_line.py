@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -78,7 +79,11 @@ class DeadLine(SimulatedTransport):
         return data
 
 
-_TOLD = re.compile(r"the ink stood still for ([0-9.]+) s at line \d+ \(X([\d.]+) Y([\d.]+)")
+_TOLD = re.compile(
+    r"the ink stood still(?: \d times, [0-9.]+ s in all, the longest)? for ([0-9.]+) s"
+)
+_ALARM = re.compile(r'"t":"alarm"[^\n]*?"text":"(the ink stood still[^"]*)"')
+_PLACE = re.compile(r"line \d+ \(X([\d.]+) Y([\d.]+)")
 
 
 def stood_s(message: str) -> float:
@@ -87,7 +92,7 @@ def stood_s(message: str) -> float:
     return float(found[1]) if found else 0.0
 
 
-def assert_told_truly(message: str, made: ExecutedMotion, within_moves: int) -> None:
+def assert_told_truly(message: str, made: ExecutedMotion) -> None:
     """Compare a last message with the longest time in which no motor moved, and with its place."""
     gaps = made.time_start[1:] - made.time_end[:-1]
     longest = int(gaps.argmax())
@@ -97,8 +102,9 @@ def assert_told_truly(message: str, made: ExecutedMotion, within_moves: int) -> 
         return
     assert found is not None, message
     assert float(found[1]) == pytest.approx(gaps[longest], abs=0.5)
-    near = made.end[max(longest - within_moves, 0) : longest + within_moves + 1, :2]
-    assert any(np.allclose(place, [float(found[2]), float(found[3])], atol=0.02) for place in near)
+    told = [[float(word) for word in place] for place in _PLACE.findall(message, found.end())]
+    assert 1 <= len(told) <= 2
+    assert any(np.allclose(place, made.end[longest, :2], atol=0.02) for place in told), message
 
 
 @pytest.mark.parametrize(("down", "up"), [(True, True), (True, False), (False, True)])
@@ -111,8 +117,7 @@ def test_print_goes_on_within_two_seconds_of_the_lines_return(tmp_path, dead_s, 
     late_s = line.clock.now() - alone.clock.now()
     assert status.state is LinkState.DONE
     assert late_s < dead_s + 2.0
-    # bytes held one way alone don't tell whether they had arrived before
-    assert_told_truly(status.message, line.printer.executed(), int(held and down != up))
+    assert_told_truly(status.message, line.printer.executed())
 
 
 @pytest.mark.parametrize(
@@ -135,7 +140,7 @@ def test_print_on_other_boards_goes_on_too(tmp_path, profile, header, dead_s, he
         journal, protocol = journal_in(folder), protocol_for(facts, 0.05)
         status = Streamer(Wiring(line, protocol, line.clock, journal, facts), job).run()
         assert status.state is LinkState.DONE
-        assert_told_truly(status.message, line.printer.executed(), int(held and down != up))
+        assert_told_truly(status.message, line.printer.executed())
         return line.printer.executed()
 
     alone, line = (
@@ -144,6 +149,83 @@ def test_print_on_other_boards_goes_on_too(tmp_path, profile, header, dead_s, he
     )
     assert same_motion(made(alone), made(line))
     assert line.next_line_s - line.ends_s < 2.0
+
+
+def assert_each_told(folder: Path, made: ExecutedMotion, least: int) -> None:
+    """Compare the alarms with all gaps above 1 s between moves in the ink (Z 10)."""
+    gaps = made.time_start[1:] - made.time_end[:-1]
+    stood = [k for k in np.flatnonzero(gaps > 1.0) if made.end[k, 2] <= 10.0]
+    assert len(stood) >= least
+    texts = _ALARM.findall((folder / "journal.log").read_text())
+    assert len(texts) == len(stood), texts
+    for text, k in zip(texts, stood, strict=True):
+        assert stood_s(text) == pytest.approx(gaps[k], abs=0.5)
+        told = [[float(word) for word in place] for place in _PLACE.findall(text)]
+        assert any(np.allclose(place, made.end[k, :2], atol=0.02) for place in told), text
+
+
+class Flapping(DeadLine):
+    """A line that dies again and again; with ``asked_s`` a pause is asked for."""
+
+    def __init__(
+        self,
+        windows: tuple[tuple[float, float], ...],
+        held: bool,
+        down: bool,
+        asked_s: float = math.inf,
+    ) -> None:
+        super().__init__(0.0, held, down)
+        self.windows, self.asked_s, self.asked = windows, asked_s, list[Streamer]()
+
+    @property
+    def dead(self) -> bool:
+        now = self.clock.now() - BEGINS_S
+        return any(begin <= now < end for begin, end in self.windows)
+
+    def read(self, timeout: float) -> bytes:
+        if self.clock.now() - BEGINS_S > self.asked_s and self.asked:
+            self.asked.pop().pause()
+        return super().read(timeout)
+
+
+@pytest.mark.parametrize("gap_s", [0.3, 3.0])
+@pytest.mark.parametrize("down", [True, False])
+@pytest.mark.parametrize("held", [True, False])
+def test_each_of_two_outages_is_told_with_its_place(tmp_path, held, down, gap_s):
+    line = Flapping(((0.0, 6.0), (6.0 + gap_s, 16.0)), held, down)
+    status, _ = printed(gcode(400), tmp_path, line)
+    assert status.state is LinkState.DONE
+    assert_each_told(tmp_path, line.printer.executed(), least=2)
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_end_of_the_file_with_all_moves_made_is_no_standstill(tmp_path, lost):
+    """The line dies when the last line, which lifts the needle, is sent; or it is lost, too."""
+
+    class Late(DeadLine):
+        def write(self, data: bytes) -> None:
+            if b"G1 Z20" in data and self.ends_s == math.inf:
+                self.begins_s, self.ends_s = self.clock.now() + (0.0 if lost else 0.001), 0.0
+                self.ends_s = self.begins_s + 12.0
+            super().write(data)
+
+        @property
+        def dead(self) -> bool:
+            return self.begins_s <= self.clock.now() < self.ends_s
+
+    line = Late(math.inf, held=False)
+    line.begins_s = math.inf
+    status, _ = printed(gcode(60) + b"G1 Z20\n", tmp_path, line)
+    assert status.state is LinkState.DONE
+    assert bool(stood_s(status.message)) == lost
+
+
+def test_ink_that_stands_before_the_needle_is_lifted_for_a_pause_is_told(tmp_path):
+    """The planner ran nearly empty before, and the answer to the link's own wait was lost."""
+    line = Flapping(((0.0, 2.3), (2.697, 8.0)), held=False, down=False, asked_s=2.6)
+    status, _ = printed(gcode(400), tmp_path, line, keep=line.asked)
+    assert status.state is LinkState.DONE
+    assert_each_told(tmp_path, line.printer.executed(), least=1)
 
 
 @pytest.mark.parametrize("seed", first_of(range(25), 4))
@@ -212,6 +294,20 @@ def test_dwell_and_pause_are_no_standstill(tmp_path):
     status, _ = printed(data, tmp_path, line, "pause")
     assert status.state is LinkState.DONE
     assert status.alarms == 0
+
+
+def test_print_that_a_silent_line_ends_tells_for_how_long_and_where_its_motors_stand(tmp_path):
+    line = DeadLine(math.inf, held=False)
+    status, _ = printed(gcode(400), tmp_path, line)
+    assert status.state is LinkState.FAILED
+    found = re.search(r"motors have stood for ([\d.]+) s (.*?), and", status.message)
+    assert found is not None, status.message
+    made = line.printer.executed()
+    stood = line.clock.now() - made.time_end[-1]
+    assert float(found[1]) == pytest.approx(stood, abs=0.5)
+    told = [[float(word) for word in place] for place in _PLACE.findall(found[2])]
+    assert any(np.allclose(place, made.end[-1, :2], atol=0.02) for place in told)
+    assert "power" in status.message
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
