@@ -42,7 +42,8 @@ def running_print(run: Path) -> PrintClient:
     client = attach(print_folder(run))
     status = client.status
     if status.ended:
+        halts = "" if status.position_known else "; if anything moves, `printctl kill` halts it"
         raise PrintctlError(
-            f"the print in {client.folder} has ended ({status.state.value}: {status.message})"
+            f"the print in {client.folder} has ended ({status.state.value}: {status.message}){halts}"
         )
     return client
