@@ -268,13 +268,15 @@ class PositionCheck:
             )
         else:
             words = ""
+        if told and not (self._frame.tells_shifts or self._channel.wiring.printer.pneumatic):
+            words += "; the plunger isn't compared"
         self._logbook.record(
             "checkpoint",
             done=progress.done,
             position=told,
             agrees=not wrong,
             stands=True,
-            compared=words.removeprefix("; ") or "place and steps",
+            compared=(f"place and steps{words}" if by_steps and told else words).removeprefix("; "),
         )
         if wrong:
             progress.not_made()
@@ -282,7 +284,8 @@ class PositionCheck:
             raise PrintEnded(
                 LinkState.POSITION_UNKNOWN,
                 f"all {progress.done} lines were acknowledged, but the printer isn't where the job "
-                f"ends: {wrong} (compared to {WITHIN_MM:g} mm){f' ({others})' if others else ''}; "
+                f"ends: {wrong} (place compared to {WITHIN_MM:g} mm)"
+                f"{f' ({others})' if others else ''}; "
                 "look at the part; `printctl status` says what next",
                 known=False,
             )

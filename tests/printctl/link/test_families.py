@@ -327,3 +327,13 @@ def test_a_fault_of_the_printer_beside_a_line_that_was_made_counts_the_line(tmp_
     assert status.state is LinkState.FAILED
     assert status.lines_executed == status.lines_done == 21
     assert read_journal(tmp_path / "journal.log").stood["certain"]
+
+
+@pytest.mark.parametrize("stuck_at", [0, 40])
+def test_a_duet_whose_motors_stand_is_never_done(tmp_path, stuck_at):
+    """It acknowledges, its M114's name moves on, and it doesn't answer M669."""
+    fake = FakeDuet()
+    fake.stuck_at = stuck_at
+    status = streamer_of("reprapfirmware", fake, tmp_path).run()
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert status.lines_done == len(JOB)
