@@ -8,6 +8,7 @@ from printctl.cli.options import print_lines
 from printctl.cli.run_folder import RunArg, print_folder, running_print
 from printctl.link.client import attach
 from printctl.link.errors import LinkError
+from printctl.link.kill import UNCONFIRMED
 from printctl.link.states import LinkState, PrintOutcome
 
 STOP_S: Final = 20.0
@@ -43,6 +44,7 @@ def kill(run: RunArg) -> None:
     Look at the machine afterwards and reset it; `printctl recover RUN` plans the rest.
     """
     with attach(print_folder(run)) as client:
+        over = bool(client.record.status)
         client.kill()
         try:
             outcome = client.wait(HALT_S)
@@ -51,7 +53,10 @@ def kill(run: RunArg) -> None:
                 f"the link process of {client.folder} hasn't said within {HALT_S:.0f} s that the "
                 "printer has halted: cut the printer's power"
             ) from None
-    if outcome.state is not LinkState.KILLED and not outcome.position_known:
+    unconfirmed = UNCONFIRMED in outcome.message
+    if unconfirmed and not over:
+        raise LinkError(outcome.message)
+    if unconfirmed or (outcome.state is not LinkState.KILLED and not outcome.position_known):
         from printctl.link.kill_unlinked import kill_unlinked  # the link itself: slow to import
 
         outcome = PrintOutcome.of(kill_unlinked(client.folder))

@@ -214,7 +214,7 @@ class FrameCheck:
         now = {axis: made - told[axis] for axis, (made, _) in self._ordered.items()}
         stand = all(self._begun[axis][0] == self._ordered[axis][0] for axis in self._ordered)
         wrong = self._difference(self._expected(before), told, now)
-        return wrong if stand else wrong and self._undriven(told, self._ordered)
+        return wrong if stand or self._undriven(told, self._ordered) else ""
 
     def _aside(self, told: Place, offset: Place) -> str:
         """Return which axes' names and steps differ from the job's, or ''."""

@@ -16,7 +16,7 @@ from printctl.link.errors import JournalError, LinkError, PortError
 from printctl.link.families import protocol_for
 from printctl.link.find_link import read_outcome
 from printctl.link.journal import Journal
-from printctl.link.kill import Kill
+from printctl.link.kill import UNCONFIRMED, Kill
 from printctl.link.process import hold_folder
 from printctl.link.record import JOURNAL, load_record
 from printctl.link.states import LinkState, PrintEnded, Status
@@ -45,7 +45,11 @@ def kill_unlinked(folder: Path) -> Status:
         with closing(transport), closing(_journal(folder)) as journal:
             protocol = protocol_for(printer, transport.quiet_s)
             ended = _halted(Wiring(transport, protocol, RealClock(), journal, printer))
-            message = f"{ended}; before: {before.state.value}: {before.message}"
+            if UNCONFIRMED in str(ended):
+                with suppress(JournalError):
+                    journal.add("alarm", text=str(ended))
+                raise LinkError(str(ended))
+            message = f"{ended}; before, the print was {before.state.value}"
             status = replace(
                 before, state=LinkState.KILLED, message=message, position_known=False, error=""
             )
@@ -60,8 +64,6 @@ def kill_unlinked(folder: Path) -> Status:
                 )
         with suppress(OSError):
             replace(record, address="", token="", status=status.to_dict()).save(folder)
-    if "NOT confirmed" in message:
-        raise LinkError(message)
     return status
 
 
@@ -79,6 +81,8 @@ def _halted(wiring: Wiring) -> PrintEnded:
 
     def hear() -> None:
         data = wiring.transport.read(POLL_S)
+        if data:
+            kill.heard()
         for event in wiring.protocol.feed(data, wiring.clock.now()) if data else ():
             if isinstance(event, (said.FirmwareHalted, said.Halting)):
                 kill.halted()

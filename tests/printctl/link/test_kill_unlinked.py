@@ -42,3 +42,4 @@ def test_kill_that_halts_nothing_says_so(tmp_path, monkeypatch, capsys, mute):
     assert code != 0
     assert "cut" in err
     assert "power" in err
+    assert read_outcome(tmp_path).state is LinkState.INTERRUPTED  # it may be killed again
