@@ -46,6 +46,7 @@ def running_print(run: Path) -> PrintClient:
         still = status.position_known or status.state is LinkState.KILLED
         halts = "" if still else "; if anything moves, `printctl kill` halts it"
         raise PrintctlError(
-            f"the print in {client.folder} has ended ({status.state.value}: {status.message}){halts}"
+            f"the print in {client.folder} has ended ({status.state.value}: {status.message})"
+            f"{halts}"
         )
     return client
