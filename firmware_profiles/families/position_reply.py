@@ -39,8 +39,14 @@ def parse_counts(replies: Sequence[bytes], per_mm: Mapping[str, float]) -> dict[
     if match is None:
         return {}
     told = dict(zip("XYZ", match.groups(), strict=True))
-    in_mm = any(b"." in value for value in match.groups())
+    in_mm = tells_counts_in_mm(replies)
     return {axis: float(value) / (1.0 if in_mm else per_mm[axis]) for axis, value in told.items()}
+
+
+def tells_counts_in_mm(replies: Sequence[bytes]) -> bool:
+    """Whether the reply to M114 tells motors' places in mm, rounded, not in whole steps."""
+    match = next((match for text in replies if (match := _COUNT.search(text))), None)
+    return match is not None and any(b"." in value for value in match.groups())
 
 
 def parse_shifted(replies: Sequence[bytes]) -> tuple[dict[str, float], dict[str, float]]:

@@ -10,6 +10,7 @@ import typer
 from printctl.errors import PrintctlError
 from printctl.link.client import PrintClient, attach
 from printctl.link.record import RECORD
+from printctl.link.states import LinkState
 
 RunArg = Annotated[
     Path,
@@ -42,7 +43,10 @@ def running_print(run: Path) -> PrintClient:
     client = attach(print_folder(run))
     status = client.status
     if status.ended:
+        still = status.position_known or status.state is LinkState.KILLED
+        halts = "" if still else "; if anything moves, `printctl kill` halts it"
         raise PrintctlError(
             f"the print in {client.folder} has ended ({status.state.value}: {status.message})"
+            f"{halts}"
         )
     return client

@@ -8,7 +8,8 @@ from printctl.cli.options import print_lines
 from printctl.cli.run_folder import RunArg, print_folder, running_print
 from printctl.link.client import attach
 from printctl.link.errors import LinkError
-from printctl.link.states import LinkState
+from printctl.link.kill import UNCONFIRMED
+from printctl.link.states import LinkState, PrintOutcome
 
 STOP_S: Final = 20.0
 """Longest wait for the end of a controlled stop; the line in flight may take longer."""
@@ -39,9 +40,11 @@ def stop(run: RunArg) -> None:
 def kill(run: RunArg) -> None:
     """Halt the printer of a print at once (M112), whatever it does; its position is lost.
 
+    Where the print's own process is gone, the print's port is opened and the halt written to it.
     Look at the machine afterwards and reset it; `printctl recover RUN` plans the rest.
     """
     with attach(print_folder(run)) as client:
+        over = bool(client.record.status)
         client.kill()
         try:
             outcome = client.wait(HALT_S)
@@ -50,5 +53,12 @@ def kill(run: RunArg) -> None:
                 f"the link process of {client.folder} hasn't said within {HALT_S:.0f} s that the "
                 "printer has halted: cut the printer's power"
             ) from None
+    unconfirmed = UNCONFIRMED in outcome.message
+    if unconfirmed and not over:
+        raise LinkError(outcome.message)
+    if unconfirmed or (outcome.state is not LinkState.KILLED and not outcome.position_known):
+        from printctl.link.kill_unlinked import kill_unlinked  # the link itself: slow to import
+
+        outcome = PrintOutcome.of(kill_unlinked(client.folder))
     before = "" if outcome.state is LinkState.KILLED else "not halted, for the print had ended: "
     print_lines(f"{before}{outcome.state.value}: {outcome.message}")

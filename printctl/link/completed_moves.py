@@ -60,7 +60,7 @@ class CompletedMoves:
 
     def __init__(self, lines: Sequence[bytes], printer: Printer) -> None:
         self._lines, self._ahead = lines, moves_ahead(printer)
-        self._sure = 0
+        self._sure = self._compared = 0
         self._dropped = False
 
     def waited(self, taken: int) -> None:
@@ -73,8 +73,15 @@ class CompletedMoves:
         self._dropped = True
 
     def doubt(self) -> None:
-        """Take notice that moves which were acknowledged weren't made: nobody knows how many."""
-        self._ahead, self._sure, self._dropped = math.inf, 0, True
+        """Take notice that moves which were acknowledged weren't made: nobody knows how many.
+
+        Made are those before the last place that was compared and found right.
+        """
+        self._ahead, self._sure, self._dropped = math.inf, self._compared, True
+
+    def compare(self, taken: int) -> None:
+        """Take notice that the printer stands where ``taken`` lines lead."""
+        self._compared = taken
 
     def stood(self, line: int) -> None:
         """Take notice that the printer stood in the line after so many: those were made."""
@@ -83,6 +90,7 @@ class CompletedMoves:
     def back(self, taken: int) -> None:
         """Take notice that lines after these weren't taken after all."""
         self._sure = min(self._sure, taken)
+        self._compared = min(self._compared, taken)
 
     def grow(self, lines: Sequence[bytes]) -> None:
         """Take a job that has got lines behind those that were taken."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import asdict
 from typing import Final, NoReturn
 
@@ -23,6 +24,9 @@ _OTHERS: Final = (
     "another program's command was refused; see that nothing else drives this printer, and look at "
     "the part"
 )
+_BED_OFF: Final = b"M140 S0"
+_NOZZLE: Final = re.compile(rb"\bT0?: ?\d")
+_BED: Final = re.compile(rb"\bB\d*: ?-?\d")
 _OWN: Final = "the fault is the printer's own; look at the part"
 
 
@@ -169,7 +173,12 @@ class Ending:
     def _heaters_off(self) -> int:
         """Switch heaters off; return how many refusals came of heaters that it doesn't have."""
         before, count = self._logbook.fault, self._logbook.complaints
-        self._channel.commands(heaters_off(self._printer))
+        off = heaters_off(self._printer)
+        if _BED_OFF in off:
+            told = b" ".join(self._channel.command(b"M105"))
+            if _NOZZLE.search(told) and not _BED.search(told):
+                off.remove(_BED_OFF)  # it would be refused
+        self._channel.commands(off)
         if not self._logbook.excuse(before) or self._logbook.fault:
             return 0
         return self._logbook.complaints - count

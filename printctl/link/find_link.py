@@ -85,8 +85,8 @@ def _still_moving(folder: Path, record: LinkRecord, history: JournalledPrint) ->
     last = time.localtime(history.heard or (folder / JOURNAL).stat().st_mtime)
     return (
         f"nothing has stopped its motors: {moves} (last word on "
-        f"{time.strftime('%Y-%m-%d at %H:%M:%S', last)}); heaters stay on. Its own stop or its "
-        "power ends both"
+        f"{time.strftime('%Y-%m-%d at %H:%M:%S', last)}); heaters stay on. `printctl "
+        "kill`, its own stop or its power ends both"
     )
 
 

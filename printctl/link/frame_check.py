@@ -22,18 +22,25 @@ from firmware_profiles.families.position_reply import (
     parse_motors,
     parse_position,
     parse_shifted,
+    tells_counts_in_mm,
 )
 from printctl.link.channel import Channel
 from printctl.link.families import link_facts
 from printctl.link.job_frame import Renaming, renamings
-from printctl.link.modal import HOMING, Modal, declared_axes, disagreement, modal_state
-from sim.reading import code_of, read_sent
+from printctl.link.modal import HOMING, Modal, declared_axes, disagreement, modal_state, places
+from sim.reading import code_of, is_motion, read_sent
 
 RETRIES: Final = 8
 """So often a question is asked whose answer may be garbled."""
 _AXES: Final = "XYZ"
 _WITHIN_MM: Final = 0.02
 """Of two decimals, twice; steps come on top."""
+
+_ROUNDED_MM: Final = 0.006
+"""Of two decimals, once, where the job's end is compared."""
+_ROUNDED_STEPS: Final = 2
+_LAST_MOVES: Final = 64
+"""Lines looked back for the job's last move."""
 
 Place = dict[str, float]
 
@@ -58,7 +65,11 @@ class FrameCheck:
         self._declared: tuple[int, Place] = 0, {}
         facts = link_facts(channel.wiring.printer)
         self._question, self._axes_question = facts.place_question, facts.axes_question
-        self._cartesian = False
+        self._cartesian, self._by_order = False, False
+        self._steps_told = False
+        self._ordered: dict[str, tuple[float, float]] = {}
+        self._begun: dict[str, tuple[float, float]] = {}
+        self._end_mm: Place = {}
 
     def begin(self) -> None:
         """Note both before the job's first line, with the motors standing."""
@@ -69,7 +80,7 @@ class FrameCheck:
         if answers is not None:
             self._told, self._offset = answers
             self._unshifted = not answers[1]
-            self._declared = 0, self._motors
+            self._declared, self._begun = (0, self._motors), self._ordered
             logbook.record("frame", told=answers[0], offset=answers[1])
 
     def _asked_twice(self) -> tuple[Place, Place] | None:
@@ -138,21 +149,72 @@ class FrameCheck:
         wrong, told, compared = "", Place(), False
         before = self._channel.logbook.fault
         if self._axes_question:
-            self._cartesian = b"Cartesian" in b"".join(self._channel.command(self._axes_question))
+            kind = b"".join(self._channel.command(self._axes_question))
+            self._cartesian = b"Cartesian" in kind
+            self._by_order = b"inematics" not in kind  # Cartesian, unless configured otherwise
         for _ in range(RETRIES):
             answer, offset = self._asked(journalled=True)
             if not answer:
                 continue
             told, compared = answer, self._applies() and bool(offset)
             wrong = disagreement(at, told)
+            self._end_mm = self._limits_at_end()
             if not wrong and compared:
-                wrong = self._aside(told, offset)
+                wrong = self._aside(told, self._exact(at, told, offset))
             if self._driven:
-                wrong, compared = wrong or self._undriven(told), True
+                wrong, compared = wrong or self._undriven(told, self._driven), True
+            elif self._by_order and self._begun and self._ordered and not self._homed():
+                wrong, compared = wrong or self._unmoved(told), True
             if not wrong:
                 break
         self._channel.logbook.excuse(before)  # a question that this build doesn't know
-        return wrong, told, compared
+        limits = ", ".join(f"{axis} {self._within(axis):.3f}" for axis in _AXES)
+        self._end_mm = {}
+        return wrong and f"{wrong} (steps compared to {limits} mm)", told, compared
+
+    @staticmethod
+    def _exact(at: Modal, told: Place, offset: Place) -> Place:
+        """Return an offset from the job's place, which isn't rounded to decimals as ``told``."""
+        place = {axis: getattr(at, axis.lower()) for axis in offset}
+        return {
+            axis: mm if place[axis] is None else mm + told[axis] - place[axis]
+            for axis, mm in offset.items()
+        }
+
+    def _limits_at_end(self) -> Place:
+        """Return by how much steps may be aside at the end, mm; empty for as anywhere else.
+
+        The job's last move tells: one long enough is made, with all that was left before it.
+        """
+        progress, printer = self._channel.logbook.progress, self._channel.wiring.printer
+        if self._question or not self._steps_told:
+            return {}
+        per_mm = {axis: getattr(printer.steps_per_mm, axis.lower()) for axis in "XYZE"}
+        lines = progress.job.lines
+        for k in range(progress.done - 1, max(progress.done - _LAST_MOVES, 0) - 1, -1):
+            if code_of(lines[k]) not in (b"G0", b"G1"):
+                if is_motion(lines[k]):
+                    return {}
+                continue
+            before, after = places(lines, k), places(lines, k + 1)
+            steps = [abs(mm - before.get(a, mm)) * per_mm[a] for a, mm in after.items()]
+            if max(steps, default=0.0) > printer.min_steps_per_segment:
+                return {a: _ROUNDED_MM + _ROUNDED_STEPS / per_mm[a] for a in _AXES}
+            if max(steps, default=0.0) > 0.0:
+                return {}
+        return {}
+
+    def _unmoved(self, told: Place) -> str:
+        """Return which axes' steps, in the axes' order, lead elsewhere than the job, or ''.
+
+        Right is what follows from the steps at the job's begin, and steps of the place that is
+        told (RepRapFirmware counts them anew at G92).
+        """
+        before = {axis: made - self._told[axis] for axis, (made, _) in self._begun.items()}
+        now = {axis: made - told[axis] for axis, (made, _) in self._ordered.items()}
+        stand = all(self._begun[axis][0] == self._ordered[axis][0] for axis in self._ordered)
+        wrong = self._difference(self._expected(before), told, now)
+        return wrong if stand or self._undriven(told, self._ordered) else ""
 
     def _aside(self, told: Place, offset: Place) -> str:
         """Return which axes' names and steps differ from the job's, or ''."""
@@ -162,12 +224,12 @@ class FrameCheck:
         # a build without workspace offsets counts its steps from the place's name
         return wrong if self._difference(self._offset, told, offset) else ""
 
-    def _undriven(self, told: Place) -> str:
+    def _undriven(self, told: Place, driven: dict[str, tuple[float, float]]) -> str:
         """Return which axes' motors stand elsewhere than the place that is told, or ''."""
         return ", ".join(
             f"{axis} is told at {told[axis]:.2f} mm, and its motors' steps make "
             f"{told[axis] + made - meant:.2f} mm"
-            for axis, (made, meant) in self._driven.items()
+            for axis, (made, meant) in driven.items()
             if abs(made - meant) > self._within(axis)
         )
 
@@ -197,9 +259,11 @@ class FrameCheck:
         return False
 
     def _applies(self) -> bool:
-        progress = self._channel.logbook.progress
-        done = progress.job.lines[: progress.done]
-        return bool(self._offset) and not any(code_of(line) in HOMING for line in done)
+        return bool(self._offset) and not self._homed()
+
+    def _homed(self) -> bool:
+        taken = self._channel.logbook.progress.taken
+        return any(code_of(line) in HOMING for line in taken)
 
     def _asked(self, *, journalled: bool) -> tuple[Place, Place]:
         """Return the place as the printer calls it, and the steps' place less that, mm."""
@@ -215,15 +279,18 @@ class FrameCheck:
         replies = self._channel.command(b"M114", journalled)
         told, steps = parse_position(replies), {axis: getattr(per_mm, axis.lower())
                                                 for axis in _AXES}  # fmt: skip
-        self._driven = parse_machine(replies, steps) if self._cartesian else {}
+        self._ordered = parse_machine(replies, steps) if self._axes_question else {}
+        self._driven = self._ordered if self._cartesian else {}
+        self._steps_told = not tells_counts_in_mm(replies)
         at = parse_counts(replies, steps)
         if not set(_AXES) <= set(told):
             return {}, {}
         return told, {axis: mm - told[axis] for axis, mm in at.items()}
 
-    def _expected(self) -> Place:
-        """Offset that the job's own renamings have led to, mm."""
-        offset, progress = dict(self._offset), self._channel.logbook.progress
+    def _expected(self, begun: Place | None = None) -> Place:
+        """Offset that the job's own renamings have led to, mm, from the one at its begin."""
+        offset = dict(self._offset if begun is None else begun)
+        progress = self._channel.logbook.progress
         for one in self._renamings():
             if one.index >= progress.done:
                 break
@@ -286,6 +353,8 @@ class FrameCheck:
         )
 
     def _within(self, axis: str) -> float:
+        if axis in self._end_mm:
+            return self._end_mm[axis]
         printer = self._channel.wiring.printer
         per_mm: float = getattr(printer.steps_per_mm, axis.lower())
         # Marlin adds a shorter move to the one after it: behind the last one it is never made

@@ -20,6 +20,7 @@ KILL_ATTEMPTS: Final = 10
 KILL_WAIT_S: Final = 4.0
 WIRE_S: Final = 0.1
 _NO_CONTROLS: Final = dict.fromkeys(range(32), " ")
+UNCONFIRMED: Final = "the printer has NOT confirmed: cut its power"
 HALTED_BEFORE: Final = "killed by the user; the firmware had halted itself before"
 
 
@@ -171,6 +172,6 @@ class Kill:
             raise PrintEnded(LinkState.KILLED, HALTED_BEFORE, known=False)
         raise PrintEnded(
             LinkState.KILLED,
-            "killed by the user; the printer has NOT confirmed: cut its power",
+            f"killed by the user; {UNCONFIRMED}",
             known=False,
         )

@@ -111,7 +111,8 @@ class PositionCheck:
         """Whether the line that seemed refused was carried out: the complaint wasn't of it."""
         behind = self._progress.behind_refused()
         facts = link_facts(self._channel.wiring.printer)
-        if behind is None or not facts.complains_to_all or disagreement(behind, dict(position)):
+        of_line = self._progress.about_command and not facts.complains_to_all
+        if behind is None or of_line or disagreement(behind, dict(position)):
             return False
         self._progress.not_refused()
         of = "another program's command" if self._progress.about_command else "a fault of its own"
@@ -237,6 +238,8 @@ class PositionCheck:
         self._logbook.record("checkpoint", done=done, position=position, agrees=not wrong, **values)
         if wrong:
             self.end_astray(wrong)
+        if stands:
+            self._progress.compared()
 
     def verify_end(self) -> str:
         """Compare where the motors rest behind the last move with where the job ends.
@@ -265,13 +268,15 @@ class PositionCheck:
             )
         else:
             words = ""
+        if told and not (self._frame.tells_shifts or self._channel.wiring.printer.pneumatic):
+            words += "; the plunger isn't compared"
         self._logbook.record(
             "checkpoint",
             done=progress.done,
             position=told,
             agrees=not wrong,
             stands=True,
-            compared=words.removeprefix("; ") or "place and steps",
+            compared=(f"place and steps{words}" if by_steps and told else words).removeprefix("; "),
         )
         if wrong:
             progress.not_made()
@@ -279,7 +284,8 @@ class PositionCheck:
             raise PrintEnded(
                 LinkState.POSITION_UNKNOWN,
                 f"all {progress.done} lines were acknowledged, but the printer isn't where the job "
-                f"ends: {wrong} (compared to {WITHIN_MM:g} mm){f' ({others})' if others else ''}; "
+                f"ends: {wrong} (place compared to {WITHIN_MM:g} mm)"
+                f"{f' ({others})' if others else ''}; "
                 "look at the part; `printctl status` says what next",
                 known=False,
             )

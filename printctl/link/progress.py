@@ -159,6 +159,7 @@ class JobProgress:
     def restore(self, done: int, made: int) -> None:
         """Set the lines taken and surely made before the host died."""
         self._made.stood(made)
+        self._made.compare(made)
         self.journalled = done, self._made.after(done)
 
     def answered(self, lines: int, now: float) -> None:
@@ -207,6 +208,10 @@ class JobProgress:
     def all_made(self) -> bool:
         """Whether all that was sent has ended by plan, though nothing says so."""
         return self.standstills.all_made(self.job.lines, self._wiring.clock.now())
+
+    def compared(self) -> None:
+        """Take notice that the printer stands, at the place where the lines taken lead."""
+        self._made.compare(self.done)
 
     def moves_dropped(self) -> None:
         """Take notice that the printer has dropped the moves that it held."""

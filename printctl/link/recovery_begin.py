@@ -139,9 +139,9 @@ def _no_checkpoint(job: Job, history: JournalledPrint, printer: Printer, sure: i
     made = surely_moved(job.lines, history.done, most_unmade(history, printer))
     if not 0 < made < len(job):
         return NoCheckpoint(
-            f"the journal has no checkpoint, and of the {history.done} lines that were taken no "
-            f"move was surely made: look up in {job.name} the first line that isn't on the part, "
-            "and give it as --from-line; only where nothing is written print the job anew"
+            f"{history.done} lines were acknowledged, and the journal has no checkpoint that tells "
+            f"how many of them were made: look up in {job.name} the first line that isn't on the "
+            "part, and give it as --from-line"
         )
     line = job.file_lines[made]
     return NoCheckpoint(

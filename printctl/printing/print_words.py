@@ -25,6 +25,11 @@ def progress_words(status: Status, done: Progress | None) -> str:
 
     Lines are no share: a header's cost nothing, and what the printer holds isn't made yet.
     """
+    if done is None and status.lines_done and not status.lines_executed and status.ended:
+        return (
+            f"{status.lines_done} of {status.lines_total} lines acknowledged, how many of them "
+            "were made isn't sure"
+        )
     if done is None:
         return f"at least {status.lines_executed} of {status.lines_total} lines made"
     return f"{100 * done.share:.1f} % made"

@@ -10,6 +10,8 @@ import re
 from functools import reduce
 from operator import xor
 
+PER_MM = {"X": 80, "Y": 80, "Z": 400}
+
 
 def xmodem(data: bytes) -> int:
     """CRC-16 bit by bit: polynomial 0x1021, start 0."""
@@ -52,7 +54,16 @@ class FakePrinter:
 
 
 class FakeDuet(FakePrinter):
-    """RepRapFirmware."""
+    """RepRapFirmware; from command ``stuck_at`` on its motors make no move."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.motors, self.stuck_at = dict(self.at), 1_000_000
+
+    def moved(self, command: str) -> None:
+        super().moved(command)
+        if len(self.executed) < self.stuck_at:
+            self.motors = dict(self.at)
 
     def accepts(self, line: bytes) -> str | None:
         """The command that would be done; None for a line that is dropped."""
@@ -81,7 +92,9 @@ class FakeDuet(FakePrinter):
             return "Emergency Stop! Reset the controller to continue.\nok\n"
         self.moved(command)
         if word == "M114":
-            return f"{self.where} E0:0.0 Count 0 0 0 Machine 0.000 0.000 0.000 Bed comp 0.000\nok\n"
+            count = " ".join(str(round(self.motors[a] * k)) for a, k in PER_MM.items())
+            machine = " ".join(f"{self.at[a]:.3f}" for a in "XYZ")
+            return f"{self.where} E0:0.0 Count {count} Machine {machine} Bed comp 0.000\nok\n"
         if word == "M115":
             name = "RepRapFirmware for Duet 3 MB6HC FIRMWARE_VERSION: 3.6.0"
             return f"FIRMWARE_NAME: {name} ELECTRONICS: Duet 3 MB6HC v1.02\nok\n"

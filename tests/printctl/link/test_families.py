@@ -314,3 +314,26 @@ def test_klippers_motors_must_stand_where_the_job_ends(rows, short_mm, state, tm
     status = streamer_of("klipper", TellingKlipper(rows, short_mm), tmp_path).run()
     assert status.state is state
     assert ("0.10 mm" in status.message) == ("0.50 mm" in status.message) == bool(short_mm)
+
+
+def test_a_fault_of_the_printer_beside_a_line_that_was_made_counts_the_line(tmp_path):
+    class Hot(FakeDuet):
+        def do(self, command: str) -> str:
+            said = super().do(command)
+            fault = "Heater 1 fault: temperature excursion exceeded 15.0C\n"
+            return f"{fault}{said}" if command == JOB[20].decode() else said
+
+    status = streamer_of("reprapfirmware", Hot(), tmp_path).run()
+    assert status.state is LinkState.FAILED
+    assert status.lines_executed == status.lines_done == 21
+    assert read_journal(tmp_path / "journal.log").stood["certain"]
+
+
+@pytest.mark.parametrize("stuck_at", [0, 40])
+def test_a_duet_whose_motors_stand_is_never_done(tmp_path, stuck_at):
+    """It acknowledges, its M114's name moves on, and it doesn't answer M669."""
+    fake = FakeDuet()
+    fake.stuck_at = stuck_at
+    status = streamer_of("reprapfirmware", fake, tmp_path).run()
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert status.lines_done == len(JOB)

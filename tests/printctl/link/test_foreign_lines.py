@@ -174,7 +174,7 @@ def test_surplus_answer_is_noticed_with_two_lines_in_flight(tmp_path):
 
 def test_clean_print_of_minutes_tells_of_nobody(tmp_path):
     status, history, _ = printed(tmp_path, b"", each_s=0.1, count=1500)
-    assert status.message == f"all {status.lines_total} lines done"
+    assert status.message == f"all {status.lines_total} lines done; the plunger isn't compared"
     assert history.alarms == []
 
 

@@ -8,6 +8,7 @@ from printctl.cli.status import status_lines
 from printctl.link.states import LinkState, Status
 from printctl.print_state.state import PrintTruth
 from printctl.printing.journal_facts import JournalledFacts
+from printctl.printing.print_words import progress_words
 
 
 def truth() -> PrintTruth:
@@ -31,3 +32,8 @@ def test_status_tells_the_last_alarm_and_how_many_there_are():
     )
     assert "2 lines sent again" in lines
     assert "3 alarms, the last: M204 R is 500" in lines
+
+
+def test_lines_that_were_acknowledged_are_told_where_none_was_surely_made():
+    status = Status(state=LinkState.POSITION_UNKNOWN, lines_done=34, lines_total=74)
+    assert "34 of 74" in progress_words(status, None)
