@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from registration.errors import RegistrationError
 
@@ -131,6 +130,8 @@ def measured_walls(scans: Sequence[ReferenceScan], u_um: float = 0.0) -> WallCal
         When the scans are of different kinds, too few or the same, or their offset is no
         segmentation's.
     """
+    from scipy.special import stdtrit  # pages that name a scan start without SciPy
+
     kind = scans[0].kind
     for scan in scans:
         for name in differing(kind, scan.kind):

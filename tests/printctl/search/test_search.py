@@ -135,7 +135,7 @@ def test_the_best_recipe_runs_to_the_very_numbers_of_the_search(tmp_path: Path) 
     (tmp_path / "given" / "ends.csv").write_text(points, encoding="utf-8")
     grown = {"grow": "tree", "terminal_points": "ends.csv", "smallest_diameter_mm": 0.3}
     base = BASE | {"vasculature": grown, "print_scale": 1.3}
-    base["flow"] = {"shear_band_dyn_cm2": [0.5, 4.0]}
+    base["flow"] = {"shear_band_dyn_cm2": [0.5, 4.0], "viscosity_mpa_s": 1.0}
     vary = {"seed": [2], "vasculature.murray_exponent": [2.71]}
     search = SEARCH | {"vary": vary, "samples": 200_000}
     out = tmp_path / "elsewhere" / "out"
