@@ -128,8 +128,13 @@ def wall_profile(traces: Sequence[VesselTrace], segmentation: Segmentation) -> W
     """Return the profile of all measured walls; None where light or sections don't carry one."""
     if segmentation.strength is None:
         return None
-    parts = [part for trace in traces for part in _across(trace, segmentation)]
-    parts = parts[:: -(-len(parts) // MOST) or 1]
+    measured = [_measured(trace) for trace in traces]
+    every = -(-sum(map(len, measured)) // MOST) or 1
+    parts: list[FloatArray] = []
+    before = 0
+    for trace, which in zip(traces, measured, strict=True):
+        parts += _across(trace, which, slice(-before % every, None, every), segmentation)
+        before += len(which)
     if len(parts) < 2 * GROUPS or sum(len(part) for part in parts) < FEWEST:
         return None
     groups = np.array_split(np.arange(len(parts)), GROUPS)
@@ -142,25 +147,31 @@ def wall_profile(traces: Sequence[VesselTrace], segmentation: Segmentation) -> W
         others.append(_fitted(rest)[0])
         other_excess.append(_excess(rest, fitted))
     chance = np.sqrt((GROUPS - 1) * np.array([np.var(others), np.var(other_excess)]))
-    error = float(np.hypot(chance[0], _by_direction(whole, fitted)))
+    error = float(np.hypot(chance[0], _by_direction(whole)))
     return WallProfile(fitted[0], error, float(np.exp(fitted[1])), excess, float(chance[1]))
 
 
-def _across(trace: VesselTrace, segmentation: Segmentation) -> list[FloatArray]:
-    """Distance into the gel (mm), the normal's part along the light, share of gel, by section."""
-    sections = trace.sections
-    which = np.flatnonzero(
-        trace.counted & trace.apart & sections.closed_outline
-        & (np.nan_to_num(trace.diameter) > 0)
-    )  # fmt: skip
-    if len(which) == 0:
+def _measured(trace: VesselTrace) -> NDArray[np.int64]:
+    """Whole open sections clear of junctions and ends."""
+    whole = trace.counted & trace.apart & trace.sections.closed_outline
+    return np.flatnonzero(whole & (np.nan_to_num(trace.diameter) > 0))
+
+
+def _across(
+    trace: VesselTrace, which: NDArray[np.int64], some: slice, segmentation: Segmentation
+) -> list[FloatArray]:
+    """Distance into the gel (mm), the normal's part along the light, share of gel, by section.
+
+    Of `some` of the measured sections; all of them smooth each other's outlines.
+    """
+    if len(which[some]) == 0:
         return []
     field, strength = segmentation.field, segmentation.strength
     assert strength is not None
     shifts, outlines = _smooth_outlines(trace, which)
     angles = np.linspace(0, 2 * np.pi, outlines.shape[1] + 1)
     out = []
-    for k, shift, outline in zip(which.tolist(), shifts, outlines, strict=True):
+    for k, shift, outline in zip(which[some], shifts[some], outlines[some], strict=True):
         across = trace.planes.across[k]
         centre = trace.planes.centre[k] + shift @ across
         cells, away = _around(field.voxel_mm, field.origin_mm, strength.share.shape[::-1], centre,
@@ -207,7 +218,7 @@ def _around(
     return cells, cells * voxel + origin - centre
 
 
-def _by_direction(samples: FloatArray, fitted: FloatArray) -> float:
+def _by_direction(samples: FloatArray) -> float:
     """Standard error of the mean over walls along the light, facing it, and facing away."""
     facing = samples[:, 1]
     sides = (facing < -SLANT, np.abs(facing) <= SLANT, facing > SLANT)

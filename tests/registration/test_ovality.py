@@ -1,4 +1,4 @@
-"""How oval a lumen is: widths as made, and nothing of single sections' noise."""
+"""Ovality of lumens: found as made, whatever single sections scatter."""
 
 from __future__ import annotations
 

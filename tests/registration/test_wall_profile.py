@@ -1,4 +1,4 @@
-"""Where walls lie, from the mean light across them."""
+"""Walls of lumens are placed by the mean light across them."""
 
 from __future__ import annotations
 
