@@ -103,7 +103,8 @@ def read_reference(path: Path) -> ReferenceScan:
         moved, other = part.get("walls"), (part.get("agreement") or {}).get("other_part")
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as exc:
         raise RegistrationError(
-            f"{path}: no result of `printctl register` there ({type(exc).__name__}: {exc})"
+            f"{path}: no registration.json of a scan is there, or it is damaged or an older "
+            "version's; give the folder that `printctl register --out` wrote"
         ) from exc
     if moved is not None or other or not rows:
         why = (
