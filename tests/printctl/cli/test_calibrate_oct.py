@@ -126,7 +126,7 @@ def test_a_reference_is_written_beside_grid_and_step(
         ({"walls": {"offset_um": 5.0}}, "already"),
         ({"agreement": {"other_part": True}}, "another part"),
         ({"vessels": []}, "no lumen"),
-        ({"measured_by": None}, "no result of `printctl register`"),
+        ({"measured_by": None}, "no registration.json of a scan"),
     ],
 )
 def test_a_report_that_is_no_reference_is_refused(
