@@ -28,12 +28,12 @@ from benchmarks.firmware_bench.avr_board import AvrBoard
 from benchmarks.firmware_bench.serial_host import SerialHost
 from benchmarks.machine import commit, machine, row
 from firmware_profiles import Printer, load
-from sim.dry_run.run import dry_run
+from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.errors import LineError
-from sim.families.marlin.printer import MarlinPrinter
-from sim.program.modal import BAD
-from sim.program.read_program import read_written
-from sim.reading import read_line
+from sim.gcode.dry_run.run import dry_run
+from sim.gcode.program.modal import BAD
+from sim.gcode.program.read_program import read_written
+from sim.gcode.reading import read_line
 
 PRINTER = load(Printer, "marlin_avr")
 STEPS = {"X": 80, "Y": 80, "Z": 400, "E": 500}

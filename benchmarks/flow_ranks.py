@@ -28,8 +28,8 @@ from design.hemodynamics.three_d.ranks import (
     RankResult,
     write_case,
 )
+from printctl.analysis.flow.ranks import find_engine, run_on_ranks
 from printctl.errors import PrintctlError
-from printctl.flow.ranks import find_engine, run_on_ranks
 
 VISCOSITY, FLOW, RESISTANCE, DISTAL = 1e-3, 250.0 / 60.0, 2.0, 10.0
 REPEATS = 3

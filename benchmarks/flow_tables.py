@@ -10,7 +10,7 @@ from benchmarks.command import Row
 from benchmarks.flow_networks import binary_tree
 from benchmarks.flow_svzerod import command_line, cpu_of
 from benchmarks.machine import row
-from printctl.networks import write_network
+from printctl.analysis.networks import write_network
 
 
 def table_rows(quick: bool) -> Iterator[Row]:

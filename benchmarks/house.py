@@ -51,8 +51,8 @@ def starts(quick: bool) -> Iterator[Row]:
         for name, (words, bar) in STARTS.items():
             spent = _median([sys.executable, "-m", "printctl", *words], folder, tries)
             yield _below(name, spent, "CPU s", bar)
-        spent = _median([sys.executable, "-c", "import printctl.link"], folder, tries)
-        yield _below("import printctl.link", spent, "CPU s", 0.4)
+        spent = _median([sys.executable, "-c", "import printctl.machine.link"], folder, tries)
+        yield _below("import printctl.machine.link", spent, "CPU s", 0.4)
 
 
 def sizes(quick: bool) -> Iterator[Row]:

@@ -15,8 +15,8 @@ from design.vasculature.named import planar_four_vessel
 from registration.dye.marks import Marks
 from registration.dye.stabilise import Steadier, ground_pixels
 from registration.dye.view import View, find_view
-from sim.dye import Disturbance, DyeCamera, DyeFilm, dye_flow
-from sim.dye.film import _shake, film_frames
+from sim.devices.dye import Disturbance, DyeCamera, DyeFilm, dye_flow
+from sim.devices.dye.film import _shake, film_frames
 
 FloatArray = NDArray[np.float64]
 FLOW_UL_S = 0.25 * 1000.0 / 60.0

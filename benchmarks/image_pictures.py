@@ -13,9 +13,9 @@ from skimage.filters import threshold_li, threshold_minimum, threshold_otsu
 from skimage.measure import label, regionprops
 
 from benchmarks.image_timing import against, cpu_ms
-from registration.microscope.ink_absorption import shade_profile
-from registration.microscope.profiles import Profiles, middles
-from registration.microscope.widths import _edges
+from registration.devices.microscope.ink_absorption import shade_profile
+from registration.devices.microscope.profiles import Profiles, middles
+from registration.devices.microscope.widths import _edges
 from registration.overlay.patches import spots
 from registration.overlay.raster import Raster
 from registration.segmentation.levels import sparse_levels

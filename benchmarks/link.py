@@ -24,7 +24,7 @@ from benchmarks.link_printers import PeerFailedError
 from benchmarks.link_transcripts import transcript_rows
 from benchmarks.link_wire import BreakingTroubles
 from benchmarks.machine import ROOT, commit, machine
-from printctl.link import LinkError
+from printctl.machine.link import LinkError
 
 Row = dict[str, Any]
 MILD = BreakingTroubles(noise=0.0004, drop_ok=0.001, delay=0.001, breaks=0.0002)

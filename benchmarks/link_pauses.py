@@ -16,13 +16,13 @@ from benchmarks.link_runs import facts, new_printer
 from benchmarks.link_wire import BreakingTroubles, Ledger, Wire
 from benchmarks.machine import row
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
-from printctl.link import Care, LinkState, NewSyringe, Status
-from printctl.link.clock import VirtualClock
-from printctl.link.job import parse_job
-from printctl.link.journal import Journal
-from printctl.link.marks import MarkKind
-from printctl.link.streamer import Streamer
-from printctl.link.wiring import Wiring
+from printctl.machine.link import Care, LinkState, NewSyringe, Status
+from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.job import parse_job
+from printctl.machine.link.journal import Journal
+from printctl.machine.link.marks import MarkKind
+from printctl.machine.link.streamer import Streamer
+from printctl.machine.link.wiring import Wiring
 
 Row = dict[str, Any]
 VIRTUAL = {"clock": "virtual"}

@@ -15,7 +15,7 @@ from benchmarks.link_files import zigzag
 from benchmarks.link_printers import PeerFailedError, answerer, read_record, simulated
 from benchmarks.link_runs import ends_of
 from benchmarks.machine import row
-from sim.motion.executed import ExecutedMotion
+from sim.gcode.motion.executed import ExecutedMotion
 
 Row = dict[str, Any]
 

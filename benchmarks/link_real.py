@@ -25,8 +25,8 @@ from benchmarks.link_printers import (
 from benchmarks.link_runs import ends_of
 from benchmarks.link_tap import Tap
 from benchmarks.machine import row
-from printctl.link import LinkState, PrintClient, resume_print, start_print
-from sim.motion.executed import ExecutedMotion
+from printctl.machine.link import LinkState, PrintClient, resume_print, start_print
+from sim.gcode.motion.executed import ExecutedMotion
 
 Row = dict[str, Any]
 REAL = {"clock": "wall"}

@@ -14,17 +14,17 @@ from benchmarks.link_files import START_MM, STEPS_PER_MM, PrintFile
 from benchmarks.link_wire import BreakingTroubles, Ledger, Wire
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
-from printctl.link import LinkState, Status
-from printctl.link.clock import VirtualClock
-from printctl.link.job import parse_job
-from printctl.link.journal import Journal
-from printctl.link.journalled_print import read_journal
-from printctl.link.streamer import Streamer
-from printctl.link.wiring import Wiring
-from sim.families.marlin.printer import MarlinPrinter
-from sim.faults.fault_file import parse_fault
-from sim.motion.executed import ExecutedMotion
-from tests.printctl.link.simulated_transport import HostDiedError
+from printctl.machine.link import LinkState, Status
+from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.job import parse_job
+from printctl.machine.link.journal import Journal
+from printctl.machine.link.journalled_print import read_journal
+from printctl.machine.link.streamer import Streamer
+from printctl.machine.link.wiring import Wiring
+from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.faults.fault_file import parse_fault
+from sim.gcode.motion.executed import ExecutedMotion
+from tests.printctl.machine.link.simulated_transport import HostDiedError
 
 MOST_BREAKS = 200
 

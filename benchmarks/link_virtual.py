@@ -16,8 +16,8 @@ from benchmarks.link_wire import BreakingTroubles, Ledger, Wire
 from benchmarks.machine import row
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
-from printctl.link.clock import VirtualClock
-from sim.dry_run.run import dry_run
+from printctl.machine.link.clock import VirtualClock
+from sim.gcode.dry_run.run import dry_run
 
 Row = dict[str, Any]
 VIRTUAL = {"clock": "virtual"}

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.checkers.link_order import Taken, body_of
-from printctl.link.clock import VirtualClock
-from printctl.link.errors import PortLost
-from sim.families.marlin.printer import MarlinPrinter
-from sim.faults.fault_file import PermanentFaults
-from tests.printctl.link.simulated_transport import SimulatedTransport
+from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.errors import PortLost
+from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.faults.fault_file import PermanentFaults
+from tests.printctl.machine.link.simulated_transport import SimulatedTransport
 
 
 @dataclass

@@ -24,8 +24,8 @@ from benchmarks.checkers.mended_ink import (
 )
 from benchmarks.checkers.read_gcode import Moves, read_moves
 from firmware_profiles import Ink, Needle, Printer, Syringe
-from printctl.link.job import Job
-from printctl.link.marks import MarkKind
+from printctl.machine.link.job import Job
+from printctl.machine.link.marks import MarkKind
 from printctl.observe.mending import HeldPrint, Voids, gap_between, plan_mend, written_paths
 
 Span = tuple[float, float]

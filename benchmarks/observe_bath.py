@@ -25,7 +25,7 @@ import numpy as np
 from benchmarks.checkers import bath_painter as painter
 from benchmarks.machine import commit, machine, row
 from firmware_profiles.bead import BeadSection
-from printctl.link.marks import Marks
+from printctl.machine.link.marks import Marks
 from printctl.observe.deciding import Decider, Decision, DecisionKind, Limits
 from printctl.observe.deciding.evidence import Evidence
 from printctl.observe.expected import ExpectedInk
@@ -34,7 +34,7 @@ from printctl.observe.judging import evidence_of
 from printctl.observe.mending import WrittenPath
 from printctl.observe.mends_again import LayerInk
 from registration.errors import PictureError
-from registration.layer_images import ExpectedLines, Gap, LayerFindings, SeeingOptions, see_layer
+from registration.inspection import ExpectedLines, Gap, LayerFindings, SeeingOptions, see_layer
 
 FAULTS = ("whole", "half", "1", "1.5", "2", "3", "5")
 KINDS = ("lone", "tree", "rows")

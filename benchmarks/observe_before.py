@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.checkers.stacked_layers import KINDS, Layer, Stack, stack
 from benchmarks.machine import machine, row
-from registration.layer_images import ExpectedLines, LayerFindings, see_layer
+from registration.inspection import ExpectedLines, LayerFindings, see_layer
 
 _SHOWN = 3
 """Older layers that the product is told of."""

@@ -20,14 +20,14 @@ from scipy.optimize import brentq
 
 from benchmarks.command import Job, run
 from benchmarks.machine import ROOT, row
-from sim.camera.optics import Camera
-from sim.camera.paint import paint
-from sim.camera.scene import Bath, InkLook, Light, Scene, Sensor
-from sim.deposit.laid import laid, laid_as_is
-from sim.deposit.lay import deposit_of_laid
-from sim.deposit.strands import Strands
-from sim.faults.ink_faults import Clog, InkFaults
-from sim.motion.executed import ExecutedMotion
+from sim.devices.camera.optics import Camera
+from sim.devices.camera.paint import paint
+from sim.devices.camera.scene import Bath, InkLook, Light, Scene, Sensor
+from sim.gcode.deposit.ink_faults import Clog, InkFaults
+from sim.gcode.deposit.laid import laid, laid_as_is
+from sim.gcode.deposit.lay import deposit_of_laid
+from sim.gcode.deposit.strands import Strands
+from sim.gcode.motion.executed import ExecutedMotion
 
 Row = dict[str, Any]
 PITCH, WIDTH, HEIGHT, AREA, INDEX = 0.5, 0.25, 0.1, 4.15, 1.33

@@ -33,12 +33,12 @@ import numpy as np
 from benchmarks.checkers.grown_strokes import Compared, compared
 from benchmarks.link_printers import profile, simulated
 from benchmarks.machine import commit, machine, row
-from printctl.link import LinkError, LinkState, PrintClient, resume_print, start_print
-from printctl.link.care import Care
-from printctl.link.errors import Refused
-from printctl.link.look_book import LookDecision
-from printctl.link.marks import MarkKind
-from sim.motion.executed import ExecutedMotion
+from printctl.machine.link import LinkError, LinkState, PrintClient, resume_print, start_print
+from printctl.machine.link.care import Care
+from printctl.machine.link.errors import Refused
+from printctl.machine.link.look_book import LookDecision
+from printctl.machine.link.marks import MarkKind
+from sim.gcode.motion.executed import ExecutedMotion
 
 START = (50.0, 50.0, 10.0)
 LAYERS, MOVES, KILLS = 8, 12, 10

@@ -27,7 +27,7 @@ from benchmarks.machine import print_rows, row
 from firmware_profiles import load
 from firmware_profiles.dishes import Dish
 from printctl.cli.main import app
-from registration.camera_frame import (
+from registration.devices.camera_frame import (
     CameraFrame,
     PrintedLine,
     Ties,
@@ -42,8 +42,8 @@ from registration.camera_frame import (
     grounds,
     locate_tip,
 )
+from registration.devices.lens import BoardView, Lens, fit_lens
 from registration.errors import PictureError
-from registration.lens import BoardView, Lens, fit_lens
 
 SIZE = (1640, 1232)
 WIDE_MM = {"fdm": (2e-3, 0.04), "paper": (1.5e-3, 0.02), "engraved": (3e-4, 0.01)}
@@ -265,8 +265,8 @@ def tip_error(rng: np.random.Generator, cameras: int) -> tuple[np.ndarray, np.nd
 
 def _known(optics: Optics, rng: np.random.Generator) -> CameraFrame:
     """The checker's own camera as a frame that is told to be, and is, good to 5 µm."""
-    from registration.camera_frame.frame import SeenAtFit
-    from registration.camera_frame.rotations import turn_vector
+    from registration.devices.camera_frame.frame import SeenAtFit
+    from registration.devices.camera_frame.rotations import turn_vector
 
     lens = Lens(
         size_px=optics.size, focal_px=optics.focal, centre_px=optics.axis,

@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.checkers.height_painter import SolidLayer, solid_layer
 from benchmarks.machine import machine, row
-from registration.layer_images import ExpectedLines, LayerFindings, see_layer
+from registration.inspection import ExpectedLines, LayerFindings, see_layer
 
 LENGTHS_MM = (0.2, 0.3, 1.0)
 PLANTED = 40

@@ -34,8 +34,8 @@ from benchmarks.machine import ROOT, row
 from benchmarks.mends_at_looks import ObservedPrint, mended_at_looks, planted
 from design.network_files.csv_format import read_network_csv
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
-from printctl.link.job import Job, load_job
-from printctl.link.marks import MarkKind
+from printctl.machine.link.job import Job, load_job
+from printctl.machine.link.marks import MarkKind
 from printctl.observe.mending import (
     HeldPrint,
     Mend,

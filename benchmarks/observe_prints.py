@@ -31,12 +31,12 @@ from benchmarks.checkers.channel_conductance import channels
 from benchmarks.checkers.line_dice import PIXEL_MM, BoolArray, FloatArray, dice, painted
 from benchmarks.machine import machine, row
 from firmware_profiles import Ink, Printer, Syringe, load
-from printctl.link.care import Care
-from printctl.link.inserts import Insert
-from printctl.link.job import Job, load_job
-from printctl.link.journal import Journal
-from printctl.link.record import JOURNAL
-from printctl.link.watch import DueTask, Watch
+from printctl.machine.link.care import Care
+from printctl.machine.link.inserts import Insert
+from printctl.machine.link.job import Job, load_job
+from printctl.machine.link.journal import Journal
+from printctl.machine.link.record import JOURNAL
+from printctl.machine.link.watch import DueTask, Watch
 from printctl.observe.deciding import Decider, FlowControl, Limits
 from printctl.observe.devices import DeviceSettings
 from printctl.observe.look_values import Look
@@ -47,12 +47,12 @@ from printctl.observe.records import answer_look, look_folder, read_looks
 from printctl.observe.view_before import EMPTY
 from printctl.pipeline.observing import look_care
 from printctl.recipe.observe import ObservePart
-from sim.camera.camera_file import load_camera
-from sim.camera.paint import paint
-from sim.deposit.laid import Laid, laid, nothing_laid
-from sim.deposit.written import written
-from sim.dry_run.run import dry_run
-from sim.faults.ink_faults import Bubble, Clog, Drift, InkFault, InkFaults, Lost
+from sim.devices.camera.camera_file import load_camera
+from sim.devices.camera.paint import paint
+from sim.gcode.deposit.ink_faults import Bubble, Clog, Drift, InkFault, InkFaults, Lost
+from sim.gcode.deposit.laid import Laid, laid, nothing_laid
+from sim.gcode.deposit.written import written
+from sim.gcode.dry_run.run import dry_run
 
 PRINTER, SYRINGE, INK, NEEDLE = "generic_marlin", "hamilton_1ml", "collagen_fresh", "fresh_150um"
 SIZE_MM, PITCH_MM, WIDTH_MM, LAYER_MM, LAYERS = 7.0, 0.7, 0.25, 0.1, 4

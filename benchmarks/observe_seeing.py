@@ -27,7 +27,7 @@ from benchmarks.checkers.layer_volume import paint_volume
 from benchmarks.command import Row, run
 from benchmarks.machine import row
 from printctl.observe.deciding import GapTest
-from registration.layer_images import ExpectedLines, LayerFindings, height_map, see_layer
+from registration.inspection import ExpectedLines, LayerFindings, height_map, see_layer
 from registration.scan import Scan
 
 CLEAR = ("opaque", "absorbing")

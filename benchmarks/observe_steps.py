@@ -28,11 +28,11 @@ from benchmarks.observe_prints import (
     observed,
 )
 from firmware_profiles import Printer, load
-from printctl.link.inserts import file_count
-from printctl.link.job import parse_job
-from printctl.link.look_places import look_places
-from printctl.link.marks import Mark, MarkKind, Marks
-from sim.faults.ink_faults import Drift, InkFaults
+from printctl.machine.link.inserts import file_count
+from printctl.machine.link.job import parse_job
+from printctl.machine.link.look_places import look_places
+from printctl.machine.link.marks import Mark, MarkKind, Marks
+from sim.gcode.deposit.ink_faults import Drift, InkFaults
 
 SPEED_MM_S = 4.0
 WITHIN = 0.05

@@ -29,7 +29,7 @@ from benchmarks.machine import machine, row
 from benchmarks.observe_laser import expected
 from firmware_profiles import load
 from firmware_profiles.dishes import Dish
-from registration.camera_frame import (
+from registration.devices.camera_frame import (
     CameraFrame,
     Ties,
     Touch,
@@ -38,10 +38,10 @@ from registration.camera_frame import (
     find_marks,
     fit_frame,
 )
-from registration.laser_sweep import FittedSweep, fit_laser, sweep_heights, trace
-from registration.layer_images import LayerFindings, see_layer, surface_of
-from registration.lens import Lens
-from registration.readers.heights import HeightMap
+from registration.devices.laser_sweep import FittedSweep, fit_laser, sweep_heights, trace
+from registration.devices.lens import Lens
+from registration.files.readers.heights import HeightMap
+from registration.inspection import LayerFindings, see_layer, surface_of
 
 KINDS: tuple[Kind, ...] = ("plate", "solid")
 LENGTHS_MM = (0.3, 0.5, 1.0)

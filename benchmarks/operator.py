@@ -25,7 +25,7 @@ from benchmarks.link_tap import Tap
 from benchmarks.machine import commit, machine, row
 from benchmarks.operator_server import WATCHED, WATCHING, browsers, page_server, show, touched_at
 from benchmarks.operator_streaming import streaming_rows
-from printctl.link import LinkError, LinkState, start_print
+from printctl.machine.link import LinkError, LinkState, start_print
 
 Row = dict[str, Any]
 REAL = {"clock": "wall"}

@@ -19,7 +19,7 @@ from benchmarks.link_printers import PeerFailedError, answerer, profile, read_re
 from benchmarks.machine import row
 from benchmarks.operator_server import WATCHED, WATCHING, show
 from benchmarks.operator_watch import listeners
-from printctl.link import start_print
+from printctl.machine.link import start_print
 
 Row = dict[str, Any]
 MOVES = 1_000_000

@@ -34,7 +34,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 from benchmarks.link_printers import PeerFailedError, profile, simulated
 from benchmarks.machine import commit, machine, row
 from benchmarks.operator_server import page_server
-from printctl.link import start_print
+from printctl.machine.link import start_print
 
 Row = dict[str, Any]
 MOVES: Final = 1_000_000

@@ -22,8 +22,8 @@ import yaml
 
 from benchmarks.checkers.printed_shape import NEAR_MM, Ink, Shape, measure, vessels_of
 from benchmarks.machine import ROOT, row
-from sim.deposit.lay import deposit
-from sim.motion.executed import ExecutedMotion
+from sim.gcode.deposit.lay import deposit
+from sim.gcode.motion.executed import ExecutedMotion
 
 Row = dict[str, Any]
 

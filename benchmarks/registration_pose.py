@@ -22,7 +22,7 @@ from benchmarks.registration_cases import (
 )
 from benchmarks.registration_phantom import Design, Light, Setting, branched, moved, planar
 from registration.alignment import align
-from registration.distance import ModelSurface
+from registration.alignment.distance import ModelSurface
 from registration.segmentation import Segmentation, SegmentationOptions, segment
 
 Row = dict[str, Any]

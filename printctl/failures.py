@@ -13,15 +13,15 @@ from printctl.errors import PrintctlError
 from printctl.system_errors import explain
 
 CODES: tuple[tuple[str, str, int], ...] = (
-    ("printctl.link.errors", "NoLink", 1),  # not the printer's fault, as the next three
-    ("printctl.link.errors", "JournalError", 1),
-    ("printctl.link.errors", "HistoryError", 1),
-    ("printctl.link.errors", "Refused", 1),
-    ("printctl.link.errors", "LinkError", 4),
+    ("printctl.machine.link.errors", "NoLink", 1),  # not the printer's fault, as the next three
+    ("printctl.machine.link.errors", "JournalError", 1),
+    ("printctl.machine.link.errors", "HistoryError", 1),
+    ("printctl.machine.link.errors", "Refused", 1),
+    ("printctl.machine.link.errors", "LinkError", 4),
     ("firmware_profiles", "ProfileError", 2),
     ("design.errors", "FlowInputError", 2),
     ("design.errors", "DesignError", 1),
-    ("registration.judging.tolerance", "ToleranceError", 2),
+    ("registration.measuring.judging.tolerance", "ToleranceError", 2),
     ("registration.errors", "RegistrationError", 1),
     ("sim.errors", "GcodeError", 2),
     ("sim.errors", "SimError", 1),

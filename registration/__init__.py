@@ -14,9 +14,9 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from registration.errors import RegistrationError
-    from registration.exports import vessel_rows, write_tables
+    from registration.files.exports import vessel_rows, write_tables
+    from registration.files.readers import ScanOverrides, read_scan, write_scan_tiff
     from registration.options import RegistrationOptions
-    from registration.readers import ScanOverrides, read_scan, write_scan_tiff
     from registration.register import register_scan
     from registration.report.standalone import write_report
     from registration.result import RegistrationReport, report_dict

@@ -9,16 +9,18 @@ from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
 from registration.alignment import Alignment, may_lie_otherwise
+from registration.alignment.uncertainty import ScanErrors
 from registration.findings import Findings
-from registration.gauging import VesselGauge, hausdorff_p95_um, summarise
-from registration.gauging.deviation import (
+from registration.measuring.gauging import VesselGauge, hausdorff_p95_um, summarise
+from registration.measuring.gauging.deviation import (
     CURVE_UM,
     HISTOGRAM_EDGES_UM,
     histogram,
     within_curve,
 )
-from registration.gauging.face_places import FacePlace
-from registration.geometry import Characteristic, Frame
+from registration.measuring.gauging.face_places import FacePlace
+from registration.measuring.geometry import Characteristic, Frame
+from registration.measuring.topology import Agreement
 from registration.notes import (
     contrast_notes,
     pose_notes,
@@ -32,8 +34,6 @@ from registration.options import RegistrationOptions
 from registration.result import RegistrationReport
 from registration.scan import Scan
 from registration.segmentation import Segmentation
-from registration.topology import Agreement
-from registration.uncertainty import ScanErrors
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import asdict, replace
 from pathlib import Path
 
+from registration.devices.optics import find_surface, read_calibration, undistort
+from registration.devices.optics.beam import OctCalibration
 from registration.errors import RegistrationError
-from registration.optics import find_surface, read_calibration, undistort
-from registration.optics.beam import OctCalibration
-from registration.readers import ScanOverrides, is_mosaic, read_mosaic, read_scan
+from registration.files.readers import ScanOverrides, is_mosaic, read_mosaic, read_scan
 from registration.scan import Scan
 from registration.wall_reference import SAME_VOXEL, WallCalibration, differing
 

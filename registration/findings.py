@@ -11,8 +11,9 @@ from design.network import VesselNetwork
 from kernels import helper_thread
 from kernels.arrays import FloatArray
 from registration.alignment import Alignment
-from registration.distance import ModelSurface
-from registration.gauging import (
+from registration.alignment.distance import ModelSurface
+from registration.alignment.uncertainty import ScanErrors
+from registration.measuring.gauging import (
     ContrastGauge,
     Defect,
     Ends,
@@ -34,9 +35,8 @@ from registration.gauging import (
     without_gel_like,
     without_resistance,
 )
-from registration.gauging.perfusion import perfusion
-from registration.segmentation import GelEvidence, Segmentation
-from registration.topology import (
+from registration.measuring.gauging.perfusion import perfusion
+from registration.measuring.topology import (
     Faults,
     LeakSearch,
     LumenGrid,
@@ -48,7 +48,7 @@ from registration.topology import (
     overlap,
     scanned_with,
 )
-from registration.uncertainty import ScanErrors
+from registration.segmentation import GelEvidence, Segmentation
 
 RIM_BLURS = 3.0
 """So many standard deviations of the blur a face is rounded off beside a sharp edge."""

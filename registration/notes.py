@@ -6,10 +6,10 @@ import numpy as np
 
 from kernels.arrays import FloatArray
 from registration.alignment import AXES, Alignment
-from registration.gauging import ContrastGauge, VesselGauge
+from registration.alignment.uncertainty import LEAST_STEP, MOST_UNEVEN, ROOT_TWO_PI
+from registration.measuring.gauging import ContrastGauge, VesselGauge
 from registration.scan import Scan
 from registration.segmentation import GelField, Strength
-from registration.uncertainty import LEAST_STEP, MOST_UNEVEN, ROOT_TWO_PI
 from registration.wall_reference import WallCalibration
 
 LEAST_EXAMINED = 0.98

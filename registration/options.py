@@ -10,9 +10,9 @@ import numpy as np
 from design.hemodynamics import FlowConditions
 from kernels.arrays import FloatArray
 from registration.alignment import AlignmentOptions
-from registration.gauging import TOLERANCES_UM
-from registration.gauging.changes import FALSE_ALARM
-from registration.geometry.datum import Datum
+from registration.measuring.gauging import TOLERANCES_UM
+from registration.measuring.gauging.changes import FALSE_ALARM
+from registration.measuring.geometry.datum import Datum
 from registration.scan import Scan
 from registration.segmentation import SegmentationOptions
 from registration.segmentation.working import bins

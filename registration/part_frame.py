@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 from design.network import VesselNetwork
 from registration.alignment import Alignment
-from registration.distance import ModelSurface
-from registration.gauging import VesselTrace, trace_vessels
-from registration.gauging.outlines import outlines
-from registration.geometry import Cut, Datum, Face, Frame, Scene, best_fit, lay_on_datums
+from registration.alignment.distance import ModelSurface
+from registration.alignment.uncertainty import ScanErrors
+from registration.measuring.gauging import VesselTrace, trace_vessels
+from registration.measuring.gauging.outlines import outlines
+from registration.measuring.geometry import Cut, Datum, Face, Frame, Scene, best_fit, lay_on_datums
 from registration.segmentation import Segmentation
-from registration.uncertainty import ScanErrors
 
 
 @dataclass(frozen=True)

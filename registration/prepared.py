@@ -11,12 +11,12 @@ from design.network import VesselNetwork
 from design.solids.solid import Solid
 from kernels import keep_freed_memory
 from kernels.arrays import FloatArray
-from registration.distance import ModelSurface
+from registration.alignment.distance import ModelSurface
+from registration.alignment.uncertainty import ScanErrors, scan_errors
 from registration.errors import RegistrationError
 from registration.options import RegistrationOptions, segmentation_options
 from registration.scan import Scan
 from registration.segmentation import Segmentation, segment
-from registration.uncertainty import ScanErrors, scan_errors
 
 LARGEST_FIELD = 20.0
 """Of the part's longest edge: a field of view larger than that each way shows something else."""

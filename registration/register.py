@@ -15,10 +15,10 @@ from kernels.arrays import FloatArray
 from registration.alignment import Alignment, Fit, align, cross_check, later_doubts
 from registration.assemble import FitDeviations, RegistrationParts, assemble
 from registration.findings import Findings, Inspection, inspect
-from registration.gauging import ScannedSurface, deviations, surface_points
-from registration.gauging.face_places import LEAST_UM, FacePlace, ScannedFaces
-from registration.gauging.near_lumen import near_lumen
-from registration.geometry import (
+from registration.measuring.gauging import ScannedSurface, deviations, surface_points
+from registration.measuring.gauging.face_places import LEAST_UM, FacePlace, ScannedFaces
+from registration.measuring.gauging.near_lumen import near_lumen
+from registration.measuring.geometry import (
     Characteristic,
     Face,
     Frame,
@@ -27,7 +27,8 @@ from registration.geometry import (
     cuts_of,
     outer_faces,
 )
-from registration.geometry.faces import POINTS, RIM_BLURS, RIM_MM
+from registration.measuring.geometry.faces import POINTS, RIM_BLURS, RIM_MM
+from registration.measuring.topology import agreement
 from registration.options import RegistrationOptions
 from registration.part_frame import Ground, find_frame
 from registration.prepared import PreparedScan
@@ -35,7 +36,6 @@ from registration.result import RegistrationReport
 from registration.scan import Scan
 from registration.segmentation import GelEvidence, gel_evidence
 from registration.segmentation.evidence import are_separable
-from registration.topology import agreement
 
 
 def register_scan(

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from design.geometry.surface import Surface
 from kernels.arrays import FloatArray
 from registration.alignment import AXES, AlternativePose, Uncertainty
-from registration.gauging import Defect, Deviation, Perfusion, VesselGauge
-from registration.gauging.face_places import FacePlace
-from registration.geometry import Characteristic, Frame
+from registration.alignment.uncertainty import quantity, terms
 from registration.json_ready import json_ready
-from registration.topology import Agreement, Overlap, Topology
-from registration.uncertainty import quantity, terms
+from registration.measuring.gauging import Defect, Deviation, Perfusion, VesselGauge
+from registration.measuring.gauging.face_places import FacePlace
+from registration.measuring.geometry import Characteristic, Frame
+from registration.measuring.topology import Agreement, Overlap, Topology
 from registration.wall_reference import WallCalibration
 
 SIGN = "positive where the lumen, or the outside, reaches beyond the design: too little gel"
@@ -29,7 +29,7 @@ class RegistrationReport:
     """Numbers of one scan against its design; frame of vertices and maps: the part's.
 
     Deviations are positive where the lumen (or the outside) reaches beyond the design, see
-    `registration.gauging.deviation`.
+    `registration.measuring.gauging.deviation`.
 
     Attributes
     ----------

@@ -85,7 +85,8 @@ class Scan:
         ``read_scan(..., keep_counts=True)`` leaves counts.
     lateral_error, depth_error : float or None
         Relative standard uncertainty of lengths across and along the light by the device's
-        calibration (`registration.optics`), its targets' certificates included; None without one.
+        calibration (`registration.devices.optics`), its targets' certificates included; None
+        without one.
     walls : WallCalibration or None
         How far off walls come out in scans of this kind, which is to be taken out.
     """

@@ -19,7 +19,7 @@ def main(arguments: list[str] | None = None) -> int:
         from sim.looks import main as look
 
         return look(words)
-    from sim.serving.command import serve_printer
+    from sim.devices.serving.command import serve_printer
 
     return serve_printer(words)
 

@@ -11,8 +11,8 @@
     ├── CameraError             a picture that can't be simulated as asked
     └── ClearanceError          a job whose shaft can't be checked as asked
 
-What is wrong with G-code that *can* be read comes as data (`sim.dry_run.run.Finding`), because the
-caller decides which finding refuses a print.
+What is wrong with G-code that *can* be read comes as data (`sim.gcode.dry_run.run.Finding`),
+because the caller decides which finding refuses a print.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class LineError(GcodeError):
     Parameters
     ----------
     sort : str
-        One of `sim.reading.faults.SORTS`.
+        One of `sim.gcode.reading.faults.SORTS`.
     line : str
         The line, as far as it can be shown.
     reason : str

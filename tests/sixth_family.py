@@ -11,13 +11,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import firmware_profiles.families as facts
-import sim.families as twins
+import sim.devices.families as twins
 from firmware_profiles import Printer, load
 from firmware_profiles.families import find_family, meanings
 from firmware_profiles.load import DATA
-from printctl.gate.rules import rules
+from printctl.checks.gate.rules import rules
 from sim.family_parts import family_part
-from sim.reading.words import accepted_letters
+from sim.gcode.reading.words import accepted_letters
 
 NAME = "sixthware"
 FACTS = '''
@@ -63,8 +63,8 @@ FAMILY = Family(
 TWIN = '''
 """The printer that plays it."""
 
-from sim.board.printer import SimulatedPrinter
-from sim.families.marlin.firmware import Marlin
+from sim.devices.board.printer import SimulatedPrinter
+from sim.devices.families.marlin.firmware import Marlin
 
 
 def _m777(board, command):

@@ -13,7 +13,7 @@ from firmware_profiles.families import family_names
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("firmware_profiles", "design", "sim", "registration", "printctl", "docs_tools")
-HOMES = ("firmware_profiles.families", "sim.families")
+HOMES = ("firmware_profiles.families", "sim.devices.families")
 NAME = re.compile(rf"\b({'|'.join(family_names())})\b")
 WORD = re.compile(rf"firmware|{'|'.join(family_names())}")
 SEAM = re.compile(r"""["']\s*[a-zA-Z]?["']|\\""")
@@ -97,7 +97,7 @@ def test_no_family_is_named_outside_its_home() -> None:
         'found = f"say marlin {x}"',
         "from firmware_profiles.families.klipper import FAMILY",
         "from firmware_profiles.families import klipper",
-        "import sim.families.marlin.printer",
+        "import sim.devices.families.marlin.printer",
     ],
 )
 def test_what_names_a_family_is_found(text: str) -> None:

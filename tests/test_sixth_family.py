@@ -12,23 +12,23 @@ from design.toolpath.fresh import FreshOptions, fresh_toolpath
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Printer, Syringe, load
 from firmware_profiles.families import family_names
-from printctl.gate import Bounds, LineOrigin, PrinterSituation, judge
-from printctl.gate.verdict import AllowedLine
-from printctl.link.clock import VirtualClock
-from printctl.link.families import protocol_for
-from printctl.link.journal import Journal
-from printctl.link.states import LinkState
-from printctl.link.streamer import Streamer
-from printctl.link.wiring import Wiring
-from printctl.preflight.firmware import firmware_checks
-from sim.dry_run.run import dry_run
+from printctl.checks.gate import Bounds, LineOrigin, PrinterSituation, judge
+from printctl.checks.gate.verdict import AllowedLine
+from printctl.checks.preflight.firmware import firmware_checks
+from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.families import protocol_for
+from printctl.machine.link.journal import Journal
+from printctl.machine.link.states import LinkState
+from printctl.machine.link.streamer import Streamer
+from printctl.machine.link.wiring import Wiring
+from sim.devices.families.registry import simulated_printer
 from sim.errors import LineError
-from sim.families.registry import simulated_printer
-from sim.reading import read_line
-from sim.reading.firmware_codes import is_known_line
+from sim.gcode.dry_run.run import dry_run
+from sim.gcode.reading import read_line
+from sim.gcode.reading.firmware_codes import is_known_line
 from tests.design.toolpath.shapes import as_solid, block
-from tests.printctl.link.jobs import parse_job
-from tests.printctl.link.sim_transport import SimTransport
+from tests.printctl.machine.link.jobs import parse_job
+from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.sixth_family import NAME, installed
 
 START = (50.0, 60.0, 30.0)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sim.motion.executed import ExecutedMotion
+from sim.gcode.motion.executed import ExecutedMotion
 
 WITHIN_MM = 0.02
 WITHIN_E_MM = 0.002

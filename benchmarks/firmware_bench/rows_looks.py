@@ -18,10 +18,17 @@ from benchmarks.firmware_bench.product import environment
 from benchmarks.firmware_bench.rows_done import stand_still
 from benchmarks.firmware_bench.way_points import Followed, follow, way_points
 from benchmarks.machine import row
-from printctl.link import LinkState, MarkKind, PrintClient, Retreat, resume_print, start_print
-from printctl.link.care import Care
-from printctl.link.errors import LinkError
-from printctl.link.look_book import LookDecision
+from printctl.machine.link import (
+    LinkState,
+    MarkKind,
+    PrintClient,
+    Retreat,
+    resume_print,
+    start_print,
+)
+from printctl.machine.link.care import Care
+from printctl.machine.link.errors import LinkError
+from printctl.machine.link.look_book import LookDecision
 
 Row = dict[str, Any]
 LIFT_MM = 3.0

@@ -17,9 +17,9 @@ from design.toolpath import Toolpath
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Facts, Printer, Syringe
 from printctl.calibration.estimate import Estimate
+from printctl.checks.preflight import gcode_checks, refuse_failed, syringe_checks, warnings
 from printctl.errors import UsageError
-from printctl.preflight import gcode_checks, refuse_failed, syringe_checks, warnings
-from sim.dry_run.run import dry_run
+from sim.gcode.dry_run.run import dry_run
 
 
 @dataclass(frozen=True)

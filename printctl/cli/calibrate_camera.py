@@ -15,7 +15,7 @@ from printctl.calibration import Estimate
 from printctl.cli.calibrate_options import numbers_of, print_estimates
 from printctl.cli.options import JsonFlag, messages
 from printctl.errors import UsageError
-from registration.lens import Board, board_picture, find_board, fit_lens, write_lens
+from registration.devices.lens import Board, board_picture, find_board, fit_lens, write_lens
 
 _MARKER = 0.75
 """Side of a marker, of its square's."""

@@ -14,7 +14,7 @@ from printctl.cli.options import JsonFlag, messages
 from printctl.cli.scan_options import voxel_mm
 from printctl.errors import UsageError
 from registration import Scan, ScanOverrides, read_scan
-from registration.optics import (
+from registration.devices.optics import (
     GridFit,
     OctCalibration,
     Step,

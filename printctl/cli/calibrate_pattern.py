@@ -29,6 +29,8 @@ from printctl.calibration.patterns import (
     spiral_pattern,
     squares_pattern,
 )
+from printctl.checks.preflight import SetUp, file_checks, refuse_failed, warnings
+from printctl.checks.set_up.by_name import ProfileNames, set_up
 from printctl.cli import calibrate_pattern_options as options
 from printctl.cli import set_up_options as mounting
 from printctl.cli.calibrate_options import numbers_of
@@ -39,9 +41,7 @@ from printctl.cli.options import (
     three_numbers,
 )
 from printctl.errors import UsageError
-from printctl.preflight import SetUp, file_checks, refuse_failed, warnings
-from printctl.set_up.by_name import ProfileNames, set_up
-from sim.dry_run.run import dry_run
+from sim.gcode.dry_run.run import dry_run
 
 _BESIDE = (".svg", ".csv", ".json")
 _OWN = {

@@ -27,7 +27,7 @@ from printctl.cli.calibrate_files import MeasuredValue, write_measured
 from printctl.cli.calibrate_options import CameraFile, Write, numbers_of, print_estimates
 from printctl.cli.options import JsonFlag, messages, print_lines
 from printctl.errors import UsageError
-from registration.lens import read_lens
+from registration.devices.lens import read_lens
 
 _CORNERS = 4
 

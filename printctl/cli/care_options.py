@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from printctl.link.care import Care
+from printctl.machine.link.care import Care
 
 CheckpointOption = Annotated[
     float,

@@ -9,15 +9,15 @@ import typer
 from pydantic import ValidationError
 
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
-from printctl.compensation import (
+from printctl.corrections.compensation import (
     CompensationFile,
     GainPart,
     changes_line,
     check_suffix,
     save_compensation,
 )
+from printctl.corrections.feedback import Choices, Mean, estimate, read_print
 from printctl.errors import UsageError
-from printctl.feedback import Choices, Mean, estimate, read_print
 
 
 def compensate(

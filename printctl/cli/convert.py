@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from printctl.analysis.networks import LOSSES, check_target, read_noted, write_network
 from printctl.cli.network_options import UnitOption
 from printctl.cli.options import (
     JsonFlag,
@@ -15,7 +16,6 @@ from printctl.cli.options import (
     print_lines,
     refuse_input_as_output,
 )
-from printctl.networks import LOSSES, check_target, read_noted, write_network
 
 
 def convert(

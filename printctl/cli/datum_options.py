@@ -5,7 +5,7 @@ from __future__ import annotations
 from design.network import VesselNetwork
 from printctl.errors import UsageError
 from registration.errors import DatumError
-from registration.geometry import Datum, check_designed, read_datums
+from registration.measuring.geometry import Datum, check_designed, read_datums
 
 
 def datums_of(text: str | None, network: VesselNetwork) -> tuple[Datum, ...]:

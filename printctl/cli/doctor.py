@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
+from printctl.cli.doctor_checks import Examination, examine
 from printctl.cli.options import JsonFlag, print_json, print_lines
-from printctl.doctor import Examination, examine
 
 
 def doctor(

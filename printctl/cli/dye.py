@@ -20,6 +20,7 @@ from printctl.cli.network_options import UnitOption
 from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NETWORK
+from registration.devices.lens import read_lens
 from registration.dye import (
     DyeOptions,
     DyeReport,
@@ -28,8 +29,7 @@ from registration.dye import (
     place_rows,
     read_marks,
 )
-from registration.exports.tables import as_csv
-from registration.lens import read_lens
+from registration.files.exports.tables import as_csv
 from registration.report.dye_page import write_dye_html
 
 NUMBERS, PLACES, PAGE = "dye.json", "dye.csv", "dye.html"

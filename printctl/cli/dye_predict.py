@@ -10,8 +10,8 @@ import numpy as np
 from design.hemodynamics.dye import dye_front
 from design.network import VesselNetwork
 from design.units import UL_S_PER_ML_MIN, LengthUnit
+from printctl.analysis.dye import CURVES, FRONT, PICTURE, VesselPlace, lumens_of, write_front
 from printctl.cli.options import messages, print_json, print_lines
-from printctl.dye import CURVES, FRONT, PICTURE, VesselPlace, lumens_of, write_front
 from printctl.errors import UsageError
 from registration.dye.carrying_flow import carrying_flow, solve_without_closed
 

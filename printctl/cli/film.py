@@ -9,17 +9,17 @@ from typing import Annotated, Any, Final
 
 import typer
 
+from printctl.analysis.film import GrowthFilm, PulseFilm, growth_frames, pulse_frames, write_film
+from printctl.analysis.film.film_file import Frame, check_suffix
+from printctl.analysis.flow.driven import recipe_of
+from printctl.analysis.networks import Drive, Source, load_source
 from printctl.cli import film_options as options
 from printctl.cli.network_options import UnitOption
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.cli.view_options import FromOption
 from printctl.errors import UsageError
-from printctl.film import GrowthFilm, PulseFilm, growth_frames, pulse_frames, write_film
-from printctl.film.film_file import Frame, check_suffix
-from printctl.flow.driven import recipe_of
-from printctl.networks import Drive, Source, load_source
 from printctl.recipe.growth import Growth
-from registration.picture import FilmScene, PictureOptions, Quantity, quantities
+from registration.report.picture import FilmScene, PictureOptions, Quantity, quantities
 
 SourceArg = Annotated[
     Path,

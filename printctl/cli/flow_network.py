@@ -7,6 +7,10 @@ from typing import Final
 
 import typer
 
+from printctl.analysis.flow import NPZ, CsvTables, NpzTables
+from printctl.analysis.flow.driven import Driven
+from printctl.analysis.flow.exports import EXPORTS, write_exports
+from printctl.analysis.networks import load_source
 from printctl.cli.flow_match import match
 from printctl.cli.flow_options import Match, OtherSolvers
 from printctl.cli.flow_output import FlowOutput
@@ -15,10 +19,6 @@ from printctl.cli.flow_printed import driven_of, run_as_printed
 from printctl.cli.flow_ranks import run_other_solvers
 from printctl.cli.flow_solve import in_space, lumped_and_waves
 from printctl.errors import UsageError
-from printctl.flow import NPZ, CsvTables, NpzTables
-from printctl.flow.driven import Driven
-from printctl.flow.exports import EXPORTS, write_exports
-from printctl.networks import load_source
 
 FILLET: Final = 0.5
 """Of a network that no recipe rounds."""

@@ -7,12 +7,12 @@ from typing import Final
 
 import typer
 
+from printctl.analysis.flow.driven import Driven, driven_by_run, recipe_of
+from printctl.analysis.flow.printed_case import PrintedCase, solve_as_printed
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.flow_part import conditions_said, part_of
 from printctl.cli.options import messages
 from printctl.errors import UsageError
-from printctl.flow.driven import Driven, driven_by_run, recipe_of
-from printctl.flow.printed_case import PrintedCase, solve_as_printed
 
 _ELSEWHERE: Final = (
     "svzerod",

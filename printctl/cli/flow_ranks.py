@@ -11,12 +11,12 @@ from design.hemodynamics.three_d import straighten_edges
 from design.hemodynamics.three_d.ranks import rank_conditions, write_case
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
+from printctl.analysis.flow.driven import Driven
+from printctl.analysis.flow.printed_fidelities import mesh_of
+from printctl.analysis.flow.ranks import run_on_ranks, slurm_job, write_slurm
 from printctl.cli.flow_options import OtherSolvers
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
-from printctl.flow.driven import Driven
-from printctl.flow.printed_fidelities import mesh_of
-from printctl.flow.ranks import run_on_ranks, slurm_job, write_slurm
 from printctl.recipe.space import ThreeDPart
 
 CASE = "ranks"

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from design.network import VesselNetwork
+from printctl.analysis.flow import FlowTables, solve_section
+from printctl.analysis.flow.driven import Driven
+from printctl.analysis.flow.fidelities import Case, solve_fidelities
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
-from printctl.flow import FlowTables, solve_section
-from printctl.flow.driven import Driven
-from printctl.flow.fidelities import Case, solve_fidelities
 
 
 def lumped_and_waves(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from printctl.cli.options import print_lines
 from printctl.cli.run_folder import RunArg, print_folder
-from printctl.link.history_entry import this_user
-from printctl.print_state.give_up import give_up as give_up_print
+from printctl.machine.link.history_entry import this_user
+from printctl.machine.print_state.give_up import give_up as give_up_print
 
 
 def give_up(run: RunArg) -> None:

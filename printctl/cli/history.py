@@ -24,12 +24,12 @@ from printctl.cli.history_options import (
 from printctl.cli.history_records import bundle, key, repeat, show, verify
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.errors import UsageError
-from printctl.link.find_link import alive
-from printctl.link.history import PrintHistory
-from printctl.link.history_entry import INTERRUPTED, PrintEntry
-from printctl.link.history_query import HistoryQuery, SortBy
-from printctl.link.record import JOURNAL
-from printctl.records.table import csv_lines, local_time
+from printctl.history.records.table import csv_lines, local_time
+from printctl.machine.link.find_link import alive
+from printctl.machine.link.history import PrintHistory
+from printctl.machine.link.history_entry import INTERRUPTED, PrintEntry
+from printctl.machine.link.history_query import HistoryQuery, SortBy
+from printctl.machine.link.record import JOURNAL
 
 history = typer.Typer(
     help="Past prints: list and search, show one, file its record, print it again.",

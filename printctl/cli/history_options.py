@@ -7,10 +7,10 @@ from typing import Annotated
 import typer
 
 from printctl.errors import UsageError
-from printctl.link.history_entry import INTERRUPTED
-from printctl.link.history_query import HistoryQuery, SortBy
-from printctl.link.states import ENDED
-from printctl.records.days import day_begins, day_ends
+from printctl.history.records.days import day_begins, day_ends
+from printctl.machine.link.history_entry import INTERRUPTED
+from printctl.machine.link.history_query import HistoryQuery, SortBy
+from printctl.machine.link.states import ENDED
 
 STATES = (*sorted(state.value for state in ENDED), INTERRUPTED)
 

@@ -11,15 +11,15 @@ import typer
 from design.files import write_bytes
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.errors import UsageError
-from printctl.link.history import PrintHistory
-from printctl.records.bundle import filed, write_bundle
-from printctl.records.evidence import evidence
-from printctl.records.keys import known_lab_key, lab_key, read_public_file, signing_missing
-from printctl.records.repeat import RepeatPlan, entry_of_bundle, make_job, plan_repeat
-from printctl.records.table import local_time
-from printctl.records.timeline import time_line
-from printctl.records.verdict import outcome
-from printctl.records.verify import verify_bundle
+from printctl.history.records.bundle import filed, write_bundle
+from printctl.history.records.keys import known_lab_key, lab_key, read_public_file, signing_missing
+from printctl.history.records.repeat import RepeatPlan, entry_of_bundle, make_job, plan_repeat
+from printctl.history.records.table import local_time
+from printctl.history.records.timeline import time_line
+from printctl.history.records.verdict import outcome
+from printctl.history.records.verify import verify_bundle
+from printctl.machine.link.history import PrintHistory
+from printctl.pipeline.evidence import evidence
 
 IdArg = Annotated[
     str,

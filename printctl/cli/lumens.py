@@ -8,6 +8,16 @@ import numpy as np
 
 from design.network import VesselNetwork
 from design.solids import Solid
+from printctl.checks.lumens import (
+    FilamentCheck,
+    LumenCheck,
+    Writing,
+    check_filaments,
+    check_model,
+    check_network,
+    read_filaments,
+    read_layers,
+)
 from printctl.cli import lumens_options as options
 from printctl.cli.lumens_read import (
     InkOptions,
@@ -29,16 +39,6 @@ from printctl.cli.options import (
 )
 from printctl.errors import SafetyError, UsageError
 from printctl.failures import error_facts
-from printctl.lumens import (
-    FilamentCheck,
-    LumenCheck,
-    Writing,
-    check_filaments,
-    check_model,
-    check_network,
-    read_filaments,
-    read_layers,
-)
 
 Found = tuple[LumenCheck | FilamentCheck, np.ndarray]
 

@@ -12,22 +12,22 @@ from design.solids import Solid, read_solid
 from design.units import LengthUnit
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
 from firmware_profiles.bead import BeadSection
-from printctl.cli.options import print_note, three_numbers
-from printctl.errors import UsageError
-from printctl.gcode_view import read_line_map
-from printctl.gcode_view.levels import is_flat
-from printctl.lumens import (
+from printctl.analysis.networks import read_noted
+from printctl.checks.gcode_view import read_line_map
+from printctl.checks.gcode_view.levels import is_flat
+from printctl.checks.lumens import (
     Writing,
     WrittenLines,
     find_filament_place,
     find_place,
     writes_at,
 )
-from printctl.networks import read_noted
+from printctl.checks.set_up.by_name import of_each
+from printctl.cli.options import print_note, three_numbers
+from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NETWORK, SURFACE
 from printctl.run_folder.manifest import MANIFEST
-from printctl.set_up.by_name import of_each
-from sim.deposit.strands import Strands
+from sim.gcode.deposit.strands import Strands
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ ROWS: Final = 20
 
 
 def lumen_lines(numbers: Numbers, every: bool) -> list[str]:
-    """`printctl.lumens.LumenCheck.as_dict` for a terminal, worst lumens first."""
+    """`printctl.checks.lumens.LumenCheck.as_dict` for a terminal, worst lumens first."""
     rows = numbers["lumens"] if every else numbers["lumens"][:ROWS]
     left = len(numbers["lumens"]) - len(rows)
     return [

@@ -12,6 +12,7 @@ from design.files import write_text
 from design.measures import MeasureOptions, compare_orders, measure_network, measures_dict
 from design.tissue import SizeLimits, Tissue, load_tissue
 from design.units import LengthUnit
+from printctl.analysis.networks import READ, Drive, load_source
 from printctl.cli.measure_table import measure_lines
 from printctl.cli.network_options import (
     InletFlowOption,
@@ -29,7 +30,6 @@ from printctl.cli.options import (
     refuse_input_as_output,
 )
 from printctl.errors import UsageError
-from printctl.networks import READ, Drive, load_source
 from printctl.run_folder.artefacts import SURFACE
 
 _ANY_SIZE = SizeLimits(0.5, 2000.0)

@@ -11,9 +11,9 @@ import typer
 
 from printctl.cli.observe_options import FrameFile, LimitOption
 from printctl.cli.options import JsonFlag, print_json, print_lines
-from registration.camera_frame import check_frame, read_frame
-from registration.camera_frame.check import LIMIT_UM
-from registration.lens.decode import decoded
+from registration.devices.camera_frame import check_frame, read_frame
+from registration.devices.camera_frame.check import LIMIT_UM
+from registration.devices.lens.decode import decoded
 
 
 def check(

@@ -13,7 +13,7 @@ import typer
 from printctl.calibration.patterns import read_pattern
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines, three_numbers
 from printctl.errors import UsageError
-from registration.camera_frame import (
+from registration.devices.camera_frame import (
     Bath,
     CameraFrame,
     Insert,
@@ -28,8 +28,8 @@ from registration.camera_frame import (
     read_insert,
     write_frame,
 )
-from registration.lens import Lens, read_lens
-from registration.lens.decode import decoded
+from registration.devices.lens import Lens, read_lens
+from registration.devices.lens.decode import decoded
 
 _T95: Final = 1.96
 _MISFIT_PX: Final = 1.0

@@ -12,14 +12,14 @@ from firmware_profiles import load
 from firmware_profiles.dishes import Dish
 from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json
 from printctl.errors import UsageError
-from registration.camera_frame import (
+from registration.devices.camera_frame import (
     design_insert,
     insert_solids,
     write_dots,
     write_insert,
     write_svg,
 )
-from registration.camera_frame.insert import Process
+from registration.devices.camera_frame.insert import Process
 
 _SOLID: Final = ("fdm", "resin")
 _DPI: Final = 1200

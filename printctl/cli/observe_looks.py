@@ -11,9 +11,11 @@ import typer
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.run_folder import RunArg, print_folder
 from printctl.errors import UsageError
-from printctl.link.find_link import alive
-from printctl.link.record import JOURNAL
-from printctl.link.states import Status
+from printctl.machine.link.find_link import alive
+from printctl.machine.link.record import JOURNAL
+from printctl.machine.link.states import Status
+from printctl.machine.print_state.state import read_print
+from printctl.machine.printing.journal_facts import read_journal_facts
 from printctl.observe.look_words import proposal_words, seen_words, total_words
 from printctl.observe.records import (
     OBSERVER_LOCK,
@@ -28,8 +30,6 @@ from printctl.observe.records import (
     read_looks,
     refuse_unheard,
 )
-from printctl.print_state.state import read_print
-from printctl.printing.journal_facts import read_journal_facts
 from printctl.run_folder.artefacts import JOURNAL_FOLDER
 
 

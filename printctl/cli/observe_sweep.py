@@ -10,9 +10,9 @@ import typer
 
 from printctl.cli.observe_options import FrameFile
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
-from registration.camera_frame import check_frame, read_frame
+from registration.devices.camera_frame import check_frame, read_frame
+from registration.devices.laser_sweep import fit_laser, trace, write_laser
 from registration.errors import PictureError
-from registration.laser_sweep import fit_laser, trace, write_laser
 
 _T95: Final = 1.96
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from firmware_profiles import Needle, load
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines, three_numbers
 from printctl.errors import UsageError
-from registration.camera_frame import (
+from registration.devices.camera_frame import (
     CameraFrame,
     TipView,
     find_tip,
@@ -20,8 +20,8 @@ from registration.camera_frame import (
     locate_tip,
     read_frame,
 )
+from registration.devices.lens.decode import decoded
 from registration.errors import PictureError
-from registration.lens.decode import decoded
 
 _T95: Final = 1.96
 _SURE_MM: Final = 0.02

@@ -14,6 +14,8 @@ from design.files import write_text
 from design.hemodynamics import FlowSolution, solve_flow, vessel_resistance
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
+from printctl.analysis.networks import Drive, Source, load_source
+from printctl.analysis.oxygen import FIELD, SLICE, TABLE, hypoxia, solve_and_write
 from printctl.cli.measure import tissue_around
 from printctl.cli.network_options import (
     InletFlowOption,
@@ -26,8 +28,6 @@ from printctl.cli.network_options import (
 from printctl.cli.option_group import with_options
 from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
 from printctl.cli.section_options import SectionOptions, parameters, section_values, wrong_option
-from printctl.networks import Drive, Source, load_source
-from printctl.oxygen import FIELD, SLICE, TABLE, hypoxia, solve_and_write
 from printctl.recipe.oxygen import OxygenPart
 
 NUMBERS = "oxygen.json"

@@ -10,8 +10,8 @@ import typer
 from printctl.cli.options import print_lines
 from printctl.cli.run_folder import RunArg, running_print
 from printctl.errors import UsageError
-from printctl.link.marks import MarkKind
-from printctl.link.states import LinkState
+from printctl.machine.link.marks import MarkKind
+from printctl.machine.link.states import LinkState
 
 
 class PauseAfter(StrEnum):

@@ -8,8 +8,8 @@ import typer
 
 from firmware_profiles import Printer, load, shipped
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
-from printctl.link.port_detection import AUTO, locate, matches
-from printctl.link.ports import PortInfo, list_ports
+from printctl.machine.link.port_detection import AUTO, locate, matches
+from printctl.machine.link.ports import PortInfo, list_ports
 
 
 def ports(

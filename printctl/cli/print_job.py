@@ -11,6 +11,9 @@ import typer
 
 from firmware_profiles import Printer, load
 from firmware_profiles.tools import THINNEST_BORE
+from printctl.checks.preflight import SetUp, file_checks, refuse_failed, warnings
+from printctl.checks.preflight.shaft_file import file_shaft
+from printctl.checks.set_up.by_name import ProfileNames, loads_of, of_each, set_up
 from printctl.cli.care_options import (
     CheckpointOption,
     DeadmanOption,
@@ -43,16 +46,12 @@ from printctl.cli.set_up_options import (
     ThinnestBoreOption,
 )
 from printctl.cli.start_position import read_start_position
-from printctl.link.care import Care
-from printctl.link.families import refuse_unsent
-from printctl.link.job import load_job
-from printctl.link.port_detection import named_port, read_baud
-from printctl.link.states import PrintOutcome
-from printctl.observe.records import ORDER
-from printctl.observe.starting import end_idle_observer, ensure_observer
-from printctl.preflight import SetUp, file_checks, refuse_failed, warnings
-from printctl.preflight.shaft_file import file_shaft
-from printctl.printing import (
+from printctl.machine.link.care import Care
+from printctl.machine.link.families import refuse_unsent
+from printctl.machine.link.job import load_job
+from printctl.machine.link.port_detection import named_port, read_baud
+from printctl.machine.link.states import PrintOutcome
+from printctl.machine.printing import (
     SIMULATED,
     Order,
     confirm,
@@ -64,9 +63,10 @@ from printctl.printing import (
     usable_mm,
     with_reloads_of,
 )
+from printctl.observe.records import ORDER
+from printctl.observe.starting import end_idle_observer, ensure_observer
 from printctl.progress import StageBars
-from printctl.set_up.by_name import ProfileNames, loads_of, of_each, set_up
-from sim.dry_run.run import dry_run
+from sim.gcode.dry_run.run import dry_run
 
 
 def print_job(

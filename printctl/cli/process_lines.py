@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from printctl import preflight
+from printctl.checks import preflight
 
 
 def process_lines(dry_run: Mapping[str, Any]) -> list[str]:

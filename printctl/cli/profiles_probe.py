@@ -13,8 +13,8 @@ import yaml
 from design.files import write_text
 from firmware_profiles import Printer, load
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
-from printctl.link.families import link_facts
-from printctl.probing import Row, compare, corrected_profile, query_settings
+from printctl.machine.link.families import link_facts
+from printctl.machine.probing import Row, compare, corrected_profile, query_settings
 
 
 def probe(

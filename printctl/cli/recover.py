@@ -17,8 +17,8 @@ from printctl.cli.options import (
 )
 from printctl.cli.run_folder import RunArg, print_folder
 from printctl.errors import SafetyError
-from printctl.link.record import load_record
-from printctl.printing.recovery import planned, write_rest
+from printctl.machine.link.record import load_record
+from printctl.machine.printing.recovery import planned, write_rest
 
 
 def recover(

@@ -18,8 +18,8 @@ from printctl.pipeline.registering import RegisteredScan
 from printctl.recipe.record import RecordPart
 from registration import RegistrationOptions, ScanOverrides, register_scan
 from registration.corrected import corrected_scan
-from registration.geometry import Datum
-from registration.judging import Tolerances
+from registration.measuring.geometry import Datum
+from registration.measuring.judging import Tolerances
 
 
 @dataclass(frozen=True)

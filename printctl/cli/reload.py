@@ -8,8 +8,8 @@ import typer
 
 from printctl.cli.options import print_lines
 from printctl.cli.run_folder import RunArg, running_print
-from printctl.link.states import LinkState
-from printctl.link.syringe_change import CHANGE
+from printctl.machine.link.states import LinkState
+from printctl.machine.link.syringe_change import CHANGE
 
 
 def reload(

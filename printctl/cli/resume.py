@@ -10,12 +10,12 @@ from printctl.cli.observe_looks import asking_lines
 from printctl.cli.options import print_lines
 from printctl.cli.run_folder import RunArg, print_folder
 from printctl.errors import UsageError
-from printctl.link.client import attach
-from printctl.link.errors import LinkError
-from printctl.link.find_link import alive
-from printctl.link.states import LinkState
+from printctl.machine.link.client import attach
+from printctl.machine.link.errors import LinkError
+from printctl.machine.link.find_link import alive
+from printctl.machine.link.states import LinkState
+from printctl.observe.continue_print import continue_print
 from printctl.observe.records import OBSERVER_LOCK
-from printctl.print_state.continue_print import continue_print
 
 
 def resume(

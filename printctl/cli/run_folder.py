@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 from printctl.errors import PrintctlError
-from printctl.link.client import PrintClient, attach
-from printctl.link.record import RECORD
-from printctl.link.states import LinkState
+from printctl.machine.link.client import PrintClient, attach
+from printctl.machine.link.record import RECORD
+from printctl.machine.link.states import LinkState
 
 RunArg = Annotated[
     Path,

@@ -11,9 +11,9 @@ from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import JsonFlag, print_json, print_lines, print_note, three_numbers
 from printctl.cli.run_folder import print_folder
 from printctl.errors import UsageError
-from printctl.link.history import PrintHistory
-from printctl.link.history_entry import PrintEntry, entry_of
-from printctl.link.record import JOURNAL
+from printctl.machine.link.history import PrintHistory
+from printctl.machine.link.history_entry import PrintEntry, entry_of
+from printctl.machine.link.record import JOURNAL
 
 PrintArg = Annotated[
     str,

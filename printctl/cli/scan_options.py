@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from printctl.cli.options import three_numbers, two_numbers
-from registration import readers
+from registration.files import readers
 
 if TYPE_CHECKING:
-    from registration.readers import ScanOverrides
+    from registration.files.readers import ScanOverrides
 
 ScanFile = Annotated[
     Path,

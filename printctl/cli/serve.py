@@ -129,7 +129,7 @@ def _password(ask: bool, file: Path | None) -> str | None:
 
 
 def _tell(settings: Any, running: Any) -> None:
-    from printctl.station.client import other_speed  # Loads the link.
+    from printctl.machine.station.client import other_speed  # Loads the link.
 
     say = messages().print
     say(f"the page: {_link(settings, running)}")

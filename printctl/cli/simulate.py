@@ -9,6 +9,10 @@ import typer
 
 from firmware_profiles import Printer, load
 from firmware_profiles.tools import THINNEST_BORE
+from printctl.checks.preflight import file_checks, placed_failures, warnings
+from printctl.checks.preflight.shaft_file import file_shaft
+from printctl.checks.set_up.by_name import ProfileNames, set_up
+from printctl.checks.set_up.check import refusal_of
 from printctl.cli import simulate_options as options
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
@@ -31,11 +35,7 @@ from printctl.cli.set_up_options import (
 )
 from printctl.cli.start_position import read_start_position
 from printctl.failures import error_facts
-from printctl.preflight import file_checks, placed_failures, warnings
-from printctl.preflight.shaft_file import file_shaft
-from printctl.set_up.by_name import ProfileNames, set_up
-from printctl.set_up.check import refusal_of
-from sim.dry_run.run import dry_run
+from sim.gcode.dry_run.run import dry_run
 
 
 def simulate(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from design.network import VesselNetwork
-from printctl.bead import (
+from printctl.checks.bead import (
     InkPrediction,
     Mounting,
     OutputFiles,
@@ -22,14 +22,14 @@ from printctl.bead import (
     write_prediction,
     written_filaments,
 )
+from printctl.checks.gcode_view import read_line_map
+from printctl.checks.set_up import SetUp
 from printctl.cli.lumens_read import place_of_filaments, read_designed
 from printctl.cli.options import messages, print_lines
 from printctl.cli.simulate_options import BeadChoices
 from printctl.errors import UsageError
-from printctl.gcode_view import read_line_map
-from printctl.set_up import SetUp
-from sim.bead import swell
-from sim.dry_run.run import DryRun
+from sim.gcode.bead import swell
+from sim.gcode.dry_run.run import DryRun
 
 
 def write_predictions(

@@ -10,6 +10,9 @@ from design.toolpath.fresh import Adaptive, Filling, FreshOptions
 from firmware_profiles import Dish, Printer, load
 from firmware_profiles.tools import THINNEST_BORE
 from kernels import freed_memory_returned
+from printctl.checks.preflight.bore import bore_check
+from printctl.checks.set_up import refuse_failed
+from printctl.checks.set_up.by_name import loads_of, of_each
 from printctl.cli import slice_options as options
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
@@ -22,10 +25,7 @@ from printctl.cli.options import (
 )
 from printctl.cli.set_up_options import ThinnestBoreOption
 from printctl.errors import UsageError
-from printctl.preflight.bore import bore_check
-from printctl.set_up import refuse_failed
-from printctl.set_up.by_name import loads_of, of_each
-from printctl.slicing import (
+from printctl.pipeline.slicing import (
     JobFigures,
     SliceJob,
     assemble,

@@ -10,6 +10,8 @@ import typer
 
 from design.solids import lumen_solid, tube_solid, validate_file, write_step
 from design.solids.read import SUFFIXES
+from printctl.analysis.flow.driven import recipe_of
+from printctl.analysis.networks import load_source
 from printctl.cli.network_options import SourceArg, UnitOption
 from printctl.cli.options import (
     JsonFlag,
@@ -19,8 +21,6 @@ from printctl.cli.options import (
     refuse_input_as_output,
 )
 from printctl.errors import UsageError
-from printctl.flow.driven import recipe_of
-from printctl.networks import load_source
 from printctl.pipeline.solid_files import WRITERS
 
 

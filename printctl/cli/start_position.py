@@ -8,10 +8,10 @@ from pathlib import Path
 from firmware_profiles import Printer
 from printctl.cli.options import read_gcode_file, three_numbers
 from printctl.errors import UsageError
-from printctl.link.errors import LinkError
-from printctl.link.job import parse_job
-from printctl.link.job_start import declared_start
-from printctl.link.start_checks import ASIDE_MM
+from printctl.machine.link.errors import LinkError
+from printctl.machine.link.job import parse_job
+from printctl.machine.link.job_start import declared_start
+from printctl.machine.link.start_checks import ASIDE_MM
 
 Place = tuple[float, float, float]
 

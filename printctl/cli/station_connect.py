@@ -8,8 +8,8 @@ import typer
 
 from printctl.cli.options import JsonFlag, PrinterOption, three_numbers
 from printctl.cli.station_options import FolderOption, folder_of, print_status
-from printctl.link.port_detection import read_baud
-from printctl.station import connect as open_station
+from printctl.machine.link.port_detection import read_baud
+from printctl.machine.station import connect as open_station
 
 
 def connect(

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from printctl.cli.options import print_json, print_lines
-from printctl.station import Station, StationStatus, attach
-from printctl.station.record import usual_folder
+from printctl.machine.station import Station, StationStatus, attach
+from printctl.machine.station.record import usual_folder
 
 FolderOption = Annotated[
     Path | None,

@@ -7,10 +7,10 @@ import shlex
 from printctl.cli.observe_looks import asking_lines
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.run_folder import RunArg, print_folder
-from printctl.link.states import Status
-from printctl.print_state.actions import Possible, PrintAction
-from printctl.print_state.state import PrintTruth, read_print
-from printctl.printing.print_words import alarm_words
+from printctl.machine.link.states import Status
+from printctl.machine.print_state.actions import Possible, PrintAction
+from printctl.machine.print_state.state import PrintTruth, read_print
+from printctl.machine.printing.print_words import alarm_words
 
 _COMMANDS = {
     PrintAction.GO_ON: "go on: printctl resume {run}",

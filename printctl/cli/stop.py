@@ -6,10 +6,10 @@ from typing import Final
 
 from printctl.cli.options import print_lines
 from printctl.cli.run_folder import RunArg, print_folder, running_print
-from printctl.link.client import attach
-from printctl.link.errors import LinkError
-from printctl.link.kill import UNCONFIRMED
-from printctl.link.states import LinkState, PrintOutcome
+from printctl.machine.link.client import attach
+from printctl.machine.link.errors import LinkError
+from printctl.machine.link.kill import UNCONFIRMED
+from printctl.machine.link.states import LinkState, PrintOutcome
 
 STOP_S: Final = 20.0
 """Longest wait for the end of a controlled stop; the line in flight may take longer."""
@@ -57,7 +57,9 @@ def kill(run: RunArg) -> None:
     if unconfirmed and not over:
         raise LinkError(outcome.message)
     if unconfirmed or (outcome.state is not LinkState.KILLED and not outcome.position_known):
-        from printctl.link.kill_unlinked import kill_unlinked  # the link itself: slow to import
+        from printctl.machine.link.kill_unlinked import (
+            kill_unlinked,  # the link itself: slow to import
+        )
 
         outcome = PrintOutcome.of(kill_unlinked(client.folder))
     before = "" if outcome.state is LinkState.KILLED else "not halted, for the print had ended: "

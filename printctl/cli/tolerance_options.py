@@ -11,8 +11,8 @@ from printctl.cli.part_file import read_part
 from printctl.errors import UsageError
 from printctl.recipe.making import RegistrationPart
 from printctl.recipe.tolerances import TolerancesPart
-from registration.judging.rule import DecisionRule
-from registration.judging.tolerance import Tolerances
+from registration.measuring.judging.rule import DecisionRule
+from registration.measuring.judging.tolerance import Tolerances
 
 _REMEDY: Final = "one line does: `diameter_percent: 10`"
 

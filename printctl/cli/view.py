@@ -10,6 +10,7 @@ from typing import Final
 
 import typer
 
+from printctl.analysis.networks import READ, Drive
 from printctl.cli import view_options as options
 from printctl.cli.gcode_options import (
     FilamentOption,
@@ -32,7 +33,6 @@ from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.cli.view_gcode import SUFFIXES, GcodeViewOptions, is_gcode, view_gcode
 from printctl.cli.view_network import NetworkViewOptions, view_network
 from printctl.errors import UsageError
-from printctl.networks import READ, Drive
 from registration.report.network_view import MAX_PIECES
 
 _FOR_NETWORKS: Final = (

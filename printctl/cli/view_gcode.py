@@ -11,11 +11,11 @@ import numpy as np
 from design.files import write_bytes
 from design.units import LengthUnit
 from firmware_profiles import Printer, Syringe, load
+from printctl.checks.gcode_view import Pushing, read_job, read_line_map
+from printctl.checks.gcode_view.outline import PartOutlines
 from printctl.cli.lumens_read import read_part
 from printctl.cli.options import messages, read_gcode_file, three_numbers
 from printctl.errors import UsageError
-from printctl.gcode_view import Pushing, read_job, read_line_map
-from printctl.gcode_view.outline import PartOutlines
 from registration.report.gcode import (
     GcodeJob,
     GcodePage,

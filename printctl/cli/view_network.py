@@ -12,18 +12,18 @@ from design.geometry.surface import Surface
 from design.network import VesselNetwork
 from design.solids import read_solid
 from design.units import LengthUnit
+from printctl.analysis.networks import Drive, Source, load_source
 from printctl.cli.options import messages
 from printctl.errors import UsageError
-from printctl.networks import Drive, Source, load_source
 from printctl.run_folder.artefacts import SURFACE
-from registration.picture import (
+from registration.report import NetworkPage, ReportSurface, write_network_html
+from registration.report.picture import (
     PictureOptions,
     Quantity,
     View,
     draw_picture,
     quantities,
 )
-from registration.report import NetworkPage, ReportSurface, write_network_html
 
 _NEEDS = {
     "deviation": "it takes a run folder with a registered scan",

@@ -7,14 +7,14 @@ from typing import Annotated, Literal
 
 import typer
 
-from registration.picture import View
+from registration.report.picture import View
 
 Shown = Literal[
     "radius", "flow", "pressure", "shear", "order", "tree", "deviation",
     "width", "kind", "speed", "height", "vessel",
 ]  # fmt: skip
-"""`registration.picture.Colour` for networks, `registration.report.gcode.GcodeColour` for G-code;
-the order is the vessels' in the one, that of writing in the other."""
+"""`registration.report.picture.Colour` for networks, `registration.report.gcode.GcodeColour` for
+G-code; the order is the vessels' in the one, that of writing in the other."""
 
 SourceArg = Annotated[
     Path,

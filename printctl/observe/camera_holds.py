@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from printctl.observe.devices import DeviceError
-from registration.camera_frame.check import check_frame
-from registration.camera_frame.frame import CameraFrame
+from registration.devices.camera_frame.check import check_frame
+from registration.devices.camera_frame.frame import CameraFrame
 from registration.errors import PictureError
 
 _REMEDY: Final = "printctl observe frame"

@@ -8,7 +8,7 @@ from typing import Any
 from printctl.observe.deciding import Decider, LayersSeen
 from printctl.observe.deciding.answers import Answers, Reading
 from printctl.observe.deciding.seen_flow import SeenFlow, SeenLevel
-from registration.layer_images.values import Gap
+from registration.inspection.values import Gap
 
 
 def state_of(decider: Decider) -> dict[str, Any]:

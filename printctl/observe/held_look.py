@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from printctl.link.marks import MarkKind, Marks
+from printctl.machine.link.marks import MarkKind, Marks
 from printctl.observe.deciding.evidence import UnseenPath
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.expected import ExpectedInk
@@ -19,8 +19,8 @@ from printctl.observe.mending import HeldPrint
 from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.mends_again import LayerInk, mended_of
 from printctl.observe.scan_place import ScanSize
-from registration.layer_images import Appearance, Gap, LayerFindings, Lumen, Stations, Unseen
-from registration.layer_images.values import BoolArray
+from registration.inspection import Appearance, Gap, LayerFindings, Lumen, Stations, Unseen
+from registration.inspection.values import BoolArray
 
 
 @dataclass

@@ -23,7 +23,7 @@ from printctl.observe.deciding.thin import Thin, seen_twice
 from printctl.observe.expected import ExpectedInk
 from printctl.observe.mends_again import LayerInk, gaps_of_job, without_mends
 from printctl.observe.thin_lines import low_stretches, runs_below, thin_lines
-from registration.layer_images import (
+from registration.inspection import (
     ExpectedLines,
     Gap,
     LayerFindings,
@@ -32,7 +32,7 @@ from registration.layer_images import (
     Stations,
     Unseen,
 )
-from registration.layer_images.findings import ToldOfInk
+from registration.inspection.findings import ToldOfInk
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

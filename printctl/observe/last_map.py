@@ -13,12 +13,12 @@ from printctl.observe.held_look import HeldLook, slab
 from printctl.observe.map_check import MapCheck
 from printctl.observe.scan_place import ScanSize
 from printctl.observe.views import View
-from registration.layer_images import ExpectedLines, HeightFrame
-from registration.layer_images.heights.lost_rows import LEAST_MM, gone_mm2, lost_rows
-from registration.layer_images.heights.moved_part import is_in_place
-from registration.layer_images.heights.sunk import lifted
-from registration.layer_images.pictures.working import drawn_lines
-from registration.layer_images.values import FloatImage
+from registration.inspection import ExpectedLines, HeightFrame
+from registration.inspection.heights.lost_rows import LEAST_MM, gone_mm2, lost_rows
+from registration.inspection.heights.moved_part import is_in_place
+from registration.inspection.heights.sunk import lifted
+from registration.inspection.pictures.working import drawn_lines
+from registration.inspection.values import FloatImage
 
 _WIDER = 2.0
 """Widths of a line, beside which its ink and its shadow change a map."""

@@ -11,7 +11,7 @@ import numpy as np
 from printctl.observe.devices import DeviceError
 from printctl.observe.records import LookRecord
 from printctl.observe.scan_place import ScanSize
-from registration.layer_images import Appearance
+from registration.inspection import Appearance
 
 STATE = "learned"
 """Its key in `LookRecord.control`."""

@@ -17,9 +17,9 @@ from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from kernels.arrays import FloatArray
-from printctl.link.job import Job, load_job
-from printctl.link.journalled_print import read_journal
-from printctl.link.record import JOURNAL
+from printctl.machine.link.job import Job, load_job
+from printctl.machine.link.journalled_print import read_journal
+from printctl.machine.link.record import JOURNAL
 from printctl.observe.camera_holds import frame_holds
 from printctl.observe.deciding.evidence import UnseenPath
 from printctl.observe.deciding.thin import Thin
@@ -65,7 +65,7 @@ from printctl.observe.shown_place import seen_where_ink_shows
 from printctl.observe.view_before import image_before
 from printctl.observe.views import open_view
 from registration.errors import PictureError
-from registration.layer_images import (
+from registration.inspection import (
     Gap,
     LayerFindings,
     Lumen,

@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselNetwork
-from registration.layer_images import Lumen
+from registration.inspection import Lumen
 
 FloatArray = NDArray[np.float64]
 

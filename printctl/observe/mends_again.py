@@ -21,8 +21,8 @@ from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.mending.gap import NotMended
 from printctl.observe.mending.laid_ink import LaidInk, sound_spans, stretch_of
 from printctl.observe.records import LookRecord
-from registration.layer_images import ExpectedLines, Gap, LayerFindings, Stations
-from registration.layer_images.findings import ToldOfInk
+from registration.inspection import ExpectedLines, Gap, LayerFindings, Stations
+from registration.inspection.findings import ToldOfInk
 
 IntArray = NDArray[np.int64]
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.link.errors import LinkError, Refused
+from printctl.machine.link.errors import LinkError, Refused
 from printctl.observe.decider_state import restore, state_of
 from printctl.observe.deciding import Decider, Decision, DecisionKind
 from printctl.observe.deciding.thin import Thin
@@ -35,7 +35,7 @@ from printctl.observe.records import (
     read_looks,
     save_look,
 )
-from registration.layer_images.values import Gap
+from registration.inspection.values import Gap
 
 log = logging.getLogger(__name__)
 _ANSWER_POLL_S: Final = 0.2

@@ -13,15 +13,16 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from design.files import write_text
-from printctl.link.client import PrintClient, attach
-from printctl.link.errors import LinkError, NoLink, Refused
-from printctl.link.find_link import alive
-from printctl.link.inserts import file_count
-from printctl.link.journalled_print import read_journal
-from printctl.link.look_book import LookDecision
-from printctl.link.process import hold_folder
-from printctl.link.record import JOURNAL, load_record
-from printctl.link.states import LinkState, Status
+from printctl.machine.link.client import PrintClient, attach
+from printctl.machine.link.errors import LinkError, NoLink, Refused
+from printctl.machine.link.find_link import alive
+from printctl.machine.link.inserts import file_count
+from printctl.machine.link.journalled_print import read_journal
+from printctl.machine.link.look_book import LookDecision
+from printctl.machine.link.process import hold_folder
+from printctl.machine.link.record import JOURNAL, load_record
+from printctl.machine.link.states import LinkState, Status
+from printctl.machine.printing.journal_facts import read_journal_facts
 from printctl.observe.deciding import Decider, FlowControl
 from printctl.observe.devices import acquire
 from printctl.observe.devices.settings import PICTURES
@@ -31,7 +32,6 @@ from printctl.observe.observer import Observer
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import OBSERVER_LOCK, READY, answer_of, read_looks
 from printctl.observe.trying import try_device
-from printctl.printing.journal_facts import read_journal_facts
 from printctl.system_errors import explain
 
 _BEGIN_LIMIT_S: Final = 120.0

@@ -16,10 +16,10 @@ from printctl.errors import UsageError
 from printctl.observe.camera_holds import refuse_moved
 from printctl.observe.devices import DeviceError
 from printctl.observe.scan_place import ScanSize, refuse_elsewhere
+from registration.devices.laser_sweep import is_laser_file, read_laser, sweep_heights, trace
 from registration.errors import PictureError, ScanFileError
-from registration.laser_sweep import is_laser_file, read_laser, sweep_heights, trace
-from registration.layer_images import ExpectedLines, Surface, surface_of
-from registration.readers.heights import HeightMap, read_heights, wrong_placement
+from registration.files.readers.heights import HeightMap, read_heights, wrong_placement
+from registration.inspection import ExpectedLines, Surface, surface_of
 
 FRAME_KEY: Final = "printer_to_scan"
 """Where a frame's file, and a simulated device's own, hold the matrix."""

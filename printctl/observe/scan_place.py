@@ -10,8 +10,8 @@ import numpy as np
 
 from kernels.arrays import FloatArray
 from printctl.observe.devices import DeviceError
-from registration.layer_images import ExpectedLines
-from registration.readers.heights import HeightMap
+from registration.files.readers.heights import HeightMap
+from registration.inspection import ExpectedLines
 from registration.scan import Scan
 
 _LEAST: Final = 0.5

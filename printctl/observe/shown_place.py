@@ -10,7 +10,7 @@ import numpy as np
 
 from printctl.observe.deciding.evidence import SURE
 from printctl.observe.judging import shift_of
-from registration.layer_images import LayerFindings, SeeingOptions
+from registration.inspection import LayerFindings, SeeingOptions
 
 _SHOWN: Final = 0.5
 """Of a layer's way, with ink at its shifted place, for that to be its place."""

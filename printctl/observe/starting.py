@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Final
 
 from printctl.errors import PrintctlError
-from printctl.link.care import Care
-from printctl.link.detached_process import spawn
-from printctl.link.errors import LinkError
-from printctl.link.find_link import alive, has_ended, stays_alive
-from printctl.link.record import RECORD, load_record
+from printctl.machine.link.care import Care
+from printctl.machine.link.detached_process import spawn
+from printctl.machine.link.errors import LinkError
+from printctl.machine.link.find_link import alive, has_ended, stays_alive
+from printctl.machine.link.record import RECORD, load_record
 from printctl.observe.records import LOG, OBSERVER_LOCK, ORDER, READY
 
 _READY_LIMIT_S: Final = 300.0

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from printctl.observe.deciding.thin import Thin
-from registration.layer_images import Gap, Stations, Stretch
+from registration.inspection import Gap, Stations, Stretch
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

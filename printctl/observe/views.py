@@ -18,9 +18,10 @@ from printctl.observe.devices import DeviceError
 from printctl.observe.order import ObserverOrder
 from printctl.observe.profiler import FRAME_KEY, open_surface, read_matrix
 from printctl.observe.scan_place import ScanSize, refuse_elsewhere
-from registration.camera_frame.frame import CameraFrame, read_frame
+from registration.devices.camera_frame.frame import CameraFrame, read_frame
 from registration.errors import ScanFileError
-from registration.layer_images import (
+from registration.files.readers.read import read_scan
+from registration.inspection import (
     ExpectedLines,
     Frame,
     HeightFrame,
@@ -28,11 +29,10 @@ from registration.layer_images import (
     filament_map,
     height_map,
 )
-from registration.readers.read import read_scan
 from registration.scan import Scan
-from sim.camera.camera_file import load_camera
-from sim.camera.optics import Camera, through_surface
-from sim.camera.scene import Bath
+from sim.devices.camera.camera_file import load_camera
+from sim.devices.camera.optics import Camera, through_surface
+from sim.devices.camera.scene import Bath
 
 Image = NDArray[Any]
 

@@ -11,7 +11,12 @@ from design.errors import ToolpathError
 from design.hemodynamics import scaled_network
 from design.solids import Solid, surface_genus
 from design.toolpath.correction import check_outside, check_walls
-from printctl.compensation import CompensationFile, PrintConditions, changes_line, save_compensation
+from printctl.corrections.compensation import (
+    CompensationFile,
+    PrintConditions,
+    changes_line,
+    save_compensation,
+)
 from printctl.errors import SafetyError, UsageError
 from printctl.pipeline.built_solids import built_solids
 from printctl.pipeline.context import SIMULATED_PORT, RunContext

@@ -22,13 +22,17 @@ from design.solids import Solid, read_solid
 from design.tissue import Tissue
 from design.toolpath.correction import NEUTRAL, Corrections
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load, steady_flow
-from printctl.compensation import CompensationFile, corrections_of_file, load_compensation
-from printctl.flow.conditions import steady_conditions
+from printctl.analysis.flow.conditions import steady_conditions
+from printctl.corrections.compensation import (
+    CompensationFile,
+    corrections_of_file,
+    load_compensation,
+)
 from printctl.pipeline.head_contents import Filled, filled_heads
 from printctl.pipeline.heads import vessel_heads
+from printctl.pipeline.plates.place import WellDish
+from printctl.pipeline.plates.sweep import varied_ink
 from printctl.pipeline.tissue_source import make_tissue
-from printctl.plates.place import WellDish
-from printctl.plates.sweep import varied_ink
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
 from printctl.recipe.making import Embedded, FileScan, SimulatedScan

@@ -6,11 +6,11 @@ from typing import Final
 
 from design.toolpath import Toolpath
 from design.toolpath.lag import compensate_lag
-from printctl.bead import lag_of
+from printctl.checks.bead import lag_of
 from printctl.errors import UsageError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.head_contents import Filled
-from sim.bead import nozzle_of
+from sim.gcode.bead import nozzle_of
 
 OF_SPEED: Final = 0.5
 """Of the plunger's fastest, at which pressure is built and taken back."""

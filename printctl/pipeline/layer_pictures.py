@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from printctl.gcode_view import Pushing, read_job, read_line_map
-from printctl.gcode_view.outline import Design, PartOutlines
+from printctl.checks.gcode_view import Pushing, read_job, read_line_map
+from printctl.checks.gcode_view.outline import Design, PartOutlines
 from registration.report.gcode import GcodeJob, layer_figure
 from registration.report.gcode.colouring import Colouring, colourings
 

@@ -11,11 +11,11 @@ from typing import Any, Final
 
 from PIL import Image, ImageDraw, ImageFont
 
-from printctl.link.inserts import Insert
-from printctl.link.journalled_print import read_journal
-from printctl.link.record import JOURNAL
+from printctl.machine.link.inserts import Insert
+from printctl.machine.link.journalled_print import read_journal
+from printctl.machine.link.record import JOURNAL
+from printctl.machine.printing.journal_facts import read_journal_facts
 from printctl.observe.records import LookRecord, look_picture, read_looks
-from printctl.printing.journal_facts import read_journal_facts
 from registration.report.look_figure import LookRow, look_figure
 
 _MOST: Final = 96

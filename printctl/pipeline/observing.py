@@ -10,22 +10,22 @@ import yaml
 from design.files import write_text
 from design.network_files.csv_format import write_network_csv
 from kernels.arrays import FloatArray
-from printctl.link.care import Care
-from printctl.link.job import load_job
-from printctl.link.look_places import Written, look_places
-from printctl.link.marks import MarkKind
+from printctl.machine.link.care import Care
+from printctl.machine.link.job import load_job
+from printctl.machine.link.look_places import Written, look_places
+from printctl.machine.link.marks import MarkKind
+from printctl.machine.printing import usable_mm
+from printctl.machine.printing.executed_note import EXECUTED
 from printctl.observe.deciding import FlowLimits, GapTest, Limits
 from printctl.observe.devices import DeviceSettings
 from printctl.observe.devices.settings import PICTURES
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import ORDER
 from printctl.pipeline.context import RunContext
-from printctl.printing import usable_mm
-from printctl.printing.executed_note import EXECUTED
 from printctl.recipe.making import Embedded
 from printctl.recipe.observe import ObservePart, look_interval
 from printctl.run_folder.artefacts import GCODE
-from registration.camera_frame.frame import read_frame
+from registration.devices.camera_frame.frame import read_frame
 
 NETWORK_FILE: Final = "observed_network.csv"
 DEVICE_FILE: Final = "simulated_device.yaml"
@@ -44,7 +44,7 @@ _CARE: Final = {
 
 
 def look_care(part: ObservePart | None, *, embedded: bool) -> dict[str, Any]:
-    """When the print is held for a look, for `printctl.link.Care`."""
+    """When the print is held for a look, for `printctl.machine.link.Care`."""
     if part is None:
         return {}
     care: dict[str, Any] = {"look_limit_s": part.limit_s, "look_park_mm": part.park_mm}

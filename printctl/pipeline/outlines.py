@@ -8,8 +8,8 @@ from typing import Final
 from rich.console import Console
 
 from design.toolpath.fresh import Compensation
+from printctl.checks.gcode_view.outline import Design, PartOutlines
 from printctl.errors import UsageError
-from printctl.gcode_view.outline import Design, PartOutlines
 from printctl.pipeline.apply_compensation import written_solid
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.written_layers import run_context

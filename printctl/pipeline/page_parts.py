@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from design.network import VesselNetwork
-    from registration.views import Views
+    from registration.report.views import Views
 
 
 @dataclass(frozen=True, eq=False)

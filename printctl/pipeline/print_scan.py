@@ -14,13 +14,16 @@ from pydantic import ValidationError
 from design.files import write_text
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
 from firmware_profiles.wrong_values import wording
+from printctl.checks.set_up.by_name import of_each
 from printctl.errors import UsageError
-from printctl.link.grown_text import grown_text
-from printctl.link.history_entry import PrintEntry
-from printctl.link.job import parse_job
-from printctl.link.printed_job import grown_in
-from printctl.link.record import JOURNAL, load_record
+from printctl.machine.link.grown_text import grown_text
+from printctl.machine.link.history_entry import PrintEntry
+from printctl.machine.link.job import parse_job
+from printctl.machine.link.printed_job import grown_in
+from printctl.machine.link.record import JOURNAL, load_record
+from printctl.machine.printing.executed_note import EXECUTED, record_for
 from printctl.pipeline.context import LIGHT_REACHES_MM
+from printctl.pipeline.evidence import Evidence, evidence
 from printctl.pipeline.simulated_scan import (
     PrintedInk,
     deposit_voxel_mm,
@@ -31,17 +34,14 @@ from printctl.pipeline.simulated_scan import (
     written_box,
 )
 from printctl.pipeline.stages.scan import describe, write_truth
-from printctl.printing.executed_note import EXECUTED, record_for
 from printctl.recipe import Recipe
 from printctl.recipe.making import Embedded, SimulatedScan
-from printctl.records.evidence import Evidence, evidence
-from printctl.set_up.by_name import of_each
-from registration.readers import metadata
-from registration.writers import write_scan
-from sim.deposit.recorded_ink import read_record
-from sim.faults.fault_file import load_faults
-from sim.faults.ink_faults import NO_FAULTS
-from sim.motion.executed import ExecutedMotion
+from registration.files.readers import metadata
+from registration.files.writers import write_scan
+from sim.devices.faults.fault_file import load_faults
+from sim.devices.recorded_ink import read_record
+from sim.gcode.deposit.ink_faults import NO_FAULTS
+from sim.gcode.motion.executed import ExecutedMotion
 
 _CUBE_UM: Final = (80.0, 80.0, 80.0)
 """Voxels of a micro-CT where none are given, as of a run's."""

@@ -18,24 +18,24 @@ from design.toolpath.embedded import EmbeddedOptions, check_thinnest
 from design.toolpath.fresh import FreshOptions, check_lumens
 from firmware_profiles import Bath, Dish, Printer, load
 from kernels.arrays import FloatArray
-from printctl.pipeline.head_contents import Filled, filled_heads, needle_options
-from printctl.pipeline.heads import layer_lines_um, vessel_heads
-from printctl.pipeline.observable import refuse_unobservable
-from printctl.preflight.bore import bore_check, shipped_bores
-from printctl.preflight.mounted_checks import (
+from printctl.checks.preflight.bore import bore_check, shipped_bores
+from printctl.checks.preflight.mounted_checks import (
     bath_checks,
     chemistry_check,
     held_check,
     needle_check,
 )
-from printctl.preflight.profile_checks import profile_checks
-from printctl.preflight.wall_gaps import hub_check, wall_check
+from printctl.checks.preflight.profile_checks import profile_checks
+from printctl.checks.preflight.wall_gaps import hub_check, wall_check
+from printctl.checks.set_up import PlacedDish
+from printctl.checks.set_up.check import Check, refuse_failed
+from printctl.pipeline.head_contents import Filled, filled_heads, needle_options
+from printctl.pipeline.heads import layer_lines_um, vessel_heads
+from printctl.pipeline.observable import refuse_unobservable
 from printctl.recipe import Recipe
 from printctl.recipe.growth import GivenNetwork
 from printctl.recipe.making import Embedded, Fresh
 from printctl.recipe.tissue import Annulus, Block, Cylinder
-from printctl.set_up import PlacedDish
-from printctl.set_up.check import Check, refuse_failed
 
 
 def refuse_before(recipe: Recipe, recipe_folder: Path) -> None:

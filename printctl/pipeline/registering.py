@@ -13,7 +13,7 @@ from design.files import write_text
 from design.measures.morphometry import network_strahler_orders
 from design.network import VesselNetwork
 from design.solids import Solid
-from printctl.link.print_identity import print_identity
+from printctl.machine.link.print_identity import print_identity
 from printctl.observe.records import LOOKS
 from printctl.pipeline.facts import scan_origin
 from printctl.pipeline.measurement_record import Corrections, add_record
@@ -31,13 +31,13 @@ from printctl.run_folder.registration_files import (
 )
 from printctl.second_process import Call, SecondProcess
 from registration import RegistrationReport, Scan, report_dict
-from registration.judging import Tolerances, judge, withhold_unsure
-from registration.optics import is_resampled
+from registration.devices.optics import is_resampled
+from registration.measuring.judging import Tolerances, judge, withhold_unsure
 from registration.report import ReportSurface
 from registration.report.deviation_surfaces import split_surfaces
 from registration.report.packing import pack_surfaces
+from registration.report.views import add_scan_places, take_views
 from registration.result import SIGN, scaled_vertices
-from registration.views import add_scan_places, take_views
 
 if TYPE_CHECKING:
     from design.solids.lumen_axes import FoundLumens
@@ -168,7 +168,7 @@ class RegisteredScan:
         if not self.model.is_dir():
             return {}, []
         # All that makes a run; a lone STL doesn't wait for it.
-        from printctl.feedback import NO_ORIGIN, keep_origin
+        from printctl.corrections.feedback import NO_ORIGIN, keep_origin
 
         made = keep_origin(self.model, self.source, out)
         if NO_ORIGIN not in made:

@@ -18,7 +18,7 @@ from printctl.recipe.defects import (
     OcclusionPart,
     StenosisPart,
 )
-from sim.scanner import Defect
+from sim.devices.scanner import Defect
 
 _WIDER = 1.25
 """Gel fills a lumen to so much of its designed radius: lines may have left it wider."""

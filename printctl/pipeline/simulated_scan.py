@@ -15,11 +15,7 @@ from kernels.arrays import FloatArray
 from printctl.errors import UsageError
 from printctl.recipe.making import SimulatedScan
 from registration import Scan
-from sim.deposit.lay import Deposit, deposit, deposit_of_heads, unite_deposits
-from sim.deposit.pneumatic import pneumatic_deposit
-from sim.faults.ink_faults import NO_FAULTS, InkFaults
-from sim.motion.executed import ExecutedMotion
-from sim.scanner import (
+from sim.devices.scanner import (
     MicroCtOptions,
     OctOptions,
     Placing,
@@ -27,6 +23,10 @@ from sim.scanner import (
     simulate_microct,
     simulate_oct,
 )
+from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults
+from sim.gcode.deposit.lay import Deposit, deposit, deposit_of_heads, unite_deposits
+from sim.gcode.deposit.pneumatic import pneumatic_deposit
+from sim.gcode.motion.executed import ExecutedMotion
 
 MAX_SCAN_MB: Final = 1000.0
 """A larger scan is made on request alone: registering one takes six times its size in memory."""

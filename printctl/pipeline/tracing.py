@@ -17,10 +17,10 @@ from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselNetwork
 from firmware_profiles import Printer
 from kernels.arrays import FloatArray, IntArray
-from printctl.lumens.strokes import plunger_strokes, valve_strokes
+from printctl.checks.lumens.strokes import plunger_strokes, valve_strokes
 from registration import RegistrationReport
-from sim.deposit.strands import Strands
-from sim.heads.valve import read_with_valve
+from sim.gcode.deposit.strands import Strands
+from sim.gcode.heads.valve import read_with_valve
 
 _ALONG_MM = 0.2
 """Places along a defect at which moves beside it are looked for."""

@@ -1,4 +1,4 @@
-"""Verdict on a print, from the decisions of `registration.judging`, the pose and the flow."""
+"""Verdict on a print from the decisions of `measuring.judging`, the pose and the flow."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import Any, Final
 import numpy as np
 
 from kernels.arrays import FloatArray
-from registration.judging import (
+from registration.measuring.judging import (
     Decision,
     decision_at_sure_pose,
     pose_in_doubt,
     reason,
     worst_decision,
 )
+from registration.measuring.topology.overlap import MAX_FOREIGN, MIN_OPEN
 from registration.report.gauging_sections import pressure_words
-from registration.topology.overlap import MAX_FOREIGN, MIN_OPEN
 
 Record = Mapping[str, Any]
 Finding = tuple[Decision, str]
@@ -46,7 +46,7 @@ def verdict(registration: Record) -> dict[str, Any]:
     Parameters
     ----------
     registration : dict
-        Of registration.json, as `registration.judging.judge` returned it.
+        Of registration.json, as `registration.measuring.judging.judge` returned it.
 
     Returns
     -------

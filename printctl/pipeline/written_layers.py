@@ -12,9 +12,9 @@ from rich.console import Console
 from design.solids import Solid, read_solid
 from design.toolpath.correction import Corrections, Stretch
 from kernels.arrays import FloatArray
-from printctl.compensation import corrections_of_file, load_compensation
+from printctl.checks.gcode_view import Pushing, read_job, read_line_map
+from printctl.corrections.compensation import corrections_of_file, load_compensation
 from printctl.errors import UsageError
-from printctl.gcode_view import Pushing, read_job, read_line_map
 from printctl.pipeline.context import RunContext, default_place
 from printctl.progress import StageBars
 from printctl.recipe import parse_recipe

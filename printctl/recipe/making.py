@@ -32,9 +32,9 @@ from printctl.recipe.priming import PrimePart
 from printctl.recipe.record import RecordPart
 from printctl.recipe.regions import FillingPart, RegionPart
 from printctl.recipe.tolerances import Sides, TolerancesPart
-from registration.geometry.datum import read_datums
-from registration.judging.rule import DecisionRule, Rule
-from registration.judging.tolerance import Tolerances
+from registration.measuring.geometry.datum import read_datums
+from registration.measuring.judging.rule import DecisionRule, Rule
+from registration.measuring.judging.tolerance import Tolerances
 
 Percent = Annotated[float, Field(ge=-30, le=30, allow_inf_nan=False)]
 Speed = Annotated[float, Field(gt=0, le=1000)]

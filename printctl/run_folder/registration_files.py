@@ -16,13 +16,13 @@ from design.network import VesselNetwork
 from design.solids import Solid, write_ply
 from printctl.run_folder.manifest import digest_file
 from registration import RegistrationReport, Scan
-from registration.exports import (
+from registration.files.exports import (
     write_axes_vtp,
     write_scan_nrrd,
     write_surface_vtp,
     write_tables,
 )
-from registration.gauging.near_lumen import split_summary
+from registration.measuring.gauging.near_lumen import split_summary
 from registration.result import scaled_vertices
 
 DEVIATION = "deviation.ply"

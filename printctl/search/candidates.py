@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from printctl.errors import RecipeError
-from printctl.plates import Point
+from printctl.pipeline.plates import Point
 from printctl.recipe import Recipe, load_recipe
 from printctl.recipe.override import overridden
 from printctl.search.draw import drawn

@@ -29,8 +29,8 @@ from design.measures import measure_network, measures_dict
 from design.network_files.csv_format import write_network_csv
 from design.tissue import Tissue
 from firmware_profiles import ProfileError
+from printctl.analysis.flow.steady import shear_band
 from printctl.errors import PrintctlError
-from printctl.flow.steady import shear_band
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import input_digests
 from printctl.pipeline.printability import printability

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from design.files import write_text
+from printctl.analysis.flow.ranks.slurm import SlurmJob, batch_head, slurm_job
 from printctl.errors import PrintctlError, UsageError
-from printctl.flow.ranks.slurm import SlurmJob, batch_head, slurm_job
 from printctl.search.guarded import guarded_cluster
 
 _ASKING_S: Final = 60.0

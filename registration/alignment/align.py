@@ -10,6 +10,7 @@ import numpy as np
 from kernels.arrays import FloatArray
 from registration.alignment.choice import PosePoints, thin_points
 from registration.alignment.compare_poses import residuals
+from registration.alignment.distance import ModelSurface, distance_grid
 from registration.alignment.doubts import LEAST_SEEN, pose_doubts
 from registration.alignment.fit import RIGID, Fit, FitFreedom, refine
 from registration.alignment.freedoms import loose_freedoms
@@ -19,9 +20,8 @@ from registration.alignment.motion import orientation_words
 from registration.alignment.options import AlignmentOptions
 from registration.alignment.rivals import AlternativePose
 from registration.alignment.search import Search
-from registration.distance import ModelSurface, distance_grid
+from registration.alignment.uncertainty import ScanErrors
 from registration.errors import AlignmentError
-from registration.uncertainty import ScanErrors
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
+from registration.alignment.distance import ModelSurface
 from registration.alignment.fit import Fit
-from registration.distance import ModelSurface
 
 CAP_MM = 0.5
 """Deviations count up to this much when poses are compared."""

@@ -11,8 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from kernels.arrays import FloatArray
+from registration.alignment.distance import ModelSurface
 from registration.alignment.fit import Fit
-from registration.distance import ModelSurface
 
 OFF_DEG, OFF_MM = 1.0, np.array([0.1, -0.1, 0.05])
 """Where it starts from, from our pose: about the part's middle, and along x, y, z."""

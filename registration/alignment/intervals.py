@@ -15,9 +15,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from kernels.arrays import FloatArray, IntArray
+from registration.alignment.distance import ModelSurface
 from registration.alignment.fit import Fit, FitFreedom, Linearised, facing, linearised
-from registration.distance import ModelSurface
-from registration.uncertainty import Budget, ScanErrors, Term
+from registration.alignment.uncertainty import Budget, ScanErrors, Term
 
 PATCH_MM = 0.5
 """Points of one cell of this edge err together."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from kernels.arrays import FloatArray
+from registration.alignment.distance import ModelSurface
 from registration.alignment.fit import Fit, evenness, facing
 from registration.alignment.motion import AXES
-from registration.distance import ModelSurface
 
 OFF_MM = 0.075
 """A side whose median is off by more contradicts the pose: faces of 3 mm of depth of which one is

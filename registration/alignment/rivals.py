@@ -9,10 +9,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from kernels.arrays import FloatArray
+from registration.alignment.distance import ModelSurface
 from registration.alignment.fit import Fit
 from registration.alignment.motion import motion_words
 from registration.alignment.search import Search
-from registration.distance import ModelSurface
 
 DESIGN_POINTS = 12_000
 """On the design's surface, to find where two poses differ."""

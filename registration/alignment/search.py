@@ -8,11 +8,11 @@ from itertools import product
 import numpy as np
 
 from kernels.arrays import FloatArray
+from registration.alignment.distance import DistanceGrid, ModelSurface
 from registration.alignment.fit import Fit
 from registration.alignment.multistart import descend, losses
 from registration.alignment.options import AlignmentOptions
 from registration.alignment.rotations import spread_rotations
-from registration.distance import DistanceGrid, ModelSurface
 
 THIN, MEDIUM = 160, 450
 """Points for the first look at all orientations, and for the first descent."""

@@ -16,7 +16,7 @@ class SharedDefect:
     Attributes
     ----------
     kind : str
-        See `registration.gauging.Defect`.
+        See `registration.measuring.gauging.Defect`.
     vessel : int
     other : int or None
         The vessel that a bridge leads to.

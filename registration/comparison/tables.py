@@ -7,7 +7,7 @@ from typing import Any
 from registration.comparison.compare import Comparison
 from registration.comparison.intervals import Interval
 from registration.comparison.vessels import VesselSpread
-from registration.exports.tables import as_csv
+from registration.files.exports.tables import as_csv
 from registration.json_ready import json_ready
 
 

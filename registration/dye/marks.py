@@ -13,8 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from design.network import VesselNetwork
 from firmware_profiles.wrong_values import wording
 from firmware_profiles.yaml_file import read_yaml
+from registration.devices.lens import Lens
 from registration.errors import DyeError
-from registration.lens import Lens
 
 FloatArray = NDArray[np.float64]
 Finite = Annotated[float, Field(allow_inf_nan=False)]

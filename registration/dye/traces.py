@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from registration.devices.lens import Lens
 from registration.dye.film import Frame, film_frames
 from registration.dye.marks import FloatArray
 from registration.dye.stabilise import (
@@ -22,7 +23,6 @@ from registration.dye.stabilise import (
 from registration.dye.stations import DyeStations, place_stations
 from registration.dye.view import View
 from registration.errors import DyeError
-from registration.lens import Lens
 
 BASELINE_S, BASELINE_FRAMES, END_SHARE = 0.5, 5, 0.1
 """Frames before dye are the first half second, five at least; the end is the last tenth."""

@@ -12,8 +12,7 @@ from typing import Final
 import numpy as np
 
 from design.network import VesselNetwork
-from registration.dye.marks import FloatArray, Marks, marked_points
-from registration.dye.perspective import (
+from registration.devices.lens.perspective import (
     FEWEST,
     find_homography,
     mapped,
@@ -21,6 +20,7 @@ from registration.dye.perspective import (
     slopes,
     spread_out,
 )
+from registration.dye.marks import FloatArray, Marks, marked_points
 from registration.errors import DyeError
 
 _RIGHT_AND_UP: Final = {

@@ -11,11 +11,11 @@ from scipy.ndimage import maximum_filter
 
 from kernels.arrays import FloatArray
 from registration.overlay.raster import Raster
+from registration.overlay.sampling import trilinear
 from registration.scan import Scan
 from registration.segmentation import Segmentation
 from registration.segmentation.filters import bin_mean
 from registration.segmentation.volume import GelField, Strength
-from registration.views.sampling import trilinear
 
 Mask = NDArray[np.bool_]
 

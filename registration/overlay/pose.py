@@ -12,7 +12,7 @@ import numpy as np
 from design.solids.solid import Solid
 from kernels.arrays import FloatArray
 from registration.alignment import align
-from registration.distance import ModelSurface
+from registration.alignment.distance import ModelSurface
 from registration.errors import AlignmentError, RegistrationError
 from registration.scan import Scan
 from registration.segmentation import Segmentation

@@ -9,9 +9,9 @@ from matplotlib.colors import Normalize
 
 from design.network import VesselNetwork
 from registration.dye import DyeReport
-from registration.picture.colours import DIVERGING, NO_DATA
 from registration.report.drawing import blank, styled, to_svg
 from registration.report.figures import OUTSIDE
+from registration.report.picture.colours import DIVERGING, NO_DATA
 from registration.report.svg import ACCENT, INK, MUTED, PAPER
 
 _WIDE_PX = 900

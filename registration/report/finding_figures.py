@@ -11,14 +11,14 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from registration.judging import list_findings
+from registration.measuring.judging import list_findings
 from registration.report.drawing import styled, to_svg
 from registration.report.sections import mapping, records
 from registration.report.svg import MUTED
+from registration.report.views import FindingView, SectionStack, Views
+from registration.report.views.findings import Panel
+from registration.report.views.mesh_cut import join_lines
 from registration.report.wording import is_number
-from registration.views import FindingView, SectionStack, Views
-from registration.views.findings import Panel
-from registration.views.mesh_cut import join_lines
 
 Record = Mapping[str, Any]
 

@@ -11,9 +11,9 @@ from markupsafe import Markup
 
 from design.files import write_text
 from design.network import VesselNetwork
-from registration.picture import Quantity
 from registration.report.network_view import MAX_PIECES, network_view
 from registration.report.page_frame import environment, scene, style
+from registration.report.picture import Quantity
 from registration.report.scripts import ENTRY, content_policy, import_map
 from registration.report.surface import ReportSurface
 from registration.report.wording import number

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.network import FloatArray, IntArray, VesselNetwork
-from registration.picture import FLOW, GAUGED, Quantity, VesselQuantities, quantities
 from registration.report.packing import pack, pack_positions
+from registration.report.picture import FLOW, GAUGED, Quantity, VesselQuantities, quantities
 from registration.report.sections import mapping, records
 from registration.report.tables import Record, vessel_index
 from registration.report.wording import is_number

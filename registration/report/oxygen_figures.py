@@ -12,9 +12,9 @@ from matplotlib.colors import Normalize
 
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
-from registration.picture.colours import SEQUENTIAL
 from registration.report.drawing import blank, styled, to_svg
 from registration.report.figures import OUTSIDE
+from registration.report.picture.colours import SEQUENTIAL
 from registration.report.svg import ACCENT, INK, MUTED, PAPER
 
 if TYPE_CHECKING:

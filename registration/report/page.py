@@ -12,8 +12,7 @@ from markupsafe import Markup
 
 from design.files import write_text
 from design.network import VesselNetwork
-from registration.judging import list_findings
-from registration.picture.pressures import point_pressure
+from registration.measuring.judging import list_findings
 from registration.report import sections
 from registration.report.added_section import AddedSection
 from registration.report.budget_table import budget_table
@@ -37,14 +36,15 @@ from registration.report.network_view import columns, report_view
 from registration.report.oxygen_figures import oxygen_histogram
 from registration.report.packing import Surfaces
 from registration.report.page_frame import environment, scene, style
+from registration.report.picture.pressures import point_pressure
 from registration.report.record import record_facts
 from registration.report.scripts import ENTRY, content_policy, import_map
 from registration.report.section_view import section_view
 from registration.report.sections import mapping, records
 from registration.report.svg import inline_figure
+from registration.report.views import Views
 from registration.report.wording import is_number
 from registration.report.zones import ZONE_NOTE, frame_lines, zone_table
-from registration.views import Views
 
 _HERE: Final = Path(__file__).parent
 PLACES: Final = (

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from registration.report.packing import pack
 from registration.report.sections import records
-from registration.views import Views
-from registration.views.stack import PIXELS, SectionStack
+from registration.report.views import Views
+from registration.report.views.stack import PIXELS, SectionStack
 
 LEVELS: Final = 16
 """Shades in the page: half of what all 256 would take, and below what speckle lets an eye see."""

@@ -7,7 +7,7 @@ from benchmarks.link_files import START_MM, STEPS_PER_MM, zigzag
 from benchmarks.link_runs import ends_of, facts, new_printer, run
 from benchmarks.link_virtual import fault_rows, kill_rows, uart_rows
 from benchmarks.link_wire import BreakingTroubles
-from sim.dry_run.run import dry_run
+from sim.gcode.dry_run.run import dry_run
 
 
 def unmet(rows):

@@ -15,7 +15,7 @@ MOST_LINES = 70
 
 
 def paths(text: str) -> list[str]:
-    """Paths of ours that a page names, such as ``sim/dry_run/run.py`` and ``printctl/gate/``."""
+    """Paths of ours that a page names, such as ``sim/gcode/dry_run/run.py``."""
     roots = "design|docs|examples|firmware_profiles|kernels|printctl|registration|sim|tests"
     return re.findall(rf"`((?:{roots})/[\w/.]*)`", text)
 

@@ -63,8 +63,12 @@ def test_each_listed_kernel_is_there_with_its_types() -> None:
 
 
 def test_a_list_is_read_by_works(tmp_path, monkeypatch) -> None:
-    one = NeededKernel("sim.motion.planner:plan", types_text([types.int64]), frozenset({"a", "b"}))
-    other = NeededKernel("sim.motion.planner:plan", types_text([types.float64]), frozenset({"b"}))
+    one = NeededKernel(
+        "sim.gcode.motion.planner:plan", types_text([types.int64]), frozenset({"a", "b"})
+    )
+    other = NeededKernel(
+        "sim.gcode.motion.planner:plan", types_text([types.float64]), frozenset({"b"})
+    )
     path = tmp_path / "list.jsonl"
     write([one, other], path)
     monkeypatch.setattr("kernels.needed.LIST", path)

@@ -26,7 +26,7 @@ HEAVY = (
     "scipy",
     "shapely",
     "skimage",
-    "sim.program.gcode",
+    "sim.gcode.program.gcode",
     "trimesh",
 )
 PAGES = tuple(f"printctl.web.{room}.page" for room in ROOMS)
@@ -39,19 +39,19 @@ ON_DEMAND = (
     "design.toolpath.embedded",
     "design.toolpath.fresh",
     "design.toolpath.gcode",
-    "printctl.bead",
+    "printctl.checks.bead",
     "printctl.calibration",
-    "printctl.gcode_view",
-    "printctl.preflight",
-    "printctl.printing",
+    "printctl.checks.gcode_view",
+    "printctl.checks.preflight",
+    "printctl.machine.printing",
     "printctl.web.live",
     "printctl.recipe",
-    "registration.gauging",
-    "registration.picture",
-    "registration.readers",
+    "registration.measuring.gauging",
+    "registration.report.picture",
+    "registration.files.readers",
     "registration.report",
     "registration.report.gcode",
-    "registration.views",
+    "registration.report.views",
 )
 
 
@@ -77,10 +77,10 @@ def _loaded(steps: tuple[tuple[str, ...], ...]) -> list[set[str]]:
 
 
 BEGUN = (
-    "printctl.station.__main__",
-    "printctl.station",
-    "printctl.link.__main__",
-    "printctl.link.client",
+    "printctl.machine.station.__main__",
+    "printctl.machine.station",
+    "printctl.machine.link.__main__",
+    "printctl.machine.link.client",
     "printctl.web.stop_process.__main__",
     "printctl.recipe",
     "printctl.cli.register",
@@ -90,7 +90,7 @@ BEGUN = (
 )
 """Stations, links, their clients, the stop process, recipes, a command's help, the server."""
 STEPS = (
-    ("printctl.link", "printctl.gate", "printctl.cli.status"),
+    ("printctl.machine.link", "printctl.checks.gate", "printctl.cli.status"),
     BEGUN,
     ("printctl.cli.run", "printctl.cli.toolpath"),
 )

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from design.network import VesselNetwork
 from design.solids.solid import Solid
 from registration.scan import Scan
-from sim.deposit.lay import Deposit
-from sim.scanner import ScannerOutput
+from sim.devices.scanner import ScannerOutput
+from sim.gcode.deposit.lay import Deposit
 
 FloatArray = NDArray[np.float64]
 PLACE = np.array([60.0, 50.0, 0.5])

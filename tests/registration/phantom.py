@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter
 from design.network import VesselNetwork
 from design.solids.solid import Solid
 from registration.alignment import Fit
-from registration.gauging import VesselTrace, trace_vessels
+from registration.measuring.gauging import VesselTrace, trace_vessels
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh
 from tests.registration.parts import lumens, solid

@@ -8,7 +8,7 @@ import pytest
 from design.network import VesselNetwork
 from registration import RegistrationOptions, RegistrationReport, Scan, register_scan
 from registration.alignment import AlignmentOptions
-from sim.scanner import (
+from sim.devices.scanner import (
     MicroCtOptions,
     OctOptions,
     Placing,

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 from design.solids.solid import Solid
 from registration.alignment import AlignmentOptions, align
 from registration.alignment.compare_poses import deviation_where_different
-from registration.distance import ModelSurface
+from registration.alignment.distance import ModelSurface
+from registration.alignment.uncertainty import ScanErrors
 from registration.errors import AlignmentError
-from registration.uncertainty import ScanErrors
 from tests.registration.parts import corners, planar_construct, rod, solid
 from tests.slower import first_of
 

@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from design.solids.solid import Solid
 from registration.alignment import Alignment, AlignmentOptions, align
+from registration.alignment.distance import ModelSurface
 from registration.alignment.freedoms import loose_freedoms
 from registration.alignment.motion import motion_words, orientation_words
 from registration.alignment.rotations import spread_rotations
-from registration.distance import ModelSurface
 from registration.errors import AlignmentError
 from tests.registration.parts import corners, planar_construct, rod, solid
 from tests.registration.test_alignment import surface_points

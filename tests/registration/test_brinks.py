@@ -8,8 +8,8 @@ from typing import cast
 import numpy as np
 import pytest
 
-from registration.gauging import Defect, VesselTrace, drop_edge_changes
-from registration.gauging.defect import DefectKind
+from registration.measuring.gauging import Defect, VesselTrace, drop_edge_changes
+from registration.measuring.gauging.defect import DefectKind
 
 ALONG = (np.arange(40) + 0.5) * 0.1
 

@@ -11,8 +11,8 @@ import pytest
 
 from design.solids import block_solid
 from registration.alignment import Fit, cross_check
-from registration.distance import ModelSurface
-from registration.gauging import surface_points
+from registration.alignment.distance import ModelSurface
+from registration.measuring.gauging import surface_points
 
 SIZE = np.array([8.0, 5.0, 3.0])
 PLACE = Fit(np.eye(3), np.array([1.0, -2.0, 3.0]), np.array([1.02, 1.0, 0.99]), SIZE / 2)

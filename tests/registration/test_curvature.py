@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from registration.distance import ModelSurface
+from registration.alignment.distance import ModelSurface
 from registration.segmentation.nets import surface
 from tests.registration.parts import ball, rod, solid
 

@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from registration.alignment import Alignment, Uncertainty
-from registration.distance import ModelSurface
+from registration.alignment.distance import ModelSurface
+from registration.alignment.uncertainty import ScanErrors
 from registration.findings import Findings, Inspection, inspect
-from registration.gauging import deviations, find_changes
+from registration.measuring.gauging import deviations, find_changes
 from registration.segmentation import Segmentation, gel_evidence
-from registration.uncertainty import ScanErrors
 from tests.registration.phantom import (
     CHANNEL,
     IDENTITY,

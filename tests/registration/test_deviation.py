@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from design.solids.solid import Solid
 from registration.alignment import Fit
-from registration.distance import ModelSurface
-from registration.gauging import (
+from registration.alignment.distance import ModelSurface
+from registration.measuring.gauging import (
     ScannedSurface,
     deviations,
     hausdorff_p95_um,

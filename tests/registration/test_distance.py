@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from design.geometry import boxes_of, build_hierarchy
-from registration.distance import ModelSurface, distance_grid
+from registration.alignment.distance import ModelSurface, distance_grid
 from tests.registration.parts import planar_construct, planar_distance, solid
 from tests.slower import examples
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from registration.alignment import Fit
+from registration.alignment.distance import ModelSurface
 from registration.alignment.doubts import rival_words
 from registration.alignment.rivals import AlternativePose, describe, may_lie_otherwise
-from registration.distance import ModelSurface
 from registration.notes import depth_notes, unlisted_notes
 from tests.registration.parts import solid
 

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from registration import RegistrationReport, Scan
-from registration.exports import (
+from registration.files.exports import (
     write_axes_vtp,
     write_scan_nrrd,
     write_surface_vtp,
     write_tables,
 )
-from registration.exports.tables import as_csv
-from registration.gauging import Defect
+from registration.files.exports.tables import as_csv
+from registration.measuring.gauging import Defect
 from tests.registration.parts import as_scan, planar_network
 from tests.registration.registered import planar_part
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from design.geometry.surface import Surface
-from registration.gauging.face_places import FacePlace, ScannedFaces
+from registration.measuring.gauging.face_places import FacePlace, ScannedFaces
 from registration.report.sections import place_rows
 
 SIDE, STEP = 200, 0.025

@@ -9,10 +9,10 @@ import pytest
 
 from design.network import VesselNetwork
 from registration.alignment import Fit
-from registration.distance import ModelSurface
-from registration.gauging import deviations, find_changes, summarise, trace_vessels
-from registration.gauging.planes import clearances, stations
-from registration.gauging.sections import Planes, cut_sections, oval_conductance
+from registration.alignment.distance import ModelSurface
+from registration.measuring.gauging import deviations, find_changes, summarise, trace_vessels
+from registration.measuring.gauging.planes import clearances, stations
+from registration.measuring.gauging.sections import Planes, cut_sections, oval_conductance
 from registration.notes import sight_notes
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from registration.gauging import VesselTrace, without_gel_like
+from registration.measuring.gauging import VesselTrace, without_gel_like
 from registration.segmentation import Segmentation, gel_evidence
 from tests.registration.phantom import CHANNEL, IDENTITY, VOXEL, WIDE, block, ladder, traces
 

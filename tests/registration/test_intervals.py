@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 from design.solids import Solid, block_solid
+from registration.alignment.distance import ModelSurface
 from registration.alignment.fit import Fit, FitFreedom, refine
 from registration.alignment.intervals import (
     BLOCK_MM,
@@ -17,8 +18,7 @@ from registration.alignment.intervals import (
     fit_errors,
     uncertainty,
 )
-from registration.distance import ModelSurface
-from registration.uncertainty import ScanErrors
+from registration.alignment.uncertainty import ScanErrors
 
 SIZE = np.array([8.0, 5.0, 3.0])
 START = Fit(np.eye(3), np.zeros(3), np.ones(3), SIZE / 2)

@@ -9,9 +9,9 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.gauging.junctions import find_junction_changes
-from registration.gauging.trace import VesselTrace
-from registration.gauging.vessels import VesselGauge, without_resistance
+from registration.measuring.gauging.junctions import find_junction_changes
+from registration.measuring.gauging.trace import VesselTrace
+from registration.measuring.gauging.vessels import VesselGauge, without_resistance
 
 FloatArray = NDArray[np.float64]
 NOISY = 0.06

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from design.network import VesselNetwork
-from registration.distance import ModelSurface
-from registration.topology import agreement
-from registration.topology.overlap import Agreement
+from registration.alignment.distance import ModelSurface
+from registration.measuring.topology import agreement
+from registration.measuring.topology.overlap import Agreement
 from tests.registration.parts import lumens, solid
 from tests.registration.phantom import BLOCK, IDENTITY, block, ladder, ladder_construct
 

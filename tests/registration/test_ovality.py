@@ -8,11 +8,11 @@ from scipy.ndimage import gaussian_filter
 
 from design.network import VesselNetwork
 from registration.alignment import Fit
-from registration.gauging import trace_vessels
-from registration.gauging.ovality import Oval, ovality
+from registration.alignment.uncertainty import ScanErrors, section_errors
+from registration.measuring.gauging import trace_vessels
+from registration.measuring.gauging.ovality import Oval, ovality
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh
-from registration.uncertainty import ScanErrors, section_errors
 
 VOXEL, LENGTH, RADIUS = 0.025, 3.0, 0.2
 LINE = VesselNetwork.from_segments(

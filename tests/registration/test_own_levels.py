@@ -13,13 +13,13 @@ from scipy.ndimage import gaussian_filter
 from design.network import VesselNetwork
 from design.solids.solid import Solid
 from registration.alignment import Fit
-from registration.distance import ModelSurface
-from registration.gauging import VesselTrace, trace_vessels
-from registration.gauging.own_levels import MOST, THIN_GEL, with_own_levels
-from registration.gauging.sections import RAYS
+from registration.alignment.distance import ModelSurface
+from registration.alignment.uncertainty import ScanErrors, section_errors
+from registration.measuring.gauging import VesselTrace, trace_vessels
+from registration.measuring.gauging.own_levels import MOST, THIN_GEL, with_own_levels
+from registration.measuring.gauging.sections import RAYS
 from registration.segmentation import GelField, Segmentation, Strength
 from registration.segmentation.mesh import surface_mesh
-from registration.uncertainty import ScanErrors, section_errors
 from tests.registration.parts import lumens, solid
 from tests.slower import first_rows
 

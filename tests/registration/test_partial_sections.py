@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from registration.gauging.sections import RAYS, Planes, Sections, cut_sections, partial_noise
+from registration.measuring.gauging.sections import (
+    RAYS,
+    Planes,
+    Sections,
+    cut_sections,
+    partial_noise,
+)
 from registration.segmentation.volume import GelField
 
 RADIUS, BLUR = 0.15, 0.02

@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from registration.gauging.changes import _defects, _Series
-from registration.gauging.defect import Defect
-from registration.gauging.peak import peak_of
-from registration.gauging.sections import RAYS
+from registration.measuring.gauging.changes import _defects, _Series
+from registration.measuring.gauging.defect import Defect
+from registration.measuring.gauging.peak import peak_of
+from registration.measuring.gauging.sections import RAYS
 from tests.registration.phantom import CHANNEL, block, traces
 from tests.slower import first_of
 

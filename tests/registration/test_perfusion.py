@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from design.hemodynamics import FlowConditions, solve_flow
-from registration.gauging import printed_network
-from registration.gauging.perfusion import fed_vessels, perfusion
+from registration.measuring.gauging import printed_network
+from registration.measuring.gauging.perfusion import fed_vessels, perfusion
 from tests.registration.phantom import CHANNEL, WIDE, block, ladder, traces
 from tests.registration.test_defects import plug
 

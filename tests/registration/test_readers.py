@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from registration import Scan, ScanOverrides, read_scan, write_scan_tiff
 from registration.errors import ScanFileError
-from registration.readers.metadata import describe
+from registration.files.readers.metadata import describe
 from tests.slower import examples
 
 

@@ -12,7 +12,7 @@ from design.network import VesselNetwork
 from registration import RegistrationReport, register_scan, report_dict
 from registration.errors import AlignmentError, RegistrationError, SegmentationError
 from registration.scan import Scan
-from sim.scanner import ScannerOutput
+from sim.devices.scanner import ScannerOutput
 from tests.registration.parts import (
     BLOCK,
     as_scan,

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from registration import read_scan
-from registration.readers import limits, storage, tiff
+from registration.files.readers import limits, storage, tiff
+from registration.files.writers import write_scan_zarr
 from registration.scan import Scan
-from registration.writers import write_scan_zarr
-from tests.registration.readers.crafted import MODALITY, OCT, counts, scan, thorlabs
+from tests.registration.files.readers.crafted import MODALITY, OCT, counts, scan, thorlabs
 from tests.slower import examples
 
 

@@ -8,8 +8,8 @@ import pytest
 
 from design.network import VesselNetwork
 from registration.alignment import Fit
-from registration.distance import ModelSurface
-from registration.gauging import VesselTrace, trace_vessels, with_mouths
+from registration.alignment.distance import ModelSurface
+from registration.measuring.gauging import VesselTrace, trace_vessels, with_mouths
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh
 from tests.registration.parts import lumen_distance, lumens, solid

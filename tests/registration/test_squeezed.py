@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from registration.gauging.changes import _defects, _Series
-from registration.gauging.sections import RAYS
+from registration.measuring.gauging.changes import _defects, _Series
+from registration.measuring.gauging.sections import RAYS
 from tests.registration.phantom import CHANNEL, block, traces
 
 

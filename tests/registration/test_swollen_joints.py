@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from registration.gauging.defect import Defect
+from registration.measuring.gauging.defect import Defect
 from tests.registration.phantom import CHANNEL, block
 from tests.registration.test_defects import findings, hole
 from tests.slower import first_of

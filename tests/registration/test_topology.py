@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from skimage.measure import euler_number as peer_euler
 
 from design.network import VesselNetwork
-from registration.topology import (
+from registration.measuring.topology import (
     Betti,
     Faults,
     betti_numbers,
@@ -18,7 +18,7 @@ from registration.topology import (
     overlap,
     scanned_with,
 )
-from registration.topology.euler import euler_number, without_specks
+from registration.measuring.topology.euler import euler_number, without_specks
 from tests.registration.phantom import BLOCK, IDENTITY, block, ladder
 from tests.slower import examples
 

@@ -9,13 +9,13 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from design.geometry.surface import Surface
+from registration.alignment.uncertainty import MOST_UNEVEN, ScanErrors, scan_errors
+from registration.alignment.uncertainty.scan_errors import LEVEL_PART
 from registration.notes import uneven_notes
 from registration.scan import Scan
 from registration.segmentation import GelField, Segmentation, Strength
 from registration.segmentation.unevenness import unevenness
 from registration.segmentation.working import Working
-from registration.uncertainty import MOST_UNEVEN, ScanErrors, scan_errors
-from registration.uncertainty.scan_errors import LEVEL_PART
 
 VOXEL = 0.025
 WORKING = Working((1, 1, 1), np.ones(3), np.full(3, VOXEL), np.zeros(3), 0.03)

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from design.solids import Solid
 from registration import RegistrationReport, Scan, report_dict
-from registration.judging import Tolerances, VesselLimits, judge
-from registration.judging.tolerance import symmetric
-from registration.views import Views, add_scan_places, load_views, save_views, take_views
-from registration.views.mesh_cut import cut_mesh, join_lines
-from registration.views.sampling import Shades
-from registration.views.stack import PIXELS, chosen_sections
+from registration.measuring.judging import Tolerances, VesselLimits, judge
+from registration.measuring.judging.tolerance import symmetric
+from registration.overlay.sampling import Shades
+from registration.report.views import Views, add_scan_places, load_views, save_views, take_views
+from registration.report.views.mesh_cut import cut_mesh, join_lines
+from registration.report.views.stack import PIXELS, chosen_sections
 from tests.registration.parts import as_scan, planar_construct
 from tests.registration.registered import planar_part
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from registration.gauging.wall_profile import wall_profile, with_told_walls
+from registration.alignment.uncertainty import ScanErrors
+from registration.measuring.gauging.wall_profile import wall_profile, with_told_walls
 from registration.segmentation import Segmentation
 from registration.segmentation.volume import Strength
-from registration.uncertainty import ScanErrors
 from registration.wall_reference import WallCalibration
 from tests.registration.phantom import as_designed, block, traces
 

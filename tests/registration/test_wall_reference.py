@@ -15,19 +15,19 @@ from design.network import VesselNetwork
 from registration import ScanOverrides, register_scan
 from registration.alignment import Fit
 from registration.corrected import corrected_scan
+from registration.devices.optics import OctCalibration, write_calibration
 from registration.errors import RegistrationError
-from registration.gauging import ScannedSurface
-from registration.gauging.sections import cut_sections
-from registration.optics import OctCalibration, write_calibration
+from registration.files.writers import write_scan
+from registration.measuring.gauging import ScannedSurface
+from registration.measuring.gauging.sections import cut_sections
 from registration.overlay import Cutter, Raster
 from registration.scan import Scan
 from registration.segmentation import Segmentation, SegmentationOptions, segment
 from registration.segmentation.volume import GelField
 from registration.wall_reference import ReferenceScan, WallCalibration, measured_walls
-from registration.writers import write_scan
-from sim.scanner import OctOptions, simulate_oct
+from sim.devices.scanner import OctOptions, simulate_oct
 from tests.registration import parts
-from tests.registration.readers import crafted
+from tests.registration.files.readers import crafted
 from tests.registration.registered import FAST
 from tests.registration.test_gauging import bore, planes
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from registration.measuring.topology import leaks
+from registration.measuring.topology.gel_paths import _scores, find_gel_paths
 from registration.segmentation import GelField, Segmentation, are_separable, gel_evidence
 from registration.segmentation.volume import Strength
-from registration.topology import leaks
-from registration.topology.gel_paths import _scores, find_gel_paths
 from tests.registration.phantom import CHANNEL, VOXEL, WIDE, block
 from tests.registration.test_defects import findings, hole
 from tests.slower import first_of

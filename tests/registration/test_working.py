@@ -18,7 +18,7 @@ from registration.segmentation.filters import (
     times_level,
 )
 from registration.segmentation.working import bins
-from tests.registration.readers.crafted import scan
+from tests.registration.files.readers.crafted import scan
 
 
 def test_a_large_scan_is_averaged_to_what_memory_allows(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,8 +9,8 @@ from __future__ import annotations
 import pytest
 
 from firmware_profiles import Printer, load
-from sim.families.marlin.printer import MarlinPrinter
-from sim.faults.fault_file import Fault
+from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.faults.fault_file import Fault
 
 PROFILE = load(Printer, "marlin_avr")
 

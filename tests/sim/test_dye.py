@@ -9,8 +9,16 @@ import pytest
 from design.hemodynamics import FlowConditions, solve_flow
 from design.network import VesselNetwork
 from design.vasculature.named import planar_four_vessel
-from sim.dye import Disturbance, DyeCamera, DyeFilm, Occlusion, dye_flow, film_frames, write_film
-from sim.dye.transport import Transport
+from sim.devices.dye import (
+    Disturbance,
+    DyeCamera,
+    DyeFilm,
+    Occlusion,
+    dye_flow,
+    film_frames,
+    write_film,
+)
+from sim.devices.dye.transport import Transport
 from sim.errors import SimError
 
 INFLOW = 4.0

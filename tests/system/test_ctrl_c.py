@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from printctl.link.client import attach
+from printctl.machine.link.client import attach
 from tests.sim_process import printer_process
 from tests.system.cli import ROOT
 

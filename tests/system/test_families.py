@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from sim.dry_run.run import dry_run
-from sim.motion.executed import ExecutedMotion
+from sim.gcode.dry_run.run import dry_run
+from sim.gcode.motion.executed import ExecutedMotion
 from tests.system.cli import printctl, recipe_file
 
 _START = re.compile(r"(?:G92|SET_KINEMATIC_POSITION) X=?([\d.]+) Y=?([\d.]+) Z=?([\d.]+)")

@@ -18,12 +18,12 @@ from rich.console import Console
 
 from design.network_files.csv_format import write_network_csv
 from firmware_profiles import Bath, Ink, Needle, Plate, Printer, Syringe, load
+from printctl.checks.preflight import SetUp, file_checks
 from printctl.errors import RecipeError, SafetyError
+from printctl.pipeline.plates import assigned
 from printctl.pipeline.run import toolpath_recipe
-from printctl.plates import assigned
-from printctl.preflight import SetUp, file_checks
 from printctl.recipe import load_recipe, parse_recipe
-from sim.dry_run.run import dry_run
+from sim.gcode.dry_run.run import dry_run
 from tests.system.cli import ROOT, called
 from tests.system.forks import FORK
 

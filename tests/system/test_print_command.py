@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.motion.executed import ExecutedMotion
+from sim.gcode.motion.executed import ExecutedMotion
 from tests.sim_process import printer_process
 from tests.system.cli import called, printctl
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from sim.dry_run.run import dry_run
-from sim.motion.executed import ExecutedMotion
-from tests.printctl.link.layered import HEADER, START, layered
+from sim.gcode.dry_run.run import dry_run
+from sim.gcode.motion.executed import ExecutedMotion
+from tests.printctl.machine.link.layered import HEADER, START, layered
 from tests.sim_process import printer_process
 from tests.system.cli import called as in_this_process
 

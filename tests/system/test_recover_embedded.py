@@ -12,7 +12,7 @@ import pytest
 from design.toolpath.embedded import EmbeddedOptions, plan_embedded
 from design.toolpath.gcode import GcodeOptions, save_gcode, write_gcode
 from firmware_profiles import Ink, Printer, Syringe, load
-from printctl.preflight import written_arrays
+from printctl.checks.preflight import written_arrays
 from tests.design.toolpath.shapes import random_tree
 from tests.sim_process import printer_process
 from tests.system.cli import called

@@ -29,7 +29,7 @@ STEP = 1.5
 """Where a pass goes on into a vessel by so much thinner or thicker, the plunger relieves and primes
 in place: the pressure that drives a thick filament takes its way to fall, and would swell the thin
 one behind it. A smaller step swells the first half millimetre by 27 % at most
-(`sim.deposit.lay`)."""
+(`sim.gcode.deposit.lay`)."""
 
 ROUNDING_MM = 1e-6
 """What ends so near to a vessel's end ends there."""

@@ -19,8 +19,8 @@ from printctl.calibration.patterns import (
 from printctl.calibration.patterns.plan import MARGIN_MM
 from printctl.calibration.widths.result import FloatArray, Replies, Widths
 from printctl.errors import UsageError
-from registration.lens import Lens
-from registration.microscope import (
+from registration.devices.lens import Lens
+from registration.devices.microscope import (
     Crossing,
     GapWidth,
     Line,

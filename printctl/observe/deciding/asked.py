@@ -10,8 +10,8 @@ from typing import Final
 from printctl.observe.deciding.decision import Decision, DecisionKind
 from printctl.observe.deciding.evidence import Evidence
 from printctl.observe.deciding.layers_seen import where
-from registration.layer_images.findings import ASKED_MM
-from registration.layer_images.values import Gap
+from registration.inspection.findings import ASKED_MM
+from registration.inspection.values import Gap
 
 _TAIL_MM: Final = 0.2
 """Least stretch that isn't told behind the last ink before a clog."""

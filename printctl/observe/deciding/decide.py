@@ -54,7 +54,7 @@ from printctl.observe.deciding.gap_test import confirmed_gaps
 from printctl.observe.deciding.ink_supply import SupplyState
 from printctl.observe.deciding.layers_seen import LayersSeen, where
 from printctl.observe.deciding.thin import Thin
-from registration.layer_images.values import Gap
+from registration.inspection.values import Gap
 
 _STOPPING: Final = (SupplyState.CLOGGED, SupplyState.EMPTY)
 _MOST_MISSING: Final = 1 / 3

@@ -9,7 +9,7 @@ from typing import Literal
 from printctl.observe.deciding.flow_control import FlowLimits
 from printctl.observe.deciding.gap_test import GapTest
 from printctl.observe.deciding.thin import Thin
-from registration.layer_images.values import Gap
+from registration.inspection.values import Gap
 
 Mode = Literal["tell", "ask", "mend"]
 

@@ -10,8 +10,8 @@ from typing import Final
 from printctl.observe.deciding.decision import Decision, DecisionKind
 from printctl.observe.deciding.evidence import Evidence
 from printctl.observe.deciding.gap_test import GapTest
-from registration.layer_images.options import IN_PART
-from registration.layer_images.values import Gap
+from registration.inspection.options import IN_PART
+from registration.inspection.values import Gap
 
 _LIKE_AMOUNT: Final = 0.5
 """Of what seems to be missing, from which on ink beside the lines says that they lie elsewhere."""

@@ -10,8 +10,8 @@ from printctl.observe.deciding.flow_control import FlowBlocks
 from printctl.observe.deciding.ink_supply import InkSupply
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.map_check import MapCheck
-from registration.layer_images.findings import ToldOfInk
-from registration.layer_images.values import Blob, Gap
+from registration.inspection.findings import ToldOfInk
+from registration.inspection.values import Blob, Gap
 
 SURE: Final = 3.29
 """Standard uncertainties beyond the tolerance: one in 2,000 by chance, one-sided."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from registration.layer_images.values import Gap
+from registration.inspection.values import Gap
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from printctl.observe.deciding.evidence import Evidence
-from registration.layer_images.values import Gap
+from registration.inspection.values import Gap
 
 _SHOWS: Final = 0.3
 """Of a layer's way, on which grainy or faint ink shows, for ink to have come at all."""

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from printctl.gate import refused_lines
-from printctl.link.modal import modal_state
+from printctl.checks.gate import refused_lines
+from printctl.machine.link.modal import modal_state
 from printctl.observe.mending.gap import Gap
 from printctl.observe.mending.held_print import HeldPrint
 from printctl.observe.mending.insert_run import InsertRun, needle_rows, run_insert, sections
@@ -29,8 +29,8 @@ from printctl.observe.mending.open_voids import open_voids
 from printctl.observe.mending.options import MendOptions
 from printctl.observe.mending.voids import Voids, ink_in_voids_mm
 from printctl.observe.mending.written_paths import WrittenPath, written_paths
-from sim.dry_run.run import DryRun, dry_run
-from sim.reading.other_lines import other_lines
+from sim.gcode.dry_run.run import DryRun, dry_run
+from sim.gcode.reading.other_lines import other_lines
 
 FloatArray = NDArray[np.float64]
 

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Ink, Needle, Printer, Syringe
-from printctl.bead import lag_of
-from printctl.link.modal import Modal, modal_state, relieved_mm
+from printctl.checks.bead import lag_of
+from printctl.machine.link.modal import Modal, modal_state, relieved_mm
 from printctl.observe.mending.errors import MendError
-from sim.deposit.levels import written_levels
-from sim.program.gcode import Program
-from sim.program.modal import MOVE
-from sim.program.read_program import read_written
-from sim.reading.comments import declared_start
+from sim.gcode.deposit.levels import written_levels
+from sim.gcode.program.gcode import Program
+from sim.gcode.program.modal import MOVE
+from sim.gcode.program.read_program import read_written
+from sim.gcode.reading.comments import declared_start
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -39,7 +39,7 @@ class HeldPrint:
     Attributes
     ----------
     lines : sequence of bytes
-        Commands of the (grown) job as the link sends them (`printctl.link.job.Job.lines`).
+        Commands of the (grown) job as the link sends them (`printctl.machine.link.job.Job.lines`).
     done : int
         Lines taken; the needle is where the last of them left it.
     printer : Printer
@@ -47,7 +47,7 @@ class HeldPrint:
     ink : Ink
     needle : Needle
     style_given : "layered", "embedded" or None
-        None decides by the job's moves, as `sim.deposit.lay` does.
+        None decides by the job's moves, as `sim.gcode.deposit.lay` does.
 
     Raises
     ------

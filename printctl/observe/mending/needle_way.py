@@ -2,7 +2,8 @@
 
 In layers the tip rides on the tops of its neighbours, as the job's own does; ink that stands
 higher within the needle's outer diameter is in its way. In a bath the check is that of whole jobs,
-`sim.clearance`: each written path is a vessel, and paths whose filaments overlap have a joint.
+`sim.gcode.clearance`: each written path is a vessel, and paths whose filaments overlap have a
+joint.
 """
 
 from __future__ import annotations
@@ -18,8 +19,14 @@ from numpy.typing import NDArray
 from firmware_profiles import Needle
 from printctl.observe.mending.laid_ink import LaidInk
 from printctl.observe.mending.written_paths import WrittenPath
-from sim.clearance import NeedleBody, NeedleMotion, ShaftContact, WrittenNetwork, check_clearance
-from sim.deposit.levels import LEVEL_TOLERANCE_MM
+from sim.gcode.clearance import (
+    NeedleBody,
+    NeedleMotion,
+    ShaftContact,
+    WrittenNetwork,
+    check_clearance,
+)
+from sim.gcode.deposit.levels import LEVEL_TOLERANCE_MM
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

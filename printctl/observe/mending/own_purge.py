@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from design.toolpath.priming import Purge
 from printctl.observe.mending.held_print import WAY_MM, HeldPrint
-from sim.program.modal import MOVE
+from sim.gcode.program.modal import MOVE
 
 _RELIEFS: Final = 3.0
 """A push so many times a relief, with the needle standing, is a purge and no prime."""

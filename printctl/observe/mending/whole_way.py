@@ -17,8 +17,8 @@ from printctl.observe.mending.needle_way import NeedleRows, shaft_contacts
 from printctl.observe.mending.options import MendOptions
 from printctl.observe.mending.patch import Patch
 from printctl.observe.mending.stretches import Site
-from sim.clearance import ShaftContact
-from sim.program.read_program import read_written
+from sim.gcode.clearance import ShaftContact
+from sim.gcode.program.read_program import read_written
 
 Spans = list[tuple[int, int]]
 """Lines of an insert that write each patch: the first, and the one behind the last."""

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from design.geometry.polyline import arc_lengths, places_along
 from printctl.observe.mending.held_print import WAY_MM, HeldPrint
-from sim.deposit.levels import level_areas, level_heights, written_levels
-from sim.program.modal import MOVE
+from sim.gcode.deposit.levels import level_areas, level_heights, written_levels
+from sim.gcode.program.modal import MOVE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

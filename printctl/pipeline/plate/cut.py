@@ -11,11 +11,11 @@ import numpy as np
 from printctl.errors import PrinterFailedError
 from printctl.pipeline.context import SIMULATED_PORT, RunContext
 from printctl.pipeline.plate.wells import PlateRun
+from printctl.pipeline.plates import StandingPlate
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.printing import EXECUTED
-from printctl.plates import StandingPlate
 from printctl.progress import Report
-from sim.motion.executed import ExecutedMotion
+from sim.gcode.motion.executed import ExecutedMotion
 
 
 def cut_stage(run: PlateRun) -> Stage:

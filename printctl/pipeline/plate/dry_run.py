@@ -13,15 +13,7 @@ from numpy.typing import NDArray
 
 from design.files import write_text
 from kernels.arrays import BoolArray
-from printctl.errors import PrintctlError
-from printctl.link.job import parse_job
-from printctl.pipeline.context import SIMULATED_PORT, RunContext
-from printctl.pipeline.plate.job import NOWHERE
-from printctl.pipeline.plate.wells import PlateRun, relative
-from printctl.pipeline.stage import Stage
-from printctl.pipeline.stages import dry_run as alone
-from printctl.plates import Well
-from printctl.preflight import (
+from printctl.checks.preflight import (
     Check,
     PrintTime,
     bath_checks,
@@ -36,13 +28,21 @@ from printctl.preflight import (
     warnings,
     well_checks,
 )
-from printctl.printing import usable_mm, with_reloads_of
+from printctl.errors import PrintctlError
+from printctl.machine.link.job import parse_job
+from printctl.machine.printing import usable_mm, with_reloads_of
+from printctl.pipeline.context import SIMULATED_PORT, RunContext
+from printctl.pipeline.plate.job import NOWHERE
+from printctl.pipeline.plate.wells import PlateRun, relative
+from printctl.pipeline.plates import Well
+from printctl.pipeline.stage import Stage
+from printctl.pipeline.stages import dry_run as alone
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP
-from sim.clearance import Clearance
-from sim.dry_run.run import DryRun, dry_run
-from sim.program.gcode import Program
+from sim.gcode.clearance import Clearance
+from sim.gcode.dry_run.run import DryRun, dry_run
+from sim.gcode.program.gcode import Program
 
 
 def dry_run_stage(run: PlateRun) -> Stage:

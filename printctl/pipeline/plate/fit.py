@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Dish
+from printctl.checks.set_up import WALL_CLEARANCE_MM
 from printctl.errors import RecipeError
 from printctl.pipeline.context import RunContext
 from printctl.recipe.making import Fresh
-from printctl.set_up import WALL_CLEARANCE_MM
 
 
 def check_fit(context: RunContext) -> None:

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from design.toolpath.embedded import Bundles
+from printctl.checks.preflight import well_arrays
 from printctl.pipeline.plate.wells import PlateRun
 from printctl.pipeline.stages.toolpath import written_beside, written_bundles
-from printctl.preflight import well_arrays
 from printctl.recipe.making import Fresh
 
 _NETWORK: Final = ("nodes", "vessel_nodes", "offset", "points", "radius")

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from printctl.link.job import load_job
+from printctl.machine.link.job import load_job
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.plate.job import NOWHERE
 from printctl.pipeline.plate.wells import PlateRun

@@ -14,7 +14,7 @@ from firmware_profiles import Plate, load
 from printctl.errors import RecipeError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import run_facts
-from printctl.plates import (
+from printctl.pipeline.plates import (
     StandingPlate,
     Well,
     assigned,

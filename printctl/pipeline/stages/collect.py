@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from design.hemodynamics import read_flow_csv
-from printctl.flow import TABLE
+from printctl.analysis.flow import TABLE
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stages.measures import key_numbers
 

@@ -10,14 +10,8 @@ import numpy as np
 
 from design.files import write_text
 from firmware_profiles import Printer
-from printctl.bead import PLAYED
-from printctl.link.job import parse_job
-from printctl.pipeline.context import RunContext
-from printctl.pipeline.heads import layer_lines_um
-from printctl.pipeline.stage import Stage
-from printctl.pipeline.stages.predicting import predicting
-from printctl.pipeline.stages.toolpath import of_heads
-from printctl.preflight import (
+from printctl.checks.bead import PLAYED
+from printctl.checks.preflight import (
     Budget,
     Check,
     HeadLoading,
@@ -50,13 +44,19 @@ from printctl.preflight import (
     warnings,
     written_ul,
 )
-from printctl.preflight.bore import line_checks
-from printctl.printing import usable_mm, with_reloads_of
+from printctl.checks.preflight.bore import line_checks
+from printctl.machine.link.job import parse_job
+from printctl.machine.printing import usable_mm, with_reloads_of
+from printctl.pipeline.context import RunContext
+from printctl.pipeline.heads import layer_lines_um
+from printctl.pipeline.stage import Stage
+from printctl.pipeline.stages.predicting import predicting
+from printctl.pipeline.stages.toolpath import of_heads
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
-from sim.clearance import Clearance
-from sim.dry_run.run import DryRun, dry_run
+from sim.gcode.clearance import Clearance
+from sim.gcode.dry_run.run import DryRun, dry_run
 
 CHECKS = "dry_run.json"
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from design.hemodynamics import PulsatileConditions
-from printctl.flow import pulsatile_conditions
+from printctl.analysis.flow import pulsatile_conditions
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import flow
@@ -18,8 +18,8 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     """Solve in the print's size, in lumens rounded as they are printed."""
     # Heavy (3D flow, plots, lattices), and few recipes ask for it.
     from design.lattices import build_lattice
-    from printctl.flow.fidelities import Case, solve_fidelities
-    from printctl.flow.lattice_comparison import compare_with_lattice
+    from printctl.analysis.flow.fidelities import Case, solve_fidelities
+    from printctl.analysis.flow.lattice_comparison import compare_with_lattice
 
     recipe, network = context.recipe, context.network
     case = Case(

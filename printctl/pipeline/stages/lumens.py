@@ -14,9 +14,8 @@ import numpy as np
 
 from design.files import write_text
 from firmware_profiles import Ink, Syringe
-from printctl.bead import written_filaments
-from printctl.errors import SafetyError
-from printctl.lumens import (
+from printctl.checks.bead import written_filaments
+from printctl.checks.lumens import (
     FilamentCheck,
     LumenCheck,
     Writing,
@@ -26,6 +25,7 @@ from printctl.lumens import (
     read_filaments,
     read_layers,
 )
+from printctl.errors import SafetyError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.predicting import compensates, predicted_of_motion
@@ -33,8 +33,8 @@ from printctl.pipeline.stages.toolpath import of_heads, plain_job
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
-from sim.deposit.strands import Strands
-from sim.dry_run.run import dry_run
+from sim.gcode.deposit.strands import Strands
+from sim.gcode.dry_run.run import dry_run
 
 LUMENS: Final = "lumens.json"
 LEAK_MM: Final = 0.05

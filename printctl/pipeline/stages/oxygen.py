@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from design.hemodynamics import solve_flow
-from printctl.oxygen import FIELD, SLICE, TABLE, hypoxia, solve_and_write
+from printctl.analysis.oxygen import FIELD, SLICE, TABLE, hypoxia, solve_and_write
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from design.toolpath.embedded import Bundles
-from printctl.bead import (
+from printctl.checks.bead import (
     InkPrediction,
     Mounting,
     OutputFiles,
@@ -20,15 +20,15 @@ from printctl.bead import (
     vessel_diameters,
     write_prediction,
 )
-from printctl.gcode_view.line_map import LineMap, read_line_map
+from printctl.checks.gcode_view.line_map import LineMap, read_line_map
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stages.toolpath import plain_job, written_bundles
 from printctl.recipe.making import Embedded
 from printctl.run_folder.artefacts import GCODE
-from sim.bead import Bead, swell
-from sim.dry_run.run import DryRun, dry_run
-from sim.heads.valve_blocks import with_commands
-from sim.motion.executed import ExecutedMotion
+from sim.gcode.bead import Bead, swell
+from sim.gcode.dry_run.run import DryRun, dry_run
+from sim.gcode.heads.valve_blocks import with_commands
+from sim.gcode.motion.executed import ExecutedMotion
 
 
 def predicting(

@@ -9,13 +9,25 @@ from typing import Any
 
 from firmware_profiles import Printer, load
 from printctl.errors import PrinterFailedError
-from printctl.link import Care, PrintClient, PrintOutcome
-from printctl.link.families import refuse_unsent
-from printctl.link.grown_text import GrownText, grown_text
-from printctl.link.job import parse_job
-from printctl.link.port_detection import named_port
-from printctl.link.printed_job import grown_in
-from printctl.link.retreat import Retreat
+from printctl.machine.link import Care, PrintClient, PrintOutcome
+from printctl.machine.link.families import refuse_unsent
+from printctl.machine.link.grown_text import GrownText, grown_text
+from printctl.machine.link.job import parse_job
+from printctl.machine.link.port_detection import named_port
+from printctl.machine.link.printed_job import grown_in
+from printctl.machine.link.retreat import Retreat
+from printctl.machine.printing import (
+    SIMULATED,
+    Order,
+    confirm,
+    find_or_start,
+    finished,
+    follow,
+    retreat_for,
+    simulated_printer,
+    usable_mm,
+)
+from printctl.machine.printing.executed_note import is_complete_record
 from printctl.observe.order import ObserverOrder
 from printctl.observe.starting import (
     ObserverError,
@@ -31,23 +43,11 @@ from printctl.pipeline.observing import (
     unlooked_words,
 )
 from printctl.pipeline.stage import Stage
-from printctl.printing import (
-    SIMULATED,
-    Order,
-    confirm,
-    find_or_start,
-    finished,
-    follow,
-    retreat_for,
-    simulated_printer,
-    usable_mm,
-)
-from printctl.printing.executed_note import is_complete_record
 from printctl.progress import Report
 from printctl.recipe.making import Embedded, SimulatedScan
 from printctl.run_folder.artefacts import GCODE, JOURNAL_FOLDER
 from printctl.run_folder.manifest import digest_file
-from sim.motion.executed import ExecutedMotion
+from sim.gcode.motion.executed import ExecutedMotion
 
 EXECUTED = "executed.npz"
 
@@ -289,4 +289,6 @@ def executed_facts(context: RunContext) -> dict[str, Any]:
     }
 
 
-STAGE = Stage("print", depends, (GCODE,), ("sim", "printctl/link", "firmware_profiles"), work)
+STAGE = Stage(
+    "print", depends, (GCODE,), ("sim", "printctl/machine/link", "firmware_profiles"), work
+)

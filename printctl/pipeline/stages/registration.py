@@ -38,11 +38,11 @@ from registration import (
     register_scan,
     report_dict,
 )
-from registration.geometry import check_designed, read_datums
-from registration.judging import judge
-from registration.optics import is_resampled
+from registration.devices.optics import is_resampled
+from registration.measuring.geometry import check_designed, read_datums
+from registration.measuring.judging import judge
+from registration.report.views import add_scan_places, save_views, take_views
 from registration.result import SIGN
-from registration.views import add_scan_places, save_views, take_views
 
 
 def depends(context: RunContext) -> Any:

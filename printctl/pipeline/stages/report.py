@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 
 from design.files import write_text
-from printctl.bead import PLAYED
-from printctl.flow import WAVES, read_waves
-from printctl.flow.fidelities import COMPARED, SEEN
-from printctl.flow.lattice_comparison import PICTURE
-from printctl.gcode_view import Pushing
-from printctl.link.job import load_job
-from printctl.link.journalled_print import read_journal
-from printctl.link.print_identity import print_identity
-from printctl.link.record import JOURNAL
+from printctl.analysis.flow import WAVES, read_waves
+from printctl.analysis.flow.fidelities import COMPARED, SEEN
+from printctl.analysis.flow.lattice_comparison import PICTURE
+from printctl.analysis.oxygen import CAPTION, SLICE
+from printctl.checks.bead import PLAYED
+from printctl.checks.gcode_view import Pushing
+from printctl.machine.link.job import load_job
+from printctl.machine.link.journalled_print import read_journal
+from printctl.machine.link.print_identity import print_identity
+from printctl.machine.link.record import JOURNAL
+from printctl.machine.printing.journal_facts import read_journal_facts
 from printctl.observe.records import read_looks
-from printctl.oxygen import CAPTION, SLICE
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.layer_pictures import layer_pictures
 from printctl.pipeline.look_pictures import look_pictures
@@ -27,7 +28,6 @@ from printctl.pipeline.outlines import outlined_design
 from printctl.pipeline.stages.collect import collect
 from printctl.pipeline.verdict import verdict
 from printctl.pipeline.written_in_scan import WRITTEN, looks_and_scan
-from printctl.printing.journal_facts import read_journal_facts
 from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, HTML, JOURNAL_FOLDER, JSON, PDF
 from printctl.run_folder.registration_files import DEVIATION, VIEWS, load_deviation
@@ -36,7 +36,7 @@ from registration.report.deviation_surfaces import split_surfaces
 from registration.report.flow_figures import wave_figure
 from registration.report.pdf import write_report_pdf
 from registration.report.play import load_played, play_section
-from registration.views import load_views
+from registration.report.views import load_views
 
 
 def frames(context: RunContext, registration: dict[str, Any]) -> dict[str, Any]:

@@ -31,15 +31,15 @@ from printctl.run_folder.manifest import digest_file, of_simulator
 from registration import Scan, ScanOverrides, read_scan
 from registration.corrected import corrected_scan
 from registration.errors import RegistrationError
-from registration.readers import is_mosaic, listed_files
-from registration.writers import write_scan
-from sim.bead import bead_deposit
-from sim.deposit.lay import Deposit
-from sim.dry_run.run import dry_run
-from sim.faults.fault_file import load_faults
-from sim.faults.ink_faults import NO_FAULTS, InkFaults
-from sim.motion.executed import ExecutedMotion
-from sim.scanner import ScannerOutput, with_defects
+from registration.files.readers import is_mosaic, listed_files
+from registration.files.writers import write_scan
+from sim.devices.faults.fault_file import load_faults
+from sim.devices.scanner import ScannerOutput, with_defects
+from sim.gcode.bead import bead_deposit
+from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults
+from sim.gcode.deposit.lay import Deposit
+from sim.gcode.dry_run.run import dry_run
+from sim.gcode.motion.executed import ExecutedMotion
 
 TRUTH = "scan_truth.json"
 

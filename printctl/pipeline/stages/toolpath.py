@@ -42,6 +42,8 @@ from design.toolpath.gcode import (
 )
 from firmware_profiles import Bath, Printer, Syringe
 from kernels.arrays import FloatArray
+from printctl.checks.preflight import written_arrays
+from printctl.checks.set_up import ABOVE_WALL_MM
 from printctl.errors import UsageError
 from printctl.pipeline.apply_compensation import (
     check_compensation,
@@ -59,12 +61,10 @@ from printctl.pipeline.priming import primed
 from printctl.pipeline.regions import make_filling, make_region
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.writer_options import gcode_options
-from printctl.preflight import written_arrays
 from printctl.progress import Report
 from printctl.recipe.making import Embedded, Fresh
 from printctl.recipe.observe import look_interval
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK, SOLID, SURFACE
-from printctl.set_up import ABOVE_WALL_MM
 
 PATH: Final = "toolpath.npz"
 """Kept of a well, to be laid into the plate's job."""

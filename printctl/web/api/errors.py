@@ -16,7 +16,7 @@ from design.errors import DesignError
 from firmware_profiles import ProfileError
 from firmware_profiles.wrong_values import wording
 from printctl.errors import PrintctlError
-from printctl.link.errors import LinkError
+from printctl.machine.link.errors import LinkError
 from printctl.system_errors import explain
 from registration.errors import RegistrationError
 

@@ -9,9 +9,9 @@ from typing import Any, Final
 from nicegui import ui
 
 from printctl.errors import UsageError
-from printctl.link.history_entry import PrintEntry
-from printctl.link.history_query import PAGE, HistoryPage, SortBy
-from printctl.records.table import local_time
+from printctl.history.records.table import local_time
+from printctl.machine.link.history_entry import PrintEntry
+from printctl.machine.link.history_query import PAGE, HistoryPage, SortBy
 from printctl.web.history.layout import STYLE, cell, download, head
 from printctl.web.history.print_filter import PrintFilter
 from printctl.web.history.service import HistoryService

@@ -7,10 +7,10 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, Field
 
-from printctl.link.history_entry import PrintEntry
-from printctl.records.repeat import RepeatPlan
-from printctl.records.verdict import outcome
-from printctl.records.verify import BundleCheck
+from printctl.history.records.repeat import RepeatPlan
+from printctl.history.records.verdict import outcome
+from printctl.history.records.verify import BundleCheck
+from printctl.machine.link.history_entry import PrintEntry
 from printctl.web.history.service import PastPrintDetails
 
 

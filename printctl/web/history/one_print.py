@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from printctl.records.evidence import PHOTOS
-from printctl.records.table import local_time
-from printctl.records.verdict import outcome
+from printctl.history.records.table import local_time
+from printctl.history.records.verdict import outcome
+from printctl.pipeline.evidence import PHOTOS
 from printctl.web.api.answers import API
 from printctl.web.history.layout import STYLE, card, cell, download, facts, head, heading
 from printctl.web.history.notes import note_card

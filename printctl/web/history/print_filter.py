@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 from urllib.parse import urlencode
 
 from printctl.errors import UsageError
-from printctl.link.history_query import PAGE, HistoryQuery, SortBy
-from printctl.records.days import day_begins, day_ends
+from printctl.history.records.days import day_begins, day_ends
+from printctl.machine.link.history_query import PAGE, HistoryQuery, SortBy
 from printctl.web.api.answers import API
 
 _LONGEST = 200

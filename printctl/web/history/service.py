@@ -8,26 +8,26 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO, Final, Literal
 
-from printctl.link.errors import NoSuchPrint
-from printctl.link.find_link import alive
-from printctl.link.history import PrintHistory
-from printctl.link.history_entry import INTERRUPTED, PrintEntry
-from printctl.link.history_query import HistoryPage, HistoryQuery
-from printctl.link.record import JOURNAL
-from printctl.records.bundle import write_bundle
-from printctl.records.errors import KeyTrouble
-from printctl.records.evidence import PHOTOS, Evidence, evidence
-from printctl.records.keys import (
+from printctl.history.records.bundle import write_bundle
+from printctl.history.records.errors import KeyTrouble
+from printctl.history.records.keys import (
     PublicKey,
     known_lab_key,
     lab_key,
     read_public,
     signing_missing,
 )
-from printctl.records.repeat import RepeatPlan, make_job, plan_repeat
-from printctl.records.table import csv_lines
-from printctl.records.timeline import TimeLine, time_line
-from printctl.records.verify import BundleCheck, verify_stream
+from printctl.history.records.repeat import RepeatPlan, make_job, plan_repeat
+from printctl.history.records.table import csv_lines
+from printctl.history.records.timeline import TimeLine, time_line
+from printctl.history.records.verify import BundleCheck, verify_stream
+from printctl.machine.link.errors import NoSuchPrint
+from printctl.machine.link.find_link import alive
+from printctl.machine.link.history import PrintHistory
+from printctl.machine.link.history_entry import INTERRUPTED, PrintEntry
+from printctl.machine.link.history_query import HistoryPage, HistoryQuery
+from printctl.machine.link.record import JOURNAL
+from printctl.pipeline.evidence import PHOTOS, Evidence, evidence
 from printctl.web.core import Core
 from printctl.web.errors import BadRequestError, NotFoundError
 

@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 from nicegui import events, run, ui
 
-from printctl.printing.print_words import span
+from printctl.machine.printing.print_words import span
 from printctl.web.job.jobs import ENDINGS, JobEntry
 from printctl.web.job.layout import Folds, date_text, live, run_or_explain, size, small
 from printctl.web.job.service import JobService

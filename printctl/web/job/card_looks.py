@@ -8,7 +8,7 @@ from urllib.parse import quote
 
 from nicegui import ui
 
-from printctl.link.states import LinkState
+from printctl.machine.link.states import LinkState
 from printctl.observe.records import Answer
 from printctl.web.api.answers import API
 from printctl.web.controls import Principal

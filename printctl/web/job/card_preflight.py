@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from nicegui import ui
 
-from printctl.printing.print_words import span
+from printctl.machine.printing.print_words import span
 from printctl.web.controls import Principal
 from printctl.web.job.card_tip import add_tip
 from printctl.web.job.layout import Folds, button, live, number, run_or_explain, small, subheading

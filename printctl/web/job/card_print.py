@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from nicegui import run, ui
 
-from printctl.printing.print_words import span
+from printctl.machine.printing.print_words import span
 from printctl.web.controls import Principal
 from printctl.web.job.layout import button, card, live, quiet_button, run_or_explain, small
 from printctl.web.job.print_facts import FACTS, facts

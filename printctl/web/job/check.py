@@ -1,7 +1,7 @@
 """Dry-run and check a job, and write its progress table, in a process of `run_worker`.
 
 A line of JSON comes in (`Question`), one goes out: what `check_job` gives, or ``{"error": ...}``.
-The job's table (`printctl.printing.job_table`) is written beside the answer's file.
+The job's table (`printctl.machine.printing.job_table`) is written beside the answer's file.
 """
 
 from __future__ import annotations
@@ -13,11 +13,8 @@ from dataclasses import replace
 from typing import Any, Final
 
 from firmware_profiles import ProfileError
-from printctl.errors import PrintctlError, UsageError
-from printctl.failures import message_and_code
-from printctl.gcode_view import Pushing, read_job, read_line_map
-from printctl.link.job import Job, parse_job
-from printctl.preflight import (
+from printctl.checks.gcode_view import Pushing, read_job, read_line_map
+from printctl.checks.preflight import (
     Check,
     PrintTime,
     SetUp,
@@ -27,14 +24,17 @@ from printctl.preflight import (
     viability_facts,
     volumes,
 )
-from printctl.preflight.shaft_file import file_shaft
-from printctl.printing import with_reloads_of
-from printctl.printing.job_table import JobTable
+from printctl.checks.preflight.shaft_file import file_shaft
+from printctl.errors import PrintctlError, UsageError
+from printctl.failures import message_and_code
+from printctl.machine.link.job import Job, parse_job
+from printctl.machine.printing import with_reloads_of
+from printctl.machine.printing.job_table import JobTable
 from printctl.web.job.check_request import Question
 from printctl.web.job.tabulating import make_table
 from printctl.web.low_priority import lower_priority
 from registration.report.gcode import GcodeJob
-from sim.dry_run.run import DryRun, dry_run
+from sim.gcode.dry_run.run import DryRun, dry_run
 
 _BUDGET: Final = "print time"
 """How the names of the checks begin that `file_checks` makes without changes of syringe."""

@@ -6,9 +6,9 @@ from functools import lru_cache
 from pathlib import Path
 
 from firmware_profiles import Printer, ProfileError, load
-from printctl.link.errors import LinkError
-from printctl.link.job import load_job
-from printctl.link.job_start import declared_start
+from printctl.machine.link.errors import LinkError
+from printctl.machine.link.job import load_job
+from printctl.machine.link.job_start import declared_start
 from printctl.web.job.to_start import Place
 
 

@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
-from printctl.link.errors import LinkError, NoLink
-from printctl.link.find_link import alive
-from printctl.link.record import JOURNAL, RECORD, load_record
-from printctl.station.record import RECORD as STATION_RECORD
+from printctl.machine.link.errors import LinkError, NoLink
+from printctl.machine.link.find_link import alive
+from printctl.machine.link.record import JOURNAL, RECORD, load_record
+from printctl.machine.station.record import RECORD as STATION_RECORD
 from printctl.web.workspace import Workspace
 
 LOOK_AGAIN_S: Final = 1.0

@@ -10,21 +10,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.link.client import PrintClient, attach
-from printctl.link.errors import LinkError
-from printctl.link.record import JOURNAL
-from printctl.link.states import Status
-from printctl.print_state.state import (
+from printctl.machine.link.client import PrintClient, attach
+from printctl.machine.link.errors import LinkError
+from printctl.machine.link.record import JOURNAL
+from printctl.machine.link.states import Status
+from printctl.machine.print_state.state import (
     PrintTruth,
     assemble_state,
     filling_of,
     keep_table,
     remaining_of,
 )
-from printctl.printing.job_table import JobTable
-from printctl.printing.journal_facts import JournalledFacts, read_journal_facts
-from printctl.printing.progress import Filling, Progress
-from printctl.printing.remaining import Remaining
+from printctl.machine.printing.job_table import JobTable
+from printctl.machine.printing.journal_facts import JournalledFacts, read_journal_facts
+from printctl.machine.printing.progress import Filling, Progress
+from printctl.machine.printing.remaining import Remaining
 
 log = logging.getLogger(__name__)
 APART_S: Final = 0.25

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from printctl.link.client import PrintClient
-from printctl.printing import Order
-from printctl.set_up import Check
+from printctl.checks.set_up import Check
+from printctl.machine.link.client import PrintClient
+from printctl.machine.printing import Order
 from printctl.web.job.set_up import JobSetUp
 
 AGREES_MM = 0.05

@@ -8,12 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from firmware_profiles import Syringe, load
-from printctl.link.care import Care
+from printctl.checks.set_up import SetUp
+from printctl.machine.link.care import Care
+from printctl.machine.printing import Order, usable_mm
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import ORDER
 from printctl.observe.starting import end_idle_observer, start_observer
-from printctl.printing import Order, usable_mm
-from printctl.set_up import SetUp
 from printctl.web.errors import ConflictError
 from printctl.web.job.jobs import recipe_of
 from printctl.web.job.set_up import JobSetUp

@@ -9,8 +9,8 @@ from typing import Any, Final
 
 from nicegui import background_tasks, run, ui
 
-from printctl.link.inserts import file_count
-from printctl.printing.mend_strokes import MendStrokes
+from printctl.machine.link.inserts import file_count
+from printctl.machine.printing.mend_strokes import MendStrokes
 from printctl.web.job.card_after import add_after
 from printctl.web.job.card_camera import add_camera
 from printctl.web.job.card_jobs import add_jobs

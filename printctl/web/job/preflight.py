@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from design.files import write_text
+from printctl.checks.set_up import Check
 from printctl.errors import SafetyError
-from printctl.printing.job_table import JobTable
-from printctl.set_up import Check
+from printctl.machine.printing.job_table import JobTable
 from printctl.web.errors import BadRequestError
 from printctl.web.hashes import file_hash
 from printctl.web.job.check_request import Question

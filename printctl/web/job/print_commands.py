@@ -6,19 +6,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, Final, Literal
 
-from printctl.link.client import PrintClient, attach
-from printctl.link.marks import MarkKind
-from printctl.link.recovering import Recovery
-from printctl.link.states import LinkState, Status
-from printctl.observe.starting import ensure_observer
-from printctl.print_state.continue_print import (
+from printctl.machine.link.client import PrintClient, attach
+from printctl.machine.link.marks import MarkKind
+from printctl.machine.link.recovering import Recovery
+from printctl.machine.link.states import LinkState, Status
+from printctl.machine.print_state.give_up import give_up
+from printctl.machine.printing.recovery import planned, write_rest
+from printctl.observe.continue_print import (
     awaits_observer,
     continue_print,
     new_syringe_of,
     restart,
 )
-from printctl.print_state.give_up import give_up
-from printctl.printing.recovery import planned, write_rest
+from printctl.observe.starting import ensure_observer
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError

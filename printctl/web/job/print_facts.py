@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from printctl.link.states import LinkState
-from printctl.printing.print_words import clock, span
-from printctl.station.status import OPEN
+from printctl.machine.link.states import LinkState
+from printctl.machine.printing.print_words import clock, span
+from printctl.machine.station.status import OPEN
 
 FACTS: Final = {
     "time": "Time left",

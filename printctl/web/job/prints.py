@@ -9,13 +9,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from printctl.link.errors import LinkError, NoLink
-from printctl.link.find_link import alive
-from printctl.link.record import JOURNAL, load_record
-from printctl.print_state.actions import PrintAction
-from printctl.print_state.state import keep_table, kept_table, read_print
-from printctl.printing.job_table import JobTable
-from printctl.printing.journal_facts import read_journal_facts
+from printctl.machine.link.errors import LinkError, NoLink
+from printctl.machine.link.find_link import alive
+from printctl.machine.link.record import JOURNAL, load_record
+from printctl.machine.print_state.actions import PrintAction
+from printctl.machine.print_state.state import keep_table, kept_table, read_print
+from printctl.machine.printing.job_table import JobTable
+from printctl.machine.printing.journal_facts import read_journal_facts
 from printctl.web.hashes import file_hash
 from printctl.web.job.finding import Finder
 from printctl.web.job.following import PrintFollower, PrintReport

@@ -12,8 +12,8 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import write_text
-from printctl.link.history import remember_meanwhile
-from printctl.link.print_notes import journal_of, notes_path
+from printctl.machine.link.history import remember_meanwhile
+from printctl.machine.link.print_notes import journal_of, notes_path
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.workspace import checked_name
 

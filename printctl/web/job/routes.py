@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final
 from fastapi import APIRouter, Depends, File, Path, Query, Request, UploadFile
 from fastapi.responses import FileResponse
 
-from printctl.link.states import Status
+from printctl.machine.link.states import Status
 from printctl.web.api.answers import API
 from printctl.web.controls import Principal
 from printctl.web.errors import NotFoundError

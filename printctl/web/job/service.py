@@ -10,13 +10,13 @@ from typing import IO, Any
 
 from design.files import write_text
 from firmware_profiles import Printer, load
-from printctl.link.job import load_job
-from printctl.link.printed_job import grown_in
-from printctl.link.record import load_record
-from printctl.printing.find import running
-from printctl.printing.mend_strokes import MendStrokes, mend_strokes
-from printctl.set_up import Check
-from printctl.station.status import NO_PRINTER
+from printctl.checks.set_up import Check
+from printctl.machine.link.job import load_job
+from printctl.machine.link.printed_job import grown_in
+from printctl.machine.link.record import load_record
+from printctl.machine.printing.find import running
+from printctl.machine.printing.mend_strokes import MendStrokes, mend_strokes
+from printctl.machine.station.status import NO_PRINTER
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, WebError

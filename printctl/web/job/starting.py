@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from printctl.checks.set_up import SetUp
+from printctl.machine.printing import Order, retreat_for
 from printctl.observe.order import ObserverOrder
-from printctl.printing import Order, retreat_for
-from printctl.set_up import SetUp
 from printctl.web.errors import ConflictError
 from printctl.web.job.machine import Machine
 from printctl.web.job.observing import with_looks

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from printctl.link.client import PrintClient
-from printctl.link.errors import NoLink
-from printctl.printing import Order
-from printctl.printing.find import running
-from printctl.station import Station, StationState, StationStatus, attach
-from printctl.station.status import NO_PRINTER
+from printctl.machine.link.client import PrintClient
+from printctl.machine.link.errors import NoLink
+from printctl.machine.printing import Order
+from printctl.machine.printing.find import running
+from printctl.machine.station import Station, StationState, StationStatus, attach
+from printctl.machine.station.status import NO_PRINTER
 from printctl.web.errors import ConflictError
 from printctl.web.job.machine import Machine
 from printctl.web.job.to_start import go_to

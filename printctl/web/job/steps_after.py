@@ -13,7 +13,7 @@ from typing import Any, Final
 import yaml
 
 from firmware_profiles import Bath
-from printctl.link.errors import LinkError
+from printctl.machine.link.errors import LinkError
 from printctl.web.errors import ConflictError
 from printctl.web.job.machine import Printing
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from printctl.link.job import Job
-from printctl.printing.job_table import NONE, FloatArray, IntArray, JobTable
+from printctl.machine.link.job import Job
+from printctl.machine.printing.job_table import NONE, FloatArray, IntArray, JobTable
 from registration.report.gcode import Act, GcodeJob
-from sim.dry_run.run import DryRun
+from sim.gcode.dry_run.run import DryRun
 
 
 def make_table(job: Job, run: DryRun, volume_ul: FloatArray, view: GcodeJob | None) -> JobTable:
@@ -20,7 +20,7 @@ def make_table(job: Job, run: DryRun, volume_ul: FloatArray, view: GcodeJob | No
         As the link counts its commands.
     run : DryRun
     volume_ul : (rows,) float64, µL
-        What each row of the run's program writes (`printctl.preflight.volumes`).
+        What each row of the run's program writes (`printctl.checks.preflight.volumes`).
     view : GcodeJob or None
         Layers and vessels; None for a job in which nothing is written.
     """

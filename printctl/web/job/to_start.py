@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from firmware_profiles import Dish, load
+from printctl.checks.gate import RIM_MARGIN_MM
 from printctl.errors import SafetyError
-from printctl.gate import RIM_MARGIN_MM
-from printctl.station import Station, StationStatus
+from printctl.machine.station import Station, StationStatus
 
 Place = tuple[float, float, float]
 

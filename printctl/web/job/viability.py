@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from printctl.set_up import Budget
+from printctl.checks.set_up import Budget
 from printctl.web.job.record import PrintRecord
 
 

@@ -50,7 +50,7 @@ class LiveView(Element, component="static/element.js"):
         ----------
         status : mapping
             ``lines_executed``, ``lines_done``, ``position`` and ``mends`` (lines that were put in,
-            `printctl.printing.mend_strokes`), each only if it is known.
+            `printctl.machine.printing.mend_strokes`), each only if it is known.
         """
         self.run_method("update", dict(status))
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from printctl.gcode_view import LineMap, Reading, read_with_program
+from printctl.checks.gcode_view import LineMap, Reading, read_with_program
 from printctl.web.live.source import JobSource
 from registration.report.gcode import Act
 
@@ -36,8 +36,8 @@ class LiveScene:
         before is reached by a move of ``Act.JUMP``.
     command : (n,) uint32
         Which of the file's commands the move is of, from 0, as the link counts them
-        (`printctl.link.job.parse_job`); ascending. A move is executed when more commands than that
-        are.
+        (`printctl.machine.link.job.parse_job`); ascending. A move is executed when more commands
+        than that are.
     time_s : (n,) float32, s
         At which the move ends, from the feeds alone.
     about : dict

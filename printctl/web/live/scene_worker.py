@@ -20,8 +20,8 @@ import numpy as np
 
 from design.files import write_bytes
 from firmware_profiles import ProfileError
+from printctl.checks.gcode_view import read_line_map
 from printctl.errors import PrintctlError
-from printctl.gcode_view import read_line_map
 from printctl.web.live.errors import SceneError
 from printctl.web.live.pack import pack_scene
 from printctl.web.live.scene import make_scene

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from firmware_profiles import Printer, Syringe, load
-from printctl.gcode_view import Pushing
+from printctl.checks.gcode_view import Pushing
 from printctl.web.hashes import file_hash
 
 Outline = tuple[tuple[float, float, float], ...]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from printctl.station import StationStatus
+from printctl.machine.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer.card_wizard import wizard_dialog
 from printctl.web.printer.layout import Refresh, card, note, quiet_button

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from nicegui import ui
 
 from firmware_profiles import Ink, Needle, Syringe
-from printctl.station import StationState, StationStatus
+from printctl.machine.station import StationState, StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer import part_change as c
 from printctl.web.printer.layout import (

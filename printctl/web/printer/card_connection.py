@@ -5,7 +5,7 @@ from __future__ import annotations
 from nicegui import run, ui
 
 from firmware_profiles import Printer
-from printctl.station import StationState, StationStatus
+from printctl.machine.station import StationState, StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer.layout import IN_WORDS, Refresh, button, card, live, note, quiet_button
 from printctl.web.printer.ports import SIMULATED, FoundPort, summary, unmeasured

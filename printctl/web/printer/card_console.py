@@ -7,7 +7,7 @@ from typing import Final
 
 from nicegui import events, ui
 
-from printctl.station import StationStatus
+from printctl.machine.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer.console import Entry
 from printctl.web.printer.layout import Refresh, button, card, live, note, run_or_explain

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from nicegui import events, ui
 
-from printctl.station import StationState, StationStatus
+from printctl.machine.station import StationState, StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer.card_home import home_dialog
 from printctl.web.printer.card_place import place_dialog

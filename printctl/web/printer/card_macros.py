@@ -7,7 +7,7 @@ from collections.abc import Callable
 from nicegui import ui
 from pydantic import ValidationError
 
-from printctl.station import StationState, StationStatus
+from printctl.machine.station import StationState, StationStatus
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError
 from printctl.web.printer.layout import Refresh, button, card, dialog, note, quiet_button

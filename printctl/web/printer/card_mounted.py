@@ -7,7 +7,7 @@ from typing import Any
 from nicegui import ui
 
 from firmware_profiles import Bath, Dish, Facts, Ink, Needle, Syringe
-from printctl.station import StationStatus
+from printctl.machine.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer.layout import (
     Refresh,

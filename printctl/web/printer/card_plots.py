@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from nicegui import ui
 
-from printctl.station import StationStatus
+from printctl.machine.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer.layout import Refresh, button, card, note, number, quiet_button
 from printctl.web.printer.plots import KEPT_S

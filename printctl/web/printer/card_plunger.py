@@ -5,7 +5,7 @@ from __future__ import annotations
 from nicegui import ui
 
 from firmware_profiles import Syringe, load
-from printctl.station import StationState, StationStatus
+from printctl.machine.station import StationState, StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer.layout import Refresh, button, card, note, number, quiet_button
 from printctl.web.printer.printer_commands import fastest_ul_s

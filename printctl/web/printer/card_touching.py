@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from printctl.station import StationState, StationStatus
+from printctl.machine.station import StationState, StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer import touch_off as t
 from printctl.web.printer.layout import Refresh, button, card, live, note, number, quiet_button

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from printctl.link.errors import LinkError
+from printctl.machine.link.errors import LinkError
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, WebError
 from printctl.web.printer.printer_access import PrinterAccess

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from printctl.link.errors import LinkError
-from printctl.station import Station, StationState, StationStatus, attach
+from printctl.machine.link.errors import LinkError
+from printctl.machine.station import Station, StationState, StationStatus, attach
 
 APART_S: Final = 0.25
 LOOK_AGAIN_S: Final = 2.0

@@ -11,7 +11,7 @@ from nicegui import run, ui
 
 from firmware_profiles import ProfileError
 from printctl.failures import message_and_code
-from printctl.station import StationState, StationStatus
+from printctl.machine.station import StationState, StationStatus
 
 Refresh = Callable[[StationStatus], None]
 """Shows a status in a card."""

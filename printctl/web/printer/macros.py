@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from design.files import write_text
 from firmware_profiles import Printer, load
 from firmware_profiles.yaml_file import read_yaml
-from printctl.gate import Refusal, judge_stored_line
+from printctl.checks.gate import Refusal, judge_stored_line
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.printer.console import Console, checked_line

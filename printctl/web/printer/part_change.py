@@ -6,7 +6,7 @@ import threading
 from typing import Final
 
 from firmware_profiles import Ink, Needle, Syringe
-from printctl.station import StationStatus
+from printctl.machine.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.printer.printer_access import PrinterAccess

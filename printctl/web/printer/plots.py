@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
-from printctl.station import StationStatus
+from printctl.machine.station import StationStatus
 
 KEPT_S: Final = 600.0
 APART_S: Final = 1.0

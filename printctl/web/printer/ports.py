@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_profiles import Printer
-from printctl.link.port_detection import matches
-from printctl.link.ports import PortInfo, list_ports
+from printctl.machine.link.port_detection import matches
+from printctl.machine.link.ports import PortInfo, list_ports
 from printctl.web.profile_store import ProfileStore
 
 SIMULATED: Final = "simulated"

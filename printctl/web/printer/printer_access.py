@@ -6,8 +6,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from printctl.station import Station, StationStatus
-from printctl.station.status import NO_PRINTER
+from printctl.machine.station import Station, StationStatus
+from printctl.machine.station.status import NO_PRINTER
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError

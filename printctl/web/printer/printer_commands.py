@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from firmware_profiles import Dish, Ink, Printer, Syringe, load
-from printctl.station import StationStatus
-from printctl.station.idle_commands import UNNAMED_UL_S
+from printctl.machine.station import StationStatus
+from printctl.machine.station.idle_commands import UNNAMED_UL_S
 from printctl.web.controls import Principal
 from printctl.web.errors import ConflictError
 from printctl.web.printer.printer_access import PrinterAccess

@@ -7,7 +7,7 @@ from typing import Any
 from fastapi import APIRouter, Request
 
 from firmware_profiles import Bath, Dish, Facts, Ink, Needle, Printer, Syringe
-from printctl.station import StationStatus
+from printctl.machine.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer import models as m
 from printctl.web.printer.ports import summary

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from firmware_profiles import Printer
-from printctl.link.port_detection import AUTO
-from printctl.station import StationStatus, connect
+from printctl.machine.link.port_detection import AUTO
+from printctl.machine.station import StationStatus, connect
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError

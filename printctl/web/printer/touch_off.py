@@ -7,7 +7,7 @@ import threading
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final, Literal
 
-from printctl.station import StationStatus
+from printctl.machine.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.printer.printer_access import PrinterAccess

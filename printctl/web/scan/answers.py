@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import BaseModel, Field
 
 from printctl.web.scan.slices import OpenScan
-from registration.readers import ScanOverrides
+from registration.files.readers import ScanOverrides
 
 Micrometres = float
 

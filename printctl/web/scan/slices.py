@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from printctl.web.errors import BadRequestError
-from registration.readers import read_scan
+from registration.files.readers import read_scan
 from registration.scan import Scan
 
 Axis = Literal["x", "y", "z"]

@@ -16,7 +16,7 @@ from printctl.web.errors import BadRequestError
 from printctl.web.scan.unpacked_size import scan_limits
 from printctl.web.security.archives import check_growth
 from registration.errors import ScanFileError
-from registration.readers.tiff import has_slices, read_tiff_folder
+from registration.files.readers.tiff import has_slices, read_tiff_folder
 
 MOST_FILES: Final = 20_000
 MOST_DEPTH: Final = 6

@@ -11,7 +11,7 @@ from registration.comparison.gauge.shares import NAMES, Share
 from registration.comparison.gauge.squares import ALPHA
 from registration.comparison.gauge.study import GaugeQuantity, GaugeStudy
 from registration.comparison.intervals import Interval
-from registration.exports.tables import as_csv
+from registration.files.exports.tables import as_csv
 from registration.json_ready import json_ready
 
 WORDS = {

@@ -14,8 +14,8 @@ from kernels.arrays import FloatArray
 from registration.comparison import Comparison
 from registration.comparison.overall import Quantity
 from registration.comparison.vessels import SIGNIFICANT, VesselSpread
-from registration.picture.colours import SEQUENTIAL
 from registration.report.drawing import broken_line, small_multiples, styled, to_svg
+from registration.report.picture.colours import SEQUENTIAL
 from registration.report.svg import ACCENT, INK, MUTED, PAPER
 
 OUTSIDE: Final = "#b85a14"

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from registration.gcode_job import FloatArray, GcodeJob
-from registration.picture.colours import TREE_COLOURS
+from registration.report.picture.colours import TREE_COLOURS
 
 _KNOWN: Final = {
     "external perimeter": "#d55e00", "outer wall": "#d55e00", "wall-outer": "#d55e00",

@@ -9,9 +9,9 @@ from typing import Any, Final
 import numpy as np
 
 from registration.gcode_job import FloatArray
-from registration.picture.colours import samples
 from registration.report.gcode.chunks import encoded, planes
 from registration.report.gcode.part_outline import REACH_MM, DesignOutline
+from registration.report.picture.colours import samples
 
 MAX_POINTS: Final = 6_000_000
 """Of a page's outlines: about 30 MB."""

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from design.files import write_text
 from registration.gcode_job import Act, GcodeJob, layer_sums
-from registration.picture.colours import NO_DATA, samples
 from registration.report.errors import ReportError
 from registration.report.gcode.chunks import PackedPieces, pack_job
 from registration.report.gcode.colouring import PLAIN, colourings
 from registration.report.gcode.outline_pack import MAX_POINTS, PackedOutlines, pack_outlines
 from registration.report.gcode.part_outline import DesignOutline
 from registration.report.page_frame import environment, style
+from registration.report.picture.colours import NO_DATA, samples
 from registration.report.scripts import content_policy, module_map
 from registration.report.wording import number
 

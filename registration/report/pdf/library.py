@@ -14,7 +14,7 @@ from registration.report.errors import ReportError
 if TYPE_CHECKING:  # statistics are slow to load, and only a comparison needs them
     from registration.comparison import Comparison
     from registration.report.comparison import Drawn
-    from registration.views import Views
+    from registration.report.views import Views
 
 _LIBRARY = "reportlab"
 

@@ -32,9 +32,9 @@ from registration.report.sections import (
     vessel_summary,
     vessel_table,
 )
+from registration.report.views import Views
 from registration.report.wording import plain
 from registration.report.zones import ZONE_NOTE, frame_lines, zone_table
-from registration.views import Views
 
 Figures = Mapping[str, Sequence[tuple[str, bytes]]]
 

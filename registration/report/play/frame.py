@@ -13,8 +13,8 @@ from matplotlib.colors import Colormap, Normalize, to_rgba
 from PIL import Image
 
 from registration.gcode_job import Act, FloatArray, IntArray
-from registration.picture.colours import SEQUENTIAL
 from registration.report.drawing import blank, styled
+from registration.report.picture.colours import SEQUENTIAL
 from registration.report.play.playback import Playback, PlayRows
 from registration.report.play.serialise import NOT_HELD, OFF, colourings
 from registration.report.scaled_lines import aspect, draw_scaled_lines, set_limits

@@ -11,10 +11,10 @@ from matplotlib.colors import LinearSegmentedColormap, to_hex
 from numpy.typing import NDArray
 
 from registration.gcode_job import Act, FloatArray, IntArray
-from registration.picture.colours import DIVERGING_ANCHORS, TREE_COLOURS, samples
 from registration.report.gcode.chunks import NO_WIDTH
 from registration.report.gcode.colouring import Colouring, usual_span
 from registration.report.packing import pack, pack_positions
+from registration.report.picture.colours import DIVERGING_ANCHORS, TREE_COLOURS, samples
 from registration.report.play.playback import Playback
 
 INK_STEPS: Final = 1_000_000

@@ -14,7 +14,7 @@ from design.toolpath.gcode import Gcode, GcodeOptions, HeadLoad, stream_gcode, w
 from design.toolpath.moves import MoveBuilder
 from design.toolpath.toolpath import MoveKind, Toolpath
 from firmware_profiles import Printer, Syringe, load
-from sim.dry_run.run import dry_run
+from sim.gcode.dry_run.run import dry_run
 
 TWO = load(Printer, "two_syringe_marlin")
 ONE = load(Printer, "generic_marlin")

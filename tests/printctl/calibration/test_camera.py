@@ -14,9 +14,9 @@ from typer.testing import CliRunner, Result
 from printctl.calibration.patterns import WrittenPattern, read_pattern
 from printctl.cli.main import app
 from printctl.errors import UsageError
-from registration.lens import Board, Lens, find_board, read_lens, write_lens
-from tests.registration.lens.rendered import Rig, photographed
-from tests.registration.microscope.rendered import Camera, Painted, paint
+from registration.devices.lens import Board, Lens, find_board, read_lens, write_lens
+from tests.registration.devices.lens.rendered import Rig, photographed
+from tests.registration.devices.microscope.rendered import Camera, Painted, paint
 
 BOARD = ("--squares", "11,8", "--square-mm", "2")
 TOO_LARGE = 1.01

@@ -15,7 +15,7 @@ from printctl.calibration import LagPattern, read_readings
 from printctl.calibration.lag import expected_width
 from printctl.cli.main import app
 from printctl.errors import SafetyError, UsageError
-from sim.dry_run.run import DryRun, dry_run
+from sim.gcode.dry_run.run import DryRun, dry_run
 
 PRINTER, SYRINGE = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
 AREA = math.pi / 4 * SYRINGE.inner_mm**2

@@ -14,7 +14,7 @@ from firmware_profiles import Printer, Syringe, load
 from printctl.calibration.patterns import read_pattern
 from printctl.cli.main import app
 from printctl.errors import SafetyError, UsageError
-from sim.dry_run.run import DryRun, dry_run
+from sim.gcode.dry_run.run import DryRun, dry_run
 
 PRINTER, SYRINGE = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
 BORE = math.pi / 4 * SYRINGE.inner_mm**2

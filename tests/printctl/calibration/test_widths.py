@@ -14,14 +14,14 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
-from printctl.bead import Mounting, predict_job
 from printctl.calibration.lag import LagPattern, expected_width
 from printctl.calibration.patterns import WrittenPattern, read_pattern
 from printctl.calibration.widths import GivenValues, fit_widths, typed_widths
+from printctl.checks.bead import Mounting, predict_job
 from printctl.cli.main import app
 from printctl.errors import UsageError
-from sim.dry_run.run import dry_run
-from tests.registration.microscope.rendered import Camera, Painted, paint
+from sim.gcode.dry_run.run import dry_run
+from tests.registration.devices.microscope.rendered import Camera, Painted, paint
 
 NEEDLE = ("--needle", "25g")
 FEW = ("--speeds", "2,8", "--flow-factors", "0.9,1.2", "--round", "--width", "0.3")
@@ -137,7 +137,7 @@ def test_a_cross_section_that_does_not_follow_the_speed_is_told(tmp_path: Path) 
 
 
 def test_from_a_simulated_print_to_the_ink_s_profile(tmp_path: Path) -> None:
-    """Flow factor 0.9 and a lag of 0.3 s, laid by `sim.bead`, swollen, painted, measured."""
+    """Flow factor 0.9 and a lag of 0.3 s, laid by `sim.gcode.bead`, swollen, painted, measured."""
     printer, syringe = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
     written = printed(tmp_path, "lines", *FEW, "--steps", "2", "--length", "20")
     gcode = (tmp_path / "p.gcode").read_bytes()

@@ -13,12 +13,12 @@ from printctl.cli.scan_options import voxel_mm
 from printctl.errors import UsageError
 from registration import ScanOverrides, write_scan_tiff
 from registration.corrected import corrected_scan
+from registration.devices.optics import OctCalibration, read_calibration, write_calibration
 from registration.errors import ScanFileError
-from registration.optics import OctCalibration, read_calibration, write_calibration
-from registration.writers import write_scan_oct
+from registration.files.writers import write_scan_oct
 from tests.printctl.cli.shell import Shell
-from tests.registration.optics.optical import FAULT, blank, dots, reflecting
-from tests.registration.readers.crafted import counts, scan
+from tests.registration.devices.optics.optical import FAULT, blank, dots, reflecting
+from tests.registration.files.readers.crafted import counts, scan
 
 VOXEL = (0.02, 0.03, 0.03)
 

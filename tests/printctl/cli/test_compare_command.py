@@ -12,8 +12,8 @@ import pytest
 from pypdf import PdfReader
 
 from printctl.cli import compare as command
-from printctl.link.journal import encode
-from printctl.link.record import JOURNAL
+from printctl.machine.link.journal import encode
+from printctl.machine.link.record import JOURNAL
 from printctl.run_folder.artefacts import JOURNAL_FOLDER
 from registration.report.pdf import library
 from tests.printctl.cli.shell import Shell

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from printctl.records.keys import lab_key
+from printctl.history.records.keys import lab_key
 from tests.printctl.cli.shell import Shell
-from tests.printctl.records.prints import GCODE, printed, with_run
+from tests.printctl.history.records.prints import GCODE, printed, with_run
 
 
 @pytest.fixture

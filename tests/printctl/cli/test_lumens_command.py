@@ -10,10 +10,17 @@ import pytest
 
 import firmware_profiles
 from design.solids import write_stl
+from tests.printctl.checks.lumens.small_gcode import (
+    BORE_MM,
+    LAYER_MM,
+    LINE_MM,
+    gcode,
+    section,
+    tube,
+)
+from tests.printctl.checks.lumens.test_model import LAYERS, pipe
+from tests.printctl.checks.lumens.written_filaments import plunger_gcode, valve_gcode
 from tests.printctl.cli.shell import Shell
-from tests.printctl.lumens.small_gcode import BORE_MM, LAYER_MM, LINE_MM, gcode, section, tube
-from tests.printctl.lumens.test_model import LAYERS, pipe
-from tests.printctl.lumens.written_filaments import plunger_gcode, valve_gcode
 
 HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
 E_MEANS = ("--filament-mm", str(BORE_MM))

@@ -17,11 +17,11 @@ from firmware_profiles import Printer, load
 from printctl.calibration.patterns import Pattern, PatternSetUp, WrittenPattern, read_pattern
 from printctl.cli.main import app
 from printctl.errors import UsageError
-from registration.camera_frame import read_frame, write_frame, write_insert
+from registration.devices.camera_frame import read_frame, write_frame, write_insert
+from registration.devices.lens import write_lens
 from registration.errors import PictureError
-from registration.lens import write_lens
-from sim.dry_run.run import dry_run
-from tests.registration.camera_frame import scene
+from sim.gcode.dry_run.run import dry_run
+from tests.registration.devices.camera_frame import scene
 
 
 def observe(*words: str | Path) -> Result:

@@ -28,10 +28,10 @@ from design.solids import write_stl
 from firmware_profiles import Ink, Syringe, load
 from printctl.pipeline.written_layers import read_written
 from printctl.recipe import parse_recipe
-from registration.optics import OctCalibration, write_calibration
+from registration.devices.optics import OctCalibration, write_calibration
+from registration.files.writers import write_scan
 from registration.wall_reference import WallCalibration
-from registration.writers import write_scan
-from sim.scanner import OctOptions, Placing, ScannerOutput, simulate_oct
+from sim.devices.scanner import OctOptions, Placing, ScannerOutput, simulate_oct
 from tests.printctl.cli.shell import Shell
 from tests.registration import parts
 from tests.registration.parts import analytic_deposit, as_scan, solid

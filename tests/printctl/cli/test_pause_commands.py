@@ -20,9 +20,9 @@ from printctl.cli.resume import resume
 from printctl.cli.status import status
 from printctl.cli.stop import kill, stop
 from printctl.errors import PrintctlError, SafetyError, UsageError
-from printctl.link import Care, LinkError, LinkState, PrintClient, start_print
-from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer, zigzag
-from tests.printctl.link.layered import layered
+from printctl.machine.link import Care, LinkError, LinkState, PrintClient, start_print
+from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, zigzag
+from tests.printctl.machine.link.layered import layered
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
 

@@ -9,7 +9,7 @@ import pytest
 from design.network_files.csv_format import write_network_csv
 from design.solids import write_stl
 from tests.printctl.cli.shell import Shell
-from tests.registration.geometry.shapes import construct, network
+from tests.registration.measuring.geometry.shapes import construct, network
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from printctl.cli.register_design import read_design
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import LUMEN, NETWORK, SOLID
 from printctl.run_folder.manifest import Manifest
-from tests.registration.geometry.shapes import construct, network
+from tests.registration.measuring.geometry.shapes import construct, network
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import pytest
 from design.solids import block_solid, write_3mf, write_stl
 from firmware_profiles import Printer, load
 from printctl.cli.main import main
-from sim.dry_run.run import dry_run
+from sim.gcode.dry_run.run import dry_run
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:

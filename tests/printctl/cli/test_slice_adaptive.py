@@ -11,8 +11,8 @@ from manifold3d import Manifold
 
 from design.solids import write_stl
 from firmware_profiles import Printer, load
-from printctl.gcode_view import Pushing, read_job
-from printctl.lumens import Writing, read_layers
+from printctl.checks.gcode_view import Pushing, read_job
+from printctl.checks.lumens import Writing, read_layers
 from tests.design.toolpath.shapes import as_solid, block
 from tests.printctl.cli.shell import Shell
 

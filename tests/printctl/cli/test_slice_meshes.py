@@ -13,8 +13,8 @@ from manifold3d import Manifold
 
 from design.solids import write_stl
 from firmware_profiles import Printer, load
+from printctl.checks.gcode_view import Pushing, read_job
 from printctl.cli.main import main
-from printctl.gcode_view import Pushing, read_job
 from tests.design.toolpath.shapes import as_solid, block
 
 OFFSET_MM = 40.0

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from printctl.cli import print_job
 from printctl.cli.main import app
-from printctl.link import LinkState, PrintOutcome
+from printctl.machine.link import LinkState, PrintOutcome
 
 JOB = "M85 S600\nM302 P1\nG90\nM82\nG1 X1 Y5 E0.1 F600\nG1 X2 Y5 E0.2 F600\n"
 

@@ -10,7 +10,7 @@ from printctl.observe.deciding import (
     Limits,
     SupplyState,
 )
-from registration.layer_images.values import Gap
+from registration.inspection.values import Gap
 
 FLOWING = InkSupply(SupplyState.FLOWING, 0.0, None, 0)
 GAP = Gap(2, 0.0, 1.0, (0.0, 0.0), (1.0, 0.0), 0.01, 1e-12)

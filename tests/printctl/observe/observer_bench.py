@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from printctl.link.errors import Refused
+from printctl.machine.link.errors import Refused
 from printctl.observe.deciding import (
     Decider,
     Evidence,
@@ -21,7 +21,7 @@ from printctl.observe.devices import DeviceError
 from printctl.observe.look_values import Judged, Look, MendLines
 from printctl.observe.observer import Observer
 from printctl.observe.records import answer_look
-from registration.layer_images.values import Gap
+from registration.inspection.values import Gap
 
 GAP = Gap(2, 0.0, 1.0, (0.0, 0.0), (1.0, 0.0), 0.01, 1e-12)
 LOOK = Look(1, 100, 100, 0, "end of layer 0")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from printctl.link.errors import Refused
+from printctl.machine.link.errors import Refused
 from printctl.observe.records import answer_look, answer_of, read_looks
 from tests.printctl.observe.observer_bench import GAP, LOOK, Bench, answering
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from printctl.observe.camera_holds import frame_holds
-from tests.registration.camera_frame import scene
+from tests.registration.devices.camera_frame import scene
 
 
 def test_an_earlier_picture_holds_only_in_the_frame_that_was_fitted_where_it_was_taken() -> None:

@@ -18,7 +18,7 @@ from printctl.observe.deciding import (
 from printctl.observe.deciding.evidence import Narrowed, UnseenPath
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.map_check import MapCheck
-from registration.layer_images.values import Blob, Gap
+from registration.inspection.values import Blob, Gap
 from tests.printctl.observe.decisions import GAP, decided, evidence, flow
 
 

@@ -11,7 +11,7 @@ from contextlib import suppress
 
 import pytest
 
-from printctl.link.find_link import has_ended
+from printctl.machine.link.find_link import has_ended
 from printctl.observe.devices import DeviceError, DeviceSettings, acquire, picture_of
 from printctl.observe.devices.files import files_in
 

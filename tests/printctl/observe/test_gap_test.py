@@ -3,7 +3,7 @@
 import numpy as np
 
 from printctl.observe.deciding import GapTest, confirmed_gaps
-from registration.layer_images.values import Gap
+from registration.inspection.values import Gap
 
 TEST = GapTest()
 

@@ -11,7 +11,7 @@ from firmware_profiles import Ink, load
 from printctl.observe.deciding import FlowControl
 from printctl.observe.expected import ExpectedInk
 from printctl.observe.judging import _flow, _thin, narrowed_lumens, shift_of, telling
-from registration.layer_images import Lumen, LumenSeen, Shift, Stations, Stretch
+from registration.inspection import Lumen, LumenSeen, Shift, Stations, Stretch
 
 HEIGHT, WIDTH = 0.1, 0.25
 

@@ -15,13 +15,13 @@ from printctl.observe.devices.files import files_in
 from printctl.observe.profiler import try_laser_frame
 from printctl.observe.records import emptied_look_folder
 from printctl.observe.views import open_view
-from registration.camera_frame import write_frame
+from registration.devices.camera_frame import write_frame
+from registration.devices.laser_sweep import write_laser
 from registration.errors import PictureError
-from registration.laser_sweep import write_laser
-from registration.layer_images import ExpectedLines
+from registration.inspection import ExpectedLines
 from tests.printctl.cli.test_observe import observe
-from tests.registration.camera_frame import scene
-from tests.registration.laser_sweep import sweeps
+from tests.registration.devices.camera_frame import scene
+from tests.registration.devices.laser_sweep import sweeps
 
 
 def lines_on_blocks() -> ExpectedLines:

@@ -12,8 +12,8 @@ import pytest
 from printctl.observe.last_map import LastMap
 from printctl.observe.map_check import MapCheck
 from printctl.observe.scan_place import ScanSize
-from registration.layer_images import ExpectedLines, HeightFrame
-from registration.readers.heights import HeightMap
+from registration.files.readers.heights import HeightMap
+from registration.inspection import ExpectedLines, HeightFrame
 
 _TO_MAP = np.eye(4)
 

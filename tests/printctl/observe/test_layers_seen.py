@@ -13,8 +13,8 @@ from printctl.observe.deciding import (
     Limits,
     SupplyState,
 )
-from registration.layer_images.findings import ToldOfInk
-from registration.layer_images.values import Gap
+from registration.inspection.findings import ToldOfInk
+from registration.inspection.values import Gap
 from tests.printctl.observe.decisions import GAP, decided, evidence
 
 

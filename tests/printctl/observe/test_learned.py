@@ -8,7 +8,7 @@ import numpy as np
 
 from printctl.observe.learned import STATE, Learned
 from printctl.observe.records import LookRecord
-from registration.layer_images import Appearance
+from registration.inspection import Appearance
 
 
 def test_an_observer_that_begins_anew_knows_what_the_last_look_had_learned() -> None:

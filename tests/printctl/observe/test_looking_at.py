@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from printctl.link.marks import Marks
+from printctl.machine.link.marks import Marks
 from printctl.observe.devices import DeviceError
 from printctl.observe.held_look import (
     HeldLook,
@@ -24,7 +24,7 @@ from printctl.observe.look_values import Look
 from printctl.observe.looking_at import ObservedJob
 from printctl.observe.records import look_folder
 from printctl.observe.shown_place import seen_where_ink_shows
-from registration.layer_images import Gap, LayerFindings, SeeingOptions, Stations, Unseen
+from registration.inspection import Gap, LayerFindings, SeeingOptions, Stations, Unseen
 
 
 def stations_of(along, seen, why=None):

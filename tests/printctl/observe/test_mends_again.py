@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from printctl.link.inserts import Insert
-from printctl.link.job import parse_job
-from printctl.link.marks import Marks
+from printctl.machine.link.inserts import Insert
+from printctl.machine.link.job import parse_job
+from printctl.machine.link.marks import Marks
 from printctl.observe.deciding import Decider, DecisionKind, Limits
 from printctl.observe.expected import expected_ink
 from printctl.observe.held_look import unseen_paths
@@ -29,7 +29,7 @@ from printctl.observe.mends_again import (
     with_mends,
 )
 from printctl.observe.records import LookRecord
-from registration.layer_images import Gap, see_layer
+from registration.inspection import Gap, see_layer
 from tests.printctl.observe.mending.small_jobs import (
     INK,
     LAYER_MM,

@@ -10,8 +10,8 @@ import pytest
 from printctl.observe.devices import DeviceError
 from printctl.observe.learned import Learned
 from printctl.observe.scan_place import ScanSize, refuse_elsewhere
-from registration.layer_images import ExpectedLines
-from registration.readers.heights import HeightMap
+from registration.files.readers.heights import HeightMap
+from registration.inspection import ExpectedLines
 from registration.scan import Scan
 
 TO_SCAN = np.array([[1.0, 0, 0, -100], [0, 1, 0, -50], [0, 0, -1, 3], [0, 0, 0, 1]])

@@ -11,7 +11,7 @@ import pytest
 
 from printctl.observe.judging import shift_of
 from printctl.observe.shown_place import seen_where_ink_shows
-from registration.layer_images import SeeingOptions, Shift
+from registration.inspection import SeeingOptions, Shift
 
 
 @dataclass(frozen=True)

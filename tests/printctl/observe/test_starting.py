@@ -12,17 +12,17 @@ from pathlib import Path
 
 import pytest
 
-from printctl.link.errors import LinkError
-from printctl.link.find_link import alive
-from printctl.link.process import hold_folder
-from printctl.link.record import RECORD
+from printctl.machine.link.errors import LinkError
+from printctl.machine.link.find_link import alive
+from printctl.machine.link.process import hold_folder
+from printctl.machine.link.record import RECORD
 from printctl.observe import starting
 from printctl.observe.records import OBSERVER_LOCK, ORDER, READY
 
 _OBSERVER = """
 import signal, sys
 from pathlib import Path
-from printctl.link.process import hold_folder
+from printctl.machine.link.process import hold_folder
 from printctl.observe.__main__ import _leave
 from printctl.observe.devices import DeviceSettings, acquire
 from printctl.observe.records import OBSERVER_LOCK

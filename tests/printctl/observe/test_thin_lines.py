@@ -7,7 +7,7 @@ import pytest
 
 from printctl.observe.deciding.thin import Thin, seen_twice
 from printctl.observe.thin_lines import low_stretches, runs_below, thin_lines
-from registration.layer_images import Stations, Stretch
+from registration.inspection import Stations, Stretch
 
 STEP = 0.15
 

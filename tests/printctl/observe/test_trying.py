@@ -20,7 +20,7 @@ from printctl.observe.records import look_folder
 from printctl.observe.trying import try_device
 from printctl.observe.view_before import EMPTY
 from sim.errors import SimError
-from sim.motion.executed import ExecutedMotion
+from sim.gcode.motion.executed import ExecutedMotion
 
 CAMERA = {
     "camera": {"size_px": [60, 40], "um_per_px": 100, "target_mm": [50, 40, 1]},

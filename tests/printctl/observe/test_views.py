@@ -13,10 +13,10 @@ import pytest
 from printctl.errors import UsageError
 from printctl.observe import camera_holds, views
 from printctl.observe.devices import DeviceError
-from registration.camera_frame.frame import CameraFrame
-from registration.layer_images import ExpectedLines
-from sim.camera.optics import Camera
-from sim.camera.scene import Bath
+from registration.devices.camera_frame.frame import CameraFrame
+from registration.inspection import ExpectedLines
+from sim.devices.camera.optics import Camera
+from sim.devices.camera.scene import Bath
 
 
 @dataclass

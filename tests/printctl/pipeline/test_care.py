@@ -14,11 +14,11 @@ from rich.console import Console
 
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.errors import RecipeError, SafetyError
-from printctl.link.care import Care
+from printctl.machine.link.care import Care
+from printctl.machine.printing import Order, usable_mm
 from printctl.pipeline.head_contents import Filled
 from printctl.pipeline.run import toolpath_recipe
 from printctl.pipeline.stages import printing
-from printctl.printing import Order, usable_mm
 from printctl.recipe import Recipe, parse_recipe
 
 ROOT = Path(__file__).parents[3]

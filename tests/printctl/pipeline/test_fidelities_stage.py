@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from design.hemodynamics import FlowConditions
-from printctl.flow.three_d import wall_shear_of_vessels
+from printctl.analysis.flow.three_d import wall_shear_of_vessels
 from printctl.pipeline.stages import fidelities
 from printctl.recipe.parts import FlowPart
 from registration.report.lumen_figure import shear_figure

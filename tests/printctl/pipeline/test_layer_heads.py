@@ -19,7 +19,7 @@ from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import parse_recipe
 from printctl.recipe.heads import HeadPart
 from printctl.recipe.making import Fresh
-from sim.dry_run.run import dry_run
+from sim.gcode.dry_run.run import dry_run
 
 ROOT = Path(__file__).parents[3]
 SIZE_MM = (6.0, 4.0, 1.5)

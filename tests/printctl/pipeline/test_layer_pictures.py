@@ -10,10 +10,10 @@ from lxml import etree
 
 from design.solids import block_solid
 from firmware_profiles import Printer, load
-from printctl.gcode_view import Pushing
+from printctl.checks.gcode_view import Pushing
 from printctl.pipeline.layer_pictures import OUTLINED, layer_pictures
-from tests.printctl.lumens.small_gcode import BORE_MM, gcode
-from tests.printctl.lumens.written_filaments import plunger_gcode
+from tests.printctl.checks.lumens.small_gcode import BORE_MM, gcode
+from tests.printctl.checks.lumens.written_filaments import plunger_gcode
 
 PUSHING = Pushing(load(Printer, "generic_marlin"), BORE_MM, "test", BORE_MM, "test")
 ROWS = [np.array([[0.0, y], [10.0, y]]) for y in (0.0, 1.0, 2.0)]

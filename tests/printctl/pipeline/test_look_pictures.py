@@ -9,9 +9,9 @@ from pathlib import Path
 from lxml import etree
 from PIL import Image
 
-from printctl.link.inserts import Insert
-from printctl.link.journal import encode
-from printctl.link.record import JOURNAL
+from printctl.machine.link.inserts import Insert
+from printctl.machine.link.journal import encode
+from printctl.machine.link.record import JOURNAL
 from printctl.observe.records import LookRecord, look_folder, save_look
 from printctl.pipeline.look_pictures import chosen_looks, look_pictures, look_rows
 from registration.report.look_figure import LookRow

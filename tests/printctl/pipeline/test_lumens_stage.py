@@ -16,7 +16,7 @@ from firmware_profiles.bead import BeadSection
 from printctl.errors import SafetyError
 from printctl.pipeline.stages import lumens
 from printctl.recipe.making import Embedded, Fresh
-from tests.printctl.lumens.small_gcode import BORE_MM, LAYER_MM, Strokes, gcode, tube
+from tests.printctl.checks.lumens.small_gcode import BORE_MM, LAYER_MM, Strokes, gcode, tube
 
 LAYERS = 8
 NONE = np.zeros(1, dtype=np.int64)

@@ -11,7 +11,7 @@ import yaml
 
 from firmware_profiles import Printer, load
 from printctl.errors import RecipeError, UsageError
-from printctl.link.marks import MarkKind
+from printctl.machine.link.marks import MarkKind
 from printctl.observe.records import ORDER
 from printctl.pipeline import observing
 from printctl.pipeline.observable import refuse_unobservable

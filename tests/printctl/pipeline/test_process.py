@@ -13,7 +13,7 @@ from design.network_files.csv_format import write_network_csv
 from printctl.errors import SafetyError
 from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import parse_recipe
-from tests.printctl.feedback.small_run import TWO, recipe_of
+from tests.printctl.corrections.feedback.small_run import TWO, recipe_of
 
 
 def dry_run(folder: Path, **care: Any) -> dict[str, Any]:

@@ -13,11 +13,11 @@ from pydantic import ValidationError
 
 from printctl.pipeline.stages.scan import digest_scan, digest_user_files, load_scan
 from printctl.recipe.making import FileScan, SimulatedScan
-from registration.optics.beam import OctCalibration
-from registration.optics.file import write_calibration
+from registration.devices.optics.beam import OctCalibration
+from registration.devices.optics.file import write_calibration
+from registration.files.writers import write_scan, write_scan_zarr
 from registration.wall_reference import WallCalibration
-from registration.writers import write_scan, write_scan_zarr
-from tests.registration.readers.crafted import counts, scan
+from tests.registration.files.readers.crafted import counts, scan
 
 
 def loaded(folder: Path, **said: Any) -> Any:

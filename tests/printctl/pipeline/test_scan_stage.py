@@ -13,16 +13,16 @@ import pytest
 import tifffile
 
 from printctl.errors import UsageError
-from printctl.link.history_entry import PrintEntry, entry_of
-from printctl.link.journal import Journal
-from printctl.link.record import LinkRecord
+from printctl.machine.link.history_entry import PrintEntry, entry_of
+from printctl.machine.link.journal import Journal
+from printctl.machine.link.record import LinkRecord
 from printctl.pipeline.print_scan import StatedPrint, scan_print
 from printctl.pipeline.simulated_scan import scan_size_words
 from printctl.pipeline.stages import scan
 from printctl.recipe.making import SimulatedScan
 from registration import read_scan
-from sim.faults.ink_faults import Clog
-from sim.motion.executed import ExecutedMotion
+from sim.gcode.deposit.ink_faults import Clog
+from sim.gcode.motion.executed import ExecutedMotion
 
 BOX = np.array([[0.0, 0.0, 0.0], [24.0, 20.0, 3.0]])
 E_STEPS = 6400.0

@@ -11,7 +11,7 @@ from design.geometry.surface import Surface
 from design.network import VesselNetwork
 from printctl.pipeline.tracing import Job, by_layer, made_by
 from printctl.pipeline.tracing import _spans as spans
-from sim.deposit.strands import FloatArray, IntArray, Strands
+from sim.gcode.deposit.strands import FloatArray, IntArray, Strands
 
 NO_FACES = np.empty((0, 3), dtype=np.int64)
 

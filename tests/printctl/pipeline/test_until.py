@@ -12,7 +12,7 @@ import yaml
 from design.network_files.csv_format import write_network_csv
 from printctl.progress_file import LEAST_S, ProgressFile
 from tests.printctl.cli.shell import Shell
-from tests.printctl.feedback.small_run import TWO, recipe_of
+from tests.printctl.corrections.feedback.small_run import TWO, recipe_of
 
 PLANAR: dict[str, Any] = {
     "schema": 1,

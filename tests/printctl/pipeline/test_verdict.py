@@ -8,8 +8,13 @@ import numpy as np
 import pytest
 
 from printctl.pipeline.verdict import MOST_REASONS, verdict
-from registration.judging import Tolerances, VesselLimits, judge, judge_plain
-from tests.registration.judging.registered import CONFORMANCE, change, registration, vessel
+from registration.measuring.judging import Tolerances, VesselLimits, judge, judge_plain
+from tests.registration.measuring.judging.registered import (
+    CONFORMANCE,
+    change,
+    registration,
+    vessel,
+)
 
 FLOW = {
     "pressure_drop_pa": 12.0,

@@ -10,8 +10,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from printctl.flow import ONE_D, ONE_D_WAVES, TABLE, steady_conditions
-from printctl.flow.driven import Driven
+from printctl.analysis.flow import ONE_D, ONE_D_WAVES, TABLE, steady_conditions
+from printctl.analysis.flow.driven import Driven
 from printctl.pipeline.stages.flow import work
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.solid import SolidPart

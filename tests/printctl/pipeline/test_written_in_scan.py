@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from printctl.link.inserts import Insert
+from printctl.machine.link.inserts import Insert
 from printctl.observe.records import LookRecord
 from printctl.pipeline.tracing import Job
 from printctl.pipeline.written_in_scan import (
@@ -14,7 +14,7 @@ from printctl.pipeline.written_in_scan import (
     save_written,
     written_places,
 )
-from sim.deposit.strands import Strands
+from sim.gcode.deposit.strands import Strands
 
 LENGTH = 10.0
 

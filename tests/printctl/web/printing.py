@@ -11,8 +11,8 @@ from pathlib import Path
 import yaml
 
 from firmware_profiles import Printer, load
-from printctl.link import LinkState, PrintClient, start_print
-from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer, write_job
+from printctl.machine.link import LinkState, PrintClient, start_print
+from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, write_job
 
 LINES = 12_000
 PACE_S = 0.025

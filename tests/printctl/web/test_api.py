@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from printctl.link import LinkError
-from printctl.station import attach
+from printctl.machine.link import LinkError
+from printctl.machine.station import attach
 from tests.printctl.web.serving import PAGE, Served
 from tests.printctl.web.serving import served as made
 from tests.slower import first_of

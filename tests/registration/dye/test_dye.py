@@ -17,7 +17,7 @@ from registration.dye import (
 )
 from registration.dye.stations import place_stations
 from registration.dye.view import find_view
-from sim.dye import Disturbance, Dye, DyeFilm, Occlusion
+from sim.devices.dye import Disturbance, Dye, DyeFilm, Occlusion
 from tests.registration.dye.films import (
     PLANAR_CAMERA,
     PLANAR_FLOW,

@@ -17,7 +17,7 @@ from registration.dye.patency import _Seen, _series, _stop
 from registration.dye.traces import Traces
 from registration.dye.view import find_view
 from registration.errors import DyeError
-from sim.dye import Disturbance, Dye, DyeFilm
+from sim.devices.dye import Disturbance, Dye, DyeFilm
 from tests.registration.dye.films import TUBE_CAMERA, filmed, tube
 
 TUBE_FLOW = np.pi * 0.25**2 * 4.0

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from design.vasculature.named import planar_four_vessel
+from registration.devices.lens import Lens
 from registration.dye import DyeOptions, Marks, measure_dye
 from registration.errors import DyeError
-from registration.lens import Lens
-from sim.dye import DyeFilm, dye_flow
-from sim.dye.film import film_frames
+from sim.devices.dye import DyeFilm, dye_flow
+from sim.devices.dye.film import film_frames
+from tests.registration.devices.lens.rendered import Rig
 from tests.registration.dye.films import PLANAR_CAMERA, PLANAR_FLOW, PLANAR_MARKS
-from tests.registration.lens.rendered import Rig
 
 RIG = Rig((PLANAR_CAMERA.width, PLANAR_CAMERA.height), 256.0, (-0.5, 0.0))
 LENS = Lens(

@@ -12,7 +12,7 @@ from design.vasculature.named import planar_four_vessel
 from registration.dye import Marks, measure_dye, read_marks
 from registration.dye.view import find_view
 from registration.errors import DyeError
-from sim.dye import DyeCamera, DyeFilm
+from sim.devices.dye import DyeCamera, DyeFilm
 from tests.printctl.cli.shell import Shell
 from tests.registration.dye.films import PLANAR_CAMERA, PLANAR_MARKS, filmed, marks_of
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from registration.picture import VesselQuantities, quantities
 from registration.report import NetworkPage, write_network_html, write_report_html
 from registration.report.gcode import layer_figure
 from registration.report.gcode.colouring import colourings
+from registration.report.picture import VesselQuantities, quantities
 from tests.printctl.web.shell.browsers import CHROMIUM
 
 from .gcode_sample import layered_job

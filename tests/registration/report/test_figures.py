@@ -5,7 +5,6 @@ import pytest
 from lxml import etree, html
 
 from design.network import VesselNetwork
-from registration.picture.colours import samples
 from registration.report import (
     ReportError,
     diameter_figure,
@@ -15,6 +14,7 @@ from registration.report import (
 from registration.report.figures import flush_ends, piece_values
 from registration.report.gcode import layer_figure
 from registration.report.gcode.colouring import colourings
+from registration.report.picture.colours import samples
 from registration.report.svg import inline_figure, inline_svg
 
 from .gcode_sample import layered_job

@@ -7,7 +7,6 @@ import pytest
 from numpy.typing import NDArray
 
 from design.network import VesselKind, VesselNetwork
-from registration.picture import quantities
 from registration.report.network_view import (
     columns,
     network_view,
@@ -15,6 +14,7 @@ from registration.report.network_view import (
     report_view,
     thin_out,
 )
+from registration.report.picture import quantities
 from registration.report.sections import vessel_summary
 from registration.report.tables import MAX_ROWS, Column, make_table, vessel_index
 

@@ -10,8 +10,8 @@ import pytest
 
 from registration.report import write_report_html
 from registration.report.section_view import section_view
-from registration.views import SectionStack, Views
-from registration.views.stack import PIXELS
+from registration.report.views import SectionStack, Views
+from registration.report.views.stack import PIXELS
 
 from .sample import block_surface, planar_network, sample_data
 from .test_browser import CHROMIUM, acted

@@ -12,9 +12,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
-from printctl.link.client import attach
-from printctl.link.errors import LinkError
-from printctl.link.states import ENDED
+from printctl.machine.link.client import attach
+from printctl.machine.link.errors import LinkError
+from printctl.machine.link.states import ENDED
 from printctl.pipeline.names import TOOLPATH_NAMES, names_until
 from printctl.run_folder.manifest import MANIFEST
 from printctl.web.design.recipes import Recipes

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from firmware_profiles import Ink, Printer, Syringe, load
+from printctl.checks.gcode_view import Pushing, read_job, read_line_map
 from printctl.errors import UsageError
-from printctl.gcode_view import Pushing, read_job, read_line_map
 from printctl.pipeline.outlines import run_outlines
 from printctl.run_folder.artefacts import GCODE
 from printctl.run_folder.manifest import Manifest

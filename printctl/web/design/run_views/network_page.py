@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from design.network import VesselNetwork
-from printctl.networks import Drive, load_source
+from printctl.analysis.networks import Drive, load_source
 from printctl.run_folder.artefacts import OXYGEN
 from printctl.web.design.run_views.views import LUMENS
-from registration.picture import Quantity, quantities
-from registration.picture.quantity import magnitude, signed
 from registration.report import NetworkPage, ReportSurface, write_network_html
+from registration.report.picture import Quantity, quantities
+from registration.report.picture.quantity import magnitude, signed
 
 
 def write_network(run: Path, path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from printctl.records.films import film_file
+from printctl.machine.printing.films import film_file
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, NotFoundError
 from printctl.web.job.camera.camera import CameraProcess, CameraState, LatestPicture

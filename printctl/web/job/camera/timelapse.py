@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from design.files import write_bytes
-from printctl.printing.progress import Progress
-from printctl.records.films import film_file, frames_folder
+from printctl.machine.printing.films import film_file, frames_folder
+from printctl.machine.printing.progress import Progress
 from printctl.web.job.camera.camera import Camera
 from printctl.web.job.following import PrintReport
 

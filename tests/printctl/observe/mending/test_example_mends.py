@@ -9,8 +9,8 @@ import pytest
 
 from design.network_files.csv_format import read_network_csv
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
-from printctl.link.job import load_job
-from printctl.link.marks import MarkKind
+from printctl.machine.link.job import load_job
+from printctl.machine.link.marks import MarkKind
 from printctl.observe.mending import (
     Gap,
     HeldPrint,

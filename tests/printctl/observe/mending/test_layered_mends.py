@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from design.toolpath.priming import Purge
-from printctl.link.insert_check import InsertPlace, judged_lines
-from printctl.link.job_reach import JobReach
+from printctl.machine.link.insert_check import InsertPlace, judged_lines
+from printctl.machine.link.job_reach import JobReach
 from printctl.observe.mending import (
     Gap,
     MendError,

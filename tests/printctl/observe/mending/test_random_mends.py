@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from firmware_profiles.materials import MeasuredLag
 from printctl.observe.mending import Gap, check_mend, checked_mend, plan_mend, written_paths
-from sim.deposit.lay import deposit
-from sim.dry_run.run import dry_run
+from sim.gcode.deposit.lay import deposit
+from sim.gcode.dry_run.run import dry_run
 from tests.printctl.observe.mending.small_jobs import (
     LAYER_MM,
     NEEDLE,

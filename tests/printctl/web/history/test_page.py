@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.printctl.records.prints import printed, with_run
+from tests.printctl.history.records.prints import printed, with_run
 from tests.printctl.web.serving import server_process
 from tests.printctl.web.shell.browsers import serious
 

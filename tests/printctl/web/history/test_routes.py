@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from starlette.testclient import TestClient
 
-from printctl.records.keys import lab_key
-from tests.printctl.records.prints import GCODE, printed, with_run
+from printctl.history.records.keys import lab_key
+from tests.printctl.history.records.prints import GCODE, printed, with_run
 from tests.printctl.web.serving import Served, served
 
 WAY = "/api/v1/history"

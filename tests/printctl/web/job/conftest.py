@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from printctl.link.errors import Refused
-from printctl.station import Station, connect
+from printctl.machine.link.errors import Refused
+from printctl.machine.station import Station, connect
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.job.service import JobService
@@ -17,7 +17,7 @@ from printctl.web.job.set_up import JobSetUp
 from printctl.web.job.steps_after import checklist
 from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
-from tests.printctl.link.layered import layered
+from tests.printctl.machine.link.layered import layered
 
 START = (50.0, 50.0, 10.0)
 OPERATOR = Principal("one", "Ada")

@@ -12,14 +12,14 @@ import pytest
 from typer.testing import CliRunner
 
 from printctl.cli.main import app
-from printctl.link import LinkState
-from printctl.link.errors import Refused
-from printctl.link.history_query import HistoryQuery
-from printctl.link.journalled_print import read_journal
-from printctl.link.record import JOURNAL, load_record
-from printctl.print_state.actions import PrintAction
-from printctl.station import Station, connect
-from printctl.station.record import load_station
+from printctl.machine.link import LinkState
+from printctl.machine.link.errors import Refused
+from printctl.machine.link.history_query import HistoryQuery
+from printctl.machine.link.journalled_print import read_journal
+from printctl.machine.link.record import JOURNAL, load_record
+from printctl.machine.print_state.actions import PrintAction
+from printctl.machine.station import Station, connect
+from printctl.machine.station.record import load_station
 from printctl.web.history.service import HistoryService
 from printctl.web.job.service import JobService
 from tests.printctl.web.job.conftest import OPERATOR, START, add, ready, shut

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.link.errors import LinkError
-from printctl.link.job_start import declared_start
+from printctl.machine.link.errors import LinkError
+from printctl.machine.link.job_start import declared_start
 from printctl.web.job.declared_start import declared_of
-from tests.printctl.link.jobs import load_job
+from tests.printctl.machine.link.jobs import load_job
 
 MOVES = b"".join(b"G1 X%d Y2 F600\n" % (k % 9) for k in range(5000))
 PLACED = b"G21\nG92 X1 Y2 Z3 E0\n"

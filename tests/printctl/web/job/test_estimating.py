@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Ink, Printer, Syringe, load
-from printctl.gcode_view import Pushing, read_job
-from printctl.preflight import HeadLoading, volumes
-from printctl.printing.job_table import JobTable
-from printctl.printing.journal_facts import read_so_far
-from printctl.printing.progress import Filling, progress
-from printctl.printing.remaining import Estimate, Remaining
+from printctl.checks.gcode_view import Pushing, read_job
+from printctl.checks.preflight import HeadLoading, volumes
+from printctl.machine.printing.job_table import JobTable
+from printctl.machine.printing.journal_facts import read_so_far
+from printctl.machine.printing.progress import Filling, progress
+from printctl.machine.printing.remaining import Estimate, Remaining
 from printctl.web.job.tabulating import make_table
-from sim.dry_run.run import dry_run
-from tests.printctl.link.jobs import parse_job
-from tests.printctl.link.layered import layered
+from sim.gcode.dry_run.run import dry_run
+from tests.printctl.machine.link.jobs import parse_job
+from tests.printctl.machine.link.layered import layered
 
 PRINTER, SYRINGE = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
 INK = load(Ink, "collagen_fresh")

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from printctl.link.history import PrintHistory
-from printctl.link.print_notes import read_notes
+from printctl.machine.link.history import PrintHistory
+from printctl.machine.link.print_notes import read_notes
 from printctl.web.job.record import Records
-from tests.printctl.link.test_print_notes import begun
+from tests.printctl.machine.link.test_print_notes import begun
 
 
 @pytest.fixture(autouse=True)

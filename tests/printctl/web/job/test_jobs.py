@@ -9,13 +9,13 @@ import math
 import pytest
 from PIL import Image
 
-from printctl.preflight import Budget
+from printctl.checks.preflight import Budget
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.job.steps_after import Ramp, flush_limit, ramped_c
 from printctl.web.job.viability import viability
-from tests.printctl.link.layered import layered
+from tests.printctl.machine.link.layered import layered
 from tests.printctl.web.job.conftest import OPERATOR, START, add
 
 

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 import yaml
 
-from printctl.link import LinkState
-from printctl.link.marks import MarkKind
-from printctl.link.record import load_record
+from printctl.machine.link import LinkState
+from printctl.machine.link.marks import MarkKind
+from printctl.machine.link.record import load_record
 from printctl.observe.deciding import Limits
 from printctl.observe.devices import DeviceSettings
 from printctl.observe.order import ObserverOrder
@@ -24,7 +24,7 @@ from printctl.observe.starting import ObserverError
 from printctl.run_folder.artefacts import GCODE
 from printctl.run_folder.manifest import Manifest
 from printctl.web.errors import ConflictError
-from tests.printctl.link.layered import layered
+from tests.printctl.machine.link.layered import layered
 from tests.printctl.web.job.conftest import OPERATOR, ready
 from tests.printctl.web.job.test_printing import WORDS, until
 

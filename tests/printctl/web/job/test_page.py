@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from printctl.station import connect
+from printctl.machine.station import connect
 from printctl.web.workspace import Workspace
-from tests.printctl.link.layered import layered
+from tests.printctl.machine.link.layered import layered
 from tests.printctl.web.job.conftest import START, shut
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import LOOKS, WIDE, serious, shown

@@ -9,8 +9,8 @@ from dataclasses import replace
 import pytest
 
 from printctl.errors import SafetyError
-from printctl.link import LinkState
-from printctl.link.record import load_record
+from printctl.machine.link import LinkState
+from printctl.machine.link.record import load_record
 from printctl.web.errors import ConflictError, NotInControlError
 from printctl.web.job.service import JobService
 from tests.printctl.web.job.camera.pictures import until as heard

@@ -9,9 +9,9 @@ import time
 
 import pytest
 
-from printctl.link.journal import Journal
-from printctl.link.record import JOURNAL, LinkRecord
-from printctl.link.states import LinkState, Status
+from printctl.machine.link.journal import Journal
+from printctl.machine.link.record import JOURNAL, LinkRecord
+from printctl.machine.link.states import LinkState, Status
 from printctl.web.job.service import JobService
 from tests.printctl.web.job.conftest import add
 

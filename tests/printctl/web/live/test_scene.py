@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from printctl.gcode_view import LineMap, read_line_map
+from printctl.checks.gcode_view import LineMap, read_line_map
 from printctl.web.live import LiveScene, SceneError, make_scene
 from printctl.web.live.pack import pack_scene
 from printctl.web.live.scene import ACT, HEAD, LAYER, NONE, VESSEL, WIDTH
 from printctl.web.live.scene_worker import write_scene
 from registration.report.gcode import Act
-from tests.printctl.link.jobs import parse_job
+from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.web.live import jobs
 from tests.printctl.web.live.oracle import moves_of, read_packed
 

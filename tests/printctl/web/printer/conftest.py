@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from printctl.station import StationState
+from printctl.machine.station import StationState
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.printer.service import PrinterService

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from printctl.link.errors import Refused
+from printctl.machine.link.errors import Refused
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.printer.macros import Macro
 from printctl.web.printer.service import PrinterService

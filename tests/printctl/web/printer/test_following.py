@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from printctl.station import StationState, StationStatus
+from printctl.machine.station import StationState, StationStatus
 from printctl.web.printer import following
 
 GONE = StationStatus(StationState.LOST, "the station ended without a word")

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, expect
 
-from printctl.link.errors import LinkError
-from printctl.station import attach
+from printctl.machine.link.errors import LinkError
+from printctl.machine.station import attach
 from tests.printctl.web.serving import server_process
 from tests.printctl.web.shell.browsers import LOOKS, serious
 from tests.printctl.web.shell.dialogs import serious_in_dialog

@@ -1,6 +1,6 @@
 """Ring buffer of the last ten minutes' readings."""
 
-from printctl.station import StationState, StationStatus, Temperature
+from printctl.machine.station import StationState, StationStatus, Temperature
 from printctl.web.printer.plots import KEPT_S, Plots
 
 

@@ -3,8 +3,8 @@
 import pytest
 
 from firmware_profiles import Dish, load
-from printctl.link.errors import Refused
-from printctl.station import StationState
+from printctl.machine.link.errors import Refused
+from printctl.machine.station import StationState
 from printctl.web.errors import ConflictError, NotFoundError, NotInControlError
 from printctl.web.printer.printer_commands import BLIND_LIFT_MM, CLEAR_MM
 from printctl.web.printer.service import PrinterService

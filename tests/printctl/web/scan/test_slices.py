@@ -11,7 +11,7 @@ from PIL import Image
 
 from printctl.web.errors import BadRequestError
 from printctl.web.scan.slices import TINT, Slices, open_scan, picture, plane
-from registration.readers import write_scan_tiff
+from registration.files.readers import write_scan_tiff
 from registration.scan import Scan
 
 SHAPE = (5, 7, 9)

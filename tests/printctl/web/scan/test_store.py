@@ -14,7 +14,7 @@ import tifffile
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.scan.store import ScanStore, scan_name
 from printctl.web.workspace import Workspace
-from registration.readers import ScanOverrides, read_scan
+from registration.files.readers import ScanOverrides, read_scan
 
 
 @pytest.fixture

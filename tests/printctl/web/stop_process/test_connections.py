@@ -6,7 +6,7 @@ import json
 import socket
 from pathlib import Path
 
-from printctl.link.command_socket import listen
+from printctl.machine.link.command_socket import listen
 from printctl.web.stop_process.connections import Wires
 
 

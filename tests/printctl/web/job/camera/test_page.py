@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from printctl.link import LinkState
+from printctl.machine.link import LinkState
 from printctl.web.core import Core
 from printctl.web.job.service import JobService
 from tests.printctl.web.job.camera.pictures import film, sequence, until

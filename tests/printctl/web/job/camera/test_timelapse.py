@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from printctl.link import LinkState
-from printctl.records.films import film_file, frames_folder
+from printctl.machine.link import LinkState
+from printctl.machine.printing.films import film_file, frames_folder
 from printctl.web.core import Core
 from printctl.web.job.camera import timelapse
 from printctl.web.job.camera.film import MOST_FRAMES, write_film

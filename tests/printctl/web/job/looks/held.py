@@ -12,16 +12,16 @@ import yaml
 from PIL import Image, ImageDraw
 
 from firmware_profiles import Printer, load
-from printctl.link import LinkState, start_print
-from printctl.link.care import Care
-from printctl.link.client import PrintClient
-from printctl.link.look_book import LookDecision
-from printctl.link.marks import MarkKind
-from printctl.link.process import hold_folder
+from printctl.machine.link import LinkState, start_print
+from printctl.machine.link.care import Care
+from printctl.machine.link.client import PrintClient
+from printctl.machine.link.look_book import LookDecision
+from printctl.machine.link.marks import MarkKind
+from printctl.machine.link.process import hold_folder
 from printctl.observe.records import OBSERVER_LOCK, LookRecord, look_folder, save_look
 from printctl.web.workspace import Workspace
-from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer
-from tests.printctl.link.looking import layered
+from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer
+from tests.printctl.machine.link.looking import layered
 
 JOB = "file~zigzag.gcode"
 SIZE = (900, 700)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from printctl.link.look_book import LookDecision
+from printctl.machine.link.look_book import LookDecision
 from printctl.observe.records import answer_of, save_look
 from printctl.web.workspace import Workspace
 from tests.printctl.web.job.looks.held import JOB, picture, print_held_for_a_look, record

@@ -1,0 +1,1 @@
+"""Flow, oxygen, dye and films of a design or a print."""

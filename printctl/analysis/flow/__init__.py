@@ -1,0 +1,29 @@
+"""Solve a network's 0D, 1D and 3D flow as a recipe asks, as designed or printed; write the files.
+
+Goes in: a recipe's flow section and a network. Comes out: solutions, tables and pictures. Begin
+with `solve.py`.
+"""
+
+from printctl.analysis.flow.conditions import pulsatile_conditions, steady_conditions
+from printctl.analysis.flow.one_d import ONE_D, ONE_D_WAVES, one_d_options
+from printctl.analysis.flow.outputs import PULSES, WAVES, read_waves
+from printctl.analysis.flow.solve import solve_section
+from printctl.analysis.flow.steady import TABLE
+from printctl.analysis.flow.tables import NPZ, CsvTables, FlowTables, NpzTables
+
+__all__ = [
+    "NPZ",
+    "ONE_D",
+    "ONE_D_WAVES",
+    "PULSES",
+    "TABLE",
+    "WAVES",
+    "CsvTables",
+    "FlowTables",
+    "NpzTables",
+    "one_d_options",
+    "pulsatile_conditions",
+    "read_waves",
+    "solve_section",
+    "steady_conditions",
+]

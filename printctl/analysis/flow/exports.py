@@ -1,0 +1,66 @@
+"""Write a flow problem as input of svZeroDSolver, svOneDSolver or svMultiPhysics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from design.hemodynamics import write_svoned
+from design.hemodynamics.zero_d.svzerod import write_svzerod
+from design.network import VesselNetwork
+from printctl.analysis.flow.driven import Driven
+from printctl.analysis.flow.one_d import one_d_options
+from printctl.recipe.parts import Export
+from printctl.recipe.space import ThreeDPart
+from printctl.recipe.waves import OneDPart
+
+EXPORTS: Final[Mapping[Export, str]] = {
+    "svzerod": "svzerod.json",
+    "svoned": "svoned.in",
+    "svmultiphysics": "svmultiphysics",
+}
+"""File or folder of each in a run folder."""
+_STEADY_STEPS: Final = 8
+"""Of a cycle in which nothing changes."""
+
+
+def write_exports(
+    paths: Mapping[Export, Path],
+    network: VesselNetwork,
+    driven: Driven,
+    space: ThreeDPart,
+    fillet_ratio: float,
+) -> list[Path]:
+    """Write each solver's input to its path; return the files.
+
+    Parameters
+    ----------
+    space : ThreeDPart
+        Of which svMultiPhysics' mesh has ``edge_ratio``.
+    fillet_ratio : float
+        Of that mesh's lumens.
+
+    Raises
+    ------
+    FlowError, SolidError, UsageError, OSError
+        As `Driven.problem`, `lumen_mesh` and the writers.
+    """
+    if not paths:
+        return []
+    conditions, pulse = driven.problem(network), driven.part.pulse
+    steps = _STEADY_STEPS if pulse is None else pulse.steps
+    if "svzerod" in paths:
+        write_svzerod(paths["svzerod"], network, conditions, steps)
+    if "svoned" in paths:
+        options = one_d_options(driven.part.one_d or OneDPart(), steps)
+        write_svoned(paths["svoned"], network, conditions, options)
+    if "svmultiphysics" in paths:
+        # Heavy (3D flow), and few ask for it.
+        from design.hemodynamics.three_d import straighten_edges
+        from design.hemodynamics.three_d.svmultiphysics import write_svmultiphysics
+        from printctl.analysis.flow.printed_fidelities import mesh_of
+
+        mesh = straighten_edges(mesh_of(network, space, fillet_ratio))[0]
+        write_svmultiphysics(paths["svmultiphysics"], mesh, conditions)
+    return list(paths.values())

@@ -1,0 +1,150 @@
+"""Extract the lumen surface of a network's vessels from a registered scan, for 3D flow."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from manifold3d import Manifold
+
+from design.errors import FlowError
+from design.geometry.surface import Surface
+from design.hemodynamics.three_d.cut_ends import manifold_arrays
+from design.hemodynamics.three_d.lumen_mesh import MeshPort
+from design.hemodynamics.three_d.wall import free_ends
+from design.network import FloatArray, VesselNetwork
+from design.solids.denoise import denoised
+from design.solids.lumen import lumen_solid
+from design.solids.manifolds import solid_manifold, to_manifold
+from printctl.analysis.flow.scanned_size import facing, set_out
+from printctl.errors import UsageError
+from printctl.run_folder.artefacts import NUMBERS
+from printctl.run_folder.registration_files import DEVIATION, load_deviation
+
+PASSES: Final = 10
+_AROUND: Final = 1.4
+"""Measured radii within which the lumen is looked for."""
+
+_AMID: Final = 0.3
+_LEAST, _MOST = 0.5, 1.6
+"""Of the measured vessels' volume: all of what is looked through has twice as much."""
+
+_INSET_VOXELS: Final = 4.0
+"""A mouth is rounded by the segmentation's smoothing; so far from it the lumen is taken as it is,
+and drawn out straight to the end. Registration leaves out sections there, too."""
+
+
+@dataclass(frozen=True)
+class ScannedLumen:
+    """A lumen's surface, and the network in the same frame.
+
+    Attributes
+    ----------
+    surface : Surface
+        Of the lumen.
+    network : VesselNetwork
+    """
+
+    surface: Surface
+    network: VesselNetwork
+
+
+def scanned_lumen(folder: Path, network: VesselNetwork) -> ScannedLumen:
+    """Find the lumen of ``network``, whose radii are the measured ones, in a run's scan.
+
+    The run folder has the scan's surface stretched onto the design; here it has its own size
+    again, and the network's axes are put where they lie in it.
+
+    Raises
+    ------
+    UsageError
+        When the run has no surface, or not the numbers to it.
+    FlowError, SolidError
+        When there is no lumen in it.
+    """
+    numbers, path = _numbers(folder), folder / DEVIATION
+    if not path.is_file():
+        raise UsageError(f"--scanned takes the lumen from {DEVIATION}, and there is none at {path};"
+                         " register a scan first, or leave --scanned out")  # fmt: skip
+    points, faces, _ = load_deviation(path)
+    unstretched = np.array(numbers["transform_scan_to_part"]) @ np.linalg.inv(
+        np.array(numbers["scaled_scan_to_part"])
+    )
+    placed = _moved(network, unstretched)
+    voxel = 1e-3 * max(numbers["measured_by"]["voxel_um"])
+    body = to_manifold(
+        denoised(_applied(unstretched, points), faces, PASSES), faces, "the scanned surface"
+    )
+    lumen = set_out(_lumen(body, placed, voxel), placed)
+    for port in free_ends(placed):
+        lumen = _drawn_out(lumen, port, _INSET_VOXELS * voxel)
+    _check_size(lumen, placed)
+    return ScannedLumen(Surface(*manifold_arrays(lumen)), placed)
+
+
+def _numbers(folder: Path) -> dict[str, Any]:
+    try:
+        numbers = json.loads((folder / NUMBERS).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as exc:
+        raise UsageError(f"{folder / NUMBERS} can't be read ({exc}); register the scan") from exc
+    missing = {"transform_scan_to_part", "scaled_scan_to_part", "measured_by"} - set(numbers)
+    if missing:
+        raise UsageError(f"{folder / NUMBERS} has no {min(missing)}; register the scan again")
+    return dict(numbers)
+
+
+def _applied(matrix: FloatArray, points: FloatArray) -> FloatArray:
+    return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])
+
+
+def _moved(network: VesselNetwork, matrix: FloatArray) -> VesselNetwork:
+    """Axes moved; radii, which were measured in the print's own size, left."""
+    return replace(
+        network, nodes=_applied(matrix, network.nodes), points=_applied(matrix, network.points)
+    )
+
+
+def _lumen(body: Manifold, network: VesselNetwork, voxel: float) -> Manifold:
+    """What is open within reach of the network; ``body`` is the gel, or the lumen itself."""
+    around = _along_axes(network, _AROUND * network.radius + 2.0 * voxel)
+    amid = _along_axes(network, _AMID * network.radius)
+    # Gel has the axes outside of it.
+    in_gel = (amid ^ body).volume() < 0.5 * amid.volume()
+    return around - body if in_gel else around ^ body
+
+
+def _along_axes(network: VesselNetwork, radius: FloatArray) -> Manifold:
+    """Vessels of another radius, drawn out by it at the ends."""
+    other = replace(network, radius=radius)
+    ends = free_ends(other)
+    solid = lumen_solid(
+        other,
+        extend_ends_mm=np.array([port.radius_mm for port in ends]),
+        extend_nodes=np.array([port.node for port in ends], dtype=np.int64),
+        tolerance_mm=0.1 * float(radius.min()),
+    )
+    return solid_manifold(solid, "the space around the vessels")
+
+
+def _check_size(lumen: Manifold, network: VesselNetwork) -> None:
+    expected = float((np.pi * network.mean_radius() ** 2 * network.lengths()).sum())
+    volume = float(lumen.volume())
+    if not _LEAST < volume / expected < _MOST:
+        raise FlowError(
+            f"the scan has {volume:.3g} µL of lumen where the measured vessels have "
+            f"{expected:.3g}; leave --scanned out, or register the scan again"
+        )
+
+
+def _drawn_out(lumen: Manifold, port: MeshPort, inset: float) -> Manifold:
+    """The lumen whose last ``inset`` mm before a port are those of its section there."""
+    start = port.centre - inset * port.outward
+    here, back = facing(lumen, start, port.outward)
+    reach = 2.0 * _AROUND * port.radius_mm
+    disc = Manifold.cylinder(4.0 * reach, reach, reach, 64)
+    section = (here ^ disc.translate((0.0, 0.0, -0.5 * reach))).slice(0.0)
+    mouth = section.extrude(inset + 0.5 * port.radius_mm)
+    return ((here - disc) + mouth).transform(back)

@@ -1,0 +1,1 @@
+"""Checks of a job before it may reach a printer."""

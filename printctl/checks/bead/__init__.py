@@ -1,0 +1,39 @@
+"""Predict the ink that a G-code job deposits; write tables, plots, voxels and a playback page.
+
+Goes in: a simulated G-code file and an ink. Comes out: predicted ink as tables, pictures, voxels.
+Begin with `predict.py`.
+"""
+
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from printctl.checks.bead.bundles import merge_bundles
+    from printctl.checks.bead.filaments import written_filaments
+    from printctl.checks.bead.files import PLAYED, OutputFiles, write_prediction
+    from printctl.checks.bead.lag import ChosenLag, lag_of
+    from printctl.checks.bead.predict import InkPrediction, Mounting, predict_job
+    from printctl.checks.bead.summary import prediction_facts, prediction_lines
+    from printctl.checks.bead.vessels import VesselDiameters, vessel_diameters
+    from printctl.checks.bead.warn import bead_warnings
+
+__all__ = [
+    "PLAYED",
+    "ChosenLag",
+    "InkPrediction",
+    "Mounting",
+    "OutputFiles",
+    "VesselDiameters",
+    "bead_warnings",
+    "lag_of",
+    "merge_bundles",
+    "predict_job",
+    "prediction_facts",
+    "prediction_lines",
+    "vessel_diameters",
+    "write_prediction",
+    "written_filaments",
+]
+
+__getattr__ = on_demand(__name__)

@@ -1,0 +1,258 @@
+"""Compare settings reported by the firmware with those a job assumes, and list the differences.
+
+What somebody set at the panel, by another program or in an earlier job goes on silently: a feed of
+220 %, soft endstops that are off, a dry run in which nothing moves. What is asked, and what is
+reset because it isn't told, is the family's (`GateFacts`); replies are read whoever gives them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from firmware_profiles import Printer
+from firmware_profiles.families import family_of
+from printctl.checks.gate.speeds import speeds_apart
+
+Answers = Mapping[str, Sequence[str]]
+LISTED: Final = "M503 S0"
+"""Question for all settings, bare."""
+
+_FACTORS: Final = {"M220": "the speed factor", "M221": "the flow factor"}
+_PERCENT: Final = re.compile(r"(\d+(?:\.\d+)?) ?%")
+_FLAGS: Final = re.compile(r"DEBUG:(.*)", re.I)
+_SETTING: Final = re.compile(r"^(?:echo:)?\s*(M\d+)((?: [A-Z]-?\d*(?:\.\d+)?)+)")
+_WORD: Final = re.compile(r"([A-Z])(-?\d+(?:\.\d+)?)")
+_OFFSETS: Final = re.compile(r"[XYZ]:? ?(-?\d+\.\d+)")
+_COLD: Final = re.compile(r"Cold extrudes are (en|dis)abled(?: \(min temp (\d+))?")
+_PLACE: Final = re.compile(r"(gcode|gcode base): X:(\S+) Y:(\S+) Z:(\S+)")
+_TIMEOUT: Final = re.compile(r"(?:Inactivity timeout|Timeout set to) (\d+(?:\.\d+)?) s")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Something that the firmware has otherwise than checks count on.
+
+    Attributes
+    ----------
+    what : str
+        With its value.
+    reset : str
+        Command that takes it back; empty where a person must.
+    remedy : str
+        For a person.
+    tolerated : bool
+        Whether a print starts all the same, with an alarm.
+    """
+
+    what: str
+    reset: str = ""
+    remedy: str = ""
+    tolerated: bool = False
+
+
+def questions(printer: Printer) -> tuple[str, ...]:
+    """What a firmware is asked before a start; none of it sets anything."""
+    asked = family_of(printer).gate.questions
+    return tuple(one for one in asked if not (printer.pneumatic and one in ("M221", "M302")))
+
+
+def blind_resets(printer: Printer) -> tuple[str, ...]:
+    """What is reset unasked, because the firmware doesn't tell it."""
+    resets = family_of(printer).gate.resets
+    return tuple(one for one in resets if not (printer.pneumatic and one.startswith("M221")))
+
+
+def differences(answers: Answers, printer: Printer) -> list[Difference]:
+    """Name what the firmware has otherwise than a job and its checks count on.
+
+    Parameters
+    ----------
+    answers : mapping
+        Question to the lines that were said to it.
+    printer : Printer
+    """
+    all_differences = [*_factors(answers), *_limits(answers), *_flags(answers), *_shifts(answers)]
+    settings = _settings(answers.get(LISTED, ()))
+    for code, check in _CHECKS.items():
+        all_differences += check(settings.get(code), printer)
+    return [*all_differences, *_speeds(settings, printer)]
+
+
+def levelling_is_on(lines: Sequence[str], printer: Printer) -> bool:
+    """Whether the settings that M503 lists have bed levelling on."""
+    return bool(_levelling(_settings(lines).get("M420"), printer))
+
+
+def reported_settings(answers: Answers, printer: Printer) -> dict[str, str]:
+    """Settings that a job may change, as the commands that set them back, by code.
+
+    The junction deviation is left out: no job sets it, and its last digits aren't told.
+    """
+    commands: dict[str, str] = {}
+    for code, words in _settings(answers.get(LISTED, ())).items():
+        if code in ("M201", "M203", "M204", "M205"):
+            words_set = [
+                f"{key}{value}" for key, value in words.items() if (code, key) != ("M205", "J")
+            ]
+            commands[code] = " ".join([code, *words_set])
+    for text in answers.get("M302", ()):
+        cold = _COLD.search(text)
+        if cold:
+            least = "" if cold[2] is None else f"S{cold[2]} "  # S sets P, too: it stands first
+            commands["M302"] = f"M302 {least}P{int(cold[1] == 'en')}"
+    return commands | _told_timeout(answers, printer)
+
+
+def _told_timeout(answers: Answers, printer: Printer) -> dict[str, str]:
+    """The firmware's own switch-off as the command that sets it back, by its code."""
+    timeout = family_of(printer).timeout
+    if timeout is None:
+        return {}
+    matches = [_TIMEOUT.search(text) for text in answers.get(timeout.code, ())]
+    return dict([(timeout.code, timeout.command(match[1])) for match in matches if match][:1])
+
+
+def _settings(lines: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Words of each setting that M503 lists, as it writes them."""
+    settings: dict[str, dict[str, str]] = {}
+    for text in lines:
+        match = _SETTING.match(text)
+        if match:
+            words = dict(_WORD.findall(match[2])) or dict.fromkeys(match[2].split(), "")
+            settings.setdefault(match[1], words)
+    return settings
+
+
+def _factors(answers: Answers) -> list[Difference]:
+    off = []
+    for code, name in _FACTORS.items():
+        matches = [_PERCENT.search(text) for text in answers.get(code, ())]
+        for percent in (float(one[1]) for one in matches if one):
+            if percent != 100:
+                off.append(Difference(f"{name} is {percent:g} % ({code})", f"{code} S100"))
+    return off
+
+
+def _limits(answers: Answers) -> list[Difference]:
+    texts = answers.get("M211", ())
+    off = []
+    if any("M211 S0" in text or "endstops: Off" in text for text in texts):
+        off.append(Difference("the soft endstops are off (M211 S0)", "M211 S1"))
+    for text in answers.get("M564", ()):
+        if "outside the bed is permitted" in text:
+            off.append(Difference("moves outside the bed are permitted (M564 S0)", "M564 S1"))
+    for text in answers.get("M290", ()):
+        if any(float(mm) for mm in _OFFSETS.findall(text)):
+            off.append(
+                Difference(
+                    f"places are shifted by baby steps ({text})",
+                    remedy="take them back at the panel (M290 R0 S0 moves the tip), touch off "
+                    "again",
+                )
+            )
+    return off
+
+
+def _flags(answers: Answers) -> list[Difference]:
+    matches = [_FLAGS.search(text) for text in answers.get("M111", ())]
+    on = [one[1].strip() for one in matches if one]
+    return [
+        Difference(f"debug flags are set: {flags} (M111)", "M111 S0")
+        for flags in on
+        if flags.lower() not in ("off", "")
+    ]
+
+
+def _shifts(answers: Answers) -> list[Difference]:
+    """What G92 has left where the firmware keeps it beside the head's own place."""
+    matches = [_PLACE.search(text) for text in answers.get("GET_POSITION", ())]
+    offsets = {one[1]: [float(mm) for mm in one.groups()[1:]] for one in matches if one}
+    shift, place = offsets.get("gcode base"), offsets.get("gcode")
+    if place is None or shift is None or not any(shift):
+        return []
+    x, y, z = shift
+    what = f"places are shifted by X{x:g} Y{y:g} Z{z:g} mm (G92 of an earlier job or program)"
+    return [Difference(what, "G92 X{:.6f} Y{:.6f} Z{:.6f}".format(*place))]
+
+
+def _speeds(settings: dict[str, dict[str, str]], printer: Printer) -> list[Difference]:
+    """An alarm; a refusal where ink flows by time and lines would be other than was checked."""
+    remedy = "say so in a copy of the profile and check the job again, or set the firmware right"
+    return [
+        Difference(what, remedy=remedy, tolerated=not (wrong and printer.pneumatic))
+        for what, wrong in speeds_apart(settings, printer)
+    ]
+
+
+def _units(words: dict[str, str] | None, printer: Printer) -> list[Difference]:
+    if words is None or "C" in words:
+        return []
+    return [Difference(f"temperatures aren't told in °C (M149 {' '.join(words)})", "M149 C")]
+
+
+def _volumes(words: dict[str, str] | None, printer: Printer) -> list[Difference]:
+    if words is None or float(words.get("S", 0)) == 0:
+        return []
+    return [Difference("E is a volume and no travel (M200 S1)", "M200 S0")]
+
+
+def _home_offset(words: dict[str, str] | None, printer: Printer) -> list[Difference]:
+    shifted = {axis: mm for axis, mm in (words or {}).items() if float(mm)}
+    if not shifted:
+        return []
+    offsets = " ".join(f"{axis}{mm}" for axis, mm in shifted.items())
+    return [
+        Difference(
+            f"homing is shifted by M206 {offsets} mm",
+            remedy="set it back with the maker's own program (M206 X0 Y0 Z0, M500), or have the "
+            "firmware built with these places, and home again",
+        )
+    ]
+
+
+def _levelling(words: dict[str, str] | None, printer: Printer) -> list[Difference]:
+    if words is None or float(words.get("S", 0)) == 0:
+        return []
+    return [
+        Difference(
+            "bed levelling is on (M420 S1), which moves Z along with X and Y",
+            remedy="switch it off with the maker's own program (M420 S0, M500): a tip in a bath "
+            "must go where the job says",
+        )
+    ]
+
+
+def _skew(words: dict[str, str] | None, printer: Printer) -> list[Difference]:
+    factors = " ".join(f"{key}{value}" for key, value in (words or {}).items() if float(value))
+    if not factors:
+        return []
+    return [
+        Difference(
+            f"skew correction is on (M852 {factors}), which moves X and Y along with Y and Z",
+            remedy="switch it off with the maker's own program (M852 I0 J0 K0, M500): Marlin "
+            "leaves it out near the axes' ends, so a line there jumps sideways",
+        )
+    ]
+
+
+def _advance(words: dict[str, str] | None, printer: Printer) -> list[Difference]:
+    advance_s = float((words or {}).get("K", printer.advance_s))
+    if abs(advance_s - printer.advance_s) <= 0.005:
+        return []
+    what = (
+        f"pressure advance is {advance_s:g} s, {printer.advance_s:g} s in the profile (advance_s)"
+    )
+    return [Difference(what, f"M900 K{printer.advance_s:g}")]
+
+
+_CHECKS: Final = {
+    "M149": _units,
+    "M200": _volumes,
+    "M206": _home_offset,
+    "M420": _levelling,
+    "M852": _skew,
+    "M900": _advance,
+}

@@ -1,0 +1,147 @@
+"""Judge one G-code line: allowed or refused, given the printer's state and the line's origin.
+
+Every line that a person or a file wants sent passes here. What leaves is rendered from what was
+understood (`sim.gcode.reading`); a code that isn't on the list (`printctl.checks.gate.rules`) is
+refused.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Final
+
+from firmware_profiles import Printer
+from printctl.checks.gate.inputs import LineOrigin, Phase, PrinterSituation
+from printctl.checks.gate.limits import Bounds
+from printctl.checks.gate.reasons import reason
+from printctl.checks.gate.rules import of_the_moment, rule, rules
+from printctl.checks.gate.verdict import NOT_BY_HAND, AllowedLine, NotAllowed, Refusal, Verdict
+from sim.errors import GcodeError
+from sim.gcode.reading import BLANK, GcodeLine, read_line
+from sim.gcode.reading.firmware_codes import is_known_line
+
+LONGEST: Final = 200
+"""Characters of a line that a person types."""
+
+
+def judge(typed: str, origin: LineOrigin, known: PrinterSituation) -> Verdict:
+    """Judge one line.
+
+    Parameters
+    ----------
+    typed : str
+        One command; comments, a line number and its checksum may be in it.
+    origin : LineOrigin
+        Where it comes from.
+    known : PrinterSituation
+        The moment.
+    """
+    shown = typed.strip()[:60].encode("ascii", "backslashreplace").decode()
+    try:
+        line = _read(typed, known.printer)
+    except NotAllowed as exc:
+        return Refusal(f"{shown!r} isn't sent: {exc}")
+    except GcodeError as exc:
+        return Refusal(str(exc))
+    return judge_line(line, origin, known)
+
+
+def judge_stored_line(typed: str, printer: Printer) -> Verdict:
+    """Judge a line that a person keeps for later: refused is what would be at any moment.
+
+    Moves, homing and heat are judged by what is known when they are sent.
+    """
+    known = PrinterSituation(Bounds(printer))
+    verdict = judge(typed, LineOrigin.CONSOLE, known)
+    if isinstance(verdict, AllowedLine):
+        return verdict
+    try:
+        line = _read(typed, printer)
+    except (NotAllowed, GcodeError):
+        return verdict
+    later = of_the_moment(rule(line, printer.firmware, LineOrigin.CONSOLE))
+    return AllowedLine(line.text.decode("ascii")) if later else verdict
+
+
+def judge_line(line: GcodeLine, origin: LineOrigin, known: PrinterSituation) -> Verdict:
+    """Judge one line that was read."""
+    printer, shown = known.printer, line.text.decode("ascii")
+    console = origin is LineOrigin.CONSOLE
+    by_profile = _of_profile(line, printer)
+    if by_profile is not None:
+        if console and by_profile == "print":
+            return Refusal(f"{shown} {NOT_BY_HAND}: it switches what a print alone switches")
+        return AllowedLine(shown)
+    verdict = rule(line, printer.firmware, origin)
+    prefix = f"{shown} {NOT_BY_HAND}" if console else shown
+    if verdict is None:
+        if not console and line.code in printer.extra_commands:
+            return AllowedLine(shown)
+        listed = rules(printer.firmware, origin)
+        in_print = console and known.phase is not Phase.STANDING
+        return Refusal(f"{prefix}: {reason(line.code, listed, console, in_print)}")
+    if console and not is_known_line(printer, line):
+        return Refusal(f"{prefix}: {line.code} is unknown to {printer.firmware}")
+    try:
+        return verdict(line, known)
+    except NotAllowed as exc:
+        return Refusal(f"{prefix}: {exc}")
+
+
+def _read(typed: str, printer: Printer) -> GcodeLine:
+    text = typed.strip(" ")
+    if not text.isascii() or not text.isprintable():
+        raise NotAllowed("one line of printable ASCII can be sent; no tabs, line ends or others")
+    if len(text) > LONGEST:
+        raise NotAllowed(f"{len(text)} characters exceed {LONGEST}; one command is sent at a time")
+    line = read_line(text.encode("ascii"), printer)
+    if not line:
+        raise NotAllowed("there is no command in it")
+    if len(line.text) + 13 > printer.max_line_bytes:
+        raise NotAllowed(
+            f"{len(line.text) + 13} bytes with number and checksum exceed "
+            f"{printer.max_line_bytes} (profile: max_line_bytes), the firmware would cut it"
+        )
+    return line
+
+
+def _of_profile(line: GcodeLine, printer: Printer) -> str | None:
+    """What the profile names the line for: ``print`` (valve, heads), ``any``; None for nothing."""
+    code = line.code
+    of_print, of_any = _named_by(printer)
+    if any(_about(line, one, other) for one, other in of_print if one.code == code):
+        return "print"
+    return "any" if line.text in of_any else None
+
+
+def _about(line: GcodeLine, one: GcodeLine, other: GcodeLine) -> bool:
+    """Whether a line has the words that two settings of one thing (a fan, a pin) have in common."""
+    return _words(one) & _words(other) <= _words(line)
+
+
+def _words(line: GcodeLine) -> set[tuple[str, object]]:
+    return {*line.words.items(), *line.parameters.items()}
+
+
+@cache
+def _named_by(
+    printer: Printer,
+) -> tuple[tuple[tuple[GcodeLine, GcodeLine], ...], frozenset[bytes]]:
+    """What switches valve and heads, as pairs; what else the profile has sent."""
+    pairs = []
+    if printer.pneumatic is not None:
+        pairs.append((printer.pneumatic.opens, printer.pneumatic.closes))
+    pairs += [(h.raises, h.lowers) for h in printer.heads if h.raises and h.lowers]
+    every = [*printer.safe_state_off, *(watched.query for watched in printer.watch)]
+    both = [(_of_text(one, printer), _of_text(other, printer)) for one, other in pairs]
+    others = (_of_text(text, printer) for text in every)
+    read = tuple((one, other) for one, other in both if one and other)
+    return read, frozenset(line.text for line in others if line)
+
+
+def _of_text(text: str, printer: Printer) -> GcodeLine:
+    """Read a command of the profile; blank for one that can't be read, which preflight reports."""
+    try:
+        return read_line(text.encode("ascii"), printer)
+    except GcodeError:
+        return BLANK

@@ -1,0 +1,269 @@
+"""Parse a G-code file of any slicer into moves with layer, width and ink volume, for display."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_profiles.bead import BeadSection
+from kernels.arrays import FloatArray, IntArray
+from printctl.checks.gcode_view.doses import plunger_doses, valve_doses
+from printctl.checks.gcode_view.levels import fill_rows, is_flat, make_layers
+from printctl.checks.gcode_view.line_map import KINDS, LineMap
+from printctl.checks.gcode_view.pushing import Pushing
+from printctl.checks.gcode_view.rows import Rows, written_rows
+from printctl.checks.gcode_view.widths import cross_sections, widths
+from printctl.errors import UsageError
+from printctl.rounding import window_mm
+from registration.report.gcode import Act, GcodeJob, Layers
+from sim.errors import GcodeError, LineError
+from sim.gcode.heads.valve import Valve, read_valve, refuse_unread
+from sim.gcode.program.gcode import Program, code
+from sim.gcode.program.modal import BAD, MOVE
+from sim.gcode.program.read_program import read_written
+from sim.gcode.reading.comments import Comments, declared_start, plain_lines, read_comments
+
+_LIFT_MM: Final = 1e-3
+_SHOWN_UNREAD: Final = 3
+_MOVES: Final = re.compile(
+    r"\s*(N\d+\s*)?(G0*([0-35]|1[01]|2[018]|5[3-9]|9[0-2])|M8[23])(?!\d)", re.IGNORECASE
+)
+"""Commands that move, or say how moves are to be read."""
+_VOLUMES: Final = re.compile(rb"\nM200 D[1-9]")
+_USUAL_RATIO: Final = (1.1, 8.0)
+"""Width of a line over its height: of others the bore is likely to be a wrong one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """A job, and what the reader made of the file before.
+
+    Attributes
+    ----------
+    job : GcodeJob
+    program : Program
+    row : (n,) int64
+        Row of the program of each of the job's moves.
+    """
+
+    job: GcodeJob
+    program: Program
+    row: IntArray
+
+
+def read_job(gcode: bytes, name: str, pushing: Pushing, line_map: LineMap | None) -> GcodeJob:
+    """Read a file; as `read_with_program`, the job alone."""
+    return read_with_program(gcode, name, pushing, line_map).job
+
+
+def read_with_program(
+    gcode: bytes,
+    name: str,
+    pushing: Pushing,
+    line_map: LineMap | None,
+    *,
+    strict: bool = False,
+) -> Reading:
+    """Read a file; lines that can't be read are left out, and the job's notes say so.
+
+    Parameters
+    ----------
+    gcode : bytes
+    name : str
+        Of the file, for messages and titles.
+    pushing : Pushing
+    line_map : LineMap or None
+    strict : bool
+        Refuse a file with lines that can't be read.
+
+    Raises
+    ------
+    UsageError
+        When it isn't G-code, or nothing in it writes.
+    """
+    text = plain_lines(gcode)
+    start = None if b"\0" in text else declared_start(text, pushing.printer)
+    try:
+        # All that can be drawn is: a print refuses such lines, and a viewer prints nothing.
+        program, read_as, named, refused = read_written(
+            text, pushing.printer, start or (0.0, 0.0, 0.0), max_refused=len(text)
+        )
+        refuse_unread(refused if strict else ())
+    except GcodeError as exc:
+        raise UsageError(f"{name}: {exc}") from exc
+    head = pushing.printer.pneumatic
+    valve = None if head is None else read_valve(program, read_as, named, head)
+    unread = _unread(refused)
+    rows = written_rows(program, valve, start is not None)
+    rows = _at_tips(rows, program.tool, pushing)
+    if not (rows.act == Act.WRITE).any():
+        raise UsageError(". ".join([_nothing(program, name, pushing, valve), *unread]))
+    comments = read_comments(text)
+    layer, layers = _layers(rows, program, comments, line_map, pushing.layer_mm)
+    if valve is None:
+        dose, digit_ul, said_dose = plunger_doses(rows, program, comments, pushing)
+    else:
+        dose, said_dose = valve_doses(rows, program, pushing)
+        digit_ul = 0.0
+    width, said_width = _widths(rows, layer, layers, dose, digit_ul, pushing.bead)
+    line = program.line[rows.row]
+    kind, kinds = _kinds(comments, line_map, line)
+    job = GcodeJob(
+        name=name,
+        start=rows.start,
+        end=rows.end,
+        act=_with_lifts(rows, layer, layers),
+        dose_ul=dose,
+        width_mm=width,
+        speed_mm_s=program.feed[rows.row],
+        time_s=rows.time,
+        line=line,
+        kind=kind,
+        kinds=kinds,
+        vessel=line_map.source[line - 1] if line_map and line_map.of_vessels else None,
+        layer=layer,
+        layers=layers,
+        text=text,
+        notes=(*unread, said_dose, *said_width, *_doubts(program, text)),
+    )
+    return Reading(job, program, rows.row)
+
+
+def _at_tips(rows: Rows, tool: IntArray, pushing: Pushing) -> Rows:
+    """Places of the tips: of several heads the file says the carriage's."""
+    if not pushing.printer.heads:
+        return rows
+    offsets = np.array([head.offset_mm.mm for head in pushing.printer.heads])
+    own = offsets[np.clip(tool[rows.row], 0, len(offsets) - 1)]
+    return replace(rows, start=rows.start + own, end=rows.end + own)
+
+
+def _nothing(program: Program, name: str, pushing: Pushing, valve: Valve | None) -> str:
+    """Why there is nothing to be seen."""
+    moves = int((program.kind == MOVE).sum())
+    if not moves:
+        return (
+            f"{name} holds no move (G0 to G3) in {len(program)} commands; is it a G-code file? "
+            "`printctl slice` and `printctl toolpath` write one"
+        )
+    if valve is not None:
+        head = pushing.printer.pneumatic
+        opens = head.opens if head else ""
+        return (
+            f"{name}: none of its {moves} moves writes, since the valve is never opened ({opens}, "
+            f"{pushing.printer.name}); name the printer that it is for with --printer"
+        )
+    return (
+        f"{name}: none of its {moves} moves writes, since E never rises on the way; if a valve "
+        "lets the ink out, name the printer that has it with --printer"
+    )
+
+
+def _layers(
+    rows: Rows,
+    program: Program,
+    comments: Comments,
+    line_map: LineMap | None,
+    layer_mm: float | None,
+) -> tuple[IntArray, Layers]:
+    """Layer of each row, and the layers."""
+    at = np.flatnonzero(rows.act == Act.WRITE)
+    flat = is_flat(rows.start[at], rows.end[at])
+    if line_map is not None and line_map.of_vessels:
+        flat = False
+    run = np.cumsum(np.diff(at, prepend=-2) != 1) - 1
+    height = np.maximum(rows.start[at, 2], rows.end[at, 2])
+    layer, layers = make_layers(height, program.line[rows.row[at]], run, flat, comments, layer_mm)
+    return fill_rows(layer, at, len(rows.row)), layers
+
+
+def _with_lifts(rows: Rows, layer: IntArray, layers: Layers) -> NDArray[np.uint8]:
+    """Tell travels that leave the height of writing from those that keep to it."""
+    if layers.passes:
+        off = np.abs(rows.end[:, 2] - rows.start[:, 2]) > _LIFT_MM
+        top = float(rows.end[rows.act == Act.WRITE, 2].max())
+        off |= rows.end[:, 2] > top + _LIFT_MM
+    else:
+        z = layers.z_mm[layer]
+        off = np.abs(np.stack([rows.start[:, 2], rows.end[:, 2]]) - z).max(axis=0) > _LIFT_MM
+    return np.where(off & (rows.act == Act.TRAVEL), np.uint8(Act.LIFTED), rows.act)
+
+
+def _widths(
+    rows: Rows,
+    layer: IntArray,
+    layers: Layers,
+    dose: FloatArray,
+    digit_ul: float,
+    bead: BeadSection,
+) -> tuple[FloatArray, tuple[str, ...]]:
+    """Width of each written row, mm, and how it was found."""
+    at = np.flatnonzero(rows.act == Act.WRITE)
+    way, pushed = rows.way[at], dose[at]
+    result = np.full(len(rows.row), np.nan)
+    if np.isnan(pushed).any():
+        return result, ()
+    window = window_mm(digit_ul, float(pushed.sum() / way.sum()))
+    area = cross_sections(way, pushed, np.diff(at, prepend=-2) != 1, window)
+    height = layers.height_mm[layer[at]]
+    result[at] = widths(area, height, bead)
+    if np.isnan(height).all():
+        how = "Lines are taken as round"
+    else:
+        how = f"Lines are as high as the layer, with {bead.words}"
+    over = f", as means over {window:.2g} mm, since E is rounded" if window > 0.05 else ""
+    notes = [f"{how}; widths follow from volume and way{over}."]
+    ratio = float(np.median(result[at] / height))
+    if not (_USUAL_RATIO[0] <= ratio <= _USUAL_RATIO[1]) and not math.isnan(ratio):
+        notes.append(
+            f"Half of the moves write lines less than {ratio:.2g} times as wide as they are high: "
+            "if that isn't meant, E is counted in another bore (--syringe, --filament-mm)."
+        )
+    return result, tuple(notes)
+
+
+def _kinds(
+    comments: Comments, line_map: LineMap | None, line: IntArray
+) -> tuple[IntArray, tuple[str, ...]]:
+    """What the last comment before each line calls it, else what the map says; -1 for nothing."""
+    if len(comments.kind):
+        at = np.searchsorted(comments.kind_lines, line) - 1
+        return np.asarray(np.where(at >= 0, comments.kind[np.maximum(at, 0)], -1)), comments.kinds
+    if line_map is not None and line_map.kind is not None:
+        return line_map.kind[line - 1], KINDS
+    return np.full(len(line), -1, np.int64), ()
+
+
+def _unread(refused: Sequence[tuple[int, LineError]]) -> tuple[str, ...]:
+    """How many lines are left out, the first of them, and where that may displace the drawing."""
+    if not refused:
+        return ()
+    firsts = {str(error): line for line, error in reversed(refused)}
+    shown = sorted((line, text) for text, line in firsts.items())[:_SHOWN_UNREAD]
+    lost = [line for line, error in refused if _MOVES.match(error.line)]
+    behind = f"; from line {lost[0]} on moves may be missing or displaced" if lost else ""
+    return (
+        f"{len(refused)} lines are left out, as a print of this file would refuse them (the first "
+        f"of each: {'; '.join(f'line {line}: {text}' for line, text in shown)}){behind}.",
+    )
+
+
+def _doubts(program: Program, text: bytes) -> tuple[str, ...]:
+    """What this reading leaves out."""
+    doubts = []
+    flows = (program.code == code("M221")) & (np.nan_to_num(program.value, nan=100.0) != 100.0)
+    if flows.any():
+        line = int(program.line[flows][0])
+        doubts.append(f"The flow factor of line {line} (M221) isn't in the volumes.")
+    if _VOLUMES.search(text):
+        doubts.append("M200 makes E a volume; widths here take it as a length.")
+    bad = int((program.kind == BAD).sum())
+    if bad:
+        doubts.append(f"{bad} arcs can't be made out and aren't shown.")
+    return tuple(doubts)

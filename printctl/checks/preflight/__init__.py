@@ -1,0 +1,119 @@
+"""Check a G-code job against printer, needle, ink, dish and bath before it is printed.
+
+Goes in: a G-code file and a `SetUp`. Comes out: checks, each passed or failed with its numbers.
+Begin with `set_up.py`.
+"""
+
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from printctl.checks.preflight.dish import (
+        dish_checks,
+        floor_check,
+        unknown_dish,
+    )
+    from printctl.checks.preflight.firmware import firmware_checks
+    from printctl.checks.preflight.force import force_checks, hardest_push
+    from printctl.checks.preflight.gcode import gcode_checks
+    from printctl.checks.preflight.heads import check_each_head, head_checks
+    from printctl.checks.preflight.ink_needed import InkUse, ink_use
+    from printctl.checks.preflight.ink_volumes import volumes, written_ul
+    from printctl.checks.preflight.material_checks import temperature_checks
+    from printctl.checks.preflight.mounted_checks import (
+        bath_checks,
+        chemistry_check,
+        held_check,
+        needle_check,
+    )
+    from printctl.checks.preflight.set_up import file_checks
+    from printctl.checks.preflight.setup_checks import (
+        syringe_check,
+        syringe_checks,
+    )
+    from printctl.checks.preflight.shaft import (
+        accepted_text,
+        shaft_checks,
+        shaft_lines,
+        unmapped_check,
+    )
+    from printctl.checks.preflight.shaft_map import read_written, written_arrays
+    from printctl.checks.preflight.shaft_run import shaft_clearance
+    from printctl.checks.preflight.steps import step_checks
+    from printctl.checks.preflight.viability import (
+        PrintTime,
+        viability_checks,
+        viability_facts,
+    )
+    from printctl.checks.preflight.well_comparison import compare_well_moves
+    from printctl.checks.preflight.well_map import read_wells, well_arrays
+    from printctl.checks.preflight.wells import Wells, well_checks
+    from printctl.checks.set_up import (
+        WALL_CLEARANCE_MM,
+        Budget,
+        Check,
+        HeadLoading,
+        PlacedDish,
+        SetUp,
+        budget_of,
+        placed_failures,
+        refuse_failed,
+        warnings,
+    )
+
+__all__ = [
+    "WALL_CLEARANCE_MM",
+    "Budget",
+    "Check",
+    "HeadLoading",
+    "InkUse",
+    "PlacedDish",
+    "PrintTime",
+    "SetUp",
+    "Wells",
+    "accepted_text",
+    "bath_checks",
+    "budget_of",
+    "check_each_head",
+    "chemistry_check",
+    "compare_well_moves",
+    "dish_checks",
+    "file_checks",
+    "firmware_checks",
+    "floor_check",
+    "force_checks",
+    "gcode_checks",
+    "hardest_push",
+    "head_checks",
+    "held_check",
+    "ink_use",
+    "needle_check",
+    "placed_failures",
+    "read_wells",
+    "read_written",
+    "refuse_failed",
+    "shaft_checks",
+    "shaft_clearance",
+    "shaft_lines",
+    "step_checks",
+    "syringe_check",
+    "syringe_checks",
+    "temperature_checks",
+    "unknown_dish",
+    "unmapped_check",
+    "viability_checks",
+    "viability_facts",
+    "volumes",
+    "warnings",
+    "well_arrays",
+    "well_checks",
+    "written_arrays",
+    "written_ul",
+]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

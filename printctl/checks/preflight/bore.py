@@ -1,0 +1,129 @@
+"""Check the width of written lines against the needle's bore: a line much narrower isn't laid.
+
+A tip that moves faster than the ink leaves the bore draws the line thinner than the bore; beyond a
+stretch that each ink has of its own the line breaks (Yuk & Zhao, Adv. Mater. 30, 1704028, 2018,
+doi:10.1002/adma.201704028). How far nobody has measured for these inks: `THINNEST_BORE`.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from firmware_profiles import Needle, Printer, load, shipped
+from firmware_profiles.tools import THINNEST_BORE
+from kernels.arrays import FloatArray, IntArray
+from printctl.checks.preflight.ink_volumes import volumes
+from printctl.checks.set_up import Check, HeadLoading
+from sim.gcode.deposit.levels import level_areas, level_heights, written_levels
+from sim.gcode.dry_run.run import DryRun
+
+_FLAT_MM: Final = 1e-3
+_FLATTEST: Final = 0.25
+"""Height of the lines of a file with one level, in bores: the least that slicers lay."""
+_ROUNDED: Final = 0.95
+"""Of the limit where the width is read from G-code: what rounding and compensation take."""
+
+
+def shipped_bores() -> dict[str, float]:
+    """Return the bore of each shipped needle, mm, by name."""
+    return {name: load(Needle, name).inner_mm for name in shipped(Needle)}
+
+
+def bore_check(
+    width_mm: float, needle: Needle, thinnest: float = THINNEST_BORE, place: str = "line_um"
+) -> Check:
+    """Check the width of a line against the needle's bore.
+
+    Parameters
+    ----------
+    width_mm : float, mm
+        Of a line as it lies there.
+    needle : Needle
+    thinnest : float
+        Narrowest line, as a part of the bore.
+    place : str
+        Where the width comes from.
+    """
+    limit, remedy = thinnest * needle.inner_mm, ""
+    passed = width_mm >= limit * (1 - 1e-9)
+    if not passed:
+        fine = {name: bore for name, bore in shipped_bores().items() if thinnest * bore <= width_mm}
+        name = max(fine, key=lambda one: fine[one], default="")
+        remedy = (
+            f"the bore of {needle.name} is {needle.inner_mm:g} mm, and its tip would draw the ink "
+            f"thinner than {thinnest:g} of that, where lines break; take a needle of at most "
+            f"{width_mm / thinnest:.3g} mm bore{f' ({name}: {fine[name]:g} mm)' if name else ''}, "
+            f"write lines of {limit:.3g} mm or wider, or, where the ink was tried, allow thinner "
+            "ones (thinnest_bore, --thinnest-bore)"
+        )
+    return Check(
+        "width of a line against the needle's bore",
+        width_mm,
+        limit,
+        "mm",
+        passed,
+        f"{place}, needle: inner_mm",
+        remedy,
+    )
+
+
+def line_checks(
+    run: DryRun, printer: Printer, load_of_head: HeadLoading, thinnest: float = THINNEST_BORE
+) -> list[Check]:
+    """Check the lines of a G-code file, by their median along the way; none where nothing is laid.
+
+    A pneumatic head's lines are as wide as its flow makes them, which `pneumatic_checks` judges.
+
+    Parameters
+    ----------
+    run : DryRun
+        As one head sees it.
+    printer : Printer
+        With that head alone.
+    load_of_head : HeadLoading
+    thinnest : float
+        As of `bore_check`.
+    """
+    needle = load_of_head.needle
+    if needle is None or printer.pneumatic is not None:
+        return []
+    line, length, area, z = _laid(run, printer, load_of_head)
+    if not len(line):
+        return []
+    width = _widths(length, area, z, load_of_head, needle)
+    order = np.argsort(width)
+    along = np.cumsum(length[order])
+    middle = int(order[np.searchsorted(along, along[-1] / 2)])
+    first = int(line[width <= width[middle]][0])
+    return [bore_check(float(width[middle]), needle, _ROUNDED * thinnest, f"line {first}")]
+
+
+def _laid(
+    run: DryRun, printer: Printer, load_of_head: HeadLoading
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """Line of the file, way, cross-section and heights at both ends of each row that lays ink."""
+    program = run.program
+    ul = volumes(run, printer, [load_of_head] * (int(program.tool.max(initial=0)) + 1))
+    ends = np.vstack([program.start[None, :3], program.target[:, :3]])
+    length = np.linalg.norm(np.diff(ends, axis=0), axis=1)
+    lays = (ul > 0) & (length > _FLAT_MM)
+    z = np.stack([ends[:-1, 2], ends[1:, 2]], axis=1)
+    return program.line[lays], length[lays], ul[lays] / length[lays], z[lays]
+
+
+def _widths(
+    length: FloatArray, area: FloatArray, z: FloatArray, held: HeadLoading, needle: Needle
+) -> FloatArray:
+    """Width of each line of layers, or diameter of each filament, mm."""
+    section = held.ink.bead_section
+    along = length[np.abs(z[:, 1] - z[:, 0]) < _FLAT_MM].sum()
+    if along < 0.9 * length.sum():
+        return np.sqrt(4 / np.pi * area)
+    levels = written_levels(z[:, 1])
+    if len(levels) == 1:
+        return section.width(area, _FLATTEST * needle.inner_mm)
+    height = level_heights(levels, level_areas(levels, z[:, 1], area))
+    at = np.searchsorted(levels, z[:, 1] + 1e-6, side="right") - 1
+    return section.width(area, height[np.clip(at, 0, None)])

@@ -1,0 +1,209 @@
+"""Check a job's idle timeout, and that the firmware knows the stop and monitoring commands.
+
+A killed host can switch nothing off. Some families kill themselves, or switch heaters and motors
+off, after a time without motion that a job can set (`Family.timeout`); others have nothing of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from firmware_profiles import Printer, Syringe
+from firmware_profiles.families import family_of
+from firmware_profiles.families.job_facts import IdleTimeout
+from printctl.checks.set_up.check import Check
+from sim.gcode.dry_run.run import DryRun
+from sim.gcode.program.gcode import code
+from sim.gcode.program.modal import DWELL, MOVE
+from sim.gcode.reading.firmware_codes import is_known, is_known_name
+
+_NAME: Final = "the firmware's own switch-off"
+
+
+def firmware_checks(run: DryRun, printer: Printer) -> list[Check]:
+    """The timeout, the safe state, and what no command can set."""
+    if not printer.streamed:
+        return [_run_by_hand(printer)]
+    return [
+        _timeout(run, printer),
+        *_safe_state(printer),
+        *_watched(printer),
+        *_configured(run, printer),
+    ]
+
+
+def _run_by_hand(printer: Printer) -> Check:
+    """What a host that sends nothing can't see to."""
+    remedy = (
+        "load the file in the controller's own software; before it runs, enable the axes, touch "
+        "off, and see that its units are mm, its ramps as in the profile, and that its stop shuts "
+        "the valve or halts the plunger: nothing from here can"
+    )
+    return Check(
+        "asked of you", 0, 0, "", False, f"{printer.name}: {printer.firmware}", remedy, "warns"
+    )
+
+
+def _safe_state(printer: Printer) -> list[Check]:
+    """Whether the firmware knows the commands that a stop would send."""
+    return _known(
+        printer,
+        printer.safe_state_off,
+        "commands of the safe state unknown to the firmware",
+        "safe_state_off",
+        "a stop would switch nothing off",
+    )
+
+
+def _watched(printer: Printer) -> list[Check]:
+    """Whether it knows the questions that are asked while it prints."""
+    return _known(
+        printer,
+        [watched.query for watched in printer.watch],
+        "questions to watch by unknown to the firmware",
+        "watch",
+        "nothing would be watched, and the print end at the first of them",
+    )
+
+
+def _known(
+    printer: Printer, commands: Sequence[str], check: str, key: str, else_: str
+) -> list[Check]:
+    if not commands:
+        return []
+    named = family_of(printer).grammar.named
+    strange = []
+    for command in commands:
+        name = command.partition(" ")[0]
+        known = name[1:].isdigit() and is_known(printer, name)
+        if not known and not (named and is_known_name(printer, name.upper())):
+            strange.append(command)
+    remedy = f"{', '.join(strange)}: {else_}; mend the profile, or name them in extra_commands"
+    place = f"{printer.name}: {key}"
+    return [Check(check, len(strange), 0, "", not strange, place, remedy)]
+
+
+def _timeout(run: DryRun, printer: Printer) -> Check:
+    """Whether the job sets the timeout before its first move and keeps it, above every dwell.
+
+    Without one a job that heats is refused where the firmware has such a command.
+    """
+    timeout = family_of(printer).timeout
+    heats = any(heat.celsius > 0 for heat in run.heats)
+    if timeout is None:
+        remedy = (
+            f"{printer.firmware} has none that a job can set: if the host dies, heaters and motors "
+            "stay as they are until somebody comes; don't leave the print alone, or have the "
+            "board's own configuration watch it"
+        )
+        return Check(_NAME, 0, 0, "", False, f"{printer.name}: firmware", remedy, "warns")
+    seconds, line = _least_timeout(run, timeout)
+    dwell, dwells_at = _longest_dwell(run)
+    if seconds <= 0:
+        off = "without it" if line else "the job doesn't set it, so"
+        wanted = heats or (line > 0 and printer.idle_timeout_s > 0)
+        return Check(
+            _NAME,
+            0,
+            1,
+            "s",
+            False,
+            f"line {line} switches it off" if line else "before the first move",
+            f"{off} a dead host leaves everything on; begin the job with "
+            f"{timeout.example} (profile: idle_timeout_s {printer.idle_timeout_s:g})",
+            "refuses" if wanted else "warns",
+        )
+    return Check(
+        f"{_NAME}, above the longest dwells between moves",
+        seconds,
+        dwell,
+        "s",
+        seconds > dwell,
+        f"line {line}" if seconds > dwell else f"line {dwells_at}, timeout of line {line}",
+        "longer dwells would kill the print; raise idle_timeout_s or shorten them",
+    )
+
+
+def _longest_dwell(run: DryRun) -> tuple[float, int]:
+    """Seconds of the longest dwells between two moves, and the last one's line; zeros for none.
+
+    A firmware counts from the last block that its motors ran: dwells that follow each other, or
+    have only a move to the same place or below the planner's least steps between them, are one.
+    """
+    program, line = run.program, run.program.line
+    dwells = np.flatnonzero((program.kind == DWELL) & (program.value > 0))
+    if not len(dwells):
+        return 0.0, 0
+    moved = (program.kind == MOVE) & np.isin(program.command, run.executed.line)
+    between = np.cumsum(moved)[dwells]
+    seconds = np.bincount(between, program.value[dwells])
+    longest = int(seconds.argmax())
+    return float(seconds[longest]), int(line[dwells[between == longest][-1]])
+
+
+def _least_timeout(run: DryRun, timeout: IdleTimeout) -> tuple[float, int]:
+    """Shortest timeout in force from the first move on, s, and its line; 0 for none.
+
+    0 stands for none at all (line 0 where it was never set) and is the least of all.
+    """
+    program = run.program
+    moves = np.flatnonzero(program.kind == MOVE)
+    first = int(program.line[moves[0]]) if len(moves) else math.inf
+    timeouts = _timeouts(run, timeout)
+    before = [at for at in timeouts if at[1] < first][-1:] or [(0.0, 0)]
+    return min([*before, *(at for at in timeouts if at[1] > first)])
+
+
+def _timeouts(run: DryRun, timeout: IdleTimeout) -> list[tuple[float, int]]:
+    """Each setting of the timeout, s, and its line; a question is none."""
+    if timeout.key:
+        those = [at for at in run.named if at.name == timeout.code and timeout.key in at.words]
+        return [(_number(at.words[timeout.key]), at.line) for at in those]
+    program = run.program
+    rows = np.flatnonzero((program.code == code(timeout.code)) & ~np.isnan(program.value))
+    return list(zip(program.value[rows].tolist(), program.line[rows].tolist(), strict=True))
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return 0.0
+
+
+def _configured(run: DryRun, printer: Printer) -> list[Check]:
+    """Things that stand in the firmware's configuration, where nothing tells them."""
+    if run.plunger_max_mm <= 0:
+        return []
+    asked = family_of(printer).by_hand
+    if asked is None or (printer.heads and not asked.several_heads):
+        return []
+    return [Check("asked of you", 0, 0, "", False, asked.place, asked.remedy, "warns")]
+
+
+def widest_push_check(run: DryRun, printer: Printer, syringe: Syringe) -> list[Check]:
+    """Tell the limit that a firmware needs which refuses to push more ink per length."""
+    asked = family_of(printer).by_hand
+    if asked is None or not asked.widest_push:
+        return []
+    program = run.program
+    before = program.before
+    way = np.linalg.norm((program.target - before)[:, :3], axis=1)
+    pushed = (program.target - before)[:, 3] * math.pi / 4 * syringe.inner_mm**2
+    moves = (program.kind == MOVE) & (way > 0)
+    area = np.zeros(len(program))
+    np.divide(pushed, way, out=area, where=moves)
+    at = int(area.argmax()) if len(area) else 0
+    widest = float(area.max(initial=0.0))
+    if widest <= 0:
+        return []
+    remedy = (
+        f"max_extrude_cross_section (section extruder) must be above {widest:.3g} mm² with "
+        f"filament_diameter {syringe.inner_mm:g}; see that it is"
+    )
+    place = f"line {int(program.line[at])}, {asked.place}"
+    return [Check("asked of you", 0, 0, "", False, place, remedy, "warns")]

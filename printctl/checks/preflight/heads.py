@@ -1,0 +1,264 @@
+"""Checks of multi-head jobs: each head by itself, raised and lowered heads, idle needles.
+
+Looked at for every move and every head, with its tip where the profile says it stands: raised heads
+are told from lowered ones by the file's own commands. What a firmware would make of the file's
+changes of head is found by `sim.gcode.heads.state`, whose findings refuse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_profiles import Needle, Printer
+from printctl.checks.preflight.wall_gaps import wall_gap
+from printctl.checks.set_up.check import Check
+from printctl.checks.set_up.placed_dish import WALL_CLEARANCE_MM, PlacedDish
+from sim.gcode.dry_run.run import DryRun
+from sim.gcode.program.modal import DWELL, MOVE, SYNC
+
+ABOUT_HEADS: Final = {
+    "no_such_head": "heads chosen that aren't there",
+    "head_not_chosen": "plunger moves before a head is chosen",
+    "plunger_not_counted": "plunger moves not counted after a change of head",
+    "offset_twice": "offsets of a head that would count twice",
+    "offset_unknown": "heads chosen whose offset in the firmware isn't said to be none",
+}
+"""Findings of the dry run of which none is allowed, and their names."""
+_TINY_MM: Final = 1e-6
+
+
+def check_each_head(
+    run: DryRun, printer: Printer, checks: Callable[[int, DryRun, Printer], Sequence[Check]]
+) -> list[Check]:
+    """Checks of each head that the file uses, as if it were the only one, under its name.
+
+    Parameters
+    ----------
+    run : DryRun
+    printer : Printer
+    checks : callable
+        Given a head's number, the run as that head sees it, and the printer with it alone.
+    """
+    all_checks: list[Check] = []
+    for number in range(printer.head_count):
+        if not (run.program.pushed[run.program.tool == number] != 0).any():
+            continue
+        name = f"head {number} ({printer.heads[number].name})"
+        own = checks(number, run.of_head(number), printer.of_head(number))
+        all_checks += [replace(check, check=f"{name}: {check.check}") for check in own]
+    return all_checks
+
+
+def head_checks(
+    run: DryRun,
+    printer: Printer,
+    standing: PlacedDish | None = None,
+    needles: Sequence[Needle | None] = (),
+) -> list[Check]:
+    """Raised and lowered heads; the needles that don't write against ink, bath and wall.
+
+    Parameters
+    ----------
+    run : DryRun
+    printer : Printer
+    standing : PlacedDish or None
+        The dish and the bath in it, where they are known.
+    needles : sequence of Needle or None
+        Of each head, for its thickness beside the wall.
+    """
+    if not printer.heads:
+        return []
+    known = [needles[k] if k < len(needles) else None for k in range(printer.head_count)]
+    return [
+        *_states(run, printer),
+        _lowered_into(run, printer),
+        _idle_above(run, printer, standing),
+        *([] if standing is None else [_idle_in_walls(run, printer, standing, known)]),
+        _asked(printer),
+    ]
+
+
+def _states(run: DryRun, printer: Printer) -> list[Check]:
+    program, heads = run.program, run.heads
+    moves = program.kind == MOVE
+    active = np.arange(len(program)), program.tool
+    rows = (
+        (
+            "moves before every head is said to be raised or lowered",
+            moves & ~heads.said.all(axis=1),
+            "nobody knows which needle is down; begin the file by raising and lowering them",
+        ),
+        (
+            "plunger moves of a raised head",
+            (program.pushed != 0) & heads.raised[active],
+            "it would push ink into the air; lower it before (heads: lowers)",
+        ),
+    )
+    checks = [_none(run, *row) for row in rows]
+    switched = np.flatnonzero((np.diff(heads.raised, axis=0, append=heads.raised[-1:])).any(axis=1))
+    begun = np.flatnonzero(moves)
+    first = int(begun[0]) if len(begun) else len(program)
+    still = np.isin(program.kind, (DWELL, SYNC))
+    late = np.zeros(len(program), dtype=np.bool_)
+    late[[row for row in switched.tolist() if row > first and not _stands(still, moves, row)]] = (
+        True
+    )
+    checks.append(
+        _none(
+            run,
+            "heads raised or lowered while the carriage may still move",
+            late,
+            "put M400 before it",
+        )
+    )
+    short = np.zeros(len(program), dtype=np.bool_)
+    least = max((head.moving_s for head in printer.heads if head.moves), default=0.0)
+    short[[row for row in switched.tolist() if _waits(run, row) < least - 1e-9]] = True
+    checks.append(
+        replace(
+            _none(
+                run,
+                "heads raised or lowered without their time waited for",
+                short,
+                f"put G4 P{least * 1e3:.0f} behind it (heads: moving_s)",
+            ),
+            weight="warns",
+        )
+    )
+    return checks
+
+
+def _stands(still: NDArray[np.bool_], moves: NDArray[np.bool_], row: int) -> bool:
+    """Whether the motors were waited for since the last move before a row."""
+    last_move = int(np.flatnonzero(moves[:row])[-1]) if moves[:row].any() else -1
+    return last_move < 0 or bool(still[last_move + 1 : row].any())
+
+
+def _waits(run: DryRun, row: int) -> float:
+    """Seconds of dwells between a row and the next move."""
+    program = run.program
+    after = np.flatnonzero(program.kind[row:] == MOVE)
+    until = slice(row, row + int(after[0]) if len(after) else len(program))
+    dwells = program.value[until][program.kind[until] == DWELL].sum()
+    return float(dwells) if len(after) else np.inf
+
+
+def _written_top(run: DryRun) -> tuple[float, int]:
+    """Highest tip that writes, and the row; minus infinity where nothing is written."""
+    program = run.program
+    writes = np.flatnonzero(run.doses & (program.kind == MOVE))
+    if not len(writes):
+        return -np.inf, -1
+    heads = run.heads
+    tips = program.target[writes, 2] + heads.offset_mm[program.tool[writes], 2]
+    return float(tips.max()), int(writes[int(tips.argmax())])
+
+
+def _lowered_into(run: DryRun, printer: Printer) -> Check:
+    """Tips at the moments at which a head swings down: above all that the job writes."""
+    program, heads = run.program, run.heads
+    top, _ = _written_top(run)
+    before = np.vstack([heads.raised[:1] * True, heads.raised[:-1]])
+    worst, place = np.inf, -1
+    for number in range(printer.head_count):
+        for row in np.flatnonzero(before[:, number] & ~heads.raised[:, number]).tolist():
+            height = float(program.target[row - 1, 2] + heads.offset_mm[number, 2])
+            if height < worst:
+                worst, place = height, row
+    low = worst if np.isfinite(worst) else top if np.isfinite(top) else 0.0
+    limit = top if np.isfinite(top) else low
+    return Check(
+        "lowest tip where a head is lowered, above all that is written",
+        low,
+        limit,
+        "mm",
+        low >= limit - _TINY_MM,
+        f"line {int(program.line[place])}" if place >= 0 else "",
+        "it would swing into the print; change heads higher up",
+    )
+
+
+def _idle_above(run: DryRun, printer: Printer, standing: PlacedDish | None) -> Check:
+    """The needle that doesn't write, against what it would drag through: bath, or ink."""
+    top, _ = _written_top(run)
+    what, key = "all that is written", "heads: raised_mm, offset_mm"
+    limit = top
+    if standing is not None and standing.bath_mm is not None:
+        surface = standing.floor_mm + standing.bath_mm
+        if surface > limit:
+            limit, what = surface, "the bath's surface"
+    worst, row, whose = np.inf, -1, 0
+    for number in range(printer.head_count):
+        tips = run.heads.tips(run.program, number)[:, :, 2].min(axis=1)
+        idle = (run.program.kind == MOVE) & (run.program.tool != number)
+        height = np.where(idle, tips, np.inf)
+        if len(height) and float(height.min()) < worst:
+            worst, row, whose = float(height.min()), int(height.argmin()), number
+    limit = limit if np.isfinite(limit) else worst if np.isfinite(worst) else 0.0
+    value = worst if np.isfinite(worst) else limit
+    return Check(
+        f"lowest tip that doesn't write, above {what}",
+        value,
+        limit,
+        "mm",
+        value >= limit - _TINY_MM,
+        f"line {int(run.program.line[row])}" if row >= 0 else "",
+        f"the needle of head {whose} ({printer.heads[whose].name}) would stand in the bath and "
+        f"drag through gel while another writes ({printer.name}: {key}); raise it further, or fill "
+        "less",
+    )
+
+
+def _idle_in_walls(
+    run: DryRun, printer: Printer, standing: PlacedDish, needles: Sequence[Needle | None]
+) -> Check:
+    """The needle that doesn't write, against the dish's wall: above it, or clear of it inside."""
+    worst, row, whose = np.inf, -1, 0
+    for number in range(printer.head_count):
+        needle = needles[number]
+        idle = (run.program.kind == MOVE) & (run.program.tool != number)
+        gap = wall_gap(
+            run.heads.tips(run.program, number),
+            idle,
+            standing,
+            0.0 if needle is None else needle.outer_mm,
+        )
+        if len(gap) and float(gap.min()) < worst:
+            worst, row, whose = float(gap.min()), int(gap.argmin()), number
+    value = worst if np.isfinite(worst) else standing.dish.inner_x_mm / 2
+    return Check(
+        "needle that doesn't write, to the dish's wall",
+        value,
+        WALL_CLEARANCE_MM,
+        "mm",
+        value >= WALL_CLEARANCE_MM,
+        f"line {int(run.program.line[row])}" if row >= 0 else "",
+        f"the needle of head {whose} ({printer.heads[whose].name}) would meet the wall of "
+        f"{standing.dish.name} while another writes; raise it above the wall (raised_mm), or take "
+        "a lower dish",
+    )
+
+
+def _asked(printer: Printer) -> Check:
+    """What no file can tell: whether the offsets are those of today's needles."""
+    offsets = ", ".join(
+        f"head {number}: {head.offset_mm.x:g}, {head.offset_mm.y:g}, {head.offset_mm.z:g} mm"
+        for number, head in enumerate(printer.heads)
+        if number
+    )
+    remedy = (
+        f"see that the needles stand as the profile says ({offsets}): touch both off at one point "
+        "after every change of a needle (`printctl calibrate offset`)"
+    )
+    return Check("asked of you", 0, 0, "", False, f"{printer.name}: heads", remedy, "warns")
+
+
+def _none(run: DryRun, name: str, where: NDArray[np.bool_], remedy: str) -> Check:
+    first = int(where.argmax()) if where.any() else -1
+    place = f"line {int(run.program.line[first])}" if first >= 0 else ""
+    return Check(name, int(where.sum()), 0, "", first < 0, place, remedy)

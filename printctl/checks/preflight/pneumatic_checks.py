@@ -1,0 +1,271 @@
+"""Checks of a pneumatic head (valve, pressure, ink, drops) and of any head's writing speeds."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_profiles import (
+    Ink,
+    Needle,
+    Pneumatic,
+    Printer,
+    ProfileError,
+    SteadyFlow,
+    Syringe,
+    steady_flow,
+)
+from printctl.checks.preflight.profile_checks import profile_checks
+from printctl.checks.set_up.check import Check
+from sim.gcode.dry_run.run import DryRun
+from sim.gcode.heads.valve import BETWEEN, CLOSED, OPEN, UNKNOWN, Valve, flowing_s
+from sim.gcode.program.gcode import code
+from sim.gcode.program.modal import DWELL, MOVE, SYNC
+
+_NONE: Final = -1
+_FEED_ROUNDING: Final = 1e-4
+_DROP_BORES: Final = 2.0
+"""A drop of two bores across stands one half bore out of a line on either side."""
+
+
+def valve_checks(run: DryRun, printer: Printer) -> list[Check]:
+    """Check a file's use of the valve; none for a plunger."""
+    head, valve = printer.pneumatic, run.valve
+    if head is None or valve is None:
+        return []
+    program = run.program
+    moves = program.kind == MOVE
+    unsaid = moves & (valve.before == UNKNOWN)
+    travels = moves & (program.code == code("G0")) & valve.is_open
+    plunger = program.pushed != 0
+    between = np.zeros(len(program), dtype=np.bool_)
+    between[valve.row[valve.state == BETWEEN]] = True
+    rows = (
+        (
+            "moves before the valve is closed",
+            unsaid,
+            f"nobody knows how it stands; begin the job with {head.closes!r}",
+        ),
+        (
+            "travels with the valve open",
+            travels,
+            f"they would lay ink; close it before ({head.closes!r})",
+        ),
+        (
+            "plunger moves, where there is none",
+            plunger,
+            "the head is pneumatic (dispenser); write the job for it, without E",
+        ),
+        (
+            "commands that set the valve between open and closed",
+            between,
+            f"give {head.opens!r} or {head.closes!r}",
+        ),
+    )
+    return [
+        *(_none(run, name, where, remedy) for name, where, remedy in rows),
+        _left_closed(run, valve, head),
+        *([_asked_to_watch(head)] if printer.streamed else []),
+        *_timing(run, valve, head),
+    ]
+
+
+def _none(run: DryRun, name: str, where: NDArray[np.bool_], remedy: str) -> Check:
+    first = int(where.argmax()) if where.any() else _NONE
+    place = f"line {int(run.program.line[first])}" if first != _NONE else ""
+    return Check(name, int(where.sum()), 0, "", first == _NONE, place, remedy)
+
+
+def _left_closed(run: DryRun, valve: Valve, head: Pneumatic) -> Check:
+    last = int(valve.state[-1]) if len(valve.state) else UNKNOWN
+    place = f"line {int(run.program.line[valve.row[-1]])}" if len(valve.row) else "never switched"
+    remedy = f"the ink would go on flowing after the job; end it with {head.closes!r}"
+    shut = last == CLOSED
+    return Check("valve open at the end", int(not shut), 0, "", shut, place, remedy)
+
+
+def _asked_to_watch(head: Pneumatic) -> Check:
+    """What no link can do: switch a valve at a printer that takes nothing any more."""
+    remedy = (
+        f"a stop or pause sends {head.closes!r} before the needle is lifted, but a kill, a "
+        "firmware that halts itself, a dead host and a pulled cable leave the valve as it is: take "
+        "one that is shut without power, and have a hand on the air's cock"
+    )
+    return Check("asked of you", 0, 0, "", False, "kill and dead host", remedy, "warns")
+
+
+def _timing(run: DryRun, valve: Valve, head: Pneumatic) -> list[Check]:
+    """Switches while the motors may run, and delays that aren't waited for."""
+    program = run.program
+    still = np.isin(program.kind, (DWELL, SYNC))
+    first_move = int(np.argmax(program.kind == MOVE)) if (program.kind == MOVE).any() else 0
+    moving = [row for row in valve.row.tolist() if row > first_move and not still[row - 1]]
+    short = [
+        row
+        for row, state in zip(valve.row.tolist(), valve.state.tolist(), strict=True)
+        if row > first_move and _waits(run, row) < _delay(head, state) - 1e-9
+    ]
+    return [
+        _warned(run, "valve switched while the head may still move", moving, "put M400 before it"),
+        _warned(
+            run,
+            "valve switched without its delay waited for",
+            short,
+            f"put G4 behind it: {head.opening_delay_s:g} s for opening, {head.closing_delay_s:g} s "
+            "for closing (dispenser), else lines begin late and run on",
+        ),
+    ]
+
+
+def _warned(run: DryRun, name: str, rows: list[int], remedy: str) -> Check:
+    place = f"line {int(run.program.line[rows[0]])}" if rows else ""
+    return Check(name, len(rows), 0, "", not rows, place, remedy, "warns")
+
+
+def _delay(head: Pneumatic, state: int) -> float:
+    return head.opening_delay_s if state == OPEN else head.closing_delay_s
+
+
+def _waits(run: DryRun, row: int) -> float:
+    """Seconds of dwells between a switch and the next move; no end for the last."""
+    program = run.program
+    after = np.flatnonzero(program.kind[row:] == MOVE)
+    if not len(after):
+        return float("inf")
+    until = slice(row, row + int(after[0]))
+    return float(program.value[until][program.kind[until] == DWELL].sum())
+
+
+def air_checks(
+    run: DryRun, ink: Ink, needle: Needle, syringe: Syringe, printer: Printer
+) -> list[Check]:
+    """The set pressure against regulator, syringe and cells; the flow and the ink it takes."""
+    head = printer.pneumatic
+    if head is None:
+        return []
+    shear = head.pressure_kpa * 1e3 * needle.inner_mm / (4 * needle.length_mm)
+    key = f"{printer.name}: dispenser, pressure_kpa"
+    rows = (
+        ("pressure, of the regulator", head.pressure_kpa, head.max_pressure_kpa, "kPa"),
+        ("pressure, on the syringe", head.pressure_kpa, syringe.max_pressure_kpa, "kPa"),
+        ("shear stress at the needle's wall", shear, ink.max_shear_stress_pa, "Pa"),
+    )
+    limits = [
+        Check(
+            name,
+            value,
+            limit,
+            unit,
+            value <= limit,
+            key,
+            "above what is allowed; lower the pressure, or take a longer or thinner needle for "
+            "the cells' sake, a stronger syringe for the barrel's",
+        )
+        for name, value, limit, unit in rows
+        if limit is not None
+    ]
+    if syringe.max_pressure_kpa is None:
+        limits.append(_asked(syringe, head))
+    try:
+        flow = steady_flow(head, ink, needle)
+    except ProfileError as exc:
+        return [*limits, Check("flow at the set pressure", 0, 0, "", False, key, str(exc))]
+    return [
+        *limits,
+        *_flow(run, flow, syringe, key, head),
+        _drop(flow, needle, head),
+        *profile_checks(needle, ink),
+    ]
+
+
+def _asked(syringe: Syringe, head: Pneumatic) -> Check:
+    remedy = (
+        f"see that {syringe.name} bears {head.pressure_kpa:g} kPa and say it (max_pressure_kpa): a "
+        "glass syringe may burst, and a plug may fly"
+    )
+    return Check("asked of you", 0, 0, "", False, "syringe: max_pressure_kpa", remedy, "warns")
+
+
+def _flow(
+    run: DryRun, flow: SteadyFlow, syringe: Syringe, key: str, head: Pneumatic
+) -> list[Check]:
+    open_s = 0.0 if run.valve is None else flowing_s(run.executed, run.program, run.valve, head)
+    needed = flow.ul_s * open_s + syringe.dead_volume_ul
+    checks = [
+        Check(
+            f"ink for the open valve, with {syringe.dead_volume_ul:g} µL dead volume",
+            needed,
+            syringe.volume_ul,
+            "µL",
+            needed <= syringe.volume_ul,
+            "syringe: volume_ul",
+            f"more than {syringe.name} holds; use a larger syringe or a smaller part",
+        )
+    ]
+    if not flow.measured:
+        checks.append(
+            Check(
+                "flow at the set pressure",
+                0,
+                0,
+                "",
+                False,
+                key,
+                f"{flow.ul_s:.4g} µL/s are foreseen from the ink's viscosity, not measured for "
+                "this ink and needle at this pressure; every line's width hangs on it: "
+                "`printctl calibrate weigh`",
+                "warns",
+            )
+        )
+    return checks
+
+
+def _drop(flow: SteadyFlow, needle: Needle, head: Pneumatic) -> Check:
+    """What flows at the end of each path while the valve closes, as a ball: (6 V/π)^(1/3)."""
+    across = (6 * flow.ul_s * head.closing_delay_s / math.pi) ** (1 / 3)
+    limit = _DROP_BORES * needle.inner_mm
+    return Check(
+        "drop at each path's end while the valve closes, across",
+        across,
+        limit,
+        "mm",
+        across <= limit,
+        "dispenser: closing_delay_s",
+        f"it stands out of lines of the needle's bore, {needle.inner_mm:g} mm; take a faster valve "
+        "or less pressure",
+        "warns",
+    )
+
+
+def speed_checks(run: DryRun, ink: Ink, printer: Printer) -> list[Check]:
+    """Speeds at which ink is written, against those at which a line of it holds together."""
+    span = ink.write_speed_mm_s
+    program = run.program
+    before = program.before[:, :3]
+    writes = run.doses & (program.kind == MOVE) & (program.target[:, :3] != before).any(axis=1)
+    if span is None or not writes.any():
+        return []
+    speed = np.where(writes, np.linalg.norm(run.speed_mm_s[:, :3], axis=1), np.nan)
+    return [
+        _written(run, int(np.nanargmin(speed)), float(np.nanmin(speed)), ink, slowest=True),
+        _written(run, int(np.nanargmax(speed)), float(np.nanmax(speed)), ink, slowest=False),
+    ]
+
+
+def _written(run: DryRun, row: int, value: float, ink: Ink, *, slowest: bool) -> Check:
+    span = ink.write_speed_mm_s
+    limit = value if span is None else span.low if slowest else span.high
+    slack = _FEED_ROUNDING * limit
+    return Check(
+        "slowest writing" if slowest else "fastest writing",
+        value,
+        limit,
+        "mm/s",
+        value >= limit - slack if slowest else value <= limit + slack,
+        f"line {int(run.program.line[row])}",
+        f"a line of {ink.name} doesn't hold together (ink: write_speed_mm_s); change the speed",
+        "refuses" if ink.calibrated else "warns",
+    )

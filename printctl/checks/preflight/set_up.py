@@ -1,0 +1,104 @@
+"""Run all preflight checks of a G-code file with its mounted profiles."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from firmware_profiles import Printer, ProfileError
+from printctl.checks.preflight.bore import line_checks
+from printctl.checks.preflight.dish import dish_checks, floor_check, unknown_dish
+from printctl.checks.preflight.force import force_checks
+from printctl.checks.preflight.gcode import gcode_checks
+from printctl.checks.preflight.heads import check_each_head, head_checks
+from printctl.checks.preflight.ink_volumes import volumes, written_ul
+from printctl.checks.preflight.material_checks import temperature_checks
+from printctl.checks.preflight.mounted_checks import bath_checks, chemistry_check
+from printctl.checks.preflight.setup_checks import syringe_checks
+from printctl.checks.preflight.steps import step_checks
+from printctl.checks.preflight.viability import PrintTime, viability_checks
+from printctl.checks.preflight.well_map import read_wells
+from printctl.checks.preflight.wells import Wells, well_checks
+from printctl.checks.set_up import Check, HeadLoading, SetUp, budget_of
+from printctl.errors import UsageError
+from sim.gcode.dry_run.run import DryRun
+
+
+def file_checks(run: DryRun, setup: SetUp, map_path: Path | None = None) -> list[Check]:
+    """Every check of a dry run, passed or not; what can't be looked at is a warning.
+
+    Of a plate's job the map says where wells are.
+    """
+    checks = gcode_checks(run, setup.printer)
+    loads = [setup.load_of(k) for k in range(setup.printer.head_count)]
+    ink_ul = written_ul(run, setup.printer, loads)
+    wells = None if map_path is None else _wells(run, setup, loads, map_path)
+    missing = [
+        name for name, part in (("needle", setup.needle), ("bath", setup.bath)) if part is None
+    ]
+    if setup.printer.heads:
+        checks += check_each_head(
+            run, setup.printer, lambda k, view, one: _of_head(view, one, setup, loads[k], ink_ul)
+        )
+        checks += head_checks(run, setup.printer, setup.standing, [one.needle for one in loads])
+    else:
+        checks += _of_head(run, setup.printer, setup, loads[0], ink_ul)
+    if setup.bath is not None:
+        checks += bath_checks(setup.bath)
+    if wells is not None and setup.needle is not None:
+        checks += well_checks(run, wells, setup.needle)
+    if setup.standing is None and wells is None:
+        checks.append(unknown_dish())
+    return checks + ([_unnamed(missing)] if missing else [])
+
+
+def _wells(run: DryRun, setup: SetUp, loads: Sequence[HeadLoading], map_path: Path) -> Wells | None:
+    try:
+        return read_wells(map_path, run.program.line, volumes(run, setup.printer, loads))
+    except ProfileError:  # a pressure that moves no ink is said by a check of its own
+        return None
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as exc:
+        raise UsageError(
+            f"{map_path} can't be read ({exc}); write the G-code and its map anew, or move it away"
+        ) from exc
+
+
+def _of_head(
+    run: DryRun, printer: Printer, setup: SetUp, load: HeadLoading, ink_ul: float
+) -> list[Check]:
+    """Checks of what one head holds, and of its needle's way; all heads write ``ink_ul``."""
+    checks = [
+        *syringe_checks(run, printer, load.syringe),
+        *step_checks(run, printer, load.syringe),
+        *viability_checks(PrintTime(run.duration_s), budget_of(load.ink)),
+        *temperature_checks(run, load.ink, setup.bath),
+    ]
+    if load.needle is not None:
+        checks += force_checks(run, load.ink, load.needle, load.syringe, printer)
+        checks += line_checks(run, printer, load, setup.thinnest_bore)
+    if setup.bath is not None:
+        checks += [
+            chemistry_check(load.ink, setup.bath),
+            floor_check(run, setup.bath, printer.z_mm.low),
+        ]
+    if load.needle is not None and setup.standing is not None:
+        checks += dish_checks(run, setup.standing, load.needle, ink_ul)
+    return checks
+
+
+def _unnamed(missing: list[str]) -> Check:
+    what = {
+        "needle": "force and walls (needle)",
+        "bath": "chemistry, temperatures and the floor (bath)",
+    }
+    return Check(
+        "set-up",
+        0,
+        0,
+        "",
+        False,
+        " and ".join(missing),
+        f"not named, so {' and '.join(what[name] for name in missing)} weren't looked at",
+        "warns",
+    )

@@ -1,0 +1,1 @@
+"""Corrections from measured prints to the next one."""

@@ -1,0 +1,1 @@
+"""Past prints: records, and comparisons of runs."""

@@ -1,0 +1,1 @@
+"""The printer: link process, manual commands, prints and their state."""

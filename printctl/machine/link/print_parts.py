@@ -1,0 +1,176 @@
+"""Create and connect the objects that carry out one print: channel, checks, pauses, stop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from printctl.machine.link.answer_count import AnswerCount
+from printctl.machine.link.care import Care
+from printctl.machine.link.channel import Channel
+from printctl.machine.link.ending import Ending
+from printctl.machine.link.excursion import Excursion
+from printctl.machine.link.firmware_check import FirmwareCheck
+from printctl.machine.link.foreign_changes import ForeignCommands
+from printctl.machine.link.frame_check import FrameCheck
+from printctl.machine.link.gauges import Gauge, Gauges
+from printctl.machine.link.head_choice import HeadChoice
+from printctl.machine.link.heat_check import HeatCheck
+from printctl.machine.link.idle_motors import IdleMotors
+from printctl.machine.link.inserting import Inserting
+from printctl.machine.link.interruption import Interruption
+from printctl.machine.link.job import Job
+from printctl.machine.link.logbook import Logbook
+from printctl.machine.link.look_book import LookBook
+from printctl.machine.link.look_requests import LookRequests
+from printctl.machine.link.looks import Looks
+from printctl.machine.link.manual_commands import ManualCommands
+from printctl.machine.link.other_clients import OtherClients
+from printctl.machine.link.parking import Parking
+from printctl.machine.link.pauses import Pauses
+from printctl.machine.link.position_check import PositionCheck
+from printctl.machine.link.print_details import PrintDetails
+from printctl.machine.link.print_events import print_channel
+from printctl.machine.link.print_requests import PrintRequests
+from printctl.machine.link.progress import JobProgress
+from printctl.machine.link.requests import RequestQueue
+from printctl.machine.link.resumption import Resumption
+from printctl.machine.link.returning import Returning
+from printctl.machine.link.slips import SlipWatch
+from printctl.machine.link.syringe_change import SyringeChange
+from printctl.machine.link.syringe_changer import SyringeChanger
+from printctl.machine.link.valve_switch import ValveSwitch
+from printctl.machine.link.watch import Watch
+from printctl.machine.link.wiring import Wiring
+
+
+@dataclass(frozen=True)
+class PrintParts:
+    """What the loop of a print uses; each owns its own state.
+
+    Attributes
+    ----------
+    channel : Channel
+    queue : RequestQueue
+    requests : PrintRequests
+    look_requests : LookRequests
+    commands : ManualCommands
+    watch : Watch
+    gauges : Gauges
+    answers : AnswerCount
+    clients : OtherClients
+    firmware : FirmwareCheck
+    position : PositionCheck
+    meddling : ForeignCommands
+    heat : HeatCheck
+    valve : ValveSwitch
+    ending : Ending
+    pauses : Pauses
+    looks : Looks
+    slips : SlipWatch
+    resumption : Resumption
+    interruption : Interruption
+    """
+
+    channel: Channel
+    queue: RequestQueue
+    requests: PrintRequests
+    look_requests: LookRequests
+    commands: ManualCommands
+    watch: Watch
+    gauges: Gauges
+    answers: AnswerCount
+    clients: OtherClients
+    firmware: FirmwareCheck
+    frame: FrameCheck
+    position: PositionCheck
+    meddling: ForeignCommands
+    heat: HeatCheck
+    valve: ValveSwitch
+    ending: Ending
+    pauses: Pauses
+    looks: Looks
+    slips: SlipWatch
+    resumption: Resumption
+    interruption: Interruption
+
+
+def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
+    """Return the parts of a print, each given those that it uses."""
+    progress, queue = JobProgress(wiring, job), RequestQueue()
+    watch = Watch(job.marks, care, job.lines, job.positions)
+    change = SyringeChange(wiring, progress)
+    book = LookBook()
+    watched = [Gauge(one) for one in wiring.printer.watch]
+    details = PrintDetails(wiring.clock, watched, watch, change, book)
+    logbook = Logbook(wiring, progress, details.add, details.next_due)
+    channel, interruption = print_channel(wiring, logbook, queue)
+    requests = PrintRequests(wiring, logbook, queue, watch, change)
+    look_requests = LookRequests(logbook, queue, book)
+    heat, valve, frame = HeatCheck(channel), ValveSwitch(channel), FrameCheck(channel)
+    commands, gauges = ManualCommands(channel, queue, heat), Gauges(channel, watched)
+    firmware, heads = FirmwareCheck(channel, gauges), HeadChoice(channel)
+    position = PositionCheck(channel, valve, frame)
+    meddling, excursion = ForeignCommands(channel, firmware, position, heat), Excursion()
+    returning = Returning(channel, heads, position, excursion)
+    ending = Ending(channel, firmware, heads, position, valve, excursion, interruption)
+    changer = SyringeChanger(channel, change, heads, position, watch)
+    inserting = Inserting(channel, queue, watch, changer, book, job)
+    pauses = Pauses(
+        channel=channel,
+        queue=queue,
+        requests=requests,
+        commands=commands,
+        watch=watch,
+        change=change,
+        changer=changer,
+        position=position,
+        meddling=meddling,
+        heads=heads,
+        valve=valve,
+        motors=IdleMotors(channel),
+        ending=ending,
+        excursion=excursion,
+        returning=returning,
+        inserting=inserting,
+    )
+    parking = Parking(channel, heads, position, inserting)
+    looks = Looks(channel, pauses, inserting, parking)
+    return PrintParts(
+        channel=channel,
+        queue=queue,
+        requests=requests,
+        look_requests=look_requests,
+        commands=commands,
+        watch=watch,
+        gauges=gauges,
+        answers=AnswerCount(channel),
+        clients=OtherClients(channel, position, heat),
+        firmware=firmware,
+        frame=frame,
+        position=position,
+        meddling=meddling,
+        heat=heat,
+        valve=valve,
+        ending=ending,
+        pauses=pauses,
+        looks=looks,
+        slips=SlipWatch(channel, position),
+        resumption=Resumption(
+            channel,
+            firmware,
+            frame,
+            heat,
+            meddling,
+            heads,
+            position,
+            valve,
+            watch,
+            pauses,
+            looks,
+            parking,
+            excursion,
+            returning,
+            requests,
+        ),
+        interruption=interruption,
+    )

@@ -1,0 +1,98 @@
+"""Read print orders sent to the station's socket, and check that each may begin."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, Final
+
+from firmware_profiles import Printer, ProfileError, load
+from printctl.machine.link.care import Care
+from printctl.machine.link.errors import Refused
+from printctl.machine.link.families import link_facts
+from printctl.machine.link.job import Job
+from printctl.machine.link.job_start import declared_start
+from printctl.machine.link.modal import last_of
+from printctl.machine.link.process import Order as LinkOrder
+from printctl.machine.link.retreat import Retreat
+from printctl.machine.station.open_connection import Socket
+from printctl.machine.station.status import Place
+from sim.gcode.reading import code_of
+
+ASIDE_MM: Final = 0.05
+"""Most between the place where the tip stands and the one that the job declares."""
+
+
+def read_order(request: dict[str, Any], socket: Socket) -> LinkOrder:
+    """Read what `printctl.machine.station.order_json` made.
+
+    Raises
+    ------
+    Refused
+        For another printer than the one that is connected.
+    """
+    try:
+        asked = load(Printer, str(request["printer"]))
+    except ProfileError as exc:
+        raise Refused(str(exc)) from exc
+    if asked != socket.printer:
+        raise Refused(
+            f"the job is for {asked.name} ({request['printer']}), connected is "
+            f"{socket.printer.name} ({socket.profile}); connect with the "
+            "profile that the job was made for"
+        )
+    return LinkOrder(
+        job=Path(request["job"]),
+        profile=str(request["printer"]),
+        port=socket.port,
+        folder=Path(request["folder"]),
+        retreat=Retreat(**request["retreat"]),
+        care=Care.from_dict(request["care"]),
+    )
+
+
+def check_homing(job: Job, needle: str) -> None:
+    """Refuse a job that homes with a needle mounted.
+
+    Raises
+    ------
+    Refused
+    """
+    homing = next((k for k, line in enumerate(job.lines) if code_of(line) == b"G28"), None)
+    if homing is not None and needle:
+        raise Refused(
+            f"{job.name}, line {job.file_lines[homing]}, homes the machine with the needle "
+            f"{needle} mounted, which would be driven into what is below; take the line out, and "
+            "touch off instead"
+        )
+
+
+def check_start(job: Job, at: Place | None, trusted: bool) -> Place | None:
+    """Refuse a job that declares the tip to be where it isn't; give the place that it declares.
+
+    Raises
+    ------
+    LinkError
+    """
+    declared = declared_start(job)
+    if declared is None or at is None or not trusted:
+        return declared
+    away = math.dist(declared, at)
+    if away > ASIDE_MM:
+        places = (
+            " ".join(f"{axis}{mm:.2f}" for axis, mm in zip("XYZ", place, strict=True))
+            for place in (declared, at)
+        )
+        begins, stands = places
+        raise Refused(
+            f"{job.name} begins with the tip at {begins}, it stands at {stands}, {away:.2f} mm "
+            f"away (at most {ASIDE_MM:g}): the part would be written as far beside its place. Move "
+            "there first, or say that the tip is there (set_position)"
+        )
+    return declared
+
+
+def leaves_motors_on(job: Job, done: int, printer: Printer) -> bool:
+    """Whether the motors have power after so many lines, so that the count keeps its meaning."""
+    off = last_of(job.lines, done, (b"M84", b"M18"))
+    return off is None or (b"S" in off and link_facts(printer).m84_sets_timeout)

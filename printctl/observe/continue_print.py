@@ -1,0 +1,211 @@
+"""Continue a print: after a pause, a syringe change, or the death of its link process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from firmware_profiles import Printer, Syringe, load
+from printctl.errors import PrintctlError, UsageError
+from printctl.machine.link.care import Care, NewSyringe
+from printctl.machine.link.client import PrintClient, attach, resume_print
+from printctl.machine.link.find_link import alive
+from printctl.machine.link.journalled_print import read_journal
+from printctl.machine.link.marks import MarkKind
+from printctl.machine.link.record import JOURNAL, load_record
+from printctl.machine.link.states import LinkState, Status
+from printctl.machine.print_state.actions import refuse_forgotten
+from printctl.machine.printing.journal_facts import read_journal_facts
+from printctl.machine.printing.syringes import usable_mm
+from printctl.observe.records import OBSERVER_LOCK, asking_look, read_looks
+from printctl.observe.starting import end_idle_observer, ensure_observer
+
+_GOING_ON: Final = (LinkState.CONNECTING, LinkState.CHECKING, LinkState.PRINTING)
+
+
+def continue_print(
+    folder: Path,
+    *,
+    port: str | None = None,
+    syringe: str | None = None,
+    plunger_mm: float | None = None,
+    unchanged: bool = False,
+    unobserved: bool = False,
+) -> Status:
+    """Go on with the print in ``folder``; return its status.
+
+    One that is held for looks and whose observer is gone gets another first; what its last look has
+    asked is then asked again, and the print stays paused for the answer.
+
+    Parameters
+    ----------
+    folder : Path
+    port : str, optional
+        When the printer's port has another name now.
+    syringe : str, optional
+        Profile of the syringe that was put in, where it is another.
+    plunger_mm : float, mm, optional
+        Travel that its plunger has used up; 0 for a full one.
+    unchanged : bool
+        The syringe wasn't changed after all.
+    unobserved : bool
+        Go on without an observer: each look then becomes a pause.
+
+    Raises
+    ------
+    UsageError
+        When what was told contradicts itself.
+    ObserverError
+        When no observer can be started; nothing has moved.
+    PrintctlError
+        When the print isn't paused, or its observer is judging a look.
+    LinkError
+        When the printer can't be reached, or the print can't be gone on with.
+    """
+    changed = syringe is not None or plunger_mm is not None
+    if unchanged and changed:
+        raise UsageError("the syringe is either unchanged or a new one; say one of both")
+    with attach(folder) as attached:
+        status = attached.status
+    if status.state in _GOING_ON and not status.waits_for and not (changed or unchanged):
+        raise PrintctlError(
+            f"the print in {folder} isn't paused ({status.state.value}: {status.message})"
+        )
+    if changed and status.ended:
+        _refuse_unchanged(folder)
+    if not unobserved:
+        _refuse_in_look(folder, status)
+    started = not (status.ended or unobserved) and ensure_observer(folder)
+    with restart(folder, port, unobserved) if status.ended else attach(folder) as client:
+        if status.ended and client.status.state is not LinkState.PAUSED:
+            if changed and not client.status.ended:
+                raise PrintctlError(
+                    f"the print in {folder} goes on with the syringe that was told before its link "
+                    "process died; what was told now isn't counted"
+                )
+            return client.status
+        change = new_syringe_of(client, syringe, plunger_mm) if changed else None
+        if not awaits_observer(folder, client.status, started):
+            client.resume(change, unchanged, unobserved)
+        return client.status
+
+
+def _refuse_in_look(folder: Path, status: Status) -> None:
+    """Refuse to go on while an observer judges a look: nothing of it would be mended.
+
+    Raises
+    ------
+    PrintctlError
+    """
+    look = status.look
+    if status.state is not LinkState.LOOKING or look is None or not alive(folder, OBSERVER_LOCK):
+        return
+    raise PrintctlError(
+        f"look {look['number']} is being judged, and the print in {folder} isn't paused: it goes "
+        f"on when that is decided, and is paused where that takes more than {look['limit_s']:g} s "
+        "(observe.limit_s). `printctl resume RUN --unobserved` goes on without this look"
+    )
+
+
+def awaits_observer(folder: Path, status: Status, started: bool) -> bool:
+    """Whether a print is held for an observer that was ``started`` now: it isn't to go on yet.
+
+    A look's picture would be taken of a print that goes on, with the needle in the view. And what a
+    look has asked would be lost with the observer that died: the new one asks it again.
+    """
+    if not started or status.state is LinkState.LOOKING:
+        return started
+    looks = read_looks(folder, read_journal_facts(folder / JOURNAL).started)
+    return not status.waits_for and asking_look(looks, status) is not None
+
+
+def _refuse_unchanged(folder: Path) -> None:
+    """Refuse a new syringe where the print had not made room for one when its process died.
+
+    Raises
+    ------
+    PrintctlError
+    """
+    history = read_journal(folder / JOURNAL)
+    if history.reload is not None:
+        return
+    asked = history.wanted is not None and history.wanted["after"] == MarkKind.RELOAD
+    then = "the change asked for is made first" if asked else "`printctl reload RUN` makes room"
+    raise PrintctlError(
+        f"when its link process died, the print in {folder} wasn't held for a change of syringe "
+        f"(last {history.state.value}), so no new one can be told; `printctl resume RUN` without "
+        f"--syringe and --plunger-mm, then {then}"
+    )
+
+
+def restart(folder: Path, port: str | None = None, unobserved: bool = False) -> PrintClient:
+    """Go on with a print whose link process died or lost its port; ask its last line first.
+
+    Raises
+    ------
+    ObserverError
+        When it is one with looks, and no observer can be started; unless ``unobserved``.
+    LinkError
+        See `printctl.machine.link.client.resume_print`; `Refused` where the printer has certainly
+        forgotten its place.
+    """
+    record = load_record(folder)
+    refuse_forgotten(folder, port or record.port, load(Printer, record.profile))
+    if not unobserved:
+        ensure_observer(folder)
+    try:
+        return resume_print(folder, port)
+    except Exception:
+        end_idle_observer(folder)
+        raise
+
+
+def new_syringe_of(
+    client: PrintClient, syringe: str | None, plunger_mm: float | None
+) -> NewSyringe:
+    """Return what was put in, for the syringe that a paused print waits for."""
+    care, head = Care.from_dict(client.record.care), changed_head(client.status)
+    return new_syringe(care, client.record.profile, syringe, plunger_mm or 0.0, head)
+
+
+def changed_head(status: Status) -> int | None:
+    """Of several heads, whose syringe the print waits for."""
+    what, _, number = status.waits_for.partition(" ")
+    return int(number) if what == "syringe" and number else None
+
+
+def new_syringe(
+    care: Care, printer: str, name: str | None, plunger_mm: float, head: int | None = None
+) -> NewSyringe:
+    """What was put in; the job's plunger travel holds for one bore only.
+
+    Parameters
+    ----------
+    care : Care
+        Names the syringe in use so far.
+    printer : str
+        Profile: how far its drive goes.
+    name : str or None
+        Profile of the new one; None for one like the last.
+    plunger_mm : float, mm
+    head : int, optional
+        Of several, whose.
+
+    Raises
+    ------
+    UsageError
+        When its bore isn't the last one's.
+    """
+    if name is None:
+        return NewSyringe(plunger_mm)
+    new = load(Syringe, name)
+    before, _ = care.of_head(head)
+    if before:
+        old = load(Syringe, before)
+        if new.inner_mm != old.inner_mm:
+            raise UsageError(
+                f"{new.name} has a bore of {new.inner_mm:g} mm, {old.name} of {old.inner_mm:g} mm: "
+                "the job's plunger travel would give another volume; put in one of the same bore"
+            )
+    machine = load(Printer, printer)
+    return NewSyringe(plunger_mm, name, usable_mm(new, machine.of_head(head or 0)))

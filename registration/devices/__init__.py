@@ -1,0 +1,1 @@
+"""Optics of each instrument: cameras, lenses, microscopes, OCT, laser lines."""

@@ -1,0 +1,55 @@
+"""Calibrate a camera to the printer's frame by a marked dish insert; locate the needle's tip.
+
+Goes in: a lens, pictures of a dish insert, crosses touched or lines printed. Comes out: a
+`CameraFrame` (pixels to mm and back, with uncertainty), checks that it still holds, and where the
+needle's tip is. Begin with `fit.py`.
+"""
+
+from registration.devices.camera_frame.check import FrameCheck, check_frame
+from registration.devices.camera_frame.evidence import PrintedPoints, Touch
+from registration.devices.camera_frame.fit import Ties, fit_frame, merged
+from registration.devices.camera_frame.frame import Bath, CameraFrame, read_frame, write_frame
+from registration.devices.camera_frame.insert import (
+    Insert,
+    design_insert,
+    read_insert,
+    write_insert,
+)
+from registration.devices.camera_frame.insert_drawing import write_dots, write_svg
+from registration.devices.camera_frame.insert_solid import insert_solids
+from registration.devices.camera_frame.marks import SeenMarks, find_marks
+from registration.devices.camera_frame.printed_lines import PrintedLine, find_crossings
+from registration.devices.camera_frame.tip import SeenTip, find_tip
+from registration.devices.camera_frame.tip_grounds import grounds
+from registration.devices.camera_frame.tip_place import Tip, TipView, locate_tip
+
+__all__ = [
+    "Bath",
+    "CameraFrame",
+    "FrameCheck",
+    "Insert",
+    "PrintedLine",
+    "PrintedPoints",
+    "SeenMarks",
+    "SeenTip",
+    "Ties",
+    "Tip",
+    "TipView",
+    "Touch",
+    "check_frame",
+    "design_insert",
+    "find_crossings",
+    "find_marks",
+    "find_tip",
+    "fit_frame",
+    "grounds",
+    "insert_solids",
+    "locate_tip",
+    "merged",
+    "read_frame",
+    "read_insert",
+    "write_dots",
+    "write_frame",
+    "write_insert",
+    "write_svg",
+]

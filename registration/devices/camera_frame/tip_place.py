@@ -1,0 +1,216 @@
+"""Triangulate a needle's tip from pictures with the printer at known positions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.devices.camera_frame.frame import CameraFrame, varied
+from registration.devices.camera_frame.projection import View, project
+from registration.devices.camera_frame.tip import SeenTip
+from registration.errors import PictureError
+
+FloatArray = NDArray[np.float64]
+
+_WORN: Final = 0.22
+"""Tangent of the end's slope, beyond its scatter, from which a tip counts as worn."""
+_RAGGED: Final = 0.08
+"""RMS of the end about a flat one, of the width."""
+_BENT: Final = 0.04
+_OFF_WIDTH: Final = 0.06
+"""Of the diameter by the profile: another needle, ink on it, or a burr."""
+_WORST: Final = 4.0
+"""Root mean square deviation of the pictures, of their standard uncertainties."""
+_ROUNDS: Final = 20
+_STEP_MM: Final = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class TipView:
+    """A tip in one picture, and where the printer stood.
+
+    Attributes
+    ----------
+    frame : CameraFrame
+    seen : SeenTip
+    at_mm : (3,) float64, mm
+        The printer's position: where the tip would be without offset.
+    """
+
+    frame: CameraFrame
+    seen: SeenTip
+    at_mm: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Tip:
+    """A needle's tip.
+
+    Attributes
+    ----------
+    offset_mm : (3,) float64, mm
+        From the printer's position to the tip.
+    covariance_mm2 : (3, 3) float64
+        Of the offset, frames included.
+    outer_mm, u_outer_mm : float, mm
+    worn : tuple of str
+        What is odd about it; empty for a straight needle with a flat end.
+    misfit : float
+        Root of the sum of squares over the degrees of freedom; NaN without any.
+    views : int
+    """
+
+    offset_mm: FloatArray
+    covariance_mm2: FloatArray
+    outer_mm: float
+    u_outer_mm: float
+    worn: tuple[str, ...]
+    misfit: float
+    views: int
+
+    @property
+    def u_mm(self) -> FloatArray:
+        """Standard uncertainties along x, y, z, (3,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance_mm2)))
+
+
+def locate_tip(
+    views: Sequence[TipView],
+    outer_mm: float,
+    *,
+    u_first_mm: FloatArray | None = None,
+) -> Tip:
+    """Find the offset that all pictures see; two that look from different sides tell all of it.
+
+    One camera will do with the needle at several known places: it sees each from another side.
+
+    Parameters
+    ----------
+    views : sequence of TipView
+    outer_mm : float, mm
+        By the needle's profile.
+    u_first_mm : (3,) float64, mm, optional
+        How well an offset of 0 was known beforehand, such as z by touching off; 5 mm each, if not
+        given.
+
+    Raises
+    ------
+    PictureError
+        When there is no picture, or they contradict each other.
+    """
+    if not views:
+        raise PictureError("no picture shows the tip; give one or more")
+    first = np.full(3, 5.0) if u_first_mm is None else np.asarray(u_first_mm, dtype=np.float64)
+    offset, normal, levers = _settled(views, first)
+    misfit = _misfit(views, offset)
+    _refuse_contradiction(views, first, misfit)
+    covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    if misfit > 1:  # not where there is none
+        covariance = covariance * misfit**2
+    whole: FloatArray = covariance + _by_frames(views, offset, covariance, levers)
+    wide = np.array([v.seen.width_mm for v in views])
+    sure = np.array([v.seen.u_width_mm for v in views]) ** -2.0
+    width = float((wide * sure).sum() / sure.sum())
+    u_width = float(np.hypot(sure.sum() ** -0.5, 0.01 * width))  # edges of round steel
+    return Tip(
+        offset, whole, width, u_width, _worn(views, width, u_width, outer_mm), misfit,
+        len(views),
+    )  # fmt: skip
+
+
+def _settled(
+    views: Sequence[TipView], first: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Offset, normal matrix and whitened slopes (n, 2, 3), by Gauss' and Newton's method."""
+    offset = np.zeros(3)
+    for _ in range(_ROUNDS):
+        left = np.array([_whitened(v, v.frame.under(None).view, offset) for v in views])
+        slopes = np.empty((len(views), 2, 3))
+        for axis in range(3):
+            step = _STEP_MM * np.eye(3)[axis]
+            then = [_whitened(v, v.frame.under(None).view, offset + step) for v in views]
+            slopes[:, :, axis] = (np.array(then) - left) / _STEP_MM
+        flat = slopes.reshape(-1, 3)
+        normal = flat.T @ flat + np.diag(first**-2.0)
+        move = -np.linalg.solve(normal, flat.T @ left.ravel() + offset / first**2)
+        offset = offset + move
+        if np.abs(move).max() < 1e-7:
+            break
+    return offset, normal, slopes
+
+
+def _whitened(view: TipView, camera: View, offset: FloatArray) -> FloatArray:
+    """Deviation of the seen pixel, of its standard uncertainties, (2,)."""
+    off = project(camera, (view.at_mm + offset)[None])[0] - view.seen.pixel
+    lower = np.linalg.cholesky(view.seen.covariance_px2)
+    return np.asarray(np.linalg.solve(lower, np.nan_to_num(off, nan=1e6)))
+
+
+def _misfit(views: Sequence[TipView], offset: FloatArray) -> float:
+    """Root of the sum of squares over the degrees of freedom; NaN without any."""
+    free = 2 * len(views) - 3
+    left = np.array([_whitened(v, v.frame.under(None).view, offset) for v in views])
+    return float(np.sqrt((left**2).sum() / free)) if free > 0 else float("nan")
+
+
+def _refuse_contradiction(views: Sequence[TipView], first: FloatArray, misfit: float) -> None:
+    """Raise where the pictures can't be of one tip, naming the one without which they can."""
+    if not misfit > _WORST:
+        return
+    rest = []
+    for n in range(len(views)) if len(views) > 2 else ():
+        others = [*views[:n], *views[n + 1 :]]
+        rest.append(_misfit(others, _settled(others, first)[0]))
+    who = "the pictures don't fit each other"
+    if rest and min(rest) < misfit / 2:
+        who = f"picture {int(np.argmin(rest)) + 1} doesn't fit the others"
+    raise PictureError(
+        f"{who}: their tips lie {misfit:.0f} of their standard uncertainties apart ({_WORST:g} at "
+        "most). Are all places (--at) right? Does the frame still hold (printctl observe check)?"
+    )
+
+
+def _by_frames(
+    views: Sequence[TipView], offset: FloatArray, inner: FloatArray, levers: FloatArray
+) -> FloatArray:
+    """Covariance that the frames bring, each common to its own pictures, (3, 3)."""
+    covariance = np.zeros((3, 3))
+    for frame in {id(view.frame): view.frame for view in views}.values():
+        known = np.array(frame.covariance)
+        sizes = np.sqrt(np.maximum(np.diag(known), 1e-24))
+        moved = np.zeros((3, len(sizes)))
+        for n, size in enumerate(sizes):
+            step = 0.01 * float(size) + 1e-12
+            for view, lever in zip(views, levers, strict=True):
+                if view.frame is frame:
+                    plain = frame.under(None).view
+                    then = _whitened(view, varied(plain, n, step), offset)
+                    change = (then - _whitened(view, plain, offset)) / step
+                    moved[:, n] -= inner @ lever.T @ change
+        covariance += moved @ known @ moved.T
+    return covariance
+
+
+def _worn(
+    views: Sequence[TipView], width: float, u_width: float, outer_mm: float
+) -> tuple[str, ...]:
+    said = []
+    slopes = np.array([v.seen.slope for v in views])
+    # Light from aside shifts the end of a sound tip a little, in one view more than another.
+    slope = abs(float(np.median(slopes)))
+    if slope - 2 * float(slopes.std()) / np.sqrt(len(slopes)) > _WORN:
+        angle = np.degrees(np.arctan(slope))
+        said.append(f"its end is worn or cut aslant: {angle:.0f} degrees off straight across")
+    rough = float(np.median([v.seen.rough for v in views]))
+    if rough > _RAGGED:
+        said.append(f"its end is uneven: {rough:.0%} of the diameter RMS (burr, drop of ink?)")
+    lean = float(np.median([abs(v.seen.lean) for v in views]))
+    if lean > _BENT:
+        said.append(f"it is bent or tilted by {np.degrees(np.arctan(lean)):.1f} degrees")
+    if abs(width - outer_mm) > _OFF_WIDTH * outer_mm + 2 * u_width:
+        said.append(f"its diameter is {width:.3f} mm, {outer_mm:.3f} by the profile")
+    return tuple(said)

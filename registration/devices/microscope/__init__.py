@@ -1,0 +1,30 @@
+"""Measure a picture of a printed pattern: its position, line widths and gaps.
+
+Goes in: a picture and a pattern. Comes out: widths and gaps, mm. Begin with `view.py`.
+"""
+
+from registration.devices.microscope.annotate import annotated
+from registration.devices.microscope.gaps import Crossing, GapWidth, measure_gaps
+from registration.devices.microscope.ink_absorption import Shade, shade_profile
+from registration.devices.microscope.picture import Picture, read_picture
+from registration.devices.microscope.target import Target, View
+from registration.devices.microscope.view import find_view, marked_view
+from registration.devices.microscope.widths import Line, LineWidths, measure_lines
+
+__all__ = [
+    "Crossing",
+    "GapWidth",
+    "Line",
+    "LineWidths",
+    "Picture",
+    "Shade",
+    "Target",
+    "View",
+    "annotated",
+    "find_view",
+    "marked_view",
+    "measure_gaps",
+    "measure_lines",
+    "read_picture",
+    "shade_profile",
+]

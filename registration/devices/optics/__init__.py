@@ -1,0 +1,35 @@
+"""Calibrate an OCT device, and correct its scans for fan, bow, depth scale and refraction.
+
+Goes in: scans of a dot grid and a step. Comes out: a calibration file, and corrected scans. Begin
+with `beam.py`.
+"""
+
+from registration.devices.optics.beam import Beam, OctCalibration
+from registration.devices.optics.file import read_calibration, write_calibration
+from registration.devices.optics.fit import GridFit, fit_grid, with_step
+from registration.devices.optics.grid_target import GridView, find_grid
+from registration.devices.optics.refraction import refract, refraction_bound
+from registration.devices.optics.step import Step, measure_step
+from registration.devices.optics.surface import SampleSurface, find_surface, fit_surface
+from registration.devices.optics.undistort import is_resampled, undistort
+
+__all__ = [
+    "Beam",
+    "GridFit",
+    "GridView",
+    "OctCalibration",
+    "SampleSurface",
+    "Step",
+    "find_grid",
+    "find_surface",
+    "fit_grid",
+    "fit_surface",
+    "is_resampled",
+    "measure_step",
+    "read_calibration",
+    "refract",
+    "refraction_bound",
+    "undistort",
+    "with_step",
+    "write_calibration",
+]

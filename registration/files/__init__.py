@@ -1,0 +1,1 @@
+"""Scan readers, and writers of scans and results."""

@@ -1,0 +1,69 @@
+"""Evaluate a picture or height map of a printed layer against the lines expected there.
+
+Names are loaded when first asked for.
+
+Goes in: a picture, its frame, expected lines. Comes out: widths along every line, gaps, blobs,
+lumens, the layer's shift, or "not seen". Begin with `see.py`, which calls the rooms in this order:
+`heights` (a picture made from a volume or a height map), `pictures` (cropped, evenly lit), `place`
+(the layer's shift), `ink` and `ridges` (how much ink lies along each line), `over_ink` (the same on
+older ink), `gaps`, `widths`, and `unseen` (what the picture can't tell).
+"""
+
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from registration.inspection.annotate import annotated
+    from registration.inspection.findings import LayerFindings
+    from registration.inspection.heights.below import ShownLines
+    from registration.inspection.heights.height import HeightFrame, height_map
+    from registration.inspection.heights.orientation import better_turned
+    from registration.inspection.heights.own_depth import filament_map
+    from registration.inspection.heights.surface import Surface, surface_of
+    from registration.inspection.options import SeeingOptions
+    from registration.inspection.see import see_layer
+    from registration.inspection.values import (
+        Appearance,
+        Blob,
+        ExpectedLines,
+        Frame,
+        Gap,
+        Lumen,
+        LumenSeen,
+        Shift,
+        Stations,
+        Stretch,
+        Unseen,
+    )
+
+__all__ = [
+    "Appearance",
+    "Blob",
+    "ExpectedLines",
+    "Frame",
+    "Gap",
+    "HeightFrame",
+    "LayerFindings",
+    "Lumen",
+    "LumenSeen",
+    "SeeingOptions",
+    "Shift",
+    "ShownLines",
+    "Stations",
+    "Stretch",
+    "Surface",
+    "Unseen",
+    "annotated",
+    "better_turned",
+    "filament_map",
+    "height_map",
+    "see_layer",
+    "surface_of",
+]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,109 @@
+"""Find rows or columns that a height map lacks, by an earlier map of the same place.
+
+A profiler that misses triggers of its stage delivers fewer profiles, and all behind them lies
+aside. Where the map's end still shows unchanged ground where the earlier map did, it merely ended
+early, and nothing lies aside. A program that fills a short map up to its usual size (repeated or
+stretched rows) hides the loss; but where edges lie aside, what stood there before is gone.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import cv2
+import numpy as np
+
+from registration.inspection.values import BoolArray, FloatArray, FloatImage
+
+_PART: Final = 0.3
+"""Of the rows: what counts as the map's end."""
+_REACH_MM: Final = 2.0
+LEAST_MM: Final = 0.1
+"""Fewer rows may be lost: a layer may lie as far beside its place."""
+_SAMPLES: Final = 8_000
+_FEWEST: Final = 400
+_ENOUGH: Final = 0.2
+"""Of the end's cells: where fewer are unchanged they tell nothing."""
+_FITS: Final = 0.4
+"""Of the end's relief, that differs at most where two maps fit."""
+_BETTER: Final = 0.6
+"""Times what differs at most other places: bare ground and lines along the rows fit anywhere."""
+_SANK: Final = 0.5
+"""Of a layer, by which what stands sinks at most from look to look."""
+_STRIP_MM: Final = 0.05
+"""Width of what is gone, two cells at least: steep flanks scatter from map to map."""
+
+
+def lost_rows(
+    now: FloatImage, last: FloatImage, still: BoolArray, cell_mm: tuple[float, float]
+) -> tuple[int, int]:
+    """Return how many rows and columns a map lacks before its end, against an earlier one.
+
+    Parameters
+    ----------
+    now, last : (rows, columns) float32, mm
+        Heights, NaN where lost; both begin at the same place.
+    still : (rows, columns) bool
+        Of the earlier map, where nothing was written since.
+    cell_mm : (float, float), mm
+        From row to row, and from column to column.
+    """
+    rows = _lost(now, last, still, cell_mm[0])
+    return rows, _lost(now.T, last.T, still.T, cell_mm[1])
+
+
+def gone_mm2(rise_mm: FloatImage, thickness_mm: float, cell_mm: tuple[float, float]) -> float:
+    """Return the area on which what stood at an earlier look lies lower by half a layer, mm².
+
+    Ink doesn't go away: it was moved in the dish, or in the map.
+
+    Parameters
+    ----------
+    rise_mm : (rows, columns) float32, mm
+        Over the earlier map; NaN where either isn't known.
+    thickness_mm : float, mm
+        Of a layer.
+    cell_mm : (float, float), mm
+        From row to row, and from column to column.
+    """
+    lower = np.nan_to_num(rise_mm, nan=0.0) < -_SANK * thickness_mm
+    high, wide = (max(2, round(_STRIP_MM / one)) for one in cell_mm)
+    kernel = np.ones((high, wide), np.uint8)
+    strips = cv2.morphologyEx(lower.astype(np.uint8), cv2.MORPH_OPEN, kernel)
+    return float(cv2.countNonZero(strips)) * cell_mm[0] * cell_mm[1]
+
+
+def _lost(now: FloatImage, last: FloatImage, still: BoolArray, cell_mm: float) -> int:
+    fewer = len(last) - len(now)
+    if fewer < max(2, round(LEAST_MM / cell_mm)):
+        return 0
+    return 0 if _ends_in_place(now, last, still, max(2, round(_REACH_MM / cell_mm))) else fewer
+
+
+def _ends_in_place(now: FloatImage, last: FloatImage, still: BoolArray, reach: int) -> bool:
+    """Whether the last rows surely fit the earlier map as they are, and not moved."""
+    first, wide = len(now) - round(_PART * len(now)), min(now.shape[1], last.shape[1])
+    step = max(1, (len(now) - first) * wide // _SAMPLES)
+    some = np.s_[:, :wide:step]
+    own, earlier, unchanged = now[some], last[some], still[some]
+    moves = range(-reach, reach + 1)
+    found = np.array([_misfit(own, earlier, unchanged, first, by) for by in moves])
+    sure = found[reach] < min(_FITS, _BETTER * float(np.median(found)))
+    return bool(sure and abs(int(found.argmin()) - reach) <= 1)
+
+
+def _misfit(now: FloatImage, last: FloatImage, still: BoolArray, first: int, by: int) -> float:
+    """Share of the relief of the rows from ``first`` on that differs, moved; infinite for none."""
+    low = max(first + by, 0)
+    high = max(low, min(len(now) + by, len(last)))
+    own, unchanged = now[low - by : high - by], still[low:high]
+    off = (own - last[low:high])[unchanged]
+    known = np.isfinite(off)
+    if known.sum() < max(_FEWEST, _ENOUGH * np.isfinite(now[first:]).sum()):
+        return np.inf
+    return _relief(off[known]) / max(_relief(own[unchanged][known]), 1e-9)
+
+
+def _relief(values: FloatArray | FloatImage) -> float:
+    """Mean distance from the median."""
+    return float(np.mean(np.abs(values - np.median(values))))

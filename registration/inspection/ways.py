@@ -1,0 +1,333 @@
+"""Sample points along a layer's new lines; their pixels and cross-profiles in a picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+from registration.errors import PictureError
+from registration.inspection.values import (
+    BoolArray,
+    ExpectedLines,
+    FloatArray,
+    FloatImage,
+    Frame,
+    Image,
+    IntArray,
+)
+
+_STEEP = 0.3
+"""A piece whose way as seen from above is a smaller part of its length can't be judged."""
+_NEAR_TURN = 0.9
+_STRAIGHT = 0.9
+"""Cosine of the turn, above which a way goes on straight."""
+_OVER = 0.85
+"""Of the mean width: lines whose middles are nearer lie over each other."""
+DETOUR = 1.25
+"""Way along a line over the distance of two of its places, from which on it has turned back."""
+_ROUNDED_MM = 1e-6
+_PARALLEL = 0.98
+"""Cosine of the angle between lines, from which on they go along each other."""
+_NEAREST, _APART = 0.6, 1.03
+"""Of the mean width of two lines: nearer, they lie over each other; farther, a slot is left."""
+_ALONG_RAY = 0.2
+"""Sine of a line's angle to the ray that shows it, below which it is seen end on."""
+_DEEPER = 0.5
+"""Of a width, from which on places lie at different depths."""
+_WIDER = 1.15
+_CHUNK = 20_000
+"""OpenCV takes pictures of at most 2^15 samples a side."""
+
+
+@dataclass(frozen=True)
+class Ways:
+    """Places along unbroken runs of fresh pieces, equally spaced in each.
+
+    Attributes
+    ----------
+    point : (n, 3) float64, mm
+    normal : (n, 2) float64
+        To the left of the way, as seen from above; a unit vector.
+    piece, stroke, run : (n,) int64
+    along : (n,) float64, mm
+        From the stroke's begin.
+    step : (n,) float64, mm
+        Between neighbours.
+    width : (n,) float64, mm
+        Expected.
+    to_end : (n,) float64, mm
+        From the nearer end of the run.
+    """
+
+    point: FloatArray
+    normal: FloatArray
+    piece: IntArray
+    stroke: IntArray
+    run: IntArray
+    along: FloatArray
+    step: FloatArray
+    width: FloatArray
+    to_end: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.piece)
+
+    def corners(self, within: float = _NEAR_TURN) -> BoolArray:
+        """Places nearer than about so many widths to a turn of the way, (n,)."""
+        turned = np.zeros(len(self), dtype=np.bool_)
+        count = np.maximum(1, np.rint(within * self.width / self.step)).astype(np.int64)
+        index = np.arange(len(self))
+        back, ahead = np.maximum(index - count, 0), np.minimum(index + count, len(self) - 1)
+        back = np.where(self.run[back] == self.run, back, index)
+        ahead = np.where(self.run[ahead] == self.run, ahead, index)
+        turned |= (self.normal[back] * self.normal[ahead]).sum(axis=1) < _STRAIGHT
+        return turned
+
+    @cached_property
+    def varied(self) -> bool:
+        """Whether lines differ in depth or width: then each has a level and hue of its own.
+
+        Translucent ink is as dark as it is thick, and the bath above veils it.
+        """
+        deep = float(np.ptp(self.point[:, 2])) > _DEEPER * float(np.median(self.width))
+        return deep or float(self.width.max()) > _WIDER * float(self.width.min())
+
+    @cached_property
+    def crossed(self) -> BoolArray:
+        """Places over which another line lies, or the line's own way back, (n,).
+
+        The density of translucent ink adds there: crossings, overlaps, sharp corners.
+        """
+        out = np.zeros(len(self), dtype=np.bool_)
+        at = self.point[:, :2]
+        reach = _OVER * float(self.width.max())
+        one, other = cKDTree(at).query_pairs(reach, output_type="ndarray").T
+        apart = np.linalg.norm(at[one] - at[other], axis=1)
+        along = np.abs(self._from_above[one] - self._from_above[other])
+        same = (self.run[one] == self.run[other]) & (along <= DETOUR * apart + _ROUNDED_MM)
+        over = (apart < _OVER * 0.5 * (self.width[one] + self.width[other])) & ~same
+        out[one[over]] = out[other[over]] = True
+        return out
+
+    @cached_property
+    def seams(self) -> FloatArray:
+        """How far from its middle each place meets lines that run along it, (2, n), widths.
+
+        On the left and on the right; NaN where no line touches it there, by design.
+        """
+        at, width = self.point[:, :2], self.width
+        reach = 1.1 * _APART * float(width.max())
+        pairs = cKDTree(at).query_pairs(reach, output_type="ndarray").reshape(-1, 2)
+        one, other = np.concatenate([pairs, pairs[:, ::-1]]).T
+        off, normal = at[other] - at[one], self.normal[one]
+        across = (off * normal).sum(axis=1)
+        along = off[:, 1] * normal[:, 0] - off[:, 0] * normal[:, 1]
+        both = width[one] + width[other]
+        share = 2.0 * np.abs(across) / both
+        meets = np.abs((normal * self.normal[other]).sum(axis=1)) > _PARALLEL
+        meets &= (np.abs(along) < 0.6 * self.step[one]) & (share > _NEAREST) & (share < _APART)
+        seams: FloatArray = np.full((2, len(self)), np.inf)
+        for side, way in zip(seams, (1.0, -1.0), strict=True):
+            own = meets & (way * across > 0)
+            np.minimum.at(side, one[own], np.minimum(np.abs(across[own]) / both[own], 0.5))
+        return np.where(np.isfinite(seams), seams, np.nan)
+
+    @cached_property
+    def _from_above(self) -> FloatArray:
+        """Way along all lines as seen from above, (n,), mm: a steep one hasn't turned back."""
+        steps = np.linalg.norm(np.diff(self.point[:, :2], axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    def moved(self, by_mm: FloatArray) -> Ways:
+        """Return the same, moved by (2,) mm."""
+        return replace(self, point=self.point + np.append(by_mm, 0.0))
+
+
+def _to_the_rim(ways: Ways, frame: Frame, left: FloatArray) -> FloatArray:
+    """Directions, (n, 3), from round lines' middles to the rims that a frame shows on their left.
+
+    They are at right angles to the line and to the ray through its middle.
+    """
+    h = 0.5 * ways.width[:, None]
+    columns = [
+        (frame.to_pixels(ways.point + h * axis) - frame.to_pixels(ways.point - h * axis)) / (2 * h)
+        for axis in np.eye(3)
+    ]
+    by_place = np.stack(columns, axis=2)  # (n, 2, 3), px/mm
+    ray = np.cross(by_place[:, 0], by_place[:, 1])
+    ray *= np.where(ray[:, 2:] < 0, -1.0, 1.0)
+    rim = np.cross(ray, _ahead(ways))
+    size = np.linalg.norm(rim, axis=1, keepdims=True)
+    told = size > _ALONG_RAY * np.linalg.norm(ray, axis=1, keepdims=True)
+    return np.asarray(np.where(told, rim / np.maximum(size, 1e-12), left))
+
+
+def _ahead(ways: Ways) -> FloatArray:
+    """Directions of lines in space, (n, 3), unit vectors."""
+    ahead = np.column_stack([ways.normal[:, 1], -ways.normal[:, 0], np.zeros(len(ways))])
+    step = np.diff(ways.point, axis=0)
+    flat = np.linalg.norm(step[:, :2], axis=1)
+    same = (np.diff(ways.piece) == 0) & (flat > 1e-9)
+    slope = np.where(same, step[:, 2] / np.maximum(flat, 1e-9), 0.0)
+    ahead[:-1, 2] = slope
+    last = np.append(~same, True)
+    ahead[1:, 2] = np.where(last[1:], slope, ahead[1:, 2])
+    return np.asarray(ahead / np.linalg.norm(ahead, axis=1, keepdims=True))
+
+
+def check_lines(lines: ExpectedLines) -> None:
+    """Check that lines can be looked for.
+
+    Raises
+    ------
+    PictureError
+        When arrays don't match, a value isn't finite, a width isn't above 0, or none is fresh.
+    """
+    shapes = {len(v) for v in vars(lines).values()}
+    if len(shapes) != 1 or lines.start.shape != (len(lines), 3) or lines.end.shape[1:] != (3,):
+        raise PictureError("expected lines: arrays of different lengths; start and end are (n, 3)")
+    for name in ("start", "end", "width_mm"):
+        if not np.isfinite(getattr(lines, name)).all():
+            raise PictureError(f"expected lines: {name} holds NaN or infinite values")
+    if not (lines.width_mm > 0).all():
+        raise PictureError("expected lines: a width isn't above 0 mm; leave out lines without ink")
+    if not lines.fresh.any():
+        raise PictureError("expected lines: none is of the layer that is to be judged (fresh)")
+
+
+def lay_ways(lines: ExpectedLines, step_mm: float) -> Ways:
+    """Return places each ``step_mm`` or so along all fresh runs."""
+    length = np.linalg.norm(lines.end - lines.start, axis=1)
+    flat = np.linalg.norm((lines.end - lines.start)[:, :2], axis=1)
+    before = from_stroke_begin(lines.stroke, length)
+    row = np.flatnonzero(lines.fresh & (length > 0) & (flat > _STEEP * length))
+    if not len(row):
+        raise PictureError("expected lines: no fresh line has a way that can be seen from above")
+    joined = (
+        (np.diff(lines.stroke[row]) == 0)
+        & (np.diff(row) == 1)
+        & (np.abs(lines.start[row[1:]] - lines.end[row[:-1]]).max(axis=1) < 1e-3)
+    )
+    run = np.concatenate([[0], np.cumsum(~joined)])
+    end = np.cumsum(length[row])
+    begin = end - length[row]
+    first = np.flatnonzero(np.concatenate([[True], ~joined]))
+    last = np.append(first[1:], len(row)) - 1
+    total = end[last] - begin[first]
+    count = np.maximum(1, np.rint(total / step_mm)).astype(np.int64)
+    own = np.repeat(np.arange(len(first)), count)
+    number = np.arange(len(own)) - np.repeat(np.cumsum(count) - count, count)
+    step = (total / count)[own]
+    inside = (number + 0.5) * step
+    at = begin[first][own] + inside
+    k = np.clip(np.searchsorted(end, at, side="right"), first[own], last[own])
+    width = lines.width_mm[row[k]]
+    low, high = begin[first][own], end[last][own]
+    reach = 0.3 * width
+    back, ahead = (
+        _places(lines, row, begin, end, np.clip(at + side, low, high)) for side in (-reach, reach)
+    )
+    way = (ahead - back)[:, :2]
+    own_way = (lines.end - lines.start)[row[k], :2]
+    tiny = np.linalg.norm(way, axis=1) < 0.2 * reach
+    way[tiny] = own_way[tiny]
+    way /= np.linalg.norm(way, axis=1)[:, None]
+    return Ways(
+        point=_places(lines, row, begin, end, at),
+        normal=np.column_stack([-way[:, 1], way[:, 0]]),
+        piece=row[k],
+        stroke=lines.stroke[row[k]],
+        run=run[k],
+        along=before[row[k]] + at - begin[k],
+        step=step,
+        width=width,
+        to_end=np.minimum(inside, total[own] - inside),
+    )
+
+
+def from_stroke_begin(stroke: IntArray, length: FloatArray) -> FloatArray:
+    """Way along its stroke up to each piece, (n,), mm; a stroke's pieces follow each other."""
+    end = np.cumsum(length)
+    fresh_stroke = np.concatenate([[True], np.diff(stroke) != 0])
+    first = np.maximum.accumulate(np.where(fresh_stroke, np.arange(len(stroke)), 0))
+    return np.asarray(end - length - (end - length)[first])
+
+
+def _places(
+    lines: ExpectedLines, row: IntArray, begin: FloatArray, end: FloatArray, at: FloatArray
+) -> FloatArray:
+    k = np.clip(np.searchsorted(end, at, side="left"), 0, len(row) - 1)
+    share = ((at - begin[k]) / (end[k] - begin[k]))[:, None]
+    return np.asarray(lines.start[row[k]] * (1 - share) + lines.end[row[k]] * share)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Places in the working picture.
+
+    Attributes
+    ----------
+    at : (n, 2) float64, px
+    across, along : (n, 2) float64, px/mm
+        Of a step to the left, and of one ahead.
+    """
+
+    at: FloatArray
+    across: FloatArray
+    along: FloatArray
+
+    @staticmethod
+    def of(ways: Ways, frame: Frame, round_lines: bool = False) -> Seen:
+        """Look up where a frame shows places (its lens is straight over a width).
+
+        Of ``round_lines`` the rim is where rays touch them: seen aslant they are wider than a flat
+        line of their width.
+        """
+        left = np.column_stack([ways.normal, np.zeros(len(ways))])
+        if round_lines:
+            left = _to_the_rim(ways, frame, left)
+        ahead = np.column_stack([ways.normal[:, 1], -ways.normal[:, 0], np.zeros(len(ways))])
+        h = 0.5 * ways.width[:, None]
+        middle = frame.to_pixels(ways.point)
+        across = (frame.to_pixels(ways.point + h * left) - middle) / h
+        along = (frame.to_pixels(ways.point + h * ahead) - middle) / h
+        return Seen(middle, across, along)
+
+    @property
+    def px_per_mm(self) -> float:
+        """Root of the pixels in a square millimetre, median."""
+        area = np.abs(self.across[:, 0] * self.along[:, 1] - self.across[:, 1] * self.along[:, 0])
+        return float(np.sqrt(np.nanmedian(area)))
+
+    def profiles(self, image: Image, across_mm: FloatArray, nearest: bool = False) -> FloatImage:
+        """Sample an image (h, w) across at (n, u) or (u,) mm, (n, u); borders repeat."""
+        u = np.broadcast_to(across_mm, (len(self.at), across_mm.shape[-1]))
+        x = (self.at[:, :1] + u * self.across[:, :1]).astype(np.float32)
+        y = (self.at[:, 1:] + u * self.across[:, 1:]).astype(np.float32)
+        how = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
+        parts = [
+            cv2.remap(image, x[k : k + _CHUNK], y[k : k + _CHUNK], how, None, cv2.BORDER_REPLICATE)
+            for k in range(0, len(x), _CHUNK)
+        ]
+        return np.concatenate(parts)
+
+    def inside(self, shape: tuple[int, ...], across_mm: FloatArray) -> BoolArray:
+        """Which places lie in a picture of that shape, with so much to either side, (n,)."""
+        ok = np.ones(len(self.at), dtype=np.bool_)
+        for side in (-1.0, 1.0):
+            place = self.at + side * across_mm[:, None] * self.across
+            ok &= ((place >= 0) & (place <= (shape[1] - 1, shape[0] - 1))).all(axis=1)
+        return ok
+
+
+def stretches_of(low: BoolArray, run: IntArray) -> list[tuple[int, int]]:
+    """First and last row of each unbroken stretch of one run."""
+    cut = np.concatenate([[True], run[1:] != run[:-1]])
+    before = np.concatenate([[False], low[:-1]]) & ~cut
+    after = np.concatenate([low[1:], [False]]) & ~np.append(cut[1:], True)
+    first, last = np.flatnonzero(low & ~before), np.flatnonzero(low & ~after)
+    return list(zip(first.tolist(), last.tolist(), strict=True))

@@ -1,0 +1,146 @@
+"""Find ink where none is expected: blobs, dragged ink, and things too big to be ink."""
+
+from __future__ import annotations
+
+from typing import Final, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+
+from registration.inspection.pictures.plane_map import PlaneMap
+from registration.inspection.pictures.working import Mask
+from registration.inspection.values import Blob, BoolArray, FloatArray, FloatImage
+
+_LEVEL: Final = 0.5
+_LEAST: Final = 0.3
+"""Of a squared width: smaller areas aren't told."""
+_BIG: Final = 3.0
+"""Widths from its edge to its inside: no line leaves so much."""
+_DRAWN_OUT: Final = 3.0
+_NEAR_MM: Final = 1.2
+"""From a line: what lies further off isn't this layer's."""
+_MOST: Final = 200
+_BESIDE_GLARE: Final = 0.1
+"""Of a find's surroundings that aren't seen: more, and it is a fringe of that."""
+_OUTSIDE: Final = 0.25
+"""Of a find's level, below which its surroundings lie."""
+
+
+def find_blobs(
+    image: FloatImage,
+    free: Mask,
+    unseen: BoolArray,
+    lines: Mask,
+    width_px: float,
+    place: PlaneMap,
+    rate: float,
+) -> tuple[tuple[Blob, ...], BoolArray]:
+    """Return blobs, and where something big lies, (h, w).
+
+    Parameters
+    ----------
+    image : (h, w) float32
+        Bath 0, ink 1.
+    free : (h, w) uint8
+        Where there should be bath alone.
+    unseen : (h, w) bool
+    lines : (h, w) uint8
+        Where any line is expected.
+    width_px : float
+        Of a line.
+    place : PlaneMap
+        Pixels to the printer's plane.
+    rate : float
+        False blobs per sound layer.
+    """
+    nothing = np.zeros(image.shape, dtype=np.bool_)
+    away = cv2.distanceTransform((lines == 0).astype(np.uint8), cv2.DIST_L2, 3)
+    area = np.asarray((free > 0) & ~unseen & (away < _NEAR_MM / place.px_mm))
+    smooth = cv2.GaussianBlur(image, (0, 0), max(0.8, 0.25 * width_px))
+    some = smooth[area]
+    if len(some) < 100:
+        return (), nothing
+    middle, spread = _bath_level(some)
+    places = max(1.0, area.sum() / width_px**2)
+    sure = float(-ndtri(min(0.5, rate / places)))
+    level = max(_LEVEL, middle + sure * spread)
+    if level > 0.85:
+        return (), nothing
+    found = ((smooth > level) & area).astype(np.uint8)
+    grown = cv2.dilate(lines, np.ones((3, 3), np.uint8), iterations=2 + round(0.5 * width_px))
+    count, labels, stats, middles = cv2.connectedComponentsWithStats(found, connectivity=8)
+    size = stats[:, cv2.CC_STAT_AREA]
+    large = [k for k in range(1, count) if size[k] >= _LEAST * width_px**2]
+    blobs, big = [], nothing.copy()
+    for k in sorted(large, key=lambda k: -size[k])[:_MOST]:
+        x, y, wide, high = stats[k, :4]
+        box = np.s_[y : y + high, x : x + wide]
+        own = np.asarray(labels[box] == k)
+        kind, outline = _kind(own.astype(np.uint8), width_px)
+        if kind == "object":
+            big[box] |= own
+        height = float(smooth[box][own].mean())
+        if not _has_edge(smooth, area, unseen, labels, k, stats[k], width_px, height):
+            continue
+        at = place.to_printer(middles[k][None])[0]
+        blobs.append(
+            Blob(
+                kind,
+                (float(at[0]), float(at[1])),
+                place.to_printer(outline + (x, y)),
+                float(size[k]) * place.px_mm**2,
+                bool((grown[box][own] > 0).any()),
+                float(ndtr((middle - height) / spread)),
+            )
+        )
+    return tuple(blobs), big
+
+
+def _has_edge(
+    smooth: FloatImage,
+    area: BoolArray,
+    unseen: BoolArray,
+    labels: NDArray[np.int32],
+    number: int,
+    stats: NDArray[np.int32],
+    width_px: float,
+    height: float,
+) -> bool:
+    """Whether the bath around a find is seen, and much lower: shade that fades has no edge."""
+    near, far = (max(1, round(part * width_px)) for part in (0.3, 0.9))
+    x, y, wide, high = (int(v) for v in stats[:4])
+    box = np.s_[max(0, y - far) : y + high + far, max(0, x - far) : x + wide + far]
+    own = (labels[box] == number).astype(np.uint8)
+    inner, outer = (
+        cv2.dilate(own, np.ones((2 * k + 1, 2 * k + 1), np.uint8)) > 0 for k in (near, far)
+    )
+    ring = outer & ~inner & area[box]
+    beside = outer & (own == 0)
+    if float(unseen[box][beside].mean()) > _BESIDE_GLARE:
+        return False
+    return not ring.any() or float(smooth[box][ring].mean()) < _OUTSIDE * height
+
+
+def _bath_level(values: FloatImage) -> tuple[float, float]:
+    """Middle of the bath, and a deviation that stands for its tail, by the side without ink."""
+    some = values[:: max(1, len(values) // 200_000)]
+    low, middle = np.quantile(some, [0.1587, 0.5])
+    spread = float(middle - low)
+    for tail in (0.01, 0.001):
+        if tail * len(some) >= 20:
+            below = float(np.quantile(some, tail))
+            spread = max(spread, float(middle - below) / float(-ndtri(tail)))
+    return float(middle), max(spread, 1e-6)
+
+
+def _kind(own: Mask, width_px: float) -> tuple[Literal["blob", "drag", "object"], FloatArray]:
+    outlines, _ = cv2.findContours(own, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    outline = max(outlines, key=cv2.contourArea)[:, 0].astype(np.float64)
+    padded = cv2.copyMakeBorder(own, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+    if cv2.distanceTransform(padded, cv2.DIST_L2, 3).max() > _BIG * width_px:
+        return "object", outline
+    _, sides, _ = cv2.minAreaRect(outline.astype(np.float32))
+    long, short = max(sides) + 1, min(sides) + 1
+    return ("drag" if long > _DRAWN_OUT * short else "blob"), outline

@@ -1,0 +1,1 @@
+"""Measure a registered part: sizes, openings, geometry, verdicts."""

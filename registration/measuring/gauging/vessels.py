@@ -1,0 +1,351 @@
+"""Dimensions of each printed vessel: diameter, offset, open or closed, resistance, seen share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from design.network import VesselKind, VesselNetwork
+from kernels.arrays import BoolArray, FloatArray
+from registration.alignment import Fit, Uncertainty
+from registration.alignment.uncertainty import Budget, ScanErrors, SectionErrors, section_errors
+from registration.measuring.gauging.defect import Defect
+from registration.measuring.gauging.near_walls import near_walls
+from registration.measuring.gauging.outlines import Outlines, outlines
+from registration.measuring.gauging.ovality import ovality
+from registration.measuring.gauging.planes import stations
+from registration.measuring.gauging.sections import oval_conductance
+from registration.measuring.gauging.trace import VesselTrace
+from registration.segmentation import Segmentation
+
+
+@dataclass(frozen=True)
+class VesselGauge:
+    """One vessel as printed, against its design.
+
+    Attributes
+    ----------
+    vessel : int
+        Its number in the network.
+    kind : str
+        "artery", "vein", ...
+    designed_um, measured_um : float, µm
+        Mean diameter over the open sections that lie clear of junctions and ends, measured from
+        equal area; 0 when all of them are closed. Of a vessel too short for a clear section:
+        twice the median radius in its middle third, where by design (nearly) all of the wall is
+        its own. NaN when nothing of the kind is seen.
+    error_percent : float
+        Of the measured over the designed diameter.
+    narrowest_um, narrowest_at_mm : float
+        Smallest measured diameter, 0 where closed, and how far from the first node it is.
+    ovality : float
+        Median over the sections, of longest over shortest axis.
+    oval_um, oval_u_um, oval_at_mm : float
+        Longest less shortest width where that is greatest, half width of its 95 % interval, and
+        the place; NaN without a whole section.
+    open : bool or None
+        False where a seen section is free nowhere within the designed lumen; True where all were
+        seen and are free; None where none is closed but not all were seen.
+    offset_um : float, µm
+        Mean distance of the lumen's centroid from the designed centreline.
+    rms_um : float, µm
+        RMS deviation of the scanned wall after the scaled fit.
+    length_mm : float, mm
+        Designed.
+    seen_fraction, gauged_fraction : float
+        Share of the length in the field of view and, in OCT, reached by light; and share of it
+        with a measured section.
+    unseen_mm : tuple of (from, to), mm
+        Stretches that weren't seen.
+    gel_like_mm : tuple of (from, to), mm
+        Of these, stretches where something brightens the core of the lumen (`gauging.gel_like`).
+    unmeasured_mm : tuple of (from, to), mm
+        Stretches clear of junctions that were seen without a wall all round being found.
+    sections : int
+        Number measured.
+    resistance_ratio : float
+        Poiseuille resistance as printed over as designed, over the clear sections: the ratio of
+        the means of 1/d⁴, times the stretch of the vessel's length; inf when closed, NaN where
+        the lumen changes within a junction (`without_resistance`).
+    along_mm, diameter_um, area_mm2, ovality_along, offset_along_um, noise_um : (n,) float64
+        The sections measured: distance from the first node, diameter, area, ovality, the
+        centroid's offset, and the diameter's standard error. NaN where closed (diameter and
+        area 0).
+    shift_along_um : (n, 3) float64, µm
+        That offset as a vector across the vessel, along the part's axes.
+    designed_along_um : (n,) float64, µm
+        Designed diameter of those sections.
+    place_mm : (n, 3) float64, mm
+        Their middles on the designed axis, part frame.
+    u_um : (n,) float64, µm
+        Half width of each diameter's 95 % interval, all terms of its budget; NaN where the section
+        is closed or the number is withdrawn.
+    measured_u_um, offset_u_um : float, µm
+        The same of `measured_um` and `offset_um`.
+    resistance_ratio_95 : (low, high)
+        95 % interval of `resistance_ratio`; NaN where closed or unknown.
+    budget : Budget
+        Of `measured_um`, mm.
+    errors : SectionErrors
+        Of the sections, own and shared.
+    outlines : Outlines
+        Of the sections, to be drawn.
+    """
+
+    vessel: int
+    kind: str
+    designed_um: float
+    measured_um: float
+    error_percent: float
+    narrowest_um: float
+    narrowest_at_mm: float
+    ovality: float
+    oval_um: float
+    oval_u_um: float
+    oval_at_mm: float
+    open: bool | None
+    offset_um: float
+    rms_um: float
+    length_mm: float
+    seen_fraction: float
+    gauged_fraction: float
+    unseen_mm: tuple[tuple[float, float], ...]
+    gel_like_mm: tuple[tuple[float, float], ...]
+    unmeasured_mm: tuple[tuple[float, float], ...]
+    sections: int
+    resistance_ratio: float
+    along_mm: FloatArray
+    diameter_um: FloatArray
+    area_mm2: FloatArray
+    ovality_along: FloatArray
+    offset_along_um: FloatArray
+    noise_um: FloatArray
+    shift_along_um: FloatArray
+    designed_along_um: FloatArray
+    place_mm: FloatArray
+    u_um: FloatArray
+    measured_u_um: float
+    offset_u_um: float
+    resistance_ratio_95: tuple[float, float]
+    budget: Budget
+    errors: SectionErrors
+    outlines: Outlines
+
+
+def gauge_vessels(
+    network: VesselNetwork,
+    traces: tuple[VesselTrace, ...],
+    segmentation: Segmentation,
+    fit: Fit,
+    deviation_mm: FloatArray,
+    errors: ScanErrors,
+    pose: Uncertainty,
+) -> tuple[VesselGauge, ...]:
+    """Sum up the traces of a network's vessels.
+
+    Parameters
+    ----------
+    network : VesselNetwork
+        The design.
+    traces : tuple of VesselTrace
+        One a vessel, from `trace_vessels`.
+    segmentation : Segmentation
+        Of the scan.
+    fit : Fit
+        Scan to part, with which the traces were made.
+    deviation_mm : (n,) float64, mm
+        Of the segmentation's vertices after that fit.
+    errors : ScanErrors
+        What all measurements of the scan share.
+    pose : Uncertainty
+        Of that fit: what offsets share.
+    """
+    rms = _wall_rms(network, segmentation, fit, deviation_mm)
+    return tuple(
+        _gauge(
+            trace,
+            VesselKind(int(network.kind[trace.vessel])),
+            float(rms[trace.vessel]),
+            fit,
+            errors,
+            pose,
+        )
+        for trace in traces
+    )
+
+
+def without_resistance(
+    vessels: tuple[VesselGauge, ...], hidden: Sequence[Defect]
+) -> tuple[VesselGauge, ...]:
+    """Withdraw the resistance ratio of vessels whose lumen changes within a junction.
+
+    The ratio is over whole sections; what narrows a junction isn't in it, and a fifth of a wall
+    tells that there is a change, not how wide the lumen is.
+    """
+    changed = {defect.vessel for defect in hidden} | {defect.other for defect in hidden}
+    none = float("nan")
+    return tuple(
+        replace(v, resistance_ratio=none, resistance_ratio_95=(none, none))
+        if v.vessel in changed
+        else v
+        for v in vessels
+    )
+
+
+def _gauge(
+    trace: VesselTrace,
+    kind: VesselKind,
+    rms: float,
+    fit: Fit,
+    errors: ScanErrors,
+    pose: Uncertainty,
+) -> VesselGauge:
+    sections, counted = trace.sections, trace.counted
+    shift = np.einsum("ni,nij->nj", sections.shift, trace.planes.across) @ fit.rotation.T
+    shift = np.where(np.isfinite(sections.offset)[:, None], shift, np.nan)
+    own = section_errors(
+        errors,
+        trace.diameter[counted],
+        sections.noise[counted],
+        trace.planes.across[counted],
+        trace.spacing,
+        trace.level_u,
+    )
+    mean = own.mean_budget()
+    stretch = _stretch(trace, fit)
+    placed = pose.of_place(trace.centre.mean(axis=0) - fit.centre)
+    summary = _summary(trace, stretch)
+    oval = ovality(trace, own, errors)
+    return VesselGauge(
+        vessel=trace.vessel,
+        kind=kind.name.lower(),
+        oval_um=oval.widths_um,
+        oval_u_um=oval.u_um,
+        oval_at_mm=oval.at_mm,
+        open=_is_open(trace),
+        rms_um=rms,
+        length_mm=trace.length,
+        seen_fraction=float(trace.seen.mean()),
+        gauged_fraction=float(counted.mean()),
+        unseen_mm=stretches(~trace.seen, trace.spacing),
+        gel_like_mm=stretches(trace.gel_like, trace.spacing),
+        unmeasured_mm=stretches(_unmeasured(trace), trace.spacing),
+        sections=int(counted.sum()),
+        along_mm=trace.along[counted],
+        diameter_um=1e3 * trace.diameter[counted],
+        area_mm2=np.pi / 4 * trace.diameter[counted] ** 2,
+        ovality_along=sections.ovality[counted],
+        offset_along_um=1e3 * sections.offset[counted],
+        noise_um=1e3 * sections.noise[counted],
+        shift_along_um=1e3 * shift[counted],
+        designed_along_um=2e3 * trace.radius[counted],
+        place_mm=trace.centre[counted],
+        u_um=1e3 * own.expanded,
+        measured_u_um=1e3 * mean.expanded,
+        offset_u_um=1e3 * float(np.hypot(own.offset_expanded(), placed)),
+        resistance_ratio_95=own.resistance_interval(summary["resistance_ratio"]),
+        budget=mean,
+        errors=own,
+        outlines=outlines(trace.planes, sections, trace.diameter, counted),
+        **summary,
+    )
+
+
+def _stretch(trace: VesselTrace, fit: Fit) -> float:
+    """Return the printed length of a vessel over the designed one, by the fitted scales."""
+    way = np.diff(trace.centre, axis=0)
+    if len(way) == 0:
+        return float(np.mean(fit.scale))
+    length = np.linalg.norm(way, axis=1).sum()
+    return float(np.linalg.norm(way * fit.scale, axis=1).sum() / max(length, 1e-12))
+
+
+def _unmeasured(trace: VesselTrace) -> BoolArray:
+    """Stations that should have a diameter and have none.
+
+    A single one at the brink of a junction is left to the junction: its rim is rounded.
+    """
+    missing = trace.seen & trace.own & ~trace.counted
+    if not trace.counted.any():
+        return np.asarray(missing)
+    before = np.concatenate([[False], trace.own[:-1]])
+    after = np.concatenate([trace.own[1:], [False]])
+    brink = (~before | ~after) & trace.own
+    beside = np.concatenate([[False], missing[:-1]]) | np.concatenate([missing[1:], [False]])
+    return np.asarray(missing & ~(brink & ~beside))
+
+
+def stretches(flags: BoolArray, spacing: float) -> tuple[tuple[float, float], ...]:
+    """From and to (mm) of each run of flagged stations, half a spacing to either side."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return tuple(
+        (float(first * spacing), float(last * spacing))
+        for first, last in edges.reshape(-1, 2).tolist()
+    )
+
+
+def _is_open(trace: VesselTrace) -> bool | None:
+    """What is unseen is called neither open nor closed."""
+    if (trace.seen & ~trace.sections.open).any():
+        return False
+    return True if trace.seen.all() else None
+
+
+def _summary(trace: VesselTrace, stretch: float) -> dict[str, float]:
+    """Numbers over the counted sections; NaN when there are none."""
+    counted = trace.counted
+    if not counted.any():
+        names = (
+            "measured_um",
+            "error_percent",
+            "narrowest_um",
+            "narrowest_at_mm",
+            "ovality",
+            "offset_um",
+            "resistance_ratio",
+        )
+        return {"designed_um": 2e3 * float(trace.radius.mean())} | dict.fromkeys(names, np.nan)
+    measured, design = trace.diameter[counted], 2 * trace.radius[counted]
+    free = measured > 0 if (measured > 0).any() else np.ones_like(measured, dtype=np.bool_)
+    with np.errstate(divide="ignore"):
+        resisting = measured**-4.0 / oval_conductance(trace.sections.ovality[counted])
+        ratio = stretch * float(np.mean(resisting) / np.mean(design**-4.0))
+    return {
+        "designed_um": 1e3 * float(design[free].mean()),
+        "measured_um": 1e3 * float(measured[free].mean()),
+        "error_percent": 100 * float(measured[free].mean() / design[free].mean() - 1),
+        "narrowest_um": 1e3 * float(measured.min()),
+        "narrowest_at_mm": float(trace.along[counted][measured.argmin()]),
+        "ovality": float(np.median(_finite(trace.sections.ovality[counted]))),
+        "offset_um": 1e3 * float(_finite(trace.sections.offset[counted]).mean()),
+        "resistance_ratio": ratio,
+    }
+
+
+def _finite(values: FloatArray) -> FloatArray:
+    """Those that are finite, or one NaN."""
+    finite = values[np.isfinite(values)]
+    return finite if len(finite) else np.array([np.nan])
+
+
+def _wall_rms(
+    network: VesselNetwork, segmentation: Segmentation, fit: Fit, deviation_mm: FloatArray
+) -> FloatArray:
+    """RMS deviation of the wall of each vessel, (v,), µm; NaN without wall points.
+
+    A surface point belongs to the vessel whose axis is nearest, if its distance is that of the
+    wall within half a radius (at least 0.1 mm).
+    """
+    spacing = max(0.05, float(network.radius.min()) / 2)
+    parts = [stations(network, v, spacing) for v in range(network.vessel_count)]
+    owner = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
+    radius = np.concatenate([part[3] for part in parts])
+    centre = np.concatenate([part[1] for part in parts])
+    chosen = np.flatnonzero(segmentation.seen)
+    which, wall = near_walls(centre, radius, fit.apply(segmentation.surface.vertices[chosen]))
+    squares = np.bincount(owner[which[wall]], deviation_mm[chosen[wall]] ** 2, len(parts))
+    count = np.bincount(owner[which[wall]], minlength=len(parts))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(1e3 * np.sqrt(squares / count))

@@ -1,0 +1,55 @@
+"""Judge a registration's sections, vessels and whole print against tolerances.
+
+Names are loaded when first asked for: a recipe needs the tolerances alone.
+
+Goes in: a registration's numbers and tolerances. Comes out: decisions and findings. Begin with
+`judge_registration.py`.
+"""
+
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from registration.measuring.judging.decisions import Decision, worst_decision
+    from registration.measuring.judging.judge_registration import (
+        judge,
+        judge_plain,
+        withhold_unsure,
+    )
+    from registration.measuring.judging.listing import list_findings
+    from registration.measuring.judging.pose import decision_at_sure_pose, pose_in_doubt
+    from registration.measuring.judging.rule import DecisionRule, Rule
+    from registration.measuring.judging.tolerance import (
+        Limit,
+        Override,
+        ToleranceError,
+        Tolerances,
+        VesselLimits,
+    )
+    from registration.measuring.judging.wording import reason
+
+__all__ = [
+    "Decision",
+    "DecisionRule",
+    "Limit",
+    "Override",
+    "Rule",
+    "ToleranceError",
+    "Tolerances",
+    "VesselLimits",
+    "decision_at_sure_pose",
+    "judge",
+    "judge_plain",
+    "list_findings",
+    "pose_in_doubt",
+    "reason",
+    "withhold_unsure",
+    "worst_decision",
+]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

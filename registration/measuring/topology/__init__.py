@@ -1,0 +1,30 @@
+"""Compare printed lumens with the design: components and loops, leaks, bridges, overlap.
+
+Goes in: a segmented scan and the design. Comes out: Betti numbers, leaks, overlap. Begin with
+`compare.py`.
+"""
+
+from registration.measuring.topology.compare import Faults, Topology, compare_topology, graph_betti
+from registration.measuring.topology.euler import Betti, betti_numbers
+from registration.measuring.topology.grid import LumenGrid, lay_grid, scanned_with
+from registration.measuring.topology.leaks import Leaks, LeakSearch, find_leaks
+from registration.measuring.topology.overlap import Agreement, Overlap, agreement, overlap
+
+__all__ = [
+    "Agreement",
+    "Betti",
+    "Faults",
+    "LeakSearch",
+    "Leaks",
+    "LumenGrid",
+    "Overlap",
+    "Topology",
+    "agreement",
+    "betti_numbers",
+    "compare_topology",
+    "find_leaks",
+    "graph_betti",
+    "lay_grid",
+    "overlap",
+    "scanned_with",
+]

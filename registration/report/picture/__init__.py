@@ -1,0 +1,47 @@
+"""Draw PNG pictures of a vessel network, coloured by a quantity, without a browser.
+
+Names are loaded when first asked for.
+
+Goes in: a network and a quantity. Comes out: pixels. Begin with `compose.py`.
+"""
+
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from registration.report.picture.camera import DIRECTIONS, Camera, View, fitted_camera
+    from registration.report.picture.compose import PictureOptions, draw_picture
+    from registration.report.picture.frames import DrivingWave, FilmScene
+    from registration.report.picture.known_quantities import (
+        FLOW,
+        GAUGED,
+        Colour,
+        VesselQuantities,
+        quantities,
+    )
+    from registration.report.picture.quantity import Quantity, magnitude
+
+__all__ = [
+    "DIRECTIONS",
+    "FLOW",
+    "GAUGED",
+    "Camera",
+    "Colour",
+    "DrivingWave",
+    "FilmScene",
+    "PictureOptions",
+    "Quantity",
+    "VesselQuantities",
+    "View",
+    "draw_picture",
+    "fitted_camera",
+    "magnitude",
+    "quantities",
+]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

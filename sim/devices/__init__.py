@@ -1,0 +1,1 @@
+"""Simulated printers, boards, cameras and scanners."""

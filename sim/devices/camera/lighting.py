@@ -1,0 +1,143 @@
+"""Compute the light from the dish: bath and ink colours by depth, shaded ridges, glints."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.devices.camera.ink_map import InkMap
+from sim.devices.camera.plan import Plan
+from sim.devices.camera.scene import Bath, InkLook, Light, Scene
+from sim.devices.camera.texture import granules, waves
+
+FloatArray = NDArray[np.float64]
+SingleArray = NDArray[np.float32]
+
+_COARSE: Final = 4
+"""Glints are worked out at every so many pixels."""
+_LIFT_MM: Final = 0.2
+"""Depth at which a ridge lifts the surface over it by 1/e."""
+_SMOOTH_PX: Final = 1.2
+"""Of the crest before its slope is taken: what light makes of a ridge has no corners."""
+
+
+def lit(ink: InkMap, plan: Plan, scene: Scene, ground: Plan) -> SingleArray:
+    """Light that comes from the plane, without glints, grey levels, (rows, columns, 3 or 1).
+
+    ``ground`` is where the bath's granules lie.
+    """
+    bath = scene.bath
+    grain = _grain(ground, bath, scene.seed)
+    through = np.exp(-np.float32(scene.ink.density_per_mm) * ink.thick_mm)
+    # The bath over the ink throws light of its own between the ink and the camera.
+    clear = _clearness(ink, bath)
+    shade = _shade(ink, plan, scene.ink, scene.light)
+    share = (1 - through) * clear
+    lit_ink = share * shade
+    colours = list(zip(scene.shades(bath.colour), scene.shades(scene.ink.colour), strict=True))
+    out = np.empty((*plan.shape, len(colours)), np.float32)
+    for k, (under, over) in enumerate(colours):
+        out[..., k] = np.float32(under) * (1 - share) + np.float32(over) * lit_ink
+    # Granules show on the bath, and less through the ink.
+    out *= (1 + grain * (1 - 0.5 * share))[..., None]
+    out *= _unevenness(plan, scene.light)[..., None]
+    return out
+
+
+def glints(ink: InkMap, plan: Plan, light: Light, seed: int) -> SingleArray | None:
+    """Glare of the wet surface, grey levels, (rows, columns); None for none.
+
+    The surface's slope is that of seeded waves and of the ink's ridges under it; where it throws
+    the lamp's light into the camera it glints.
+    """
+    if light.glare == 0:
+        return None
+    wave = waves(plan, light.wave_mm, seed, _COARSE)
+    pitch = plan.pitch_mm * _COARSE
+    slope_y, slope_x = (np.asarray(s, np.float32) for s in np.gradient(wave, pitch / light.wave_mm))
+    ridge = _ridge_slope(ink, plan, wave.shape)
+    slope_x, slope_y = slope_x + ridge[0], slope_y + ridge[1]
+    towards = _direction(light.azimuth_deg)
+    # What throws the light into the camera changes slowly over the field.
+    rows, columns = wave.shape
+    y, x = np.mgrid[0:rows, 0:columns].astype(np.float32)
+    wanted_x = -1.2 * towards[0] + 0.8 * (x / columns - 0.5)
+    wanted_y = -1.2 * towards[1] + 0.8 * (y / rows - 0.5)
+    off = (slope_x - wanted_x) ** 2 + (slope_y - wanted_y) ** 2
+    spots = 255 * light.glare * np.exp(-off / (2 * light.glare_spread**2))
+    step = np.array([[1 / _COARSE, 0, 0], [0, 1 / _COARSE, 0]])
+    size = (plan.shape[1], plan.shape[0])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpAffine(spots.astype(np.float32), step, size, flags=flags))
+
+
+def _grain(plan: Plan, bath: Bath, seed: int) -> SingleArray:
+    # Grains finer than a pixel are averaged in it.
+    kept = min(1.0, bath.granule_mm / plan.pitch_mm)
+    return np.float32(bath.texture * kept) * granules(plan, bath.granule_mm, seed)
+
+
+def _clearness(ink: InkMap, bath: Bath) -> SingleArray:
+    """Share of the ink's light that the bath over it lets through."""
+    if bath.surface_z_mm is None:
+        return np.ones_like(ink.thick_mm)
+    cover = np.float32(bath.surface_z_mm) - np.nan_to_num(ink.crest_mm, nan=bath.surface_z_mm)
+    return np.exp(np.float32(-2 * bath.turbidity_per_mm) * np.maximum(cover, 0))
+
+
+def _shade(ink: InkMap, plan: Plan, look: InkLook, light: Light) -> SingleArray:
+    """Brightness of the ink by its slope, 1 where it is level."""
+    slope_x, slope_y = _slopes(ink.crest_mm, plan.pitch_mm)
+    towards = _direction(light.azimuth_deg)
+    facing = -(slope_x * towards[0] + slope_y * towards[1])
+    steep = slope_x**2 + slope_y**2
+    shade = 1 + look.relief * np.tanh(facing) - look.edge * steep / (1 + steep)
+    return np.maximum(shade, 0.05).astype(np.float32)
+
+
+def _slopes(crest: SingleArray, pitch_mm: float) -> tuple[SingleArray, SingleArray]:
+    """Slope of the crest along x and y; where there is no ink it is as high as its lowest."""
+    level = crest
+    if np.isnan(crest).any():
+        known = crest[np.isfinite(crest)]
+        level = np.nan_to_num(crest, nan=float(known.min()) if len(known) else 0.0)
+    smooth = cv2.GaussianBlur(level, (0, 0), _SMOOTH_PX)
+    scale = 1 / (8 * pitch_mm)
+    return (
+        np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=scale)),
+        np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=scale)),
+    )
+
+
+def _ridge_slope(
+    ink: InkMap, plan: Plan, shape: tuple[int, ...]
+) -> tuple[SingleArray, SingleArray]:
+    rows, columns = shape
+    # Ink deep in the bath doesn't lift its surface.
+    cover = plan.z_mm - np.nan_to_num(ink.crest_mm, nan=plan.z_mm)
+    lifted = ink.thick_mm * np.exp(-np.maximum(cover, 0) / np.float32(_LIFT_MM))
+    small = cv2.resize(lifted, (columns, rows), interpolation=cv2.INTER_AREA)
+    small = cv2.GaussianBlur(small, (0, 0), 1.0)
+    slope_y, slope_x = np.gradient(small, plan.pitch_mm * _COARSE)
+    return slope_x.astype(np.float32), slope_y.astype(np.float32)
+
+
+def _unevenness(plan: Plan, light: Light) -> SingleArray:
+    """Light over the field: brighter towards the lamp, and about a soft middle of its own."""
+    rows, columns = plan.shape
+    target = plan.camera.target_mm
+    half = max(rows, columns) * plan.pitch_mm / 2
+    x = ((plan.origin_mm[0] + plan.pitch_mm * np.arange(columns) - target[0]) / half).astype("f4")
+    y = ((plan.origin_mm[1] + plan.pitch_mm * np.arange(rows) - target[1]) / half).astype("f4")
+    towards = _direction(light.azimuth_deg)
+    along = x[None, :] * towards[0] + y[:, None] * towards[1]
+    off = (x[None, :] - 0.3 * towards[0]) ** 2 + (y[:, None] - 0.3 * towards[1]) ** 2
+    return np.asarray(np.clip(1 + light.uneven * (0.6 * along - 0.4 * off), 0.05, None), np.float32)
+
+
+def _direction(azimuth_deg: float) -> tuple[float, float]:
+    angle = np.radians(azimuth_deg)
+    return float(np.cos(angle)), float(np.sin(angle))

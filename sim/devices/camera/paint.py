@@ -1,0 +1,106 @@
+"""Render a simulated camera's picture of the dish from laid ink, camera and scene.
+
+Modelled
+--------
+- Camera: pinhole, lens distortion, tilt, turn, any place; refraction at the bath's flat surface.
+- Ink: each line as wide as its dose makes it, thick in its middle, translucent, with a colour of
+  its own; rims darker or brighter; ridges lit from one side; what was laid before below it, fading
+  with the bath's turbidity; ink that is missing by faults (`sim.gcode.deposit.laid`).
+- Bath: granules of several sizes, which lie still from look to look; light of its own over deep
+  ink.
+- Uneven light, glints of a wavy wet surface, bubbles, fibres, specks, markers, boards, the dish's
+  rim, the needle in the view.
+- Sensor: blur of focus and motion, vignetting, shot and read noise, gamma, JPEG.
+
+Not modelled
+------------
+Shadows, ink that a needle drags, crevices it leaves in the bath, focus that changes with depth,
+scattering from line to line, colour of the bath that changes as it dries, rolling shutter, the
+sensor's colour mosaic, saturation that blooms. Deep ink hides no other deep ink: their thicknesses
+add up. Refraction moves places, and its scale is that straight below the camera.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.devices.camera.clutter import add_clutter
+from sim.devices.camera.ink_map import ink_map
+from sim.devices.camera.lighting import glints, lit
+from sim.devices.camera.marks import add_marks
+from sim.devices.camera.needle import add_needle
+from sim.devices.camera.optics import Camera
+from sim.devices.camera.plan import Plan
+from sim.devices.camera.scene import Scene
+from sim.devices.camera.sensor import exposed
+from sim.gcode.deposit.laid import Laid
+
+FloatArray = NDArray[np.float64]
+
+
+def paint(
+    ink: Laid,
+    camera: Camera,
+    scene: Scene,
+    seed: int,
+    *,
+    tip_mm: FloatArray | None = None,
+    folder: Path = Path(),
+) -> NDArray[np.uint8]:
+    """Return a picture: (h, w, 3) in blue, green, red, or (h, w) of a sensor without colours.
+
+    Same ink, camera, scene and seed, same bytes.
+
+    Parameters
+    ----------
+    ink : Laid
+    camera : Camera
+    scene : Scene
+        Its own seed is of what lies in the dish.
+    seed : int
+        Of the sensor's noise: another one for another look.
+    tip_mm : (3,) float64 or None, mm
+        Of the needle, where the scene has one that doesn't say.
+    folder : Path
+        Of the scene's picture files.
+
+    Raises
+    ------
+    CameraError
+        When the camera sees past the dish, or a picture file can't be read.
+    """
+    index = 1.0 if scene.bath.surface_z_mm is None else scene.bath.refractive_index
+    plan = Plan.under(camera, _plane_z(ink, camera, scene), index)
+    drawn_ink = ink_map(ink, plan, scene.ink, scene.bath)
+    drawn = lit(drawn_ink, plan, scene, _ground(ink, plan, scene))
+    add_clutter(drawn, plan, scene.clutter, scene.light, scene.seed)
+    add_marks(drawn, plan, scene, folder)
+    glare = glints(drawn_ink, plan, scene.light, scene.seed)
+    if glare is not None:
+        drawn += glare[..., None]
+    taken = plan.photograph(drawn)
+    if scene.needle is not None:
+        tip = tip_mm if scene.needle.tip_mm is None else np.array(scene.needle.tip_mm)
+        if tip is not None:
+            add_needle(taken, camera, scene.needle, tip, scene.light)
+    return exposed(taken, scene.sensor, np.random.default_rng((seed, 11)))
+
+
+def _ground(ink: Laid, plan: Plan, scene: Scene) -> Plan:
+    """Where granules lie: without a surface below the ink, so that they don't rise with it."""
+    if scene.bath.surface_z_mm is not None or not len(ink.strands):
+        return plan
+    tip = np.minimum(ink.strands.start[:, 2], ink.strands.end[:, 2])
+    return plan.below(float((tip - ink.height_mm).min()))
+
+
+def _plane_z(ink: Laid, camera: Camera, scene: Scene) -> float:
+    """Height of the plane that is drawn, mm."""
+    if scene.bath.surface_z_mm is not None:
+        return scene.bath.surface_z_mm
+    if not len(ink.strands):
+        return camera.target_mm[2]
+    return float(max(ink.strands.start[:, 2].max(), ink.strands.end[:, 2].max()))

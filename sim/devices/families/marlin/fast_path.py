@@ -1,0 +1,120 @@
+"""Fast path of the simulated Marlin for one numbered G0 or G1.
+
+It does what the general path (`sim.devices.board.main_loop`) does, for the one case that makes up a
+print: the board waits for a line, the line is whole, numbered as expected, its checksum is good, it
+is a straight move and the planner has a place, now or when the next block ends. Anything else is
+left untouched to the general path.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernels import jit
+from sim.gcode.motion.planner import add_move, command_time, next_event, run_until
+from sim.gcode.motion.state import Record, Records
+from sim.gcode.program.modal import has_word, interpret, speed
+from sim.gcode.program.words import number_at, split_words
+
+NOT_TAKEN: Final = -1.0
+_N, _STAR, _G, _SEMICOLON, _EOL = ord("N"), ord("*"), ord("G"), ord(";"), 10
+_E_LETTER = 4
+
+
+@jit
+def is_sound_move(line: bytes, expected: int, longest: int, row: Record) -> bool:
+    r"""Whether a line is whole, numbered as expected, sound by its checksum, and G0 or G1.
+
+    Parameters
+    ----------
+    line, expected, longest
+        As in `take_numbered_move`.
+    row : record of `sim.gcode.program.words.WORDS`
+        Gets the line's words where it comes to that.
+    """
+    size = len(line) - 1
+    if size < 6 or size > longest or line[0] != _N or line[size] != _EOL:
+        return False
+    star = size - 1
+    while star > 0 and line[star] != _STAR:
+        star -= 1
+    given, after = number_at(line, star + 1, size)
+    if star == 0 or after != size:
+        return False
+    xor = 0
+    for i in range(star):
+        if line[i] == _SEMICOLON or line[i] == _EOL:
+            return False
+        xor ^= line[i]
+    split_words(line, 0, size, row)
+    if int(given) != xor or row.numbered != expected:
+        return False
+    return row.letter == _G and 0 <= row.number <= 1
+
+
+@jit
+def take_numbered_move(
+    line: bytes,
+    expected: int,
+    longest: int,
+    cold: bool,
+    modal: Records,
+    words: Records,
+    planner: Records,
+    ring: Records,
+    log: Records,
+    now: float,
+    alarm: float,
+    job_line: int,
+    costs: NDArray[np.float64],
+) -> float:
+    r"""Take a line if it is the plain next move.
+
+    Parameters
+    ----------
+    line : bytes
+        With its ``\n``.
+    expected : int
+        The next line number.
+    longest : int
+        Bytes that the firmware keeps of a line.
+    cold : bool
+        Whether the plunger may not move.
+    modal, words, planner, ring, log : records
+        State of the firmware.
+    now : float, s
+        When the line's last byte arrived.
+    alarm : float, s
+        Nothing else may happen before this time; a wait beyond it isn't for this road.
+    job_line : int
+        Kept with the block.
+    costs : (5,) float64
+        Of the processor, see `sim.gcode.motion.planner.command_time`.
+
+    Returns
+    -------
+    float
+        When the move was taken, s; `NOT_TAKEN` where nothing was done.
+    """
+    row = words[0]
+    if planner[0].logged + 2 * len(ring) > len(log):
+        return NOT_TAKEN
+    if not is_sound_move(line, expected, longest, row) or (cold and has_word(row, _E_LETTER)):
+        return NOT_TAKEN
+    run_until(planner, ring, log, now)
+    now += command_time(planner, ring, now, costs)
+    run_until(planner, ring, log, now)
+    if planner[0].count >= len(ring) - 1:
+        free = max(now, next_event(planner))
+        if free > alarm:
+            return NOT_TAKEN
+        now = free
+        run_until(planner, ring, log, now)
+    if now > alarm:
+        return NOT_TAKEN
+    interpret(modal[0], row)
+    add_move(planner, ring, modal[0].position, speed(modal[0]), job_line, now)
+    return now

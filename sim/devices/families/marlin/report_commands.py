@@ -1,0 +1,150 @@
+"""Marlin's reporting commands and report intervals: M31, M105, M110 to M119, M154, M155."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Final
+
+from sim.devices.board.controller import Controller
+from sim.devices.board.machine import Machine
+from sim.devices.families.marlin.texts import identity
+from sim.gcode.program.gcode import Command
+
+_NUMBER_WORD: Final = re.compile(rb"N[-0-9]*")
+_M118: Final = re.compile(rb"M *0*118 *")
+_PREFIX: Final = re.compile(rb"([EA](?=1)|P(?=\d)). *")
+
+
+def position_report(board: Controller, counts: list[int]) -> str:
+    """X to E as the user numbers them, then the steps of x, y and z."""
+    machine = board.machine
+    position = machine.motion.modal["position"][0]
+    shift = machine.motion.modal["shift"][0]
+    x, y, z = (position[axis] + shift[axis] for axis in range(3))
+    return (
+        f"X:{_two(x)} Y:{_two(y)} Z:{_two(z)} E:{_two(position[3])} "
+        f"Count X:{counts[0]} Y:{counts[1]} Z:{counts[2]}"
+    )
+
+
+def _two(value: float) -> str:
+    return f"{value + 0.0:.2f}"
+
+
+def temperatures(machine: Machine) -> str:
+    """Report of M105, from the blank on."""
+    heat, now = machine.heat, machine.now
+    return (
+        f" T:{heat.hotend.read(now):.2f} /{heat.hotend.target_c:.2f}"
+        f" B:{heat.bed.read(now):.2f} /{heat.bed.target_c:.2f}"
+        f" @:{heat.hotend.duty(now)} B@:{heat.bed.duty(now)}"
+    )
+
+
+def planned_position(board: Controller) -> str:
+    """Report of M114: counts are the motors' own at this moment."""
+    return position_report(board, board.machine.steps_now())
+
+
+def ok_words(board: Controller) -> str:
+    """Words behind an ok: with ADVANCED_OK line number, free planner blocks and places in line."""
+    machine, work = board.machine, board.work
+    if not machine.printer.advanced_ok:
+        return ""
+    word = _NUMBER_WORD.match(work.line)
+    number = f" {word[0].decode()}" if word else ""
+    blocks = len(machine.motion.ring) - 1 - machine.motion.blocks
+    return f"{number} P{blocks} B{machine.printer.command_queue - max(len(work.queue), 1)}"
+
+
+def m31(board: Controller, command: Command) -> None:
+    """Print time."""
+    seconds = int(board.machine.timer.read(board.machine.now))
+    parts = [(seconds // 86400, "d"), (seconds // 3600 % 24, "h"), (seconds // 60 % 60, "m")]
+    while parts and parts[0][0] == 0:
+        parts.pop(0)
+    text = " ".join(f"{value}{unit}" for value, unit in [*parts, (seconds % 60, "s")])
+    board.machine.say(f"echo:Print time: {text}")
+
+
+def m105(board: Controller, command: Command) -> None:
+    """Temperatures behind an ok of its own."""
+    board.say_ok(temperatures(board.machine))
+
+
+def m110(board: Controller, command: Command) -> None:
+    """Set or tell the last line number."""
+    position = command.values.get("N")
+    if position is None:
+        board.machine.say(f"Line: {board.lines.last_number}")
+    else:
+        board.lines.last_number = int(position)
+
+
+def m111(board: Controller, command: Command) -> None:
+    """Debug flags."""
+    machine = board.machine
+    if "S" in command.values:
+        machine.debug = min(max(int(command.values["S"]), 0), 255)
+    names = ("ECHO", "INFO", "ERRORS", "DRYRUN", "COMMUNICATION")
+    on = [name for bit, name in enumerate(names) if machine.debug >> bit & 1]
+    machine.say("echo:DEBUG:" + (",".join(on) if machine.debug else "off"))
+
+
+def m113(board: Controller, command: Command) -> None:
+    """Interval of the busy message."""
+    if "S" in command.values:
+        board.machine.reports.keepalive_s = float(min(max(int(command.values["S"]), 0), 60))
+    else:
+        board.machine.say(f"echo:M113 S{board.machine.reports.keepalive_s:g}")
+
+
+def m114(board: Controller, command: Command) -> None:
+    """Position at the end of the last move taken."""
+    board.machine.say(planned_position(board))
+
+
+def m115(board: Controller, command: Command) -> None:
+    """Who the firmware is."""
+    for line in identity(board.machine.printer):
+        board.machine.say(line)
+
+
+def m118(board: Controller, command: Command) -> None:
+    """Say the text: E1 puts echo: before it, A1 makes it an action, P with a digit is dropped."""
+    text = _M118.sub(b"", command.text, count=1)
+    words = b""
+    while (match := _PREFIX.match(text)) is not None:
+        words += match[1]
+        text = text[match.end() :]
+    prefix = b"echo:" * (b"E" in words) + b"//" * (b"A" in words)
+    board.machine.say(prefix + text, b"\r\n")
+
+
+def m119(board: Controller, command: Command) -> None:
+    """Endstops: open, but for one that is stuck."""
+    board.machine.say("Reporting endstop status")
+    for axis, name in enumerate("xyz"):
+        closed = board.machine.stuck.get(axis) == "closed"
+        board.machine.say(f"{name}_min: {'TRIGGERED' if closed else 'open'}")
+
+
+def m154(board: Controller, command: Command) -> None:
+    """Interval of the position report."""
+    reports = board.machine.reports
+    if "S" in command.values:
+        reports.position_s = command.values["S"]
+        reports.position_at = board.machine.now + reports.position_s
+        if reports.position_s <= 0:
+            reports.position_at = math.inf
+
+
+def m155(board: Controller, command: Command) -> None:
+    """Interval of the temperature report."""
+    reports = board.machine.reports
+    if "S" in command.values:
+        reports.temperature_s = command.values["S"]
+        reports.temperature_at = board.machine.now + reports.temperature_s
+        if reports.temperature_s <= 0:
+            reports.temperature_at = math.inf

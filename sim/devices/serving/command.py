@@ -1,0 +1,146 @@
+"""Command line of the simulated printer (``python -m sim``)."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from firmware_profiles import Printer, ProfileError, load
+from sim.devices.families.registry import simulated_printer
+from sim.devices.faults.cable import FaultyCable
+from sim.devices.faults.clock_pace import Pace
+from sim.devices.faults.fault_file import Fault, FaultFile, load_faults, parse_fault
+from sim.devices.serving.compile_ahead import warm_printer
+from sim.devices.serving.job_lines import JobLines
+from sim.devices.serving.ports import Port, PtyPort, TcpPort
+from sim.devices.serving.serve import Server, Serving
+from sim.errors import ServeError, SimError
+from sim.gcode.motion.hardware import Board
+
+
+def _start(text: str) -> tuple[float, float, float]:
+    x, y, z = (float(part) for part in text.split(","))
+    return x, y, z
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line's options."""
+    options = argparse.ArgumentParser(
+        prog="python -m sim",
+        description="A simulated printer: Marlin, Duet or Klipper, by the profile. Its port's "
+        "address is the first line it prints. `python -m sim camera` and `python -m sim oct` "
+        "show what lies in its dish.",
+    )
+    options.add_argument("--printer", required=True, help="profile name, or path of a .yaml file")
+    port = options.add_mutually_exclusive_group()
+    port.add_argument("--link", type=Path, help="make this path a link to the pseudo-terminal")
+    port.add_argument("--tcp", type=int, metavar="PORT", help="TCP port instead; 0 for any")
+    options.add_argument(
+        "--speed", type=float, default=0.0, help="times real time; 0 (default): as fast as it can"
+    )
+    options.add_argument("--record", type=Path, help="write the executed motion here (.npz)")
+    options.add_argument(
+        "--job",
+        type=Path,
+        metavar="FILE",
+        help="the G-code that will be sent: the record then tells its commands from a host's own",
+    )
+    options.add_argument(
+        "--journal",
+        type=Path,
+        metavar="FILE",
+        help="with --job: the journal of the link that prints it, which tells what is inserted",
+    )
+    options.add_argument(
+        "--start",
+        type=_start,
+        default=(0.0, 0.0, 0.0),
+        metavar="X,Y,Z",
+        help="where the tip stands at power-up, mm",
+    )
+    options.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="KIND@LINE",
+        help="unplug, reset, kill, drop_ok or runaway when the firmware takes line number LINE; "
+        "repeatable",
+    )
+    options.add_argument(
+        "--faults",
+        type=Path,
+        metavar="FILE",
+        help="a fault file (YAML), see sim.devices.faults.fault_file",
+    )
+    options.add_argument(
+        "--no-thermistors", action="store_true", help="temperature inputs aren't wired"
+    )
+    options.add_argument(
+        "--exit-on-hangup", action="store_true", help="end when the host closes the port"
+    )
+    options.add_argument("--parent-pid", type=int, help="end when this process does")
+    return options
+
+
+def _open_port(link: Path | None, tcp: int | None) -> Port:
+    if tcp is not None:
+        return TcpPort(tcp)
+    if not hasattr(os, "openpty"):
+        raise ServeError("this system has no pseudo-terminals; use --tcp 0")
+    return PtyPort(link)
+
+
+def _faults(given: argparse.Namespace) -> tuple[FaultFile, tuple[Fault, ...]]:
+    """The file, and its faults with those of the command line."""
+    file = load_faults(given.faults) if given.faults else FaultFile()
+    faults = (*file.at, *(parse_fault(text) for text in given.fault))
+    returns = any(fault.back_after_s is not None for fault in faults)
+    if returns and given.link is None and given.tcp is None:
+        raise ServeError(
+            "a port that comes back needs a name of its own: give --link PATH or --tcp PORT"
+        )
+    return file, faults
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as exc:
+        raise ServeError(f"job file {path} can't be read: {exc.strerror}; check the path") from exc
+
+
+def serve_printer(words: list[str]) -> int:
+    """Serve until told to stop; 0 when that went well, 1 when not, 2 for a wrong use."""
+    given = parser().parse_args(words)
+    try:
+        file, faults = _faults(given)
+        profile = load(Printer, given.printer)
+        printer = simulated_printer(profile)(
+            profile,
+            given.start,
+            Board(thermistors=not given.no_thermistors),
+            faults,
+        )
+        printer.pace = Pace(file.speed)
+        printer.bad_line = FaultyCable(file, np.random.default_rng(file.seed))
+        printer.gauges = {gauge.command: gauge for gauge in file.gauges}
+        if given.job:
+            machine = printer.machine.printer
+            printer.job = JobLines(_read(given.job), machine, given.journal)
+        port = _open_port(given.link, given.tcp)
+    except (SimError, ProfileError) as exc:
+        print(f"error: {exc}", file=sys.stderr)
+        return 2
+    warm_printer()
+    print(port.address, flush=True)
+    serving = Serving(given.speed, given.record, given.exit_on_hangup, given.parent_pid)
+    try:
+        Server(printer, port, serving).run()
+    except SimError as exc:
+        print(f"error: {exc}", file=sys.stderr)
+        return 1
+    return 0

@@ -1,0 +1,1 @@
+"""Read, time and dry-run G-code, and predict what it deposits."""

@@ -1,0 +1,302 @@
+"""Compute the ink deposit in voxels from the simulated printer's executed motion.
+
+Modelled
+--------
+- Dose: plunger travel times plunger area, spread over `smoothing_mm` of written path (across
+  travels, not across retractions), because the ink's and syringe's compliance smooths the single
+  motor steps of the plunger.
+- Layered writing (all extruding moves horizontal, on at least two levels): a line is as high as
+  its level lies above the level below it, hangs *below* the tip, and is area / height wide: its
+  mean width, whatever its sides are like, so that its volume is kept; seen from above it is a
+  capsule (straight flanks, round ends). Its crest stands farther out (`BeadSection`).
+- Embedded writing (anything else): a round filament around the tip's path, its diameter from the
+  area.
+- Lines that overlap are united: ink doesn't pile up.
+
+A pneumatic head's ink is laid likewise, by `sim.gcode.deposit.pneumatic`. Faults of the ink
+(`sim.gcode.deposit.ink_faults`) act on the lines (`sim.gcode.deposit.laid`).
+
+Not modelled
+------------
+Flow lag, ooze, die swell, sag, drag of the bath, fusion of neighbours, curing. Primes and
+retractions (needle standing, or plunger pulled back) change the pressure in the needle and
+deposit nothing; their sum is given as `standing_ul`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.errors import DepositError
+from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults
+from sim.gcode.deposit.kernels import paint_filaments, paint_layers, stack_layers
+from sim.gcode.deposit.laid import (
+    Laid,
+    Style,
+    laid,
+    laid_of_written,
+    writing_style,
+)
+from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import check_positive, written
+from sim.gcode.motion.executed import ExecutedMotion
+
+FloatArray = NDArray[np.float64]
+
+MOST_VOXELS = 2_000_000_000
+
+
+@dataclass(frozen=True)
+class Deposit:
+    """Ink in voxels, in the printer's frame.
+
+    Attributes
+    ----------
+    volume : (nz, ny, nx) uint8
+        Share of the voxel filled with ink, 0..255.
+    origin_mm : (3,) float64, mm
+        Centre of voxel (0, 0, 0), as x, y, z.
+    voxel_mm : float, mm
+        Edge of the cubic voxels.
+    style : "layered" or "embedded"
+        Which model laid the ink.
+    written_ul, standing_ul : float, µL
+        Dosed while writing; net of primes and retractions, which deposit nothing.
+    """
+
+    volume: NDArray[np.uint8]
+    origin_mm: FloatArray
+    voxel_mm: float
+    style: Style
+    written_ul: float
+    standing_ul: float
+
+    @property
+    def volume_mm3(self) -> float:
+        """Volume filled with ink, mm³."""
+        return float(self.volume.sum(dtype=np.int64)) / 255.0 * self.voxel_mm**3
+
+    @property
+    def bounds_mm(self) -> FloatArray:
+        """Lowest and highest corner of the grid, (2, 3), mm."""
+        size = np.array(self.volume.shape[::-1]) * self.voxel_mm
+        low = self.origin_mm - self.voxel_mm / 2
+        return np.array([low, low + size])
+
+    def within(self, box_mm: FloatArray) -> Deposit:
+        """What lies in a box (2, 3), mm, by whole voxels: a scanner's field.
+
+        Raises
+        ------
+        DepositError
+            When the box holds none of it.
+        """
+        size = self.volume.shape[::-1]
+        low, high = np.round((box_mm - self.bounds_mm[0]) / self.voxel_mm).astype(np.int64)
+        low, high = np.maximum(low, 0), np.minimum(high, size)
+        if np.any(low >= high):
+            raise DepositError("no ink was deposited in the scanner's field")
+        (i0, j0, k0), (i1, j1, k1) = low.tolist(), high.tolist()
+        volume = np.ascontiguousarray(self.volume[k0:k1, j0:j1, i0:i1])
+        return replace(self, volume=volume, origin_mm=self.origin_mm + low * self.voxel_mm)
+
+
+def deposit(
+    executed: ExecutedMotion,
+    plunger_area_mm2: float,
+    voxel_mm: float,
+    *,
+    smoothing_mm: float = 1.0,
+    style: Style | None = None,
+    plunger_step_mm: float | None = None,
+    faults: InkFaults = NO_FAULTS,
+) -> Deposit:
+    """Lay the ink of an executed motion into voxels.
+
+    Parameters
+    ----------
+    executed : ExecutedMotion
+        What the printer did.
+    plunger_area_mm2 : float, mm²
+        Bore of the syringe.
+    voxel_mm : float, mm
+        Edge of a voxel.
+    smoothing_mm : float, mm
+        Length of path over which the plunger's steps are smoothed.
+    style : "layered" or "embedded" or None
+        None decides from the motion, see the module.
+    plunger_step_mm : float or None, mm
+        One motor step of the plunger; None finds it from the motion. A move shorter than the
+        path of 1.5 steps that got no step still writes when it goes straight on and writing goes
+        on after it.
+    faults : InkFaults
+        What became of the ink.
+
+    Raises
+    ------
+    DepositError
+        When nothing is written or the grid would be too large.
+    """
+    check_positive(voxel_mm=voxel_mm)
+    ink = laid(
+        executed,
+        faults,
+        plunger_area_mm2,
+        smoothing_mm=smoothing_mm,
+        style=style,
+        plunger_step_mm=plunger_step_mm,
+    )
+    return deposit_of_laid(ink, voxel_mm)
+
+
+def deposit_of_laid(ink: Laid, voxel_mm: float, box_mm: FloatArray | None = None) -> Deposit:
+    """Lay ink into voxels that `sim.gcode.deposit.laid` says to lie there.
+
+    Parameters
+    ----------
+    ink : Laid
+    voxel_mm : float, mm
+    box_mm : (2, 3) float64 or None, mm
+        Lowest and highest corner of what the grid covers, one voxel more all round, whatever of
+        the ink lies there; None for all ink.
+
+    Raises
+    ------
+    DepositError
+        When none does, or the grid would be too large.
+    """
+    check_positive(voxel_mm=voxel_mm)
+    if not len(ink.strands) and box_mm is None:
+        raise DepositError("no ink is laid along any way, so nothing was deposited")
+    return _of_laid(ink, voxel_mm, _box(ink) if box_mm is None else box_mm)
+
+
+def deposit_of_heads(
+    executed: Sequence[ExecutedMotion],
+    plunger_area_mm2: Sequence[float],
+    voxel_mm: float,
+    *,
+    smoothing_mm: float = 1.0,
+    style: Style | None = None,
+    plunger_step_mm: Sequence[float] | None = None,
+    faults: Sequence[InkFaults] | None = None,
+) -> tuple[Deposit, ...]:
+    """Lay the ink of each head on one grid, so that voxels of two inks can be compared.
+
+    Parameters
+    ----------
+    executed : sequence of ExecutedMotion
+        Each head's own blocks, in its own tip's places (`ExecutedMotion.of_head`). Heads that
+        write nothing are left out by the caller.
+    plunger_area_mm2, plunger_step_mm, faults : sequence
+        Of each.
+    voxel_mm, smoothing_mm, style
+        As of `deposit`; the style of all follows from the whole.
+
+    Raises
+    ------
+    DepositError
+        As of `deposit`.
+    """
+    check_positive(voxel_mm=voxel_mm)
+    steps: Sequence[float | None] = plunger_step_mm or [None] * len(executed)
+    each = [
+        written(motion, area, smoothing_mm, step)
+        for motion, area, step in zip(executed, plunger_area_mm2, steps, strict=True)
+    ]
+    chosen = style or writing_style(Strands.joined([one.lines for one in each]))
+    inks = [
+        laid_of_written(one, motion, area, wrong, chosen)
+        for one, motion, area, wrong in zip(
+            each, executed, plunger_area_mm2, faults or [NO_FAULTS] * len(each), strict=True
+        )
+    ]
+    boxes = [_box(ink) for ink in inks if len(ink.strands)]
+    if not boxes:
+        raise DepositError("no ink is laid along any way, so nothing was deposited")
+    box = np.array([np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)])
+    return tuple(_of_laid(ink, voxel_mm, box) for ink in inks)
+
+
+def unite_deposits(deposits: Sequence[Deposit]) -> Deposit:
+    """All inks as one, of deposits on one grid: where two meet, the fuller voxel holds.
+
+    Raises
+    ------
+    DepositError
+        When they aren't on one grid.
+    """
+    first = deposits[0]
+    volume = first.volume
+    for other in deposits[1:]:
+        same = other.volume.shape == volume.shape and np.array_equal(
+            other.origin_mm, first.origin_mm
+        )
+        if not same:
+            raise DepositError("the deposits aren't on one grid; lay them by deposit_of_heads")
+        volume = np.maximum(volume, other.volume)
+    return Deposit(
+        volume,
+        first.origin_mm,
+        first.voxel_mm,
+        first.style,
+        sum(one.written_ul for one in deposits),
+        sum(one.standing_ul for one in deposits),
+    )
+
+
+def _of_laid(ink: Laid, voxel_mm: float, box_mm: FloatArray) -> Deposit:
+    volume, origin = _painted(ink, voxel_mm, box_mm)
+    return Deposit(volume, origin, voxel_mm, ink.style, ink.written_ul, ink.standing_ul)
+
+
+def _box(ink: Laid) -> FloatArray:
+    """Lowest and highest place that ink reaches, (2, 3), mm."""
+    lines = ink.strands
+    low = np.minimum(lines.start, lines.end).min(axis=0)
+    high = np.maximum(lines.start, lines.end).max(axis=0)
+    if ink.layering is None:
+        radius = np.sqrt(lines.area_mm2 / np.pi).max()
+        return np.array([low - radius, high + radius])
+    levels, height = ink.layering.levels, ink.layering.height_mm
+    radius = _half_widths(ink).max()
+    low, high = low - radius, high + radius
+    low[2], high[2] = (levels - height).min(), levels.max()
+    return np.array([low, high])
+
+
+def _half_widths(ink: Laid) -> FloatArray:
+    return ink.strands.area_mm2 / ink.height_mm / 2
+
+
+def _painted(ink: Laid, voxel: float, box: FloatArray) -> tuple[NDArray[np.uint8], FloatArray]:
+    lines, layering = ink.strands, ink.layering
+    origin, shape = _grid(box[0], box[1], voxel)
+    if layering is None:
+        radius = np.sqrt(lines.area_mm2 / np.pi)
+        return paint_filaments(lines.start, lines.end, radius, origin, voxel, shape), origin
+    levels, height = layering.levels, layering.height_mm
+    layer, radius = layering.number(lines.end[:, 2]), _half_widths(ink)
+    order = np.argsort(layer, kind="stable")
+    first = np.searchsorted(layer[order], np.arange(len(levels) + 1))
+    segments = np.column_stack([lines.start[order, :2], lines.end[order, :2]])
+    plan = paint_layers(segments, radius[order], first, origin, voxel, (shape[1], shape[2]))
+    volume = stack_layers(plan, levels - height, levels, origin[2], voxel, shape[0])
+    return volume, origin
+
+
+def _grid(
+    low: FloatArray, high: FloatArray, voxel: float
+) -> tuple[FloatArray, tuple[int, int, int]]:
+    """Voxel grid over a box with one empty voxel all round: origin (x, y, z), shape (z, y, x)."""
+    count = np.ceil((high - low) / voxel - 1e-9).astype(int) + 2
+    if np.prod(count.astype(float)) > MOST_VOXELS:
+        raise DepositError(
+            f"deposit of {' x '.join(f'{v:.0f}' for v in high - low)} mm needs {count.prod():.2g} "
+            f"voxels of {voxel:g} mm, above {MOST_VOXELS:.2g}; use a larger voxel_mm"
+        )
+    return low - voxel / 2, (int(count[2]), int(count[1]), int(count[0]))

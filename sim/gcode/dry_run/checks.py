@@ -1,0 +1,365 @@
+"""Static checks of a G-code program: bounds, speeds, plunger, unknown commands."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_profiles import Printer, Span
+from firmware_profiles.families import family_of, meanings
+from firmware_profiles.families.grammar import Meaning
+from kernels.arrays import FloatArray
+from sim.errors import LineError
+from sim.gcode.heads.state import head_findings
+from sim.gcode.motion.stepper import LEAST_RATE
+from sim.gcode.program.finding import Finding
+from sim.gcode.program.gcode import NO_COMMAND, Program, code_name
+from sim.gcode.program.modal import BAD, HOME, MOVE
+from sim.gcode.reading.file import kinds_of
+from sim.gcode.reading.firmware_codes import is_known, is_known_name
+from sim.gcode.reading.named_commands import NamedCommand
+
+_TINY_MM: Final = 1e-6
+_MOST_NAMES: Final = 20
+"""Unknown codes that get a finding of their own."""
+_AXES: Final = ("x", "y", "z")
+
+
+def check(
+    program: Program,
+    printer: Printer,
+    extrudes: NDArray[np.bool_],
+    named: tuple[NamedCommand, ...] = (),
+    gcode: bytes = b"",
+    refused: tuple[tuple[int, LineError], ...] = (),
+) -> dict[str, Any]:
+    """All fields of `DryRun` that need no planner.
+
+    ``named`` are Klipper's commands with names, ``gcode`` is what the program was read from, and
+    ``refused`` the lines that couldn't be read.
+    """
+    moves = program.kind == MOVE
+    speed = demanded_speed(program)
+    axes = printer.max_speed_mm_s
+    limit = np.array([axes.x, axes.y, axes.z, axes.e])
+    plungers = np.array([printer.of_head(k).max_speed_mm_s.e for k in range(printer.head_count)])
+    limit[3] = plungers.max()
+    tip = np.vstack([program.start[None, :3], program.target[:, :3]])
+    lines = np.concatenate([[0], program.line])
+    low_at, high_at = tip.argmin(axis=0), tip.argmax(axis=0)
+    plunger = np.concatenate([[0.0], program.plunger])
+    size = sent_length(program)
+    cold = family_of(printer).cold
+    longest = int(size.argmax()) if len(program) else -1
+    unknown = _unknown(program, printer, named)
+    findings = [
+        *_empty(program, refused),
+        *_unreadable(refused),
+        *_outside(program, printer, moves),
+        *_too_fast(program, speed, limit, plungers, printer.name),
+        *_too_slow(program, printer),
+        *_plunger(program, printer),
+        *_cold(program, moves & ~extrudes, cold.remedy if cold else ""),
+        *_strange(program, unknown, printer),
+        *_offset(named),
+        *head_findings(program, gcode, printer),
+        *_too_long(program, size, printer),
+    ]
+    return {
+        "speed_mm_s": speed,
+        "limit_mm_s": limit,
+        "low_mm": tip.min(axis=0),
+        "high_mm": tip.max(axis=0),
+        "low_line": lines[low_at],
+        "high_line": lines[high_at],
+        "plunger_max_mm": float(plunger.max()),
+        "plunger_min_mm": float(plunger.min()),
+        "unknown": unknown,
+        "named": named,
+        "first_short_line": _first_short(program, printer),
+        "longest_line": (int(size[longest]), int(program.line[longest])) if len(size) else (0, 0),
+        "findings": sorted(findings, key=lambda finding: finding.line),
+    }
+
+
+def _empty(program: Program, refused: tuple[tuple[int, LineError], ...]) -> list[Finding]:
+    if len(program) or refused:
+        return []
+    text = "the file has no command in it, only comments or nothing: export it again"
+    return [Finding(0, "empty_file", text)]
+
+
+def _unreadable(refused: tuple[tuple[int, LineError], ...]) -> list[Finding]:
+    return [
+        Finding(line, error.sort, f"line {line}: {error}{_such(count)}", count=count)
+        for line, error, count in kinds_of(refused)
+    ]
+
+
+def _such(count: int) -> str:
+    return f" ({count} such lines)" if count > 1 else ""
+
+
+def sent_length(program: Program) -> NDArray[np.int64]:
+    """Bytes of each row as sent: ``N12 `` before it, ``*123`` and the line end after; (n,)."""
+    digits = np.floor(np.log10(program.command + 1)).astype(np.int64) + 1
+    return np.where(program.length > 0, program.length + digits + 7, 0)
+
+
+def _deltas(program: Program) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Way of each row on each axis; its length, in space or else of the plunger; if it moves."""
+    before = program.before
+    delta = np.abs(program.target - before)
+    path = np.sqrt(np.square(delta[:, :3]).sum(axis=1))
+    length = np.where(path > 0, path, delta[:, 3])
+    return delta, length, (program.kind == MOVE) & (length > 0)
+
+
+def demanded_speed(program: Program) -> FloatArray:
+    """Speed that each row asks of x, y, z and e, (n, 4), mm/s; 0 where it isn't a move.
+
+    The feed is that of the path in space, or of the plunger where only it moves.
+    """
+    delta, length, moving = _deltas(program)
+    per_mm = np.zeros(len(program))
+    np.divide(program.feed, length, out=per_mm, where=moving)
+    return delta * per_mm[:, None]
+
+
+def _first_short(program: Program, printer: Printer) -> int:
+    """Line of the first move of fewer steps than the planner's least; 0 for none."""
+    steps = _steps(program, printer)
+    before = program.before
+    way = np.abs(np.rint(program.target * steps) - np.rint(before * steps)).max(axis=1, initial=0.0)
+    short = (program.kind == MOVE) & (way > 0) & (way < printer.min_steps_per_segment)
+    return int(program.line[int(short.argmax())]) if short.any() else 0
+
+
+def _steps(program: Program, printer: Printer) -> FloatArray:
+    """Motor steps per mm of x, y, z and the plunger that each row would move, (n, 4)."""
+    axes = printer.steps_per_mm
+    steps = np.tile([axes.x, axes.y, axes.z, axes.e], (len(program), 1))
+    heads = [printer.of_head(k).steps_per_mm.e for k in range(printer.head_count)]
+    steps[:, 3] = np.array(heads)[program.tool]
+    return steps
+
+
+def _first(program: Program, where: NDArray[np.bool_]) -> tuple[int, int]:
+    return int(program.line[int(where.argmax())]), int(where.sum())
+
+
+def _outside(program: Program, printer: Printer, moves: NDArray[np.bool_]) -> list[Finding]:
+    findings = []
+    spans: tuple[Span, ...] = (printer.x_mm, printer.y_mm, printer.z_mm)
+    for axis, (name, span) in enumerate(zip(_AXES, spans, strict=True)):
+        at = program.target[:, axis]
+        for beyond, limit, sign in ((span.low - at, span.low, -1), (at - span.high, span.high, 1)):
+            where = moves & (beyond > _TINY_MM)
+            if where.any():
+                line, count = _first(program, where)
+                worst = limit + sign * float(beyond[where].max())
+                findings.append(
+                    Finding(
+                        line,
+                        f"outside_{name}",
+                        f"line {line}: {name} reaches {worst:.3f} mm, outside {span.low:g} to "
+                        f"{span.high:g} mm ({printer.name}: {name}_mm), in {count} moves; "
+                        "move the part (place_mm) or check the start position",
+                        worst,
+                        limit,
+                        count,
+                    )
+                )
+    return findings
+
+
+def _too_fast(
+    program: Program, speed: FloatArray, limit: FloatArray, plungers: FloatArray, printer: str
+) -> list[Finding]:
+    """``plungers`` has the limit of each head's."""
+    findings = []
+    for axis, name in enumerate((*_AXES, "e")):
+        most = plungers[program.tool] if name == "e" else limit[axis]
+        where = speed[:, axis] > most * (1 + 1e-6)
+        if where.any():
+            line, count = _first(program, where)
+            worst = float(speed[where, axis].max())
+            findings.append(
+                Finding(
+                    line,
+                    f"speed_{name}",
+                    f"line {line}: {name} is asked for {worst:.3f} mm/s, above "
+                    f"{limit[axis]:g} mm/s ({printer}: max_speed_mm_s.{name}), in {count} moves; "
+                    "the firmware would slow the whole move down: lower the feed",
+                    worst,
+                    float(limit[axis]),
+                    count,
+                )
+            )
+    return findings
+
+
+def _too_slow(program: Program, printer: Printer) -> list[Finding]:
+    delta, length, moving = _deltas(program)
+    events = (delta * _steps(program, printer)).max(axis=1, initial=0.0)
+    moving &= events >= printer.min_steps_per_segment
+    rate = np.full(len(program), np.inf)
+    np.divide(events * program.feed, length, out=rate, where=moving)
+    where = rate < LEAST_RATE * (1 - 1e-6)
+    if not where.any():
+        return []
+    line, count = _first(program, where)
+    worst = float(rate.min())
+    return [
+        Finding(
+            line,
+            "too_slow",
+            f"line {line}: {worst:.1f} steps/s asked for, below {LEAST_RATE}, the slowest that the "
+            f"timer of an 8-bit board can do, in {count} moves; they run up to "
+            f"{LEAST_RATE / worst:.1f} times faster than written: raise the feed or the "
+            "steps per mm",
+            worst,
+            LEAST_RATE,
+            count,
+        )
+    ]
+
+
+def _plunger(program: Program, printer: Printer) -> list[Finding]:
+    """The travel of each head's plunger; the first that goes too far."""
+    if printer.pneumatic:
+        return []
+    heads = [printer.of_head(number) for number in range(printer.head_count)]
+    limits = np.array([head.plunger_travel_mm or np.inf for head in heads])
+    beyond = program.plunger - limits[program.tool]
+    where = beyond > _TINY_MM
+    if not where.any():
+        return []
+    line, count = _first(program, where)
+    head = int(program.tool[int(where.argmax())])
+    worst, limit = float(program.plunger[program.tool == head].max()), float(limits[head])
+    return [
+        Finding(
+            line,
+            "plunger_travel",
+            f"line {line}: the plunger reaches {worst:.3f} mm, above "
+            f"{limit:g} mm ({heads[head].name}: plunger_travel_mm); use a larger "
+            "syringe or split the print",
+            worst,
+            limit,
+            count,
+        )
+    ]
+
+
+def _cold(program: Program, moves: NDArray[np.bool_], remedy: str) -> list[Finding]:
+    before = np.concatenate([[program.start[3]], program.target[:-1, 3]])[: len(program)]
+    where = moves & (program.target[:, 3] != before)
+    if not where.any():
+        return []
+    line, count = _first(program, where)
+    return [
+        Finding(
+            line,
+            "cold_extrusion",
+            f"line {line}: the plunger would move while cold extrusion isn't allowed, in {count} "
+            f"moves; the firmware drops or refuses such motion: {remedy}",
+            count=count,
+        )
+    ]
+
+
+def _unknown(
+    program: Program, printer: Printer, named: tuple[NamedCommand, ...]
+) -> tuple[tuple[int, str], ...]:
+    strange = [
+        number
+        for number in np.unique(program.code).tolist()
+        if number == NO_COMMAND or not is_known(printer, code_name(number))
+    ]
+    where = np.flatnonzero(np.isin(program.code, strange))
+    coded = [(int(program.line[i]), code_name(int(program.code[i]))) for i in where]
+    strangers = [(at.line, at.name) for at in named if not is_known_name(printer, at.name)]
+    return tuple(sorted(coded + strangers))
+
+
+def _strange(
+    program: Program, unknown: tuple[tuple[int, str], ...], printer: Printer
+) -> list[Finding]:
+    findings = []
+    lines_of: dict[str, list[int]] = {}
+    for line, name in unknown:
+        lines_of.setdefault(name, []).append(line)
+    for name, lines in sorted(lines_of.items())[:_MOST_NAMES]:
+        sort = "no_command" if name == code_name(NO_COMMAND) else "unknown_command"
+        what = (
+            "isn't a command"
+            if sort == "no_command"
+            else f"{name} is unknown to {printer.firmware}"
+        )
+        findings.append(
+            Finding(
+                lines[0],
+                sort,
+                f"line {lines[0]}: {what} ({len(lines)} such lines); take it out{_or_name(sort)}",
+                count=len(lines),
+            )
+        )
+    for kind, sort, text in (
+        (BAD, "bad_arc", "the arc has no centre (I, J or R), its end lies off its circle by "
+         "more than 0.1 mm or abreast of its begin, or it is longer than 10 m; firmwares differ "
+         "then: write straight moves"),
+        (HOME, "homing", "homing with needle and dish mounted drives the needle through them; "
+         "take G28 out and touch off instead"),
+    ):  # fmt: skip
+        where = program.kind == kind
+        if where.any():
+            line, count = _first(program, where)
+            findings.append(Finding(line, sort, f"line {line}: {text}", count=count))
+    return findings
+
+
+def _offset(named: tuple[NamedCommand, ...]) -> list[Finding]:
+    """Offsets by a command with a name: they shift what comes after, unknown to this dry run."""
+    offsets = [at for at in named if meanings().get(at.name) is Meaning.SHIFTS]
+    lines = [at.line for at in offsets if _shifts(at.words)]
+    if not lines:
+        return []
+    text = (
+        f"line {lines[0]}: {offsets[0].name} shifts every place after it, and no check here "
+        "follows it; write the places themselves"
+    )
+    return [Finding(lines[0], "offset", text, count=len(lines))]
+
+
+def _shifts(words: dict[str, str]) -> bool:
+    """Whether anything but taking offsets back to 0 is asked for."""
+    return any(word not in ("0", "0.0") for word in words.values())
+
+
+def _or_name(sort: str) -> str:
+    named = ", or name it in the printer's profile (extra_commands) if this machine knows it"
+    return named if sort == "unknown_command" else ""
+
+
+def _too_long(program: Program, size: NDArray[np.int64], printer: Printer) -> list[Finding]:
+    # The firmware keeps one byte for the terminator.
+    limit = printer.max_line_bytes - 1
+    where = size - 1 > limit
+    if not where.any():
+        return []
+    line, count = _first(program, where)
+    worst = int(size.max()) - 1
+    return [
+        Finding(
+            line,
+            "long_line",
+            f"line {line}: {worst} bytes with line number and checksum, above {limit} "
+            f"({printer.name}: max_line_bytes); the firmware cuts it off: split the line",
+            worst,
+            limit,
+            count,
+        )
+    ]

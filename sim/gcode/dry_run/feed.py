@@ -1,0 +1,282 @@
+"""Run G-code through the planner at serial speed: duration, and moves that arrive too late."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_profiles import Printer
+from kernels import jit
+from kernels.arrays import FloatArray
+from sim.gcode.dry_run.line_times import LineTimes
+from sim.gcode.motion.hardware import Board
+from sim.gcode.motion.planner import (
+    add_move,
+    main_share,
+    next_event,
+    run_until,
+    set_axis,
+    take_head,
+)
+from sim.gcode.motion.processor_times import BLOCK_S, CORNER_S, TRAPEZOID_S
+from sim.gcode.motion.state import LOG, Records, new_planner, new_ring
+from sim.gcode.program.gcode import Program
+from sim.gcode.program.modal import DWELL, HOME, MOVE, SET_POSITION, SYNC, TOOL
+
+LEAST_LOSS: Final = 0.005
+"""Share of a file's time below which lost time isn't told."""
+
+
+@dataclass(frozen=True)
+class PlannedProgram:
+    """A program as the planner ran it.
+
+    Attributes
+    ----------
+    log : (n,) of `LOG`
+    duration_s : float, s
+        From the first step pulse or dwell to the last.
+    merged : int
+        Moves below the firmware's least steps.
+    starved : (n,) bool
+        Rows whose move found the planner empty in mid-motion, or that it slowed down.
+    """
+
+    log: Records
+    duration_s: float
+    merged: int
+    starved: NDArray[np.bool_]
+
+
+def run_program(
+    program: Program,
+    printer: Printer,
+    start_mm: tuple[float, float, float],
+    extrudes: NDArray[np.bool_],
+    times: LineTimes,
+) -> PlannedProgram:
+    """Run a program through the planner.
+
+    Parameters
+    ----------
+    program : Program
+    printer : Printer
+    start_mm : tuple, mm
+    extrudes : (n,) bool
+        Where the plunger may move.
+    times : LineTimes
+    """
+    planner, ring = new_planner(printer, start_mm), new_ring(printer)
+    log = np.zeros(len(program) + len(ring), LOG)
+    starved = np.zeros(len(program), np.bool_)
+    plan_s = np.array([BLOCK_S, CORNER_S, TRAPEZOID_S]) * (1.0 if times.byte_s else 0.0)
+    duration = _feed(
+        program.kind,
+        program.target,
+        program.feed,
+        program.value,
+        program.command,
+        program.tool,
+        times.out_s,
+        times.ok_s,
+        times.board_s,
+        times.follows,
+        times.withheld_s,
+        np.array([times.turnaround_s, 2 * times.byte_s, times.receive_share]),
+        extrudes,
+        plan_s,
+        Board().costs(),
+        planner,
+        ring,
+        log,
+        starved,
+    )
+    made = log[: int(planner["logged"][0])]
+    return PlannedProgram(made, float(duration), int(planner["merged"][0]), starved)
+
+
+@dataclass(frozen=True)
+class StarvedMotion:
+    """Motion that the wire is too slow for.
+
+    Attributes
+    ----------
+    segments : int
+        Moves that came too late: the planner ran empty, or slowed them down.
+    seconds : float, s
+        By which the file takes longer than with lines that come at once.
+    line : int
+        Of the file, of the first such move; 0 for none.
+    """
+
+    segments: int = 0
+    seconds: float = 0.0
+    line: int = 0
+
+
+def starvation(
+    program: Program,
+    printer: Printer,
+    start_mm: tuple[float, float, float],
+    extrudes: NDArray[np.bool_],
+    times: LineTimes,
+    fed: PlannedProgram,
+) -> StarvedMotion:
+    """Compare a run with one in which lines come at once; parameters as of `run_program`."""
+    if not fed.starved.any() or not times.byte_s:
+        return StarvedMotion()
+    at_once = replace(times, out_s=np.sign(times.out_s) * 1e-9, ok_s=times.ok_s * 0.0,
+                      withheld_s=times.withheld_s * 0.0,
+                      turnaround_s=0.0)  # fmt: skip
+    free = run_program(program, printer, start_mm, extrudes, at_once)
+    late = fed.starved & ~free.starved
+    seconds = fed.duration_s - free.duration_s
+    if not late.any() or seconds < LEAST_LOSS * fed.duration_s:
+        return StarvedMotion()
+    return StarvedMotion(int(late.sum()), seconds, int(program.line[int(late.argmax())]))
+
+
+@jit
+def _feed(
+    kind: NDArray[np.int64],
+    target: FloatArray,
+    feed: FloatArray,
+    value: FloatArray,
+    command: NDArray[np.int64],
+    tool: NDArray[np.int64],
+    out_s: FloatArray,
+    ok_s: FloatArray,
+    board_s: FloatArray,
+    follows: NDArray[np.bool_],
+    withheld_s: FloatArray,
+    host_s: FloatArray,
+    extrudes: NDArray[np.bool_],
+    plan_s: FloatArray,
+    costs: FloatArray,
+    planner: Records,
+    ring: Records,
+    log: Records,
+    starved: NDArray[np.bool_],
+) -> float:
+    """Feed the planner row by row; returns the time from the first pulse or dwell to the last, s.
+
+    Parameters
+    ----------
+    out_s, ok_s, board_s, follows, withheld_s
+        As in `LineTimes`.
+    host_s : (3,) float64
+        The host's turnaround, s; two bytes, which the board's transmitter takes at once, s; the
+        share of the processor that received bytes take.
+    plan_s : (3,) float64, s
+        For a block, its corner, and each trapezoid; ``costs`` as for `planner.command_time`.
+    """
+    now, arrival, answered, answer = 0.0, 0.0, -host_s[0], 0.0
+    begin, finish = np.inf, 0.0
+    along = flowing = False
+    for i in range(len(kind)):
+        if out_s[i] > 0.0:
+            if along and follows[i]:
+                # bytes that come while the line ahead is worked on take their interrupts from it
+                now += host_s[2] * min(max(now - arrival, 0.0), out_s[i] - withheld_s[i])
+            answered = max(answered, now + answer)
+            now = max(now, answered - host_s[1])
+            if along and follows[i] and withheld_s[i] > 0.0:
+                text = arrival + out_s[i] - withheld_s[i]
+                arrival = max(text, answered + host_s[0]) + withheld_s[i]
+            elif along and follows[i]:
+                arrival += out_s[i]
+                along = False
+            else:
+                arrival = answered + host_s[0] + out_s[i]
+                along = True
+            answer = ok_s[i]
+            now = max(now, arrival)
+            run_until(planner, ring, log, now)
+            now += board_s[i] / main_share(planner, ring, now, costs)
+        run_until(planner, ring, log, now)
+        if kind[i] == MOVE:
+            now = _room(planner, ring, log, now)
+            if not extrudes[i]:
+                set_axis(planner, 3, target[i, 3])
+            now, made = _move(
+                planner, ring, log, target[i], feed[i], command[i], plan_s, costs, now
+            )
+            starved[i] = made and flowing and planner[0].starved
+            flowing = flowing or made
+        elif kind[i] == SET_POSITION:
+            set_axis(planner, 3, target[i, 3])
+        elif kind[i] == TOOL:
+            now = _drain(planner, ring, log, now)
+            take_head(planner, tool[i], target[i, 3])
+        elif kind[i] == DWELL:
+            now = _drain(planner, ring, log, now)
+            begin = min(begin, now)
+            now += value[i]
+            finish = max(finish, now)
+            flowing = False
+        elif kind[i] == SYNC or kind[i] == HOME:
+            now = _drain(planner, ring, log, now)
+            flowing = False
+            if kind[i] == HOME:
+                _homed(planner, target[i])
+    _drain(planner, ring, log, now)
+    return _lasted(planner, begin, finish)
+
+
+@jit
+def _move(
+    planner: Records,
+    ring: Records,
+    log: Records,
+    target: FloatArray,
+    feed: float,
+    command: int,
+    plan_s: FloatArray,
+    costs: FloatArray,
+    now: float,
+) -> tuple[float, bool]:
+    """Plan a move that there is room for; returns when that is done, and if it made a block."""
+    share = main_share(planner, ring, now, costs)
+    waits = planner[0].count > (1 if planner[0].running else 0)
+    planned = now + (plan_s[0] + (plan_s[1] if waits else 0.0)) / share
+    run_until(planner, ring, log, planned)
+    if not add_move(planner, ring, target, feed, command, planned):
+        return now, False
+    planned += planner[0].trapezoids * plan_s[2] / share
+    return planned, True
+
+
+@jit
+def _room(planner: Records, ring: Records, log: Records, now: float) -> float:
+    """Wait for a free place in the ring; returns when there is one."""
+    while planner[0].count >= len(ring) - 1:
+        now = max(now, next_event(planner))
+        run_until(planner, ring, log, now)
+    return now
+
+
+@jit
+def _homed(planner: Records, target: FloatArray) -> None:
+    for axis in range(3):
+        set_axis(planner, axis, target[axis])
+
+
+@jit
+def _lasted(planner: Records, begin: float, finish: float) -> float:
+    """Seconds from the first pulse or dwell to the last, both as far as dwells have told them."""
+    if planner[0].logged > 0:
+        begin = min(begin, planner[0].first_pulse)
+        finish = max(finish, planner[0].run_end)
+    return max(finish - begin, 0.0)
+
+
+@jit
+def _drain(planner: Records, ring: Records, log: Records, now: float) -> float:
+    """Let the motors finish; returns when they stand."""
+    while planner[0].count > 0:
+        now = max(now, next_event(planner))
+        run_until(planner, ring, log, now)
+    return now

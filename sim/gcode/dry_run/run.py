@@ -1,0 +1,198 @@
+"""Simulate a G-code file without a printer: duration, tip path, limits exceeded.
+
+The planner is that of the simulated printer, fed as the link feeds a real one
+(`sim.gcode.dry_run.line_times`): wire both ways, the board's time for a line, the host's
+turnaround, lines in flight. Where moves are shorter than their lines take to come, the planner runs
+low and slows down here as it would there, and what that costs is told (`DryRun.starved`). Waits for
+heat count as nothing; a wait for the user likewise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_profiles import Printer
+from kernels.arrays import FloatArray
+from sim.gcode.dry_run.checks import check
+from sim.gcode.dry_run.cold import extrusion_allowed
+from sim.gcode.dry_run.feed import StarvedMotion, run_program, starvation
+from sim.gcode.dry_run.heat import Heating, heatings
+from sim.gcode.dry_run.line_times import line_times
+from sim.gcode.heads.state import Heads, read_heads
+from sim.gcode.heads.valve import Valve, read_valve
+from sim.gcode.motion.executed import ExecutedMotion
+from sim.gcode.motion.executed_log import executed_motion
+from sim.gcode.program.finding import Finding
+from sim.gcode.program.gcode import Program
+from sim.gcode.program.modal import MOVE
+from sim.gcode.program.read_program import read_written
+from sim.gcode.reading.named_commands import NamedCommand
+from sim.gcode.reading.other_lines import Others, other_lines
+
+
+@dataclass(frozen=True)
+class DryRun:
+    """Result of simulating a G-code file.
+
+    Attributes
+    ----------
+    program : Program
+        The commands, a row each (arcs a row per segment).
+    executed : ExecutedMotion
+        Blocks as the stepper would run them; `line` counts commands from 0.
+    duration_s : float
+        From the first step pulse (or dwell) to the last.
+    speed_mm_s : (n, 4) float64, mm/s
+        What each row of the program demands of x, y, z and the plunger; 0 where nothing moves.
+    limit_mm_s : (4,) float64, mm/s
+        What each axis can do; the firmware slows a move down to it.
+    low_mm, high_mm : (3,) float64, mm
+        Bounds of the tip, start included.
+    low_line, high_line : (3,) int64
+        Line of the file where each bound is first reached; 0 for the start.
+    plunger_max_mm, plunger_min_mm : float, mm
+        Farthest plunger positions, from the start's.
+    merged_moves : int
+        Moves below the firmware's least steps, taken over by their successors.
+    starved : StarvedMotion
+        What the wire is too slow for.
+    named : tuple of NamedCommand
+        Klipper's commands with names, which the program holds as M105 or G92.
+    valve : Valve or None
+        A pneumatic head's, as the file switches it; None for a plunger.
+    heads : Heads
+        Where each needle is, raised or not.
+    heats : tuple of Heating
+        Every temperature that the file sets.
+    first_short_line : int
+        Line of the first move below the firmware's least steps; 0 for none.
+    unknown : tuple of (int, str)
+        Line and name of each command that the firmware doesn't know.
+    longest_line : (int, int)
+        Bytes as sent (with line number and checksum), and the line.
+    others : tuple of (int, GcodeLine)
+        Lines that aren't plain moves.
+    findings : list of Finding
+        What is wrong, each sort once with its first line; the caller decides what it refuses.
+    """
+
+    program: Program
+    executed: ExecutedMotion
+    duration_s: float
+    speed_mm_s: FloatArray
+    limit_mm_s: FloatArray
+    low_mm: FloatArray
+    high_mm: FloatArray
+    low_line: NDArray[np.int64]
+    high_line: NDArray[np.int64]
+    plunger_max_mm: float
+    plunger_min_mm: float
+    merged_moves: int
+    starved: StarvedMotion
+    named: tuple[NamedCommand, ...]
+    valve: Valve | None
+    heads: Heads
+    heats: tuple[Heating, ...]
+    first_short_line: int
+    unknown: tuple[tuple[int, str], ...]
+    longest_line: tuple[int, int]
+    others: Others
+    findings: list[Finding]
+
+    @property
+    def doses(self) -> NDArray[np.bool_]:
+        """Rows in which ink is pushed, (n,): the plunger goes in, or the valve stands open."""
+        if self.valve is not None:
+            return self.valve.is_open
+        pushed: NDArray[np.bool_] = self.program.pushed > 0
+        return pushed
+
+    def of_head(self, number: int) -> DryRun:
+        """The run as one head alone sees it: its rows, its plunger, its own tip's places.
+
+        Time, findings and what was executed are the whole run's.
+        """
+        rows = self.program.tool == number
+        tips = self.heads.tips(self.program, number)[rows]
+        program = self.program.of_head(number)
+        target = program.target.copy()
+        target[:, :3] = tips[:, 1]
+        start = self.program.start.copy()
+        start[:3] += self.heads.offset_mm[number]
+        program = replace(program, target=target, start=start)
+        low, high = _bounds(np.where(program.kind[:, None, None] == MOVE, tips, np.nan), program)
+        plunger = np.concatenate([[0.0], program.plunger])
+        return replace(
+            self,
+            program=program,
+            speed_mm_s=self.speed_mm_s[rows],
+            plunger_max_mm=float(plunger.max()),
+            plunger_min_mm=float(plunger.min()),
+            **low,
+            **high,
+        )
+
+
+def _bounds(tips: FloatArray, program: Program) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Lowest and highest place of a tip while it moves, and the lines; NaN where it never does."""
+    if not len(tips) or np.isnan(tips).all():
+        nothing = np.full(3, np.nan), np.zeros(3, np.int64)
+        return (
+            dict(zip(("low_mm", "low_line"), nothing, strict=True)),
+            dict(zip(("high_mm", "high_line"), nothing, strict=True)),
+        )
+    lows, highs = np.fmin(tips[:, 0], tips[:, 1]), np.fmax(tips[:, 0], tips[:, 1])
+    low_at, high_at = np.nanargmin(lows, axis=0), np.nanargmax(highs, axis=0)
+    axes = np.arange(3)
+    return (
+        {"low_mm": lows[low_at, axes], "low_line": program.line[low_at]},
+        {"high_mm": highs[high_at, axes], "high_line": program.line[high_at]},
+    )
+
+
+def dry_run(
+    gcode: bytes,
+    printer: Printer,
+    start_mm: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    *,
+    cold_extrusion: bool = False,
+) -> DryRun:
+    """Run a file without a printer.
+
+    Parameters
+    ----------
+    gcode : bytes
+    printer : Printer
+    start_mm : tuple, mm
+        Where the tip stands before the first line, in the printer's frame.
+    cold_extrusion : bool
+        Whether M302 was sent before the file; without it (in the file or before) the firmware
+        drops all plunger motion while the hotend is cold.
+
+    Raises
+    ------
+    GcodeError
+        When the bytes aren't text.
+    """
+    file, head = gcode, printer.pneumatic
+    program, gcode, named, refused = read_written(gcode, printer, start_mm)
+    extrudes = extrusion_allowed(program, gcode, printer, cold_extrusion)
+    times = line_times(program, gcode, printer)
+    fed = run_program(program, printer, start_mm, extrudes, times)
+    checked = check(program, printer, extrudes, named, gcode, refused)
+    return DryRun(
+        program=program,
+        executed=executed_motion(fed.log, printer),
+        duration_s=fed.duration_s,
+        merged_moves=fed.merged,
+        starved=starvation(program, printer, start_mm, extrudes, times, fed),
+        valve=None if head is None else read_valve(program, gcode, named, head),
+        heads=read_heads(program, gcode, named, printer),
+        heats=heatings(program, gcode, named),
+        others=other_lines(file, printer),
+        **checked,
+    )

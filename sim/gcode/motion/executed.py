@@ -1,0 +1,92 @@
+"""Data class of the simulated printer's executed motion: tip, plunger, times; save and load."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernels.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class ExecutedMotion:
+    """Blocks in the order in which the planner ran them.
+
+    Positions are those of the step counters (whole steps), so quantisation is in them.
+
+    Attributes
+    ----------
+    start, end : (n, 3) float64, mm
+        Needle tip in the printer's frame; of several heads the first one's, lowered (`of_head`
+        gives where another's was).
+    plunger_start, plunger_end : (n,) float64, mm
+        Physical travel of the head's plunger since power-up (G92 doesn't move it).
+    time_start, time_end : (n,) float64, s
+        On the printer's own clock.
+    line : (n,) int64
+        Zero-based number of the job's command line that made the block; -1 when unknown, or a
+        host's own. Of a simulated printer that doesn't know the job (`sim.devices.board.printer`)
+        the number of the line that came, which counts a host's own lines;
+        `sim.gcode.heads.valve_blocks` finds the job's.
+    tool : (n,) int64
+        The head whose plunger E moved; zeros where not given.
+    """
+
+    start: FloatArray
+    end: FloatArray
+    plunger_start: FloatArray
+    plunger_end: FloatArray
+    time_start: FloatArray
+    time_end: FloatArray
+    line: NDArray[np.int64]
+    tool: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    def __post_init__(self) -> None:
+        if len(self.tool) != len(self.line) and not len(self.tool):
+            object.__setattr__(self, "tool", np.zeros(len(self.line), np.int64))
+
+    def of_head(self, number: int, offset_mm: tuple[float, float, float]) -> ExecutedMotion:
+        """Blocks of one head, with the places of its own tip.
+
+        Parameters
+        ----------
+        number : int
+        offset_mm : tuple, mm
+            Of its tip from the first head's, both lowered (`firmware_profiles.Head.offset_mm`).
+        """
+        rows = self.tool == number
+        kept = {item.name: getattr(self, item.name)[rows] for item in fields(self)}
+        kept["start"] = kept["start"] + np.asarray(offset_mm)
+        kept["end"] = kept["end"] + np.asarray(offset_mm)
+        return ExecutedMotion(**kept)
+
+    def __len__(self) -> int:
+        return len(self.line)
+
+    def save(self, path: Path) -> None:
+        """Write as ``.npz`` by way of a temporary file."""
+        draft = path.with_name(f".{path.stem}.{os.getpid()}.part.npz")
+        try:
+            np.savez(draft, **{item.name: getattr(self, item.name) for item in fields(self)})
+            draft.replace(path)
+        finally:
+            draft.unlink(missing_ok=True)
+
+    @staticmethod
+    def load(path: Path) -> ExecutedMotion:
+        """Read what `save` wrote."""
+        with np.load(path) as data:
+            return ExecutedMotion(**{name: data[name] for name in data.files})
+
+
+_NOWHERE: Final = np.zeros((0, 3))
+_NEVER: Final = np.zeros(0)
+NO_MOTION: Final = ExecutedMotion(
+    _NOWHERE, _NOWHERE, _NEVER, _NEVER, _NEVER, _NEVER, np.zeros(0, np.int64)
+)
+"""Of a printer that hasn't moved yet."""

@@ -1,0 +1,355 @@
+"""Interpret a G-code line in the modal state left by earlier lines, as Marlin does."""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_profiles import MOST_HEADS
+from firmware_profiles.families.grammar import E_RULES, ERule
+from kernels import jit
+from sim.gcode.motion.state import Record, Records
+
+MODAL: Final = np.dtype(
+    [
+        ("position", "f8", (4,)),  # native mm, x y z e
+        ("shift", "f8", (3,)),  # workspace = native + shift (G92)
+        ("plunger_shift", "f8"),  # plunger travel since power-up minus E, mm
+        ("feed", "f8"),  # mm/s
+        ("relative", "i8", (4,)),
+        ("e_rule", "i8"),  # what makes E relative, an index of `E_RULES`
+        ("m83", "i8"),  # 1 since M83, 0 since M82
+        ("unit", "f8"),  # mm per unit of length
+        ("speed_percent", "f8"),  # M220
+        ("flow_percent", "f8"),  # M221
+        ("low", "f8", (3,)),  # native mm, software endstops
+        ("high", "f8", (3,)),
+        ("limited", "i8", (3,)),  # 1 for an axis that was homed, while M211 is on
+        ("heads", "i8"),  # how many there are
+        ("tool", "i8"),  # the head that E moves
+        ("left_at", "f8", (MOST_HEADS,)),  # plunger travel of each head as it was left, mm
+    ],
+    align=True,
+)
+"""State that outlives a line."""
+
+
+class Kind(IntEnum):
+    """Kind of a command's effect."""
+
+    OTHER = 0
+    """Nothing that moves, waits or counts; known or not."""
+    MOVE = 1
+    """A straight move to the new position."""
+    ARC = 2
+    """An arc to the new position."""
+    DWELL = 3
+    """Wait for the motors, then so many seconds."""
+    SYNC = 4
+    """Wait for the motors to stand (M400, a wait for heat, a wait for the user)."""
+    SET_POSITION = 5
+    """Give the present position other numbers."""
+    HOME = 6
+    """Run to the endstops."""
+    BAD = 7
+    """An arc that is none."""
+    TOOL = 8
+    """Another head, or the same again, once the motors stand."""
+
+
+OTHER: Final = 0
+MOVE: Final = 1
+ARC: Final = 2
+DWELL: Final = 3
+SYNC: Final = 4
+SET_POSITION: Final = 5
+HOME: Final = 6
+BAD: Final = 7
+TOOL: Final = 8
+
+_I, _J, _R, _S, _P, _F, _E, _X = 8, 9, 17, 18, 15, 5, 4, 23
+_G, _M, _T = ord("G"), ord("M"), ord("T")
+_SYNC_CODES = (0, 1, 109, 190, 400)
+
+
+def new_modal(
+    start_mm: tuple[float, float, float], heads: int = 1, e_rule: ERule = "with_axes"
+) -> Records:
+    """State after power-up with the tip at ``start_mm``, (1,) of `MODAL`.
+
+    Absolute, millimetres, 25 mm/s (Marlin's first feed rate is 1500 mm/min), the first of
+    ``heads``; E is relative as the firmware family has it (``e_rule``).
+    """
+    modal = np.zeros(1, MODAL)
+    modal["e_rule"] = E_RULES.index(e_rule)
+    modal["heads"] = heads
+    modal["position"][0, :3] = start_mm
+    modal["feed"] = 25.0
+    modal["unit"] = 1.0
+    modal["speed_percent"] = 100.0
+    modal["flow_percent"] = 100.0
+    return modal
+
+
+@jit
+def has_word(words: Record, letter: int) -> bool:
+    """Whether a letter (0 = A) stands in the line with a number."""
+    return (words.valued >> letter) & 1 == 1
+
+
+@jit
+def interpret(modal: Record, words: Record) -> int:
+    """Carry a line's words into the modal state; returns a `Kind`.
+
+    Parameters
+    ----------
+    modal : record of `MODAL`
+        Changed: after a move, arc or homing `position` is where it will end.
+    words : record of `WORDS`
+    """
+    number = words.number
+    if words.letter == _G:
+        if number <= 1:
+            _set_target(modal, words)
+            return MOVE
+        if number <= 3:
+            if not (has_word(words, _I) or has_word(words, _J) or has_word(words, _R)):
+                _set_feed(modal, words)
+                return BAD
+            _set_target(modal, words)
+            return ARC
+        if number == 4:
+            return DWELL
+        if number == 20 or number == 21:
+            modal.unit = 25.4 if number == 20 else 1.0
+        elif number == 28:
+            return HOME
+        elif number == 90 or number == 91:
+            for axis in range(3):
+                modal.relative[axis] = 1 if number == 91 else 0
+            if modal.e_rule == 0:
+                modal.relative[3] = modal.relative[0]
+            elif modal.e_rule == 2:
+                modal.relative[3] = max(modal.relative[0], modal.m83)
+        elif number == 92:
+            _set_position(modal, words)
+            return SET_POSITION
+    elif words.letter == _M:
+        if number == 82 or number == 83:
+            modal.m83 = 1 if number == 83 else 0
+            modal.relative[3] = modal.m83
+            if modal.e_rule == 2:
+                modal.relative[3] = max(modal.relative[0], modal.m83)
+        elif number == 220 and has_word(words, _S):
+            modal.speed_percent = words.value[_S]
+        elif number == 221 and has_word(words, _S):
+            modal.flow_percent = words.value[_S]
+        elif number in _SYNC_CODES:
+            return SYNC
+    elif words.letter == _T and modal.heads > 1 and 0 <= number < modal.heads:
+        _take_head(modal, number)
+        return TOOL
+    return OTHER
+
+
+@jit
+def _take_head(modal: Record, number: int) -> None:
+    """E goes on counting where it is (Marlin's one counter), but moves another plunger."""
+    modal.left_at[modal.tool] = modal.position[3] + modal.plunger_shift
+    modal.plunger_shift = modal.left_at[number] - modal.position[3]
+    modal.tool = number
+
+
+@jit
+def _set_target(modal: Record, words: Record) -> None:
+    for axis in range(4):
+        letter = _E if axis == 3 else _X + axis
+        if has_word(words, letter):
+            value = words.value[letter] * modal.unit
+            if modal.relative[axis] != 0:
+                modal.position[axis] += value
+            else:
+                modal.position[axis] = value - (modal.shift[axis] if axis < 3 else 0.0)
+    for axis in range(3):
+        if modal.limited[axis] != 0:
+            within = max(modal.position[axis], modal.low[axis])
+            modal.position[axis] = min(within, modal.high[axis])
+    _set_feed(modal, words)
+
+
+@jit
+def _set_feed(modal: Record, words: Record) -> None:
+    if has_word(words, _F) and words.value[_F] > 0:
+        modal.feed = words.value[_F] * modal.unit / 60.0
+
+
+@jit
+def _set_position(modal: Record, words: Record) -> None:
+    """G92: x, y and z shift the workspace, e is counted anew; alone it does nothing."""
+    for axis in range(4):
+        letter = _E if axis == 3 else _X + axis
+        if has_word(words, letter):
+            value = words.value[letter] * modal.unit
+            if axis == 3:
+                modal.plunger_shift += modal.position[3] - value
+                modal.position[3] = value
+            else:
+                modal.shift[axis] = value - modal.position[axis]
+
+
+@jit
+def dwell_s(words: Record) -> float:
+    """How long G4 waits: P milliseconds or S seconds, S wins."""
+    seconds = 0.0
+    if has_word(words, _P):
+        seconds = words.value[_P] * 1e-3
+    if has_word(words, _S):
+        seconds = words.value[_S]
+    return max(seconds, 0.0)
+
+
+@jit
+def speed(modal: Record) -> float:
+    """Feed with the M220 factor, mm/s."""
+    return modal.feed * 0.01 * modal.speed_percent
+
+
+LONGEST_SEGMENT_MM = 1.0
+SHORTEST_SEGMENT_MM = 0.1
+LEAST_SEGMENTS_PER_TURN = 72
+
+
+@jit
+def arc_centre(
+    begin: NDArray[np.float64], end: NDArray[np.float64], words: Record, unit: float
+) -> tuple[float, float]:
+    """Centre of a G2/G3 arc in x and y, mm; NaN where there is none."""
+    if has_word(words, _R):
+        radius = words.value[_R] * unit
+        dx, dy = end[0] - begin[0], end[1] - begin[1]
+        half = 0.5 * math.hypot(dx, dy)
+        if half == 0.0 or radius == 0.0:
+            return math.nan, math.nan
+        side = -1.0 if (words.number == 2) != (radius < 0) else 1.0
+        height = side * math.sqrt(max(radius * radius - half * half, 0.0))
+        return (
+            begin[0] + 0.5 * dx - height * dy / (2.0 * half),
+            begin[1] + 0.5 * dy + height * dx / (2.0 * half),
+        )
+    i = words.value[_I] * unit if has_word(words, _I) else 0.0
+    j = words.value[_J] * unit if has_word(words, _J) else 0.0
+    if i == 0.0 and j == 0.0:
+        return math.nan, math.nan
+    return begin[0] + i, begin[1] + j
+
+
+OFF_CIRCLE_MM = 0.1
+LONGEST_ARC_MM = 1e4
+"""No machine has room for it; Marlin counts its pieces, of 1 mm, in 16 bits."""
+LEAST_TURN = 1e-3
+
+
+@jit
+def arc_turn(
+    begin: NDArray[np.float64], end: NDArray[np.float64], words: Record, cx: float, cy: float
+) -> float:
+    """Angle of an arc around its centre, rad, above 0 for G3; 0 where begin and end are abreast."""
+    if begin[0] == end[0] and begin[1] == end[1]:
+        return -2.0 * math.pi if words.number == 2 else 2.0 * math.pi
+    rx, ry = begin[0] - cx, begin[1] - cy
+    tx, ty = end[0] - cx, end[1] - cy
+    turn = math.atan2(rx * ty - ry * tx, rx * tx + ry * ty)
+    if words.number == 2 and turn > 0:
+        turn -= 2.0 * math.pi
+    elif words.number == 3 and turn < 0:
+        turn += 2.0 * math.pi
+    return turn
+
+
+@jit
+def arc_is_sound(
+    begin: NDArray[np.float64], end: NDArray[np.float64], words: Record, unit: float
+) -> bool:
+    """Whether an arc has a centre, ends on its circle, and goes a way that no rounding turns round.
+
+    A Marlin on an 8-bit board counts in 32 bits: an end abreast of the begin is left out, or made a
+    whole turn.
+    """
+    cx, cy = arc_centre(begin, end, words, unit)
+    if math.isnan(cx):
+        return False
+    if has_word(words, _R):
+        chord = math.hypot(end[0] - begin[0], end[1] - begin[1])
+        if chord > 2.0 * (abs(words.value[_R] * unit) + OFF_CIRCLE_MM):
+            return False
+    elif abs(_radius(begin, cx, cy) - _radius(end, cx, cy)) > OFF_CIRCLE_MM:
+        return False
+    turn = abs(arc_turn(begin, end, words, cx, cy))
+    if _radius(begin, cx, cy) * turn > LONGEST_ARC_MM:
+        return False
+    whole = begin[0] == end[0] and begin[1] == end[1]
+    return whole or LEAST_TURN < turn < 2.0 * math.pi - LEAST_TURN
+
+
+@jit
+def _radius(at: NDArray[np.float64], cx: float, cy: float) -> float:
+    return math.hypot(at[0] - cx, at[1] - cy)
+
+
+@jit
+def arc_points(
+    begin: NDArray[np.float64],
+    end: NDArray[np.float64],
+    words: Record,
+    unit: float,
+    out: NDArray[np.float64],
+) -> int:
+    """Cut an arc (or helix) into straight segments.
+
+    Parameters
+    ----------
+    begin, end : (4,) float64, mm
+    words : record of `WORDS`
+        Of the G2 (clockwise) or G3 line.
+    unit : float
+        mm per unit of I, J and R.
+    out : (n, 4) float64, mm
+        End of each segment, written as far as there is room.
+
+    Returns
+    -------
+    int
+        How many segments there are; 0 where the line describes no arc, -1 where it ends abreast
+        of its begin, which Marlin leaves out.
+    """
+    cx, cy = arc_centre(begin, end, words, unit)
+    if math.isnan(cx):
+        return 0
+    rx, ry = begin[0] - cx, begin[1] - cy
+    radius = math.hypot(rx, ry)
+    turn = arc_turn(begin, end, words, cx, cy)
+    if turn == 0.0:
+        return -1
+    length = radius * abs(turn)
+    least = math.ceil(LEAST_SEGMENTS_PER_TURN * abs(turn) / (2.0 * math.pi))
+    count = max(math.floor(length / LONGEST_SEGMENT_MM), least, 1)
+    if length / count > LONGEST_SEGMENT_MM:
+        count = math.ceil(length / LONGEST_SEGMENT_MM)
+    elif length / count < SHORTEST_SEGMENT_MM:
+        count = max(1, math.floor(length / SHORTEST_SEGMENT_MM))
+    count = int(count)
+    for k in range(min(count, len(out))):
+        share = (k + 1) / count
+        angle = turn * share
+        cosine, sine = math.cos(angle), math.sin(angle)
+        out[k, 0] = cx + rx * cosine - ry * sine
+        out[k, 1] = cy + rx * sine + ry * cosine
+        out[k, 2] = begin[2] + (end[2] - begin[2]) * share
+        out[k, 3] = begin[3] + (end[3] - begin[3]) * share
+    if count <= len(out):
+        out[count - 1] = end
+    return count

@@ -1,0 +1,128 @@
+"""`printctl simulate --out`: files, figures, and messages for wrong options."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import nrrd
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from firmware_profiles import Ink, load
+from printctl.cli.main import app
+from tests.printctl.checks.bead.parts import LAG_S, write_job
+
+SET_UP = ("--start", "50,50,80", "--ink", "gelatin_sacrificial", "--needle", "30g")
+
+
+def simulate(*words: object) -> Any:
+    return CliRunner().invoke(app, ["simulate", *map(str, words)])
+
+
+def facts(
+    job: Path, *words: object, ink: object = "gelatin_sacrificial", needle: str = "30g"
+) -> dict[str, Any]:
+    set_up = ("--start", "50,50,80", "--ink", ink, "--needle", needle)
+    told = (job, *set_up, "--network", job.parent / "network.csv", "--unit", "mm")
+    result = simulate(*told, *words, "--json")
+    assert result.exit_code == 0, result.output
+    found: dict[str, Any] = json.loads(result.stdout)["predicted"][0]
+    return found
+
+
+def test_a_tapered_vessel_keeps_its_diameter_with_compensation_and_not_without(
+    tmp_path: Path,
+) -> None:
+    found = {}
+    for name, lag in (("plain", 0.0), ("ahead", LAG_S)):
+        folder = tmp_path / name
+        folder.mkdir()
+        found[name] = facts(write_job(folder, lag), "--lag-s", LAG_S)["vessels"]
+    assert abs(found["ahead"]["worst_percent"]) <= 5.0
+    assert found["ahead"]["length_within_5_percent"] == 1.0
+    assert found["plain"]["worst_percent"] < -50.0
+    assert found["plain"]["length_within_5_percent"] < 0.6
+
+
+def test_what_is_written_is_what_the_tables_and_voxels_hold(tmp_path: Path) -> None:
+    job, out = write_job(tmp_path, LAG_S), tmp_path / "out"
+    found = facts(job, "--lag-s", LAG_S, "--out", out, "--voxel-um", 60)
+    with (out / "predicted_bead.csv").open() as handle:
+        rows = list(csv.DictReader(handle))
+    laid = sum(float(row["laid_ul"]) for row in rows if row["kind"] == "writes")
+    assert laid == pytest.approx(found["written_ul"], rel=1e-3)
+    length = sum(float(row["length_mm"]) for row in rows if row["kind"] == "writes")
+    assert length == pytest.approx(20.0, abs=0.05)
+    # π/12 L (d₀² + d₀ d₁ + d₁²) of the designed frustum.
+    design = np.pi / 12 * 20 * (1.0 + 0.3 + 0.09)
+    assert found["written_ul"] == pytest.approx(design, rel=0.01)
+    volume, header = nrrd.read(str(out / "predicted.nrrd"))
+    ink = volume.sum(dtype=np.int64) / 255 * 0.06**3
+    assert ink == pytest.approx(design + np.pi / 12 * (1.0 + 0.027), rel=0.04)
+    assert np.all(np.abs(header["space origin"] - [49.5, 49.5, 49.5]) < 0.1)
+    assert (out / "predicted.ply").read_bytes().startswith(b"ply")
+    assert (out / "time_line.png").stat().st_size > 10_000
+    with (out / "predicted_vessels.csv").open() as handle:
+        assert [row["vessel"] for row in csv.DictReader(handle)] == ["0"]
+
+
+def test_the_ink_s_own_lag_is_taken_with_the_needle_it_was_measured_with(tmp_path: Path) -> None:
+    job, ink = write_job(tmp_path), load(Ink, "gelatin_sacrificial")
+    data = ink.model_dump(mode="json", exclude_unset=True)
+    data["lag"] = {"lag_s": 0.3, "needle": "30G, half an inch", "syringe": "Hamilton 1 mL gastight"}
+    (tmp_path / "ink.yaml").write_text(yaml.safe_dump(data))
+    own, out = tmp_path / "ink.yaml", tmp_path / "out"
+    found = facts(job, "--out", out, ink=own)
+    assert (found["lag"], found["lag_s"]) == ("measured", 0.3)
+    other = facts(job, "--out", out, ink=own, needle="27g")
+    assert (other["lag"], other["lag_s"]) == ("unknown", 0.0)
+    assert "measured with Hamilton 1 mL" in other["warnings"][0]["text"]
+
+
+def test_an_unmeasured_lag_is_told_and_nothing_is_predicted_unasked(tmp_path: Path) -> None:
+    job = write_job(tmp_path)
+    found = facts(job)
+    assert found["lag"] == "unknown"
+    assert not found["warnings"][0]["calibrated"]
+    assert "predicted" not in json.loads(simulate(job, *SET_UP, "--json").stdout)
+
+
+def test_a_file_ahead_of_another_lag_is_told(tmp_path: Path) -> None:
+    found = facts(write_job(tmp_path, LAG_S), "--lag-s", 0.1)
+    assert any(one["sort"] == "advance" for one in found["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--voxel-um", "50"), "--out"),
+        (("--window-s", "3,1", "--out", "x"), "above it"),
+        (("--window-s", "a", "--out", "x"), "FROM,TO"),
+        (("--place", "0,0,0"), "--network"),
+        (("--network", "nowhere.csv"), "nowhere.csv"),
+        (("--lag-s", "0.1", "--printer", "pneumatic_marlin"), "opening_delay_s"),
+    ],
+)
+def test_wrong_options_are_told(tmp_path: Path, words: tuple[str, ...], says: str) -> None:
+    job = write_job(tmp_path)
+    if "pneumatic_marlin" in words:
+        job.with_suffix(".map.npz").unlink()
+        job.write_text(
+            "M302 P1\nM106 P0 S0\nG21\nG90\nM106 P0 S255\nG1 X5 F300\nM106 P0 S0\nM400\n"
+        )
+    result = simulate(job, *SET_UP, *words)
+    assert result.exit_code != 0
+    assert says in result.output + str(result.exception)
+
+
+def test_a_job_that_writes_nothing_is_told(tmp_path: Path) -> None:
+    job = tmp_path / "empty.gcode"
+    job.write_text("G21\nG90\nG1 X5 F300\n")
+    result = simulate(job, *SET_UP, "--out", tmp_path / "out")
+    assert result.exit_code != 0
+    assert "pushes ink" in result.output + str(result.exception)

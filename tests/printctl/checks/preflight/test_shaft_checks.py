@@ -1,0 +1,212 @@
+"""Job with shaft collisions: refused unless confirmed, which the journal records."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from design.network import VesselNetwork
+from design.network_files.csv_format import write_network_csv
+from design.toolpath import Toolpath
+from design.toolpath.embedded import Bundles
+from design.toolpath.gcode import GcodeOptions, save_gcode, write_gcode
+from design.toolpath.moves import MoveBuilder
+from firmware_profiles import Printer, Syringe, load
+from printctl.checks.preflight import written_arrays
+from printctl.checks.preflight.shaft import shaft_checks
+from printctl.errors import SafetyError
+from printctl.machine.link.journalled_print import read_journal
+from printctl.pipeline.run import toolpath_recipe
+from printctl.pipeline.stages import toolpath as stage
+from printctl.recipe import parse_recipe
+from tests.slower import first_of
+from tests.system.cli import called, printctl
+
+HIGH, LOW = [(1, 3, 4), (9, 3, 4)], [(5, 1, 2), (5, 5, 2)]
+RADIUS = 0.2
+NEEDLE = (0.31, 0.31, 0.0)
+"""Outer diameter, its tip's, and the height of its cone."""
+SIDE = np.array([[1, 3, 4], [9, 3, 4], [1, 3.375, 3], [9, 3.375, 3]], dtype=float)
+"""0.02 mm beside what a 30G needle needs."""
+PLACE, START = (95.0, 97.0, 5.0), (100.0, 100.0, 20.0)
+NETWORK = VesselNetwork.from_segments(
+    np.array([*HIGH, *LOW], dtype=float),
+    np.array([[0, 1], [2, 3]]),
+    np.full(2, RADIUS),
+    np.zeros(2, dtype=np.int64),
+    np.arange(2),
+)
+
+
+def written(*order: int, lines: Any = (HIGH, LOW)) -> Toolpath:
+    """Both vessels, 0 above 1, one after the other."""
+    points = [np.array(line, dtype=float) for line in lines]
+    builder = MoveBuilder(points[order[0]][0], "vessel")
+    for vessel in order:
+        begin, end = points[vessel]
+        if not np.array_equal(builder.tip, begin):
+            above = [[*builder.tip[:2], 8.0], [*begin[:2], 8.0], begin]
+            builder.travel(np.array(above, dtype=float), 5.0, vessel)
+        volume = np.pi * RADIUS**2 * np.linalg.norm(end - begin)
+        builder.write(end[None], np.array([volume]), 5.0, vessel)
+    return builder.build()
+
+
+def job(
+    folder: Path, *order: int, points: Any = (HIGH, LOW), network: VesselNetwork = NETWORK
+) -> Path:
+    """A G-code file and its map."""
+    path = folder / "part.gcode"
+    made = write_gcode(
+        written(*order, lines=points),
+        load(Printer, "generic_marlin"),
+        load(Syringe, "hamilton_1ml"),
+        PLACE,
+        GcodeOptions(start_mm=START),
+    )
+    beside = written_arrays(network, np.array(PLACE), 0.5, 0.05, [NEEDLE])
+    save_gcode(path, path.with_suffix(".map.npz"), [made], beside)
+    return path
+
+
+def simulated(folder: Path, *more: str) -> Any:
+    file = folder / "part.gcode"
+    return called("simulate", file, "--start", "100,100,20", *more, cwd=folder)
+
+
+def test_a_planted_crossing_refuses_and_says_which(tmp_path: Path) -> None:
+    file = job(tmp_path, 0, 1)
+    done = simulated(tmp_path)
+    assert done.returncode == 3
+    lines = file.read_text().splitlines()
+    under = next(k for k, text in enumerate(lines, 1) if "Y102 E" in text)
+    assert f"line {under} (write for vessel 1) drives the shaft 0.35" in done.stderr
+    assert "into vessel 0" in done.stderr
+    assert "x 100.0" in done.stderr
+    assert "--accept-crossings" in done.stderr
+
+
+def test_the_other_way_round_passes_and_tells_how_near_it_came(tmp_path: Path) -> None:
+    job(tmp_path, 1, 0)
+    done = simulated(tmp_path, "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)["clearance"]
+    assert found["crossings"] == 0
+    assert found["nearest_apart_mm"] is None  # 2 mm above
+
+
+def test_the_clearance_warns_and_doesnt_refuse(tmp_path: Path) -> None:
+    job(tmp_path, 1, 0)
+    done = simulated(tmp_path, "--json")
+    graze = next(c for c in json.loads(done.stdout)["checks"] if "nearer than 0.05" in c["check"])
+    assert graze["passed"]
+    beside = replace(NETWORK, nodes=SIDE, points=SIDE[[0, 1, 2, 3]])
+    job(tmp_path, 0, 1, points=[SIDE[:2], SIDE[2:]], network=beside)
+    done = simulated(tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"takes the shaft past vessel 0 at 0\.0[12]\d mm", done.stderr)
+    assert "line " in done.stderr
+
+
+def test_the_needle_that_is_mounted_counts(tmp_path: Path) -> None:
+    job(tmp_path, 0, 1)
+    wide = simulated(tmp_path, "--needle", "22g")
+    depth = re.search(r"shaft (\S+) mm into vessel 0", wide.stderr)
+    assert depth is not None
+    assert float(depth[1]) == pytest.approx(0.36 + RADIUS, abs=0.003)
+
+
+def test_a_map_of_another_file_is_no_proof(tmp_path: Path) -> None:
+    file = job(tmp_path, 1, 0)
+    file.write_text(file.read_text() + "G0 X100\n")
+    done = simulated(tmp_path)
+    assert done.returncode == 2
+    assert "belongs to another job" in done.stderr
+    file.with_suffix(".map.npz").write_bytes(b"nothing")
+    done = simulated(tmp_path)
+    assert done.returncode == 2
+    assert "can't be checked" in done.stderr
+
+
+def test_without_a_map_writing_on_a_slope_is_told_to_be_unchecked(tmp_path: Path) -> None:
+    file = tmp_path / "part.gcode"
+    head = "G21\nG90\nM82\nM302 P1\nG92 X100 Y100 Z20 E0\nG1 X105 E0.02 F600\n"
+    file.write_text(head + "G1 X100 Z21 E0.04\nM400\n")
+    assert "wasn't looked at" in simulated(tmp_path).stderr
+    file.write_text(head + "G1 X100 E0.04\nM400\n")
+    assert "shaft" not in simulated(tmp_path).stderr
+
+
+def test_print_refuses_until_it_is_accepted_and_then_the_journal_keeps_it(tmp_path: Path) -> None:
+    file = job(tmp_path, 0, 1)
+    words = ("print", file, "--printer", "generic_marlin", "--port", "simulated")
+    words += ("--ink", "gelatin_sacrificial", "--start", "100,100,20", "--json")
+    refused = called(*words, cwd=tmp_path)
+    assert refused.returncode == 3
+    assert not (tmp_path / "part.gcode.print").exists()
+    done = printctl(*words, "--accept-crossings", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "vessel 0" in done.stderr
+    (kept,) = read_journal(tmp_path / "part.gcode.print" / "journal.log").job["accepted"]
+    assert "moves that cross 1 pairs of vessels" in kept
+
+
+@dataclass(frozen=True)
+class NoReport:
+    """Of a path that nobody planned."""
+
+    passes: int = 2
+
+
+@pytest.mark.parametrize("allowed", first_of([0, 1]))
+def test_a_run_refuses_what_its_recipe_doesnt_allow(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, allowed: int
+) -> None:
+    path = written(0, 1)
+    own = Bundles.plain(NETWORK)
+    planned = stage.PlannedPath([path], 8.0, lambda: NoReport(), own)  # type: ignore[arg-type, return-value]
+    monkeypatch.setattr(stage, "plan", lambda _: planned)
+    write_network_csv(tmp_path / "two.csv", NETWORK)
+    recipe = {
+        "schema": 1,
+        "name": "planted",
+        "tissue": {"shape": "block", "size_mm": [10, 6, 6]},
+        "vasculature": {"network": "two.csv", "unit": "mm"},
+        "toolpath": {"method": "embedded", "needle": "30g", "allowed_crossings": allowed},
+        "printer": {"ink": "gelatin_sacrificial", "bath": "cell_matrix"},
+    }
+    made = parse_recipe(recipe, "planted.yaml")
+
+    def run() -> dict[str, Any]:
+        return toolpath_recipe(made, tmp_path, tmp_path / "run", Console(quiet=True))
+
+    if not allowed:
+        with pytest.raises(SafetyError, match=r"line \d+ \(write for vessel 1\) drives"):
+            run()
+    else:
+        found = run()["dry_run"]
+        assert "1 pairs" in found["accepted_crossings"]
+        told = next(c for c in found["checks"] if "passes through" in c["check"])
+        assert (told["passed"], told["weight"]) == (False, "warns")
+    kept = json.loads((tmp_path / "run" / "dry_run.json").read_text())["clearance"]
+    assert kept["crossing"][0]["crossed"] == 0
+
+
+def test_an_accepted_crossing_is_told_without_asking_again() -> None:
+    """Of a crossing that the recipe allows the note said how to allow it."""
+    contact: Any = type("Contact", (), {"line": 7, "sentence": lambda self: "line 7 crosses"})()
+    clearance: Any = type(
+        "Found", (), {"pairs": 1, "crossings": (contact,), "clearance_mm": 0.05,
+                      "grazed_pairs": 0, "grazes": ()},
+    )()  # fmt: skip
+    refused, taken = (shaft_checks(clearance, allowed)[0] for allowed in (0, 1))
+    assert "or accept them" in refused.sentence()
+    assert "accept them" not in taken.sentence()
+    assert "line 7 crosses" in taken.sentence()

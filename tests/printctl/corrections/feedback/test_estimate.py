@@ -1,0 +1,229 @@
+"""Compensation: repeated print-scan-correct cycles on a printer of known errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from design.errors import ToolpathError
+from design.toolpath.correction import NEUTRAL
+from printctl.corrections.compensation import CompensationFile, GainPart, corrections_of_file
+from printctl.corrections.feedback import Choices, Mean, Print, estimate
+from printctl.errors import UsageError
+from tests.printctl.corrections.feedback.lab import Lab
+
+KNOWN = Mean(0.0, 1e-3)
+"""A scanner whose bias was measured on a phantom."""
+CALIBRATED = Choices(bias=KNOWN)
+
+
+def designed(lab: Lab) -> np.ndarray:
+    return 2 * np.array([radius.mean() for _, radius in lab.network.polylines()])
+
+
+def off(lab: Lab, made: CompensationFile | None) -> float:
+    """Largest error of a diameter as printed, mm."""
+    written = NEUTRAL if made is None else corrections_of_file(made)
+    return float(np.abs(lab.diameters(written) - designed(lab)).max())
+
+
+def test_size_is_right_after_one_round_in_the_plane() -> None:
+    lab = Lab(shrink=(0.975, 0.98, 0.96))
+    made = estimate([lab.print()])
+    np.testing.assert_allclose(np.array(made.stretch.factor[:2]) * lab.shrink[:2], 1.0, atol=8e-4)
+    assert made.stretch.about_mm == (7.0, 2.0, 0.0)
+
+
+def test_depth_is_never_corrected_without_a_standard_and_the_file_says_why() -> None:
+    lab = Lab(push_mm={3: (0.0, 0.0, 0.05), 11: (0.0, 0.0, 0.05)})
+    made = None
+    for _ in range(2):
+        made = estimate([lab.print(made), lab.print(made)])
+        assert made.stretch.factor[2] == 1.0
+        assert all(node.offset_um[2] == 0 for node in made.nodes)
+        assert "no depth standard" in made.stretch.depth
+        assert made.evidence["scale"]["z"]["corrected"] is False
+
+
+def test_depth_is_corrected_with_a_standard_of_the_scan_or_by_word() -> None:
+    lab = Lab(depth_standard=True)
+    by_scan = estimate([lab.print()])
+    by_word = estimate([Lab().print()], Choices(depth_standard="step of 1.000 mm"))
+    for made in (by_scan, by_word):
+        assert made.stretch.factor[2] * 0.975 == pytest.approx(1.0, abs=2e-3)
+    assert "step of 1.000 mm" in by_word.stretch.depth
+
+
+def test_a_standard_without_depth_in_view_corrects_nothing() -> None:
+    bare = Lab(depth_standard=True).print()
+    bare.found["depth_scale_fitted"] = False
+    made = estimate([bare])
+    assert made.stretch.factor[2] == 1.0
+    assert "too little depth" in made.stretch.depth
+
+
+def test_a_radial_offset_falls_and_stays_down_over_rounds() -> None:
+    lab = Lab(spread_mm=-0.04)
+    errors, made = [off(lab, None)], None
+    for _ in range(4):
+        made = estimate([lab.print(made)], CALIBRATED)
+        errors.append(off(lab, made))
+    assert errors[0] > 0.05
+    assert max(errors[1:]) < 0.012
+    assert max(errors[2:]) < 0.008
+
+
+def test_an_unknown_bias_of_the_scanner_is_not_printed_into_the_part() -> None:
+    """10 um of 25 um voxels: as much as a segmentation may be off by itself."""
+    made = estimate([Lab(shrink=(1, 1, 1), spread_mm=-0.010).print()])
+    assert made.radial.offset_um == 0
+    assert made.evidence["diameter"]["corrected"] is False
+    seen = Lab(shrink=(1, 1, 1), spread_mm=-0.010).print()
+    known = estimate([seen], CALIBRATED)
+    assert known.radial.offset_um == pytest.approx(5.0, abs=1.0)
+    # A reference has put the walls right, to within half a micrometre.
+    lab = Lab(shrink=(1, 1, 1), spread_mm=-0.010)
+    righted, not_righted = lab.print(), lab.print()
+    righted.found["walls"] = {"offset_um": 5.0, "interval_um": 0.5}
+    assert estimate([righted]).radial.offset_um == pytest.approx(5.0, abs=1.0)
+    assert estimate([righted, not_righted]).radial.offset_um == 0
+    all_bias = estimate([seen], Choices(bias=Mean(-0.010, 1e-3)))
+    assert all_bias.radial.offset_um == 0
+
+
+def test_chance_is_not_corrected() -> None:
+    lab = Lab(shrink=(1, 1, 1), noise_mm=0.01)
+    made = estimate([lab.print() for _ in range(4)])
+    assert made.radial.offset_um == 0
+    assert max([abs(vessel.diameter_um) for vessel in made.vessels], default=0) < 5
+    assert made.nodes == ()
+
+
+def test_one_vessel_that_is_always_too_narrow_is_found_among_noise() -> None:
+    lab = Lab(noise_mm=0.004, faults_mm={16: -0.05})
+    made = estimate([lab.print() for _ in range(4)], CALIBRATED)
+    change = {vessel.vessel: vessel.diameter_um for vessel in made.vessels}
+    assert change[16] == pytest.approx(0.7 * 50, abs=8)
+    assert max((abs(um) for vessel, um in change.items() if vessel != 16), default=0) < 8
+    again = estimate([lab.print(made) for _ in range(4)], CALIBRATED)
+    once, twice = (off(lab, file) for file in (made, again))
+    assert twice < once < off(lab, None)
+
+
+def test_an_axis_that_is_pushed_aside_comes_back_without_oscillating() -> None:
+    lab = Lab(push_mm={3: (0.0, 0.05, 0.0), 11: (0.0, 0.05, 0.0)})
+    left, made = [], None
+    for _ in range(4):
+        made = estimate([lab.print(made), lab.print(made)])
+        left.append(float(np.linalg.norm(lab.places(corrections_of_file(made))[3])))
+    assert left[0] < 0.030
+    # What is left is no more than scans can be wrong by (and what moved all together), and stays.
+    assert max(left[1:]) < 0.020
+    assert left[3] == left[2] == left[1]
+
+
+def test_prints_made_with_different_compensations_are_pooled_by_what_they_ask_for() -> None:
+    lab = Lab(spread_mm=-0.03)
+    first = estimate([lab.print()], CALIBRATED)
+    both = estimate([lab.print(), lab.print(first)], CALIBRATED)
+    np.testing.assert_allclose(both.stretch.factor, first.stretch.factor, atol=1e-3)
+    assert both.radial.offset_um == pytest.approx(first.radial.offset_um, abs=2)
+
+
+def test_gain_corrects_that_share_and_no_more() -> None:
+    half = Choices(gain=GainPart(whole=0.5, local=0.5), bias=KNOWN)
+    made = estimate([Lab(shrink=(0.96, 0.96, 0.96)).print()], half)
+    assert made.stretch.factor[0] == pytest.approx(0.96**-0.5, abs=1e-3)
+
+
+def test_defects_are_left_out_of_what_is_measured() -> None:
+    lab = Lab(faults_mm={15: -0.06})
+    lab.defects = [
+        {"kind": "stenosis", "vessel": 15, "other": None, "from_mm": 0.0, "to_mm": 4.0,
+         "at_mm": 2.0, "size_um": -60.0},
+    ]  # fmt: skip
+    alone = estimate([lab.print()], CALIBRATED)
+    assert 15 not in {vessel.vessel for vessel in alone.vessels}
+    # Beyond its limit as its whole vessel is: that is what a compensation is for.
+    beyond = Lab(faults_mm={15: -0.06})
+    beyond.defects = [lab.defects[0] | {"local": False, "decision": "fail"}]
+    assert 15 in {vessel.vessel for vessel in estimate([beyond.print()], CALIBRATED).vessels}
+    # Of a run with a change within it only the change is left out.
+    within = Lab(faults_mm={15: -0.06})
+    short = lab.defects[0] | {"from_mm": 1.9, "to_mm": 2.1}
+    within.defects = [lab.defects[0] | {"changes": [short]}]
+    assert 15 in {vessel.vessel for vessel in estimate([within.print()], CALIBRATED).vessels}
+    # In every print, and over all of its length: not an accident.
+    always = estimate([lab.print() for _ in range(3)], CALIBRATED)
+    assert 15 in {vessel.vessel for vessel in always.vessels}
+
+
+def withdrawn(print_: Print, vessels: range) -> Print:
+    """A print of which some vessels' diameters have no interval."""
+    rows = [
+        row | {"interval_95_um": [None if row["vessel"] in vessels else 4.0] * len(row["along_mm"])}
+        for row in print_.found["vessels"]
+    ]
+    return replace(print_, found=print_.found | {"vessels": rows})
+
+
+def test_a_diameter_without_an_interval_corrects_nothing() -> None:
+    lab = Lab(faults_mm={15: -0.06})
+    told = estimate([withdrawn(lab.print(), range(0)) for _ in range(3)], CALIBRATED)
+    assert 15 in {vessel.vessel for vessel in told.vessels}
+    untold = estimate([withdrawn(lab.print(), range(15, 16)) for _ in range(3)], CALIBRATED)
+    assert 15 not in {vessel.vessel for vessel in untold.vessels}
+
+
+def test_a_fitted_scale_without_an_interval_is_not_corrected_by_the_surface() -> None:
+    # Lumens that don't tell the size: the surface alone would.
+    lab = Lab(shrink=(0.97, 0.97, 1.0))
+    print_ = lab.print()
+    nothing = [row | {"shift_along_um": [[None] * 3] * len(row["along_mm"])}
+               for row in print_.found["vessels"]]  # fmt: skip
+    found = replace(print_, found=print_.found | {"vessels": nothing})
+    assert estimate([found], CALIBRATED).stretch.factor[0] > 1.02
+    facts = found.facts.model_copy(update={"scale_interval_95": (None, None, None)})
+    assert estimate([replace(found, facts=facts)], CALIBRATED).stretch.factor[0] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("lab", "says"),
+    [
+        (Lab(shrink=(0.85, 0.85, 0.85)), "times as long along x, limit"),
+        (Lab(spread_mm=-0.12), "vessel .*limit"),
+        (Lab(push_mm={3: (0, 0.4, 0), 11: (0, 0.4, 0)}), "node 3: .*limit 150 um"),
+    ],
+)
+def test_what_is_beyond_a_correction_is_refused(lab: Lab, says: str) -> None:
+    with pytest.raises(ToolpathError, match=says):
+        estimate([lab.print(), lab.print()], CALIBRATED)
+
+
+def test_left_out_vessels_neither_give_nor_get() -> None:
+    lab = Lab(faults_mm={16: -0.05})
+    made = estimate([lab.print()], replace(CALIBRATED, without=frozenset({16})))
+    assert 16 not in {row["vessel"] for row in made.evidence["vessels"]}
+    assert any("vessels 16" in note for note in made.notes)
+
+
+def test_what_does_not_belong_together_is_not_pooled() -> None:
+    lab = Lab()
+    one, two = lab.print(), lab.print()
+    other = replace(two, design=two.design.model_copy(update={"network_sha256": "1" * 64}))
+    with pytest.raises(UsageError, match="isn't a print of run1's design"):
+        estimate([one, other])
+    inked = replace(two, made_with=two.made_with.model_copy(update={"ink": "other"}))
+    with pytest.raises(UsageError, match="made otherwise"):
+        estimate([one, inked])
+    with pytest.raises(UsageError, match="hold the same scan"):
+        estimate([one, one])
+
+
+def test_same_prints_give_the_same_file() -> None:
+    def once() -> Print:
+        return Lab(spread_mm=-0.03, faults_mm={15: 0.04}).print()
+
+    assert estimate([once()]) == estimate([once()])

@@ -1,0 +1,278 @@
+"""Record bundles: reproducible bytes, every change detected."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import stat
+import subprocess
+import zipfile
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from printctl.history.records.bundle import write_bundle
+from printctl.history.records.errors import BundleError, KeyTrouble
+from printctl.history.records.keys import PRIVATE, lab_key, read_public, read_public_file
+from printctl.history.records.manifest import read_manifest
+from printctl.history.records.plain_zip import PlainZipWriter, read_members, safe_name
+from printctl.history.records.verify import Signature, verify_bundle, verify_stream
+from printctl.machine.printing.films import film_file
+from tests.printctl.history.records.prints import GCODE, printed, with_run
+from tests.slower import examples
+
+
+def filed(tmp_path: Path, signed: bool = True) -> bytes:
+    out = tmp_path / "out.zip"
+    write_bundle(out, printed(tmp_path / "run"), lab_key() if signed else None)
+    return out.read_bytes()
+
+
+def verified(data: bytes, trusted: bool = True):
+    return verify_stream(io.BytesIO(data), [lab_key().public] if trusted else [])
+
+
+def rewritten(data: bytes, change) -> bytes:
+    """The bundle with its files changed by `change` and laid out as printctl lays them out."""
+    with zipfile.ZipFile(io.BytesIO(data)) as opened:
+        files = {name: opened.read(name) for name in opened.namelist()}
+    change(files)
+    stream = io.BytesIO()
+    writer = PlainZipWriter(stream)
+    for name, content in files.items():
+        writer.add(name, iter([content]))
+    writer.close()
+    return stream.getvalue()
+
+
+def test_bundle_holds_what_there_is_and_any_unzip_program_opens_it(tmp_path):
+    with_run_at = tmp_path / "run"
+    entry = printed(with_run_at)
+    with_run(with_run_at)
+    said = {"cells": "hiPSC", "photos": [{"name": "after <b>print.jpg"}]}
+    (with_run_at / "print" / "record.json").write_text(json.dumps(said))
+    (with_run_at / "print" / "photos").mkdir()
+    (with_run_at / "print" / "photos" / "after <b>print.jpg").write_bytes(b"jpeg")
+    (with_run_at / "print" / "photos" / "of_the_print_before.jpg").write_bytes(b"jpeg")
+    film = film_file(with_run_at / "print", entry.started)
+    film.parent.mkdir()
+    film.write_bytes(b"webp")
+    film.with_name("20200101-000000.webp").write_bytes(b"of an earlier print")
+    (with_run_at / "print" / "link.json").write_text('{"token": "secret"}')
+    manifest = write_bundle(tmp_path / "out.zip", entry, lab_key())
+    with zipfile.ZipFile(tmp_path / "out.zip") as opened:
+        assert opened.testzip() is None
+        names = set(opened.namelist())
+        assert opened.read("job.gcode") == GCODE
+        assert json.loads(opened.read("profiles/printer.json"))["firmware"] == "marlin"
+        assert b"secret" not in b"".join(map(opened.read, names))
+    assert {"journal.log", "recipe.json", "report/report.html", "record.json"} <= names
+    assert {"preflight/dry_run.json", "profiles/ink.json", "photos/photo_0001.jpg"} <= names
+    assert [name for name in names if "photos" in name] == ["photos/photo_0001.jpg"]
+    assert [name for name in names if "timelapse" in name] == [f"timelapse/{film.name}"]
+    assert manifest.verdict == "pass"
+    assert verify_bundle(tmp_path / "out.zip", [lab_key().public]).good
+
+
+def test_same_content_gives_the_same_bytes(tmp_path):
+    entry = printed(tmp_path / "run")
+    for name in ("one.zip", "two.zip"):
+        write_bundle(tmp_path / name, entry, lab_key())
+        os.utime(tmp_path / "run" / "part.gcode", (1, 1))
+    assert (tmp_path / "one.zip").read_bytes() == (tmp_path / "two.zip").read_bytes()
+
+
+@pytest.mark.parametrize("signed", [True, False])
+@settings(max_examples=examples(150), suppress_health_check=list(HealthCheck), deadline=None)
+@given(place=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
+def test_flipped_bit_is_found_wherever_it_is(tmp_path_factory, signed, place, bit):
+    data = bytearray(_once(tmp_path_factory, signed))
+    data[int(place * len(data))] ^= 1 << bit
+    found = verified(bytes(data))
+    assert not found.whole
+    assert found.changed
+
+
+_KEPT: dict[bool, bytes] = {}
+
+
+def _once(tmp_path_factory, signed: bool) -> bytes:
+    if signed not in _KEPT:
+        _KEPT[signed] = filed(tmp_path_factory.mktemp("filed"), signed)
+    return _KEPT[signed]
+
+
+def test_every_byte_of_the_zips_own_structure_counts(tmp_path):
+    data = filed(tmp_path)
+    contents = set()
+    for member in read_members(io.BytesIO(data)):
+        contents.update(range(member.data_start, member.data_start + member.size))
+    for place in set(range(len(data))) - contents:
+        flipped = bytearray(data)
+        flipped[place] ^= 0x01
+        assert not verified(bytes(flipped)).whole, place
+
+
+@settings(max_examples=examples(40), suppress_health_check=list(HealthCheck), deadline=None)
+@given(end=st.floats(0, 1, exclude_max=True), more=st.binary(max_size=20))
+def test_cut_or_lengthened_bundle_is_found(tmp_path_factory, end, more):
+    data = _once(tmp_path_factory, True)
+    assert not verified(data[: int(end * len(data))]).whole
+    assert verified(data + more).whole == (not more)
+
+
+def test_changed_file_is_named(tmp_path):
+    data = filed(tmp_path)
+    changed = rewritten(data, lambda files: files.update({"job.gcode": b"G28\n"}))
+    assert verified(changed).changed == ("job.gcode: changed",)
+    less = rewritten(data, lambda files: files.pop("job.gcode"))
+    assert verified(less).changed == ("job.gcode: not in the bundle any more",)
+    more = rewritten(data, lambda files: files.update({"virus.exe": b"MZ"}))
+    assert verified(more).changed == ("virus.exe: put in afterwards",)
+
+
+def test_manifest_changed_with_its_file_is_betrayed_by_the_signature(tmp_path):
+    def change(files):
+        manifest = json.loads(files["manifest.json"])
+        manifest["print"]["state"] = "stopped"
+        files["manifest.json"] = read_manifest(json.dumps(manifest).encode()).to_bytes()
+
+    found = verified(rewritten(filed(tmp_path), change))
+    assert found.signature is Signature.WRONG
+    assert not found.whole
+
+
+def test_signature_taken_away_leaves_no_signed_bundle(tmp_path):
+    found = verified(rewritten(filed(tmp_path), lambda files: files.pop("manifest.sig")))
+    assert not found.good
+    assert not found.whole
+
+
+def test_signature_of_another_key_is_told_and_not_trusted(tmp_path):
+    data, other = filed(tmp_path), lab_key(tmp_path / "other")
+    found = verify_stream(io.BytesIO(data), [other.public])
+    assert (found.whole, found.signature, found.good) == (True, Signature.UNKNOWN, False)
+    assert found.fingerprint == lab_key().public.fingerprint
+    assert "ISN'T KNOWN HERE" in " ".join(found.lines())
+
+
+def test_unsigned_bundle_says_so(tmp_path):
+    found = verified(filed(tmp_path, signed=False))
+    assert (found.whole, found.signature, found.good) == (True, Signature.NONE, False)
+
+
+def test_openssl_agrees_with_the_signature(tmp_path):
+    (tmp_path / "out").mkdir()
+    with zipfile.ZipFile(io.BytesIO(filed(tmp_path))) as opened:
+        for name in ("manifest.json", "manifest.sig", "public_key.pem"):
+            (tmp_path / "out" / name).write_bytes(opened.read(name))
+    command = "openssl pkeyutl -verify -pubin -inkey public_key.pem -rawin -in manifest.json"
+    try:
+        result = subprocess.run(
+            [*command.split(), "-sigfile", "manifest.sig"],
+            cwd=tmp_path / "out",
+            capture_output=True,
+            check=False,
+        )
+    except FileNotFoundError:
+        pytest.skip("no openssl here")
+    assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "../x",
+        "/etc/passwd",
+        "a/../b",
+        "C:\\x",
+        "a\\b",
+        "",
+        "a//b",
+        "a/",
+        "x.",
+        "a\0b",
+        "ü",
+        ".ssh/a",
+    ],
+)
+def test_name_that_leaves_its_folder_is_neither_written_nor_read(name):
+    assert not safe_name(name)
+    with pytest.raises(BundleError):
+        PlainZipWriter(io.BytesIO()).add(name, iter([b""]))
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as made, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(zipfile.os, "sep", "/")
+        made.writestr(zipfile.ZipInfo(name or "x", (1980, 1, 1, 0, 0, 0)), b"x")
+    assert not verify_stream(stream, ()).whole
+
+
+def test_compressed_bomb_is_refused_without_unpacking_it():
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as made:
+        made.writestr("manifest.json", b"0" * 50_000_000)
+    found = verify_stream(stream, ())
+    assert "compressed" in found.changed[0]
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"", b"PK\x05\x06" + bytes(18), b"not a zip", b"PK\x03\x04" + b"\xff" * 60, b"[" * 100_000],
+)
+def test_what_is_no_bundle_is_told_without_a_traceback(data):
+    assert not verify_stream(io.BytesIO(data), ()).whole
+
+
+@pytest.mark.parametrize("manifest", [b"[" * 200_000, b"{}", b"\xff", b'{"files": 3}', b"null"])
+def test_hostile_manifest_is_told(tmp_path, manifest):
+    data = rewritten(filed(tmp_path), lambda files: files.update({"manifest.json": manifest}))
+    assert "manifest.json" in verified(data).changed[0]
+
+
+def test_changed_gcode_is_missing_and_not_filed_as_the_prints(tmp_path):
+    entry = printed(tmp_path / "run")
+    (tmp_path / "run" / "part.gcode").write_bytes(b"G28\n")
+    manifest = write_bundle(tmp_path / "out.zip", entry, lab_key())
+    assert "job.gcode" not in [file.path for file in manifest.files]
+    assert "was changed since the print" in manifest.missing[0]
+
+
+def test_lost_journal_makes_no_bundle_and_leaves_no_file(tmp_path):
+    entry = printed(tmp_path / "run")
+    entry.journal.unlink()
+    with pytest.raises(BundleError, match="journal"):
+        write_bundle(tmp_path / "out.zip", entry, None)
+    assert not list(tmp_path.glob("*.zip"))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="modes of files are POSIX's")
+def test_labs_key_is_made_once_and_for_its_owner_alone(data):
+    first = lab_key()
+    assert stat.S_IMODE((data / PRIVATE).stat().st_mode) == 0o600
+    assert lab_key().public == first.public
+    (data / PRIVATE).chmod(0o644)
+    with pytest.raises(KeyTrouble, match="chmod 600"):
+        lab_key()
+
+
+def test_public_key_comes_back_from_its_file_and_garbage_is_refused(tmp_path):
+    public = lab_key().public
+    (tmp_path / "lab.pem").write_bytes(public.pem())
+    assert read_public_file(tmp_path / "lab.pem") == public
+    with pytest.raises(KeyTrouble, match="PEM"):
+        read_public(b"-----BEGIN PUBLIC KEY-----\nx", "x.pem")
+    with pytest.raises(KeyTrouble, match="check the path"):
+        read_public_file(tmp_path / "absent.pem")
+
+
+def test_cover_shows_hostile_text_as_text(tmp_path):
+    entry = printed(tmp_path / "run", alarm="<script>alert(1)</script>", message="<img src=x>")
+    write_bundle(tmp_path / "out.zip", entry, lab_key())
+    with zipfile.ZipFile(tmp_path / "out.zip") as opened:
+        page = opened.read("cover.html").decode()
+    assert "<script>" not in page
+    assert "<img" not in page
+    assert "&lt;script&gt;" in page

@@ -1,0 +1,34 @@
+"""Test jobs, parsed by the firmware family that their commands need."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from firmware_profiles import Printer, load
+from printctl.machine.link import job
+from printctl.machine.link.job import Job
+
+MARLIN: Final = load(Printer, "generic_marlin")
+KLIPPER: Final = load(Printer, "klipper_bioprinter")
+_NAMES: Final = (b"SET_", b"ACTIVATE_")
+
+
+def parse_job(data: bytes, name: str, printer: Printer | None = None) -> Job:
+    """`printctl.machine.link.job.parse_job`."""
+    named = any(line.startswith(_NAMES) for line in data.upper().splitlines())
+    return job.parse_job(data, name, printer or (KLIPPER if named else MARLIN))
+
+
+def with_codes(printer: Printer, *codes: str) -> Printer:
+    """A printer whose profile names codes as its machine's own."""
+    return printer.model_copy(update={"extra_commands": codes})
+
+
+def load_job(path: Path, printer: Printer = MARLIN) -> Job:
+    """`printctl.machine.link.job.load_job`."""
+    return (
+        parse_job(path.read_bytes(), path.name, printer)
+        if path.is_file()
+        else job.load_job(path, printer)
+    )

@@ -1,0 +1,136 @@
+"""Test job with marks, and scripted interruptions of its print."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from firmware_profiles import Printer, load
+from firmware_profiles.families.link_protocol import LinkProtocol
+from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from printctl.machine.link.care import Care
+from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.job import Job
+from printctl.machine.link.journalled_print import JournalledPrint
+from printctl.machine.link.retreat import Retreat
+from printctl.machine.link.states import LinkState, Status
+from printctl.machine.link.streamer import Streamer
+from printctl.machine.link.transport import Transport
+from printctl.machine.link.wiring import Wiring
+from sim.devices.families.marlin.printer import MarlinPrinter
+from tests.printctl.machine.link.fake_marlin import FakeMarlin
+from tests.printctl.machine.link.jobs import parse_job
+from tests.printctl.machine.link.journals import journal_in
+from tests.printctl.machine.link.sim_transport import SimTransport
+
+PRINTER = load(Printer, "generic_marlin")
+START = (50.0, 50.0, 10.0)
+HEADER = b"M302 P1\nG90\nM82\nM85 S600\nG92 X50 Y50 Z10 E0\n"
+RETRACT_MM = 0.25
+
+
+def layered(layers: int, moves: int, mark: str = "LAYER_END") -> bytes:
+    """Zigzag layers; each ends relieved, lifted and marked, and the next one primes first."""
+    text, e = [HEADER.rstrip().decode()], 0.0
+    for layer in range(layers):
+        z = 10.0 + 0.25 * layer
+        if layer:
+            text += [f"G0 X50 Y{51 + layer % 3:g} F6000", f"G1 E{e:.5f} F60"]
+        for k in range(moves):
+            e += 0.0035
+            x, y = 50 + (k + layer + 1) % 2 * 3.5, 50 + k % 40 * 0.25
+            text.append(f"G1 X{x:.3f} Y{y:.3f} E{e:.5f} F1800")
+        text += [f"G1 E{e - RETRACT_MM:.5f} F60", f"G0 Z{z + 0.25:g} F300"]
+        text += [f";{mark}:{layer}", ";RELOAD"]
+    return ("\n".join(text) + "\nM400\n").encode()
+
+
+@dataclass
+class Script:
+    """What a user does: told of each status and of each job line that the printer takes."""
+
+    streamer: Streamer | None = None
+    seen: list[Status] = field(default_factory=list)
+    on_paused: Callable[[Streamer], None] = lambda streamer: streamer.resume()
+    at_line: dict[int, Callable[[Streamer], None]] = field(default_factory=dict)
+
+    def status(self, status: Status) -> None:
+        self.seen.append(status)
+        if status.state is LinkState.PAUSED and self.streamer is not None:
+            self.on_paused(self.streamer)
+
+    def took(self, line: int) -> None:
+        request = self.at_line.pop(line, None)
+        if request is not None and self.streamer is not None:
+            request(self.streamer)
+
+    @property
+    def pauses(self) -> list[Status]:
+        return [one for one in self.seen if one.state is LinkState.PAUSED]
+
+
+class Following(FakeMarlin):
+    """Tells a script how many lines of the job it has taken."""
+
+    def __init__(self, job: Job, script: Script) -> None:
+        super().__init__()
+        self._job, self._script, self._next = job, script, 0
+
+    @property
+    def taken(self) -> int:
+        return self._next
+
+    def _do(self, command: str) -> bytes:
+        said = super()._do(command)
+        if self._next < len(self._job) and command == self._job.lines[self._next].decode():
+            self._next += 1
+            self._script.took(self._next)
+        return said
+
+
+def played(
+    data: bytes,
+    folder: Path,
+    transport: Transport,
+    script: Script,
+    care: Care | None = None,
+    retreat: Retreat | None = None,
+    history: JournalledPrint | None = None,
+    protocol: LinkProtocol | None = None,
+    printer: Printer = PRINTER,
+) -> Status:
+    wiring = Wiring(
+        transport=transport,
+        protocol=protocol or MarlinProtocol(),
+        clock=transport.clock,
+        journal=journal_in(folder),
+        printer=printer,
+        retreat=retreat or Retreat(),
+        on_status=script.status,
+    )
+    script.streamer = Streamer(wiring, parse_job(data, "test.gcode", printer), care)
+    return script.streamer.run(history)
+
+
+def doomed(printer: MarlinPrinter, clock: VirtualClock, last: int, part: float) -> SimTransport:
+    """A wire whose host dies in its ``last``-th write from now; a part of that write leaves."""
+    transport = SimTransport(printer, clock)
+    transport.die_at(last, part)
+    return transport
+
+
+class Arming(Script):
+    """Lets the host die in the ``last``-th write after the print begins to pause."""
+
+    def __init__(self, transport: SimTransport, last: int, part: float, **requests: Any) -> None:
+        super().__init__(**requests)
+        self._transport, self._last, self._part = transport, last, part
+        self.armed = False
+
+    def status(self, status: Status) -> None:
+        if status.state is LinkState.PAUSING and not self.armed:
+            self._transport.die_at(self._last, self._part)
+            self.armed = True
+        super().status(status)

@@ -1,0 +1,237 @@
+"""Print failures: lost ports, full disks, bad connections, clock jumps."""
+
+from __future__ import annotations
+
+import os
+import threading
+
+import pytest
+
+from firmware_profiles import Printer, load
+from printctl.machine.link import kill
+from printctl.machine.link.care import Care
+from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.errors import PortLost, Refused
+from printctl.machine.link.journal import Journal, encode
+from printctl.machine.link.journalled_print import read_journal
+from printctl.machine.link.record import JOURNAL
+from printctl.machine.link.resuming import resumable
+from printctl.machine.link.states import LinkState, Status
+from printctl.machine.link.streamer import Streamer
+from printctl.machine.link.transport_serial import SerialTransport
+from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
+from tests.printctl.machine.link.jobs import parse_job
+from tests.printctl.machine.link.layered import Following, Script, layered, played
+from tests.printctl.machine.link.test_streamer import handshake_and, job_of, streamer_of
+
+
+class Unplugged(FakeTransport):
+    """Goes away in the write that has ``at`` in it, for the ``times``-th time."""
+
+    at, times = b"never", 1
+
+    def write(self, data: bytes) -> None:
+        self.times -= self.at in data
+        if self.times == 0:
+            raise PortLost("the cable was pulled")
+        super().write(data)
+
+
+@pytest.mark.parametrize("at", [b"M0400", b"G1 Z", b"G92 E"])
+@pytest.mark.parametrize("times", [1, 2])
+@pytest.mark.parametrize("changing", [False, True])
+def test_port_that_goes_in_a_pause_is_gone_on_with_exactly(tmp_path, at, times, changing):
+    data = layered(3, 20)
+    job, clock = parse_job(data, "a"), VirtualClock()
+
+    def go_on(streamer: Streamer) -> None:
+        streamer.resume(unchanged=streamer.status.waits_for == "syringe")
+
+    def hold(streamer: Streamer) -> None:
+        streamer.reload() if changing else streamer.pause()
+
+    script = Script(on_paused=go_on, at_line={12: hold})
+    printer = Following(job, script)
+    wire = Unplugged(printer, clock)
+    wire.at, wire.times = (
+        at,
+        times + (at != b"G1 Z"),
+    )  # the job, or the check before it, has one, too
+    status = played(data, tmp_path, wire, script, Care(checkpoint_s=None))
+    if status.error == "PortLost":
+        assert not status.position_known
+        history = read_journal(tmp_path / "journal.log")
+        wire = FakeTransport(printer, clock)
+        status = played(data, tmp_path, wire, script, Care(checkpoint_s=None), history=history)
+    assert status.state is LinkState.DONE, status
+    assert printer.taken == len(job)
+
+
+def test_clock_that_jumps_does_no_harm(tmp_path):
+    printer, clock = FakeMarlin(), VirtualClock()
+    transport = FakeTransport(printer, clock)
+    read = transport.read
+    reads = iter(range(10_000))
+
+    def reading(timeout: float) -> bytes:
+        if next(reads) % 97 == 0:
+            clock.sleep(3600.0)  # the host was asleep
+        return read(timeout)
+
+    transport.read = reading  # type: ignore[method-assign]
+    lines = zigzag(300)
+    status = streamer_of(job_of(lines), transport, tmp_path).run()
+    assert status.state is LinkState.DONE, status
+    sent = [line for line in handshake_and(printer) if line.startswith("G1")]
+    assert sent == [line.decode() for line in lines]
+
+
+class FullWire(FakeTransport):
+    """Takes nothing that is urgent at first."""
+
+    refusals = 3
+
+    def write_urgent(self, data: bytes) -> None:
+        self.refusals -= 1
+        if self.refusals >= 0:
+            raise PortLost("resource temporarily unavailable")
+        self.write(data)
+
+
+def test_kill_is_tried_again_on_a_wire_that_takes_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(kill, "KILL_REPEAT_S", 0.001)
+    printer = FakeMarlin()
+    transport = FullWire(printer, VirtualClock())
+    threads: list[threading.Thread] = []
+
+    def on_status(status: Status) -> None:
+        if status.lines_done > 50 and not threads:
+            threads.append(threading.Thread(target=streamer.kill))
+            threads[0].start()
+            threads[0].join(0.05)
+
+    streamer = streamer_of(job_of(zigzag(3000)), transport, tmp_path, on_status)
+    status = streamer.run()
+    threads[0].join(10)
+    assert transport.refusals < 0
+    assert status.state is LinkState.KILLED
+    assert b"M112" in transport.written
+
+
+def test_disk_that_was_full_still_gets_the_end_of_the_print(tmp_path, monkeypatch):
+    printer = FakeMarlin()
+    streamer = streamer_of(job_of(zigzag(3000)), FakeTransport(printer, VirtualClock()), tmp_path)
+    write, full = os.write, iter([True])
+    journal = streamer.wiring.journal._fd
+
+    def writing(fd: int, data: bytes) -> int:
+        if fd == journal and b'"ack"' in data and next(full, False):
+            return write(fd, data[:11])
+        return write(fd, data)
+
+    monkeypatch.setattr(os, "write", writing)
+    status = streamer.run()
+    assert status.state is LinkState.FAILED
+    assert "disk full" in status.message
+    history = read_journal(tmp_path / "journal.log")
+    assert history.end is not None
+    assert history.end["message"] == status.message
+    assert (history.damaged, history.gaps) == (1, 0)
+
+
+def interrupted(folder, *records: dict) -> None:
+    journal = Journal(folder / JOURNAL)
+    journal.add("job", name="a.gcode", sha256="0", lines=100)
+    journal.add("state", state=LinkState.PRINTING, message="")
+    journal.add("ack", done=20)
+    for record in records:
+        journal.add(**record)
+    journal.close()
+
+
+def test_print_that_was_being_ended_is_not_gone_on_with(tmp_path):
+    interrupted(tmp_path)
+    assert resumable(tmp_path, "0").done == 20
+    stopping = {"sort": "state", "state": LinkState.STOPPING, "message": "stopped by the user"}
+    interrupted(tmp_path, stopping)
+    with pytest.raises(Refused, match=r"was being ended .*heaters may be off"):
+        resumable(tmp_path, "0")
+
+
+def test_print_whose_journal_misses_records_is_not_gone_on_with(tmp_path):
+    interrupted(tmp_path)
+    with (tmp_path / JOURNAL).open("ab") as handle:
+        lost = encode({"t": "control", "n": 21, "command": "M114"}).replace(b"21", b"22")
+        handle.write(lost + encode({"t": "ack", "done": 30}))
+    with pytest.raises(Refused, match=r"damaged in 1 places.*printctl recover"):
+        resumable(tmp_path, "0")
+
+
+def test_controlled_stop_never_lowers_a_needle_that_stands_higher_than_the_job_says(tmp_path):
+    printer = FakeMarlin()
+    job = job_of([b"G92 E0", b"G1 Z5 F300", *zigzag(3000)])
+
+    def on_status(status: Status) -> None:
+        if status.lines_done > 50 and status.state is LinkState.PRINTING:
+            printer.at["Z"] = 60.0  # a garbled line sent it there
+            streamer.stop()
+
+    transport = FakeTransport(printer, VirtualClock())
+    streamer = streamer_of(job, transport, tmp_path, on_status)
+    status = streamer.run()
+    assert status.state is LinkState.STOPPED
+    assert "G1 Z80.00000 F300" in printer.executed[-4:]
+    assert any("Z is 60.00 mm" in text for text in read_journal(tmp_path / "journal.log").alarms)
+
+
+def test_heater_that_the_firmware_does_not_have_leaves_the_place_known(tmp_path):
+    """A real Marlin without a bed quoted M140 S0 as unknown on the way out (2026-11-28)."""
+
+    class Heaterless(Following):
+        def _reply(self, word: str, command: str) -> str:
+            unknown = f'echo:Unknown command: "{command}"\nok\n'
+            return unknown if word in ("M104", "M140") else super()._reply(word, command)
+
+    printer = load(Printer, "generic_marlin").model_copy(update={"safe_state_on": []})
+    script = Script(at_line={30: lambda streamer: streamer.stop()})
+    data = b"\n".join(zigzag(300)) + b"\n"
+    board = Heaterless(parse_job(data, "test.gcode", printer), script)
+    transport = FakeTransport(board, VirtualClock())
+    status = played(data, tmp_path, transport, script, printer=printer)
+    assert (status.state, status.position_known) == (LinkState.STOPPED, True)
+
+
+def test_motors_stay_powered_from_before_the_first_line_to_the_end(tmp_path):
+    """Marlin cut them two minutes into a dwell (real board, 2026-11-22); it doesn't tell the time
+    in force, so nothing can be set back."""
+    data = layered(2, 20)
+    script = Script(at_line={12: lambda streamer: streamer.pause()})
+    job = parse_job(data, "a")
+    printer = Following(job, script)
+    status = played(data, tmp_path, FakeTransport(printer, VirtualClock()), script)
+    assert status.state is LinkState.DONE
+    assert printer.numbered.index("M84 S0") < printer.numbered.index(job.lines[0].decode())
+    assert [line for line in printer.numbered if line.startswith("M84")] == ["M84 S0"]
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
+def test_kill_while_the_port_is_closed_writes_to_the_port_or_nowhere(monkeypatch):
+    master, slave = os.openpty()
+    wire = SerialTransport(os.ttyname(slave), 115_200)
+    drop = wire._serial.reset_output_buffer
+    closing = threading.Thread(target=wire.close)
+
+    def dropping() -> None:
+        drop()
+        closing.start()
+        closing.join(0.2)  # what is closed now could be another file's when it is written to
+
+    monkeypatch.setattr(wire._serial, "reset_output_buffer", dropping)
+    wire.write_urgent(b"\nM112\n")
+    assert os.read(master, 100) == b"\nM112\n"
+    closing.join(5)
+    monkeypatch.setattr(wire._serial, "reset_output_buffer", drop)
+    with pytest.raises(PortLost):
+        wire.write_urgent(b"\nM112\n")
+    os.close(slave)
+    os.close(master)

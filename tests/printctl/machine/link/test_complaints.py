@@ -1,0 +1,386 @@
+"""Complaints of a printer in every state of its link, in any order with other text."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import pytest
+
+from firmware_profiles.families.klipper.protocol import KlipperProtocol
+from firmware_profiles.families.known_messages import MessageMeaning, load_messages
+from firmware_profiles.families.link_protocol import Fault, FirmwareHalted, Remark
+from firmware_profiles.families.marlin.doubt import QUESTION
+from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from firmware_profiles.families.pairing import Pairing
+from firmware_profiles.families.reprapfirmware.protocol import RrfProtocol
+from firmware_profiles.families.smoothieware.protocol import SmoothieProtocol
+from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.journalled_print import read_journal
+from printctl.machine.link.modal import places
+from printctl.machine.link.states import LinkState, Status
+from tests.printctl.machine.link.fake_families import FakeDuet
+from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
+from tests.printctl.machine.link.test_families import JOB as FAMILY_JOB
+from tests.printctl.machine.link.test_families import streamer_of as family_streamer
+from tests.printctl.machine.link.test_streamer import job_of, streamer_of
+
+JOB = [b"G1 X%d" % k for k in range(1, 101)]
+ANSWER = b"Error:Line Number is not Last Line Number+1, Last Line: %d\nResend: %d\nok\n"
+STOPPED = b"Printer stopped due to errors. Fix the error and use M999 to restart."
+SAID = [b"Error:MINTEMP triggered, system stopped! Heater_ID: 0", STOPPED, b"Error:any other"]
+FAMILIES = {
+    "marlin": MarlinProtocol,
+    "pairs": partial(MarlinProtocol, pairing=Pairing(128)),
+    "smoothieware": SmoothieProtocol,
+}
+
+
+def streaming(family=MarlinProtocol):
+    protocol = family()
+    protocol.load(JOB, 0, 0)
+    protocol.held = False
+    protocol.go(0.0)
+    protocol.take_output()
+    return protocol
+
+
+def doubting(protocol, now=0.1):
+    """An unknown text: the link waits until nothing more comes."""
+    return list(protocol.feed(b"some text\n", now)), now
+
+
+def asking(protocol):
+    events, now = doubting(protocol)
+    events += protocol.tick(now + 0.051)
+    assert QUESTION in protocol.take_output()
+    return events, now + 0.06
+
+
+def settling(protocol):
+    events, now = asking(protocol)
+    twice = protocol.wording.two_resends
+    events += protocol.feed(b"rs N1\nrs N1\n" if twice else ANSWER % (0, 1), now)
+    return events, now + 0.01
+
+
+def waiting_for_a_token(protocol):
+    events, now = asking(protocol)
+    twice = protocol.wording.two_resends
+    events += protocol.feed(b"rs N2\nrs N2\n" if twice else ANSWER % (1, 2), now)
+    events += protocol.tick(now + 0.051)
+    assert not protocol.idle
+    return events, now + 0.06
+
+
+def resting(protocol):
+    protocol.held = True
+    events = [*protocol.feed(b"ok\n", 0.1), *protocol.feed(b"ok\n", 0.11)]
+    assert protocol.idle
+    return events, 0.12
+
+
+def answering(protocol):
+    protocol.submit(b"M105", 0.0)
+    return list(protocol.feed(b"ok\n" * 2, 0.1)), 0.11
+
+
+STATES = [doubting, asking, settling, waiting_for_a_token, resting, answering]
+
+
+@pytest.mark.parametrize("said", SAID)
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("family", FAMILIES)
+def test_an_error_counts_in_every_state_and_no_line_of_the_job_follows(family, state, said):
+    protocol = streaming(FAMILIES[family])
+    before, now = state(protocol)
+    assert not any(isinstance(event, Fault) for event in before)
+    events = [*protocol.feed(said + b"\r\n", now)]
+    assert [event.text for event in events if isinstance(event, Fault)] == [said.decode()]
+    protocol.take_output()
+    for step in range(1, 40):
+        protocol.feed(b"ok\n", now + step)
+        protocol.tick(now + step + 0.5)
+        assert b"G1" not in protocol.take_output()
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_an_unknown_command_counts_in_every_state(state):
+    protocol = streaming()
+    _, now = state(protocol)
+    events = protocol.feed(b'echo:Unknown command: "G1 X1"\n', now)
+    faults = [event for event in events if isinstance(event, Fault)]
+    assert [(fault.line, fault.refused) for fault in faults] == [(1, True)]
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        b"ok T:21.0 /0.0Error:any other\n",
+        b"okError:any other\n",
+        b"echo:busy: processing" + STOPPED + b"\n",
+        b" T:21.3 /0.0 B:20.9 /0.0" + STOPPED + b"\nok\n",
+        b"X:1.00 Y:2.00 MINTEMP ERROR\nok\n",
+        b"noise\n" + STOPPED + b"\nok\n",
+        STOPPED + b"\nnoise\nok\n",
+        b"noise\necho: cold extrusion prevented\nok\n",
+        b'noise\necho:Unknown command: "G1 X1"\nok\n',
+        b'echo:Unknown command: "G1 X1"\nnoise\nok\n',
+        b"Unknown G code: N1 G1 X1*73\nok\n",
+        b'ok\nUnknown command: "G1 X1"\n',
+    ],
+)
+@pytest.mark.parametrize("cut", [0, 1, 7])
+def test_a_complaint_counts_once_glued_to_other_text_and_split_over_reads(said, cut):
+    protocol = streaming()
+    events = [*protocol.feed(said[:cut], 0.1), *protocol.feed(said[cut:], 0.11)]
+    faults = [event for event in events if isinstance(event, Fault)]
+    assert [(fault.line, fault.refused) for fault in faults] == [(1, True)]
+    assert b"G1 X2" not in protocol.take_output()
+
+
+def test_an_unknown_command_that_is_told_behind_its_ok_is_the_line_before():
+    protocol = streaming()
+    protocol.feed(b"ok\n", 0.1)
+    events = protocol.feed(b'echo:Unknown command: "G1 X1"\n', 0.11)
+    faults = [event for event in events if isinstance(event, Fault)]
+    assert [(fault.line, fault.refused) for fault in faults] == [(1, True)]
+
+
+def test_of_two_lines_in_flight_the_second_may_be_the_unknown_one():
+    protocol = streaming(FAMILIES["pairs"])
+    events = protocol.feed(b'ok\necho:Unknown command: "G1 X2"\nok\n', 0.1)
+    assert [event.line for event in events if isinstance(event, Fault)] == [2]
+
+
+def test_an_error_without_its_end_counts_once_the_rest_is_late():
+    protocol = streaming()
+    assert not protocol.feed(b"Error:MINTEMP trigg", 0.1)
+    events = protocol.tick(protocol.deadline)
+    assert [event.text for event in events if isinstance(event, Fault)] == ["Error:MINTEMP trigg"]
+
+
+@pytest.mark.parametrize("half", [b"Error:", b"Error:check", b"Error:Line Num"])
+def test_the_beginning_of_a_line_error_is_no_complaint(half):
+    protocol = streaming()
+    protocol.feed(half, 0.1)
+    assert not any(isinstance(event, Fault) for event in protocol.tick(protocol.deadline))
+
+
+@pytest.mark.parametrize(
+    "said", [b"Error:checksum m\x01smatch, Last Li\x00e: 0\n", b"Error:No Checksum with line num"]
+)
+def test_a_garbled_line_error_is_no_complaint(said):
+    protocol = streaming()
+    events = protocol.feed(said + b"\nResend: 1\nok\n", 0.1)
+    assert not any(isinstance(event, Fault) for event in events)
+
+
+def test_ordinary_chatter_begins_no_doubt_and_unknown_text_is_reported():
+    protocol = streaming()
+    chatter = b"NORMAL MODE: Percent done: 9; print time remaining in mins: 15\n"
+    assert not protocol.feed(chatter, 0.1)
+    assert not protocol.feed(b"ok\n", 0.11)
+    assert b"G1 X2" in protocol.take_output()
+    assert protocol.feed(b"Wobble exceeded\n", 0.2) == [Remark("Wobble exceeded")]
+
+
+ACKNOWLEDGING = [
+    (KlipperProtocol, b"noise\nok!! Must home axis first\n", True),
+    (KlipperProtocol, b'// noise\n// Unknown command:"G1"\nok\n', True),
+    (KlipperProtocol, b"!! Heater extruder not heating at expected rate\n", False),
+    (partial(RrfProtocol, places), b"X:0.0 Error: G1: insufficient axes homed\nok\n", True),
+    (
+        partial(RrfProtocol, places),
+        b"Error: Heater 1 fault: temperature rising too slowly\n",
+        False,
+    ),
+    (partial(RrfProtocol, places), b"Warning: Driver 0 stall\n", False),
+]
+
+
+@pytest.mark.parametrize(("family", "said", "about_command"), ACKNOWLEDGING)
+@pytest.mark.parametrize("asked", [False, True])
+def test_families_that_count_no_lines_drop_none_either(family, said, about_command, asked):
+    protocol = streaming(family)
+    if asked:
+        protocol.tick(protocol.deadline)
+    events = protocol.feed(said, 4.0)
+    faults = [event for event in events if isinstance(event, Fault)]
+    assert [fault.about_command for fault in faults] == [about_command]
+
+
+# --- the tables ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("families", "text", "meaning"),
+    [
+        (("prusa", "marlin"), "Error:Printer halted. kill() called!", "halt"),
+        (("prusa", "marlin"), "Error:0: Heaters switched off. MINTEMP triggered!", "fault"),
+        (("prusa", "marlin"), "Hotend fan speed is lower than expected", "fault"),
+        (("prusa", "marlin"), "Error:!! KILL caused by KILL button/pin", "fault"),
+        (("prusa", "marlin"), "!!", "fault"),
+        (("prusa", "marlin"), "echo:M112 Shutdown", "halt"),
+        (("prusa", "marlin"), "echo:Home XYZ First", "refusal"),
+        (("prusa", "marlin"), "Error:No Line Number with checksum, Last Line: 5", "line_error"),
+        (("prusa", "marlin"), 'echo:enqueueing "M600"', "notice"),
+        (("smoothieware", "marlin"), "ALARM: Kill button pressed - reset", "halt"),
+        (
+            ("smoothieware", "marlin"),
+            "Error: Soft Endstop X was exceeded - entire move ignored",
+            "refusal",
+        ),
+        (("reprapfirmware",), "Emergency Stop! Reset the controller to continue.", "halt"),
+        (("reprapfirmware",), "Warning: VIN under-voltage event (10.2V)", "fault"),
+        (("reprapfirmware",), "Warning: MCU temperature warning", "notice"),
+        (("klipper",), "// Klipper state: Shutdown", "halt"),
+        (("klipper",), "!! Move out of range: 501.000 0.000 0.000 [0.000]", "refusal"),
+        (("klipper",), "!! Lost communication with MCU 'mcu'", "fault"),
+    ],
+)
+def test_known_messages_mean_what_their_firmware_does(families, text, meaning):
+    known = load_messages(*families).find(text.encode())
+    assert known is not None
+    assert known.meaning is MessageMeaning(meaning)
+
+
+# --- whole prints --------------------------------------------------------------------------------
+
+
+class FaultyMarlin(FakeMarlin):
+    """From the job's line ``at`` on it makes no move and says ``words`` to each."""
+
+    def __init__(self, words: str = "", at: int = 20, *, counts: bool = True) -> None:
+        super().__init__()
+        self.words, self.faulty_at, self.counts = words, at, counts
+        self.moves, self.stood = 0, dict(self.at)
+        self.tells_place = True
+
+    def _do(self, command: str) -> bytes:
+        self.moves += command.startswith("G1 ")
+        if self.moves >= self.faulty_at and command.startswith("G1 "):
+            said = f"{self.words}\nok\n" if self.words else "ok\n"
+            if not self.counts:  # it takes the place and moves no motor
+                for axis in "XYZE":
+                    self.stood[axis] = self.at[axis]
+                before = dict(self.at)
+                super()._do(command)
+                for axis in "XYZ":
+                    self.renamed_mm[axis] += self.at[axis] - before[axis]
+            return said.encode()
+        if command.startswith("M114") and not self.tells_place:
+            return b"ok\n"
+        return super()._do(command)
+
+
+def ended(printer: FakeMarlin, path, on_status=lambda status: None) -> Status:
+    return streamer_of(
+        job_of(zigzag(60)), FakeTransport(printer, VirtualClock()), path, on_status
+    ).run()
+
+
+def test_a_stopped_printer_ends_the_print_at_the_first_move_it_ignores(tmp_path):
+    printer = FaultyMarlin(STOPPED.decode())
+    status = ended(printer, tmp_path)
+    assert (status.state, status.lines_done) == (LinkState.FAILED, 19)
+    assert not status.position_known
+    assert "Printer stopped due to errors" in status.message
+
+
+def test_a_printer_that_ignores_the_way_out_is_not_told_to_be_lifted(tmp_path):
+    class Silent(FaultyMarlin):
+        """It complains once, and ignores every move behind that."""
+
+        def _do(self, command: str) -> bytes:
+            said = super()._do(command)
+            self.words = "" if self.moves >= self.faulty_at else self.words
+            return said
+
+    status = ended(Silent("some text\nError:any other"), tmp_path)
+    assert (status.state, status.position_known) == (LinkState.FAILED, False)
+
+
+@pytest.mark.parametrize("counts", [True, False])
+def test_a_printer_that_acknowledges_and_does_not_move_is_not_done(tmp_path, counts):
+    status = ended(FaultyMarlin(counts=counts), tmp_path)
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert (status.lines_done, status.lines_executed) == (60, 0)
+    checkpoint = read_journal(tmp_path / "journal.log").checkpoint
+    assert checkpoint is not None
+    assert checkpoint["agrees"] is False
+
+
+def test_an_end_that_cannot_be_compared_is_done_and_says_so(tmp_path):
+    printer = FaultyMarlin(at=1000)
+    printer.tells_place = False
+    status = ended(printer, tmp_path)
+    assert status.state is LinkState.DONE
+    assert "isn't compared" in status.message
+
+
+def test_the_comparison_of_the_end_costs_one_query(tmp_path):
+    printer = FaultyMarlin(at=1000)
+    assert ended(printer, tmp_path).state is LinkState.DONE
+    last = max(k for k, line in enumerate(printer.numbered) if line == "M400")
+    assert printer.numbered[last:].count("M114") == 1
+
+
+def test_an_error_before_the_first_line_starts_no_print(tmp_path):
+    class Faulty(FakeMarlin):
+        def _reply(self, word: str, command: str) -> str:
+            said = super()._reply(word, command)
+            return f"Error:Heating failed\n{said}" if word == "M92" else said
+
+    printer = Faulty()
+    status = ended(printer, tmp_path)
+    assert (status.state, status.error) == (LinkState.FAILED, "HandshakeError")
+    assert "Heating failed" in status.message
+    assert not any(line.startswith("G1") for line in printer.executed)
+
+
+def test_an_error_in_a_pause_ends_the_print(tmp_path):
+    printer, clock = FakeMarlin(), VirtualClock()
+    transport = FakeTransport(printer, clock)
+
+    def on_status(status: Status) -> None:
+        if status.state is LinkState.PAUSED:
+            transport.waiting += b"some text\nError:Thermal Runaway\n"
+
+    streamer = streamer_of(job_of(zigzag(60)), transport, tmp_path, on_status)
+    streamer.pause()
+    status = streamer.run()
+    assert status.state is LinkState.FAILED
+    assert "Thermal Runaway" in status.message
+
+
+def test_an_error_behind_a_question_that_is_not_known_is_not_excused(tmp_path):
+    class Faulty(FakeDuet):
+        def do(self, command: str) -> str:
+            if command.startswith("M220"):
+                return "Error: M220: Command is not supported\nError: Heater 1 fault: x\nok\n"
+            return super().do(command)
+
+    status = family_streamer("reprapfirmware", Faulty(), tmp_path, FAMILY_JOB).run()
+    assert status.state is LinkState.FAILED
+    assert "Heater 1 fault" in status.message
+
+
+def test_an_unknown_text_is_told_at_the_end(tmp_path):
+    class Chatty(FakeMarlin):
+        def _do(self, command: str) -> bytes:
+            said = super()._do(command)
+            return b"Wobble exceeded\n" + said if command.startswith("G1 X20.000 ") else said
+
+    status = ended(Chatty(), tmp_path)
+    assert status.state is LinkState.DONE
+    assert "Wobble exceeded" in status.message
+    assert len(read_journal(tmp_path / "journal.log").alarms) == 1
+
+
+def test_a_halt_behind_unknown_text_is_a_halt():
+    protocol = streaming()
+    protocol.feed(b"some text\n", 0.1)
+    events = protocol.feed(b"Error:MINTEMP triggered\nError:Printer halted. kill() called!\n", 0.12)
+    assert [event.text for event in events if isinstance(event, FirmwareHalted)] == [
+        "Error:MINTEMP triggered"
+    ]

@@ -1,0 +1,339 @@
+"""Prints on fakes of Klipper, RepRapFirmware and Smoothieware, in virtual time."""
+
+from __future__ import annotations
+
+import pytest
+
+from firmware_profiles import Printer, load
+from firmware_profiles.families import find_family
+from firmware_profiles.families.link_protocol import Halting
+from firmware_profiles.families.marlin.replies import Kind, classify
+from firmware_profiles.families.reprapfirmware.crc16 import crc16
+from printctl.machine.link.care import Care
+from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.families import protocol_for
+from printctl.machine.link.firmware import parse_firmware
+from printctl.machine.link.journal import Journal
+from printctl.machine.link.journalled_print import read_journal
+from printctl.machine.link.states import LinkState
+from printctl.machine.link.streamer import Streamer
+from printctl.machine.link.wiring import Wiring
+from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie, xmodem
+from tests.printctl.machine.link.fake_marlin import zigzag
+from tests.printctl.machine.link.jobs import parse_job, with_codes
+from tests.printctl.machine.link.protocols import STREAMED, made_protocol
+from tests.printctl.machine.link.scripted_transport import ScriptedTransport
+
+FAKES = {"reprapfirmware": FakeDuet, "klipper": FakeKlipper, "smoothieware": FakeSmoothie}
+JOB = [b"G90", b"M82", b"G92 E0", b"G1 Z0.5 F300", *zigzag(40)]
+
+
+def facts(firmware: str) -> Printer:
+    changes = {"firmware": firmware, "resets_on_connect": False}
+    own = with_codes(load(Printer, "generic_marlin"), "G999", "M42")
+    return own.model_copy(update=changes)
+
+
+def streamer_of(firmware: str, fake, folder, job=JOB, answer=None) -> Streamer:
+    clock = VirtualClock()
+    printer = facts(firmware)
+    wiring = Wiring(
+        transport=ScriptedTransport(answer or fake.receive, clock),
+        protocol=made_protocol(firmware),
+        clock=clock,
+        journal=Journal(folder / "journal.log"),
+        printer=printer,
+    )
+    return Streamer(wiring, parse_job(b"\n".join(job), "test.gcode", printer))
+
+
+def after_handshake(executed: list[str]) -> list[str]:
+    ours = {line.decode() for line in JOB}
+    begin = len(executed) - 1 - executed[::-1].index("G90")
+    return [line for line in executed[begin:] if line in ours]
+
+
+@pytest.mark.parametrize("firmware", FAKES)
+def test_family_prints_a_whole_job(firmware, tmp_path):
+    fake = FAKES[firmware]()
+    status = streamer_of(firmware, fake, tmp_path).run()
+    assert status.state is LinkState.DONE, status
+    assert after_handshake(fake.executed) == [line.decode() for line in JOB]
+
+
+@pytest.mark.parametrize("firmware", FAKES)
+def test_other_firmware_than_the_profile_says_is_refused(firmware, tmp_path):
+    other = FAKES["klipper" if firmware != "klipper" else "reprapfirmware"]()
+    other.last = -1
+
+    def answer(data: bytes) -> bytes:
+        said = other.receive(data)
+        return said or b"rs N1\r\nrs N1\r\n"
+
+    status = streamer_of(firmware, other, tmp_path, answer=answer).run()
+    assert status.state is LinkState.FAILED
+    assert status.lines_done == 0
+
+
+@pytest.mark.parametrize("firmware", ["reprapfirmware", "klipper"])
+def test_command_that_the_firmware_refuses_ends_in_a_controlled_stop(firmware, tmp_path):
+    fake = FAKES[firmware]()
+    status = streamer_of(firmware, fake, tmp_path, [*JOB[:10], b"G999", *JOB[10:]]).run()
+    assert status.state is LinkState.FAILED
+    assert "G999" in status.message
+    # the position proves that M400 was answered (Klipper's board is asked as well), and the lift
+    assert [one for one in fake.executed if one != "M119"][-3:] == ["M400", "M114", "M114"]
+
+
+class GoneBoard(FakeKlipper):
+    """Its micro-controller is gone: the host program notices where it must be asked."""
+
+    def take(self, line: bytes) -> str:
+        if line.strip() == b"M119" and any(text.startswith("G1 X41") for text in self.executed):
+            return "// Klipper state: Shutdown\n!! Lost communication with MCU 'mcu'\nok\n"
+        return super().take(line)
+
+
+def test_klipper_isnt_done_before_its_board_has_answered(tmp_path):
+    fake = GoneBoard()
+    status = streamer_of("klipper", fake, tmp_path).run()
+    assert status.lines_done == len(JOB)
+    assert status.state is LinkState.KILLED
+    assert not status.position_known
+    assert status.lines_executed == 0
+
+
+def test_klipper_move_out_of_range_is_a_fault(tmp_path):
+    job = [*JOB[:10], b"G1 X501", *JOB[10:]]
+    status = streamer_of("klipper", FakeKlipper(), tmp_path, job).run()
+    assert status.state is LinkState.FAILED
+    assert "out of range" in status.message
+    assert status.position_known  # the way out was made
+
+
+class StuckKlipper(FakeKlipper):
+    """It refuses to lift the needle."""
+
+    def take(self, line: bytes) -> str:
+        if line.startswith(b"G0 Z") or (line.startswith(b"G1 Z") and line not in JOB):
+            return "!! Must home axis first: 0.500 0.000 0.000 [0.000]\nok\n"
+        return super().take(line)
+
+
+def test_position_isnt_known_after_a_way_out_that_the_printer_refused(tmp_path):
+    job = [*JOB[:10], b"G1 X501", *JOB[10:]]
+    status = streamer_of("klipper", StuckKlipper(), tmp_path, job).run()
+    assert (status.state, status.position_known) == (LinkState.FAILED, False)
+    assert "the way out wasn't made as meant" in status.message
+    assert "Must home axis first" in status.message
+    assert "where the needle is isn't known" in status.message
+    assert read_journal(tmp_path / "journal.log").end["position_known"] is False
+
+
+@pytest.mark.parametrize("firmware", FAKES)
+def test_kill_halts_each_family(firmware, tmp_path):
+    fake = FAKES[firmware]()
+    streamer = streamer_of(firmware, fake, tmp_path)
+    protocol = streamer.wiring.protocol
+    assert b"M112" in protocol.kill_bytes
+    events = protocol.feed(fake.receive(protocol.kill_bytes), 0.0)
+    assert fake.halted
+    if firmware == "klipper":  # it is asked why
+        assert events == [Halting("// Klipper state: Shutdown")]
+        events = protocol.tick(protocol.deadline)
+    assert type(events[0]).__name__ == "FirmwareHalted"
+
+
+@pytest.mark.parametrize("firmware", ["reprapfirmware", "klipper"])
+def test_family_that_forgets_lines_isnt_gone_on_with(firmware, tmp_path):
+    fake = FAKES[firmware]()
+    streamer_of(firmware, fake, tmp_path).run()
+    before = list(fake.executed)
+    history = read_journal(tmp_path / "journal.log")
+    status = streamer_of(firmware, fake, tmp_path).run(history)
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert "can't tell which line" in status.message
+    assert fake.executed == before
+
+
+class ForgetfulDuet(FakeDuet):
+    """It is reset at a line without a word, and stands somewhere then."""
+
+    def __init__(self, at: float) -> None:
+        super().__init__()
+        self.stands = at
+
+    def do(self, command: str) -> str:
+        if command == JOB[20].decode() and self.stands is not None:
+            self.at = dict.fromkeys("XYZE", self.stands)
+            self.stands = None
+            return ""
+        return super().do(command)
+
+
+@pytest.mark.parametrize(("at", "state"), [(0.0, "position_unknown"), (7.0, "failed")])
+def test_duet_that_was_reset_without_a_word_is_found_out_by_where_it_stands(tmp_path, at, state):
+    fake = ForgetfulDuet(at)
+    streamer = streamer_of("reprapfirmware", fake, tmp_path)
+    status = streamer.run()
+    assert (status.state, status.position_known) == (state, False)
+    assert status.lines_done == 20
+    assert streamer.wiring.clock.now() < 10
+    assert after_handshake(fake.executed) == [line.decode() for line in JOB[:20]]
+
+
+@pytest.mark.parametrize("line", [b"M200 D0", b"M220 S100", b"M42 P4 S0", b"M85 S600"])
+def test_duet_whose_ok_to_a_setting_was_lost_is_told_it_again(tmp_path, line):
+    fake, lost = FakeDuet(), []
+
+    def answer(data: bytes) -> bytes:
+        said = fake.receive(data)
+        if b" %b*" % line in data and not lost:
+            lost.append(said)
+            return b""
+        return said
+
+    job = [*JOB[:3], line, *JOB[3:]]
+    status = streamer_of("reprapfirmware", fake, tmp_path, job, answer).run()
+    assert status.state is LinkState.DONE, status
+    assert lost
+    assert fake.executed.count(line.decode()) == 2
+
+
+class CountingDuet(FakeDuet):
+    """It tells its motors' steps, which stand ``astray_mm`` beside the place it tells in Y."""
+
+    def __init__(self, astray_mm: float, axes: str) -> None:
+        super().__init__()
+        self.astray_mm, self.axes = astray_mm, axes
+
+    def do(self, command: str) -> str:
+        if command == "M669":
+            return f"Kinematics is {self.axes}, no segmentation\nok\n"
+        said = super().do(command)
+        if command != "M114":
+            return said
+        x, y, z = (self.at[axis] for axis in "XYZ")
+        steps = f"{round(80 * x)} {round(80 * (y - self.astray_mm))} {round(400 * (z + 0.1))} 0"
+        machine = f"{x:.3f} {y:.3f} {z:.3f} Bed comp 0.100"
+        return f"{self.where} E0:0.0 Count {steps} Machine {machine}\nok\n"
+
+
+@pytest.mark.parametrize(
+    ("astray_mm", "axes", "state", "words"),
+    [
+        (0.0, "Cartesian", LinkState.DONE, "lines done"),
+        (0.1, "Cartesian", LinkState.POSITION_UNKNOWN, "its motors' steps make"),
+        (0.1, "CoreXY", LinkState.DONE, "its motors' steps aren't"),
+    ],
+)
+def test_end_compares_the_motors_steps_of_a_duet(tmp_path, astray_mm, axes, state, words):
+    status = streamer_of("reprapfirmware", CountingDuet(astray_mm, axes), tmp_path).run()
+    assert status.state is state
+    assert words in status.message
+    assert "aren't" in words or "aren't" not in status.message
+
+
+def test_crc_is_that_of_xmodem():
+    assert crc16(b"123456789") == 0x31C3 == xmodem(b"123456789")
+
+
+def test_names_of_all_families_are_read():
+    replies = {
+        b"FIRMWARE_NAME:Marlin 2.1 (Nov 20 2026 03:35:05) SOURCE_CODE_URL:x": "marlin",
+        b"FIRMWARE_NAME:Prusa-Firmware 3.13.0 based on Marlin FIRMWARE_URL:y": "prusa",
+        b"FIRMWARE_NAME: RepRapFirmware for Duet 3 MB6HC FIRMWARE_VERSION: 3.6.0": "reprapfirmware",
+        b"ok FIRMWARE_NAME:Klipper FIRMWARE_VERSION:v0.13": "klipper",
+        b"FIRMWARE_NAME:Smoothieware, FIRMWARE_URL:http%3A//s": "smoothieware",
+    }
+    for text, family in replies.items():
+        firmware = parse_firmware([text])
+        assert firmware.is_a(find_family(family).link.says), text
+        assert ":" not in firmware.name.replace("03:35:05", "")
+
+
+def test_only_marlin_is_called_verified():
+    assert [name for name in STREAMED if find_family(name).link.verified] == ["marlin"]
+
+
+def test_prusas_unknown_code_is_known_as_such():
+    reply = classify(b"Unknown M code: M999 S1")
+    assert reply.kind is Kind.UNKNOWN_COMMAND
+    assert reply.command == b"M999 S1"
+
+
+@pytest.mark.parametrize(
+    ("profile", "field", "by_default"),
+    [
+        ("generic_marlin", "silent_limit_s", 60.0),
+        ("klipper_bioprinter", "busy_limit_s", 1800.0),
+        ("makergear_m2_duet2", "busy_limit_s", 1800.0),
+    ],
+)
+def test_the_limit_on_silence_can_be_chosen_for_each_family(profile, field, by_default):
+    printer = load(Printer, profile)
+    assert getattr(protocol_for(printer, 0.05).timing, field) == by_default
+    chosen = protocol_for(printer, 0.05, Care(silent_limit_s=300.0)).timing
+    assert getattr(chosen, field) == 300.0
+
+
+class TellingKlipper(FakeKlipper):
+    """It answers GET_POSITION; its motors' Z may not be made."""
+
+    def __init__(self, rows: str, short_mm: float) -> None:
+        super().__init__()
+        self.rows, self.short_mm = rows, short_mm
+
+    def take(self, line: bytes) -> str:
+        if line.strip() != b"GET_POSITION":
+            return super().take(line)
+        at, made = self.where, dict(self.at)
+        made["Z"] -= self.short_mm if JOB[-1].decode() in self.executed else 0.0
+        per_mm = {"X": 80.0, "Y": 80.0, "Z": 400.0}
+        steps = " ".join(f"stepper_{a.lower()}:{made[a] * n + 77:.0f}" for a, n in per_mm.items())
+        motors = " ".join(f"stepper_{a.lower()}:{made[a]:.6f}" for a in per_mm)
+        kinematic = " ".join(f"{a}:{made[a]:.6f}" for a in per_mm)
+        told = {
+            "mcu": steps,
+            "stepper": motors,
+            "kinematic": kinematic,
+            "toolhead": at,
+            "gcode": at,
+            "gcode base": "X:0.0 Y:0.0 Z:0.0 E:0.0",
+        }
+        return "".join(f"// {row}: {told[row]}\n" for row in self.rows.split(",")) + "ok\n"
+
+
+@pytest.mark.parametrize(
+    "rows", ["mcu,stepper,kinematic,toolhead,gcode,gcode base", "mcu,stepper,gcode,gcode base"]
+)
+@pytest.mark.parametrize(
+    ("short_mm", "state"), [(0.0, LinkState.DONE), (0.4, LinkState.POSITION_UNKNOWN)]
+)
+def test_klippers_motors_must_stand_where_the_job_ends(rows, short_mm, state, tmp_path):
+    status = streamer_of("klipper", TellingKlipper(rows, short_mm), tmp_path).run()
+    assert status.state is state
+    assert ("0.10 mm" in status.message) == ("0.50 mm" in status.message) == bool(short_mm)
+
+
+def test_a_fault_of_the_printer_beside_a_line_that_was_made_counts_the_line(tmp_path):
+    class Hot(FakeDuet):
+        def do(self, command: str) -> str:
+            said = super().do(command)
+            fault = "Heater 1 fault: temperature excursion exceeded 15.0C\n"
+            return f"{fault}{said}" if command == JOB[20].decode() else said
+
+    status = streamer_of("reprapfirmware", Hot(), tmp_path).run()
+    assert status.state is LinkState.FAILED
+    assert status.lines_executed == status.lines_done == 21
+    assert read_journal(tmp_path / "journal.log").stood["certain"]
+
+
+@pytest.mark.parametrize("stuck_at", [0, 40])
+def test_a_duet_whose_motors_stand_is_never_done(tmp_path, stuck_at):
+    """It acknowledges, its M114's name moves on, and it doesn't answer M669."""
+    fake = FakeDuet()
+    fake.stuck_at = stuck_at
+    status = streamer_of("reprapfirmware", fake, tmp_path).run()
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert status.lines_done == len(JOB)

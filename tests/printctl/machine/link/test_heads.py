@@ -1,0 +1,342 @@
+"""Two-head prints: pause, stop, syringe change, and resumption after the host's death."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from printctl.machine.link.care import Care, NewSyringe
+from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.errors import Refused
+from printctl.machine.link.heads import (
+    all_raised,
+    choose,
+    confirms,
+    head_at,
+    head_chosen,
+    is_about_heads,
+    keep_raised,
+    lowered,
+)
+from printctl.machine.link.journalled_print import read_journal
+from printctl.machine.link.marks import MarkKind
+from printctl.machine.link.modal import relieved_mm
+from printctl.machine.link.recovering import plan_recovery
+from printctl.machine.link.reloading import plan_head_reloads, plunger_travel
+from printctl.machine.link.retreat import Retreat, heaters_off
+from printctl.machine.link.states import LinkState
+from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.gcode.dry_run.run import dry_run
+from tests.printctl.machine.link.jobs import parse_job
+from tests.printctl.machine.link.layered import Arming, Script, doomed, played
+from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated_transport import HostDiedError
+from tests.printctl.machine.link.two_heads import (
+    DATA,
+    FORESEEN,
+    JOB,
+    QUICK,
+    START,
+    assert_same_print,
+    job_of,
+    machine,
+    strokes,
+)
+from tests.slower import first_of
+
+RETREAT = Retreat(relief_mm=0.005, others=(Retreat(relief_mm=0.002),))
+
+
+def went_on(folder, printer, clock, script=None, **more):
+    """Resume in the folder until the print is done; anew where no line of the job had left."""
+    transport = SimTransport(printer, clock)
+    history = read_journal(folder / "journal.log")
+    if not history.begun:  # `resumable` refuses it
+        (folder / "journal.log").unlink()
+        history = None
+    return played(
+        DATA, folder, transport, script or Script(), history=history, printer=QUICK,
+        retreat=RETREAT, **more,
+    )  # fmt: skip
+
+
+# --- what is read and said -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("line", "head"),
+    [
+        (b"T1 S1", 1),
+        (b"T0", 0),
+        (b"T1 P0", 1),
+        (b"ACTIVATE_EXTRUDER EXTRUDER=extruder", 0),
+        (b"ACTIVATE_EXTRUDER EXTRUDER=extruder1", 1),
+        (b"G1 X1", None),
+        (b"M104 T1 S20", None),
+    ],
+)
+def test_the_head_that_a_line_chooses(line, head):
+    assert head_chosen(line) == head
+
+
+def test_what_the_job_has_in_use_and_raised():
+    first = JOB.lines.index(b"T1 S1")
+    assert head_at(JOB.lines, 0) is None
+    assert head_at(JOB.lines, first) == 0
+    assert head_at(JOB.lines, first + 1) == 1
+    assert keep_raised(JOB.lines, 0, QUICK) == []
+    assert keep_raised(JOB.lines, first - 3, QUICK) == [b"M280 P1 S90"]
+    after = JOB.lines.index(b"M280 P1 S10", first) + 1
+    assert keep_raised(JOB.lines, after, QUICK) == [b"M280 P0 S90"]
+    assert choose(QUICK, 1) == b"T1 S1"
+    assert all_raised(QUICK) == [b"M280 P0 S90", b"M280 P1 S90", b"G4 P50"]
+    assert lowered(QUICK, 1) == [b"M400", b"M280 P1 S10", b"G4 P50"]
+    assert is_about_heads(b"M280 P0 S90", QUICK)
+    assert not is_about_heads(b"M280 P3 S90", QUICK)
+    assert confirms([b"echo:Active Extruder: 1"], QUICK, 1)
+    assert not confirms([b"echo:Active Extruder: 0"], QUICK, 1)
+    assert not confirms([], QUICK, 0)
+
+
+def test_a_head_just_chosen_counts_as_relieved():
+    first = JOB.lines.index(b"T1 S1")
+    assert relieved_mm(JOB.lines, first + 1) == np.inf
+    assert relieved_mm(JOB.lines, first + 2) == np.inf  # G92 E behind it
+    assert relieved_mm(JOB.lines, first) == pytest.approx(0.1 * 4 / (np.pi * 4.61**2), rel=0.02)
+
+
+def test_each_head_s_plunger_travels_by_itself():
+    program = dry_run(DATA, QUICK, START).program
+    for head in (0, 1):
+        ours = plunger_travel(JOB.lines, head)[-1]
+        assert ours == pytest.approx(float(program.of_head(head).plunger[-1]), abs=1e-9)
+
+
+# --- whole prints -----------------------------------------------------------------------------
+
+
+def test_printer_executes_the_file_as_the_dry_run_foresaw(tmp_path):
+    printer, clock = machine()
+    status = played(DATA, tmp_path, SimTransport(printer, clock), Script(), printer=QUICK)
+    assert status.state is LinkState.DONE, status
+    assert_same_print(printer.executed())
+    assert {0, 1} == set(strokes(FORESEEN)[:, 0])
+
+
+@pytest.mark.parametrize("seed", first_of(range(12), 4))
+def test_pauses_at_random_moments_lose_and_double_nothing(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    printer, clock = machine()
+    script, transport = Script(), SimTransport(printer, clock)
+    transport_lines = sorted(rng.choice(np.arange(12, len(JOB) - 3), 4, replace=False).tolist())
+
+    class Watched(SimTransport):
+        def write(self, data):
+            super().write(data)
+            done = script.streamer.status.lines_done
+            while transport_lines and done >= transport_lines[0]:
+                transport_lines.pop(0)
+                script.streamer.pause()
+
+    transport = Watched(printer, clock)
+    status = played(DATA, tmp_path, transport, script, printer=QUICK, retreat=RETREAT)
+    assert status.state is LinkState.DONE, status
+    assert len(script.pauses) >= 1
+    assert_same_print(printer.executed())
+
+
+@pytest.mark.parametrize("seed", first_of(range(60), 6))
+def test_a_host_killed_at_any_moment_goes_on_with_the_same_head(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    printer, clock = machine()
+    last, part = int(rng.integers(1, 2 * len(JOB))), float(rng.choice([0.0, rng.uniform(), 1.0]))
+    transport = doomed(printer, clock, last, part)
+    try:
+        status = played(DATA, tmp_path, transport, Script(), printer=QUICK, retreat=RETREAT)
+    except HostDiedError:
+        if seed % 3 == 0:  # somebody took the other head meanwhile
+            printer.exchange(b"T0 S1\n" if printer.machine.motion.tool else b"T1 S1\n")
+            printer.take_output()
+        status = went_on(tmp_path, printer, clock)
+    assert status.state is LinkState.DONE, status
+    assert_same_print(printer.executed())
+
+
+@pytest.mark.parametrize("seed", first_of(range(30), 8))
+def test_a_host_killed_in_a_pause_goes_on_with_the_same_head(tmp_path, seed):
+    rng = np.random.default_rng(100 + seed)
+    printer, clock = machine()
+    transport = SimTransport(printer, clock)
+    script = Arming(transport, int(rng.integers(1, 14)), float(rng.uniform()))
+    when = int(rng.integers(12, len(JOB) - 5))
+
+    class Watched(SimTransport):
+        asked = False
+
+        def write(self, data):
+            super().write(data)
+            if not self.asked and script.streamer.status.lines_done >= when:
+                self.asked = True
+                script.streamer.pause()
+
+    transport = Watched(printer, clock)
+    script._transport = transport
+    try:
+        status = played(DATA, tmp_path, transport, script, printer=QUICK, retreat=RETREAT)
+    except HostDiedError:
+        status = went_on(tmp_path, printer, clock)
+    assert status.state is LinkState.DONE, status
+    assert_same_print(printer.executed())
+
+
+def test_a_stop_leaves_with_the_head_in_use_relieved(tmp_path):
+    printer, clock = machine()
+    first = JOB.lines.index(b"T1 S1")
+    when = next(k for k in range(first, len(JOB)) if b" E" in JOB.lines[k] and b"X" in JOB.lines[k])
+
+    class Watched(SimTransport):
+        def write(self, data):
+            super().write(data)
+            if script.streamer.status.lines_done >= when + 2:
+                script.streamer.stop()
+
+    script = Script()
+    transport = Watched(printer, clock)
+    status = played(DATA, tmp_path, transport, script, printer=QUICK, retreat=RETREAT)
+    assert status.state is LinkState.STOPPED
+    done = printer.executed()
+    pulled = done.plunger_end - done.plunger_start
+    assert done.tool[pulled < 0][-1] == 1
+    assert pulled[pulled < 0][-1] == pytest.approx(-0.002, abs=2e-4)
+    assert done.end[-1, 2] > done.end[-3, 2]
+
+
+def test_every_head_s_heater_goes_off():
+    assert heaters_off(QUICK.model_copy(update={"safe_state_on": ()})) == [
+        b"M104 T0 S0",
+        b"M104 T1 S0",
+        b"M140 S0",
+    ]
+
+
+def test_a_firmware_built_for_one_extruder_is_refused_before_the_first_line(tmp_path):
+    one = MarlinPrinter(QUICK.model_copy(update={"heads": ()}), START)
+    transport = SimTransport(one, VirtualClock())
+    status = played(DATA, tmp_path, transport, Script(), printer=QUICK)
+    assert (status.state, status.error) == (LinkState.FAILED, "HandshakeError")
+    assert "built for 1 (EXTRUDER_COUNT)" in status.message
+    assert len(one.executed()) == 0
+
+
+# --- change of syringe ---------------------------------------------------------------------------
+
+
+def change(streamer):
+    """Drive the plunger of the head whose syringe is changed, then say it is done."""
+    if not streamer.status.waits_for.startswith("syringe "):
+        streamer.resume()
+        return
+    streamer.command(b"G1 E-2 F60", lambda said: None)
+    streamer.command(b"M400", lambda said: streamer.resume(NewSyringe()))
+
+
+def test_the_syringe_of_the_idle_head_is_changed_without_a_stroke_of_the_other(tmp_path):
+    reloads = [mark.index for mark in JOB.marks.of(MarkKind.RELOAD)]
+    plan = {
+        index: head for index in reloads for head in (0, 1) if head_at(JOB.lines, index) == 1 - head
+    }
+    care = Care(reload_at=tuple(plan), reload_heads=tuple(plan.values()))
+    assert {0, 1} == set(plan.values())
+    printer, clock = machine()
+    script = Script(on_paused=change)
+    transport = SimTransport(printer, clock)
+    status = played(DATA, tmp_path, transport, script, care=care, printer=QUICK, retreat=RETREAT)
+    assert status.state is LinkState.DONE, status
+    assert len([one for one in script.pauses if "head " in one.message]) == len(plan)
+    assert_same_print(printer.executed())
+
+
+@pytest.mark.parametrize("seed", first_of(range(30), 8))
+def test_a_host_killed_while_a_syringe_is_changed(tmp_path, seed):
+    rng = np.random.default_rng(200 + seed)
+    reloads = [mark.index for mark in JOB.marks.of(MarkKind.RELOAD)]
+    index, head = int(rng.choice(reloads)), int(rng.integers(2))
+    care = Care(reload_at=(index,), reload_heads=(head,))
+    printer, clock = machine()
+    transport = SimTransport(printer, clock)
+    script = Arming(transport, int(rng.integers(1, 24)), float(rng.uniform()), on_paused=change)
+    try:
+        status = played(
+            DATA, tmp_path, transport, script, care=care, printer=QUICK, retreat=RETREAT
+        )
+    except HostDiedError:
+        again = Script(on_paused=change)
+        status = went_on(tmp_path, printer, clock, again, care=care)
+    assert status.state is LinkState.DONE, status
+    assert_same_print(printer.executed())
+
+
+def test_reloads_are_planned_for_each_head_where_its_own_syringe_ends():
+    job = parse_job(job_of((0, 1, 0, 1, 0, 1, 0, 1), ul=10.0), "test.gcode", QUICK)
+    travel = [plunger_travel(job.lines, head) for head in (0, 1)]
+    passes = [max(one) / 4 for one in travel]
+    at, heads = plan_head_reloads(job, (2.2 * passes[0], 3.2 * passes[1]))
+    assert sorted(heads) == [0, 1]
+    assert list(at) == sorted(set(at))
+    for index, head in zip(at, heads, strict=True):
+        most = (2.2, 3.2)[head] * passes[head]
+        assert max(travel[head][: index + 1]) <= most
+        assert max(travel[head]) - travel[head][index] <= most
+    none, _ = plan_head_reloads(job, (0.0, 100.0))
+    assert none == ()
+
+
+def test_a_head_that_isn_t_there_can_t_be_reloaded(tmp_path):
+    printer, clock = machine()
+    script = Script()
+    played(DATA, tmp_path, SimTransport(printer, clock), script, printer=QUICK)
+    with pytest.raises(Refused, match="has 0 to 1"):
+        script.streamer.reload(2)
+
+
+def test_a_firmware_that_doesn_t_take_the_head_is_not_moved(tmp_path):
+    printer, clock = machine()
+    at = next(k for k, line in enumerate(JOB.lines) if line == b"T1 S1") + 6
+    transport = doomed(printer, clock, 2 * at + 20, 1.0)
+    with pytest.raises(HostDiedError):
+        played(DATA, tmp_path, transport, Script(), printer=QUICK, retreat=RETREAT)
+    printer.firmware.take_tool = lambda command: None  # as a build with one extruder: silence
+    before = printer.machine.motion.planner["position"][0].tolist()
+    status = went_on(tmp_path, printer, clock)
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert "doesn't say that it uses head" in status.message
+    assert printer.machine.motion.planner["position"][0].tolist() == before
+
+
+# --- after a power cut -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("part", [0.3, 0.5, 0.8])
+def test_the_rest_of_a_job_is_printed_by_the_same_heads(tmp_path, part):
+    first = int(part * len(JOB))
+    mark = JOB.marks.next(MarkKind.VESSEL, first)
+    begin = mark.index
+    history = read_journal_of(tmp_path)
+    found = plan_recovery(JOB, DATA, history, QUICK, RETREAT, from_line=JOB.file_lines[begin])
+    run = dry_run(found.gcode, QUICK, START)
+    assert not [one for one in run.findings if one.code != "plunger_travel"], run.findings
+    rest, whole = strokes(run.executed), strokes(FORESEEN)
+    written = whole[whole[:, 7] > 0]
+    ours = rest[rest[:, 7] > 0]
+    np.testing.assert_allclose(ours[:, :7], written[-len(ours) :, :7], atol=1e-9)
+    np.testing.assert_allclose(ours[:, 7], written[-len(ours) :, 7], atol=1.01 / 6400)
+    text = found.gcode.decode()
+    assert text.index("M280 P0 S90") < text.index("G0 Z")
+    assert text.index("M280 P1 S90") < text.index("G0 Z")
+    assert "M218 T1 X0 Y0 Z0" in text
+
+
+def read_journal_of(folder):
+    printer, clock = machine()
+    played(DATA, folder, SimTransport(printer, clock), Script(), printer=QUICK)
+    return read_journal(folder / "journal.log")

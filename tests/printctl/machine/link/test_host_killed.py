@@ -1,0 +1,242 @@
+"""Host death during a print on the simulated printer, and resumption."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.completed_moves import moves_ahead, surely_moved
+from printctl.machine.link.errors import Refused
+from printctl.machine.link.history_entry import entry_of
+from printctl.machine.link.job import Job
+from printctl.machine.link.journalled_print import read_journal
+from printctl.machine.link.recovering import plan_recovery
+from printctl.machine.link.recovery_begin import NoCheckpoint
+from printctl.machine.link.resuming import resumable
+from printctl.machine.link.retreat import Retreat
+from printctl.machine.link.states import LinkState, Status
+from printctl.machine.link.streamer import Streamer
+from printctl.machine.link.wiring import Wiring
+from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.gcode.dry_run.run import dry_run
+from tests.printctl.machine.link.jobs import parse_job
+from tests.printctl.machine.link.journals import journal_in
+from tests.printctl.machine.link.layered import doomed
+from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import PRINTER, START, gcode, printed, wire
+from tests.printctl.machine.link.simulated_transport import HostDiedError
+from tests.slower import first_of
+
+
+class Silent(SimTransport):
+    """A wire on which nothing comes back."""
+
+    def read(self, timeout: float) -> bytes:
+        super().read(timeout)
+        return b""
+
+
+def begin(folder: Path, job: Job) -> None:
+    """Write the record of a link process that begins."""
+    journal_in(folder).add("job", sha256=job.sha256, lines=len(job), started=time.time())
+
+
+def known_made(job: Job, done: int) -> int:
+    return surely_moved(job.lines, done, moves_ahead(PRINTER))
+
+
+def resumed(data: bytes, folder: Path, transport: SimTransport) -> Status:
+    history = read_journal(folder / "journal.log")
+    wiring = Wiring(
+        transport=transport,
+        protocol=MarlinProtocol(),
+        clock=transport.clock,
+        journal=journal_in(folder),
+        printer=PRINTER,
+    )
+    return Streamer(wiring, parse_job(data, "test.gcode")).run(history)
+
+
+def test_host_killed_in_a_pause_comes_down_and_primes_again(tmp_path):
+    data, transport = gcode(300), wire()
+    at: list[Streamer] = []
+
+    def on_status(status: Status) -> None:
+        if status.state is LinkState.PRINTING and status.lines_done > 50:
+            at[0].pause()
+        if status.state is LinkState.PAUSED:
+            raise HostDiedError
+
+    wiring = Wiring(
+        transport=transport,
+        protocol=MarlinProtocol(),
+        clock=transport.clock,
+        journal=journal_in(tmp_path),
+        printer=PRINTER,
+        on_status=on_status,
+    )
+    at.append(Streamer(wiring, parse_job(data, "test.gcode")))
+    with pytest.raises(HostDiedError):
+        at[0].run()
+    lifted = transport.printer.executed().end[-1]
+    assert lifted[2] == pytest.approx(30.0)
+    status = resumed(data, tmp_path, SimTransport(transport.printer, transport.clock))
+    assert status.state is LinkState.DONE, status
+    motion = transport.printer.executed()
+    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
+    assert np.array_equal(motion.end[-1], foreseen.end[-1])
+    assert motion.plunger_end[-1] == foreseen.plunger_end[-1]
+    assert len(motion) == len(foreseen) + 13  # relieve, lift, ten steps down, prime
+
+
+@pytest.mark.parametrize("paused", [False, True])
+def test_ink_that_stood_without_a_host_is_told_with_its_place(tmp_path, paused):
+    data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
+
+    def on_status(status: Status) -> None:
+        if paused and status.state is LinkState.PAUSED:
+            raise HostDiedError
+
+    wire = SimTransport(printer, clock) if paused else doomed(printer, clock, 60, 1.0)
+    asked = ("pause",) if paused else ()
+    with pytest.raises(HostDiedError):
+        printed(data, tmp_path, wire, *asked, on_status=on_status)
+    journal = tmp_path / "journal.log"
+    os.utime(journal, (time.time() - 20.0,) * 2)
+    printer.advance(20.0)
+    stood = printer.executed().end[-1]
+    status = resumed(data, tmp_path, SimTransport(printer, clock))
+    assert status.state is LinkState.DONE
+    found = re.search(
+        r"stood still for ([\d.]+) s at line \d+ \(X([\d.]+) Y([\d.]+)", status.message
+    )
+    if paused:
+        assert found is None
+        return
+    assert found is not None
+    ahead_s = 3.0  # of the moves that the planner held
+    assert 20.0 - ahead_s < float(found[1]) < 20.5
+    assert [float(found[2]), float(found[3])] == pytest.approx(stood[:2], abs=0.02)
+
+
+def test_printer_reset_while_the_host_was_dead_is_position_unknown(tmp_path):
+    data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
+    with pytest.raises(HostDiedError):
+        printed(data, tmp_path, doomed(printer, clock, 60, 1.0))
+    printer.reset()
+    printer.settle()
+    printer.take_output()
+    before = len(printer.executed())
+    status = resumed(data, tmp_path, SimTransport(printer, clock))
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert len(printer.executed()) == before
+
+
+@pytest.mark.parametrize("seed", first_of(range(25), 6))
+def test_host_killed_twice_at_random_moments_goes_on_exactly(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
+    transport, last, part = SimTransport(printer, clock), int(rng.integers(1, 60)), rng.random()
+
+    def arm(status: Status) -> None:
+        if status.state is LinkState.PRINTING and status.lines_done == 0:
+            transport.die_at(last, part)
+
+    with pytest.raises(HostDiedError):
+        printed(data, tmp_path, transport, on_status=arm)
+    with pytest.raises(HostDiedError):
+        resumed(data, tmp_path, doomed(printer, clock, int(rng.integers(1, 9)), 0.5))
+    status = resumed(data, tmp_path, SimTransport(printer, clock))
+    assert status.state is LinkState.DONE, status
+    motion = printer.executed()
+    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
+    assert np.array_equal(motion.end, foreseen.end)
+    assert np.array_equal(motion.plunger_end, foreseen.plunger_end)
+
+
+@pytest.mark.parametrize("last", ["reset", "another"])
+def test_failed_attempts_to_go_on_leave_what_was_known(tmp_path, last):
+    """Silent, killed before the printer answers, silent again, then a board not as it was."""
+    data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
+    job = parse_job(data, "test.gcode", PRINTER)
+    begin(tmp_path, job)
+    with pytest.raises(HostDiedError):
+        printed(data, tmp_path, doomed(printer, clock, 66, 1.0))
+    before = read_journal(tmp_path / "journal.log")
+    with pytest.raises(NoCheckpoint) as first:
+        plan_recovery(job, data, before, PRINTER, Retreat())
+    assert before.done > 30
+    assert first.value.line > 0
+    for attempt in ("silent", "killed", "silent", last):
+        known = read_journal(tmp_path / "journal.log")
+        resumable(tmp_path, job.sha256)
+        begin(tmp_path, job)
+        if attempt == "killed":
+            with pytest.raises(HostDiedError):
+                resumed(data, tmp_path, doomed(printer, clock, 1, 0.0))
+            assert read_journal(tmp_path / "journal.log").state is known.state
+        else:
+            if attempt == "another":  # at a later line, and elsewhere
+                printer = MarlinPrinter(PRINTER, (60.0, 50.0, 10.0))
+                number = before.done + len(before.controls) + 5
+                printer.exchange(b"M302 P1\nM110 N%d\n" % number)
+            if attempt == "reset":
+                printer.reset()
+                printer.settle()
+                printer.take_output()
+            kind = Silent if attempt == "silent" else SimTransport
+            status = resumed(data, tmp_path, kind(printer, clock))
+            assert status.lines_done == before.done
+            assert status.lines_executed == known_made(job, before.done)
+            assert not status.position_known
+        after = read_journal(tmp_path / "journal.log")
+        assert (after.done, after.print_id) == (before.done, before.print_id)
+        with pytest.raises(NoCheckpoint) as again:
+            plan_recovery(job, data, after, PRINTER, Retreat())
+        assert again.value.line == first.value.line
+        entry = entry_of(tmp_path / "journal.log")
+        assert entry is not None
+        assert (entry.done, entry.total) == (before.done, before.total)
+    assert status.state is LinkState.POSITION_UNKNOWN
+    with pytest.raises(Refused, match=r"printctl recover"):
+        resumable(tmp_path, job.sha256)
+
+
+@pytest.mark.parametrize("place", [b"Z15", b"Z5", b"X57"])
+@pytest.mark.parametrize("last", [45, 90])
+def test_place_renamed_while_the_host_was_dead_is_position_unknown(tmp_path, place, last):
+    data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
+    with pytest.raises(HostDiedError):
+        printed(data, tmp_path, doomed(printer, clock, last, 1.0))
+    printer.settle()
+    printer.exchange(b"\nG92 " + place + b"\n")
+    printer.take_output()
+    before = printer.machine.motion.planner["position"][0].tolist()
+    status = resumed(data, tmp_path, SimTransport(printer, clock))
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert f"{place[:1].decode()} is called" in status.message
+    assert printer.machine.motion.planner["position"][0].tolist() == before
+
+
+@pytest.mark.parametrize("other", [b"G91\n", b"M83\n", b"M221 S50\n", b"M140 S60\n"])
+def test_what_another_program_set_while_the_host_was_dead_is_taken_back(tmp_path, other):
+    data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
+    with pytest.raises(HostDiedError):
+        printed(data, tmp_path, doomed(printer, clock, 60, 1.0))
+    printer.receive(other)
+    printer.settle()
+    printer.take_output()
+    status = resumed(data, tmp_path, SimTransport(printer, clock))
+    assert status.state is LinkState.DONE, status
+    motion = printer.executed()
+    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
+    assert np.array_equal(motion.end[-1], foreseen.end[-1])
+    assert motion.plunger_end[-1] == pytest.approx(foreseen.plunger_end[-1])
+    assert printer.machine.heat.bed.target_c == 0

@@ -1,0 +1,368 @@
+"""The link process, its client and its journal, over a real pseudo-terminal."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import pytest
+import yaml
+
+from firmware_profiles import Printer, load
+from printctl.machine.link import LinkError, LinkState, attach, find_link, resume_print, start_print
+from printctl.machine.link.errors import (
+    AlreadyPrinting,
+    HandshakeError,
+    JobError,
+    NoLink,
+    PortInUse,
+    PortMissing,
+)
+from printctl.machine.link.find_link import alive
+from printctl.machine.link.journalled_print import read_journal
+from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, write_job
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
+
+
+@pytest.fixture(scope="module")
+def profile(tmp_path_factory) -> str:
+    """A printer that doesn't reset when its port is opened: no wait for its boot."""
+    facts = load(Printer, "generic_marlin").model_copy(update={"resets_on_connect": False})
+    path = tmp_path_factory.mktemp("profile") / "test.yaml"
+    path.write_text(yaml.safe_dump(facts.model_dump(mode="json")))
+    return str(path)
+
+
+def handshake_and(printer: FakeMarlin) -> list[str]:
+    return printer.numbered[printer.numbered.index("M84 S0") + 1 :]
+
+
+def assert_all_sent_once(sent: list[str], lines: list[str]) -> None:
+    """In order; its modes are set again where a dead host is gone on from."""
+    modes = ("G90", "M82")
+    written = {line for line in lines if line not in modes}
+    assert [line for line in sent if line in written] == [
+        line for line in lines if line not in modes
+    ]
+
+
+def until(client, state: LinkState) -> None:
+    for status in client.events():
+        if status.state is state:
+            return
+    raise AssertionError(f"never {state}")
+
+
+def test_prints_a_whole_job(tmp_path, profile):
+    lines = write_job(tmp_path / "job.gcode", 500)
+    with pty_printer(FakeMarlin()) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        outcome = client.wait(30)
+        assert outcome.state is LinkState.DONE
+        assert outcome.lines_done == len(lines)
+        assert handshake_and(served.printer)[: len(lines)] == lines
+        assert attach(tmp_path / "run").wait().state is LinkState.DONE
+
+
+def test_missing_port_is_named_with_a_remedy(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 3)
+    with pytest.raises(PortMissing, match=r"/dev/nowhere doesn't exist \(ports found: .*--port"):
+        start_print(tmp_path / "job.gcode", profile, "/dev/nowhere", tmp_path / "run")
+    with pytest.raises(PortMissing, match=r"simulated printer's, which has ended.*print anew"):
+        start_print(tmp_path / "job.gcode", profile, "/dev/pts/99999", tmp_path / "run")
+
+
+def test_job_that_would_dose_twice_is_refused(tmp_path, profile):
+    (tmp_path / "job.gcode").write_text("G90\nM83\nG1 X1 E1\n")
+    with pytest.raises(JobError, match="line 2: M83: relative extrusion"):
+        start_print(tmp_path / "job.gcode", profile, "/dev/nowhere", tmp_path / "run")
+
+
+def test_unplugged_port_fails_and_says_what_was_acknowledged(tmp_path, profile):
+    lines = write_job(tmp_path / "job.gcode", 500)
+    with pty_printer(FakeMarlin(), unplug_at=200) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        outcome = client.wait(30)
+    assert outcome.state is LinkState.FAILED
+    assert outcome.error == "PortLost"
+    assert not outcome.position_known
+    assert 198 <= outcome.lines_done <= 200
+    assert f"{outcome.lines_done} of {len(lines)} lines were acknowledged" in outcome.message
+    assert "position unknown" in outcome.message
+
+
+def test_reset_in_mid_print_is_position_unknown(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 500)
+    printer = FakeMarlin()
+    printer.reset_at = 100
+    with pty_printer(printer) as served:
+        outcome = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run").wait(
+            30
+        )
+    assert outcome.state is LinkState.POSITION_UNKNOWN
+    assert len(handshake_and(printer)) <= 100
+
+
+def test_second_print_in_the_folder_or_on_the_port_is_refused(tmp_path, profile, monkeypatch):
+    monkeypatch.setattr(find_link, "_ENDING_S", 0.1)
+    write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert served.held.wait(10)
+        client.pause()
+        served.gate.set()
+        until(client, LinkState.PAUSED)
+        with pytest.raises(AlreadyPrinting, match="attach"):
+            start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        with pytest.raises(PortInUse, match="held by another program"):
+            start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "other")
+        client.resume()
+        assert client.wait(30).state is LinkState.DONE
+
+
+def test_pause_relieves_lifts_and_rejoins(tmp_path, profile):
+    lines = write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert served.held.wait(10)
+        client.pause()
+        served.gate.set()
+        until(client, LinkState.PAUSED)
+        assert client.command("M105")[0].startswith("ok T:")
+        client.resume()
+        assert client.wait(30).state is LinkState.DONE
+        sent = handshake_and(served.printer)
+    assert [line for line in sent if line in set(lines)] == lines
+    lifts = [line for line in sent if line.startswith("G1 Z20.5")]
+    assert len(lifts) == 1
+    away = sent.index(lifts[0])
+    assert sent[away - 1].startswith("G1 E")
+    assert next(line for line in sent[away:] if line.startswith("G1 Z0.5")).startswith("G1 Z0.5")
+
+
+def test_controlled_stop_relieves_the_plunger_before_lifting(tmp_path, profile):
+    lines = write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert served.held.wait(10)
+        client.stop()
+        served.gate.set()
+        outcome = client.wait(30)
+        sent = handshake_and(served.printer)
+    assert outcome.state is LinkState.STOPPED
+    assert outcome.position_known
+    done = outcome.lines_done
+    assert sent[:done] == lines[:done]
+    tail = [line for line in sent[done:] if line[:4] not in ("M114", "G92 ")]
+    assert [line.split()[0] for line in tail][-1] == "M400"
+    assert tail[0] == "M410"
+    assert tail[1].startswith("G1 E")
+    assert tail[2].startswith("G1 Z20.5")
+
+
+def test_kill_halts_the_firmware_while_the_stream_is_blocked(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert served.held.wait(10)
+        client.kill()
+        time.sleep(0.05)
+        served.gate.set()
+        outcome = client.wait(30)
+    assert served.printer.halted
+    assert outcome.state is LinkState.KILLED
+    assert "halted" in outcome.message
+
+
+def test_print_goes_on_when_its_client_is_killed(tmp_path, profile):
+    lines = write_job(tmp_path / "job.gcode", 2000)
+    script = (
+        "import sys; from pathlib import Path; from printctl.machine.link import start_print\n"
+        f"start_print(Path({str(tmp_path / 'job.gcode')!r}), {profile!r}, sys.argv[1], "
+        f"Path({str(tmp_path / 'run')!r}))\n"
+        "print('up', flush=True)\n"
+        "import time; time.sleep(60)\n"
+    )
+    with pty_printer(FakeMarlin()) as served:
+        with subprocess.Popen(
+            [sys.executable, "-c", script, served.name], stdout=subprocess.PIPE
+        ) as client:
+            assert client.stdout is not None
+            assert client.stdout.readline() == b"up\n"
+            client.send_signal(signal.SIGKILL)
+        served.gate.set()
+        outcome = attach(tmp_path / "run").wait(30)
+        assert outcome.state is LinkState.DONE
+        assert handshake_and(served.printer)[: len(lines)] == lines
+
+
+def test_killed_link_process_leaves_a_journal_that_the_next_command_goes_on_from(tmp_path, profile):
+    lines = write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert served.held.wait(10)
+        for status in client.events():
+            if status.lines_done > 50:
+                break
+        # The status that a new client is told first may be some tenths of a second ahead.
+        journal, until = tmp_path / "run" / "journal.log", time.monotonic() + 10.0
+        while read_journal(journal).done <= 50 and time.monotonic() < until:
+            time.sleep(0.02)
+        os.kill(client.record.pid, signal.SIGKILL)
+        outcome = client.wait(10)
+        assert outcome.state is LinkState.INTERRUPTED
+        assert "without a word" in outcome.message
+        at_least = read_journal(journal).done
+        assert 50 < at_least <= served.printer.last
+        known = attach(tmp_path / "run").status
+        with pytest.raises(PortMissing, match="doesn't exist"):
+            resume_print(tmp_path / "run", "/dev/nowhere")
+        told = attach(tmp_path / "run").status  # an attempt without a port erases nothing
+        assert told == replace(known, message=told.message)
+        assert told.message.startswith(known.message)
+        assert "/dev/nowhere doesn't exist" in told.message
+        assert attach(tmp_path / "run").record.port == served.name
+        served.printer.mute = True
+        with pytest.raises(HandshakeError):
+            resume_print(tmp_path / "run", served.name)
+        served.printer.mute = False
+        told = attach(tmp_path / "run").status
+        assert (told.lines_done, told.lines_total) == (known.lines_done, known.lines_total)
+        assert told.lines_executed == known.lines_executed
+        served.gate.set()
+        again = start_print(
+            tmp_path / "job.gcode", profile, served.name, tmp_path / "run", resume=True
+        )
+        assert again.wait(60).state is LinkState.DONE
+        sent = handshake_and(served.printer)
+    assert_all_sent_once(sent, lines)
+
+
+def test_link_process_ends_by_itself(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 10)
+    with pty_printer(FakeMarlin()) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        client.wait(30)
+        limit = time.monotonic() + 5
+        while alive(tmp_path / "run"):
+            assert time.monotonic() < limit
+            time.sleep(0.02)
+        assert not (tmp_path / "run" / "link.sock").exists()
+
+
+def test_shutdown_of_the_system_is_a_controlled_stop(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert served.held.wait(10)
+        os.kill(client.record.pid, signal.SIGTERM)
+        served.gate.set()
+        assert client.wait(30).state is LinkState.STOPPED
+        assert served.printer.numbered[-1] == "M400"
+
+
+def test_hang_up_and_interrupt_leave_the_link_process_alone(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert served.held.wait(10)
+        for sign in (signal.SIGINT, signal.SIGHUP):
+            os.kill(client.record.pid, sign)
+        served.gate.set()
+        assert client.wait(30).state is LinkState.DONE
+
+
+def test_client_that_never_reads_holds_nobody_up(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert served.held.wait(10)
+        with attach(tmp_path / "run"):  # subscribed by that; reads nothing
+            served.gate.set()
+            assert client.wait(30).state is LinkState.DONE
+
+
+def test_manual_command_that_would_break_the_count_is_refused(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert served.held.wait(10)
+        with pytest.raises(LinkError, match="M110 N5 isn't for manual use"):
+            client.command("M110 N5")
+        client.stop()
+        served.gate.set()
+        client.wait(30)
+
+
+def test_folder_with_a_long_path_still_has_its_socket(tmp_path, profile):
+    folder = tmp_path / ("deep" * 20) / ("deeper" * 10)
+    write_job(tmp_path / "job.gcode", 20)
+    with pty_printer(FakeMarlin()) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, folder)
+        assert client.wait(30).state is LinkState.DONE
+        assert attach(folder).status.state is LinkState.DONE
+
+
+def test_nothing_to_attach_to_is_named(tmp_path):
+    with pytest.raises(NoLink, match="no print was started"):
+        attach(tmp_path)
+
+
+def test_print_goes_on_after_the_cable_was_out(tmp_path, profile):
+    lines = write_job(tmp_path / "job.gcode", 400)
+    printer = FakeMarlin()
+    with pty_printer(printer, unplug_at=200) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert client.wait(30).error == "PortLost"
+    with pty_printer(printer) as served:
+        outcome = resume_print(tmp_path / "run", served.name).wait(30)
+    assert outcome.state is LinkState.DONE
+    assert_all_sent_once(handshake_and(printer), lines)
+
+
+def test_what_cant_be_gone_on_with_is_refused_and_stays_as_it_was(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 20)
+    with pty_printer(FakeMarlin()) as served:
+        start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run").wait(30)
+        with pytest.raises(LinkError, match=r"has ended .*print it anew"):
+            resume_print(tmp_path / "run")
+        assert attach(tmp_path / "run").status.state is LinkState.DONE
+
+
+def test_client_whose_connection_broke_finds_the_print_again(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert served.held.wait(10)
+        client._connection._socket.shutdown(socket.SHUT_RDWR)
+        client.stop()
+        served.gate.set()
+        assert client.wait(30).state is LinkState.STOPPED
+
+
+def test_link_process_that_dies_at_once_is_told_with_its_last_words(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 20)
+    (tmp_path / "run" / "link.json").mkdir(parents=True)
+    with pytest.raises(LinkError, match=r"ended at once: .*IsADirectoryError"):
+        start_print(tmp_path / "job.gcode", profile, "/dev/nowhere", tmp_path / "run")
+
+
+def test_status_is_that_of_now(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert served.held.wait(10)
+        assert 95 <= client.status.lines_done <= 98  # of 99 lines one is a token, or a few
+        client.pause()
+        served.gate.set()
+        until(client, LinkState.PAUSED)
+        assert client.status.state is LinkState.PAUSED
+        client.stop()
+        assert client.wait(30).state is LinkState.STOPPED
+        assert client.status.state is LinkState.STOPPED

@@ -1,0 +1,349 @@
+"""Looks: held at marks, ended by a word; inserts are streamed once, as lines of the job."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from printctl.machine.link.care import Care, NewSyringe
+from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.journal import Journal
+from printctl.machine.link.journalled_print import JournalledPrint, read_journal
+from printctl.machine.link.look_book import LookDecision
+from printctl.machine.link.looks import _still_paused
+from printctl.machine.link.marks import MarkKind
+from printctl.machine.link.states import LinkState
+from sim.gcode.dry_run.run import dry_run
+from tests.printctl.machine.link.jobs import parse_job
+from tests.printctl.machine.link.layered import HEADER, PRINTER, START
+from tests.printctl.machine.link.looking import (
+    EVERY_LAYER,
+    Dying,
+    Observer,
+    fresh,
+    grown_file,
+    layered,
+    observed,
+    own_strokes,
+    patch,
+    patch_at,
+    written,
+)
+from tests.printctl.machine.link.scripted_transport import ScriptedTransport
+from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated_transport import HostDiedError
+from tests.printctl.machine.link.test_families import FAKES, facts
+from tests.slower import first_of
+
+
+def test_print_is_held_after_each_layer_until_somebody_has_decided(tmp_path):
+    data, transport, observer = layered(3, 20), fresh(), Observer()
+    status = observed(data, tmp_path, transport, observer)
+    assert status.state is LinkState.DONE, status
+    looks = [one for one in observer.seen if one.state is LinkState.LOOKING]
+    assert [one.look["number"] for one in looks] == [1, 2, 3]
+    assert [one.look["layer"] for one in looks] == [0, 1, 2]
+    assert looks[0].waits_for == "a decision on look 1"
+    assert status.look is None
+    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
+    assert own_strokes(transport.printer.executed()) == own_strokes(foreseen)
+
+
+def test_inserts_are_streamed_as_lines_of_the_job(tmp_path):
+    data, transport = layered(3, 20), fresh()
+    observer = Observer({1: patch(data, 0), 3: patch(data, 2)})
+    status = observed(data, tmp_path, transport, observer)
+    assert status.state is LinkState.DONE, (status, observer.refusals)
+    history = read_journal(tmp_path / "journal.log")
+    assert [one.look for one in history.inserts] == [1, 3], observer.refusals
+    assert status.lines_total == status.lines_done == len(parse_job(data, "a")) + 22
+    assert status.inserted == history.positions
+    grown = grown_file(data, history.inserts)
+    foreseen = dry_run(grown, PRINTER, START, cold_extrusion=True).executed
+    made = transport.printer.executed()
+    assert own_strokes(made) == own_strokes(foreseen)
+    assert np.array_equal(made.end[-1], foreseen.end[-1])
+    assert made.plunger_end[-1] == pytest.approx(foreseen.plunger_end[-1])
+
+
+WRITES = [1, 13, 25, 37, 49, *range(7, 60, 12), *range(2, 60, 6)]
+
+
+@pytest.mark.parametrize("part", first_of([0.5, 0.0, 1.0], 1))
+@pytest.mark.parametrize("last", first_of(WRITES, 5))
+def test_host_killed_about_a_look_streams_the_insert_once(tmp_path, last, part):
+    data, transport = layered(2, 12), fresh()
+    observer = Dying({1: patch(data, 0)}, transport=transport, last=last, part=part)
+    with pytest.raises(HostDiedError):
+        observed(data, tmp_path, transport, observer)
+    goes_on_exactly(data, tmp_path, transport)
+
+
+@pytest.mark.parametrize("sort", ["look", "left", "insert", "looked"])
+@pytest.mark.parametrize("behind", [False, True])
+def test_host_killed_about_a_record_streams_the_insert_once(tmp_path, monkeypatch, sort, behind):
+    data, transport, add = layered(2, 12), fresh(), Journal.add
+
+    def dies(journal, name, **values):
+        if name != sort or behind:
+            add(journal, name, **values)
+        if name == sort:
+            raise HostDiedError
+
+    observer = Observer({1: patch(data, 0)})
+    with monkeypatch.context() as patched:
+        patched.setattr(Journal, "add", dies)
+        with pytest.raises(HostDiedError):
+            observed(data, tmp_path, transport, observer)
+    goes_on_exactly(data, tmp_path, transport)
+
+
+@pytest.mark.parametrize("park", [(20.0, 30.0, 40.0), (20.0, 30.0, 5.0)])
+@pytest.mark.parametrize("last", first_of([0, 11, 29, 2, 20, 38, *range(1, 40, 3)], 3))
+def test_parked_needle_is_led_back_after_a_kill_as_well(tmp_path, last, park):
+    data, transport = layered(2, 12), fresh()
+    care = replace(EVERY_LAYER, look_park_mm=park)
+    observer = Dying({1: patch(data, 0)}, transport=transport, last=last)
+    if last:
+        with pytest.raises(HostDiedError):
+            observed(data, tmp_path, transport, observer, care)
+    goes_on_exactly(data, tmp_path, transport, care, resume=last > 0)
+    ends = transport.printer.executed().end
+    assert (ends == np.array(park)).all(axis=1).any()
+    aside = np.hypot(*(ends[:, :2] - park[:2]).T) > 0.1
+    crossing = np.flatnonzero(aside[1:] != aside[:-1]) + 1
+    assert (ends[crossing, 2] > 15).all()  # never across but high above the job
+
+
+def goes_on_exactly(data, folder, transport, care=EVERY_LAYER, resume=True):
+    """Go on with the same observer's words; compare with an uninterrupted print of the whole."""
+    observer = Observer({1: patch(data, 0)})
+    wire = SimTransport(transport.printer, transport.clock)
+    status = observed(data, folder, wire, observer, care, resume=resume)
+    assert status.state is LinkState.DONE, status
+    history = read_journal(folder / "journal.log")
+    assert [one.look for one in history.inserts] == [1]
+    assert [one["look"] for one in history.looked] == [1, 2]
+    foreseen = dry_run(
+        grown_file(data, history.inserts), PRINTER, START, cold_extrusion=True
+    ).executed
+    made, park = transport.printer.executed(), care.look_park_mm
+    assert written(made, park) == written(foreseen, park)
+    assert np.array_equal(made.end[-1], foreseen.end[-1])
+    assert made.plunger_end[-1] == pytest.approx(foreseen.plunger_end[-1])
+
+
+def spaced(layers, lines, relieves):
+    """Layers of lines of 3.5 mm, 30 mm/s, each left by a travel."""
+    text, e = [HEADER.decode().rstrip()], 0.0
+    for layer in range(layers):
+        for k in range(lines):
+            text += [f"G0 X50 Y{50 + k:g} F6000", f"G0 Z{10 + 0.25 * layer:g} F300"]
+            text += [f"G1 E{e:.5f} F60"] * relieves
+            e += 0.0035
+            text.append(f"G1 X53.5 E{e:.5f} F1800")
+            text += [f"G1 E{e - 0.25:.5f} F60", f"G0 Z{11 + 0.25 * layer:g} F300"] * relieves
+        text.append(f";LAYER_END:{layer}")
+    return ("\n".join(text) + "\nG0 Z20 F300\nM400\n").encode()
+
+
+@pytest.mark.parametrize("relieves", [True, False])
+@pytest.mark.parametrize("last", first_of([0, 12, 31, *range(1, 60, 4)], 3))
+def test_looks_within_a_layer_come_between_lines_and_survive_a_kill(tmp_path, last, relieves):
+    data, transport = spaced(2, 5, relieves), fresh()
+    care = Care(None, look_after=MarkKind.LAYER, look_every_written_s=0.2)
+    places = [k for k, line in enumerate(parse_job(data, "a").lines) if line.startswith(b"G0 X")]
+    lines = [line.replace("Z9.900", "Z10.000") for line in patch_at(data, places[2])]
+    observer = Dying({1: lines}, transport=transport, last=last)
+    if last:
+        with pytest.raises(HostDiedError):
+            observed(data, tmp_path, transport, observer, care)
+    again = Observer(observer.says)
+    wire = SimTransport(transport.printer, transport.clock)
+    status = observed(data, tmp_path, wire, again, care, resume=last > 0)
+    assert status.state is LinkState.DONE, (status, again.refusals)
+    history = read_journal(tmp_path / "journal.log")
+    (insert,) = history.inserts
+    ends = [places[2], places[4], places[5], places[7], places[9], len(parse_job(data, "a")) - 2]
+    more = len(insert.lines)
+    assert [one["done"] for one in history.looked] == [ends[0], *(end + more for end in ends[1:])]
+    foreseen = dry_run(grown_file(data, [insert]), PRINTER, START, cold_extrusion=True).executed
+    assert own_strokes(transport.printer.executed()) == own_strokes(foreseen)
+
+
+def test_a_look_that_nobody_decides_becomes_a_pause_with_an_alarm(tmp_path):
+    data, transport = layered(1, 12), fresh()
+    observer = Observer(decides=lambda number: None)
+    care = replace(EVERY_LAYER, look_limit_s=33.0)
+    status = observed(data, tmp_path, transport, observer, care)
+    assert status.state is LinkState.DONE, status
+    paused = next(one for one in observer.seen if one.state is LinkState.PAUSED)
+    assert "nobody decided within 33 s (look_limit_s)" in paused.message
+    assert paused.alarms == 1
+    history = read_journal(tmp_path / "journal.log")
+    assert history.looked[0]["decision"] == "pause"
+    assert transport.clock.now() > 33
+
+
+def test_alarms_before_a_hosts_death_stay_in_the_count(tmp_path):
+    data, transport = layered(2, 12), fresh()
+    observer = Observer(decides=lambda number: None, resumes=False)
+
+    def says(status):
+        if status.state is LinkState.PAUSED:
+            raise HostDiedError
+
+    observer.seen_by = says
+    with pytest.raises(HostDiedError):
+        observed(data, tmp_path, transport, observer)
+    wire, later = SimTransport(transport.printer, transport.clock), Observer()
+    status = observed(data, tmp_path, wire, later, resume=True)
+    assert status.state is LinkState.DONE, status
+    told = {one.alarms for one in later.seen if one.state is not LinkState.CONNECTING}
+    assert told == {status.alarms} == {1}
+    assert status.alarms == len(read_journal(tmp_path / "journal.log").alarms)
+
+
+@pytest.mark.parametrize("decides", [LookDecision.STOP, None])
+def test_a_look_is_stopped_by_observer_or_operator(tmp_path, decides):
+    data, transport = layered(2, 12), fresh()
+    observer = Observer(decides=lambda number: decides)
+
+    def says(status):
+        if status.state is LinkState.LOOKING and decides is None:
+            observer.streamer.stop()
+
+    observer.seen_by = says
+    status = observed(data, tmp_path, transport, observer)
+    assert status.state is LinkState.STOPPED, status
+    assert status.position_known
+    who = "the observer" if decides else "the user"
+    assert status.message.startswith(f"stopped by {who} while paused")
+    assert transport.printer.executed().end[-1][2] > 20  # out of the bath
+
+
+def test_the_operators_word_ends_a_look(tmp_path):
+    data, transport = layered(2, 12), fresh()
+    observer = Observer(decides=lambda number: None)
+
+    def says(status):
+        if status.state is LinkState.LOOKING:
+            observer.streamer.resume()
+
+    observer.seen_by = says
+    status = observed(data, tmp_path, transport, observer)
+    assert status.state is LinkState.DONE, status
+    assert status.alarms == 0
+    told = read_journal(tmp_path / "journal.log").looked
+    assert [(one["decision"], one["by"]) for one in told] == [("go_on", "the user")] * 2
+
+
+@pytest.mark.parametrize(
+    ("care", "layers"),
+    [
+        (Care(None, look_every_mm=0.01), [0, 1, 2, 3]),
+        (Care(None, look_every_mm=75.0), [1, 3]),
+        (Care(None, look_every_s=1e-3), [1, 2, 3]),  # the time is looked at each 0.25 s
+        (Care(None, look_every_s=1e6), []),
+        (Care(None), []),
+    ],
+)
+def test_looks_by_way_or_time_wait_for_the_next_mark(tmp_path, care, layers):
+    data, transport, observer = layered(4, 12), fresh(), Observer()
+    status = observed(data, tmp_path, transport, observer, care)
+    assert status.state is LinkState.DONE, status
+    looks = [one.look["layer"] for one in observer.seen if one.state is LinkState.LOOKING]
+    assert looks == layers
+
+
+def test_a_syringe_that_the_insert_empties_is_changed_earlier_or_the_insert_refused(tmp_path):
+    data = layered(4, 12)
+    thirsty = [line.replace("E", "E") for line in patch(data, 0)]
+    e = 0.042 - 0.25
+    thirsty[3:6] = [f"G1 E{e + 3.0:.5f} F60", f"G1 X52.5 E{e + 3.01:.5f} F600", "G4 P1"]
+    job = parse_job(data, "a")
+    late = job.marks.of(MarkKind.RELOAD)[2].index
+    short = replace(EVERY_LAYER, capacity_mm=2.0)
+    observer = Observer({1: thirsty})
+    status = observed(data, tmp_path, fresh(), observer, short)
+    assert status.state is LinkState.DONE, status
+    assert "needs more ink than is left" in observer.refusals[0]
+    planned = replace(EVERY_LAYER, capacity_mm=3.1, reload_at=(late,))
+    observer = Observer({1: thirsty})
+    (tmp_path / "journal.log").unlink()
+
+    def says(status):
+        if status.waits_for == "syringe" and status.state is LinkState.PAUSED:
+            observer.streamer.resume(NewSyringe())
+
+    observer.seen_by, observer.resumes = says, False
+    status = observed(data, tmp_path, fresh(), observer, planned)
+    assert status.state is LinkState.DONE, (status, observer.refusals)
+    paused = [one.lines_done for one in observer.seen if one.state is LinkState.PAUSED]
+    assert paused == [job.marks.of(MarkKind.RELOAD)[1].index + len(thirsty)]
+
+
+@pytest.mark.parametrize("firmware", FAKES)
+def test_other_families_look_and_insert_as_well(tmp_path, firmware):
+    data = layered(2, 8).replace(b"M302 P1\n", b"").replace(b"M85 S600\n", b"")
+    fake, observer = FAKES[firmware](), Observer({1: patch(data, 0)})
+    status = observed(
+        data,
+        tmp_path,
+        ScriptedTransport(fake.receive, VirtualClock()),
+        observer,
+        firmware=firmware,
+        printer=facts(firmware),
+    )
+    assert status.state is LinkState.DONE, (status, observer.refusals)
+    job = parse_job(data, "test.gcode", facts(firmware)).grown_by(
+        read_journal(tmp_path / "journal.log").inserts
+    )
+    across = [line.decode() for line in job.lines if b" X" in line or b" Y" in line]
+    assert [line for line in fake.executed if " X" in line or " Y" in line] == across
+
+
+@pytest.mark.parametrize("last", [0, 30])
+def test_a_flow_corrected_in_a_look_changes_what_writes_behind_it(tmp_path, last):
+    data, transport = layered(4, 12), fresh()
+    observer = Dying({1: patch(data, 0)}, transport=transport, last=last)
+    observer.flows = {1: 1.25, 2: 0.8}
+    if last:
+        with pytest.raises(HostDiedError):
+            observed(data, tmp_path, transport, observer)
+    again = Observer(observer.says, flows=observer.flows)
+    wire = SimTransport(transport.printer, transport.clock)
+    status = observed(data, tmp_path, wire, again, resume=last > 0)
+    assert status.state is LinkState.DONE, (status, again.refusals)
+    made = transport.printer.executed()
+    of_layers = np.array_split(pushes_of(made), 4)
+    assert [round(float(np.mean(one)) / 0.0035, 2) for one in of_layers] == [1, 1.25, 0.8, 0.8]
+
+
+def own_moves(motion):
+    return (motion.start[:, :2] != motion.end[:, :2]).any(axis=1)
+
+
+def pushes_of(motion):
+    """Pushes of the layers' own strokes: the insert's is another, of 0.01 mm."""
+    pushed = (motion.plunger_end - motion.plunger_start)[own_moves(motion)]
+    return pushed[(pushed > 1e-6) & (pushed < 0.006)]
+
+
+@pytest.mark.parametrize(
+    ("state", "decision", "done", "again"),
+    [
+        (LinkState.PAUSED, "pause", 40, True),
+        (LinkState.PAUSING, "pause", 40, True),
+        (LinkState.RESUMING, "pause", 40, False),
+        (LinkState.PAUSED, "go_on", 40, False),
+        (LinkState.PAUSED, "pause", 41, False),
+    ],
+)
+def test_a_pause_that_came_of_a_look_is_looked_at_again_after_the_hosts_death(
+    state, decision, done, again
+):
+    history = JournalledPrint(state=state, looked=[{"look": 1, "decision": decision, "done": 40}])
+    assert _still_paused(history, done) is again

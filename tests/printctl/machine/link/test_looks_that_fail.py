@@ -1,0 +1,128 @@
+"""Looks that fail (device, judge, disk, nobody decides): made once more when the print goes on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from printctl.machine.link.journalled_print import read_journal
+from printctl.machine.link.look_book import LookDecision
+from printctl.machine.link.states import LinkState
+from sim.gcode.dry_run.run import dry_run
+from tests.printctl.machine.link.layered import PRINTER, START
+from tests.printctl.machine.link.looking import (
+    EVERY_LAYER,
+    Observer,
+    fresh,
+    grown_file,
+    layered,
+    observed,
+    own_strokes,
+    patch,
+)
+from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated_transport import HostDiedError
+
+
+def failing(*numbers: int, **more: object) -> Observer:
+    """An observer whose looks of these numbers fail."""
+    decision = dict.fromkeys(numbers, LookDecision.PAUSE)
+    return Observer(
+        decides=lambda number: decision.get(number, LookDecision.GO_ON), fails=numbers, **more
+    )
+
+
+def looks_at(folder) -> list[tuple[int, str]]:
+    """Lines taken at each look, and what was decided."""
+    looked = read_journal(folder / "journal.log").looked
+    return [(one["done"], one["decision"]) for one in looked]
+
+
+def paused(observer: Observer) -> list[str]:
+    said = [one.message for one in observer.seen if one.state is LinkState.PAUSED]
+    return list(dict.fromkeys(said))
+
+
+def test_a_look_that_failed_is_made_again_when_the_print_goes_on(tmp_path):
+    data, transport, observer = layered(2, 12), fresh(), failing(1)
+    status = observed(data, tmp_path, transport, observer)
+    assert status.state is LinkState.DONE, status
+    (first, _), (again, decided), (second, _) = looks_at(tmp_path)
+    assert (again, decided) == (first, "go_on")
+    assert second > first
+    assert "makes this look again" in paused(observer)[0]
+    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
+    assert own_strokes(transport.printer.executed()) == own_strokes(foreseen)
+
+
+def test_a_look_that_failed_twice_is_gone_on_without(tmp_path):
+    observer = failing(1, 2)
+    status = observed(layered(2, 12), tmp_path, fresh(), observer)
+    assert status.state is LinkState.DONE, status
+    places = [done for done, _ in looks_at(tmp_path)]
+    assert places[0] == places[1] < places[2]
+    assert "goes on without this look" in paused(observer)[1]
+
+
+def test_one_that_fails_at_another_place_is_made_again(tmp_path):
+    observer = failing(1, 3)
+    status = observed(layered(2, 12), tmp_path, fresh(), observer)
+    assert status.state is LinkState.DONE, status
+    assert [decision for _, decision in looks_at(tmp_path)] == ["pause", "go_on"] * 2
+
+
+@pytest.mark.parametrize(("unobserved", "times"), [(False, 2), (True, 1)])
+def test_a_look_that_nobody_decided_is_made_again_unless_none_observes(tmp_path, unobserved, times):
+    observer = Observer(
+        decides=lambda number: None if number == 1 else LookDecision.GO_ON, unobserved=unobserved
+    )
+    care = replace(EVERY_LAYER, look_limit_s=33.0)
+    status = observed(layered(1, 12), tmp_path, fresh(), observer, care)
+    assert status.state is LinkState.DONE, status
+    assert len(looks_at(tmp_path)) == times
+
+
+def test_a_link_that_dies_in_the_pause_makes_the_look_again_once(tmp_path):
+    data, transport, observer = layered(2, 12), fresh(), failing(1, resumes=False)
+
+    def dies(status):
+        if status.state is LinkState.PAUSED:
+            raise HostDiedError
+
+    observer.seen_by = dies
+    with pytest.raises(HostDiedError):
+        observed(data, tmp_path, transport, observer)
+    wire, later = SimTransport(transport.printer, transport.clock), Observer()
+    status = observed(data, tmp_path, wire, later, resume=True)
+    assert status.state is LinkState.DONE, status
+    assert [decision for _, decision in looks_at(tmp_path)] == ["pause", "go_on", "go_on"]
+
+
+@pytest.mark.parametrize("mended", [False, True])
+def test_a_look_in_which_a_pause_is_asked_for_is_made_again(tmp_path, mended):
+    """It was gone on without: what was missing there stayed so. A mend made by then counts once."""
+    data, transport = layered(2, 12), fresh()
+    observer = Observer(
+        decides=lambda number: None if number == 1 else LookDecision.GO_ON,
+        says={1: patch(data, 0)} if mended else {},
+    )
+
+    def says(status):
+        if status.state is LinkState.LOOKING and status.look["number"] == 1:
+            observer.streamer.pause()
+
+    observer.seen_by = says
+    status = observed(data, tmp_path, transport, observer)
+    assert status.state is LinkState.DONE, status
+    (first, decision), (again, _), *_ = looks_at(tmp_path)
+    assert (again, decision) == (first, "pause")
+    assert (
+        "a pause was asked for; `printctl resume RUN` makes this look again" in paused(observer)[0]
+    )
+    inserts = read_journal(tmp_path / "journal.log").inserts
+    assert len(inserts) == mended
+    told = [one.look for one in observer.seen if one.state is LinkState.LOOKING]
+    assert all(bool(one["insert_sha256"]) is mended for one in told if one["number"] == 2)
+    foreseen = dry_run(grown_file(data, inserts), PRINTER, START, cold_extrusion=True).executed
+    assert own_strokes(transport.printer.executed()) == own_strokes(foreseen)

@@ -1,0 +1,69 @@
+"""Commanded state after some lines of a job: position, relief, settings."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_profiles.families.position_reply import parse_position
+from printctl.machine.link.modal import Modal, ModalTrail, last_of, modal_state, relieved_mm
+
+
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        ([], 0.0),
+        ([b"G1 E1", b"G1 E0.75 F60", b"G0 Z5"], 0.25),
+        ([b"G1 E1", b"G1 X1 E1.5"], 0.0),
+        ([b"G1 E1", b"G1 E0.75", b"G1 E1"], 0.0),
+        ([b"G1 E5", b"G92 E0", b"G0 X1"], 0.0),
+        ([b"G1 E5", b"G92 E0", b"G1 E-0.25"], 0.25),
+        ([b"G1 E1", b"G1 E0.75", b"G0 X1 Y1", b"M105", b"G1 F600"], 0.25),
+        ([b"G1 E1"], 0.0),
+    ],
+)
+def test_relief_of_the_job_itself_is_found(lines, expected):
+    assert relieved_mm(lines, len(lines)) == pytest.approx(expected)
+
+
+@given(st.lists(st.floats(-5, 5).map(lambda e: round(e, 3)), min_size=1, max_size=12))
+def test_relief_is_that_of_the_last_plunger_move(plunger):
+    lines = [b"G1 X%d E%.3f" % (k, e) for k, e in enumerate(plunger)]
+    moved = [e for k, e in enumerate(plunger) if k == 0 or e != plunger[k - 1]]
+    last = moved[-2] - moved[-1] if len(moved) > 1 else 0.0
+    assert relieved_mm(lines, len(lines)) == pytest.approx(max(0.0, last))
+
+
+def test_last_setting_before_a_line_is_found_by_its_whole_word():
+    lines = [b"M85 S600", b"M851 Z1", b"M85 S30", b"SET_IDLE_TIMEOUT TIMEOUT=9", b"M8 S1"]
+    assert last_of(lines, 5, (b"M85",)) == b"M85 S30"
+    assert last_of(lines, 2, (b"M85",)) == b"M85 S600"
+    assert last_of(lines, 5, (b"M85", b"SET_IDLE_TIMEOUT")) == b"SET_IDLE_TIMEOUT TIMEOUT=9"
+    assert last_of(lines, 0, (b"M85",)) is None
+
+
+def test_smoothiewares_position_is_read_as_the_others_are():
+    expected = {"X": 1.0, "Y": 2.5, "Z": 0.5, "E": 0.25}
+    assert parse_position([b"ok C: X:1.0000 Y:2.5000 Z:0.5000 E:0.2500"]) == expected
+    assert parse_position([b"X:1.00 Y:2.50 Z:0.50 E:0.25 Count X:80 Y:200 Z:200"]) == expected
+
+
+WORDS = st.lists(st.sampled_from("XYZEF"), max_size=3, unique=True)
+LINES = st.tuples(st.sampled_from(["G1", "G0", "G92", "G28", "M105"]), WORDS, st.integers(0, 9))
+
+
+@given(st.lists(LINES, max_size=30), st.lists(st.integers(0, 30), max_size=8))
+def test_trail_is_the_modal_state_at_every_line_forwards_and_back(lines, asked):
+    job = [" ".join([code, *(f"{w}{at}" for w in words)]).encode() for code, words, at in lines]
+    trail = ModalTrail(job)
+    for done in asked:
+        assert trail.at(min(done, len(job))) == modal_state(job, min(done, len(job)))
+
+
+def test_a_place_told_by_a_command_with_a_name_counts():
+    lines = [b"SET_KINEMATIC_POSITION X=100 Y=90 Z=20", b"G92 E0", b"G1 X101 E1 F600"]
+    assert modal_state(lines, 2) == Modal(100, 90, 20, 0)
+    assert modal_state(lines, 3) == Modal(101, 90, 20, 1, 600)
+    lines += [b"SET_KINEMATIC_POSITION Z=5"]
+    assert ModalTrail(lines).at(4) == Modal(101, 90, 5, 1, 600)

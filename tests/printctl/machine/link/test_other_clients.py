@@ -1,0 +1,148 @@
+"""Another Klipper client's commands during a print, whose replies the link never receives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from firmware_profiles import Printer, load
+from firmware_profiles.families.klipper.protocol import KlipperProtocol
+from firmware_profiles.families.position_reply import parse_shifted
+from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.journalled_print import read_journal
+from printctl.machine.link.states import LinkState, Status
+from printctl.machine.link.streamer import Streamer
+from printctl.machine.link.wiring import Wiring
+from sim.devices.families.klipper.printer import KlipperPrinter
+from sim.gcode.motion.executed import ExecutedMotion
+from tests.printctl.machine.link.jobs import parse_job
+from tests.printctl.machine.link.journals import journal_in
+from tests.printctl.machine.link.sim_transport import SimTransport
+
+PRINTER = load(Printer, "klipper_bioprinter")
+START = (50.0, 50.0, 10.0)
+HEADER = "SET_IDLE_TIMEOUT TIMEOUT=600\nSET_KINEMATIC_POSITION X=50 Y=50 Z=10\nG90\nM82\nG92 E0\n"
+MOVES = 120
+
+
+def job(extra: dict[int, str] | None = None, moves: int = MOVES) -> bytes:
+    lines = []
+    for i in range(moves):
+        lines.append(f"G1 X{50 + i % 2 * 3.5:.3f} Y{50 + i % 40 * 0.25:.3f} E{0.01 * (i + 1):.4f}")
+        lines += [extra[i]] if extra and i in extra else []
+    return (HEADER + "G1 F600\n" + "\n".join(lines) + "\n").encode()
+
+
+class SharedWire(SimTransport):
+    """Another client, whose answers don't come here, sends ``text`` once E0.4 has left."""
+
+    def __init__(self, text: bytes) -> None:
+        super().__init__(KlipperPrinter(PRINTER, START), VirtualClock())
+        self._text, self._swallow = text, 0
+
+    def write(self, data: bytes) -> None:
+        super().write(data)
+        if b" E0.4000" in data and self._text:
+            self._text, text = b"", self._text
+            self._swallow = text.count(b"\n")
+            super().write(text)
+
+    def read(self, wait_s: float) -> bytes:
+        data = super().read(wait_s)
+        while self._swallow and b"ok\n" in data:
+            data, self._swallow = data.replace(b"ok\n", b"", 1), self._swallow - 1
+        return data
+
+
+def streamer_on(
+    wire: SharedWire,
+    folder: Path,
+    data: bytes,
+    on_status: Callable[[Status], None] = lambda status: None,
+) -> Streamer:
+    wiring = Wiring(
+        transport=wire,
+        protocol=KlipperProtocol(),
+        clock=wire.clock,
+        journal=journal_in(folder),
+        printer=PRINTER,
+        on_status=on_status,
+    )
+    return Streamer(wiring, parse_job(data, "test.gcode", PRINTER))
+
+
+def printed(folder: Path, text: bytes, data: bytes | None = None) -> tuple[Status, ExecutedMotion]:
+    folder.mkdir(exist_ok=True)
+    wire = SharedWire(text)
+    status = streamer_on(wire, folder, data or job()).run()
+    return status, wire.printer.executed()
+
+
+def test_a_print_with_its_own_renamings_is_done_and_whole(tmp_path):
+    own = {30: "G92 E0", 31: "G1 E0.9", 32: "G92 E0.32", 60: "G92 X60\nG1 X60\nG92 X50"}
+    status, made = printed(tmp_path, b"", job(own))
+    assert status.state is LinkState.DONE
+    assert not read_journal(tmp_path / "journal.log").alarms
+    assert len(made.end) >= MOVES
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["G91", "M83", "M221 S50", "SET_GCODE_OFFSET X=2", "SET_GCODE_OFFSET Z=-2", "G92 X9", "G92 E5"]
+    + ["SET_KINEMATIC_POSITION X=60"],
+)
+def test_what_makes_the_next_lines_other_than_the_job_says_ends_the_print_soon(tmp_path, text):
+    status, made = printed(tmp_path, text.encode() + b"\n")
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert not status.position_known
+    assert len(made.end) < MOVES - 20
+
+
+def test_speed_and_heaters_of_another_client_are_taken_back(tmp_path):
+    _, alone = printed(tmp_path / "alone", b"")
+    status, made = printed(tmp_path / "other", b"M220 S30\nM140 S60\n")
+    assert status.state is LinkState.DONE
+    assert np.allclose(made.end[-1], alone.end[-1])
+    alarms = read_journal(tmp_path / "other" / "journal.log").alarms
+    assert any("bed is set to 60" in text for text in alarms)
+
+
+@pytest.mark.parametrize(
+    "text", ["SET_KINEMATIC_POSITION Z=60", "G92 Z60", "G92 E5", "SET_GCODE_OFFSET Z=-2"]
+)
+def test_place_renamed_in_a_pause_is_found_before_the_needle_is_lowered(tmp_path, text):
+    """With Z called 38 mm higher the needle was driven 38 mm through the dish, and `done` said."""
+    wire = SharedWire(b"")
+    states: list[LinkState] = []
+
+    def on_status(status: Status) -> None:
+        if status.lines_done > MOVES // 4 and LinkState.PAUSING not in states:
+            streamer.pause()
+        if status.state is LinkState.PAUSED and LinkState.PAUSED not in states:
+            wire._swallow = 1
+            SimTransport.write(wire, text.encode() + b"\n")
+            streamer.resume()
+        states.append(status.state)
+
+    streamer = streamer_on(wire, tmp_path, job(), on_status)
+    status = streamer.run()
+    assert LinkState.PAUSED in states
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert wire.printer.executed().end[:, 2].min() >= START[2] - 1e-6
+
+
+def test_a_reply_to_get_position_is_read():
+    place, shift = parse_shifted(
+        (
+            b"// mcu: stepper_x:8000 stepper_y:0 stepper_z:0",
+            b"// toolhead: X:12.000000 Y:2.000000 Z:3.000000 E:0.200000",
+            b"// gcode: X:12.000000 Y:2.000000 Z:3.000000 E:0.200000",
+            b"// gcode base: X:2.000000 Y:0.000000 Z:0.000000 E:-0.100000",
+            b"// gcode homing: X:0.000000 Y:0.000000 Z:0.000000",
+        )
+    )
+    assert place == pytest.approx({"X": 10.0, "Y": 2.0, "Z": 3.0, "E": 0.3})
+    assert shift == {"X": 2.0, "Y": 0.0, "Z": 0.0, "E": -0.1}

@@ -1,0 +1,388 @@
+"""Pauses at any moment and at marks: every line once, in order, resumed at the exact point."""
+
+from __future__ import annotations
+
+import contextlib
+
+import numpy as np
+import pytest
+
+from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from firmware_profiles.families.pairing import Pairing
+from printctl.machine.link.care import Care, NewSyringe
+from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.errors import LinkError
+from printctl.machine.link.journalled_print import read_journal
+from printctl.machine.link.marks import MarkKind
+from printctl.machine.link.retreat import Retreat
+from printctl.machine.link.states import LinkState
+from printctl.machine.link.streamer import Streamer
+from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.gcode.dry_run.run import dry_run
+from tests.printctl.machine.link.fake_marlin import FakeTransport
+from tests.printctl.machine.link.jobs import parse_job
+from tests.printctl.machine.link.layered import (
+    PRINTER,
+    START,
+    Arming,
+    Following,
+    Script,
+    layered,
+    played,
+)
+from tests.printctl.machine.link.protocols import made_protocol
+from tests.printctl.machine.link.scripted_transport import ScriptedTransport
+from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated_transport import HostDiedError
+from tests.printctl.machine.link.test_families import FAKES, facts
+from tests.slower import first_of
+
+
+def followed(data, tmp_path, script, **options):
+    """Print on the small Marlin; gives the status, the job and the printer."""
+    job = parse_job(data, "test.gcode")
+    printer = Following(job, script)
+    transport = FakeTransport(printer, VirtualClock())
+    return played(data, tmp_path, transport, script, **options), job, printer
+
+
+def with_x(lines) -> list[str]:
+    """Lines that the link never sends of its own accord."""
+    return [line for line in lines if " X" in line]
+
+
+REQUESTS = {
+    "now": lambda streamer: streamer.pause(),
+    "layer": lambda streamer: streamer.pause(MarkKind.LAYER),
+    "reload": lambda streamer: streamer.reload(),
+}
+
+
+def change_or_resume(streamer: Streamer) -> None:
+    changing = streamer.status.waits_for == "syringe"
+    streamer.resume(NewSyringe() if changing else None)
+
+
+def one_in_flight() -> MarlinProtocol:
+    return MarlinProtocol()
+
+
+def two_in_flight() -> MarlinProtocol:
+    return MarlinProtocol(Timing(calm_lines=0), Pairing(128))
+
+
+@pytest.mark.parametrize("protocol", [one_in_flight, two_in_flight])
+@pytest.mark.parametrize("seed", first_of(range(30), 4))
+def test_paused_at_random_moments_does_every_line_once_and_in_order(tmp_path, seed, protocol):
+    rng = np.random.default_rng(seed)
+    data = layered(6, 25)
+    count = len(parse_job(data, "a")) - 30
+    moments = sorted(rng.choice(np.arange(6, count), size=5, replace=False).tolist())
+    script = Script(on_paused=change_or_resume)
+    script.at_line = {line: REQUESTS[rng.choice(list(REQUESTS))] for line in moments}
+    care = Care(checkpoint_s=float(rng.choice([0.0, 0.1])))
+    status, job, printer = followed(data, tmp_path, script, care=care, protocol=protocol())
+    assert status.state is LinkState.DONE, status
+    assert script.at_line == {}
+    assert len(script.pauses) >= 1
+    assert with_x(printer.numbered) == with_x(line.decode() for line in job.lines)
+    assert printer.taken == len(job)
+    assert read_journal(tmp_path / "journal.log").done == len(job)
+
+
+@pytest.mark.parametrize("protocol", [one_in_flight, two_in_flight])
+@pytest.mark.parametrize("seed", first_of(range(10), 3))
+def test_pauses_on_a_noisy_line_lose_and_double_nothing(tmp_path, seed, protocol):
+    rng = np.random.default_rng(seed)
+    job = parse_job(layered(6, 25), "test.gcode")
+    moments = rng.choice(np.arange(6, len(job) - 40), size=4, replace=False).tolist()
+    script = Script(on_paused=change_or_resume)
+    script.at_line = {line: REQUESTS[rng.choice(list(REQUESTS))] for line in moments}
+    printer = Following(job, script)
+    transport = FakeTransport(printer, VirtualClock(), rng, noise=0.0004, drop_ok=0.005)
+    status = played(
+        layered(6, 25), tmp_path, transport, script, Care(checkpoint_s=0.0), protocol=protocol()
+    )
+    assert status.state is LinkState.DONE, status
+    assert with_x(printer.numbered) == with_x(line.decode() for line in job.lines)
+
+
+@pytest.mark.parametrize("firmware", FAKES)
+def test_other_families_pause_and_change_the_syringe_as_well(tmp_path, firmware):
+    data = layered(3, 20).replace(b"M302 P1\n", b"").replace(b"M85 S600\n", b"")
+    job, fake, clock = parse_job(data, "a"), FAKES[firmware](), VirtualClock()
+    script = Script(on_paused=change_or_resume)
+    reloads = tuple(mark.index for mark in job.marks.of(MarkKind.RELOAD)[:1])
+    status = played(
+        data,
+        tmp_path,
+        ScriptedTransport(fake.receive, clock),
+        script,
+        Care(checkpoint_s=0.0, reload_at=reloads),
+        protocol=made_protocol(firmware),
+        printer=facts(firmware),
+    )
+    assert status.state is LinkState.DONE, status
+    assert [one.lines_done for one in script.pauses] == list(reloads)
+    assert not any(line.startswith("M84") for line in fake.executed)
+
+
+@pytest.mark.parametrize("seed", first_of(range(12), 4))
+def test_paused_at_random_moments_moves_as_the_dry_run_foresaw(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    data = layered(4, 30)
+    clock = VirtualClock()
+    transport = SimTransport(MarlinPrinter(PRINTER, START), clock)
+    script = Script(on_paused=change_or_resume)
+    when = sorted(rng.uniform(3.5, 9.0, size=3).tolist())
+    kinds = rng.choice(list(REQUESTS), size=3)
+    read = transport.read
+
+    def reading(timeout: float) -> bytes:
+        while when and clock.now() > when[0] and script.streamer is not None:
+            when.pop(0)
+            if script.streamer.status.state is LinkState.PRINTING:
+                with contextlib.suppress(LinkError):  # no mark is left ahead
+                    REQUESTS[kinds[len(when)]](script.streamer)
+        return read(timeout)
+
+    transport.read = reading  # type: ignore[method-assign]
+    status = played(data, tmp_path, transport, script, care=Care(checkpoint_s=0.0))
+    assert status.state is LinkState.DONE, status
+    motion = transport.printer.executed()
+    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
+    ends = np.column_stack([motion.end, motion.plunger_end])
+    expected = np.column_stack([foreseen.end, foreseen.plunger_end])
+    at = 0
+    for row in ends:  # what was foreseen is done in order; between lie retreats and returns alone
+        if at < len(expected) and np.array_equal(row, expected[at]):
+            at += 1
+        else:
+            assert np.array_equal(row[:2], expected[at - 1][:2]), "sideways in a retreat"
+    assert at == len(expected)
+    assert len(script.pauses) >= 1
+
+
+def test_pause_after_a_layer_waits_for_its_mark(tmp_path):
+    data = layered(3, 20)
+    script = Script(at_line={12: REQUESTS["layer"]})
+    status, job, _ = followed(data, tmp_path, script)
+    assert status.state is LinkState.DONE
+    assert [one.lines_done for one in script.pauses] == [job.marks.of(MarkKind.LAYER)[0].index]
+    assert "end of layer 1" in script.pauses[0].message
+    waiting = [one for one in script.seen if one.waits_for == "pause after layer"]
+    assert all(one.lines_done <= script.pauses[0].lines_done for one in waiting)
+
+
+def test_plunger_that_the_job_has_relieved_is_not_relieved_twice(tmp_path):
+    def relieved_in(name: str, request: str) -> list[str]:
+        script = Script(at_line={12: REQUESTS[request]})
+        (tmp_path / name).mkdir()
+        _, _, printer = followed(
+            layered(3, 20), tmp_path / name, script, retreat=Retreat(relief_mm=0.1)
+        )
+        lift = next(k for k, line in enumerate(printer.numbered) if " Z30" in line)
+        return printer.numbered[lift - 3 : lift]
+
+    assert any(line.startswith("G1 E") for line in relieved_in("now", "now"))
+    assert not any(line.startswith("G1 E") for line in relieved_in("after", "layer"))
+
+
+def test_pause_after_what_the_job_does_not_mark_is_refused(tmp_path):
+    refused = []
+
+    def request(streamer: Streamer) -> None:
+        with pytest.raises(LinkError, match="marks no end of a vessel after line 11"):
+            streamer.pause(MarkKind.VESSEL)
+        refused.append(True)
+
+    status, _, _ = followed(layered(2, 20), tmp_path, Script(at_line={12: request}))
+    assert refused
+    assert status.state is LinkState.DONE
+
+
+def test_pause_that_is_waited_for_can_be_taken_back(tmp_path):
+    script = Script(at_line={12: REQUESTS["layer"], 14: lambda streamer: streamer.resume()})
+    status, _, _ = followed(layered(3, 20), tmp_path, script)
+    assert status.state is LinkState.DONE
+    assert script.pauses == []
+
+
+def test_long_pause_is_survived_although_the_firmware_switches_off_by_itself(tmp_path):
+    clock = VirtualClock()
+    transport = SimTransport(MarlinPrinter(PRINTER, START), clock)
+    begun = []
+
+    def wait_half_an_hour(streamer: Streamer) -> None:
+        begun.append(clock.now())
+
+    script = Script(on_paused=wait_half_an_hour)
+    read = transport.read
+
+    def reading(timeout: float) -> bytes:
+        if script.streamer is not None and not begun and clock.now() > 4.0:
+            script.streamer.pause()
+        if begun and begun[0] + 1800 < clock.now() and script.streamer is not None:
+            begun[0] = np.inf
+            script.streamer.resume()
+        return read(timeout)
+
+    transport.read = reading  # type: ignore[method-assign]
+    status = played(layered(4, 30), tmp_path, transport, script)
+    assert status.state is LinkState.DONE, status
+    assert clock.now() > 1800
+
+
+def test_needle_that_was_pushed_aside_in_a_pause_stays_up(tmp_path):
+    said: list[str] = []
+
+    def push_then_return(streamer: Streamer) -> None:
+        said.append(streamer.status.message)
+        assert len(said) < 5
+        if len(said) == 1:
+            streamer.command(b"G1 X90", lambda lines: streamer.resume())
+        else:
+            last = job.lines[streamer.status.lines_done - 1]
+            x = last.split(b"X")[1].split()[0]
+            streamer.command(b"G1 X" + x, lambda lines: streamer.resume())
+
+    data = layered(2, 20)
+    script = Script(on_paused=push_then_return, at_line={12: REQUESTS["now"]})
+    job = parse_job(data, "a")
+    status, _, printer = followed(data, tmp_path, script)
+    assert status.state is LinkState.DONE
+    assert "not resumed: X is 90.00 mm" in said[1]
+    aside = printer.numbered.index("G1 X90")
+    down = next(k for k, line in enumerate(printer.numbered) if k > aside and " Z10.0" in line)
+    assert sum(line.startswith("G1 X5") for line in printer.numbered[aside:down]) == 1
+
+
+def test_extra_prime_is_pushed_and_not_counted(tmp_path):
+    script = Script(at_line={12: REQUESTS["now"]})
+    retreat = Retreat(relief_mm=0.1, prime_mm=0.05)
+    status, job, printer = followed(layered(2, 20), tmp_path, script, retreat=retreat)
+    assert status.state is LinkState.DONE
+    last = job.lines[script.pauses[0].lines_done - 1]
+    at = float(last.split(b"E")[1].split()[0])
+    primed = printer.numbered.index(f"G1 E{at + 0.05:.5f} F30")
+    assert printer.numbered[primed + 1] == f"G92 E{at:.5f}"
+
+
+def test_deadman_pauses_at_the_next_mark_unless_somebody_confirms(tmp_path):
+    data = layered(6, 150)
+    clock = VirtualClock()
+    job = parse_job(data, "a")
+    for confirmed in (False, True):
+        folder = tmp_path / str(confirmed)
+        folder.mkdir()
+        script = Script()
+        printer = Following(job, script)
+        if confirmed:
+            script.at_line = {
+                line: lambda streamer: streamer.alive() for line in range(1, len(job), 20)
+            }
+        status = played(
+            data, folder, FakeTransport(printer, clock), script, care=Care(deadman_s=0.3)
+        )
+        assert status.state is LinkState.DONE
+        marks = {mark.index for mark in job.marks.of(MarkKind.LAYER)}
+        assert bool(script.pauses) is not confirmed
+        assert {one.lines_done for one in script.pauses} <= marks
+        assert all(one.deadman_left_s == 0.3 for one in script.pauses)
+        assert script.seen[-2].deadman_left_s is not None
+    alarms = read_journal(tmp_path / "False" / "journal.log").alarms
+    assert any("nobody confirmed" in text for text in alarms)
+
+
+def test_deadman_stops_a_job_without_marks_at_once_where_that_is_wanted(tmp_path):
+    data = b"\n".join(line for line in layered(1, 2000).split(b"\n") if not line.startswith(b";"))
+    care = Care(deadman_s=0.5, deadman_stops=True)
+    status, job, _ = followed(data, tmp_path, Script(), care=care)
+    assert status.state is LinkState.STOPPED
+    assert "nobody confirmed" in status.message
+    assert 0 < status.lines_done < len(job)
+    assert status.position_known
+
+
+@pytest.mark.parametrize(("every", "expected"), [(0.0, 6), (0.4, 2), (None, 0)])
+def test_checkpoints_are_made_at_marks_as_often_as_asked(tmp_path, every, expected):
+    data = layered(6, 300)
+    status, job, printer = followed(data, tmp_path, Script(), care=Care(checkpoint_s=every))
+    assert status.state is LinkState.DONE
+    history = read_journal(tmp_path / "journal.log")
+    made = [record["done"] for record in history.checkpoints]
+    assert set(made) <= {mark.index for mark in job.marks.of(MarkKind.LAYER)}
+    assert len(made) == expected if every != 0.4 else expected <= len(made) < 6
+    assert (
+        printer.numbered.count("M400") == 3
+    )  # the job's own, and the link's before it and at the end
+
+
+def test_checkpoints_cost_no_printing_time_while_the_planner_is_full(tmp_path):
+    ended = []
+    for every in (None, 0.0):
+        folder = tmp_path / str(every)
+        folder.mkdir()
+        transport = SimTransport(MarlinPrinter(PRINTER, START), VirtualClock())
+        played(layered(12, 20), folder, transport, Script(), Care(checkpoint_s=every))
+        motion = transport.printer.executed()
+        ended.append(motion.time_end[-1] - motion.time_start[0])
+    assert len(read_journal(tmp_path / "0.0" / "journal.log").checkpoints) == 12
+    assert ended[1] == pytest.approx(ended[0], rel=1e-4)
+
+
+@pytest.mark.parametrize("last", range(1, 16))
+def test_host_killed_in_a_pause_after_a_layer_goes_on_exactly(tmp_path, last):
+    data = layered(3, 20)
+    printer, clock = MarlinPrinter(PRINTER, START), VirtualClock()
+    transport = SimTransport(printer, clock)
+    script = Arming(transport, last, (last % 3) / 2)
+    pause_at_once = script.status
+
+    def status(one):
+        if one.state is LinkState.PRINTING and not script.armed and script.streamer:
+            script.streamer.parts.watch.pause_after(MarkKind.LAYER)
+        pause_at_once(one)
+
+    script.status = status  # type: ignore[method-assign]
+    retreat = Retreat(relief_mm=0.3, prime_mm=0.02)
+    try:
+        ended = played(data, tmp_path, transport, script, retreat=retreat)
+    except HostDiedError:
+        history = read_journal(tmp_path / "journal.log")
+        again = SimTransport(printer, clock)
+        ended = played(data, tmp_path, again, Script(), retreat=retreat, history=history)
+    assert ended.state is LinkState.DONE, ended
+    motion = printer.executed()
+    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
+    across = np.any(motion.start[:, :2] != motion.end[:, :2], axis=1)
+    expected = np.any(foreseen.start[:, :2] != foreseen.end[:, :2], axis=1)
+    np.testing.assert_array_equal(motion.end[across], foreseen.end[expected])
+    pushed = (motion.plunger_end - motion.plunger_start)[across]
+    wanted = (foreseen.plunger_end - foreseen.plunger_start)[expected]
+    np.testing.assert_allclose(pushed, wanted, atol=1e-9)
+
+
+def test_checkpoint_finds_a_position_that_is_not_the_jobs(tmp_path):
+    script = Script()
+
+    def push(streamer: Streamer) -> None:
+        printer_at["Z"] += 3.0
+
+    data = layered(3, 20)
+    job = parse_job(data, "a")
+    script.at_line = {20: push}
+    printer = Following(job, script)
+    printer_at = printer.at
+    job_without_z = data.replace(b"G0 Z10.25 F300\n", b"")
+    printer._job = parse_job(job_without_z, "a")
+    status = played(
+        job_without_z,
+        tmp_path,
+        FakeTransport(printer, VirtualClock()),
+        script,
+        care=Care(checkpoint_s=0.0),
+    )
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert "Z is 13.00" in status.message

@@ -1,0 +1,315 @@
+"""Link process's command socket: access, understood requests, kill never delayed."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+from types import SimpleNamespace
+
+import pytest
+
+from firmware_profiles import Printer, load
+from printctl.checks.gate import Bounds, Phase, PrinterSituation
+from printctl.machine.link.care import NewSyringe
+from printctl.machine.link.errors import LinkError
+from printctl.machine.link.gating import allowed_command, judge_typed
+from printctl.machine.link.marks import MarkKind
+from printctl.machine.link.server import Server, forget, listen
+from printctl.machine.link.states import LinkState, Status
+
+
+class Spy:
+    """Stands for the channel; notes what was requested."""
+
+    def __init__(self) -> None:
+        self.requests: list[str] = []
+        self.killed = threading.Event()
+        self.wiring = SimpleNamespace(printer=load(Printer, "generic_marlin"))
+        self.status = Status(LinkState.PRINTING, lines_done=5, lines_total=9)
+
+    def stop(self) -> None:
+        self.requests.append("stop")
+
+    def pause(self, after: MarkKind | None = None) -> None:
+        if after is MarkKind.VESSEL:
+            raise LinkError("no end of a vessel is marked")
+        self.requests.append(f"pause after {after}" if after else "pause")
+
+    def reload(self) -> None:
+        self.requests.append("reload")
+
+    def resume(
+        self,
+        change: NewSyringe | None = None,
+        unchanged: bool = False,
+        unobserved: bool = False,
+    ) -> None:
+        self.requests.append(f"resume {change}" if change else "resume")
+
+    def alive(self) -> None:
+        self.requests.append("alive")
+
+    def insert(self, look, lines, why, done, refused, flow=None, again=False) -> None:
+        self.requests.append(f"insert {look} {len(lines)} {flow}")
+
+    def look_done(self, look, decision, why, done, refused, again=False) -> None:
+        self.requests.append(f"look_done {look} {decision}")
+
+    def typed(self, text: str, done, refused) -> None:
+        known = PrinterSituation(Bounds(self.wiring.printer), Phase.PRINTING)
+        self.requests.append(allowed_command(judge_typed(text, known)).text)
+        done((b"X:0.00", b"ok"))
+
+    def kill(self) -> None:
+        self.killed.set()
+
+
+@pytest.fixture(params=["unix", "tcp"])
+def door(request, tmp_path, monkeypatch):
+    if request.param == "tcp":
+        monkeypatch.delattr(socket, "AF_UNIX", raising=False)
+    elif not hasattr(socket, "AF_UNIX"):
+        pytest.skip("no Unix sockets here")
+    listener, address, token = listen(tmp_path)
+    monkeypatch.undo()
+    spy = Spy()
+    server = Server(listener, token, spy)  # type: ignore[arg-type]
+    server.start()
+    guests: list[socket.socket] = []
+
+    def enter() -> socket.socket:
+        kind, _, rest = address.partition(":")
+        if kind == "unix":
+            guest = socket.socket(socket.AF_UNIX)
+            guest.connect(rest)
+        else:
+            host, _, port = rest.rpartition(":")
+            guest = socket.create_connection((host, int(port)))
+        guest.settimeout(5)
+        guests.append(guest)
+        return guest
+
+    yield spy, server, enter, token
+    server.finish()
+    for guest in guests:
+        guest.close()
+    forget(address)
+
+
+def say(guest: socket.socket, **message: object) -> None:
+    guest.sendall(json.dumps(message).encode() + b"\n")
+
+
+def hear(guest: socket.socket) -> dict:
+    data = b""
+    while not data.endswith(b"\n"):
+        data += guest.recv(1)
+    return json.loads(data)
+
+
+def test_status_and_requests_arrive(door):
+    spy, _, enter, token = door
+    guest = enter()
+    say(guest, do="status", token=token)
+    assert hear(guest)["lines_done"] == 5
+    for request in ("stop", "pause", "resume"):
+        say(guest, do=request, token=token)
+    say(guest, do="command", text="M114", token=token)
+    assert hear(guest) == {"event": "reply", "command": "M114", "lines": ["X:0.00", "ok"]}
+    assert spy.requests == ["stop", "pause", "resume", "M114"]
+
+
+def test_request_that_asks_for_an_answer_is_heard_or_refused(door):
+    spy, _, enter, token = door
+    guest = enter()
+    say(guest, do="pause", after="layer", answer=True, token=token)
+    assert hear(guest) == {"event": "heard", "do": "pause"}
+    say(guest, do="pause", after="vessel", answer=True, token=token)
+    assert hear(guest) == {
+        "event": "refused",
+        "message": "no end of a vessel is marked",
+        "error": "LinkError",
+    }
+    say(guest, do="resume", change={"plunger_mm": 2.5}, answer=True, token=token)
+    assert hear(guest)["event"] == "heard"
+    say(guest, do="pause", after="lunch", answer=True, token=token)
+    assert "must be one of layer, vessel, part, reload" in hear(guest)["message"]
+    for request in ("reload", "alive"):
+        say(guest, do=request, answer=True, token=token)
+        assert hear(guest)["event"] == "heard"
+    change = NewSyringe(plunger_mm=2.5)
+    assert spy.requests == ["pause after layer", f"resume {change}", "reload", "alive"]
+
+
+def test_only_subscribers_are_told(door):
+    _, server, enter, token = door
+    one, other = enter(), enter()
+    say(one, do="subscribe", token=token)
+    assert hear(one)["state"] == "printing"
+    say(other, do="status", token=token)
+    assert hear(other)["asked"]
+    server.publish(Status(LinkState.PAUSED))
+    assert hear(one)["state"] == "paused"
+    say(other, do="status", token=token)
+    assert hear(other)["asked"]  # and not what was published
+    say(one, do="detach", token=token)
+
+
+NONSENSE = [b"nonsense\n", b"[]\n", b'{"do": "dance"}\n', b"{}\n", b"\xff\n", b"[" * 9000 + b"\n"]
+
+
+@pytest.mark.parametrize("line", NONSENSE)
+def test_nonsense_is_refused_and_the_door_stays_open(door, line):
+    spy, _, enter, token = door
+    guest = enter()
+    guest.sendall(line)
+    assert hear(guest)["event"] == "refused"
+    say(guest, do="status", token=token)
+    assert hear(guest)["event"] == "status"
+    assert spy.requests == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["M110 N5", "M112", "M83", "g91", "G92 E0", "g092E0", "N5 G1 X1", "M84", "m018 Z", "G1 X1*5"]
+    + ["", "G1\nX2", "µ"],
+)
+def test_command_that_must_not_be_sent_is_refused(door, text):
+    spy, _, enter, token = door
+    guest = enter()
+    say(guest, do="command", text=text, token=token)
+    assert hear(guest)["event"] == "refused"
+    assert spy.requests == []
+
+
+INSERT = {"do": "insert", "look": 25, "lines": ["G4 P1"], "why": "a gap", "flow": None}
+LOOK_DONE = {"do": "look_done", "look": 25, "decision": "go_on", "why": ""}
+WRONG = [
+    (INSERT, "look", "25"),
+    (INSERT, "look", 25.0),
+    (INSERT, "look", True),
+    (INSERT, "look", None),
+    (INSERT, "flow", True),
+    (INSERT, "flow", "1.1"),
+    (INSERT, "flow", float("nan")),
+    (INSERT, "lines", "G4 P1"),
+    (INSERT, "lines", {"G4 P1": 1}),
+    (INSERT, "lines", [4]),
+    (INSERT, "lines", None),
+    (INSERT, "why", 3),
+    (LOOK_DONE, "look", "25"),
+    (LOOK_DONE, "decision", "maybe"),
+    (LOOK_DONE, "decision", 1),
+    (LOOK_DONE, "why", ["a"]),
+    ({"do": "reload"}, "head", "1"),
+    ({"do": "reload"}, "head", True),
+    ({"do": "resume"}, "unchanged", "false"),
+    ({"do": "resume"}, "change", [1]),
+    ({"do": "pause"}, "after", 1),
+    ({"do": "command"}, "text", 5),
+]
+
+
+@pytest.mark.parametrize(("request_", "name", "value"), WRONG)
+def test_a_value_of_another_type_is_refused_by_its_name(door, request_, name, value):
+    spy, _, enter, token = door
+    guest = enter()
+    say(guest, **{**request_, name: value, "token": token, "answer": True})
+    answer = hear(guest)
+    assert (answer["event"], answer.get("error")) == ("refused", "Refused")
+    assert answer["message"].startswith(f"{request_['do']}: {name} ")
+    assert spy.requests == []
+
+
+def test_an_insert_of_the_right_types_is_taken(door):
+    spy, _, enter, token = door
+    guest = enter()
+    for flow in (None, 1, 1.25):
+        say(guest, **{**INSERT, "flow": flow, "token": token, "answer": True})
+        assert hear(guest)["event"] == "heard"
+    say(guest, do="insert", look=3, flow=1.1, answer=True, token=token)
+    assert hear(guest)["event"] == "heard"
+    say(guest, **{**LOOK_DONE, "token": token, "answer": True})
+    assert hear(guest)["event"] == "heard"
+    assert spy.requests == [
+        "insert 25 1 None",
+        "insert 25 1 1.0",
+        "insert 25 1 1.25",
+        "insert 3 0 1.1",
+        "look_done 25 go_on",
+    ]
+
+
+def test_a_message_beyond_the_limit_gets_one_answer_and_the_next_is_heard(door):
+    spy, _, enter, token = door
+    guest = enter()
+    say(guest, do="status", token=token)
+    assert hear(guest)["event"] == "status"
+    say(guest, **{**INSERT, "lines": ["G1 X1.000 Y1.000"] * 150_000, "token": token})
+    answer = hear(guest)
+    assert (answer["event"], answer["error"]) == ("refused", "Refused")
+    assert "1,000,000 bytes" in answer["message"]
+    say(guest, do="stop", answer=True, token=token)
+    assert hear(guest) == {"event": "heard", "do": "stop"}
+    assert spy.requests == ["stop"]
+
+
+def test_a_long_first_message_is_told_the_limit_of_first_ones(door):
+    _, _, enter, token = door
+    guest = enter()
+    say(guest, **{**INSERT, "lines": ["G1 X1.000 Y1.000"] * 1000, "token": token})
+    assert "10,000 bytes" in hear(guest)["message"]
+    say(guest, do="status", token=token)
+    assert hear(guest)["event"] == "status"
+
+
+@pytest.mark.parametrize("used", ["NaN", "-1", "1e999", '"1"', "null"])
+def test_syringe_that_is_no_length_is_refused(door, used):
+    spy, _, enter, token = door
+    guest = enter()
+    request = f'{{"do": "resume", "token": "{token}", "change": {{"plunger_mm": {used}}}}}\n'
+    guest.sendall(request.encode())
+    answer = hear(guest)
+    assert answer["event"] == "refused"
+    assert "is no length" in answer["message"]
+    assert spy.requests == []
+
+
+def test_stranger_without_the_token_is_refused(door):
+    spy, _, enter, token = door
+    guest = enter()
+    say(guest, do="stop", token=token + "x")
+    assert hear(guest) == {"event": "refused", "message": "wrong token"}
+    assert spy.requests == []
+
+
+def test_kill_gets_through_beside_guests_that_never_read_or_never_end_a_line(door):
+    spy, server, enter, token = door
+    deaf, endless, user = enter(), enter(), enter()
+    say(deaf, do="subscribe", token=token)
+    endless.sendall(b"x" * 50_000)
+    for done in range(5_000):
+        server.publish(Status(LinkState.PRINTING, lines_done=done, message="m" * 100))
+    say(user, do="kill", token=token)
+    assert spy.killed.wait(10)
+
+
+def test_a_stop_of_who_leaves_at_once_is_heard(tmp_path):
+    """What it is answered can't be delivered any more; what it wrote before leaving counts."""
+    if not hasattr(socket, "AF_UNIX"):
+        pytest.skip("no Unix sockets here")
+    listener, address, token = listen(tmp_path)
+    spy = Spy()
+    server = Server(listener, token, spy)  # type: ignore[arg-type]
+    with socket.socket(socket.AF_UNIX) as guest:
+        guest.connect(address.removeprefix("unix:"))
+        say(guest, do="subscribe")
+        say(guest, do="status", aside="x" * 6000)  # more than one read: it is answered in between
+        say(guest, do="stop")
+        say(guest, do="kill")
+    server.start()
+    assert spy.killed.wait(5)
+    server.finish()
+    forget(address)
+    assert spy.requests == ["stop"]

@@ -1,0 +1,183 @@
+"""Printer settings compared with a profile, queried over the link's channel."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from firmware_profiles import Axes, Printer, Span, load
+from firmware_profiles.families import find_family
+from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.errors import PortInUse
+from printctl.machine.link.journal import Journal
+from printctl.machine.link.transport import open_port
+from printctl.machine.link.wiring import Wiring
+from printctl.machine.probing import (
+    Settings,
+    compare,
+    corrected_profile,
+    query_settings,
+    read_settings,
+)
+from printctl.machine.probing.queries import query_transport
+from sim.devices.families.registry import simulated_printer
+from tests.printctl.machine.link.protocols import made_protocol
+from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.sim_process import printer_process
+from tests.system.cli import called
+
+MARLIN = load(Printer, "generic_marlin")
+REAL = {
+    "steps_per_mm": Axes(x=81, y=80, z=400, e=6000),
+    "max_speed_mm_s": Axes(x=250, y=300, z=5, e=2),
+    "acceleration_mm_s2": 900.0,
+    "z_mm": Span(low=0, high=180),
+}
+DIFFERS = {"steps_per_mm.x", "steps_per_mm.e", "max_speed_mm_s.x", "z_mm.high"}
+
+
+def asked(firmware: str, folder: Path) -> tuple[Settings, Printer]:
+    """Ask a simulated printer whose settings aren't the profile's."""
+    profile = MARLIN.model_copy(update={"firmware": firmware, "resets_on_connect": False})
+    real = profile.model_copy(update=REAL)
+    transport = SimTransport(
+        simulated_printer(real)(real, (50.0, 50.0, 10.0)), VirtualClock(), np.random.default_rng(1)
+    )
+    wiring = Wiring(
+        transport=transport,
+        protocol=made_protocol(firmware),
+        clock=transport.clock,
+        journal=Journal(folder / "journal.log"),
+        printer=profile,
+    )
+    return query_transport(wiring), profile
+
+
+@pytest.mark.parametrize(
+    ("firmware", "differs"),
+    [
+        ("marlin", DIFFERS | {"acceleration_mm_s2"}),
+        ("reprapfirmware", DIFFERS),
+        ("klipper", {"acceleration_mm_s2"}),
+    ],
+)
+def test_just_what_differs_is_found(firmware: str, differs: set[str], tmp_path: Path) -> None:
+    settings, profile = asked(firmware, tmp_path)
+    rows = compare(settings, profile)
+    assert find_family(firmware).link.says in settings.firmware.lower()
+    assert {row.key for row in rows if not row.same} == differs
+    found = {row.key: row.printer for row in rows}
+    if firmware != "klipper":
+        assert found["steps_per_mm.e"] == 6000
+        assert found["max_speed_mm_s.x"] == 250
+        assert found["z_mm.high"] == 180
+
+
+def test_asking_changes_nothing_and_moves_nothing(tmp_path: Path) -> None:
+    for firmware in ("marlin", "reprapfirmware", "klipper"):
+        folder = tmp_path / firmware
+        folder.mkdir()
+        first, _ = asked(firmware, folder)
+        assert first == asked(firmware, folder)[0]
+
+
+def test_rrf_answers_of_a_real_board_s_wording_are_read() -> None:
+    settings = read_settings(
+        find_family("reprapfirmware"),
+        {
+            b"M115": (
+                b"FIRMWARE_NAME: RepRapFirmware for Duet 2 WiFi/Ethernet FIRMWARE_VERSION: 3",
+            ),
+            b"M203": (
+                b"Max speeds (mm/min): X: 6000.0, Y: 6000.0, Z: 180.0, E: 1200.0:1200.0, "
+                b"min. speed 30.00",
+            ),
+            b"M208": (b"Axis limits (mm)s X-5.0:200.0, Y0.0:250.0, Z-0.5:200.0",),
+            b"M302": (b"Cold extrusion is allowed (use M302 P0 to forbid it)",),
+        },
+    )
+    assert settings.values["max_speed_mm_s.z"] == pytest.approx(3)
+    assert settings.values["max_speed_mm_s.e"] == pytest.approx(20)
+    assert (settings.values["x_mm.low"], settings.values["z_mm.low"]) == (-5.0, -0.5)
+    assert settings.notes == ("Cold extrusion is allowed (use M302 P0 to forbid it)",)
+
+
+def test_smoothie_s_list_is_read() -> None:
+    settings = read_settings(
+        find_family("smoothieware"),
+        {
+            b"M503": (
+                b";Steps per unit:",
+                b"M92 X80.00000 Y80.00000 Z400.00000",
+                b"M203 X500.00000 Y500.00000 Z5.00000 S500.00000",
+                b"M204 S1000.00000",
+            )
+        },
+    )
+    assert settings.values["steps_per_mm.z"] == 400
+    assert settings.values["acceleration_mm_s2"] == 1000
+
+
+def test_endstops_that_are_off_are_told() -> None:
+    replies = (b"  M211 S0 ; OFF", b"  Min:  X0.00 Y0.00 Z0.00   Max:  X200.00 Y200.00 Z200.00")
+    settings = read_settings(find_family("marlin"), {b"M211": replies})
+    assert "endstops are off" in settings.notes[0]
+    assert settings.values["x_mm.high"] == 200
+
+
+def test_corrected_profile_has_the_printer_s_values_and_fewer_starting_ones(
+    tmp_path: Path,
+) -> None:
+    profile = load(Printer, "makergear_m2_duet2")
+    settings = Settings(
+        "RepRapFirmware",
+        {"steps_per_mm.e": 5900.0, "x_mm.low": 0.0, "x_mm.high": 203.0, "max_speed_mm_s.x": 30.0},
+    )
+    rows = compare(settings, profile)
+    data = corrected_profile(profile, rows, "/dev/ttyACM0", "2026-11-20")
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(data))
+    mine = load(Printer, str(path))
+    assert mine.steps_per_mm == Axes(x=88.89, y=88.89, z=400, e=5900)
+    assert mine.x_mm == Span(low=0, high=203)
+    assert "x_mm" not in mine.starting_values
+    assert "steps_per_mm.e" not in mine.starting_values
+    # Told in part: the rest still is to be measured.
+    assert {"max_speed_mm_s.y", "max_speed_mm_s.z", "max_speed_mm_s.e"} <= set(mine.starting_values)
+    assert "steps_per_mm.e, x_mm.high" in mine.source
+    assert compare(settings, mine) == [
+        row for row in compare(settings, mine) if row.same and not row.starting
+    ]
+
+
+# --- over a real pipe ---------------------------------------------------------------------------
+
+
+def test_command_shows_differences_writes_the_profile_and_leaves_a_used_port_alone(
+    tmp_path: Path,
+) -> None:
+    values = MARLIN.model_dump(mode="json", exclude_unset=True)
+    values["steps_per_mm"]["e"] = 6300
+    (tmp_path / "old.yaml").write_text(yaml.safe_dump(values))
+    with printer_process(tmp_path) as port:
+        owner = open_port(port, MARLIN)
+        try:
+            with pytest.raises(PortInUse, match="held by another program"):
+                query_settings(port, MARLIN)
+        finally:
+            owner.close()
+        done = called(
+            "profiles", "probe", "--port", port, "--profile", "old.yaml", "--write", "new.yaml",
+            "--json", cwd=tmp_path,
+        )  # fmt: skip
+        assert done.returncode == 1, done.stderr
+        told = json.loads(done.stdout)
+        assert [row["key"] for row in told["rows"] if not row["same"]] == ["steps_per_mm.e"]
+        again = called("profiles", "probe", "--port", port, "--profile", "new.yaml", cwd=tmp_path)
+        assert again.returncode == 0, again.stdout + again.stderr
+        assert "DIFFERS" not in again.stdout
+    assert called("profiles", "check", "new.yaml", cwd=tmp_path).returncode == 0

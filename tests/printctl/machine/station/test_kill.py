@@ -1,0 +1,289 @@
+"""Emergency stop (M112) from every state, and recovery; loss of printer or host."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+
+from printctl.machine.link import LinkState
+from printctl.machine.link.detached_process import spawn
+from printctl.machine.link.errors import NoLink, Refused
+from printctl.machine.link.retreat import Retreat
+from printctl.machine.printing.find import Order
+from printctl.machine.station import Station, StationState, attach, connect
+from printctl.machine.station.record import load_station
+from tests.printctl.machine.link.fake_marlin import FakeMarlin, pty_printer, write_job
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
+
+
+class Listening(FakeMarlin):
+    """Remembers all that it was told, halted or not, and tells its temperature unasked."""
+
+    heard = b""
+
+    def _reply(self, word: str, command: str) -> str:
+        said = super()._reply(word, command)
+        if word == "M115":
+            return f"Cap:AUTOREPORT_TEMP:1\n{said}"
+        return f"{said} T:36.60 /37.00 B:20.00 /0.00 @:0\n" if command == "M155 S2" else said
+
+    def receive(self, data: bytes) -> bytes:
+        self.heard += data
+        return super().receive(data)
+
+
+def wait_for(true: Callable[[], bool]) -> None:
+    limit = time.monotonic() + 20
+    while not true() and time.monotonic() < limit:
+        time.sleep(0.01)
+    assert true()
+
+
+def all_heard(served) -> bytes:
+    """Return all that was sent: a slow computer repeats M112, and a repeat after a reset halts."""
+    heard = b""
+    while heard != (heard := served.printer.heard):
+        time.sleep(0.5)
+    return heard
+
+
+def until(station: Station, *states: StationState) -> str:
+    for status in station.events():
+        if status.state in states:
+            return status.message
+    raise AssertionError(f"never {states}")
+
+
+@pytest.fixture
+def fake(folder, profile):
+    with pty_printer(Listening()) as served:
+        station = connect(profile, served.name, folder)
+        yield served, station
+        if station.status.state is not StationState.CLOSED:
+            try:
+                station.close()
+            except (Refused, NoLink):
+                os.kill(load_station(folder).pid, signal.SIGKILL)
+
+
+def test_killed_while_it_stands_by(fake):
+    served, station = fake
+    station.kill()
+    message = until(station, StationState.HALTED)
+    assert "M112 left the host after" in message
+    assert served.printer.halted
+    with pytest.raises(Refused, match="halted: killed by the user"):
+        station.jog("x", 1)
+    before = all_heard(served)
+    station.kill()  # once more does no harm
+    wait_for(lambda: served.printer.heard != before)
+    all_heard(served)
+    served.printer.reset()
+    assert station.reconnect().state is StationState.READY
+    assert not station.status.position_trusted
+
+
+class Unconfirming(Listening):
+    """Neither takes nor confirms M112 until it is told to."""
+
+    deaf = True
+
+    def receive(self, data: bytes) -> bytes:
+        if self.deaf and b"M112" in data:
+            self.heard += data
+            return b""
+        return super().receive(data)
+
+
+def test_halting_is_told_until_the_printer_confirms(folder, profile):
+    with pty_printer(Unconfirming()) as served:
+        station = connect(profile, served.name, folder)
+        station.kill()
+        message = until(station, StationState.HALTING)
+        assert "hasn't confirmed it yet" in message
+        assert station.status.state is StationState.HALTING
+        served.printer.deaf = False
+        until(station, StationState.HALTED)
+        station.close()
+
+
+def test_simulated_klipper_confirms_while_it_stands_by(folder):
+    station = connect("klipper_bioprinter", "simulated", folder, sim_speed=1.0)
+    station.kill()
+    message = until(station, StationState.HALTED)
+    assert "that it has halted" in message
+    station.close()
+
+
+def test_killed_while_it_moves(fake):
+    served, station = fake
+    station.set_position(100, 100, 100)
+    served.hold_at = served.printer.last + 5  # the printer takes a line and says nothing
+    mover = attach(station.folder)
+    ended: list[str] = []
+
+    def move() -> None:
+        try:
+            mover.jog("x", 50, speed_mm_s=5)
+        except Exception as exc:
+            ended.append(str(exc))
+
+    thread = threading.Thread(target=move)
+    thread.start()
+    assert served.held.wait(10)
+    station.kill()
+    served.hold_at = None
+    served.gate.set()
+    until(station, StationState.HALTED)
+    thread.join(10)
+    assert "killed by the user" in ended[0]
+    assert served.printer.halted
+
+
+def test_killed_while_it_prints(fake, tmp_path, profile):
+    served, station = fake
+    write_job(tmp_path / "job.gcode", 5000)
+    served.hold_at = served.printer.last + 400
+    client = station.print(Order(tmp_path / "job.gcode", profile, "", tmp_path / "run", Retreat()))
+    assert served.held.wait(10)
+    station.kill()
+    served.hold_at = None
+    served.gate.set()
+    assert client.wait(10).state is LinkState.KILLED
+    assert "print killed" in until(station, StationState.HALTED)
+    assert served.printer.halted
+
+
+def test_killed_while_it_connects_to_a_printer_that_says_nothing(folder, profile):
+    master, slave = os.openpty()
+    try:
+        folder.mkdir()
+        command = [
+            sys.executable,
+            "-m",
+            "printctl.machine.station",
+            "--printer",
+            profile,
+            "--detach",
+        ]
+        spawn([*command, "--port", os.ttyname(slave), "--folder", str(folder)])
+        heard, limit = b"", time.monotonic() + 30
+        while b"N" not in heard and time.monotonic() < limit:  # it speaks, so it can be reached
+            if select.select([master], [], [], 0.1)[0]:
+                heard += os.read(master, 4096)
+        attach(folder).kill()
+        heard = b""
+        while b"M112" not in heard and time.monotonic() < limit:
+            if select.select([master], [], [], 0.1)[0]:
+                heard += os.read(master, 4096)
+        assert b"\nM112\n" in heard
+    finally:
+        os.kill(load_station(folder).pid, signal.SIGKILL)
+        os.close(master)
+        os.close(slave)
+
+
+def test_unplugged_is_lost_and_says_so(folder, profile):
+    with pty_printer(FakeMarlin()) as served:
+        station = connect(profile, served.name, folder)
+        station.set_position(50, 50, 50)
+        served.unplug_at = served.printer.last + 2
+        message = until(station, StationState.LOST)
+        assert "reconnect" in message
+        assert not station.status.position_trusted
+        with pytest.raises(Refused, match="lost"):
+            station.jog("x", 1)
+        station.close()
+    assert station.status.state is StationState.CLOSED
+
+
+def test_reset_board_is_noticed(fake):
+    served, station = fake
+    station.set_position(50, 50, 50)
+    served.printer.reset_at = served.printer.last + 2
+    message = until(station, StationState.HALTED)
+    assert "was reset" in message
+    served.printer.reset_at = -1
+    assert station.reconnect().state is StationState.READY
+
+
+def test_print_uses_the_open_port_and_returns_it(fake, tmp_path, profile):
+    served, station = fake
+    lines = write_job(tmp_path / "job.gcode", 200)
+    station.mount(syringe="bd_1ml")
+    client = station.print(Order(tmp_path / "job.gcode", profile, "", tmp_path / "run", Retreat()))
+    assert client.wait(20).state is LinkState.DONE
+    assert until(station, StationState.READY).startswith("print done")
+    sent = served.printer.numbered
+    begin = sent.index(lines[4])
+    assert sent[begin : begin + len(lines) - 4] == lines[4:]
+    assert station.status.plunger_mm == pytest.approx(1.99)
+    assert not station.status.position_trusted, "the job said nothing of where it was"
+
+
+def test_refused_while_it_prints_and_console_goes_through(fake, tmp_path, profile):
+    served, station = fake
+    write_job(tmp_path / "job.gcode", 3000)
+    served.hold_at = served.printer.last + 400
+    client = station.print(Order(tmp_path / "job.gcode", profile, "", tmp_path / "run", Retreat()))
+    assert served.held.wait(10)
+    held = client.status
+    assert {one.name: one.now_c for one in station.status.temperatures}["nozzle"] == 36.6
+    assert 300 < held.lines_executed == held.lines_done - 20, "planner and queue hold so many"
+    with pytest.raises(Refused, match="a print goes on in"):
+        station.jog("x", 1)
+    with pytest.raises(Refused, match="a print goes on in"):
+        station.close()
+    assert station.status.state is StationState.PRINTING
+    served.hold_at = None
+    served.gate.set()
+    assert station.command("M105")[0].startswith("ok T:")
+    assert client.wait(30).state is LinkState.DONE
+
+
+def test_dead_station_is_told_and_its_print_isnt_thrown_away(fake, folder, tmp_path, profile):
+    served, station = fake
+    write_job(tmp_path / "job.gcode", 5000)
+    served.hold_at = served.printer.last + 400
+    order = Order(tmp_path / "job.gcode", profile, "", tmp_path / "run", Retreat())
+    station.print(order).detach()
+    assert served.held.wait(10)
+    os.kill(load_station(folder).pid, signal.SIGKILL)
+    until(station, StationState.LOST)
+    served.hold_at = None
+    served.gate.set()
+    with pytest.raises(Refused, match=r"was interrupted after at least \d+ of 5004 lines"):
+        connect(profile, served.name, folder)
+    again = connect(profile, served.name, folder, discard_interrupted=True)
+    assert again.status.state is StationState.READY
+
+
+def test_stopped_move_ends_early_and_is_known(fake):
+    _, station = fake
+    station.set_position(100, 100, 100)
+    moved: list[float] = []
+    other = attach(station.folder)
+
+    def move() -> None:
+        status = other.jog("x", 90, speed_mm_s=5)
+        assert status.position_mm is not None
+        moved.append(status.position_mm[0])
+
+    thread = threading.Thread(target=move)
+    thread.start()
+    until(station, StationState.BUSY)
+    with pytest.raises(Refused, match="something moves already"):
+        station.jog("y", 1)
+    station.stop_motion()
+    thread.join(20)
+    assert 100 <= moved[0] < 190
+    assert station.status.position_trusted
+    assert station.jog("x", -1).position_mm == (pytest.approx(moved[0] - 1), 100, 100)

@@ -1,0 +1,204 @@
+"""Camera frames by painted pictures of an insert."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from benchmarks.checkers.dish_camera import Optics, photograph
+from firmware_profiles import load
+from firmware_profiles.dishes import Dish
+from registration.devices.camera_frame import (
+    Bath,
+    CameraFrame,
+    PrintedLine,
+    PrintedPoints,
+    SeenMarks,
+    Ties,
+    Touch,
+    design_insert,
+    find_crossings,
+    find_marks,
+    fit_frame,
+    read_frame,
+    write_frame,
+)
+from registration.devices.camera_frame.insert import Process
+from registration.devices.camera_frame.projection import project
+from registration.errors import PictureError
+from tests.registration.devices.camera_frame import scene
+from tests.slower import first_rows
+
+
+def places(z: float) -> np.ndarray:
+    x, y = np.meshgrid(np.linspace(-14, 14, 5), np.linspace(-14, 14, 5))
+    return scene.TARGET * [1, 1, 0] + np.column_stack([x.ravel(), y.ravel(), np.full(25, z)])
+
+
+@pytest.mark.parametrize("z", [4.0, 1.0])
+def test_pixels_become_places_within_the_stated_uncertainty(z: float) -> None:
+    frame, true = scene.frame(), places(z)
+    pixels = scene.optics().pixels(true)
+    off = frame.to_printer(pixels, z) - true[:, :2]
+    assert np.linalg.norm(off, axis=1).max() < 0.03
+    spread = frame.covariance_mm2(pixels, z)
+    size = np.einsum("ni,nij,nj->n", off, np.linalg.inv(spread), off)
+    assert size.max() < 14  # 0.1 % of two degrees of freedom
+    np.testing.assert_allclose(frame.to_pixels(true), pixels, atol=0.6)
+    assert frame.u_mm < 0.015
+    assert frame.um_per_px == pytest.approx(79, rel=0.05)
+
+
+def test_refraction_is_snells() -> None:
+    frame = scene.frame().under(Bath(surface_z_mm=6.0, index=1.34))
+    true = places(1.0)
+    pixels = frame.to_pixels(true)
+    np.testing.assert_allclose(frame.to_printer(pixels, 1.0), true[:, :2], atol=1e-9)
+    # By hand: the angle in air of each ray, bent at the surface.
+    straight = scene.frame()
+    on_top, lower = (straight.to_printer(pixels, z) for z in (6.0, 5.0))
+    slope = np.linalg.norm(lower - on_top, axis=1)
+    sine = slope / np.hypot(slope, 1) / 1.34
+    aside = 5.0 * sine / np.sqrt(1 - sine**2)
+    np.testing.assert_allclose(np.linalg.norm(true[:, :2] - on_top, axis=1), aside, atol=1e-9)
+    assert (frame.spread_mm(pixels, 1.0) > straight.spread_mm(pixels, 1.0)).all()
+
+
+def test_printed_points_tie_the_frame_to_the_printer() -> None:
+    corners = scene.TARGET + np.array(
+        [[-10, -10, -1], [10, -10, -1], [10, 10, -1], [-10, 10, -1.0]]
+    )
+    points = PrintedPoints(corners, scene.optics().pixels(corners), np.full(4, 0.01))
+    marks = find_marks(scene.picture(), scene.insert(), scene.lens(), "seen.png")
+    ties = Ties(printed=points, z_mm=4.1, u_z_mm=0.1)
+    frame = fit_frame(marks, scene.insert(), scene.lens(), ties, scene.MADE_AT)
+    true = places(3.0)
+    off = frame.to_printer(scene.optics().pixels(true), 3.0) - true[:, :2]
+    assert np.linalg.norm(off, axis=1).max() < 0.03
+    assert frame.tied == "printed"
+
+
+def test_crossings_of_one_line_count_for_less_each_since_they_share_its_error() -> None:
+    view, (x, y, z) = scene.frame().view, scene.TARGET
+    corners = [(x - 9, y - 9, z), (x + 9, y - 9, z), (x + 9, y + 9, z), (x - 9, y + 9, z)]
+    lines = [
+        PrintedLine(a, b, 0.5) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)
+    ]
+    image = np.full(scene.optics().size[::-1], 150, np.uint8)
+    for line in lines:
+        share = np.linspace(0, 1, 40)[:, None]
+        along = (1 - share) * np.array(line.begin) + share * np.array(line.end)
+        fine = np.round(16 * project(view, along)).astype(np.int32)
+        cv2.polylines(image, [fine], False, 60, 6, cv2.LINE_AA, shift=4)
+    points = find_crossings(image, view, lines, u_mm=0.02)
+    assert len(points.u_mm) == 4
+    assert points.u_mm == pytest.approx(np.full(4, 0.02 * np.sqrt(2)), rel=0.1)
+
+
+def test_touches_that_dont_fit_are_refused() -> None:
+    marks = find_marks(scene.picture(), scene.insert(), scene.lens(), "seen.png")
+
+    def fit(*touches: Touch) -> None:
+        fit_frame(marks, scene.insert(), scene.lens(), Ties(touches=touches), scene.MADE_AT)
+
+    with pytest.raises(PictureError, match="one touched cross doesn't say"):
+        fit(Touch("left", 80, 90))
+    with pytest.raises(PictureError, match="no cross 'west'; it has left, right, front, back"):
+        fit(Touch("west", 80, 90), Touch("left", 80, 90))
+    with pytest.raises(PictureError, match="the touched crosses don't fit the insert"):
+        fit(Touch("left", 70, 90), Touch("right", 110, 90))
+
+
+def test_the_file_comes_back_and_a_wrong_one_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "frame.yaml"
+    write_frame(path, scene.frame())
+    assert read_frame(path) == scene.frame()
+    path.write_text(path.read_text().replace("tied: touched", "tied: guessed"))
+    with pytest.raises(PictureError, match=r"frame .*: tied: .*printctl observe frame"):
+        read_frame(path)
+
+
+def test_a_picture_without_insert_or_of_another_size_is_refused() -> None:
+    blank = np.full((800, 1000), 90, np.uint8)
+    with pytest.raises(PictureError, match=r"blank.png: 0 marks of the insert are found \(4"):
+        find_marks(blank, scene.insert(), scene.lens(), "blank.png")
+    with pytest.raises(PictureError, match="500 x 400 px, and the camera was calibrated at 1000"):
+        find_marks(blank[::2, ::2], scene.insert(), scene.lens(), "half.png")
+
+
+def bent_plate(plane: np.ndarray, bent_mm: float, taller: float) -> np.ndarray:
+    """Places (n, 3) of drawn ones on a plate bent along x and stretched along y."""
+    flat = plane * [1.0, 1 + taller]
+    up = bent_mm * ((2 * plane[:, 0] / scene.insert().plate_mm[0]) ** 2 - 0.5)
+    return scene.TARGET + np.column_stack([flat, up])
+
+
+def fitted_to_plate(
+    bent_mm: float, taller: float, process: Process, focus: float = 1.0, touched: bool = True
+) -> tuple[CameraFrame, Optics]:
+    """Frame of marks and exact touches on such a plate, and the camera that saw it."""
+    insert = design_insert(load(Dish, "petri_35mm"), process=process, mark_mm=7.0)
+    camera = replace(scene.optics(), focal=scene.optics().focal * focus)
+    rng = np.random.default_rng(1)
+    corners = bent_plate(insert.corners().reshape(-1, 2), bent_mm, taller)
+    pixels = (camera.pixels(corners) + rng.normal(0, 0.03, (len(corners), 2))).reshape(-1, 4, 2)
+    marks = SeenMarks(np.arange(len(pixels)), pixels, np.full(len(pixels), 0.03), 0.8, 0.1, 0.8)
+    middles = np.array([[c.x_mm, c.y_mm] for c in insert.crosses])
+    touches = [
+        Touch(cross.name, *map(float, place), u_mm=0.01)
+        for cross, place in zip(insert.crosses, bent_plate(middles, bent_mm, taller), strict=True)
+    ]
+    ties = Ties(touches=touches if touched else ())
+    return fit_frame(marks, insert, scene.lens(), ties, scene.MADE_AT), camera
+
+
+@pytest.mark.parametrize(("bent_mm", "taller"), [(0.2, 0.0), (0.0, 2e-3), (-0.15, -2e-3)])
+def test_a_bent_or_stretched_plate_is_fitted(bent_mm: float, taller: float) -> None:
+    frame, camera = fitted_to_plate(bent_mm, taller, "paper")
+    true = places(4.0)
+    pixels = camera.pixels(true)
+    off = frame.to_printer(pixels, 4.0) - true[:, :2]
+    assert np.linalg.norm(off, axis=1).max() < 0.02
+    spread = frame.covariance_mm2(pixels, 4.0)
+    assert np.einsum("ni,nij,nj->n", off, np.linalg.inv(spread), off).max() < 14
+
+
+def test_a_lens_at_another_focus_is_refused() -> None:
+    with pytest.raises(PictureError, match=r"calibrated at another focus|was the lens calibrated"):
+        fitted_to_plate(0.0, 0.0, "engraved", focus=1.05)
+    with pytest.raises(PictureError, match="calibrated at another focus"):
+        fitted_to_plate(0.0, 0.0, "engraved", focus=1.08, touched=False)
+
+
+def test_a_plate_far_from_its_drawing_is_refused() -> None:
+    with pytest.raises(PictureError, match=r"the plate is bent, stretched, or made .* engraved"):
+        fitted_to_plate(1.0, 5e-3, "engraved", touched=False)
+
+
+def test_touches_that_scatter_more_than_stated_are_refused_or_believed_less() -> None:
+    marks = find_marks(scene.picture(), scene.insert(), scene.lens(), "seen.png")
+    crosses = scene.insert().crosses
+    there = scene.made().world(np.array([[c.x_mm, c.y_mm] for c in crosses]))
+    signs = np.array([[1, 1, 1], [-1, 1, 1], [1, -1, -1], [1, 1, -1.0]])
+
+    def u_mm(off_mm: float) -> float:
+        touches = [
+            Touch(c.name, *map(float, place), u_mm=0.01)
+            for c, place in zip(crosses, there + off_mm * signs, strict=True)
+        ]
+        ties = Ties(touches=touches)
+        return fit_frame(marks, scene.insert(), scene.lens(), ties, scene.MADE_AT).u_mm
+
+    assert u_mm(0.018) > 1.2 * u_mm(0.002)
+    with pytest.raises(PictureError, match=r"they scatter .* times as much as touches good to 10"):
+        u_mm(0.035)
+
+
+@pytest.mark.parametrize(("power", "told"), first_rows([(1 / 2.2, 2.0), (1.0, 1.0)]))
+def test_marks_tell_whether_a_picture_holds_light_or_its_root(power: float, told: float) -> None:
+    picture = photograph(scene.optics(), scene.made(), replace(scene.SCENE, gamma=power), 1)
+    assert find_marks(picture, scene.insert(), scene.lens(), "seen.png").gamma == told

@@ -1,0 +1,86 @@
+import numpy as np
+import pytest
+
+from benchmarks.checkers import layer_painter as painter
+from registration.inspection import SeeingOptions, Unseen, see_layer
+from tests.registration.inspection.painted import Scene, expected
+from tests.slower import first_of
+
+
+@pytest.mark.parametrize("kind", ["opaque", "absorbing"])
+@pytest.mark.parametrize("layout", first_of(["rings", "filled", "meander", "waves"], 2))
+def test_planted_gaps_are_found_and_nothing_else(kind: str, layout: str) -> None:
+    planted = ((0, 1.0, 1.25), (0, 2.2, 2.8)) if layout != "rings" else ((1, 1.0, 1.3),)
+    painted = Scene(3, kind, layout).paint(planted)
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+    assert [gap.stroke for gap in findings.gaps] == [stroke for stroke, _, _ in planted]
+    for gap, (_, begin, end) in zip(findings.gaps, planted, strict=True):
+        assert gap.from_mm == pytest.approx(begin, abs=0.08)
+        assert gap.to_mm == pytest.approx(end, abs=0.08)
+        assert gap.p_value < 1e-6
+    assert not findings.blobs
+
+
+@pytest.mark.parametrize("seed", first_of(range(8), 4))
+def test_sound_layers_are_found_sound(seed: int) -> None:
+    layout = painter.LAYOUTS[seed // 4 * 2 + seed % 2]
+    painted = Scene(60 + seed, painter.KINDS[seed % 4], layout).paint()
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+    assert not findings.gaps
+    assert not findings.blobs
+    assert not findings.stretches
+
+
+def test_half_of_the_lines_missing_are_all_found() -> None:
+    scene = Scene(5, layout="waves", contrast=0.5)
+    strokes = np.unique(scene.plan().stroke)
+    lost = tuple((int(stroke), -1.0, 99.0) for stroke in strokes[len(strokes) // 2 :])
+    painted = scene.paint(lost)
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+    assert [gap.stroke for gap in findings.gaps] == [stroke for stroke, _, _ in lost]
+    assert all(gap.length_mm > 3.0 for gap in findings.gaps)
+
+
+def test_a_missing_layer_is_told_by_how_ink_looked_before() -> None:
+    scene = Scene(5, layout="waves", contrast=0.5)
+    sound, plan = scene.paint(), scene.plan()
+    nothing = scene.paint(tuple((int(stroke), -1.0, 99.0) for stroke in np.unique(plan.stroke)))
+    look = see_layer(sound.picture, sound.frame, expected(plan)).appearance
+    assert see_layer(nothing.picture, nothing.frame, expected(plan)).seen_share == 0.0
+    findings = see_layer(nothing.picture, nothing.frame, expected(plan), known=look)
+    assert len(findings.gaps) == len(np.unique(plan.stroke))
+
+
+def test_ink_without_contrast_is_not_seen() -> None:
+    painted = Scene(9, contrast=0.0).paint(((1, 1.0, 2.0),))
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+    assert findings.seen_share == 0.0
+    assert not findings.gaps
+    assert np.isnan(findings.width_ratio)
+    assert (findings.stations.why == Unseen.FAINT).all()
+
+
+def test_glare_bubbles_and_the_needle_are_not_gaps() -> None:
+    scene = Scene(11, layout="meander", contrast=0.5)
+    at = scene.plan().start[0] * 0.5 + scene.plan().end[0] * 0.5
+    other = scene.plan().start[2] * 0.5 + scene.plan().end[2] * 0.5
+    painted = scene.paint(glare=[(*at, 0.4)], bubbles=[(*other, 0.4)], needle=True)
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+    assert not findings.gaps
+    assert 0.3 < findings.seen_share < 0.95
+
+
+def test_hidden_places_are_not_seen() -> None:
+    painted = Scene(12, contrast=0.5).paint(((1, 1.0, 1.6),))
+    high, wide = painted.picture.shape[:2]
+    cover = np.array([[0, 0], [wide, 0], [wide, high], [0, high]], dtype=float)
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan), hidden=[cover])
+    assert findings.seen_share == 0.0
+    assert (findings.stations.why == Unseen.HIDDEN).all()
+
+
+def test_a_coarser_tolerance_finds_only_longer_gaps() -> None:
+    painted = Scene(3).paint(((1, 1.0, 1.3), (1, 3.0, 4.2)))
+    options = SeeingOptions(gap_mm=1.0)
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan), options=options)
+    assert [round(gap.length_mm) for gap in findings.gaps] == [1]

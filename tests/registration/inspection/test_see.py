@@ -1,0 +1,282 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.checkers import layer_painter as painter
+from benchmarks.checkers.layer_volume import VOXEL, paint_volume
+from registration.errors import PictureError
+from registration.inspection import (
+    ExpectedLines,
+    Gap,
+    Lumen,
+    Unseen,
+    annotated,
+    height_map,
+    see_layer,
+)
+from registration.scan import Scan
+from tests.registration.inspection.painted import Scene, both, expected
+from tests.slower import first_of, first_rows
+
+
+@pytest.mark.parametrize("kind", first_of(["absorbing", "opaque"]))
+def test_widths_ratio_and_shift_lie_in_their_intervals(kind: str) -> None:
+    painted = Scene(21, kind).paint(ratio=0.85, shift=(0.05, -0.08))
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+    stations = findings.stations
+    known = np.isfinite(stations.width_mm)
+    true = np.empty(known.sum())
+    for place, k in enumerate(np.flatnonzero(known)):
+        own = painted.stroke == stations.stroke[k]
+        true[place] = np.interp(stations.along_mm[k], painted.along[own], painted.laid[own])
+    z = (stations.width_mm[known] - true) / stations.u_width_mm[known]
+    assert known.mean() > 0.5
+    assert np.mean(np.abs(z) < 1.96) > 0.9
+    assert findings.width_ratio == pytest.approx(0.85, abs=2 * findings.u_width_ratio)
+    assert findings.u_width_ratio < 0.08
+    u_x, u_y = findings.shift.u_mm
+    assert findings.shift.dx_mm == pytest.approx(0.05, abs=3 * u_x + 0.002)
+    assert findings.shift.dy_mm == pytest.approx(-0.08, abs=3 * u_y + 0.002)
+    assert max(u_x, u_y) < 0.02
+
+
+def test_a_thin_stretch_is_told() -> None:
+    scene = Scene(22)
+    plan = scene.plan()
+    longest = int(plan.stroke.max())
+    thin = replace_width(plan, longest, 0.6)
+    rng = np.random.default_rng(1)
+    look = painter.random_look("opaque", rng, 0.4)
+    painted = painter.paint(thin, painter.lay(thin, rng), [], 4.0, 20.0, look, rng)
+    findings = see_layer(painted.picture, painted.frame, expected(plan))
+    assert findings.stretches
+    assert {(one.kind, one.stroke) for one in findings.stretches} == {("thin", longest)}
+    assert findings.stretches[0].ratio == pytest.approx(0.6, abs=0.06)
+
+
+def replace_width(plan: painter.Plan, stroke: int, times: float) -> painter.Plan:
+    return replace(plan, width=np.where(plan.stroke == stroke, times * plan.width, plan.width))
+
+
+def test_a_blob_is_found_where_no_ink_should_be() -> None:
+    scene = Scene(23, layout="meander", contrast=0.5)
+    corner = scene.plan().start.min(axis=0) + (-0.2, -0.45)
+    painted = scene.paint(blobs=[(*corner, 0.3)])
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+    assert len(findings.blobs) == 1
+    assert np.hypot(*(np.array(findings.blobs[0].at_mm) - corner)) < 0.15
+
+
+@pytest.mark.parametrize(("ratio", "share"), first_rows([(1.35, 0.72), (1.0, 1.0)]))
+def test_a_lumen_between_lines_is_measured(ratio: float, share: float) -> None:
+    rows = np.array([0.0, 0.75])  # two lines of 0.35 mm, 0.4 mm apart
+    start = np.column_stack([np.full(2, 10.5), 21.6 + rows])
+    plan = painter.Plan(start, start + (3.0, 0.0), np.full(2, 0.35), np.arange(2))
+    rng = np.random.default_rng(4)
+    look = painter.random_look("opaque", rng, 0.4)
+    painted = painter.paint(plan, painter.lay(plan, rng, ratio=ratio), [], 4.0, 20.0, look, rng)
+    middle = np.array([[10.9, 21.975, 0.3], [13.1, 21.975, 0.3]])
+    lumen = Lumen.capsule("a", middle[0], middle[1], 0.4)
+    seen = see_layer(painted.picture, painted.frame, expected(plan), lumens=[lumen]).lumens[0]
+    assert seen.seen
+    assert seen.width_mm / 0.4 == pytest.approx(share, abs=2 * seen.u_width_mm / 0.4)
+    assert (seen.p_value < 0.01) == (share < 1)
+
+
+def test_a_closed_lumen_is_closed() -> None:
+    scene = Scene(24, contrast=0.5)
+    middle = np.array([12.0, 22.0, 0.3])
+    painted = scene.paint(blobs=[(12.0, 22.0, 0.5)])
+    lumen = Lumen.capsule("hole", middle, middle, 0.4)
+    lines = expected(painted.plan)
+    closed = see_layer(painted.picture, painted.frame, lines, lumens=[lumen]).lumens[0]
+    assert closed.seen
+    assert closed.width_mm < 0.05
+    assert closed.open_share < 0.05
+
+
+def test_lines_over_older_ink_are_not_seen_without_a_sign() -> None:
+    scene = Scene(25, layout="meander")
+    older = scene.plan()
+    painted = scene.paint()
+    lines = both(expected(older, fresh=False), expected(older, first_stroke=100))
+    findings = see_layer(painted.picture, painted.frame, lines)
+    assert findings.seen_share == 0.0
+    assert (findings.stations.why == Unseen.OLD_INK).all()
+
+
+@pytest.mark.parametrize("colour", first_of([0, 1]))
+def test_the_picture_before_takes_texture_away(colour: int) -> None:
+    scene = Scene((26, 24)[colour], contrast=0.25)
+    painted, empty = scene.paint(((1, 1.0, 1.4),)), scene.paint(((-1, 0, 0),), ratio=1e-6)
+    rough = np.random.default_rng(2).normal(0, 12, painted.picture.shape)
+    now, before = (
+        np.clip(one.picture + rough, 0, 255).astype(np.uint8) for one in (painted, empty)
+    )
+    lines = expected(painted.plan)
+    plain = see_layer(now, painted.frame, lines)
+    helped = see_layer(now, painted.frame, lines, before=before)
+    assert helped.contrast > plain.contrast
+    assert [gap.stroke for gap in helped.gaps] == [1]
+
+
+def test_sixteen_bits_and_bytes_tell_the_same() -> None:
+    painted = Scene(27).paint(((1, 1.0, 1.4),))
+    lines = expected(painted.plan)
+    bytes_ = see_layer(painted.picture, painted.frame, lines)
+    words = see_layer(painted.picture.astype(np.uint16) * 200, painted.frame, lines)
+    assert [gap.stroke for gap in words.gaps] == [gap.stroke for gap in bytes_.gaps] == [1]
+    assert words.width_ratio == pytest.approx(bytes_.width_ratio, abs=0.01)
+
+
+def test_an_oct_volume_is_judged_by_its_height_map() -> None:
+    rng = np.random.default_rng(3)
+    plan = painter.plan_layer("waves", 3.0, 0.3, rng)
+    planted = [(0, 1.0, 1.4)]
+    shape = (100, 200, 200)
+    volume, to_scan = paint_volume(plan, painter.lay(plan, rng, gaps=planted), planted, rng, shape)
+    scan = Scan(volume, VOXEL, 1.0, False, "linear", "oct", True, Path("painted"))
+    picture, frame = height_map(scan, to_scan, 0.3, 0.25)
+    findings = see_layer(picture, frame, expected(plan))
+    assert [gap.stroke for gap in findings.gaps] == [0]
+    assert findings.gaps[0].from_mm == pytest.approx(1.0, abs=0.08)
+    assert findings.width_ratio == pytest.approx(1.0, abs=2 * findings.u_width_ratio)
+    assert annotated(picture, frame, findings).shape[2] == 3
+
+
+def test_the_overlay_shows_gaps_red_and_changes_nothing_else() -> None:
+    painted = Scene(3).paint(((1, 1.0, 1.6),))
+    before = painted.picture.copy()
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+    drawn = annotated(painted.picture, painted.frame, findings)
+    assert np.array_equal(before, painted.picture)
+    red = (drawn[..., 2] > 200) & (drawn[..., 1] < 60) & (drawn[..., 0] < 60)
+    assert red[300:].sum() > 50  # below the legend
+
+
+def test_the_overlay_of_a_small_part_in_a_wide_view_shows_the_part() -> None:
+    painted = Scene(3).paint(((1, 1.0, 1.6),))
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+    aside = [3 * length for length in painted.picture.shape[:2]]
+    wide = np.pad(
+        painted.picture,
+        [(aside[0], aside[0]), (aside[1], aside[1]), (0, 0)][: painted.picture.ndim],
+    )
+
+    class Moved:
+        def to_pixels(self, points_mm):
+            return painted.frame.to_pixels(points_mm) + np.array(aside[::-1])
+
+    drawn = annotated(wide, Moved(), findings)
+    red = (drawn[..., 2] > 200) & (drawn[..., 1] < 60) & (drawn[..., 0] < 60)
+    whole = annotated(painted.picture, painted.frame, findings)
+    assert max(drawn.shape) < 1.5 * max(whole.shape)
+    assert red.sum() > 50
+
+
+def test_the_overlay_shows_a_narrowed_lumen_red() -> None:
+    painted = Scene(3).paint(())
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+    at = findings.stations.at_mm.mean(axis=0)
+    lumen = Lumen.capsule("1", np.array([*at, 0.1]), np.array([*at, 0.1]), 0.6)
+    drawn = annotated(painted.picture, painted.frame, findings, [lumen])
+    where = np.rint(painted.frame.to_pixels(lumen.outline)).astype(int)
+    grow = len(drawn) // len(painted.picture)
+    colours = drawn[grow * where[:, 1], grow * where[:, 0]].astype(int)
+    assert np.median(colours[:, 2] - colours[:, :2].max(axis=1)) > 150
+
+
+def test_the_overlay_shows_a_stretch_that_is_asked_about_red() -> None:
+    """A look asked about 6.7 mm, and its picture showed them hatched like all the rest."""
+    painted = Scene(3).paint(())
+    findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+    stroke, nowhere = int(findings.stations.stroke[0]), (0.0, 0.0)
+    bare = Gap(stroke, 0.5, 3.0, nowhere, nowhere, 0.0, 1.0)
+    asked = replace(findings, told=replace(findings.told, doubted=(bare,)))
+    drawn = [annotated(painted.picture, painted.frame, one) for one in (findings, asked)]
+    plain, red = (
+        (one[300:, :, 2] > 200) & (one[300:, :, 1] < 60) & (one[300:, :, 0] < 60) for one in drawn
+    )
+    assert not plain.any()
+    assert red.sum() > 50
+
+
+@pytest.mark.slow
+def test_the_same_picture_tells_the_same() -> None:
+    painted = Scene(29).paint(((1, 1.0, 1.6),))
+    one, two = (see_layer(painted.picture, painted.frame, expected(painted.plan)) for _ in range(2))
+    assert one.gaps == two.gaps
+    assert one.width_ratio == two.width_ratio
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"width_mm": np.zeros(3)}, "above 0"),
+        ({"fresh": np.zeros(3, dtype=bool)}, "none is of the layer"),
+        ({"start": np.full((3, 3), np.nan)}, "NaN"),
+        ({"line": np.zeros(2, dtype=np.int64)}, "different lengths"),
+    ],
+)
+def test_bad_lines_are_refused(change: dict[str, np.ndarray], word: str) -> None:
+    painted = Scene(30).paint()
+    start = np.column_stack([np.full(3, 11.0), 21.0 + np.arange(3), np.zeros(3)])
+    count = np.arange(3)
+    lines = ExpectedLines(
+        start, start + (1.0, 0, 0), np.full(3, 0.3), count, count, np.ones(3, dtype=bool)
+    )
+    with pytest.raises(PictureError, match=word):
+        see_layer(painted.picture, painted.frame, replace(lines, **change))
+
+
+def test_a_picture_of_something_else_is_refused() -> None:
+    painted = Scene(30).paint()
+    lines = expected(painted.plan)
+    away = replace(lines, start=lines.start + 500.0, end=lines.end + 500.0)
+    with pytest.raises(PictureError, match="none of the layer's lines"):
+        see_layer(painted.picture, painted.frame, away)
+    with pytest.raises(PictureError, match="expected \\(rows, columns\\)"):
+        see_layer(painted.picture[0], painted.frame, lines)
+
+
+class Plain:
+    """50 px/mm, seen from straight above; places beyond 8 mm nowhere."""
+
+    def to_pixels(self, points_mm: np.ndarray) -> np.ndarray:
+        return np.where(points_mm[:, :1] > 8, np.nan, 50.0 * points_mm[:, :2])
+
+
+@pytest.mark.parametrize("kind", first_of(["noise", "holes", "black", "white"], 2))
+def test_pictures_without_a_layer_tell_nothing_and_break_nothing(kind: str) -> None:
+    noise = np.random.default_rng(1).normal(100, 5, (200, 420))
+    pictures = {
+        "noise": noise.astype(np.uint8),
+        "black": np.zeros((200, 420, 3), np.uint8),
+        "white": np.full((200, 420), 255, np.uint8),
+        "holes": np.where(noise < 97, np.nan, noise).astype(np.float32),
+    }
+    count = np.arange(2)
+    start = np.array([[1.0, 1.0, 0], [1.0, 2.0, 0]])
+    lines = ExpectedLines(
+        start, start + (9.0, 0, 0), np.full(2, 0.3), count, count, np.ones(2, dtype=bool)
+    )
+    findings = see_layer(pictures[kind], Plain(), lines, before=pictures[kind])
+    assert findings.seen_share == 0.0
+    assert not findings.gaps
+    assert annotated(pictures[kind], Plain(), findings).ndim == 3
+
+
+def test_a_shift_that_nothing_tells_is_unknown_and_touching_lines_unseen() -> None:
+    scene = Scene(32, layout="filled")
+    plan = scene.plan()
+    rng = np.random.default_rng(5)
+    ink = painter.lay(plan, rng, ratio=0.01)
+    look = painter.random_look("opaque", rng, 0.4)
+    look.light = min(look.light, 0.25)
+    painted = painter.paint(plan, ink, [], scene.size, scene.um_per_px, look, rng)
+    findings = see_layer(painted.picture, painted.frame, expected(plan))
+    assert min(findings.shift.u_mm) > 0.12
+    assert not findings.gaps
+    assert (findings.stations.why != int(Unseen.SEEN)).mean() > 0.9

@@ -1,0 +1,200 @@
+"""Layers as a laser profiler sees them: gaps, and what it lost, which is neither ink nor gap."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.checkers.profiler_painter import Kind, profiled
+from benchmarks.observe_laser import expected, look, planted
+from registration.errors import PictureError
+from registration.files.readers.heights import HeightMap
+from registration.inspection import LayerFindings, Surface, Unseen, see_layer, surface_of
+from registration.inspection.unseen.out_of_place import unless_elsewhere
+from registration.inspection.values import FloatArray
+
+KINDS: tuple[Kind, ...] = ("plate", "lattice", "solid")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_sound_layer_is_seen_and_not_faulted(kind: Kind, seed: int) -> None:
+    found = look(profiled(seed, kind))
+    assert found.gaps == ()
+    assert found.blobs == ()
+    assert found.seen_share > 0.8
+    assert found.coverage > 0.95
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_gap_is_found_where_it_is(kind: Kind) -> None:
+    found, stroke, bare = planted(100_000, kind, 0.5)
+    (gap,) = found.gaps
+    assert gap.stroke == stroke
+    assert gap.from_mm < bare[1] + 0.05
+    assert gap.to_mm > bare[2] - 0.05
+    assert gap.length_mm < 0.5 + 0.5 * 0.45 + 0.1  # round ends: half a width more
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("bare", [(), ((3, 1.5, 2.5),)])
+def test_what_was_lost_is_neither_ink_nor_gap(
+    kind: Kind, bare: tuple[tuple[int, float, float], ...]
+) -> None:
+    """A patch without points lies over 1 to 3 mm of lines, whether ink is there or not."""
+    map_ = profiled(2, kind, bare)
+    at = np.arange(len(map_.heights)) * map_.px - 2.0
+    map_.heights[np.ix_((at > 0.0) & (at < 4.5), (at > 1.0) & (at < 3.0))] = np.nan
+    found = look(map_)
+    assert found.gaps == ()
+    s = found.stations
+    own = (s.stroke == np.flatnonzero(map_.layer == map_.layer.max())[3]) & ~s.seen
+    assert s.length_mm[own].sum() > 1.8
+    assert set(s.why[own]) <= {Unseen.HIDDEN, Unseen.OLD_INK, Unseen.FAINT, Unseen.UNCLEAR}
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("seed", [1, 3])
+def test_a_gap_is_found_where_profiles_lie_farther_apart_than_points(seed: int, axis: int) -> None:
+    """Cells of 12 by 48 µm, either way."""
+    map_ = profiled(seed, "solid", ((5, 1.5, 2.2),), px=0.012)
+    px, origin = np.full(2, map_.px), np.zeros(2)
+    px[1 - axis], origin[1 - axis] = 4 * map_.px, 2 * map_.px
+    heights = np.ascontiguousarray(map_.heights[2::4] if axis == 0 else map_.heights[:, 2::4])
+    at = HeightMap(heights, (px[0], px[1]), (origin[0], origin[1]))
+    lines = expected(map_)
+    surface = surface_of(at, map_.to_map, map_.middle_z, map_.thickness, lines)
+    (gap,) = see_layer(
+        surface.picture, surface.frame, lines, hidden=surface.hidden, thickness_mm=map_.thickness
+    ).gaps
+    assert gap.stroke == np.flatnonzero(map_.layer == map_.layer.max())[5]
+    assert gap.length_mm == pytest.approx(0.72, abs=0.05)
+
+
+@pytest.mark.parametrize(("by_mm", "least"), [(0.0, 0.0), (1.2, 4.0)])
+def test_ink_where_none_should_be_is_measured_beside_gaps(by_mm: float, least: float) -> None:
+    """Of a layer that lies where it should nothing lies beside its lines, whatever is missing."""
+    map_ = profiled(4, "solid", ((5, 1.5, 2.2),))
+    to_map = map_.to_map.copy()
+    to_map[:2, 3] -= to_map[:2, :2] @ [by_mm, by_mm]
+    found = look(replace(map_, to_map=to_map))
+    assert found.gaps
+    assert least <= found.beside_mm <= max(least, 0.05) + 1000.0 * (by_mm > 0)
+
+
+def test_a_gap_that_another_place_of_the_layer_shows_as_ink_is_not_placed() -> None:
+    found, stroke, _ = planted(100_000, "solid", 1.0)
+    sound = look(profiled(100_000, "solid"))
+    doubted = unless_elsewhere(found, sound)
+    assert doubted.gaps == ()
+    assert [one.stroke for one in doubted.unplaced] == [stroke]
+    assert doubted.seen_share < found.seen_share
+    assert unless_elsewhere(found, found).gaps == found.gaps
+
+
+def small(heights: FloatArray, to_map: FloatArray | None = None) -> Surface:
+    """Two lines of 0.3 mm, 0.1 mm high, on a plate at z 5; cells of 30 µm."""
+    map_ = profiled(1, "plate")
+    return surface_of(
+        HeightMap(heights.astype(np.float32), (map_.px, map_.px)),
+        map_.to_map if to_map is None else to_map,
+        map_.middle_z,
+        map_.thickness,
+        expected(map_),
+    )
+
+
+def test_narrow_holes_are_filled_and_wide_ones_hidden() -> None:
+    heights = np.array(profiled(1, "plate", hard=0.0).heights)
+    heights[np.isnan(heights)] = 3.0
+    heights[100:102, 50:200] = np.nan
+    heights[150:154, 150:154] = np.nan
+    heights[20, 20] = 9.0  # a spike
+    found = small(heights)
+    assert found.hidden.sum() == 16
+    assert found.hidden[151, 151]
+    assert np.isfinite(found.picture).all()
+    assert found.picture[20, 20, 1] == pytest.approx(found.picture[24, 24, 1], abs=0.01)
+    blue, green, red = found.shaded()[151, 151]
+    assert blue > green > red
+
+
+def test_how_far_a_map_lies_off_its_layer_is_told() -> None:
+    map_ = profiled(1, "plate")
+    assert small(map_.heights).over_mm == pytest.approx(0.0, abs=0.03)
+    assert small(map_.heights - 0.12).over_mm == pytest.approx(-0.12, abs=0.03)
+    assert small(map_.heights - 0.12).stands_mm == pytest.approx(map_.thickness, abs=0.03)
+
+
+def test_a_profiler_that_looks_up_or_saw_nothing_is_refused() -> None:
+    map_ = profiled(1, "plate")
+    with pytest.raises(PictureError, match="don't grow with the printer's z"):
+        small(map_.heights, np.diag([1.0, -1.0, -1.0, 1.0]))
+    with pytest.raises(PictureError, match="no height at all"):
+        small(np.full_like(map_.heights, np.nan))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("over", [0.5, 3.0])
+def test_the_flat_surface_of_a_bath_over_the_layer_is_neither_ink_nor_gap(
+    kind: Kind, over: float
+) -> None:
+    map_ = profiled(3, kind)
+    top = 3.0 + map_.thickness * (map_.layer.max() + 1 + over)
+    noise = np.random.default_rng(1).normal(0, 0.003, map_.heights.shape)
+    found = look(replace(map_, heights=(top + noise).astype(np.float32)))
+    assert found.gaps == ()
+    assert found.seen_share == 0.0
+
+
+@pytest.mark.parametrize("kind", ["plate", "lattice"])
+def test_widths_are_within_what_is_told_of_them(kind: Kind) -> None:
+    told = [look(profiled(seed, kind)) for seed in range(8)]
+    off = [(one.width_ratio - 1) / one.u_width_ratio for one in told if one.u_width_ratio < 1]
+    assert len(off) >= 3
+    assert max(np.abs(off)) < 2.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_ink_whose_height_wavers_along_its_lines_is_told_from_the_plate(seed: int) -> None:
+    """Of a third of its height: what counts is that all of it stands far over the bare plate."""
+
+    def wavering(bare: tuple[tuple[int, float, float], ...]) -> LayerFindings:
+        map_ = profiled(seed, "plate", bare)
+        count = map_.heights.shape[1]
+        wave = 1.0 + 0.35 * np.sin(2.0 * np.pi * np.arange(count) * map_.px / 1.7)
+        return look(replace(map_, heights=(3.0 + (map_.heights - 3.0) * wave).astype(np.float32)))
+
+    sound, broken = wavering(()), wavering(((2, 1.5, 2.2),))
+    assert sound.gaps == ()
+    assert sound.seen_share > 0.9
+    assert sound.faint_share == 0.0
+    (gap,) = broken.gaps
+    assert gap.length_mm == pytest.approx(0.7, abs=0.3)
+
+
+@pytest.mark.parametrize("kind", ["plate", "solid"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_tilt_and_bow_of_more_than_a_layer_are_taken_out(kind: Kind, seed: int) -> None:
+    def aslant(bare: tuple[tuple[int, float, float], ...]) -> LayerFindings:
+        map_ = profiled(seed, kind, bare)
+        y, x = (2.0 * one / len(map_.heights) - 1.0 for one in np.indices(map_.heights.shape))
+        off = map_.thickness * (0.8 * x - 0.5 * y + 0.7 * x * x)
+        return look(replace(map_, heights=(map_.heights + off).astype(np.float32)))
+
+    sound, broken = aslant(()), aslant(((3, 1.5, 2.5),))
+    assert sound.gaps == ()
+    assert sound.seen_share > 0.8
+    assert len(broken.gaps) == 1
+
+
+def test_a_floor_that_alone_is_tilted_doesnt_tilt_the_ink() -> None:
+    map_ = profiled(1, "solid", hard=0.0)
+    y, x = (2.0 * one / len(map_.heights) - 1.0 for one in np.indices(map_.heights.shape))
+    floor = map_.heights < 3.0 + 0.5 * map_.thickness
+    tilted = np.where(floor, map_.heights + map_.thickness * (x + y), map_.heights)
+    found = look(replace(map_, heights=tilted.astype(np.float32)))
+    assert found.gaps == ()
+    assert found.seen_share > 0.8

@@ -1,0 +1,127 @@
+from typing import get_args
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+
+from design.network import VesselKind, VesselNetwork
+from registration.report.picture import Colour, Quantity, VesselQuantities, quantities
+from registration.report.picture.colours import NO_DATA, SEQUENTIAL
+from registration.report.picture.pressures import point_pressure
+from registration.report.picture.quantity import magnitude, signed
+
+
+def fork() -> VesselNetwork:
+    """A trunk, two branches, and a piece of a vein; the trunk bends."""
+    nodes = np.array([[0.0, 0, 0], [4, 0, 0], [8, 3, 0], [8, -3, 0], [0, 9, 0], [5, 9, 0]])
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [4, 0, 0], [4, 0, 0], [8, 3, 0], [4, 0, 0],
+                       [8, -3, 0], [0, 9, 0], [5, 9, 0]])  # fmt: skip
+    return VesselNetwork(
+        nodes=nodes,
+        vessel_nodes=np.array([[0, 1], [1, 2], [1, 3], [4, 5]]),
+        kind=np.array([0, 0, 0, 1]),
+        tree=np.array([0, 0, 0, 7]),
+        offset=np.array([0, 3, 5, 7, 9]),
+        points=points,
+        radius=np.array([0.5, 0.5, 0.4, 0.3, 0.3, 0.2, 0.2, 0.01, 0.01]),
+    )
+
+
+def by_key(known: VesselQuantities | None = None) -> dict[str, Quantity]:
+    return {quantity.key: quantity for quantity in quantities(fork(), known)}
+
+
+def test_only_what_is_known_is_offered() -> None:
+    assert list(by_key()) == ["radius", "order", "kind", "tree"]
+    flow = {name: np.ones(4) for name in ("flow_ml_min", "wall_shear_pa", "pressure_in_mmhg",
+                                          "pressure_out_mmhg")}  # fmt: skip
+    known = by_key(VesselQuantities(flow, {"error_percent": np.array([1.0, -2.0, np.nan, 0.0])}))
+    assert set(get_args(Colour)) <= set(known)
+
+
+def test_orders_are_strahlers_and_start_at_the_terminals() -> None:
+    order = by_key()["order"]
+    assert [order.labels[int(v)] for v in order.values] == ["2", "1", "1", "1"]
+    assert len(order.colours) == 2
+
+
+def test_loops_have_no_order() -> None:
+    network = VesselNetwork.from_segments(
+        np.array([[0.0, 0, 0], [1, 1, 0], [1, -1, 0], [2, 0, 0]]),
+        np.array([[0, 1], [0, 2], [1, 3], [2, 3]]),
+        np.full(4, 0.1),
+        np.full(4, VesselKind.CHANNEL),
+        np.zeros(4),
+    )
+    assert "order" not in {quantity.key for quantity in quantities(network)}
+
+
+def test_trees_and_kinds_are_named() -> None:
+    known = by_key()
+    assert known["tree"].labels == ("tree 0", "tree 7")
+    assert known["tree"].values.tolist() == [0, 0, 0, 1]
+    assert known["kind"].labels == ("artery", "vein")
+
+
+def test_values_along_pieces() -> None:
+    network, radius = fork(), by_key()["radius"]
+    first, last = radius.piece_ends(network)
+    assert first.tolist() == [0.5, 0.5, 0.3, 0.2, 0.01]
+    assert last.tolist() == [0.5, 0.4, 0.3, 0.2, 0.01]
+    first, last = by_key()["tree"].piece_ends(network)
+    assert first.tolist() == last.tolist() == [0, 0, 0, 0, 1]
+
+
+def test_a_logarithmic_scale_where_numbers_span_much() -> None:
+    wide = magnitude("flow", "Flow", "mL/min", np.array([0.0, 1e-3, 1e-1, 10.0]))
+    assert wide is not None
+    assert wide.scale == "log"
+    assert wide.limits == (1e-3, 10.0)
+    # Nought sits at the lower end, the geometric mean in the middle.
+    assert wide.place(wide.values) == pytest.approx([0.0, 0.0, 0.5, 1.0])
+    narrow = magnitude("flow", "Flow", "mL/min", np.array([1.0, 3.0]))
+    assert narrow is not None
+    assert narrow.scale == "linear"
+
+
+def test_one_value_still_has_a_bar() -> None:
+    alone = magnitude("radius", "Radius", "mm", np.full(3, 0.2))
+    assert alone is not None
+    assert alone.place(alone.values) == pytest.approx([0.5] * 3)
+
+
+def test_unknown_values_are_grey() -> None:
+    found = magnitude("radius", "Radius", "mm", np.array([1.0, np.nan, 2.0]))
+    assert found is not None
+    rgb = found.rgb(found.values)
+    assert rgb[1] == pytest.approx(to_rgb(NO_DATA))
+    assert rgb[2] == pytest.approx(SEQUENTIAL(1.0)[:3])
+    assert magnitude("x", "X", "", np.full(3, np.nan)) is None
+    assert signed("x", "X", "", np.full(3, np.nan)) is None
+
+
+def test_the_signed_scale_has_its_middle_at_zero() -> None:
+    found = signed("deviation", "Deviation", "%", np.array([-2.0, 0.0, 8.0]))
+    assert found is not None
+    assert found.limits[0] == -found.limits[1]
+    assert found.place(np.array([0.0])) == pytest.approx([0.5])
+
+
+def test_low_pressures_are_told_in_pa() -> None:
+    ends = {"pressure_in_mmhg": np.full(4, 0.02), "pressure_out_mmhg": np.full(4, 0.01)}
+    low = by_key(VesselQuantities(ends))["pressure"]
+    assert low.unit == "Pa"
+    assert np.nanmax(low.values) == pytest.approx(0.02 * 133.322)
+    ends["pressure_in_mmhg"] = np.full(4, 20.0)
+    assert by_key(VesselQuantities(ends))["pressure"].unit == "mmHg"
+
+
+def test_pressure_falls_evenly_between_the_ends() -> None:
+    first, last = np.array([8.0, np.nan, 4.0, 4.0]), np.array([4.0, 1.0, 4.0, 2.0])
+    pressure = point_pressure(fork(), first, last)
+    assert pressure is not None
+    assert pressure[:3].tolist() == [8.0, 7.0, 4.0]
+    assert np.isnan(pressure[3:5]).all()
+    assert pressure[7:].tolist() == [4.0, 2.0]
+    assert point_pressure(fork(), None, last) is None
+    assert point_pressure(fork(), np.full(4, np.nan), last) is None

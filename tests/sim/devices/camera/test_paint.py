@@ -1,0 +1,262 @@
+"""Simulated pictures: ink where the camera must see it, the same bytes, marks that are found."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from sim.devices.camera.optics import Camera, through_surface
+from sim.devices.camera.paint import paint
+from sim.devices.camera.scene import (
+    Bath,
+    Clutter,
+    Dish,
+    InkLook,
+    Light,
+    Marker,
+    NeedleLook,
+    Picture,
+    Scene,
+    Sensor,
+)
+from sim.errors import CameraError
+from sim.gcode.deposit.laid import Laid, laid_as_is, nothing_laid
+from sim.gcode.deposit.strands import Strands
+
+CAMERA = Camera(
+    size_px=(400, 300), um_per_px=20, target_mm=(50, 40, 1), tilt_deg=10, tilt_towards_deg=70,
+    turn_deg=8, distortion=(-0.3, 0.1, 0.001, 0.001, 0),
+)  # fmt: skip
+SHARP = Sensor(blur_px=0, vignetting=0, full_well=1e6, read_noise=0, mono=True)
+PLAIN = Scene(
+    bath=Bath(texture=0, colour=(100, 100, 100)),
+    ink=InkLook(colour=(200, 200, 200), edge=0, relief=0, bead="rectangle"),
+    light=Light(uneven=0),
+    sensor=SHARP,
+)
+
+
+def line(begin, end, width=0.3, height=0.1, style="embedded", layer_mm=None) -> Laid:
+    start, stop = np.array([begin], float), np.array([end], float)
+    area = np.array([np.pi / 4 * width**2 if style == "embedded" else width * height])
+    dose = area * np.linalg.norm(stop - start, axis=1)
+    none = np.zeros(1, np.int64)
+    return laid_as_is(Strands(start, stop, dose, area, none, none), style, layer_mm=layer_mm)
+
+
+def across(picture, pixels, way, reach=20.0):
+    """Grey levels along a straight way through pixels (k, 2), (k, m), and the places, px."""
+    step = np.arange(-reach, reach, 0.1)
+    side = np.array([-way[1], way[0]]) / np.hypot(*way)
+    at = pixels[:, None, :] + step[:, None] * side
+    grey = cv2.remap(
+        picture.astype(np.float32),
+        at[..., 0].astype(np.float32),
+        at[..., 1].astype(np.float32),
+        cv2.INTER_LINEAR,
+    )
+    return grey, step
+
+
+@pytest.mark.parametrize("surface", [None, 3.0])
+def test_line_is_seen_where_the_optics_say_and_as_wide(surface):
+    scene = PLAIN.model_copy(
+        update={"bath": Bath(texture=0, colour=(100, 100, 100), surface_z_mm=surface)}
+    )
+    begin, end = np.array([47.5, 39, 1.0]), np.array([52.5, 41.2, 1.0])
+    picture = paint(line(begin, end), CAMERA, scene, 1)
+    places = begin + np.linspace(0.1, 0.9, 30)[:, None] * (end - begin)
+    if surface is not None:
+        flat = through_surface(places, CAMERA.eye_mm, surface, 1.33)
+        places = np.column_stack([flat, np.full(len(flat), surface)])
+    pixels = CAMERA.pixels(places)
+    grey, step = across(picture, pixels, pixels[-1] - pixels[0])
+    ink = grey - 100.0
+    middle = (ink * step).sum(axis=1) / ink.sum(axis=1)
+    assert abs(middle.mean()) < 0.06
+    assert np.abs(middle).max() < 0.3
+    wide = 0.1 * (ink > 0.15 * ink.max()).sum(axis=1).mean() * 0.02
+    deeper = 1.0 if surface is None else 0.985
+    assert wide == pytest.approx(0.3 * deeper, abs=0.02)
+
+
+def test_in_air_deep_ink_is_seen_straight_below_higher_ink():
+    begin, end = np.array([47.5, 39, 0.0]), np.array([52.5, 41.2, 0.0])
+    lines = [line(begin, end).strands, line((48, 42.5, 3), (52, 42.5, 3)).strands]
+    scene = PLAIN.model_copy(update={"bath": PLAIN.bath.model_copy(update={"turbidity_per_mm": 0})})
+    picture = paint(laid_as_is(Strands.joined(lines), "embedded"), CAMERA, scene, 1)
+    places = begin + np.linspace(0.2, 0.8, 20)[:, None] * (end - begin)
+    pixels = CAMERA.pixels(places)
+    grey, step = across(picture, pixels, pixels[-1] - pixels[0])
+    ink = grey - 100.0
+    middle = (ink * step).sum(axis=1) / ink.sum(axis=1)
+    assert abs(middle.mean()) < 0.1
+
+
+def test_missing_ink_is_missing():
+    whole = line((47, 40, 1), (53, 40, 1), style="layered", layer_mm=0.1)
+    halves = [line((47, 40, 1), (49.5, 40, 1)).strands, line((50.5, 40, 1), (53, 40, 1)).strands]
+    picture = paint(laid_as_is(Strands.joined(halves), "layered", layer_mm=0.1), CAMERA, PLAIN, 1)
+    sound = paint(whole, CAMERA, PLAIN, 1)
+    gap, beside = np.round(CAMERA.pixels(np.array([[50.0, 40, 1], [48.5, 40, 1]]))).astype(int)
+    assert picture[gap[1], gap[0]] == 100
+    assert sound[gap[1], gap[0]] > 140
+    assert picture[beside[1], beside[0]] > 140
+
+
+def test_what_lies_deep_fades():
+    upper, deep = line((47, 39, 3), (53, 39, 3)), line((47, 41, 1), (53, 41, 1))
+    both = laid_as_is(Strands.joined([deep.strands, upper.strands]), "embedded")
+    bath = Bath(texture=0, colour=(100, 100, 100), surface_z_mm=3.2, turbidity_per_mm=0.5)
+    picture = paint(both, CAMERA, PLAIN.model_copy(update={"bath": bath}), 1).astype(float) - 100
+    near, far = (
+        picture[:, 150:250].max(axis=0).mean(),
+        np.sort(picture[:, 150:250], axis=0)[:150].mean(),
+    )
+    assert near > 40
+    assert far < 1
+    rows = np.flatnonzero(picture[:, 200] > 3)
+    groups = np.split(rows, np.flatnonzero(np.diff(rows) > 5) + 1)
+    assert len(groups) == 2
+    assert picture[groups[1], 200].max() > 3 * picture[groups[0], 200].max() or (
+        picture[groups[0], 200].max() > 3 * picture[groups[1], 200].max()
+    )
+
+
+def test_same_seed_gives_the_same_bytes_and_another_look_the_same_dish():
+    scene = Scene(
+        light=Light(glare=1.0),
+        clutter=Clutter(bubbles_per_cm2=30, debris_per_cm2=30),
+        needle=NeedleLook(outer_mm=0.4, tip_mm=(51, 41, 3)),
+        dish=Dish(centre_mm=(50, 40, 1), inner_mm=7),
+        sensor=Sensor(motion_px=(2, 1), jpeg_quality=90, gamma=2.2),
+        seed=4,
+    )
+    ink = line((47, 40, 1), (53, 40, 1))
+    first, again = (paint(ink, CAMERA, scene, 7) for _ in range(2))
+    assert first.shape == (300, 400, 3)
+    assert first.tobytes() == again.tobytes()
+    other = paint(ink, CAMERA, scene, 8)
+    assert 0 < np.abs(first.astype(float) - other).mean() < 5
+
+
+def test_bath_lies_still_under_a_camera_that_is_moved():
+    scene = PLAIN.model_copy(update={"bath": Bath(texture=0.1)})
+    moved = CAMERA.model_copy(update={"target_mm": (50.4, 39.8, 1.0)})
+    one, two = (paint(nothing_laid(), camera, scene, 1) for camera in (CAMERA, moved))
+    pixels = np.stack(np.meshgrid(np.arange(60, 340.0), np.arange(60, 240.0)), -1)
+    flat = CAMERA.on_plane(pixels.reshape(-1, 2), 1.0)
+    there = moved.pixels(np.column_stack([flat, np.ones(len(flat))])).astype(np.float32)
+    u, v = there.T.reshape(2, *pixels.shape[:2])
+    found = cv2.remap(two, u, v, cv2.INTER_LINEAR)
+    assert np.corrcoef(found.ravel(), one[60:240, 60:340].ravel())[0, 1] > 0.9
+
+
+def test_markers_are_found_and_their_sides_lie_where_said():
+    marker = Marker(number=5, centre_mm=(49, 40.5, 1.0), side_mm=2.0, turn_deg=25)
+    scene = PLAIN.model_copy(update={"markers": (marker,), "sensor": Sensor(mono=True)})
+    picture = paint(nothing_laid(), CAMERA, scene, 1)
+    markers = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    corners, numbers, _ = cv2.aruco.ArucoDetector(markers).detectMarkers(picture)
+    assert numbers.ravel().tolist() == [5]
+    angle = np.radians(25)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    flat = np.array([[-1.0, 1], [1, 1], [1, -1], [-1, -1]]) @ turn.T + [49, 40.5]
+    wanted = CAMERA.pixels(np.column_stack([flat, np.ones(4)]))
+    np.testing.assert_allclose(corners[0][0], wanted, atol=1.2)
+    for begin, end in zip(flat, np.roll(flat, -1, axis=0), strict=True):
+        side = begin + np.linspace(0.2, 0.8, 40)[:, None] * (end - begin)
+        pixels = CAMERA.pixels(np.column_stack([side, np.ones(40)]))
+        grey, _step = across(picture, pixels, pixels[-1] - pixels[0], reach=5)
+        white = (grey - grey.min()) / np.ptp(grey)
+        # A step's place by its mean: inside (to the one side) black, outside white.
+        edge = 5 - 0.1 * white.sum(axis=1) if white[0, -1] > 0.5 else -5 + 0.1 * white.sum(axis=1)
+        assert abs(edge.mean()) < 0.12
+
+
+def test_board_is_laid_by_its_corners(tmp_path):
+    cv2.imwrite(str(tmp_path / "board.png"), np.kron([[0, 1], [1, 0]], np.ones((40, 40))) * 255)
+    corners = ((48.0, 41, 1), (52.0, 41, 1), (52.0, 39, 1), (48.0, 39, 1))
+    scene = PLAIN.model_copy(update={"pictures": (Picture(file="board.png", corners_mm=corners),)})
+    picture = paint(nothing_laid(), CAMERA, scene, 1, folder=tmp_path)
+    inside = CAMERA.pixels(np.array([[49.0, 40.5, 1], [51, 40.5, 1], [49, 39.5, 1]]))
+    grey = [int(picture[round(v), round(u)]) for u, v in inside]
+    assert grey[0] < 40 < 220 < min(grey[1:])
+    with pytest.raises(CameraError, match="can't be read"):
+        paint(nothing_laid(), CAMERA, scene, 1, folder=tmp_path / "none")
+    with pytest.raises(CameraError, match="no set of markers"):
+        paint(
+            nothing_laid(),
+            CAMERA,
+            Scene(markers=(Marker(number=1, centre_mm=(50, 40, 1), side_mm=1, dictionary="9"),)),
+            1,
+        )
+
+
+def test_needle_hides_what_is_behind_it():
+    scene = PLAIN.model_copy(
+        update={"needle": NeedleLook(outer_mm=0.6, tip_mm=(50, 40, 3), brightness=20)}
+    )
+    picture = paint(line((47, 40, 1), (53, 40, 1)), CAMERA, scene, 1)
+    u, v = np.round(CAMERA.pixels(np.array([[50.0, 40, 3]]))[0]).astype(int)
+    assert picture[v, u] < 40
+
+
+def test_noise_is_shot_and_read_noise():
+    sensor = Sensor(blur_px=0, vignetting=0, full_well=5000, read_noise=2, mono=True)
+    picture = paint(nothing_laid(), CAMERA, PLAIN.model_copy(update={"sensor": sensor}), 1)
+    assert picture.std() == pytest.approx(np.sqrt(100 * 255 / 5000 + 4 + 1 / 12), rel=0.03)
+
+
+def test_a_layer_over_another_adds_its_density_until_the_ink_is_opaque():
+    levels = []
+    for density in (1.0, 60.0):
+        scene = PLAIN.model_copy(
+            update={"ink": PLAIN.ink.model_copy(update={"density_per_mm": density})}
+        )
+        for heights in ((1.0,), (1.0, 1.1)):
+            start = np.array([[49.0, 40.0, z] for z in heights])
+            stop = start + (2.0, 0.0, 0.0)
+            area = np.full(len(heights), 0.03)
+            none = np.zeros(len(heights), np.int64)
+            ink = laid_as_is(
+                Strands(start, stop, 2 * area, area, none, none), "layered", layer_mm=0.1
+            )
+            picture = paint(ink, CAMERA, scene, 1)
+            column, row = CAMERA.pixels(np.array([[50.0, 40.0, heights[-1]]]))[0]
+            levels.append(int(picture[round(row), round(column)]))
+    one, two, thick, thicker = levels
+    assert two > one + 5 > 105
+    assert thick == pytest.approx(thicker, abs=2)
+
+
+def test_granules_lie_still_while_the_ink_rises():
+    grainy = Scene(bath=Bath(texture=0.2), light=Light(uneven=0), sensor=SHARP)
+    camera = Camera(size_px=(200, 160), um_per_px=20, target_mm=(50, 40, 1), tilt_deg=20)
+    pictures = []
+    for heights in ((1.0,), (1.0, 1.1, 1.2)):
+        start = np.array([[49.0, 40.0, z] for z in heights])
+        area = np.full(len(heights), 0.03)
+        none = np.zeros(len(heights), np.int64)
+        strands = Strands(start, start + (2.0, 0.0, 0.0), 2 * area, area, none, none)
+        ink = laid_as_is(strands, "layered", layer_mm=0.1)
+        pictures.append(paint(ink, camera, grainy, 1)[:50].astype(np.float32))
+    assert np.corrcoef(pictures[0].ravel(), pictures[1].ravel())[0, 1] > 0.98
+
+
+def test_needle_is_as_wide_as_it_is_and_its_end_looks_away_from_the_camera():
+    upright = CAMERA.model_copy(
+        update={"tilt_deg": 40, "tilt_towards_deg": 90, "turn_deg": 0, "distortion": (0,) * 5}
+    )
+    look = NeedleLook(outer_mm=0.8, tip_mm=(50, 40, 1), brightness=20, defocus_px=0)
+    bare = PLAIN.model_copy(update={"needle": look})
+    picture = paint(nothing_laid(), upright, bare, 1).astype(float)
+    tip, end, up = upright.pixels(np.array([[50, 40, 1], [50, 40, 1.4], [50, 40, 2.0]]))
+    rim = np.linspace(0, 2 * np.pi, 720)
+    ring = np.column_stack([50 + 0.4 * np.cos(rim), 40 + 0.4 * np.sin(rim), np.full(720, 2.0)])
+    row = picture[round(up[1])]
+    assert (row < 55).sum() == pytest.approx(np.ptp(upright.pixels(ring)[:, 0]), abs=1.1)
+    assert picture[round(tip[1]), round(tip[0])] == pytest.approx(
+        picture[round(end[1]), round(end[0])], abs=10
+    )

@@ -1,0 +1,229 @@
+"""Simulated Duet and Klipper: differences from Marlin, and complete prints."""
+
+import numpy as np
+import pytest
+
+from firmware_profiles import Printer, load
+from firmware_profiles.families.ack_protocol import Sort
+from firmware_profiles.families.reprapfirmware.crc16 import crc16 as crc_of_the_link
+from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.journal import Journal
+from printctl.machine.link.states import LinkState
+from printctl.machine.link.streamer import Streamer
+from printctl.machine.link.wiring import Wiring
+from sim.devices.families.registry import simulated_printer
+from sim.devices.families.reprapfirmware.numbering import crc16
+from sim.devices.families.reprapfirmware.printer import DuetPrinter
+from sim.errors import ServeError
+from sim.gcode.motion.executed import ExecutedMotion
+from sim.gcode.program.gcode import checksum
+from tests.printctl.machine.link.jobs import parse_job
+from tests.printctl.machine.link.protocols import made_protocol
+from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.slower import first_of
+
+START = (50.0, 50.0, 10.0)
+PLACED = b"SET_KINEMATIC_POSITION X=50 Y=50 Z=10\n"
+HEADER = b"G90\nM82\nG92 X50 Y50 Z10 E0\n"
+
+
+def printer_of(firmware: str):
+    facts = load(Printer, "generic_marlin").model_copy(
+        update={"firmware": firmware, "resets_on_connect": False}
+    )
+    return simulated_printer(facts)(facts, START), facts
+
+
+def said(printer, data: bytes) -> bytes:
+    printer.receive(data)
+    printer.settle()
+    return printer.take_output()
+
+
+def sealed(body: bytes, check=checksum) -> bytes:
+    return (
+        b"%b*%05d\n" % (body, check(body)) if check is crc16 else b"%b*%d\n" % (body, check(body))
+    )
+
+
+def test_duet_drops_a_garbled_line_without_a_word():
+    printer, _ = printer_of("reprapfirmware")
+    assert said(printer, sealed(b"N1 G90")) == b"ok\n"
+    assert said(printer, sealed(b"N2 G90", crc16)) == b"ok\n"
+    assert said(printer, b"N3 G90*77\n") == b""
+    assert said(printer, b"N3 G90*0000\n") == b""
+
+
+def test_duet_does_a_line_sent_twice_twice():
+    printer, _ = printer_of("reprapfirmware")
+    line = sealed(b"N1 G92 X5")
+    assert said(printer, line) == said(printer, line) == b"ok\n"
+
+
+def test_both_ends_know_the_same_crc():
+    text = b"N12 G1 X5 E0.25"
+    assert crc16(text) == crc_of_the_link(text)
+    assert crc16(b"123456789") == 0x31C3
+
+
+def test_klipper_does_a_garbled_line():
+    printer, _ = printer_of("klipper")
+    assert said(printer, b"N7 G92 X5*1\n") == b"ok\n"
+    assert said(printer, b"M114\n").startswith(b"X:5.000 Y:50.000")
+    assert said(printer, b"M92\n") == b'// Unknown command:"M92"\nok\n'
+
+
+def test_duet_moves_no_axis_before_it_is_homed_or_placed():
+    printer, _ = printer_of("reprapfirmware")
+    assert said(printer, b"G1 X51 F600\n") == b"Error: G0/G1: insufficient axes homed\nok\n"
+    assert said(printer, b"G92 X50 Y50\nG1 X51 F600\n") == b"ok\nok\n"
+    assert b"insufficient" in said(printer, b"G1 Z11 F600\n")
+
+
+def test_duet_takes_m85_and_does_nothing():
+    printer, _ = printer_of("reprapfirmware")
+    assert said(printer, b"M85 S1\n") == b"ok\n"
+    assert printer.machine.idle_limit_s == 0
+
+
+def test_what_a_duet_leaves_out_is_a_fault_to_the_link():
+    printer, _ = printer_of("reprapfirmware")
+    reply = said(printer, b"M113 S1\n").splitlines()[0]
+    assert reply == b"Warning: M113: Command is not supported"
+    assert made_protocol("reprapfirmware").sort(reply) is Sort.REFUSAL
+
+
+def test_duet_tells_its_settings_in_its_own_words():
+    printer, _ = printer_of("reprapfirmware")
+    assert b"X: 18000.0, Y: 18000.0, Z: 300.0, E: 120.0, min. speed" in said(printer, b"M203\n")
+    assert b"(mm/sec^2): X: 3000.0" in said(printer, b"M201\n")
+    assert b"X0.0:200.0, Y0.0:200.0" in said(printer, b"M208\n")
+
+
+def test_klipper_takes_g92_for_an_offset_and_moves_only_once_placed():
+    printer, _ = printer_of("klipper")
+    assert said(printer, b"G92 X50 Y50 Z10\nG1 X51 F600\n").endswith(
+        b"!! Must home axis first\nok\n"
+    )
+    assert said(printer, PLACED + b"G1 X51 F600\n") == b"ok\nok\n"
+    assert said(printer, b"M84\nG1 X52\n").endswith(b"!! Must home axis first\nok\n")
+
+
+def test_klipper_s_offset_shifts_places_until_it_is_taken_back():
+    printer, _ = printer_of("klipper")
+    assert said(printer, PLACED + b"SET_GCODE_OFFSET Z=0.5 X=-1\n") == b"ok\nok\n"
+    assert said(printer, b"M114\n").startswith(b"X:51.000 Y:50.000 Z:9.500")
+    assert said(printer, b"SET_GCODE_OFFSET Z_ADJUST=0.25\nG1 Z11 F600\nM400\n") == 3 * b"ok\n"
+    assert printer.executed().end[-1].tolist() == [50.0, 50.0, 11.75]
+    said(printer, b"SET_GCODE_OFFSET X=0 Y=0 Z=0\nG1 X50 Z11\nM400\n")
+    assert printer.executed().end[-1].tolist() == [50.0, 50.0, 11.0]
+
+
+def test_klipper_s_offset_outlives_being_told_where_the_tip_is():
+    printer, _ = printer_of("klipper")
+    said(printer, PLACED + b"SET_GCODE_OFFSET Z=0.5\n" + PLACED)
+    assert said(printer, b"M114\n").startswith(b"X:50.000 Y:50.000 Z:9.500")
+    said(printer, b"SET_GCODE_OFFSET X=0 Y=0 Z=0\n" + PLACED)
+    assert said(printer, b"M114\n").startswith(b"X:50.000 Y:50.000 Z:10.000")
+
+
+def test_klipper_moves_an_axis_that_it_has_homed():
+    printer, _ = printer_of("klipper")
+    assert b"Must home" not in said(printer, b"G28 X\nG1 X52 F600\n")
+    assert b"Must home" in said(printer, b"G1 Y52\n")
+
+
+def test_klipper_knows_no_t_of_its_own_where_there_are_heads():
+    two = load(Printer, "two_syringe_marlin").model_copy(update={"firmware": "klipper"})
+    printer = simulated_printer(two)(two, START)
+    assert said(printer, b"T1\n") == b'// Unknown command:"T1"\nok\n'
+    assert said(printer, b"G10 P1 X5\n") == b'// Unknown command:"G10"\nok\n'
+
+
+@pytest.mark.parametrize("firmware", ["klipper", "reprapfirmware"])
+def test_a_g92_that_tells_nothing_takes_no_time_on_the_wire(firmware):
+    takes = []
+    for line in (b"G92 X50\n", b"M82    \n"):
+        printer, _ = printer_of(firmware)
+        assert said(printer, line) == b"ok\n"
+        takes.append(printer.now)
+    assert takes[0] == pytest.approx(takes[1])
+
+
+def test_klipper_s_timeout_switches_heaters_and_motors_off():
+    printer, _ = printer_of("klipper")
+    assert said(printer, b"SET_IDLE_TIMEOUT TIMEOUT=20\n") == (
+        b"// idle_timeout: Timeout set to 20.00 s\nok\n"
+    )
+    said(printer, PLACED + b"M140 S40\nG1 X51 F600\n")
+    printer.advance(60.0)
+    assert not printer.dead
+    assert b"B:" in (reply := said(printer, b"M105\n"))
+    assert b"/0.0" in reply or b"/0.00" in reply
+    assert b"Must home" in said(printer, b"G1 X52\n")
+
+
+def test_klipper_s_timeout_begins_anew_when_it_is_set():
+    printer, _ = printer_of("klipper")
+    said(printer, PLACED + b"SET_IDLE_TIMEOUT TIMEOUT=20\n")
+    for _ in range(5):
+        printer.advance(15.0)
+        said(printer, b"SET_IDLE_TIMEOUT TIMEOUT=20\n")
+    assert said(printer, b"G1 X52 F600\n") == b"ok\n"
+
+
+def test_klipper_that_was_shut_down_answers_each_line_by_why():
+    printer, _ = printer_of("klipper")
+    first, *rest = said(printer, b"\nM112\n").splitlines()
+    assert first == b"// Klipper state: Shutdown"
+    assert rest[-2:] == [b"!! Shutdown due to M112 command", b"ok"]
+    assert said(printer, b"M112\n") == b"ok\n"
+    assert said(printer, b"G1 X52\n").endswith(b"!! Shutdown due to M112 command\nok\n")
+
+
+def test_smoothieware_has_no_simulated_printer():
+    with pytest.raises(ServeError, match="no simulated printer"):
+        printer_of("smoothieware")
+
+
+def gcode(moves: int, firmware: str) -> bytes:
+    first = b"M302 P1\n" if firmware == "reprapfirmware" else PLACED
+    lines = [
+        b"G1 X%.3f Y%.3f E%.5f F1800" % (50 + i % 2 * 3.5, 50 + i % 40 * 0.25, 0.0034375 * (i + 1))
+        for i in range(moves)
+    ]
+    return first + HEADER + b"\n".join(lines) + b"\n"
+
+
+def printed(firmware: str, folder, seed: int = 0, **troubles) -> tuple[object, ExecutedMotion]:
+    printer, facts = printer_of(firmware)
+    transport = SimTransport(printer, VirtualClock(), np.random.default_rng(seed), **troubles)
+    wiring = Wiring(
+        transport=transport,
+        protocol=made_protocol(firmware),
+        clock=transport.clock,
+        journal=Journal(folder / f"journal-{seed}.log"),
+        printer=facts,
+    )
+    status = Streamer(wiring, parse_job(gcode(150, firmware), "test.gcode")).run()
+    return status, printer.executed()
+
+
+@pytest.mark.parametrize("firmware", ["reprapfirmware", "klipper"])
+def test_print_through_the_link_ends_where_the_file_does(firmware, tmp_path):
+    status, motion = printed(firmware, tmp_path)
+    assert status.state is LinkState.DONE, status
+    assert len(motion) == 150
+    assert np.round(motion.plunger_end[-1] * 6400) == 150 * 22
+
+
+@pytest.mark.parametrize("seed", first_of(range(4)))
+def test_duet_over_a_line_that_loses_oks_neither_loses_nor_doses_twice(seed, tmp_path):
+    status, motion = printed("reprapfirmware", tmp_path, seed, drop_ok=0.02)
+    assert status.state is LinkState.DONE, status
+    assert np.round(motion.plunger_end * 6400).tolist() == [22 * (k + 1) for k in range(150)]
+
+
+def test_kinds_are_those_of_the_profile():
+    printer, _ = printer_of("reprapfirmware")
+    assert type(printer) is DuetPrinter

@@ -1,0 +1,233 @@
+"""Deposit model, against areas, volumes and a slow painter."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numba
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sim.errors import DepositError
+from sim.gcode.deposit.kernels import SUPERSAMPLE, paint_filaments, paint_layers
+from sim.gcode.deposit.lay import deposit
+from sim.gcode.motion.executed import ExecutedMotion
+
+FloatArray = NDArray[np.float64]
+AREA = 16.69
+WIDTH, HEIGHT = 0.15, 0.06
+
+
+def motion(points: list[tuple[float, float, float]], volume: list[float]) -> ExecutedMotion:
+    """Blocks from point to point; ``volume`` in µL each."""
+    where = np.array(points, dtype=float)
+    plunger = np.concatenate([[0.0], np.cumsum(volume)]) / AREA
+    time = np.arange(len(where), dtype=float)
+    return ExecutedMotion(
+        where[:-1], where[1:], plunger[:-1], plunger[1:], time[:-1], time[1:],
+        np.arange(len(volume)),
+    )  # fmt: skip
+
+
+def hatch(layers: int = 3, lines: int = 10, length: float = 4.0) -> ExecutedMotion:
+    points = [(0.0, 0.0, 5.0)]
+    volume: list[float] = []
+    for layer in range(layers):
+        z = (layer + 1) * HEIGHT
+        for line in range(lines):
+            y = 10 + (line + 0.5) * WIDTH
+            points += [(10.0, y, z), (10.0 + length, y, z)]
+            volume += [0.0, length * WIDTH * HEIGHT]
+    return motion(points, volume)
+
+
+@pytest.mark.slow
+def test_hatched_layers_hold_the_written_volume() -> None:
+    found = deposit(hatch(), AREA, 0.02)
+    caps = 3 * 10 * np.pi * (WIDTH / 2) ** 2 * HEIGHT
+    assert found.style == "layered"
+    assert found.written_ul == pytest.approx(3 * 10 * 4 * WIDTH * HEIGHT)
+    assert found.volume_mm3 == pytest.approx(found.written_ul + caps, rel=0.01)
+
+
+def test_line_hangs_below_the_tip_and_is_area_over_height_wide() -> None:
+    found = deposit(hatch(lines=1), AREA, 0.01)
+    x = found.volume.shape[2] // 2
+    share = found.volume[:, :, x] / 255.0
+    tall = share.max(axis=1) * 0.01
+    z = found.origin_mm[2] + 0.01 * np.arange(len(tall))
+    assert tall.sum() == pytest.approx(3 * HEIGHT, abs=1e-3)
+    assert z[tall > 0].max() <= 3 * HEIGHT + 0.005
+    assert z[tall > 0].min() >= -0.005
+    width = share[found.volume.shape[0] // 2].sum() * 0.01
+    assert width == pytest.approx(WIDTH, abs=0.011)
+
+
+def test_first_layer_takes_the_usual_spacing_and_a_gap_is_not_bridged() -> None:
+    points = [(0.0, 0.0, 1.0)]
+    for z in (0.5, 0.56, 0.62, 1.2):
+        points += [(1.0, 1.0, z), (4.0, 1.0, z)]
+    found = deposit(motion(points, [0.0, 0.027] * 4), AREA, 0.02)
+    filled = (found.volume > 0).any(axis=(1, 2)).sum() * 0.02
+    assert filled == pytest.approx(4 * HEIGHT, abs=0.05)
+
+
+@pytest.mark.parametrize("first", [HEIGHT, HEIGHT / 3])
+def test_layers_of_different_heights_keep_their_lines_width(first: float) -> None:
+    """Most are a third as high as the others, which hold three times as much: they don't hang."""
+    heights = np.array([first, first] + [HEIGHT / 3] * 5 + [HEIGHT] * 2 + [HEIGHT / 3] * 3)
+    heights = np.append(heights, HEIGHT)
+    points, volumes = [(1.0, 1.0, 1.0)], []
+    for z, height in zip(np.cumsum(heights), heights, strict=True):
+        points += [(1.0, 1.0, float(z)), (4.0, 1.0, float(z))]
+        volumes += [0.0, 3 * WIDTH * height]
+    found = deposit(motion(points, volumes), AREA, 0.01)
+    share = found.volume[:, :, found.volume.shape[2] // 2] / 255.0
+    filled = share.sum(axis=1)[share.max(axis=1) > 0.99] * 0.01
+    assert filled == pytest.approx(np.full(len(filled), WIDTH), abs=0.011)
+    assert (share > 0.5).any(axis=1).sum() * 0.01 == pytest.approx(heights.sum(), abs=0.021)
+
+
+def test_embedded_filament_has_the_diameter_of_its_dose() -> None:
+    ends = [(1.0, 1.0, 1.0), (1.5, 1.0, 4.0), (4.0, 3.0, 6.0)]
+    length = [float(np.linalg.norm(np.subtract(b, a))) for a, b in pairwise(ends)]
+    radius = 0.25
+    volumes = [np.pi * radius**2 * each for each in length]
+    found = deposit(motion(ends, volumes), AREA, 0.03)
+    assert found.style == "embedded"
+    caps = 4 / 3 * np.pi * radius**3
+    assert found.volume_mm3 == pytest.approx(sum(volumes) + caps, rel=0.01)
+    middle = (np.array([1.25, 1.0, 2.5]) - found.origin_mm) / 0.03
+    across = found.volume[round(middle[2]), round(middle[1]), :] > 127
+    lean = np.cos(np.arctan2(0.5, 3.0))
+    assert across.sum() * 0.03 == pytest.approx(2 * radius / lean, abs=0.035)
+
+
+def test_retraction_and_prime_deposit_nothing() -> None:
+    line = [(1.0, 1.0, 0.06), (4.0, 1.0, 0.06), (4.0, 1.0, 0.06), (4.0, 1.0, 1.0)]
+    line += [(1.0, 1.0, 0.12), (1.0, 1.0, 0.12), (4.0, 1.0, 0.12)]
+    with_both = deposit(motion(line, [0.027, -0.5, 0.0, 0.0, 0.5, 0.027]), AREA, 0.02)
+    without = deposit(motion(line, [0.027, 0.0, 0.0, 0.0, 0.0, 0.027]), AREA, 0.02)
+    np.testing.assert_array_equal(with_both.volume, without.volume)
+    assert with_both.standing_ul == pytest.approx(0, abs=1e-9)
+    primed = deposit(motion(line, [0.027, 0.0, 0.0, 0.0, 0.3, 0.027]), AREA, 0.02)
+    assert primed.standing_ul == pytest.approx(0.3)
+
+
+def test_plunger_steps_are_smoothed_along_the_line() -> None:
+    """Blocks of 0.1 mm, and a plunger that moves in steps of 0.29 mm of line."""
+    step = 0.29 * WIDTH * HEIGHT
+    points, volume = [(0.0, 1.0, 0.06)], []
+    for layer in range(2):
+        points += [(0.0, 1.0, HEIGHT * (layer + 1))]
+        volume += [0.0]
+        dosed = np.floor(np.arange(101) * 0.1 * WIDTH * HEIGHT / step) * step
+        points += [(0.1 * (k + 1), 1.0, HEIGHT * (layer + 1)) for k in range(100)]
+        volume += np.diff(dosed).tolist()
+    found = deposit(motion(points, volume), AREA, 0.01, plunger_step_mm=step / AREA)
+    width = (found.volume[found.volume.shape[0] // 2] / 255.0).sum(axis=0) * 0.01
+    inner = width[100:-100]
+    assert inner.min() > 0.6 * WIDTH
+    assert inner.max() < 1.4 * WIDTH
+    assert inner.mean() == pytest.approx(WIDTH, rel=0.05)
+
+
+def test_travel_leaves_nothing() -> None:
+    points = [(0.0, 0, 0.06), (2, 0, 0.06), (2, 6, 0.06), (4, 6, 0.06), (4, 6, 0.12), (2, 6, 0.12)]
+    found = deposit(motion(points, [0.018, 0, 0.018, 0, 0.018]), AREA, 0.02)
+    y = found.origin_mm[1] + 0.02 * np.arange(found.volume.shape[1])
+    assert found.volume[:, (y > 0.2) & (y < 5.8)].max() == 0
+
+
+def test_short_hop_between_lines_takes_no_ink_from_them() -> None:
+    points, volume = [(0.0, 0.0, 0.06)], []
+    for layer in (1, 2):
+        for line in range(40):
+            ends = (1.0, 2.2) if line % 2 else (2.2, 1.0)
+            y = 1 + line * WIDTH
+            points += [(ends[0], y, layer * HEIGHT), (ends[1], y, layer * HEIGHT)]
+            volume += [0.0, 1.2 * WIDTH * HEIGHT]
+    found = deposit(motion(points, volume), AREA, 0.01, plunger_step_mm=0.0026 / AREA)
+    inner = found.volume[3:-3, 50:-50, 40:90] / 255.0
+    assert inner.mean() > 0.99
+
+
+def test_layer_painter_agrees_with_a_distance_test_at_every_fine_pixel() -> None:
+    rng = np.random.default_rng(0)
+    segments = rng.uniform(0.3, 1.7, (12, 4))
+    segments[0, 2:] = segments[0, :2]  # a dot
+    radius = rng.uniform(0.02, 0.2, 12)
+    voxel, shape = 0.05, (40, 40)
+    found = paint_layers(segments, radius, np.array([0, 7, 12]), np.zeros(3), voxel, shape)
+    fine = (np.arange(40 * SUPERSAMPLE) + 0.5) * voxel / SUPERSAMPLE - voxel / 2
+    x, y = np.meshgrid(fine, fine)
+    for layer, which in enumerate((range(7), range(7, 12))):
+        inside = np.zeros_like(x, dtype=bool)
+        for s in which:
+            a, b = segments[s, :2], segments[s, 2:]
+            d = b - a
+            t = ((x - a[0]) * d[0] + (y - a[1]) * d[1]) / max(d @ d, 1e-30)
+            t = np.clip(t, 0, 1)
+            inside |= np.hypot(x - a[0] - t * d[0], y - a[1] - t * d[1]) <= radius[s]
+        share = inside.reshape(40, SUPERSAMPLE, 40, SUPERSAMPLE).mean(axis=(1, 3))
+        assert np.abs(found[layer] / 255.0 - share).max() < 0.01
+
+
+def test_filament_painter_agrees_with_a_distance_field() -> None:
+    rng = np.random.default_rng(1)
+    start, end = rng.uniform(0.5, 2.5, (2, 6, 3))
+    end[0] = start[0]
+    end[1, 2] = start[1, 2]
+    radius = rng.uniform(0.1, 0.4, 6)
+    found = paint_filaments(start, end, radius, np.zeros(3), 0.1, (30, 30, 30))
+    z, y, x = np.meshgrid(*(0.1 * np.arange(30),) * 3, indexing="ij")
+    points = np.stack([x, y, z], axis=-1)
+    best = np.zeros(x.shape)
+    for a, b, r in zip(start, end, radius, strict=True):
+        t = np.clip((points - a) @ (b - a) / max((b - a) @ (b - a), 1e-30), 0, 1)
+        away = np.linalg.norm(points - a - t[..., None] * (b - a), axis=-1)
+        best = np.maximum(best, np.clip(0.5 + (r - away) / 0.1, 0, 1))
+    assert np.abs(found / 255.0 - best).max() < 0.01
+
+
+def test_deposit_is_the_same_on_one_thread() -> None:
+    many = deposit(hatch(), AREA, 0.02).volume
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        one = deposit(hatch(), AREA, 0.02).volume
+    finally:
+        numba.set_num_threads(threads)
+    np.testing.assert_array_equal(one, many)
+
+
+def test_motion_without_ink_is_refused() -> None:
+    with pytest.raises(DepositError, match="nothing was deposited"):
+        deposit(motion([(0.0, 0, 0), (1, 0, 0)], [0.0]), AREA, 0.02)
+
+
+def test_a_grid_too_large_is_refused_with_its_size() -> None:
+    far = motion([(0.0, 0, 0.06), (200, 0, 0.06), (200, 200, 0.12), (0, 200, 0.12)], [1.0, 0, 1.0])
+    with pytest.raises(DepositError, match="larger voxel_mm"):
+        deposit(far, AREA, 0.005)
+
+
+@pytest.mark.parametrize("voxel", [0.0, -1.0, float("nan")])
+def test_impossible_voxels_are_refused(voxel: float) -> None:
+    with pytest.raises(DepositError, match="voxel_mm"):
+        deposit(hatch(), AREA, voxel)
+
+
+def test_a_scanner_s_field_holds_whole_voxels_of_the_same_ink() -> None:
+    found = deposit(hatch(), AREA, 0.02)
+    box = np.array([[11.0, 10.5, -1.0], [12.5, 11.0, 0.13]])
+    part = found.within(box)
+    assert np.all(np.abs(part.bounds_mm[0] - np.maximum(box[0], found.bounds_mm[0])) <= 0.011)
+    assert np.all(np.abs(part.bounds_mm[1] - np.minimum(box[1], found.bounds_mm[1])) <= 0.011)
+    assert part.volume_mm3 < found.volume_mm3 / 4
+    first = np.round((part.origin_mm - found.origin_mm) / found.voxel_mm).astype(int)[::-1]
+    whole = tuple(slice(a, a + n) for a, n in zip(first, part.volume.shape, strict=True))
+    assert np.array_equal(part.volume, found.volume[whole])
+    with pytest.raises(DepositError, match="scanner's field"):
+        found.within(box + 50.0)

@@ -1,0 +1,280 @@
+"""Reading of single G-code lines, by firmware family."""
+
+from __future__ import annotations
+
+import re
+from functools import reduce
+from operator import xor
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_profiles import Printer, load, shipped
+from sim.errors import LineError
+from sim.gcode.reading import read_line, read_sent
+from sim.gcode.reading.faults import SORTS
+from sim.gcode.reading.firmware_codes import is_known_line
+from sim.gcode.reading.plain import PLAIN_MOVE
+from sim.gcode.reading.read import read_words
+
+MARLIN, KLIPPER = load(Printer, "marlin_avr"), load(Printer, "klipper_bioprinter")
+DUET, AEROTECH = load(Printer, "makergear_m2_duet2"), load(Printer, "aerotech_pneumatic")
+SMOOTHIE = MARLIN.model_copy(update={"firmware": "smoothieware"})
+PRUSA = MARLIN.model_copy(update={"firmware": "prusa"})
+FAMILIES = {p.firmware: p for p in (MARLIN, PRUSA, SMOOTHIE, DUET, KLIPPER)}
+
+
+def numbered(text: bytes) -> bytes:
+    return b"%b*%d" % (text, reduce(xor, text, 0))
+
+
+@pytest.mark.parametrize(
+    ("text", "sent"),
+    [
+        (b"G1 X1.5 E0.2\r\n", b"G1 X1.5 E0.2"),
+        (b"G 1 Z-50", b"G1 Z-50"),
+        (b"  G01\tX 10Y+5 ; to the side", b"G1 X10 Y5"),
+        (b"g1 x.5 y-.25 f600.", b"G1 X0.5 Y-0.25 F600"),
+        (b"G1X1Y2Z3", b"G1 X1 Y2 Z3"),
+        (b"G1 X1 (aside) Y2", b"G1 X1 Y2"),
+        (b"(only this)", b""),
+        (b"N12", b""),
+        (numbered(b"N12 G1 X1"), b"G1 X1"),
+        (numbered(b"G1 X1 "), b"G1 X1"),
+        (numbered(b"N7G1X1") + b" ; checked", b"G1 X1"),
+        (b"G28 X Y0", b"G28 X Y0"),
+        (b"M117  two lines, 5 mL", b"M117 two lines, 5 mL"),
+        (b"M117", b"M117"),
+        (b"m0400", b"M400"),
+        (b"G2 X1 Y0 I.5 J0", b"G2 X1 Y0 I0.5 J0"),
+        (b"M4321 Q7 W", b"M4321 Q7 W"),
+        (b"", b""),
+        (b"; a remark with \xc3\xb6", b""),
+    ],
+)
+def test_a_line_is_sent_as_it_was_understood(text, sent):
+    line = read_line(text, MARLIN)
+    assert line.text == sent
+    assert bool(line) == bool(sent)
+
+
+@pytest.mark.parametrize(
+    ("text", "sort"),
+    [
+        (b"G1 X--5", "bad_number"),
+        (b"G1 X1.2.3", "bad_number"),
+        (b"G1 Xnan", "bad_number"),
+        (b"G1 Xinf", "bad_number"),
+        (b"G1 X", "bad_number"),
+        (b"G1 X1 2", "bad_number"),
+        (b"G1 X- 5", "bad_number"),
+        (b"G1 X1e-5", "bad_number"),
+        (b"G1 X1,5", "bad_number"),
+        (b"G1 X{move.axes[0].max}", "bad_number"),
+        (b'G1 X"5"', "bad_number"),
+        (b"G1 X12345678901234567890", "huge_number"),
+        (b"G1 X0.0000000000000001", "huge_number"),
+        (b"G1 X1000001", "huge_number"),
+        (b"G1 X110 A-30", "unknown_axis"),
+        (b"G1 X1 Q7", "unknown_axis"),
+        (b"G1 X1 S7", "unknown_word"),
+        (b"G90 G1 X5", "unknown_word"),
+        (b"G1 X5mm", "unknown_word"),
+        (b"G1 X1 X2", "repeated_word"),
+        (b"G65537 X5", "bad_code"),
+        (b"G92.1", "bad_code"),
+        (b"G1.5 X3", "bad_code"),
+        (b"G92", "ambiguous"),
+        (b"G1 X5 F0", "ambiguous"),
+        (b"G4 P-1", "ambiguous"),
+        (b"G4 P1 S1", "ambiguous"),
+        (b"G2 X1 R5 I2", "ambiguous"),
+        (b"M104 T0.5 S20", "ambiguous"),
+        (b"M220 S99.5", "ambiguous"),
+        (b"M117 M110 N0", "ambiguous"),
+        (b"X5", "no_command"),
+        (b"%", "no_command"),
+        (b"hello", "no_command"),
+        (b"// a comment of Aerotech alone", "no_command"),
+        (b"@pause", "no_command"),
+        (b"N5 X5", "no_command"),
+        (b"N12 G1 X1*3", "bad_checksum"),
+        (b"G1 X1*", "bad_checksum"),
+        (b"NG1 X1", "bad_checksum"),
+        (b"G1 X1 (a(b)", "bad_comment"),
+        (b'M117 "a;b"', "bad_comment"),
+        (b"G1 X5\x00", "not_text"),
+        (b"G1 X5\xb0", "not_text"),
+        (b"M117 a\\b", "not_text"),
+        (b"\xef\xbb\xbfG1 X5", "not_text"),
+    ],
+)
+def test_what_cant_be_read_is_refused_with_the_line_and_a_remedy(text, sort):
+    with pytest.raises(LineError, match=r";|:") as caught:
+        read_line(text, MARLIN)
+    assert caught.value.sort == sort
+    assert sort in SORTS
+
+
+@pytest.mark.parametrize("printer", FAMILIES.values(), ids=FAMILIES)
+@pytest.mark.parametrize(
+    "text",
+    [b"G1 X101" + b" " * 2000 + b"F600", b"M117 " + b"x" * 2000, b"(" * 2001, b"G1" + b" X1" * 700]
+    + [b"N" + b"1" * 2000 + b" M105"],
+)
+def test_a_line_that_no_firmware_takes_is_refused_before_it_is_looked_at(text, printer):
+    with pytest.raises(LineError, match="at most 2000 are read") as caught:
+        read_line(text, printer)
+    assert caught.value.sort == "too_long"
+    assert read_line(b"G1 X1 ;" + text, printer).text == b"G1 X1"
+
+
+@pytest.mark.parametrize(
+    ("family", "text"),
+    [
+        ("prusa", b"g1 x5"),
+        ("smoothieware", b"g1 x5"),
+        ("klipper", b"G4 S2"),
+        ("klipper", b"G2 X1 Y1 R5"),
+        ("reprapfirmware", b"G1X1E3"),
+        ("reprapfirmware", b"G1 H2 X5"),
+    ],
+)
+def test_families_refuse_what_they_read_otherwise(family, text):
+    with pytest.raises(LineError):
+        read_line(text, FAMILIES[family])
+
+
+def test_compact_words_of_e_are_words_where_no_power_of_ten_is_known():
+    assert read_line(b"G1X1E3", MARLIN).words == {"X": 1.0, "E": 3.0}
+
+
+def test_klippers_names_keep_their_parameters():
+    line = read_line(b"set_pin pin=valve Value=1 ; open", KLIPPER)
+    assert (line.code, line.parameters) == ("SET_PIN", {"PIN": "valve", "VALUE": "1"})
+    assert line.text == b"SET_PIN PIN=valve VALUE=1"
+    assert is_known_line(KLIPPER, line)
+    with pytest.raises(LineError, match="isn't a command"):
+        read_line(b"SET_PIN PIN=valve VALUE=1", MARLIN)
+
+
+@pytest.mark.parametrize("value", ["nan", "1e3", "", "12345678901234567890", "1.2.3"])
+def test_a_place_in_a_named_command_is_a_number(value):
+    with pytest.raises(LineError, match="isn't"):
+        read_line(f"SET_KINEMATIC_POSITION X={value}".encode(), KLIPPER)
+
+
+def test_a_crc_of_five_digits_is_checked_for_reprapfirmware():
+    from binascii import crc_hqx
+
+    body = b"N3 G1 X1"
+    assert read_line(b"%b*%05d" % (body, crc_hqx(body, 0)), DUET).text == b"G1 X1"
+    with pytest.raises(LineError, match="checksum"):
+        read_line(b"%b*%05d" % (body, crc_hqx(body, 0) ^ 1), DUET)
+
+
+def test_aerotechs_words_are_read_as_g_code():
+    assert read_line(b"DWELL 0.5", AEROTECH).words == {"S": 0.5}
+    assert read_line(b"$DO[0].X=1", AEROTECH).code == "$DO"
+    assert not read_line(b"//LAYER_END:1", AEROTECH)
+
+
+@pytest.mark.parametrize("name", shipped(Printer))
+def test_commands_of_every_profile_are_canonical(name):
+    printer = load(Printer, name)
+    head = printer.pneumatic
+    commands = [*printer.safe_state_off, *(item.query for item in printer.watch)]
+    commands += [head.opens, head.closes] if head else []
+    commands += [c for h in printer.heads for c in (h.select, h.raises, h.lowers) if c]
+    for command in commands:
+        assert read_line(command.encode(), printer).text == command.encode()
+
+
+numbers = st.from_regex(rb"[+-]?([0-9]{1,7}\.?[0-9]{0,8}|\.[0-9]{1,8})", fullmatch=True)
+blanks = st.sampled_from([b"", b" ", b"\t", b"  "])
+words = st.tuples(
+    st.sampled_from([b"X", b"Y", b"Z", b"E", b"F", b"x", b"A", b"S"]), blanks, numbers
+)
+lines = st.tuples(
+    st.sampled_from([b"G1", b"G0", b"g1", b"G 1", b"G001", b"M104", b"G92", b"G4"]),
+    st.lists(st.tuples(blanks, words).map(lambda t: t[0] + b"".join(t[1])), max_size=4),
+    blanks,
+).map(lambda t: t[0] + b"".join(t[1]) + t[2])
+anything = st.one_of(
+    lines, st.text("GMTNXYZEFgmx0123456789.+-*; ()\"\t=_", max_size=24).map(str.encode),
+    st.binary(max_size=16),
+)  # fmt: skip
+
+
+@given(anything, st.sampled_from(sorted(FAMILIES)))
+def test_what_is_sent_reads_as_what_was_meant(text, family):
+    """Reading what is sent gives the same line, and nothing but a LineError comes out."""
+    printer = FAMILIES[family]
+    try:
+        line = read_line(text, printer)
+    except LineError:
+        return
+    assert read_line(line.text, printer) == line
+    assert b'"' in line.text or read_sent(line.text) == line
+    assert re.fullmatch(rb"[ -~]*", line.text)
+
+
+@given(lines, st.sampled_from(sorted(FAMILIES)))
+def test_the_short_road_reads_plain_moves_as_the_long_one(text, family):
+    if PLAIN_MOVE.fullmatch(text):
+        assert read_line(text, FAMILIES[family]) == read_words(text, FAMILIES[family])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [b'M117 "x"M104 S250', b'M117 "x" G1 Z-50 F3000', b'M117 "x"G10 P0 S300', b'M117 a"b"M104 S250']
+    + [b'M117 "x""y"M104 S250', b'M118 S"a" M104 S250', b'M118 S"a""b"M104 S250', b"M0 M104 S250"]
+    + [b"M118 hi M104 S250", b'M98 P"a.g"G1 Z-5', b"M98 Pa.g M104 S250", b"G1 X1 G1 Y2"]
+    + [b"M104 S0 M140 S0", b'M117 "a;b"M104 S250', b"M84 M104 S250", b"M201 X5 G1 Z-5"]
+    + [b'M106 C"x"M104 S250', b"M28 \"x\"M104 S250"],
+)  # fmt: skip
+@pytest.mark.parametrize("printer", [DUET, SMOOTHIE])
+def test_a_second_command_in_a_line_is_refused_where_the_firmware_would_carry_it_out(text, printer):
+    with pytest.raises(LineError):
+        read_line(text, printer)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [b"M117 {1} M104 S250", b"M117 {1} G1 Z-50 F6000", b"M117 {move.axes[0].max} M500", b"M117 {}"]
+    + [b"M117 {1}{2} M104 S250", b"M117 (a) {1} M500", b"M117{1}M500", b'M117 {"x"} M500']
+    + [b"M117\t{1}\tM500", b'M117 "{1}" M500', b"M117 a {b} M500", b"M117 a } M500"]
+    + [b"M118 P0 S{1} M500", b"M98 P{1} M500", b"M117 {1", b"M28 {1} M500"],
+)  # fmt: skip
+def test_braces_in_a_text_are_refused_where_the_firmware_works_them_out(text):
+    with pytest.raises(LineError, match=r"brace|closed quote|ends with its quote"):
+        read_line(text, DUET)
+
+
+@pytest.mark.parametrize(
+    ("text", "sent"),
+    [
+        (b"M117 Layer M5, G1 next", b"M117 Layer M5, G1 next"),
+        (b'M117 "Layer M5"', b'M117 "Layer M5"'),
+        (b'M117 "a ""M5"" b"', b'M117 "a ""M5"" b"'),
+        (b"M117 it's 'M104'", b"M117 it's 'M104'"),
+        (b'M118 P0 S"M104 S250"', b'M118 P0 S"M104 S250"'),
+    ],
+)
+def test_a_text_that_reaches_to_the_lines_end_passes(text, sent):
+    assert read_line(text, DUET).text == sent
+
+
+@pytest.mark.parametrize("printer", FAMILIES.values(), ids=FAMILIES)
+@pytest.mark.parametrize("text", [b"M4321 M104 S250", b"M4321 G1 Z-5", b"T0 M104 S250"])
+def test_a_second_command_behind_any_code_is_refused_in_each_family(text, printer):
+    with pytest.raises(LineError):
+        read_line(text, printer)
+
+
+@pytest.mark.parametrize("text", [b"(M104 S250)", b"M104 (x) S250", b"G1 X1 (aside)"])
+def test_parentheses_are_no_comment_to_klipper(text):
+    with pytest.raises(LineError, match="no comments in parentheses"):
+        read_line(text, KLIPPER)
+    assert read_line(b"G1 X1 ; (aside)", KLIPPER).text == b"G1 X1"
