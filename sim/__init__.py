@@ -8,5 +8,5 @@ kernels of all.
 
 Goes in: G-code. Comes out: executed motion, replies, deposited ink, simulated scans and pictures.
 Begin with
-`dry_run/run.py`.
+`gcode/dry_run/run.py`.
 """

@@ -1,1 +1,5 @@
-"""Corrections from measured prints to the next one."""
+"""Corrections from measured prints to the next one.
+
+Goes in: registrations of prints. Comes out: a compensation file. Begin with
+`feedback/estimate.py`.
+"""

@@ -1,1 +1,4 @@
-"""Past prints: records, and comparisons of runs."""
+"""Past prints: records, and comparisons of runs.
+
+Goes in: journals and runs. Comes out: bundles, tables. Begin with `records/bundle.py`.
+"""

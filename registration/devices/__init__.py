@@ -1,1 +1,4 @@
-"""Optics of each instrument: cameras, lenses, microscopes, OCT, laser lines."""
+"""Optics of each instrument: cameras, lenses, microscopes, OCT, laser lines.
+
+Goes in: pictures or scans of known targets. Comes out: calibrations. Begin with `lens/fit.py`.
+"""
