@@ -7,6 +7,6 @@ its dish. Nothing is imported here, so that what needs one of them doesn't wait 
 kernels of all.
 
 Goes in: G-code. Comes out: executed motion, replies, deposited ink, simulated scans and pictures.
-Begin with
-`gcode/dry_run/run.py`.
+Begin
+with `gcode/dry_run/run.py`.
 """

@@ -17,7 +17,7 @@ from registration.report.picture import (
 from registration.report.picture.compose import round_down
 from registration.report.picture.flow_marks import port_reach
 
-from ..report.sample import block_surface, planar_network
+from ..sample import block_surface, planar_network
 
 NETWORK = planar_network()
 BLOCK = block_surface().surface
