@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import NetworkError
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 
 class VesselKind(IntEnum):

@@ -1,5 +1,5 @@
-"""The printctl package: recipe, pipeline, preflight, printer link, command line and web page.
+"""From a recipe to a checked print and its report: command line, web page, printer.
 
-The command line starts in `cli/main.py`, the page in `web/serve.py`, a print in `machine/link/process.py`.
-Begin with `cli/main.py`.
+The command line starts in `cli/main.py`, the page in `web/serve.py`, a print in
+`machine/link/process.py`. Begin with `cli/main.py`.
 """

@@ -9,8 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 GcodeColour = Literal["width", "kind", "speed", "order", "height", "vessel"]
 """What lines can be coloured by."""

@@ -8,8 +8,9 @@ import numpy as np
 
 from design.network import VesselKind, VesselNetwork
 from design.vasculature.growth.forest import joined_networks
-from design.vasculature.tree import FloatArray, VesselTree
+from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import downward_order, tree_radii
+from kernels.arrays import FloatArray
 
 
 def curved_network(trees: Sequence[VesselTree], kinds: Sequence[VesselKind]) -> VesselNetwork:

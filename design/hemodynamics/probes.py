@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from design.errors import FlowError
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 _MOST_CLEAR = 0.4
 

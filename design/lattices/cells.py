@@ -10,7 +10,7 @@ import numpy as np
 
 from design.geometry import segment_segment
 from design.lattices.options import LatticeKind
-from design.network import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

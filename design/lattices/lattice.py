@@ -11,8 +11,9 @@ from design.lattices.cells import narrowest, tile, unit_cell
 from design.lattices.options import LatticeOptions
 from design.lattices.orient import directed
 from design.lattices.port import find_port
-from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
+from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
+from kernels.arrays import FloatArray, IntArray
 
 _LAYER = 0.75
 """Depth of the manifolds' layer over the cell's edge: planes of nodes lie up to this far apart

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
-from design.network import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 
 def directed(

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from design.errors import TissueError
 from design.geometry import segment_segment
-from design.network import FloatArray, IntArray
 from design.tissue import Tissue
+from kernels.arrays import FloatArray, IntArray
 
 
 def find_port(

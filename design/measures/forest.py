@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from design.network import IntArray, VesselKind, VesselNetwork
+from design.network import VesselKind, VesselNetwork
 from kernels import jit
+from kernels.arrays import IntArray
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ from typing import Any, Final
 import numpy as np
 
 from design.measures.forest import Forest
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 
 REACH = 2.0
 """Way along a branch, over the parent's radius, to where its direction is taken: curves begin

@@ -10,7 +10,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from design.errors import NetworkError
-from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
+from design.network import VesselKind, VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

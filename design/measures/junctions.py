@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from design.errors import NetworkError
-from design.network import FloatArray, VesselKind, VesselNetwork
+from design.network import VesselKind, VesselNetwork
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from design.network import FloatArray, IntArray
 from kernels import jit, pjit
+from kernels.arrays import FloatArray, IntArray
 
 LEAF = 4
 """Pieces in a leaf at most."""

@@ -18,9 +18,10 @@ from design.measures.oxygen import OxygenModel
 from design.measures.path_lengths import FlowPaths, measure_paths
 from design.measures.supply import Supply, measure_supply, sample_tissue
 from design.measures.territories import measure_territories
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.growth.territories import SupplyBalance
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

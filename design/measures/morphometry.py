@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from design.measures.forest import Forest, elements_of, forest_of, strahler_orders
-from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
+from design.network import VesselKind, VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 _ROUNDS = 3
 _SETTLED = 0.01

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from design.errors import DesignError
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from design.errors import DesignError
 from design.measures.forest import Forest, forest_of
 from design.measures.forks import compare_forks, measure_forks
 from design.measures.morphometry import OrderTable, order_table
-from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
+from design.network import VesselKind, VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 PUBLISHED: Final = ("coronary", "kidney", "lung", "liver")
 """Organs that there are published figures of; each file tells what is left out, and why."""

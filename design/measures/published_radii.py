@@ -9,7 +9,8 @@ import numpy as np
 
 from design.measures.forest import Forest, forest_of
 from design.measures.published_comparison import PublishedOrders, order_figures, published_orders
-from design.network import FloatArray, VesselKind, VesselNetwork
+from design.network import VesselKind, VesselNetwork
+from kernels.arrays import FloatArray
 
 _FACTORS: Final = np.exp(0.02 * np.arange(1, 26))
 """Tried upwards and downwards: to 1.65 and 0.61, pressure drops of a seventh and the sevenfold."""

@@ -10,8 +10,8 @@ import numpy as np
 from design.errors import TissueError
 from design.measures.lumens import build_lumens, nearest_walls, z_order
 from design.measures.oxygen import Oxygen, OxygenModel, krogh_oxygen
-from design.network import FloatArray
 from design.tissue import Tissue
+from kernels.arrays import FloatArray
 
 BEYOND_UM: Final = (20.0, 100.0, 150.0, 200.0)
 """Distances beyond which the tissue's share is told: cells live within 100 to 200 µm of a

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
+from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.growth.territories import SupplyBalance, supply_balance
+from kernels.arrays import FloatArray, IntArray
 
 
 def measure_territories(

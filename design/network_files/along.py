@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import label
 from scipy.spatial import cKDTree
 
-from design.network import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 SAME_AXIS: Final = 0.35
 """Axes nearer than so many radii are one lumen's. Lines traced twice through a lumen differ less,

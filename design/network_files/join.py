@@ -10,9 +10,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from design.errors import NetworkError
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from design.network_files.csv_format.chain import chain_pieces
 from design.network_files.csv_format.pieces import Pieces
+from kernels.arrays import FloatArray, IntArray
 
 REACH: Final = 1.05
 """An end within so many radii of a vessel's axis lies in that vessel."""

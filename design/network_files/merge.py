@@ -12,7 +12,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from design.geometry.close_pairs import close_pairs
-from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
+from design.network import VesselKind, VesselNetwork
 from design.network_files.along import (
     NEAR_END,
     SAME_AXIS,
@@ -25,6 +25,7 @@ from design.network_files.along import (
 )
 from design.network_files.csv_format.chain import chain_pieces, fuse_vessels, join_equal_points
 from design.network_files.csv_format.pieces import Pieces
+from kernels.arrays import FloatArray, IntArray
 
 _PARALLEL: Final = 0.7
 """Cosine from which two straight pieces can run along each other."""

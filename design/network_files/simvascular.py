@@ -9,7 +9,8 @@ import numpy as np
 
 from design.errors import NetworkError
 from design.files import write_text
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 _CM = 0.1
 _FLAT = 1e-4

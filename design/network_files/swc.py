@@ -21,10 +21,11 @@ import numpy as np
 
 from design.errors import NetworkError
 from design.files import write_text
-from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
+from design.network import VesselKind, VesselNetwork
 from design.network_files.csv_format.chain import chain_pieces
 from design.network_files.csv_format.pieces import Pieces, check_pieces
 from design.units import MM_PER, LengthUnit
+from kernels.arrays import FloatArray, IntArray
 
 KIND_TYPE: Final = {kind: 10 + int(kind) for kind in VesselKind}
 """Type of each kind of vessel in our files."""

@@ -15,10 +15,11 @@ from lxml import etree  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from design.errors import NetworkError
-from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
+from design.network import VesselKind, VesselNetwork
 from design.network_files.csv_format.chain import chain_pieces, fuse_vessels, join_equal_points
 from design.network_files.csv_format.pieces import Pieces
 from design.units import MM_PER, LengthUnit
+from kernels.arrays import FloatArray, IntArray
 
 RADIUS_MM: Final = "radius_mm"
 RADII: Final = ("radius", "Radius", "MaximumInscribedSphereRadius")

@@ -12,10 +12,11 @@ from typing import Final, NoReturn
 import numpy as np
 
 from design.errors import NetworkError
-from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
+from design.network import VesselKind, VesselNetwork
 from design.network_files.join import REACH, Line, Snap, join_lines
 from design.network_files.merge import merge_shared
 from design.units import MM_PER
+from kernels.arrays import FloatArray, IntArray
 
 _MM: Final = MM_PER["cm"]
 _HEAD: Final = re.compile(r"vessel:\s*(\d+)\s*,\s*number of points:\s*(\d+)\s*$", re.IGNORECASE)

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from design.errors import SolidError
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from design.solids.facets import Facets
+from kernels.arrays import FloatArray, IntArray
 
 _WIDTH_RATIO = 0.9
 """Least ratio of the radii of two ends that are joined; below it the wider one's ball covers the

@@ -12,7 +12,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from design.network import IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import IntArray
 
 
 def network_genus(network: VesselNetwork) -> int:

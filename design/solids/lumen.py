@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from design.errors import SolidError
 from design.geometry.crossings import find_crossings
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from design.solids.chains import Chain
 from design.solids.facets import FACET_TOLERANCE_MM, Facets
 from design.solids.runs import free_ends
@@ -21,6 +21,7 @@ from design.solids.smooth.swap_tubes import with_other_tubes
 from design.solids.snap import mended_solid, solid_from_mesh
 from design.solids.solid import Solid
 from design.solids.tube import EndShape
+from kernels.arrays import FloatArray, IntArray
 
 _TRIES = 3
 """Of leaving groups sharp that can't be rounded without crossing themselves."""

@@ -7,9 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from design.solids.chains import Chain, link_vessels, mitre_excess
 from design.solids.facets import Facets
+from kernels.arrays import FloatArray, IntArray
 
 _LEAST_LENGTH_LEFT = 0.1
 """Share of a piece that its two mitres must leave on the inside of the bend."""

@@ -19,12 +19,13 @@ import numpy as np
 
 from design.errors import SolidError
 from design.files import atomic_replacement
-from design.network import IntArray, VesselNetwork
+from design.network import VesselNetwork
 from design.solids.bodies import cylinder_solid
 from design.solids.construct import Vector, block_solid, construct_solid
 from design.solids.lumen import lumen_solid
 from design.solids.solid import Solid
 from design.solids.step_pieces import Piece, step_pieces
+from kernels.arrays import IntArray
 
 Dimple = tuple[Vector, float]
 """A ball's centre and its diameter, mm."""

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from design.solids.chains import Chain
 from design.solids.facets import Facets
 from design.solids.lumen import extend_ends, extended_ends
 from design.solids.runs import split_runs
 from design.solids.smooth.overlap_group import CLEAR_OF_TUBES
+from kernels.arrays import FloatArray, IntArray
 
 _OFF_AXIS = 0.02
 """Of the radius: how far a curved vessel's axis and radius may be from its straight pieces'."""

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from design.errors import SolidError
-from design.network import IntArray, VesselNetwork
+from design.network import VesselNetwork
 from design.solids.facets import FACET_TOLERANCE_MM
 from design.solids.lumen import lumen_solid
 from design.solids.manifolds import solid_manifold, subtract
 from design.solids.runs import free_ends
 from design.solids.snap import solid_from_manifold
 from design.solids.solid import Solid
+from kernels.arrays import IntArray
 
 
 def tube_solid(

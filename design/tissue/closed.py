@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import TissueError
+from kernels.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 FaceArray = NDArray[np.int32]
 
 

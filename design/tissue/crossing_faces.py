@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.geometry.crossings import find_crossings
-from design.tissue.closed import FaceArray, FloatArray
+from design.tissue.closed import FaceArray
+from kernels.arrays import FloatArray
 
 _FLAT = 1e-12
 """Height over longest edge below which a face counts as a line: far below what float32 tells."""

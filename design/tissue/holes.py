@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import TissueError
-from design.tissue.closed import FaceArray, FloatArray, edges_of, face_areas, format_points
+from design.tissue.closed import FaceArray, edges_of, face_areas, format_points
+from kernels.arrays import FloatArray
 
 WIDEST = 0.15
 """Widest hole that is filled, of the mesh's extent."""

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from design.tissue.closed import FaceArray, FloatArray, edges_of
+from design.tissue.closed import FaceArray, edges_of
+from kernels.arrays import FloatArray
 
 _NEAR_SHARE = 2e-6
 """How far a vertex may lie from an edge that it is taken to lie on, of the mesh's extent: some

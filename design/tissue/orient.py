@@ -10,15 +10,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from design.errors import TissueError
-from design.tissue.closed import (
-    FaceArray,
-    FloatArray,
-    edges_of,
-    enclosed_volume,
-    face_areas,
-    format_points,
-)
+from design.tissue.closed import FaceArray, edges_of, enclosed_volume, face_areas, format_points
 from design.tissue.shells import enclosures, neighbours, shells_of
+from kernels.arrays import FloatArray
 
 
 def agree(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, int]:

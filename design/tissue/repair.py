@@ -19,7 +19,6 @@ from design.errors import TissueError
 from design.geometry.surface import Surface
 from design.tissue.closed import (
     FaceArray,
-    FloatArray,
     check_closed,
     edges_of,
     enclosed_volume,
@@ -33,6 +32,7 @@ from design.tissue.orient import agree, turn_shells
 from design.tissue.sheets import drop_flat_faces, drop_sheets
 from design.tissue.shells import shells_of, unite_shells
 from design.tissue.weld import drop_duplicates, weld_rims
+from kernels.arrays import FloatArray
 
 _ROUNDS = 5
 _PATCH_SHARE = 0.05

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from design.tissue.closed import FaceArray, FloatArray, edges_of, enclosed_volume, face_areas
+from design.tissue.closed import FaceArray, edges_of, enclosed_volume, face_areas
 from design.tissue.shells import shells_of
+from kernels.arrays import FloatArray
 
 _OPEN = 0.6
 """Area that closes an open piece's rims, over its own, above which it is a sheet: 0.95 for a bent

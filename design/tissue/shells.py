@@ -13,10 +13,11 @@ from scipy.sparse.csgraph import connected_components
 from design.errors import TissueError
 from design.geometry import build_triangle_tree
 from design.geometry.surface import Surface
-from design.tissue.closed import Edges, FaceArray, FloatArray, edges_of, enclosed_volume
+from design.tissue.closed import Edges, FaceArray, edges_of, enclosed_volume
 from design.tissue.crossing_faces import crossing_faces
 from design.tissue.depth import winding_number
 from design.tissue.manifolds import manifold_of, surface_of
+from kernels.arrays import FloatArray
 
 _VOTES = 15
 _SAME_ANGLE = 1e-7

@@ -8,7 +8,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from design.tissue.closed import FaceArray, FloatArray, edges_of, merge_vertices
+from design.tissue.closed import FaceArray, edges_of, merge_vertices
+from kernels.arrays import FloatArray
 
 _GAP_SHARE = 1e-4
 """Widest gap that is merged over, of the mesh's extent; never above `_EDGE_SHARE` of the edges."""

@@ -20,8 +20,8 @@ from typing import Final
 import numpy as np
 
 from design.toolpath.checks import require_positive
-from design.toolpath.toolpath import FloatArray, IntArray, MoveKind, Toolpath
-from kernels.arrays import BoolArray
+from design.toolpath.toolpath import MoveKind, Toolpath
+from kernels.arrays import BoolArray, FloatArray, IntArray
 
 PER_LAG: Final = 8
 """Moves in a time constant where the flow changes."""

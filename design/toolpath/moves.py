@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from design.errors import ToolpathError
-from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath
+from design.toolpath.toolpath import MoveKind, Toolpath
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

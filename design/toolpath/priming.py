@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike
 from design.errors import ToolpathError
 from design.toolpath.checks import require_not_negative, require_positive
 from design.toolpath.moves import MoveBuilder
-from design.toolpath.toolpath import FloatArray, Toolpath
+from design.toolpath.toolpath import Toolpath
+from kernels.arrays import FloatArray
 
 NOTHING = -1
 """Source of these moves: no layer, no vessel."""

@@ -8,7 +8,8 @@ import numpy as np
 
 from design.errors import ToolpathError
 from design.toolpath.moves import MoveBuilder
-from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath, join_toolpaths
+from design.toolpath.toolpath import MoveKind, Toolpath, join_toolpaths
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -9,15 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.machine.link.job import Job
 from printctl.observe.mending import HeldPrint, WrittenPath, written_paths
 from printctl.observe.mending.held_print import Style
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import BoolArray
 from printctl.machine.link.marks import MarkKind, Marks
 from printctl.observe.deciding.evidence import UnseenPath
 from printctl.observe.deciding.thin import Thin
@@ -20,7 +21,6 @@ from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.mends_again import LayerInk, mended_of
 from printctl.observe.scan_place import ScanSize
 from registration.inspection import Appearance, Gap, LayerFindings, Lumen, Stations, Unseen
-from registration.inspection.values import BoolArray
 
 
 @dataclass

@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles.bead import BeadSection
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.observe.deciding import (
     Evidence,
     FlowBlocks,
@@ -33,10 +33,6 @@ from registration.inspection import (
     Unseen,
 )
 from registration.inspection.findings import ToldOfInk
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 _BLOCK_S: Final = 1.0
 """Writing time whose widths are one reading of the flow."""

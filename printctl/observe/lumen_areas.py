@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from shapely import MultiPoint, Polygon, unary_union
 from shapely.geometry.base import BaseGeometry
 
 from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.inspection import Lumen
-
-FloatArray = NDArray[np.float64]
 
 _STEP: Final = 0.25
 """Distance of the spheres that a tube is made of, in radii."""

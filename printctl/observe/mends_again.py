@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import IntArray
 from printctl.observe.expected import ExpectedInk
 from printctl.observe.look_values import Look
 from printctl.observe.mending.gap import Gap as MendGap
@@ -23,8 +24,6 @@ from printctl.observe.mending.laid_ink import LaidInk, sound_spans, stretch_of
 from printctl.observe.records import LookRecord
 from registration.inspection import ExpectedLines, Gap, LayerFindings, Stations
 from registration.inspection.findings import ToldOfInk
-
-IntArray = NDArray[np.int64]
 
 MOST_TRIES: Final = 2
 _FIRST: Final = 1_000_000

@@ -5,14 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.observe.deciding.thin import Thin
 from registration.inspection import Gap, Stations, Stretch
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 _WINDOW: Final = 5
 """Stations whose mean tells whether a place still belongs to a thin stretch."""

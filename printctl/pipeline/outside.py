@@ -6,8 +6,9 @@ from typing import Final
 
 import numpy as np
 
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
 from design.tissue import Tissue
+from kernels.arrays import FloatArray
 from printctl.errors import RecipeError
 
 _PLACES: Final = 400

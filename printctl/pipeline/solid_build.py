@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from design.errors import SolidError
-from design.network import IntArray, VesselNetwork
+from design.network import VesselNetwork
 from design.solids import (
     Port,
     Solid,
@@ -30,6 +30,7 @@ from design.solids import (
 )
 from design.solids.construct import Vector
 from design.tissue.parts import surface_parts
+from kernels.arrays import IntArray
 from printctl.recipe.solid import ChamberPart, ConnectorPart, SolidPart, TextPart
 
 Dimple = tuple[Vector, float]

@@ -10,8 +10,8 @@ from scipy.optimize import least_squares
 
 from design.hemodynamics.dye import CarryingFlow, dye_curves
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.dye.arrivals import Arrivals
-from registration.dye.marks import FloatArray
 from registration.dye.stations import DyeStations
 from registration.dye.traces import Traces, end_frames
 from registration.errors import DyeError

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from registration.dye.marks import FloatArray
+from kernels.arrays import FloatArray
 from registration.dye.traces import Traces, before_dye, end_frames, frame_noise
 
 DYED, CLEAR, LEAST_OVER_NOISE = 0.3, 0.15, 6.0

@@ -7,16 +7,15 @@ from typing import Annotated, Literal
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from design.network import VesselNetwork
 from firmware_profiles.wrong_values import wording
 from firmware_profiles.yaml_file import read_yaml
+from kernels.arrays import FloatArray
 from registration.devices.lens import Lens
 from registration.errors import DyeError
 
-FloatArray = NDArray[np.float64]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Side = Literal["z", "-z", "x", "-x", "y", "-y"]
 

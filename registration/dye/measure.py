@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from design.hemodynamics.dye import check_frames, dye_front
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.devices.lens import Lens
 from registration.devices.lens.perspective import FEWEST
 from registration.dye.arrival_fit import Prediction, predict
 from registration.dye.arrivals import Arrivals, find_arrivals
 from registration.dye.carrying_flow import carrying_flow, solve_without_closed
-from registration.dye.marks import FloatArray, Marks, checked_node, straight_marks
+from registration.dye.marks import Marks, checked_node, straight_marks
 from registration.dye.patency import VesselDye, find_patency, times_against_open_flow
 from registration.dye.stations import DyeStations
 from registration.dye.traces import Traces, before_dye, read_traces

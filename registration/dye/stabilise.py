@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from design.network import VesselNetwork
-from registration.dye.marks import FloatArray
+from kernels.arrays import FloatArray
 from registration.dye.view import View
 
 FloatImage = NDArray[np.float32]

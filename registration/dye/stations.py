@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselNetwork
-from registration.dye.marks import FloatArray
+from kernels.arrays import FloatArray
 from registration.dye.view import View
 
 ACROSS, ALONG = 13, 5

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.devices.lens import Lens
 from registration.dye.film import Frame, film_frames
-from registration.dye.marks import FloatArray
 from registration.dye.stabilise import (
     FloatImage,
     Steadier,

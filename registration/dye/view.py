@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.devices.lens.perspective import (
     FEWEST,
     find_homography,
@@ -20,7 +21,7 @@ from registration.devices.lens.perspective import (
     slopes,
     spread_out,
 )
-from registration.dye.marks import FloatArray, Marks, marked_points
+from registration.dye.marks import Marks, marked_points
 from registration.errors import DyeError
 
 _RIGHT_AND_UP: Final = {

@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.inspection.findings import ASKED_MM, LayerFindings
-from registration.inspection.values import FloatArray, Frame, Image, Lumen, Stations, Unseen
+from registration.inspection.values import Frame, Image, Lumen, Stations, Unseen
 
 _SHIFT: Final = 4
 # Blue, green, red.

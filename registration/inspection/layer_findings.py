@@ -11,6 +11,7 @@ from typing import Final
 import cv2
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.findings import LayerFindings
 from registration.inspection.gaps.along_strokes import reached
 from registration.inspection.gaps.between_older import BARE
@@ -36,17 +37,7 @@ from registration.inspection.unseen.debris import is_bare
 from registration.inspection.unseen.seam_findings import seam_findings, without_thin
 from registration.inspection.unseen.told_by_all import thin_without_width, told_by_all
 from registration.inspection.unseen.unseen_ways import doubted_gaps, unseen_ways
-from registration.inspection.values import (
-    Blob,
-    BoolArray,
-    FloatArray,
-    Gap,
-    IntArray,
-    Lumen,
-    LumenSeen,
-    Shift,
-    Unseen,
-)
+from registration.inspection.values import Blob, Gap, Lumen, LumenSeen, Shift, Unseen
 from registration.inspection.ways import Ways
 from registration.inspection.widths.blobs import find_blobs
 from registration.inspection.widths.lumens_seen import see_lumens

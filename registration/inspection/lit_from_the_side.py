@@ -7,8 +7,9 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import FloatArray
 from registration.inspection.seen_layer import SeenLayer
-from registration.inspection.values import FloatArray, Shift
+from registration.inspection.values import Shift
 from registration.inspection.widths.widths import Widths
 
 _SLANT: Final = 0.08

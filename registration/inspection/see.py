@@ -21,6 +21,7 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import BoolArray
 from registration.errors import PictureError
 from registration.inspection.findings import LayerFindings
 from registration.inspection.layer_findings import findings_of
@@ -34,15 +35,7 @@ from registration.inspection.ridges.ridge_light import ridge_light
 from registration.inspection.ridges.ridge_shading import RidgeLight
 from registration.inspection.seen_layer import SeenLayer, seen_at_shift
 from registration.inspection.unseen.out_of_place import ink_beside_mm, unless_elsewhere
-from registration.inspection.values import (
-    Appearance,
-    BoolArray,
-    ExpectedLines,
-    Frame,
-    Image,
-    Lumen,
-    Shift,
-)
+from registration.inspection.values import Appearance, ExpectedLines, Frame, Image, Lumen, Shift
 from registration.inspection.ways import check_lines, lay_ways
 
 _STEPS_IN_GAP: Final = 4

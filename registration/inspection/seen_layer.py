@@ -8,6 +8,7 @@ from typing import Final
 import cv2
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.gaps.between_older import infer_missing, is_contradicted
 from registration.inspection.heights.height import HeightFrame
 from registration.inspection.ink.ink_image import ACROSS, smoothed
@@ -38,16 +39,7 @@ from registration.inspection.pictures.working import (
 )
 from registration.inspection.ridges.ridge_shading import RidgeLight
 from registration.inspection.ridges.told_by_ridges import tell_ridges
-from registration.inspection.values import (
-    Appearance,
-    BoolArray,
-    ExpectedLines,
-    FloatArray,
-    FloatImage,
-    IntArray,
-    Shift,
-    Unseen,
-)
+from registration.inspection.values import Appearance, ExpectedLines, FloatImage, Shift, Unseen
 from registration.inspection.ways import Seen, Ways
 from registration.inspection.widths.stations import Grouping, station_widths
 from registration.inspection.widths.widths import Widths

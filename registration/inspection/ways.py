@@ -9,16 +9,9 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.errors import PictureError
-from registration.inspection.values import (
-    BoolArray,
-    ExpectedLines,
-    FloatArray,
-    FloatImage,
-    Frame,
-    Image,
-    IntArray,
-)
+from registration.inspection.values import ExpectedLines, FloatImage, Frame, Image
 
 _STEEP = 0.3
 """A piece whose way as seen from above is a smaller part of its length can't be judged."""

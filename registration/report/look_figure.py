@@ -9,12 +9,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from registration.report.drawing import blank, styled, to_svg
 from registration.report.svg import ACCENT, BAD, INK, MUTED
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

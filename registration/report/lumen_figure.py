@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from design.hemodynamics.three_d import Field, LumenMesh, WallShear
 from design.hemodynamics.three_d.lumen_mesh import WALL
 from design.hemodynamics.three_d.streamlines import trace_streamlines
-from design.network import FloatArray
 from design.units import DYN_CM2_PER_PA
+from kernels.arrays import FloatArray
 from registration.report.drawing import styled, to_svg
 
 View = tuple[int, int, int]

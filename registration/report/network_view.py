@@ -9,7 +9,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 from registration.report.packing import pack, pack_positions
 from registration.report.picture import FLOW, GAUGED, Quantity, VesselQuantities, quantities
 from registration.report.sections import mapping, records

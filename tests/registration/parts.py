@@ -8,15 +8,14 @@ from pathlib import Path
 
 import manifold3d
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from design.solids.solid import Solid
+from kernels.arrays import FloatArray
 from registration.scan import Scan
 from sim.devices.scanner import ScannerOutput
 from sim.gcode.deposit.lay import Deposit
 
-FloatArray = NDArray[np.float64]
 PLACE = np.array([60.0, 50.0, 0.5])
 BLOCK = (16.0, 8.0, 3.0)
 DIMPLES = ((1.5, 1.0), (14.5, 1.0), (1.5, 7.0))

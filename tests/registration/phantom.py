@@ -15,13 +15,13 @@ from scipy.ndimage import gaussian_filter
 
 from design.network import VesselNetwork
 from design.solids.solid import Solid
+from kernels.arrays import FloatArray
 from registration.alignment import Fit
 from registration.measuring.gauging import VesselTrace, trace_vessels
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh
 from tests.registration.parts import lumens, solid
 
-FloatArray = NDArray[np.float64]
 Radius = Callable[[int, FloatArray], FloatArray]
 """Vessel and distance along it (mm) to what is added to its radius (mm)."""
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import manifold3d
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from design.solids.solid import Solid
+from kernels.arrays import FloatArray
 from registration.alignment import AlignmentOptions, align
 from registration.alignment.compare_poses import deviation_where_different
 from registration.alignment.distance import ModelSurface
@@ -19,7 +19,6 @@ from registration.errors import AlignmentError
 from tests.registration.parts import corners, planar_construct, rod, solid
 from tests.slower import first_of
 
-FloatArray = NDArray[np.float64]
 FAST = AlignmentOptions(coarse_points=700, fine_points=5000, contest_points=40_000)
 SIZE = (16.0, 8.0, 3.0)
 

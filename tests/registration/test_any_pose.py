@@ -5,10 +5,10 @@ from __future__ import annotations
 import manifold3d
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from design.solids.solid import Solid
+from kernels.arrays import FloatArray
 from registration.alignment import Alignment, AlignmentOptions, align
 from registration.alignment.distance import ModelSurface
 from registration.alignment.freedoms import loose_freedoms
@@ -19,7 +19,6 @@ from tests.registration.parts import corners, planar_construct, rod, solid
 from tests.registration.test_alignment import surface_points
 from tests.slower import first_of
 
-FloatArray = NDArray[np.float64]
 SIZE = np.array([16.0, 8.0, 3.0])
 FEW = AlignmentOptions(fine_points=5000, contest_points=20_000)
 UPRIGHT = np.diag([1.0, -1.0, -1.0])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.alignment import Alignment, Uncertainty
 from registration.alignment.distance import ModelSurface
 from registration.alignment.uncertainty import ScanErrors
@@ -23,7 +23,6 @@ from tests.registration.phantom import (
 )
 from tests.slower import first_of
 
-FloatArray = NDArray[np.float64]
 NOISE = 0.004
 
 

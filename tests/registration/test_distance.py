@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from design.geometry import boxes_of, build_hierarchy
+from kernels.arrays import FloatArray
 from registration.alignment.distance import ModelSurface, distance_grid
 from tests.registration.parts import planar_construct, planar_distance, solid
 from tests.slower import examples
-
-FloatArray = NDArray[np.float64]
 
 
 def naive_distance(point: FloatArray, triangle: FloatArray) -> float:

@@ -7,13 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.measuring.gauging import VesselTrace, without_gel_like
 from registration.segmentation import Segmentation, gel_evidence
 from tests.registration.phantom import CHANNEL, IDENTITY, VOXEL, WIDE, block, ladder, traces
-
-FloatArray = NDArray[np.float64]
 
 MIDDLE = np.array([4.0, 1.2, 1.3])
 """On the channel's axis, 2.3 mm from its first node; the channel is 0.5 mm wide."""

@@ -7,13 +7,12 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.measuring.gauging.junctions import find_junction_changes
 from registration.measuring.gauging.trace import VesselTrace
 from registration.measuring.gauging.vessels import VesselGauge, without_resistance
 
-FloatArray = NDArray[np.float64]
 NOISY = 0.06
 RADIUS, LENGTH, STATIONS, OWN_FROM = 0.22, 4.0, 40, 8
 

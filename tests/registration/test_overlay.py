@@ -17,6 +17,7 @@ import pytest
 from numpy.typing import NDArray
 
 from design.geometry.surface import Surface
+from kernels.arrays import FloatArray
 from registration.errors import AlignmentError, RegistrationError
 from registration.overlay import (
     Cutter,
@@ -38,7 +39,6 @@ from registration.segmentation import GelField, Segmentation
 from registration.segmentation.volume import Strength
 from tests.registration.parts import solid
 
-FloatArray = NDArray[np.float64]
 Gel = Callable[[FloatArray, FloatArray, FloatArray], NDArray[np.bool_]]
 
 LONG, WIDE, HEIGHT, LINE, COUNT = 4.0, 3.0, 0.1, 0.2, 5

@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from kernels.arrays import FloatArray
 from registration.measuring.gauging.changes import _defects, _Series
 from registration.measuring.gauging.defect import Defect
 from registration.measuring.gauging.peak import peak_of
@@ -16,7 +16,6 @@ from registration.measuring.gauging.sections import RAYS
 from tests.registration.phantom import CHANNEL, block, traces
 from tests.slower import first_of
 
-FloatArray = NDArray[np.float64]
 FINE, BLUR, NOISE = 0.001, 0.03, 0.003
 
 

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.scan import Scan
 from registration.segmentation import SegmentationOptions, segment
 from registration.segmentation.response import depth_response
 from registration.segmentation.working import Working
-
-FloatArray = NDArray[np.float64]
 
 STEP_MM, PIXEL_MM = 0.025, 0.04
 SHAPE = (120, 80, 80)

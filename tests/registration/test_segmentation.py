@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.segmentation.filters import (
     bin_mean,
     gaussian_weights,
@@ -17,8 +18,6 @@ from registration.segmentation.levels import part_levels, sparse_levels
 from registration.segmentation.light import remaining_light
 from registration.segmentation.local_level import local_level
 from registration.segmentation.nets import surface
-
-FloatArray = NDArray[np.float64]
 
 
 def ball(radius: float, centre: FloatArray, n: int = 40) -> NDArray[np.float32]:

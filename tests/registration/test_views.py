@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from design.solids import Solid
+from kernels.arrays import FloatArray
 from registration import RegistrationReport, Scan, report_dict
 from registration.measuring.judging import Tolerances, VesselLimits, judge
 from registration.measuring.judging.tolerance import symmetric
@@ -20,8 +20,6 @@ from registration.report.views.mesh_cut import cut_mesh, join_lines
 from registration.report.views.stack import PIXELS, chosen_sections
 from tests.registration.parts import as_scan, planar_construct
 from tests.registration.registered import planar_part
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from typing import Any
 import manifold3d
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration import ScanOverrides, register_scan
 from registration.alignment import Fit
 from registration.corrected import corrected_scan
@@ -31,7 +31,6 @@ from tests.registration.files.readers import crafted
 from tests.registration.registered import FAST
 from tests.registration.test_gauging import bore, planes
 
-FloatArray = NDArray[np.float64]
 OCT: dict[str, Any] = {"modality": "oct", "voxel_um": (25.0, 25.0, 15.0)}
 
 

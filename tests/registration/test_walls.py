@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.segmentation.walls import Sides, scatter_of_liquid, share_of_volume
 from registration.segmentation.working import Working
-
-FloatArray = NDArray[np.float64]
 
 VOXEL = 0.03
 SHAPE = (60, 8, 60)

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.measuring.topology import leaks
 from registration.measuring.topology.gel_paths import _scores, find_gel_paths
 from registration.segmentation import GelField, Segmentation, are_separable, gel_evidence
@@ -15,8 +15,6 @@ from registration.segmentation.volume import Strength
 from tests.registration.phantom import CHANNEL, VOXEL, WIDE, block
 from tests.registration.test_defects import findings, hole
 from tests.slower import first_of
-
-FloatArray = NDArray[np.float64]
 
 
 def speckled(

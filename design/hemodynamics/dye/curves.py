@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from scipy.special import exp1
 
 from design.hemodynamics.dye.transit_times import STILL, CarryingFlow, downstream_order, flow_ends
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 ComplexArray = NDArray[np.complex128]
 Mean = Literal["area", "flux"]

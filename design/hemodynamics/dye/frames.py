@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from design.hemodynamics.dye.front import DyeFront
-from design.network import IntArray
+from kernels.arrays import IntArray
 
 FRAMES_IN_A_VESSEL: Final = 2.0
 """Frames while the tip runs through a vessel, for its arrival at both ends to be told apart."""

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from design.hemodynamics.dye.curves import dye_curves
 from design.hemodynamics.dye.transit_times import STILL, CarryingFlow, downstream_order, flow_ends
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 
 DYE_DIFFUSIVITY: Final = 4e-4
 """mm²/s; fluorescein in water at 25 °C has 4.25e-4 (Culbertson et al. 2002,

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from design.hemodynamics.vessel.geometry import integral_of_power
 from design.hemodynamics.zero_d.flow import FlowSolution
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 STILL = 1e-9
 """µL/s of 1 µL/s into the network, below which nothing flows."""

@@ -14,7 +14,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from design.errors import FlowError
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 SLOWEST: Final = 1e-3
 """Shear rate, 1/s, below which every fluid is taken as Newtonian: nothing measured lies below, and

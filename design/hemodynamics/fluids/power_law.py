@@ -8,7 +8,7 @@ import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.fluids.fluid import SLOWEST, check_positive
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.fluids.fluid import check_positive
-from design.network import FloatArray
 from design.units import BLOOD_MPA_S
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from design.network import FloatArray
 from design.vasculature.viscosity import relative_viscosity
 from kernels import jit
+from kernels.arrays import FloatArray
 
 
 @jit

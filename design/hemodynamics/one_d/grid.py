@@ -9,8 +9,9 @@ import numpy as np
 from design.hemodynamics.one_d.options import OneDOptions
 from design.hemodynamics.one_d.tube_law import external_pressure, stiffness, wall_drag
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 
 class Grid(NamedTuple):

@@ -23,7 +23,8 @@ from design.hemodynamics.zero_d.pulsatile.conditions import (
     ResistanceOutlet,
     WindkesselOutlet,
 )
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 JUNCTION: Final = 0
 PRESSURE: Final = 1

@@ -9,7 +9,7 @@ import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.probes import Probes
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 PARABOLIC = 2.0
 """Exponent ζ of Poiseuille's profile."""

@@ -10,7 +10,7 @@ from design.errors import FlowError
 from design.hemodynamics.one_d.grid import Grid
 from design.hemodynamics.one_d.nodes import RESISTANCE, Nodes
 from design.hemodynamics.one_d.start import LumpedForecast
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 STABLE: Final = 1.3
 """Cells a wave may run in a step at most; with κ = 1/3 and this Runge-Kutta method 1.5 still

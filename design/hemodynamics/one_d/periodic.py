@@ -13,7 +13,7 @@ import numpy as np
 
 from design.hemodynamics.one_d.grid import Grid
 from design.hemodynamics.one_d.kernels.march import State
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 _MEMORY = 3
 _FIRST = 2

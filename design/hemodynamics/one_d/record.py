@@ -7,7 +7,7 @@ import numpy as np
 from design.hemodynamics.one_d.grid import Grid
 from design.hemodynamics.one_d.kernels.march import MarchScratch, State, all_pressures
 from design.hemodynamics.probes import Probes
-from design.network import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 
 class Lines:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from design.hemodynamics.probes import ProbeWaves
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,8 @@ from design.hemodynamics.vessel.wall import wave_speed
 from design.hemodynamics.waveforms import Waveform
 from design.hemodynamics.waveforms.waveform import common_period
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 Progress = Callable[[int, float], None]
 """Told each cycle's number and how much it changed."""

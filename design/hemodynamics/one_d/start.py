@@ -22,7 +22,8 @@ from design.hemodynamics.zero_d.pulsatile.solution import (
     cycle_extremes,
     solve_pulsatile,
 )
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 _SMALL = 0.3
 """Of a vessel's swing: changes from cell to cell below it aren't limited, so that crests keep

@@ -8,8 +8,9 @@ from design.hemodynamics.one_d.solution import OneDSolution
 from design.hemodynamics.one_d.table import one_d_table
 from design.hemodynamics.zero_d.boundary import boundary_nodes
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
+from kernels.arrays import FloatArray, IntArray
 
 
 def one_d_waves(

@@ -10,8 +10,9 @@ from design.hemodynamics.vessel.inertance import plug_inertance
 from design.hemodynamics.vessel.wall import wave_speed
 from design.hemodynamics.vessel.womersley import womersley_number
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
+from kernels.arrays import FloatArray
 
 Table = dict[str, NDArray[np.generic]]
 

@@ -26,7 +26,8 @@ import numpy as np
 from design.errors import FlowError
 from design.hemodynamics.vessel.geometry import integral_of_power
 from design.hemodynamics.vessel.wall import GelWall, ThinWall, VesselWalls, Wall
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 
 def check_compliant(network: VesselNetwork, wall: Wall) -> FloatArray:

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.hemodynamics.oxygen.tissue_grid import TissueGrid
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 _RINGS = 2
 """Rings of source points in an element of one cell's length."""

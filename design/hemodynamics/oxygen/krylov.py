@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 Operator = Callable[[FloatArray], FloatArray]
 

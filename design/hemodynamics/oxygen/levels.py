@@ -15,8 +15,8 @@ from typing import Final
 import numpy as np
 
 from design.hemodynamics.oxygen.tissue_grid import TissueGrid
-from design.network import FloatArray
 from kernels import jit
+from kernels.arrays import FloatArray
 
 _SMALLEST: Final = 5
 _NEAREST: Final = 0.25

@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 
 from design.hemodynamics.oxygen.levels import Level, add_eight, apply, relax
-from design.network import FloatArray
 from kernels import jit
+from kernels.arrays import FloatArray
 
 _SWEEPS: Final = 1
 _ON_THE_COARSEST: Final = 60

@@ -18,7 +18,8 @@ from design.hemodynamics.oxygen.tissue_grid import TissueGrid
 from design.hemodynamics.oxygen.transport import gather, scatter, sweep, transport_of
 from design.hemodynamics.oxygen.wall import exchange
 from design.hemodynamics.zero_d.flow import FlowSolution
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 
 
 class OxygenProblem:

@@ -11,7 +11,7 @@ from scipy.ndimage import distance_transform_edt
 
 from design.hemodynamics.oxygen.conditions import OxygenConditions
 from design.hemodynamics.oxygen.tissue_grid import TissueGrid
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 HALF: Final = 0.5
 """Share of tissue from which a cell counts as tissue and not as lumen, where it must be one."""

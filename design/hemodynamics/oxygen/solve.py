@@ -15,7 +15,8 @@ from design.hemodynamics.oxygen.solution import HALF, OxygenSolution
 from design.hemodynamics.oxygen.tissue_grid import TissueGrid
 from design.hemodynamics.oxygen.transport import sweep
 from design.hemodynamics.zero_d.flow import FlowSolution
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

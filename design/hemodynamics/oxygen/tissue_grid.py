@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import FlowError
-from design.network import FloatArray
 from design.tissue import Tissue
+from kernels.arrays import FloatArray
 
 CELLS_AT_MOST: Final = 40_000_000
 """About 200 bytes each: 8 GB."""

@@ -10,8 +10,9 @@ import numpy as np
 from design.hemodynamics.oxygen.elements import Elements
 from design.hemodynamics.zero_d.flow import FlowSolution
 from design.hemodynamics.zero_d.steady import node_inflow
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 STILL: Final = 1e-9
 """Share of the largest flow below which a vessel carries nothing."""

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import i0e
 
 from design.hemodynamics.oxygen.conditions import OxygenConditions
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 SMOOTHING: Final = 0.6234
 """Deviation, in cells and along each axis, of the Gaussian that answers as the grid does: laid on

@@ -11,7 +11,7 @@ from design.hemodynamics.three_d.port_plan import PortPlan
 from design.hemodynamics.three_d.sample import state_of
 from design.hemodynamics.three_d.solution import Energy
 from design.hemodynamics.three_d.stokes import Spaces
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 
 def port_pressures(room: Spaces, unknowns: FloatArray) -> FloatArray:

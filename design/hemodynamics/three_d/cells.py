@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from design.network import FloatArray, IntArray
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 _MOST_CELLS = 4_000_000
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from design.hemodynamics.three_d.lagrange import quadratic, triangle_rule
 from design.hemodynamics.three_d.lumen_mesh import EDGES, WALL, LumenMesh, MeshPort
-from design.network import FloatArray, IntArray
 from design.solids.remesh import LabelledSurface, Shape
+from kernels.arrays import FloatArray, IntArray
 
 _FACE_EDGES: Final = np.array([[0, 1], [1, 2], [2, 0]])
 

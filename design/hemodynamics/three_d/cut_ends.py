@@ -12,9 +12,9 @@ from design.errors import FlowError
 from design.geometry.frames import vectors_across
 from design.geometry.surface import Surface
 from design.hemodynamics.three_d.lumen_mesh import WALL, MeshPort
-from design.network import FloatArray, IntArray
 from design.solids.manifolds import subtract, to_manifold
 from design.solids.remesh import LabelledSurface
+from kernels.arrays import FloatArray, IntArray
 
 _WIDE: Final = 2.5
 """Port radii around a free end within which the lumen is cut; beyond may be another vessel."""

@@ -17,11 +17,12 @@ from design.hemodynamics.conditions import FlowConditions
 from design.hemodynamics.probes import Probes, clear_parts
 from design.hemodynamics.three_d.sections import probe_steady
 from design.hemodynamics.three_d.solution import ThreeDSolution
-from design.hemodynamics.three_d.vessel_flows import BoolArray, is_clear, vessel_flows
+from design.hemodynamics.three_d.vessel_flows import is_clear, vessel_flows
 from design.hemodynamics.vessel.pipes import measure_pipes
 from design.hemodynamics.vessel.upstream_parts import heads_of
 from design.hemodynamics.zero_d.steady import solve_flow
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import BoolArray, FloatArray
 
 _LEAST: Final = 0.01
 """Of the nominal resistance, and its inverse the most, that is believed."""

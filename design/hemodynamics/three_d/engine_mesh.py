@@ -9,7 +9,7 @@ import numpy as np
 from design.errors import FlowError
 from design.hemodynamics.three_d.jacobian import least_jacobian
 from design.hemodynamics.three_d.lumen_mesh import EDGES, LumenMesh
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 WALL_NAME: Final = "wall"
 

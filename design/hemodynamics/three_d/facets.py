@@ -14,7 +14,8 @@ from design.geometry.nearest_points import nearest_feet
 from design.geometry.surface import Surface
 from design.hemodynamics.three_d.axes import axis_places
 from design.hemodynamics.three_d.lumen_mesh import MeshPort
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 _ROUNDED: Final = 0.5
 """Share of the way from a facet to its corners' tangent planes. Exactly half makes any quadratic

@@ -12,7 +12,7 @@ from design.hemodynamics.three_d.port_plan import PortPlan
 from design.hemodynamics.three_d.port_profile import unit_profile
 from design.hemodynamics.three_d.stokes import Spaces
 from design.hemodynamics.waveforms.waveform import harmonics_of
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.hemodynamics.three_d.lumen_mesh import EDGES, LumenMesh
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 LEAST: Final = 0.05
 """Least Bernstein coefficient, as part of the straight element's determinant, that is let pass."""

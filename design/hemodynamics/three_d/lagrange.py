@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 
 from design.hemodynamics.three_d.lumen_mesh import EDGES
-from design.network import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 
 @cache

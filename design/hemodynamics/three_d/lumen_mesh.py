@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from design.network import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 WALL = 0
 """Label of the wall's faces; port k has label k + 1."""

@@ -31,7 +31,7 @@ from design.hemodynamics.three_d.steady import check_laminar, columns_of, steady
 from design.hemodynamics.three_d.stokes import Convection, Spaces, Stokes, matrix_operator, spaces
 from design.hemodynamics.waveforms.waveform import common_period, cycle_times
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 _TOLERANCE: Final = 1e-5
 """Residual left of a time step, of that of no flow."""

@@ -11,7 +11,7 @@ from design.errors import FlowError
 from design.hemodynamics.three_d.bordered import STEPS, Apply, BorderBlocks, solve_bordered
 from design.hemodynamics.three_d.memory import fits_general
 from design.hemodynamics.three_d.stokes import Convection, Spaces, Stokes
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 _STEPS: Final = 25
 _LEAST_DAMPING: Final = 1.0 / 32.0

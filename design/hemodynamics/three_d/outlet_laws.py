@@ -12,7 +12,7 @@ import numpy as np
 
 from design.hemodynamics.three_d.port_plan import CoupledPorts, GivenFlow
 from design.hemodynamics.zero_d.pulsatile.conditions import ResistanceOutlet, WindkesselOutlet
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 
 class OutletLaws:

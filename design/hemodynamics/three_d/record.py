@@ -14,7 +14,7 @@ from design.hemodynamics.three_d.sample import field_of
 from design.hemodynamics.three_d.sections import Section
 from design.hemodynamics.three_d.solution import Field, ThreeDWaves
 from design.hemodynamics.three_d.stokes import Spaces
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from design.hemodynamics.three_d.options import FlowOptions
 from design.hemodynamics.three_d.sample import sample_function
 from design.hemodynamics.three_d.solution import ThreeDSolution
 from design.hemodynamics.three_d.stokes import Spaces, spaces
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 GLUCOSE: Final = 6e-4
 """Diffusivity of glucose in water near 25 °C, mm²/s: without any, age at the wall is endless."""

@@ -10,7 +10,7 @@ from design.hemodynamics.three_d import lagrange
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.solution import Field
 from design.hemodynamics.three_d.stokes import Spaces
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 
 def state_of(spaces: Spaces, unknowns: FloatArray) -> Any:

@@ -26,7 +26,8 @@ from design.hemodynamics.probes import Probes, ProbeWaves, clear_parts
 from design.hemodynamics.three_d.lagrange import jacobian, quadratic, shapes, tetrahedron_rule
 from design.hemodynamics.three_d.lumen_mesh import WALL, LumenMesh, MeshPort
 from design.hemodynamics.three_d.solution import Field, ThreeDWaves
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 _HALF_WIDTH: Final = 0.75
 """h of a slab, in radii of the vessel."""

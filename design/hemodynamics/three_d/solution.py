@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
-from design.network import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from design.hemodynamics.three_d.wall_shear import wall_shear
 from design.hemodynamics.waveforms import Waveform
 from design.hemodynamics.waveforms.waveform import cycle_times
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions, ResistanceOutlet
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 _MEAN_SAMPLES = 512
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from design.hemodynamics.three_d.engine import CURVED
 from design.hemodynamics.three_d.engine_mesh import WALL_NAME, port_name
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 _SLACK: Final = 1e-7
 """Compressibility, times μ, that gives the factor a pivot for every pressure; Krylov steps take

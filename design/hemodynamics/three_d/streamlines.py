@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from design.hemodynamics.three_d.lagrange import shapes
 from design.hemodynamics.three_d.solution import Field
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 _NEIGHBOURS: Final = 24
 """Elements looked into for a place, by their centres."""

@@ -8,9 +8,10 @@ import numpy as np
 
 from design.hemodynamics.three_d.lumen_mesh import WALL, MeshPort
 from design.hemodynamics.three_d.wall import LumenWall
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from design.solids.lumen import lumen_solid
 from design.solids.remesh import LabelledSurface, remesh
+from kernels.arrays import FloatArray, IntArray
 
 _ROUGH: Final = 0.03
 """Of the thinnest radius: how far the surface to begin with is from round."""

@@ -10,8 +10,8 @@ from design.errors import FlowError
 from design.geometry.crossings import find_crossings
 from design.hemodynamics.three_d.lumen_mesh import WALL, MeshPort
 from design.hemodynamics.three_d.wall import LumenWall
-from design.network import FloatArray
 from design.solids.remesh import LabelledSurface
+from kernels.arrays import FloatArray
 
 _OFF: Final = 0.01
 """Of the lumen's radius: how far a vertex may be off the wall. Where all is well it is 1e-5."""

@@ -16,9 +16,10 @@ from design.hemodynamics.three_d.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.mesh import INSIDE
 from design.hemodynamics.three_d.volume import fill
 from design.hemodynamics.three_d.wall import free_ends
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from design.solids.denoise import denoised
 from design.solids.remesh import LabelledSurface, remesh
+from kernels.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

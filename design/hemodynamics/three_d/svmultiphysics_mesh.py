@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from design.errors import FlowError
 from design.files import write_text
 from design.hemodynamics.three_d.lumen_mesh import WALL, LumenMesh
-from design.network import IntArray
+from kernels.arrays import IntArray
 
 CM_PER_MM: Final = 0.1
 _TETRA: Final = 10

@@ -10,15 +10,13 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.hemodynamics.probes import clear_parts
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh, MeshPort
 from design.hemodynamics.three_d.sections import Section, VesselSections
 from design.hemodynamics.three_d.solution import ThreeDSolution
-from design.network import FloatArray, VesselNetwork
-
-BoolArray = NDArray[np.bool_]
+from design.network import VesselNetwork
+from kernels.arrays import BoolArray, FloatArray
 
 _CLEAR: Final = 0.39
 """Share of a vessel's length taken by its ends up to which the rest counts as clear."""

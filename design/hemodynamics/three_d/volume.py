@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from design.errors import FlowError
-from design.network import FloatArray, IntArray
 from design.solids.remesh import LabelledSurface
+from kernels.arrays import FloatArray, IntArray
 
 _COARSE = 2.0
 """Longest edge inside, over the longest on the surface."""

@@ -16,7 +16,7 @@ from design.files import write_text
 from design.hemodynamics.three_d.lagrange import shapes
 from design.hemodynamics.three_d.lumen_mesh import EDGES, LumenMesh
 from design.hemodynamics.three_d.solution import Field, WallShear
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 _QUADRATIC_TETRAHEDRON: Final = 24
 _TYPES: Final = {"f8": "Float64", "i8": "Int64", "u1": "UInt8"}

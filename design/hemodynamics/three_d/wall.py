@@ -10,8 +10,9 @@ from design.errors import FlowError
 from design.hemodynamics.three_d.cells import Cells, sort_boxes
 from design.hemodynamics.three_d.lumen_mesh import MeshPort
 from design.hemodynamics.three_d.wall_field import distances, project, radii
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from design.solids.smooth.fillet import COLUMNS, wall_rows
+from kernels.arrays import FloatArray, IntArray
 
 BEYOND = 3.0
 """Radii by which the field goes on beyond a free end, so that it is a tube's there."""

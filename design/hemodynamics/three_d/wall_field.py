@@ -7,10 +7,9 @@ from math import inf, sqrt
 import numpy as np
 
 from design.hemodynamics.three_d.cells import Cells
-from design.network import FloatArray
 from design.solids.smooth.fillet import COLUMNS, rounded_distance, wall_distance
 from kernels import jit
-from kernels.arrays import BoolArray
+from kernels.arrays import BoolArray, FloatArray
 
 MOST = 64
 """Pieces, the nearest, that a fillet is made of: those of a finely drawn curve crowd there."""

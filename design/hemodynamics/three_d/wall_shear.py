@@ -11,7 +11,7 @@ import numpy as np
 from design.hemodynamics.three_d.lagrange import gradients
 from design.hemodynamics.three_d.lumen_mesh import WALL, LumenMesh
 from design.hemodynamics.three_d.solution import Field, WallShear
-from design.network import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 _FACE_EDGES = ((0, 1), (1, 2), (2, 0))
 

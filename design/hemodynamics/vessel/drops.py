@@ -18,7 +18,8 @@ import numpy as np
 from design.hemodynamics.fluids.fluid import Fluid
 from design.hemodynamics.vessel.losses import LossTerms
 from design.hemodynamics.vessel.pipes import Pipes, measure_pipes
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 _PLACES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 

@@ -10,8 +10,9 @@ from typing import Final
 
 import numpy as np
 
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 POWERS: Final = {0: 0, 1: 1, 2: 2, 3: 3, -2: 4, -4: 5}
 """Power of the radius to row of `integrals`."""

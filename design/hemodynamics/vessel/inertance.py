@@ -7,8 +7,9 @@ from typing import Final
 import numpy as np
 
 from design.hemodynamics.vessel.geometry import integral_of_power
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
 from design.units import WATER_DENSITY
+from kernels.arrays import FloatArray
 
 PARABOLIC: Final = 4.0 / 3.0
 """Momentum of a parabolic profile over that of a plug: the limit of low Womersley numbers, where

@@ -9,7 +9,8 @@ from typing import Final
 import numpy as np
 
 from design.errors import FlowInputError
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 
 EXPANSION: Final = 1.52
 """K_t of Young & Tsai 1973: the loss where a jet widens, over that of Borda and Carnot."""

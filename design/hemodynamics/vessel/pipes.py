@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from design.errors import FlowError
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@ import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.vessel.geometry import POWERS, integrals
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 
 
 def vessel_resistance(network: VesselNetwork, viscosity_pa_s: float) -> FloatArray:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from design.hemodynamics.probes import Probes
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 
 
 def heads_of(network: VesselNetwork, probes: Probes) -> VesselNetwork:

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.hemodynamics.vessel.geometry import integral_of_power
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 
 class Wall(Protocol):

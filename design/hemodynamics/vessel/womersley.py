@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import jve
 
-from design.network import FloatArray
 from design.units import WATER_DENSITY
+from kernels.arrays import FloatArray
 
 ComplexArray = NDArray[np.complex128]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from design.errors import FlowInputError
 from design.hemodynamics.waveforms.waveform import Tabulated, check_period
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 _SAMPLES: Final = 200
 _SYSTOLE: Final = 0.4

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import FlowInputError
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 Interpolation = Literal["linear", "spline"]
 

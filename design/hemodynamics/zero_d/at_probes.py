@@ -22,7 +22,8 @@ from design.hemodynamics.vessel.upstream_parts import heads_of
 from design.hemodynamics.zero_d.flow import FlowSolution
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
 from design.hemodynamics.zero_d.pulsatile.solution import ComplexArray, PulsatileSolution
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 
 
 def steady_at_probes(

@@ -17,7 +17,8 @@ from design.hemodynamics.vessel.resistance import vessel_resistance
 from design.hemodynamics.zero_d.boundary import Boundary, place_conditions
 from design.hemodynamics.zero_d.nodal.conductance import factorise
 from design.hemodynamics.zero_d.steady import solve_flow
-from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
+from design.network import VesselKind, VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 SPREAD = 0.01
 """Largest difference of two loops' flows over the mean, after division by their shares."""

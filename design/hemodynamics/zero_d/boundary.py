@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.hemodynamics.conditions import FlowConditions, Supply
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ import numpy as np
 from design.errors import FlowError
 from design.hemodynamics.vessel.drops import Drop, Drops
 from design.hemodynamics.zero_d.nodal.conductance import Structure
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 SETTLED: Final = 1e-11
 """Largest pressure left over in a vessel, of the largest in the network."""

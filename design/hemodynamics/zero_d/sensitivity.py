@@ -9,7 +9,8 @@ from design.hemodynamics.conditions import FlowConditions
 from design.hemodynamics.vessel.pipes import measure_pipes
 from design.hemodynamics.zero_d.boundary import place_conditions
 from design.hemodynamics.zero_d.nodal.conductance import structure_of
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 
 def flow_and_sensitivity(

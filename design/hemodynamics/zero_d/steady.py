@@ -15,7 +15,8 @@ from design.hemodynamics.zero_d.boundary import Boundary, boundary_nodes, check_
 from design.hemodynamics.zero_d.flow import FlowSolution
 from design.hemodynamics.zero_d.nodal.conductance import Structure, structure_of
 from design.hemodynamics.zero_d.nonlinear import solve_drops
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

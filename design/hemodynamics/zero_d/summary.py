@@ -9,8 +9,9 @@ from design.hemodynamics.zero_d.boundary import boundary_nodes
 from design.hemodynamics.zero_d.flow import FlowSolution
 from design.hemodynamics.zero_d.steady import node_inflow
 from design.hemodynamics.zero_d.validity import entrance_share, poiseuille_holds, reynolds
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN, WATER_DENSITY
+from kernels.arrays import FloatArray, IntArray
 
 _UW_PER_PA_UL_S = 1e-3
 

@@ -8,8 +8,9 @@ import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.zero_d.flow import FlowSolution
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, WATER_DENSITY
+from kernels.arrays import FloatArray
 
 LAMINAR_REYNOLDS: Final = 2000.0
 """Below it pipe flow stays laminar."""

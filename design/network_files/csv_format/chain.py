@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from design.network_files.csv_format.pieces import GAP_MM, Pieces
+from kernels.arrays import FloatArray, IntArray
 
 
 def chain_pieces(pieces: Pieces) -> VesselNetwork:

@@ -17,7 +17,8 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 
 from design.errors import NetworkError
-from design.network import FloatArray, IntArray, VesselKind
+from design.network import VesselKind
+from kernels.arrays import FloatArray, IntArray
 
 _HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree"
 COLUMNS = tuple(_HEADER.split(","))

@@ -8,7 +8,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from design.network import IntArray
 from design.network_files.csv_format.float_text import (
     LONGEST,
     put_float,
@@ -16,6 +15,7 @@ from design.network_files.csv_format.float_text import (
     put_text,
 )
 from kernels import jit
+from kernels.arrays import IntArray
 
 LONGEST_ROW: Final = 4 * 20 + 8 * LONGEST + 40 + 13
 """Characters of a row at most: whole numbers, floats, a vessel's kind, commas."""

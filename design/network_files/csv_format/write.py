@@ -11,10 +11,11 @@ import numpy as np
 
 from design.errors import NetworkError
 from design.files import atomic_replacement
-from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
+from design.network import VesselKind, VesselNetwork
 from design.network_files.csv_format.float_text import powers_of_ten
 from design.network_files.csv_format.pieces import COLUMNS, GAP_MM
 from design.network_files.csv_format.row_text import LONGEST_ROW, Columns, put_rows, texts
+from kernels.arrays import FloatArray, IntArray
 
 _ROWS = 20_000
 """Rows made at a time."""

@@ -9,7 +9,6 @@ from manifold3d import Manifold
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from design.network import FloatArray
 from design.solids.facets import area_factor
 from design.solids.manifolds import to_manifold
 from design.solids.smooth.conflicts import overlapping_runs
@@ -28,6 +27,7 @@ from design.solids.smooth.sewing import FaceArray, Sewing
 from design.solids.smooth.star import star_mesh
 from design.solids.tube import EndShape, tube_mesh
 from design.solids.twins import pair_half_edges
+from kernels.arrays import FloatArray
 
 _MIDDLES = 1.0
 """Facet tolerances between a junction's surface and its triangles' middles, as tubes have it."""

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from design.network import FloatArray
 from design.solids.facets import area_factor
 from design.solids.smooth.fillet import wall_rows
 from design.solids.smooth.layout import Layout, first_piece
 from design.solids.smooth.round_seams import Rounding
 from design.solids.tube import EndShape
+from kernels.arrays import FloatArray
 
 _BEYOND_RING = 4.0
 """Radii of the plain tube beyond a group's ring that the ball can touch."""

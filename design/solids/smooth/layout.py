@@ -8,12 +8,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
 from design.solids.chains import Chain
 from design.solids.facets import Facets
 from design.solids.runs import split_runs
 from design.solids.smooth.fillet import wall_rows
 from design.solids.smooth.tube_start import reaches
+from kernels.arrays import FloatArray
 
 End = tuple[int, int]
 """A run, and which of its ends: 0 the first, 1 the last."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from design.network import FloatArray
 from design.solids.smooth.layout import End
+from kernels.arrays import FloatArray
 
 FaceArray = NDArray[np.int64]
 

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.geometry.new_crossings import find_new_crossings
-from design.network import FloatArray, IntArray
 from design.solids.chains import Chain
 from design.solids.smooth.layout import Layout
 from design.solids.smooth.plain_tubes import opened_tube, trimmed
@@ -16,6 +15,7 @@ from design.solids.smooth.sewing import Sewing
 from design.solids.solid import Solid
 from design.solids.topology import is_closed
 from design.solids.tube import EndShape, tube_mesh
+from kernels.arrays import FloatArray, IntArray
 
 _SAME_RING = 1e-6
 """Of a tube's radius: how far a ring made anew may lie from the one that it takes the place of."""

@@ -19,7 +19,7 @@ from design.errors import ToolpathError
 from design.network import VesselNetwork
 from design.solids.tube import unit_rings
 from design.toolpath.gcode import Gcode
-from design.toolpath.toolpath import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 STRANDS = (1, 7, 19, 37)
 """Whole rings of a hexagonal lattice, with one strand on the axis that keeps the joints."""

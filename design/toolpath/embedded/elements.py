@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from design.geometry.polyline import arc_lengths
 from design.network import VesselNetwork
-from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 TAPER_STEP = 0.05
 """An element's radii differ by at most about this part."""

@@ -10,8 +10,8 @@ from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.meetings import Meetings, outside_joints
 from design.toolpath.embedded.needle import Needle, joint_reach
 from design.toolpath.embedded.rules import TIPS, off_part
-from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 TOUCH_MM: Final = 0.005
 """Deeper is a crossing, as for the check before a print."""

@@ -10,8 +10,8 @@ import numpy as np
 from design.network import VesselNetwork
 from design.toolpath.embedded.needle import Needle, joint_reach
 from design.toolpath.embedded.touches import CELL_MM, Touches, arcs_of
-from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 PAST_MM: Final = 0.002
 """Rounding of a place at a vessel's end."""

@@ -11,8 +11,8 @@ from design.toolpath.embedded.meetings import Meetings, of_one_joint
 from design.toolpath.embedded.needle import Needle, joint_reach, off_shaft, radius_at
 from design.toolpath.embedded.rules import TIPS, depth_at, flat_gap
 from design.toolpath.embedded.squares import ElementSquares, near
-from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 NEVER: Final = 1 << 40
 """When an element is written that isn't."""

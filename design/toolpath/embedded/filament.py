@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from design.errors import ToolpathError
 from design.network import VesselNetwork
 from design.toolpath.embedded.options import EmbeddedOptions
-from design.toolpath.toolpath import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 NAMED: Final = 5
 """Vessels that a message names, the thinnest first; the others are counted."""

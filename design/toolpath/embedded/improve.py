@@ -15,7 +15,7 @@ from design.toolpath.embedded.merge import fewest
 from design.toolpath.embedded.rules import Rules, one_way, with_more
 from design.toolpath.embedded.schedule import Pass, Scheduler
 from design.toolpath.embedded.travel import shorten_travels
-from design.toolpath.toolpath import IntArray
+from kernels.arrays import IntArray
 
 ROUNDS, PATIENCE = 8, 3
 """At most so many, and so many that are no better than the best before."""

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from design.toolpath.toolpath import FloatArray
 from kernels import jit
+from kernels.arrays import FloatArray
 
 MAX_CELLS = 4_000_000
 """Of the map; a larger part gets coarser cells."""

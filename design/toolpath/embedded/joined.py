@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from design.toolpath.toolpath import FloatArray
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

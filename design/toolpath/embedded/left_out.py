@@ -23,7 +23,7 @@ from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.report import Crossing, OmittedVessel
 from design.toolpath.embedded.rules import Rules, barring_each_other, owners, select_rules
 from design.toolpath.embedded.schedule import Pass
-from design.toolpath.toolpath import IntArray
+from kernels.arrays import IntArray
 
 HALVINGS: Final = 7
 """Of the range of needles in which the widest that fits is looked for: to 1 %."""

@@ -14,7 +14,7 @@ from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.rules import Rules, find_rules
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.squares import squares_of
-from design.toolpath.toolpath import IntArray
+from kernels.arrays import IntArray
 
 MEND_OVERLAP_RADII: Final = 0.5
 """Reach of the joint that mends are judged by (`printctl.observe.mending`), in radii."""

@@ -17,7 +17,7 @@ from design.toolpath.embedded.needle import JOINT, Needle
 from design.toolpath.embedded.report import EmbeddedReport
 from design.toolpath.embedded.rules import Rules, barring_each_other, owners, select_rules
 from design.toolpath.embedded.touches import arcs_of
-from design.toolpath.toolpath import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 Mask = NDArray[np.bool_]
 

@@ -10,8 +10,8 @@ import numpy as np
 from design.network import VesselNetwork
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.touches import Touches
-from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 SAME_MM: Final = 1e-6
 

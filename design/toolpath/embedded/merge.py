@@ -20,8 +20,8 @@ from design.toolpath.embedded.pass_rules import (
 from design.toolpath.embedded.rules import Rules
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.walk import Leg
-from design.toolpath.toolpath import IntArray
 from kernels import jit
+from kernels.arrays import IntArray
 
 TRIES, PATIENCE = 64, 16
 """Times that passes are split and made one in another order; at most so many in vain in a row."""

@@ -11,8 +11,8 @@ from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.rules import Rules, owners
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.walk import Leg
-from design.toolpath.toolpath import IntArray
 from kernels import jit
+from kernels.arrays import IntArray
 
 
 class PassRules(NamedTuple):

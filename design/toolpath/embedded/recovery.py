@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.toolpath.toolpath import FloatArray, IntArray, MoveKind, Toolpath
+from design.toolpath.toolpath import MoveKind, Toolpath
+from kernels.arrays import FloatArray, IntArray
 
 SAMPLES = 2.0
 """Places looked at for each radius of the shaft along a move."""

@@ -22,8 +22,8 @@ from design.toolpath.embedded.needle import (
     without_clearance,
 )
 from design.toolpath.embedded.squares import ElementSquares, near
-from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 TIPS = 5
 """Places of the tip along an element. Elements are no longer than the shaft's radius R, so

@@ -26,8 +26,8 @@ from design.toolpath.embedded.stretches import (
 )
 from design.toolpath.embedded.trails import Ends, ends_of, first_of, going_on
 from design.toolpath.embedded.walk import Leg, Progress, start_walk, write_stretch
-from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from design.toolpath.embedded.exempt_ink import MeetingVessels
 from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.shaft_kernels import Ink, InkSquares, Tips, entries
-from design.toolpath.toolpath import FloatArray, IntArray, MoveKind, Toolpath
+from design.toolpath.toolpath import MoveKind, Toolpath
+from kernels.arrays import FloatArray, IntArray
 
 INK_MM: Final = 0.5
 TIP_MM: Final = 0.2

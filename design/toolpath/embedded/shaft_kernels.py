@@ -23,8 +23,8 @@ from design.toolpath.embedded.exempt_ink import (
     reach_of,
 )
 from design.toolpath.embedded.needle import Needle, off_shaft_slopes
-from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 FINE_MM: Final = 0.001
 """An approach found lies above the least one by no more."""

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from design.toolpath.embedded.elements import Elements
-from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 MAX_CELLS = 4_000_000
 

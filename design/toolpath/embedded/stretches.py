@@ -9,8 +9,8 @@ import numpy as np
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.rules import Rules
 from design.toolpath.embedded.walk import Progress, undo_write, write_stretch
-from design.toolpath.toolpath import IntArray
 from kernels import jit
+from kernels.arrays import IntArray
 
 WHOLE: Final = -1
 UNKNOWN: Final = -2

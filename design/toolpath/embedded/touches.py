@@ -13,8 +13,8 @@ import numpy as np
 
 from design.network import VesselNetwork
 from design.toolpath.embedded.needle import ROUNDING_MM, Needle, joint_reach
-from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 BESIDE: Final = 0.7
 """Filaments touch where they are nearer than this part of the way along vessels: what lies ahead

@@ -10,8 +10,8 @@ from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.rules import Rules
 from design.toolpath.embedded.stretches import Stretches, is_whole, step_of, vertex
 from design.toolpath.embedded.walk import Progress, undo_write, write_stretch
-from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 
 class Ends(NamedTuple):

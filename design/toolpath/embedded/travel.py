@@ -13,8 +13,8 @@ from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.pass_rules import PassRules, pass_ends, pass_rules, reverse_pass
 from design.toolpath.embedded.rules import Rules
 from design.toolpath.embedded.schedule import Pass
-from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 CLIMB = 4.0
 """A millimetre up or down takes as long as so many across, at the usual 5 and 20 mm/s."""

@@ -11,7 +11,7 @@ from design.network import VesselNetwork
 from design.toolpath.embedded.filament import check_vessels
 from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.options import EmbeddedOptions
-from design.toolpath.toolpath import IntArray
+from kernels.arrays import IntArray
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.rules import Rules
-from design.toolpath.toolpath import IntArray
 from kernels import jit
+from kernels.arrays import IntArray
 
 
 class Leg(NamedTuple):

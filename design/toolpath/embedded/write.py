@@ -23,7 +23,7 @@ from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.vessel_heads import EmbeddedHeads
 from design.toolpath.embedded.walk import Leg
 from design.toolpath.moves import MoveBuilder
-from design.toolpath.toolpath import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 STEP = 1.5
 """Where a pass goes on into a vessel by so much thinner or thicker, the plunger relieves and primes

@@ -22,7 +22,8 @@ from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.fresh.order import order_paths
 from design.toolpath.fresh.paths import Paths
 from design.toolpath.fresh.zigzag import zigzag
-from design.toolpath.toolpath import FloatArray, IntArray, MoveKind
+from design.toolpath.toolpath import MoveKind
+from kernels.arrays import FloatArray, IntArray
 
 #: From layer to layer, rad: the golden angle, which spreads any number of seams evenly.
 SEAM_TURN = np.pi * (3 - np.sqrt(5))

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.toolpath.fresh.contours import Contours
-from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 
 class Cells(NamedTuple):

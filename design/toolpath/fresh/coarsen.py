@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.toolpath.fresh.paths import Paths, Role
-from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 #: How far a corner may be drawn out, in line widths. The moves beside it stay in their place.
 TOLERANCE = 0.3

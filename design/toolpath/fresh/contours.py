@@ -8,7 +8,7 @@ import numpy as np
 from manifold3d import CrossSection
 from numpy.typing import NDArray
 
-from design.toolpath.toolpath import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

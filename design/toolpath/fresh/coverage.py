@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.toolpath.fresh.infill import scan
-from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 #: Raster points per line width.
 FINENESS = 10

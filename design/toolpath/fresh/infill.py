@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.toolpath.fresh.paths import Paths, Role
-from design.toolpath.toolpath import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 #: Half lines shorter than this many widths aren't worth a start and a stop.
 SHORTEST_HALF = 2.0

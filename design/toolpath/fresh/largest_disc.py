@@ -14,8 +14,8 @@ import numpy as np
 
 from design.toolpath.fresh.cells import Cells, put_in_cells
 from design.toolpath.fresh.contours import Samples
-from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 #: Two edges face each other when the product of their normals is below this.
 FACING = -0.2

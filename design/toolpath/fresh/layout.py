@@ -20,8 +20,9 @@ from design.toolpath.fresh.contours import Contours, sample
 from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.fresh.order import Sequence
 from design.toolpath.fresh.paths import Paths, Role
-from design.toolpath.toolpath import FloatArray, IntArray, MoveKind
+from design.toolpath.toolpath import MoveKind
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 _WRITE, _TRAVEL = int(MoveKind.WRITE), int(MoveKind.TRAVEL)
 _PRIME, _RETRACT = int(MoveKind.PRIME), int(MoveKind.RETRACT)

@@ -18,7 +18,7 @@ import numpy as np
 from design.errors import ToolpathError
 from design.solids.solid import Solid
 from design.toolpath.checks import require_positive
-from design.toolpath.toolpath import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 _LEVEL: Final = 0.9995
 """Faces with a larger |n_z| (within 2° of level) are floors or ceilings, not slants."""

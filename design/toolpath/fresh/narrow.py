@@ -14,8 +14,7 @@ from design.toolpath.fresh.contours import Contours, contours_of, sample
 from design.toolpath.fresh.infill import scan
 from design.toolpath.fresh.largest_disc import measure_room
 from design.toolpath.fresh.section import BESIDE, CLOSING_MM, Body, Layer, rings
-from design.toolpath.toolpath import FloatArray
-from kernels.arrays import BoolArray
+from kernels.arrays import BoolArray, FloatArray
 
 #: Sides face each other when the product of their normals is below this: corners aren't narrow.
 FACING = -0.7

@@ -8,9 +8,8 @@ import numpy as np
 
 from design.toolpath.fresh.order_lines import order_lines
 from design.toolpath.fresh.paths import Paths, Role
-from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
-from kernels.arrays import BoolArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 
 #: Beginning a larger ring elsewhere than near by costs more way than it is worth.
 SMALL_RING_MM = 3.0

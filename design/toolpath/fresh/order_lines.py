@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
-from kernels.arrays import BoolArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 
 #: Improvement rounds of 2-opt; most layers settle in fewer.
 ROUNDS = 20

@@ -12,7 +12,7 @@ from design.toolpath.fresh.contours import contours_of
 from design.toolpath.fresh.paths import Paths, Role, gather, join
 from design.toolpath.fresh.section import COLLINEAR_MM, rings
 from design.toolpath.fresh.walls import build_walls
-from design.toolpath.toolpath import FloatArray
+from kernels.arrays import FloatArray
 
 #: Length of a gyroid's lines per area, times its period; the mean over a period of heights.
 _GYROID: Final = 2.4574

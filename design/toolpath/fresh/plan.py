@@ -25,7 +25,8 @@ from design.toolpath.fresh.regions import Region, Regions, RegionSections
 from design.toolpath.fresh.report import FreshReport, LayerNarrow, Tally
 from design.toolpath.fresh.section import Body, Layer, layers, rings
 from design.toolpath.fresh.walls import build_walls, clear_of_lumens, moved_in
-from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath, join_toolpaths
+from design.toolpath.toolpath import MoveKind, Toolpath, join_toolpaths
+from kernels.arrays import FloatArray
 
 #: Cover is measured in at most so many layers, evenly spread; in all of a lower part.
 MEASURED = 100

@@ -10,7 +10,8 @@ from design.toolpath.fresh.carriage import LayerMoves
 from design.toolpath.fresh.coverage import Coverage
 from design.toolpath.fresh.narrow import LevelPlaces, NarrowPlaces, narrow_places
 from design.toolpath.fresh.section import BESIDE, Layer
-from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath
+from design.toolpath.toolpath import MoveKind, Toolpath
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

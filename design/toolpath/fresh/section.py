@@ -22,7 +22,7 @@ from manifold3d import CrossSection, Error, JoinType, Manifold, Mesh, OpType
 
 from design.errors import ToolpathError
 from design.solids.solid import Solid
-from design.toolpath.toolpath import FloatArray
+from kernels.arrays import FloatArray
 
 #: Vertices nearer than this to the line through their neighbours are dropped, mm. Triangulated
 #: straight walls are cut into many collinear pieces.

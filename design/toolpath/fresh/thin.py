@@ -14,8 +14,7 @@ import shapely
 from design.toolpath.fresh.contours import Contours, Samples, sample
 from design.toolpath.fresh.largest_disc import measure_room
 from design.toolpath.fresh.paths import Paths, Role, gather, join
-from design.toolpath.toolpath import FloatArray, IntArray
-from kernels.arrays import BoolArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 
 #: Samples per line width where the room is measured.
 FINENESS = 4

@@ -11,7 +11,7 @@ from design.toolpath.fresh.contours import contours_of
 from design.toolpath.fresh.paths import Paths, join
 from design.toolpath.fresh.section import COLLINEAR_MM
 from design.toolpath.fresh.thin import gap_paths, wall_paths
-from design.toolpath.toolpath import FloatArray
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from design.toolpath.fresh.cells import Cells, crossing
 from design.toolpath.fresh.order import Sequence
 from design.toolpath.fresh.paths import Paths, Role, join
-from design.toolpath.toolpath import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 #: Lines further apart than so many widths aren't joined: the joint would stand off the wall.
 FURTHEST = 1.3

@@ -21,9 +21,10 @@ from design.toolpath.gcode.job import GcodeOptions
 from design.toolpath.gcode.marks import Marks
 from design.toolpath.gcode.numbers import decimals_for
 from design.toolpath.gcode.render import Table
-from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath
+from design.toolpath.toolpath import MoveKind, Toolpath
 from firmware_profiles import Pneumatic, Printer
 from firmware_profiles.families.dialect import Dialect
+from kernels.arrays import FloatArray
 
 _DWELL = 4
 _TOLERANCE = 1e-9

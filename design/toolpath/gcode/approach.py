@@ -6,8 +6,8 @@ import numpy as np
 
 from design.toolpath.gcode.commands import Stops, join_stops, plunger_mm_per_ul
 from design.toolpath.gcode.job import GcodeOptions
-from design.toolpath.toolpath import FloatArray
 from firmware_profiles import Printer, Syringe
+from kernels.arrays import FloatArray
 
 
 def begin_of(first: FloatArray, options: GcodeOptions) -> FloatArray:

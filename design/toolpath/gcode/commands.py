@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.toolpath.gcode.merge import long_enough
-from design.toolpath.toolpath import FloatArray, IntArray, MoveKind, Toolpath
+from design.toolpath.toolpath import MoveKind, Toolpath
 from firmware_profiles import Axes, Printer, Syringe
+from kernels.arrays import FloatArray, IntArray
 
 #: One above Marlin's least, because rounding both ends to whole steps can take one away.
 MARGIN_STEPS = 1

@@ -28,8 +28,9 @@ from design.toolpath.gcode.marks import Context, Marks, marks_of
 from design.toolpath.gcode.render import Table
 from design.toolpath.gcode.table import JobPosition, counted_from, declare_position, tabulate
 from design.toolpath.gcode.writer import Writer
-from design.toolpath.toolpath import FloatArray, IntArray, MoveKind, Toolpath
+from design.toolpath.toolpath import MoveKind, Toolpath
 from firmware_profiles import Printer, Syringe
+from kernels.arrays import FloatArray, IntArray
 
 
 @dataclass

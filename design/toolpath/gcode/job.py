@@ -10,7 +10,7 @@ import numpy as np
 
 from design.toolpath.checks import require_not_negative, require_positive
 from design.toolpath.gcode.head_load import HeadLoad
-from design.toolpath.toolpath import IntArray
+from kernels.arrays import IntArray
 
 
 @dataclass(frozen=True)

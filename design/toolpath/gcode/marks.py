@@ -22,7 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from design.toolpath.gcode.render import Table
-from design.toolpath.toolpath import IntArray, MoveKind, Toolpath
+from design.toolpath.toolpath import MoveKind, Toolpath
+from kernels.arrays import IntArray
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 #: Vertices left out one after the other stand along at most so many least moves, given a choice.
 LONGEST = 10.0

@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from design.toolpath.toolpath import IntArray
 from firmware_profiles.families.dialect import WORDS
 from kernels import jit
+from kernels.arrays import IntArray
 
 Bytes = NDArray[np.uint8]
 

@@ -11,8 +11,8 @@ from design.toolpath.gcode.commands import Stops, per_axis
 from design.toolpath.gcode.dialect import dialect_of
 from design.toolpath.gcode.numbers import Decimals, decimals_for
 from design.toolpath.gcode.render import Table
-from design.toolpath.toolpath import FloatArray, IntArray
 from firmware_profiles import Printer
+from kernels.arrays import FloatArray, IntArray
 
 _X, _Y, _Z, _E, _F, _P = range(6)
 _DWELL, _SET = 4, 92

@@ -11,8 +11,9 @@ from design.errors import ToolpathError
 from design.toolpath.gcode.heads import HeadsWriter
 from design.toolpath.gcode.job import Gcode, GcodeOptions
 from design.toolpath.gcode.writer import Writer
-from design.toolpath.toolpath import FloatArray, Toolpath
+from design.toolpath.toolpath import Toolpath
 from firmware_profiles import Printer, Syringe
+from kernels.arrays import FloatArray
 
 
 def write_gcode(

@@ -16,8 +16,9 @@ from design.toolpath.gcode.marks import Context, Marks, marks_of
 from design.toolpath.gcode.numbers import decimals_for
 from design.toolpath.gcode.render import Table, render
 from design.toolpath.gcode.table import JobPosition, declare_position, place_text, tabulate
-from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath
+from design.toolpath.toolpath import MoveKind, Toolpath
 from firmware_profiles import Printer, Syringe
+from kernels.arrays import FloatArray
 
 #: Room that the link needs on each line: a number, ``N1234567 ``, and a checksum, ``*255``.
 LINK_BYTES = 13

@@ -10,7 +10,7 @@ from design.vasculature.growth.index import CellIndex, empty_index
 from design.vasculature.growth.state import Segments
 from design.vasculature.growth.step import list_all, list_from
 from design.vasculature.options import GrowthOptions
-from design.vasculature.tree import FloatArray
+from kernels.arrays import FloatArray
 
 CELL = 1.2
 """Edge of a cell over the mean spacing of terminals."""

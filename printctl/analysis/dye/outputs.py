@@ -12,7 +12,8 @@ import numpy as np
 from design.files import write_bytes
 from design.geometry.polyline import arc_lengths
 from design.hemodynamics.dye import CarryingFlow, DyeFront, check_frames, dye_curves, front_table
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from printctl.analysis.flow.tables import write_columns
 from registration.report.figures import network_figure
 

@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 
 from design.measures.growth_order import GrowthOrder, growth_order
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from printctl.analysis.film.film_file import Frame
 from printctl.errors import UsageError
 from registration.measuring.gauging import sub_network

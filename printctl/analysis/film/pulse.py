@@ -17,8 +17,9 @@ from design.hemodynamics import (
     solve_pulsatile,
 )
 from design.hemodynamics.probes import Probes, ProbeWaves
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
+from kernels.arrays import FloatArray
 from printctl.analysis.film.film_file import Frame
 from printctl.analysis.flow import one_d_options, pulsatile_conditions
 from printctl.errors import UsageError

@@ -13,7 +13,8 @@ import numpy as np
 from design.errors import FlowError
 from design.geometry.polyline import arc_lengths, places_along
 from design.hemodynamics import FlowConditions, PulsatileConditions, Supply, solve_flow
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NUMBERS
 from registration.measuring.gauging import (

@@ -10,7 +10,8 @@ import numpy as np
 from design.hemodynamics import FlowConditions, FlowSolution
 from design.hemodynamics.zero_d.boundary import boundary_nodes
 from design.hemodynamics.zero_d.steady import node_inflow
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 _LITTLE: Final = 1e-6
 """Of what enters, below which flow at an end counts as none."""

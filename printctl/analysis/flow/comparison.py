@@ -23,8 +23,9 @@ from design.hemodynamics import (
     steady_at_probes,
 )
 from design.hemodynamics.probes import Probes, ProbeWaves, clear_parts, midpoints, probes_along
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
+from kernels.arrays import FloatArray
 from printctl.analysis.flow.tables import write_columns
 from printctl.recipe.space import ComparePart
 

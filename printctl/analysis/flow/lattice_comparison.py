@@ -10,8 +10,9 @@ import numpy as np
 
 from design.files import write_bytes
 from design.hemodynamics import FlowConditions, solve_flow
-from design.network import FloatArray, VesselKind, VesselNetwork
+from design.network import VesselKind, VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
+from kernels.arrays import FloatArray
 from printctl.analysis.flow.tables import write_columns
 from registration.report.flow_figures import spread_figure
 

@@ -16,8 +16,9 @@ from design.hemodynamics import (
     question_pressure,
     solve_pulsatile,
 )
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
+from kernels.arrays import FloatArray
 from printctl.analysis.flow.tables import FlowTables
 
 PULSES, WAVES = "flow_pulsatile.csv", "flow_waves.csv"

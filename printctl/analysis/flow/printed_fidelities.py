@@ -25,8 +25,9 @@ from design.hemodynamics.three_d import (
 )
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.hemodynamics.three_d.vessel_flows import vessel_flows
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
+from kernels.arrays import FloatArray
 from printctl.analysis.flow.as_printed import OpenPart, PrintedNetwork
 from printctl.analysis.flow.three_d import SHARP, options_of, wall_shear_of_vessels
 from printctl.recipe.space import ThreeDPart

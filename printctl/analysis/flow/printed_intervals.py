@@ -10,7 +10,8 @@ import numpy as np
 from scipy.special import ndtri
 
 from design.hemodynamics import FlowConditions
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from printctl.analysis.flow.as_printed import OpenPart
 from printctl.analysis.flow.printed_fidelities import FlowIntervals, VesselFlow, lumped
 

@@ -15,10 +15,11 @@ from design.geometry.surface import Surface
 from design.hemodynamics.three_d.cut_ends import manifold_arrays
 from design.hemodynamics.three_d.lumen_mesh import MeshPort
 from design.hemodynamics.three_d.wall import free_ends
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
 from design.solids.denoise import denoised
 from design.solids.lumen import lumen_solid
 from design.solids.manifolds import solid_manifold, to_manifold
+from kernels.arrays import FloatArray
 from printctl.analysis.flow.scanned_size import facing, set_out
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NUMBERS

@@ -14,8 +14,9 @@ from design.hemodynamics.probes import clear_parts
 from design.hemodynamics.three_d.axes import axis_places
 from design.hemodynamics.three_d.cut_ends import manifold_arrays
 from design.hemodynamics.three_d.facets import corner_normals
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
 from design.solids.manifolds import to_manifold
+from kernels.arrays import FloatArray
 
 _APART: Final = 0.25
 _SECTIONS: Final = 5

@@ -35,8 +35,9 @@ from design.hemodynamics.three_d.vessel_flows import (
     conserve_mass,
     vessel_flows,
 )
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
+from kernels.arrays import FloatArray
 from printctl.analysis.flow.tables import write_columns
 from printctl.recipe.space import ThreeDPart
 

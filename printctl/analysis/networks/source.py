@@ -15,10 +15,11 @@ from design.errors import FlowError
 from design.geometry.surface import Surface
 from design.hemodynamics import FlowConditions, flow_table, solve_flow
 from design.hemodynamics.zero_d.steady import node_inflow
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv
 from design.solids import read_solid
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN, LengthUnit
+from kernels.arrays import FloatArray
 from printctl.analysis.flow import TABLE, steady_conditions
 from printctl.analysis.flow.driven import driven_by_run, recipe_of
 from printctl.analysis.networks.formats import read_noted

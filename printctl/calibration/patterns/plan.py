@@ -13,12 +13,11 @@ from dataclasses import dataclass, field
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles.bead import BeadSection
 from firmware_profiles.bead_shape import BeadShape
+from kernels.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 PatternName = Literal["lines", "spiral", "joint", "bridge", "comb", "squares"]
 Role = Literal[
     "frame", "line", "step", "spiral", "trunk", "branch", "tooth", "pillar", "bridge", "side"

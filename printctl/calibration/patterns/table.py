@@ -9,8 +9,9 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import FloatArray
 from printctl.calibration.patterns.files import WrittenPattern
-from printctl.calibration.patterns.plan import FloatArray, Pattern, Stroke
+from printctl.calibration.patterns.plan import Pattern, Stroke
 
 COLUMNS: Final = {
     "lines": ("line", "x_mm", "speed_mm_s", "flow", "expected_mm", "width_mm"),

@@ -14,10 +14,11 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import FloatArray
 from printctl.calibration.estimate import Estimate, fit_line
 from printctl.calibration.patterns import Pattern, Stroke, WrittenPattern
 from printctl.calibration.widths.factors import GivenValues, factors
-from printctl.calibration.widths.result import END, Answer, Change, FloatArray, Widths
+from printctl.calibration.widths.result import END, Answer, Change, Widths
 from printctl.calibration.widths.steps import lag_change, lag_estimates, lag_notes, step_lag
 from printctl.errors import UsageError
 

@@ -8,9 +8,10 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import FloatArray
 from printctl.calibration.estimate import Estimate, fit_line
 from printctl.calibration.patterns import WrittenPattern
-from printctl.calibration.widths.result import Answer, Change, FloatArray, Replies
+from printctl.calibration.widths.result import Answer, Change, Replies
 
 OPEN: Final = 0.8
 """Of the ways across a gap that must be open for it to be."""

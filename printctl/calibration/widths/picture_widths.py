@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from kernels.arrays import FloatArray
 from printctl.calibration.patterns import (
     Pattern,
     Stroke,
@@ -17,7 +18,7 @@ from printctl.calibration.patterns import (
     width_row,
 )
 from printctl.calibration.patterns.plan import MARGIN_MM
-from printctl.calibration.widths.result import FloatArray, Replies, Widths
+from printctl.calibration.widths.result import Replies, Widths
 from printctl.errors import UsageError
 from registration.devices.lens import Lens
 from registration.devices.microscope import (

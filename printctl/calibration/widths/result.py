@@ -9,9 +9,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from printctl.calibration.estimate import Estimate
 
-FloatArray = NDArray[np.float64]
 END: Final = 0.93
 """Of a line's length: beyond lies what its end does."""
 

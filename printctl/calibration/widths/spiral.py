@@ -16,11 +16,12 @@ from typing import Final
 import numpy as np
 from scipy.optimize import least_squares
 
+from kernels.arrays import FloatArray
 from printctl.calibration.estimate import Estimate, fit_line, quantile
 from printctl.calibration.patterns import WrittenPattern
 from printctl.calibration.widths.factors import GivenValues, factors
 from printctl.calibration.widths.lines import shares_along
-from printctl.calibration.widths.result import Answer, FloatArray, Widths
+from printctl.calibration.widths.result import Answer, Widths
 from printctl.errors import UsageError
 
 _FEWEST: Final = 8

@@ -9,10 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from firmware_profiles import Needle, Syringe, load
+from kernels.arrays import FloatArray
 from printctl.calibration.estimate import Estimate
 from printctl.calibration.lag import Lag, LagPattern, expected_width, fit_lag
 from printctl.calibration.patterns import CLEAR, Pattern, WrittenPattern
-from printctl.calibration.widths.result import END, Change, FloatArray, Widths
+from printctl.calibration.widths.result import END, Change, Widths
 from printctl.errors import UsageError
 
 

@@ -9,11 +9,9 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.toolpath import MoveKind
-
-IntArray = NDArray[np.int64]
+from kernels.arrays import IntArray
 
 
 @dataclass(frozen=True, eq=False)

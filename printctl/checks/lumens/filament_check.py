@@ -8,12 +8,13 @@ from typing import Any, Final
 import numpy as np
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from printctl.checks.lumens.filament_sections import measure_filaments
 from printctl.checks.lumens.measure import Openings
 from printctl.checks.lumens.merges import Merge, find_merges
 from printctl.checks.lumens.network import network_lumens
 from printctl.checks.lumens.report import LumenReport, report_dict, report_lumens
-from printctl.checks.lumens.stations import FloatArray, SectionStations
+from printctl.checks.lumens.stations import SectionStations
 from printctl.checks.lumens.wording import list_names
 from sim.gcode.deposit.strands import Strands
 

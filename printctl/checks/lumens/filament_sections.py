@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens.filaments import in_short_pieces
 from printctl.checks.lumens.measure import Openings
-from printctl.checks.lumens.stations import FloatArray, IntArray, SectionStations
+from printctl.checks.lumens.stations import SectionStations
 from sim.gcode.deposit.strands import Strands
 
 RAYS: Final = 32

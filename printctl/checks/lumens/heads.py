@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from firmware_profiles import Printer
-from sim.gcode.deposit.strands import IntArray, Strands
+from kernels.arrays import IntArray
+from sim.gcode.deposit.strands import Strands
 from sim.gcode.dry_run.run import DryRun
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens.lines import WrittenLines
-from printctl.checks.lumens.stations import FloatArray, IntArray
 from sim.gcode.lumens.leak_kernels import TISSUE, block_lines, find_runs, join_runs
 
 PIXEL_MM: Final = 0.03

@@ -7,8 +7,9 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens.lines import WrittenLines
-from printctl.checks.lumens.stations import FloatArray, IntArray, SectionStations
+from printctl.checks.lumens.stations import SectionStations
 from sim.gcode.lumens.ray_kernels import Slabs, list_cells, mark_needed
 from sim.gcode.lumens.width_kernels import sections
 

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens.filaments import in_short_pieces
-from printctl.checks.lumens.stations import FloatArray, IntArray
 from sim.gcode.deposit.strands import Strands
 
 APART_MM: Final = 0.02

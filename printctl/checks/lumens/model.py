@@ -13,10 +13,11 @@ from scipy.sparse.csgraph import connected_components
 
 from design.solids import Solid
 from design.solids.manifolds import solid_manifold
+from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens.leaks import DesignedLumens, Grid, Pixels
 from printctl.checks.lumens.lines import WrittenLines
 from printctl.checks.lumens.network import BEYOND, BEYOND_MM
-from printctl.checks.lumens.stations import FloatArray, IntArray, SectionStations
+from printctl.checks.lumens.stations import SectionStations
 from printctl.checks.lumens.trees import margin_mm, mouth_pieces
 from printctl.checks.lumens.unfollowed import LEAST_AREA_MM2, signed_area, unfollowed_ways
 from printctl.errors import UsageError

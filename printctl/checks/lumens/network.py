@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 
 from design.network import VesselNetwork
-from printctl.checks.lumens.stations import BoolArray, FloatArray, SectionStations
+from kernels.arrays import BoolArray, FloatArray
+from printctl.checks.lumens.stations import SectionStations
 
 BEYOND: Final = 1.5
 """How far is looked, in designed radii, and `BEYOND_MM` more."""

@@ -9,8 +9,8 @@ import numpy as np
 from design.network import VesselNetwork
 from design.solids import Solid
 from design.solids.manifolds import solid_manifold
+from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens.lines import WrittenLines
-from printctl.checks.lumens.stations import FloatArray, IntArray
 from printctl.errors import UsageError
 from sim.gcode.deposit.strands import Strands
 

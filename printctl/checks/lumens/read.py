@@ -9,6 +9,7 @@ import numpy as np
 
 from firmware_profiles import Printer
 from firmware_profiles.bead import BeadSection
+from kernels.arrays import FloatArray
 from printctl.checks.lumens.filaments import filaments
 from printctl.checks.lumens.heads import split_by_head, stack_heads
 from printctl.checks.lumens.line_widths import check_width, comment_heights
@@ -21,12 +22,7 @@ from printctl.checks.lumens.lines import (
     read_lines,
     rounded_to_steps,
 )
-from printctl.checks.lumens.strokes import (
-    FloatArray,
-    plunger_strokes,
-    run_strokes,
-    valve_strokes,
-)
+from printctl.checks.lumens.strokes import plunger_strokes, run_strokes, valve_strokes
 from printctl.errors import UsageError
 from sim.gcode.deposit.strands import Strands
 from sim.gcode.dry_run.run import DryRun, dry_run

@@ -8,10 +8,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.checks.lumens.leaks import Leak
 from printctl.checks.lumens.lines import WrittenLines
 from printctl.checks.lumens.measure import Openings
-from printctl.checks.lumens.stations import BoolArray, FloatArray, IntArray, SectionStations
+from printctl.checks.lumens.stations import SectionStations
 
 CLOSED_MM: Final = 0.02
 """Ink doesn't leave so thin a hole open."""

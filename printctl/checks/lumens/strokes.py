@@ -5,17 +5,14 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles import Printer
+from kernels.arrays import FloatArray, IntArray
 from sim.gcode.deposit.strands import Strands
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.heads.valve import Valve, as_plunger, flowing
 from sim.gcode.program.gcode import Program, code, parse_line
 from sim.gcode.program.modal import MOVE
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 LEAST_MM: Final = 1e-6
 """A shorter way is none."""

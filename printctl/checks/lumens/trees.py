@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens.leaks import PIXEL_MM, DesignedLumens, Grid, Pixels
 from printctl.checks.lumens.lines import WrittenLines
-from printctl.checks.lumens.stations import FloatArray, IntArray
 from sim.gcode.lumens.leak_kernels import label_pieces
 
 MOUTH: Final = 1.3

@@ -15,11 +15,8 @@ from enum import StrEnum
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from kernels.arrays import BoolArray, FloatArray, IntArray
 
 _ABSENT: Final = 0.5
 _STOPPED: Final = 10.0

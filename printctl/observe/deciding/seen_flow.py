@@ -12,10 +12,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _LIKELY: Final = 2.0
 """Standard uncertainties of a level: one print in twenty that is known no better is asked about (of

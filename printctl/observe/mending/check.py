@@ -10,8 +10,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from printctl.checks.gate import refused_lines
 from printctl.machine.link.modal import modal_state
 from printctl.observe.mending.gap import Gap
@@ -31,8 +31,6 @@ from printctl.observe.mending.voids import Voids, ink_in_voids_mm
 from printctl.observe.mending.written_paths import WrittenPath, written_paths
 from sim.gcode.dry_run.run import DryRun, dry_run
 from sim.gcode.reading.other_lines import other_lines
-
-FloatArray = NDArray[np.float64]
 
 _SAME_MM = 1e-4
 """Places that the text gives alike."""

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from kernels.arrays import FloatArray
 from printctl.observe.mending.errors import MendError
 from printctl.observe.mending.written_paths import WrittenPath, path_between
-
-FloatArray = NDArray[np.float64]
 
 _SEAM_MM = 0.02
 

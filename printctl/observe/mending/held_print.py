@@ -9,9 +9,9 @@ from functools import cached_property
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles import Ink, Needle, Printer, Syringe
+from kernels.arrays import BoolArray, FloatArray
 from printctl.checks.bead import lag_of
 from printctl.machine.link.modal import Modal, modal_state, relieved_mm
 from printctl.observe.mending.errors import MendError
@@ -21,8 +21,6 @@ from sim.gcode.program.modal import MOVE
 from sim.gcode.program.read_program import read_written
 from sim.gcode.reading.comments import declared_start
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 Style = Literal["layered", "embedded"]
 
 WAY_MM: Final = 1e-6

@@ -9,15 +9,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.toolpath.gcode.dialect import dialect_of
 from design.toolpath.gcode.numbers import decimals_for
 from design.toolpath.priming import Purge
+from kernels.arrays import FloatArray
 from printctl.observe.mending.held_print import WAY_MM, HeldPrint
 from printctl.observe.mending.patch import Patch
-
-FloatArray = NDArray[np.float64]
 
 _NOTHING_E = 1e-6
 

@@ -6,18 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.observe.mending.held_print import WAY_MM, HeldPrint
 from printctl.observe.mending.laid_ink import laid_ink, nearest_pieces
 from printctl.observe.mending.needle_way import NeedleRows
 from printctl.observe.mending.written_paths import WrittenPath
 from sim.gcode.dry_run.run import DryRun, dry_run
 from sim.gcode.program.modal import MOVE
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

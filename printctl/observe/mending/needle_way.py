@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles import Needle
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.observe.mending.laid_ink import LaidInk
 from printctl.observe.mending.written_paths import WrittenPath
 from sim.gcode.clearance import (
@@ -27,10 +27,6 @@ from sim.gcode.clearance import (
     check_clearance,
 )
 from sim.gcode.deposit.levels import LEVEL_TOLERANCE_MM
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 OVERLAP_RADII: Final = 0.5
 """Of joints, as the embedded planner has it."""

@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from printctl.observe.mending.held_print import HeldPrint
 from printctl.observe.mending.laid_ink import laid_ink, nearest_pieces
 from printctl.observe.mending.voids import Voids
 from printctl.observe.mending.written_paths import written_paths
-
-FloatArray = NDArray[np.float64]
 
 _ON_AXIS: Final = 0.5
 """Share of a void's radius within which a written axis is the void's own."""

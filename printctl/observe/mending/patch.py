@@ -6,13 +6,11 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from printctl.observe.mending.gap import Gap
 from printctl.observe.mending.laid_ink import LaidInk, stretch_of
 from printctl.observe.mending.written_paths import LEAST_MM, WrittenPath
-
-FloatArray = NDArray[np.float64]
 
 _FEW_STEPS: Final = 40
 """Of the plunger, below which a patch is made of whole ones: one more or less is seen."""

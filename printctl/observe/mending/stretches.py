@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles.bead import BeadSection
+from kernels.arrays import BoolArray, FloatArray
 from printctl.observe.mending.gap import Gap, NotMended
 from printctl.observe.mending.held_print import HeldPrint
 from printctl.observe.mending.laid_ink import LaidInk, width_with_more
@@ -18,9 +18,6 @@ from printctl.observe.mending.options import MendOptions
 from printctl.observe.mending.patch import Patch, in_whole_steps, nearest_steps
 from printctl.observe.mending.voids import Voids, ink_in_voids_mm
 from printctl.observe.mending.written_paths import WrittenPath
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _STATION_MM: Final = 0.1
 """Farthest between places that are looked at, and at most half a line's width."""

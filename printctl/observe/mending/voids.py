@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from printctl.observe.mending.errors import MendError
-
-FloatArray = NDArray[np.float64]
 
 _AROUND = 16
 """Places on the rim of a line that are looked at."""

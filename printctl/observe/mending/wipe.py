@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from printctl.observe.mending.held_print import WAY_MM
 from printctl.observe.mending.needle_way import under_higher_ink
 from printctl.observe.mending.patch import Patch
 from printctl.observe.mending.stretches import Site
-
-FloatArray = NDArray[np.float64]
 
 _STATION_MM = 0.1
 

@@ -8,15 +8,12 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.geometry.polyline import arc_lengths, places_along
+from kernels.arrays import FloatArray, IntArray
 from printctl.observe.mending.held_print import WAY_MM, HeldPrint
 from sim.gcode.deposit.levels import level_areas, level_heights, written_levels
 from sim.gcode.program.modal import MOVE
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 LEAST_MM: Final = 0.1
 """Shorter moves at a patch's ends aren't made: firmware adds them to the next one."""

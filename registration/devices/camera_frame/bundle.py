@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from kernels.arrays import FloatArray
 from registration.devices.camera_frame.evidence import Placement, PrintedPoints, Touch
 from registration.devices.camera_frame.insert import Insert
 from registration.devices.camera_frame.least_squares import settle, slopes
@@ -26,8 +26,6 @@ from registration.devices.camera_frame.marks import SeenMarks
 from registration.devices.camera_frame.projection import View, project
 from registration.devices.camera_frame.rotations import turned
 from registration.errors import PictureError
-
-FloatArray = NDArray[np.float64]
 
 _POSE: Final = slice(0, 6)
 _LENS: Final = slice(6, 14)

@@ -9,11 +9,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.devices.camera_frame.frame import CameraFrame
 from registration.devices.camera_frame.marks import FEWEST, SeenMarks, find_marks
 from registration.errors import PictureError
-
-FloatArray = NDArray[np.float64]
 
 LIMIT_UM: Final = 30.0
 """Shift at the dish up to which a frame holds: what it is good for itself."""

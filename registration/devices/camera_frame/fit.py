@@ -9,8 +9,8 @@ from typing import Final, Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.devices.camera_frame.bundle import Bundle, Fitted, Start, fit_bundle
 from registration.devices.camera_frame.evidence import Placement, PrintedPoints, Touch
 from registration.devices.camera_frame.frame import Bath, CameraFrame, SeenAtFit
@@ -20,8 +20,6 @@ from registration.devices.camera_frame.projection import View, meet
 from registration.devices.camera_frame.rotations import turn_vector
 from registration.devices.lens import Lens
 from registration.errors import PictureError
-
-FloatArray = NDArray[np.float64]
 
 U_TILT: Final = 0.005
 """Standard uncertainty of the plate's tilt against the printer's plane, rad, untouched."""

@@ -8,16 +8,15 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from kernels.arrays import FloatArray
 from registration.devices.camera_frame.insert import Insert
 from registration.devices.camera_frame.projection import View, meet, project
 from registration.devices.camera_frame.rotations import turned
 from registration.devices.lens import Lens
 from registration.devices.lens.model_file import read_model, write_model
 
-FloatArray = NDArray[np.float64]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Three = tuple[Number, Number, Number]

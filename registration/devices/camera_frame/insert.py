@@ -13,10 +13,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import write_text
 from firmware_profiles.dishes import Dish
+from kernels.arrays import FloatArray
 from registration.devices.lens.model_file import read_model
 from registration.errors import PictureError
 
-FloatArray = NDArray[np.float64]
 Process = Literal["fdm", "resin", "paper", "engraved"]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]

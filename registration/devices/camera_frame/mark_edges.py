@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from kernels.arrays import FloatArray
 from registration.devices.camera_frame.insert import CELLS
 from registration.devices.camera_frame.projection import bend, unbend
-
-FloatArray = NDArray[np.float64]
 
 _PLACES: Final = 32
 """Along a side."""

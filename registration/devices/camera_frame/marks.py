@@ -11,13 +11,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray, IntArray
 from registration.devices.camera_frame.insert import DICTIONARY, Insert
 from registration.devices.camera_frame.mark_edges import edge_corners
 from registration.devices.lens import Lens
 from registration.errors import PictureError
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _COARSE_PX: Final = 1800
 """Longest side of the copy in which marks are looked for first."""

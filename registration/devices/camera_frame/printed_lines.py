@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from kernels.arrays import FloatArray
 from registration.devices.camera_frame.evidence import PrintedPoints
 from registration.devices.camera_frame.marks import grey_picture
 from registration.devices.camera_frame.projection import View, bend, project, unbend
 from registration.errors import PictureError
-
-FloatArray = NDArray[np.float64]
 
 _ROWS: Final = 160
 """Profiles across a line."""

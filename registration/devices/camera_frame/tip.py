@@ -8,14 +8,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.devices.camera_frame.frame import CameraFrame
 from registration.devices.camera_frame.marks import check_size
 from registration.devices.camera_frame.tip_axis import needle_axis
 from registration.devices.camera_frame.tip_end import rough_end
 from registration.devices.camera_frame.tip_fit import fit_end
 from registration.devices.camera_frame.tip_patch import tip_patch
-
-FloatArray = NDArray[np.float64]
 
 _FLOOR_ASIDE_PX: Final = 0.05
 _FLOOR_UP_PX: Final = 0.1

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from kernels.arrays import FloatArray
 from registration.devices.camera_frame.tip_patch import TipPatch
 from registration.errors import PictureError
-
-FloatArray = NDArray[np.float64]
 
 _LEANS: Final = np.linspace(-0.08, 0.08, 65)
 """Tangents of the needle's angle against where it should point."""

@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from kernels.arrays import FloatArray
 from registration.devices.camera_frame.tip_axis import NeedleAxis
 from registration.devices.camera_frame.tip_patch import TipPatch
 from registration.errors import PictureError
-
-FloatArray = NDArray[np.float64]
 
 _COLUMNS: Final = 17
 """Across the needle."""

@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.devices.camera_frame.tip_axis import NeedleAxis
 from registration.devices.camera_frame.tip_model import RodEnd
 from registration.devices.camera_frame.tip_patch import TipPatch
 from registration.devices.camera_frame.tip_samples import TipLight
 from registration.devices.camera_frame.tip_step import USUAL_BLUR_PX, Solved, TipState, solve_step
 from registration.errors import PictureError
-
-FloatArray = NDArray[np.float64]
 
 _ROUNDS: Final = 15
 _STILL_PX: Final = 2e-3

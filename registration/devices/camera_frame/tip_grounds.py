@@ -8,9 +8,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.devices.camera_frame.frame import CameraFrame
-
-FloatArray = NDArray[np.float64]
 
 _MEDIAN_OF: Final = 3
 """Pictures from which a median shows no needle."""

@@ -9,11 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.devices.camera_frame.marks import grey_picture
 from registration.devices.camera_frame.projection import View, project
 from registration.errors import PictureError
-
-FloatArray = NDArray[np.float64]
 
 _LEAST_ANGLE: Final = 0.2
 """Sine of the smallest angle between the view and the needle."""

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.devices.camera_frame.frame import CameraFrame, varied
 from registration.devices.camera_frame.projection import View, project
 from registration.devices.camera_frame.tip import SeenTip
 from registration.errors import PictureError
-
-FloatArray = NDArray[np.float64]
 
 _WORN: Final = 0.22
 """Tangent of the end's slope, beyond its scatter, from which a tip counts as worn."""

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
+from kernels.arrays import FloatArray
 from registration.devices.camera_frame.tip_axis import NeedleAxis
 from registration.devices.camera_frame.tip_model import Lattice, RodEnd
 from registration.devices.camera_frame.tip_patch import TipPatch
-
-FloatArray = NDArray[np.float64]
 
 _ABOVE: Final = 3.0
 _BELOW: Final = 1.2

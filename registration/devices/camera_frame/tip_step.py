@@ -6,12 +6,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.devices.camera_frame.tip_model import Lattice, RodEnd, RodModel, hat_count
 from registration.devices.camera_frame.tip_samples import Samples, TipLight
-
-FloatArray = NDArray[np.float64]
 
 USUAL_BLUR_PX: Final = 0.9
 _U_WIDE: Final = 0.007

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit
-from kernels.arrays import FloatArray
+from kernels.arrays import BoolArray, FloatArray
 from registration.devices.camera_frame.frame import CameraFrame
 from registration.devices.camera_frame.projection import rays
 from registration.devices.laser_sweep.middles import line_middles
@@ -22,7 +22,6 @@ from registration.devices.laser_sweep.pictures import Image, Reader, sweep_pictu
 from registration.devices.laser_sweep.straight import straight_line
 from registration.errors import PictureError
 
-BoolArray = NDArray[np.bool_]
 FloatImage = NDArray[np.float32]
 
 FEWEST: Final = 12

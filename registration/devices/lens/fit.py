@@ -7,14 +7,12 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.devices.lens.board import BoardView
 from registration.devices.lens.lens import Lens
 from registration.devices.lens.whole_fit import fit_whole
 from registration.errors import PictureError
-
-FloatArray = NDArray[np.float64]
 
 _FEWEST_FOR_ALL: Final = 3
 """Pictures from which focal length and k₂ are fitted."""

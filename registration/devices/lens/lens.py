@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import write_text
+from kernels.arrays import FloatArray
 from registration.devices.lens.model_file import read_model
 from registration.errors import PictureError
 
-FloatArray = NDArray[np.float64]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 

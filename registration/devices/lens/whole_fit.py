@@ -7,11 +7,9 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.devices.lens.board import BoardView
-
-FloatArray = NDArray[np.float64]
 
 FEWEST: Final = 5
 """Pictures from which all numbers are fitted."""

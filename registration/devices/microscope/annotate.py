@@ -9,9 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.devices.lens.perspective import mapped
 from registration.devices.microscope.gaps import Crossing, GapWidth
-from registration.devices.microscope.picture import FloatArray, Picture
+from registration.devices.microscope.picture import Picture
 from registration.devices.microscope.target import Target, View
 from registration.devices.microscope.widths import LineWidths
 

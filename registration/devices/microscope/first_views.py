@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.devices.microscope.picture import FloatArray, Picture
+from kernels.arrays import FloatArray
+from registration.devices.microscope.picture import Picture
 from registration.devices.microscope.target import Target
 
 _CANDIDATES: Final = 4

@@ -9,8 +9,9 @@ from typing import Final
 import cv2
 import numpy as np
 
+from kernels.arrays import FloatArray
 from registration.devices.lens.perspective import mapped
-from registration.devices.microscope.picture import FloatArray, FloatImage, Picture
+from registration.devices.microscope.picture import FloatImage, Picture
 from registration.devices.microscope.target import View
 
 _GAP_STEP_PX: Final = 0.25

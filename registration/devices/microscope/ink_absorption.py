@@ -22,7 +22,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import least_squares
 
-from registration.devices.microscope.picture import FloatArray
+from kernels.arrays import FloatArray
 
 _CELLS: Final = 30
 """Steps of a computed profile in a radius, at least."""

@@ -14,7 +14,6 @@ from registration.devices.lens.decode import decoded
 from registration.devices.lens.lens import Lens
 from registration.errors import PictureError
 
-FloatArray = NDArray[np.float64]
 FloatImage = NDArray[np.float32]
 BoolImage = NDArray[np.bool_]
 

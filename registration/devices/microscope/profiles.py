@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
+from kernels.arrays import FloatArray
 from registration.devices.lens.perspective import mapped, slopes
-from registration.devices.microscope.picture import BoolImage, FloatArray, FloatImage
+from registration.devices.microscope.picture import BoolImage, FloatImage
 from registration.errors import PictureError
 
 OUTER: Final = 0.25

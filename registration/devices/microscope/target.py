@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from registration.devices.microscope.picture import FloatArray
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

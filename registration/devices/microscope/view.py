@@ -16,9 +16,10 @@ from typing import Final
 import cv2
 import numpy as np
 
+from kernels.arrays import FloatArray
 from registration.devices.lens.perspective import mapped, slopes
 from registration.devices.microscope.first_views import THINNEST_PX, first_views
-from registration.devices.microscope.picture import FloatArray, Picture
+from registration.devices.microscope.picture import Picture
 from registration.devices.microscope.profiles import ScanLine, middles, profiles_along
 from registration.devices.microscope.target import Target, View
 from registration.devices.microscope.view_checks import check_foreign, check_scales

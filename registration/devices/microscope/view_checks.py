@@ -7,8 +7,9 @@ from typing import Final
 import cv2
 import numpy as np
 
+from kernels.arrays import FloatArray
 from registration.devices.lens.perspective import mapped, slopes
-from registration.devices.microscope.picture import BoolImage, FloatArray, Picture
+from registration.devices.microscope.picture import BoolImage, Picture
 from registration.devices.microscope.target import Target
 from registration.errors import PictureError
 

@@ -9,8 +9,9 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import map_coordinates
 
+from kernels.arrays import FloatArray
 from registration.devices.microscope.ink_absorption import MIDDLE, Shade, fit_shade
-from registration.devices.microscope.picture import BoolImage, FloatArray, Picture
+from registration.devices.microscope.picture import BoolImage, Picture
 from registration.devices.microscope.profiles import (
     Profiles,
     ScanLine,

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.errors import ScanFileError
 from registration.files.readers.broken_files import scan_file_errors
 
@@ -31,7 +32,6 @@ _FAR_MM: Final = 1e4
 
 _WITHIN: Final = re.compile(r"(?<=\d),(?=\d)")
 
-FloatArray = NDArray[np.float64]
 HeightArray = NDArray[np.float32]
 
 

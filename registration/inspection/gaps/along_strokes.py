@@ -18,7 +18,8 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
-from registration.inspection.values import BoolArray, FloatArray, Gap, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
+from registration.inspection.values import Gap
 from registration.inspection.ways import DETOUR, Ways, stretches_of
 
 _SURE: Final = 0.99

@@ -12,8 +12,9 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.ink.presence import INK
-from registration.inspection.values import BoolArray, FloatArray, IntArray, Unseen
+from registration.inspection.values import Unseen
 from registration.inspection.ways import Ways, stretches_of
 
 _WIDEST: Final = 2.5

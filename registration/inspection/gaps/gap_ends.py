@@ -20,10 +20,11 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.devices.microscope.ink_absorption import Shade
 from registration.inspection.gaps.gap_run import FINE, GapRun
 from registration.inspection.ink.in_light import LightMix
-from registration.inspection.values import BoolArray, FloatArray, FloatImage, Gap, IntArray
+from registration.inspection.values import FloatImage, Gap
 from registration.inspection.ways import Seen, Ways
 
 _CORE: Final = 0.15

@@ -8,7 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from registration.inspection.values import BoolArray, FloatArray, Gap, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
+from registration.inspection.values import Gap
 from registration.inspection.ways import Ways
 
 FINE: Final = 3

@@ -8,8 +8,9 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.ink.presence import END, INK, WindowNoise, averaged
-from registration.inspection.values import BoolArray, FloatArray, Gap, IntArray, Shift, Unseen
+from registration.inspection.values import Gap, Shift, Unseen
 from registration.inspection.ways import Ways, stretches_of
 
 LEAST: Final = 0.6

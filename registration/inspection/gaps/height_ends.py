@@ -20,9 +20,10 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.gaps.gap_run import FINE, GapRun
 from registration.inspection.gaps.gaps import merged
-from registration.inspection.values import BoolArray, FloatArray, FloatImage, Gap, IntArray
+from registration.inspection.values import FloatImage, Gap
 from registration.inspection.ways import Seen, Ways
 
 _CORE: Final = np.linspace(-0.15, 0.15, 5)

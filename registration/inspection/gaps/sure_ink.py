@@ -12,9 +12,9 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.gaps.gaps import LEAST
 from registration.inspection.ink.presence import INK, WindowNoise, averaged
-from registration.inspection.values import BoolArray, FloatArray
 from registration.inspection.ways import Ways
 
 _Z: Final = 1.64

@@ -12,9 +12,10 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.findings import LayerFindings
 from registration.inspection.heights.height import HeightFrame
-from registration.inspection.values import BoolArray, ExpectedLines, FloatArray, IntArray
+from registration.inspection.values import ExpectedLines
 
 _STEP_MM: Final = 0.1
 _CLEAR_MM: Final = 0.1

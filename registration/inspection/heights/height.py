@@ -10,10 +10,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.errors import PictureError
 from registration.inspection.pictures.unmeasured import unmeasured_scans
 from registration.inspection.pictures.working import drawn_lines
-from registration.inspection.values import BoolArray, ExpectedLines, FloatArray, FloatImage
+from registration.inspection.values import ExpectedLines, FloatImage
 from registration.scan import Scan
 
 _SPECKLE: Final = 3

@@ -13,7 +13,8 @@ from typing import Final
 import cv2
 import numpy as np
 
-from registration.inspection.values import BoolArray, FloatArray, FloatImage
+from kernels.arrays import BoolArray, FloatArray
+from registration.inspection.values import FloatImage
 
 _PART: Final = 0.3
 """Of the rows: what counts as the map's end."""

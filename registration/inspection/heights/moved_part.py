@@ -15,8 +15,9 @@ from typing import Final
 import cv2
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.pictures.working import drawn_lines
-from registration.inspection.values import BoolArray, ExpectedLines, FloatArray, FloatImage, Frame
+from registration.inspection.values import ExpectedLines, FloatImage, Frame
 
 _PIXELS: Final = 2e5
 _PART: Final = 0.3

@@ -17,18 +17,13 @@ from typing import Final
 import cv2
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.heights.height import HeightFrame
 from registration.inspection.heights.moved_part import moved_part
 from registration.inspection.heights.own_depth import ScanByDepth, TurnedMaps
 from registration.inspection.options import IN_PART
 from registration.inspection.pictures.working import drawn_lines
-from registration.inspection.values import (
-    BoolArray,
-    ExpectedLines,
-    FloatArray,
-    FloatImage,
-    Frame,
-)
+from registration.inspection.values import ExpectedLines, FloatImage, Frame
 from registration.scan import Scan
 
 _PIXELS: Final = 1e5

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import siegelslopes
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.heights.height import (
     FLOOR,
     HeightFrame,
@@ -26,13 +27,7 @@ from registration.inspection.heights.height import (
 )
 from registration.inspection.heights.line_places import LinePlaces
 from registration.inspection.pictures.unmeasured import unmeasured_scans
-from registration.inspection.values import (
-    BoolArray,
-    ExpectedLines,
-    FloatArray,
-    FloatImage,
-    IntArray,
-)
+from registration.inspection.values import ExpectedLines, FloatImage
 from registration.scan import Scan
 
 _LEAST_HALF: Final = 1.0

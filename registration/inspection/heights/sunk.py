@@ -12,8 +12,9 @@ from typing import Final
 import cv2
 import numpy as np
 
+from kernels.arrays import BoolArray
 from registration.inspection.heights.surface import GROUND, HIGHEST
-from registration.inspection.values import BoolArray, FloatImage
+from registration.inspection.values import FloatImage
 
 _ROSE: Final = 0.5
 """Of a layer, by which fresh ink has risen at least."""

@@ -14,13 +14,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.errors import PictureError
 from registration.files.readers.heights import HeightMap
 from registration.inspection.heights.height import FARTHEST, HeightFrame
 from registration.inspection.heights.tilt import levelled
 from registration.inspection.pictures.unmeasured import opened
 from registration.inspection.pictures.working import drawn_lines
-from registration.inspection.values import BoolArray, ExpectedLines, FloatArray, FloatImage
+from registration.inspection.values import ExpectedLines, FloatImage
 
 _HOLE: Final = 0.4
 _HOLE_PX: Final = 3

@@ -11,15 +11,10 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.heights.height import HeightFrame
 from registration.inspection.pictures.working import drawn_lines
-from registration.inspection.values import (
-    BoolArray,
-    ExpectedLines,
-    FloatArray,
-    FloatImage,
-    IntArray,
-)
+from registration.inspection.values import ExpectedLines, FloatImage
 
 _MOST: Final = 40_000
 _FEWEST: Final = 400

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.ink.ink_image import Template
 from registration.inspection.ink.presence import INK, Sides
-from registration.inspection.values import BoolArray, FloatArray
 from registration.inspection.ways import Ways
 
 _ALONE = 0.8

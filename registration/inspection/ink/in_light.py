@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from registration.inspection.values import FloatArray, FloatImage
+from kernels.arrays import FloatArray
+from registration.inspection.values import FloatImage
 
 _SAME = 0.02
 """Logarithm of ink over bath, below which light and logarithm are one."""

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.pictures.working import Mask
-from registration.inspection.values import BoolArray, FloatArray, FloatImage
+from registration.inspection.values import FloatImage
 from registration.inspection.ways import Seen
 
 ACROSS = np.linspace(-1.5, 1.5, 61)

@@ -4,18 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.ink.ink_image import ACROSS, Template
 from registration.inspection.ink.presence import WindowNoise
 from registration.inspection.ink.told import LONG, Told
 from registration.inspection.pictures.working import Working
-from registration.inspection.values import (
-    Appearance,
-    BoolArray,
-    FloatArray,
-    FloatImage,
-    IntArray,
-    Unseen,
-)
+from registration.inspection.values import Appearance, FloatImage, Unseen
 from registration.inspection.ways import Ways
 
 

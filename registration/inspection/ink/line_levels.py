@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
-from registration.inspection.values import BoolArray, FloatArray, FloatImage, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
+from registration.inspection.values import FloatImage
 from registration.inspection.ways import Seen, Ways
 
 _MOST: Final = 75.0

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from kernels.arrays import BoolArray, IntArray
 from registration.inspection.pictures.working import Working
-from registration.inspection.values import BoolArray, IntArray, Unseen
+from registration.inspection.values import Unseen
 from registration.inspection.ways import Seen, Ways
 
 _HIT = 0.2

@@ -15,9 +15,10 @@ import cv2
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.ink.ink_image import ACROSS, Template, angle_of
 from registration.inspection.pictures.working import Mask
-from registration.inspection.values import BoolArray, FloatArray, FloatImage, IntArray
+from registration.inspection.values import FloatImage
 from registration.inspection.ways import Seen, Ways
 
 INK: Final = 0.5

@@ -6,8 +6,9 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.ink.ink_image import ACROSS, Template
-from registration.inspection.values import BoolArray, FloatArray, FloatImage
+from registration.inspection.values import FloatImage
 
 _SHOWN: Final = 0.1
 """Of the middle's height, from which on edges of the other sign are a rim."""

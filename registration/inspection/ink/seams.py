@@ -15,17 +15,11 @@ from typing import Final
 import numpy as np
 from scipy.special import ndtr
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.ink.ink_image import ACROSS
 from registration.inspection.ink.presence import spread_of, widened
 from registration.inspection.pictures.working import Mask
-from registration.inspection.values import (
-    BoolArray,
-    FloatArray,
-    FloatImage,
-    Gap,
-    IntArray,
-    Stretch,
-)
+from registration.inspection.values import FloatImage, Gap, Stretch
 from registration.inspection.ways import Ways, stretches_of
 
 _MIDDLE: Final = 0.15

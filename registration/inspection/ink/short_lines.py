@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.ink.presence import (
     INK,
     WINDOWS,
@@ -20,7 +21,6 @@ from registration.inspection.ink.presence import (
     widened,
     window_means,
 )
-from registration.inspection.values import BoolArray, FloatArray
 from registration.inspection.ways import Ways
 
 SHORT: Final = 12.0

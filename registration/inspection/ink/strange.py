@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 
 from kernels import jit
+from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.ink.ink_image import BathNoise
 from registration.inspection.pictures.working import Mask
-from registration.inspection.values import BoolArray, FloatArray, FloatImage
+from registration.inspection.values import FloatImage
 
 _SURE = 6.0
 """Standard deviations from both, at least."""

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.ink.directions import untold
 from registration.inspection.ink.in_light import in_light
 from registration.inspection.ink.ink_image import (
@@ -36,14 +37,7 @@ from registration.inspection.ink.seams import SeamLevels, is_disturbed, seam_lev
 from registration.inspection.ink.short_lines import SHORT, short_noise
 from registration.inspection.ink.strange import grown, strange_places, strangeness, unlike_bath
 from registration.inspection.pictures.working import Mask, Working
-from registration.inspection.values import (
-    Appearance,
-    BoolArray,
-    FloatArray,
-    FloatImage,
-    IntArray,
-    Unseen,
-)
+from registration.inspection.values import Appearance, FloatImage, Unseen
 from registration.inspection.ways import Seen, Ways
 
 _MOST_SATURATED = 0.3

@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.ink.ink_image import BathNoise, channel_mix
 from registration.inspection.ink.level_told import told_by_level
 from registration.inspection.ink.place_reasons import reasons
@@ -25,14 +26,7 @@ from registration.inspection.ink.presence import fake_places, window_noise
 from registration.inspection.ink.strange import grown
 from registration.inspection.ink.told import Told
 from registration.inspection.pictures.working import Mask, Working
-from registration.inspection.values import (
-    BoolArray,
-    FloatArray,
-    FloatImage,
-    Gap,
-    IntArray,
-    Unseen,
-)
+from registration.inspection.values import FloatImage, Gap, Unseen
 from registration.inspection.ways import Seen, Ways
 
 _LEAST_STEP: Final = 0.025

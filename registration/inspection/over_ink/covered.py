@@ -13,12 +13,13 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.heights.line_places import CLEARLY, OVER
 from registration.inspection.ink.ink_image import ACROSS, CORE
 from registration.inspection.ink.line_levels import lines_of
 from registration.inspection.ink.presence import INK, averaged
 from registration.inspection.ink.told import Told
-from registration.inspection.values import BoolArray, FloatArray, IntArray, Unseen
+from registration.inspection.values import Unseen
 from registration.inspection.ways import DETOUR, Seen, Ways, stretches_of
 
 _MOST: Final = 0.3

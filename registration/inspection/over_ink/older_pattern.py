@@ -16,8 +16,9 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial import cKDTree
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.pictures.working import Working
-from registration.inspection.values import BoolArray, FloatArray, FloatImage
+from registration.inspection.values import FloatImage
 from registration.inspection.ways import Seen, Ways, stretches_of
 
 _ACROSS: Final = np.linspace(-0.36, 0.36, 9)

@@ -16,19 +16,13 @@ from typing import Final
 import cv2
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.errors import PictureError
 from registration.inspection.ink.place_reasons import reasons
 from registration.inspection.ink.presence import averaged, fake_places, window_means
 from registration.inspection.over_ink.changed import light_less
 from registration.inspection.pictures.working import Mask, Working, WorkingFrame
-from registration.inspection.values import (
-    BoolArray,
-    ExpectedLines,
-    FloatArray,
-    FloatImage,
-    IntArray,
-    Unseen,
-)
+from registration.inspection.values import ExpectedLines, FloatImage, Unseen
 from registration.inspection.ways import Seen, Ways, lay_ways
 
 ACROSS: Final = np.linspace(-0.55, 0.55, 12)

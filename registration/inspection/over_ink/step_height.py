@@ -13,18 +13,12 @@ from typing import Final
 import cv2
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.ink.level_told import told_by_level
 from registration.inspection.ink.presence import INK, window_noise
 from registration.inspection.ink.told import Told
 from registration.inspection.pictures.working import Mask, Working
-from registration.inspection.values import (
-    BoolArray,
-    FloatArray,
-    FloatImage,
-    Gap,
-    IntArray,
-    Unseen,
-)
+from registration.inspection.values import FloatImage, Gap, Unseen
 from registration.inspection.ways import Seen, Ways, stretches_of
 
 _CORE = np.linspace(-0.3, 0.3, 7)

@@ -15,9 +15,9 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.over_ink.picture_change import ACROSS, Change
 from registration.inspection.pictures.working import Mask
-from registration.inspection.values import BoolArray, FloatArray, IntArray
 from registration.inspection.ways import Seen, Ways, stretches_of
 
 _MIDDLE: Final = np.abs(ACROSS) < 0.2

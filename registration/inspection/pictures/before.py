@@ -10,6 +10,7 @@ from typing import Final
 import cv2
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.errors import PictureError
 from registration.inspection.pictures.earlier_view import CameraMove, camera_move
 from registration.inspection.pictures.unmeasured import measured_alone, unmeasured_pixels
@@ -22,7 +23,7 @@ from registration.inspection.pictures.working import (
     dark_floor,
     drawn_lines,
 )
-from registration.inspection.values import BoolArray, ExpectedLines, FloatArray, Image
+from registration.inspection.values import ExpectedLines, Image
 
 MOST_PX: Final = 2.5
 """A camera that moved by more was touched: its picture before isn't used."""

@@ -16,8 +16,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray, IntArray
 from registration.inspection.pictures.working import Mask
-from registration.inspection.values import FloatArray, FloatImage, Image, IntArray
+from registration.inspection.values import FloatImage, Image
 
 _BLURS_PX: Final = (4.0, 2.0, 0.8)
 _ROUNDS: Final = 6

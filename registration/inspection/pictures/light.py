@@ -11,9 +11,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.pictures.shadow_bars import bar_directions, bar_light
 from registration.inspection.pictures.working import Mask, shrunk
-from registration.inspection.values import BoolArray, FloatArray, FloatImage
+from registration.inspection.values import FloatImage
 
 _CELL_MM = 0.5
 _FINE_MM = 0.2

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from registration.inspection.values import FloatArray, Frame
+from kernels.arrays import FloatArray
+from registration.inspection.values import Frame
 from registration.inspection.ways import Ways
 
 _MARGIN_MM = 2.5

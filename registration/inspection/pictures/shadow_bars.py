@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from registration.inspection.values import BoolArray, FloatArray, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 
 _MOST: Final = 3
 _ANGLES: Final = 36

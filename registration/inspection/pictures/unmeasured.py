@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.inspection.values import BoolArray, Image
+from kernels.arrays import BoolArray
+from registration.inspection.values import Image
 
 _BLOCK: Final = 8
 """Pixels of one value each way: the smallest part that a JPEG loses."""

@@ -10,16 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.errors import PictureError
 from registration.inspection.pictures.unmeasured import measured_alone, unmeasured_pixels
-from registration.inspection.values import (
-    BoolArray,
-    ExpectedLines,
-    FloatArray,
-    FloatImage,
-    Frame,
-    Image,
-)
+from registration.inspection.values import ExpectedLines, FloatImage, Frame, Image
 from registration.inspection.ways import Seen, Ways
 
 _MARGIN_MM = 2.0

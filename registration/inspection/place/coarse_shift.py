@@ -11,8 +11,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from kernels.arrays import FloatArray
 from registration.inspection.pictures.working import Mask, shrunk
-from registration.inspection.values import FloatArray, FloatImage
+from registration.inspection.values import FloatImage
 
 _GOOD = 0.6
 """Of the best score, at which a nearer place is taken."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from registration.inspection.values import FloatArray, IntArray, Shift
+from kernels.arrays import FloatArray, IntArray
+from registration.inspection.values import Shift
 
 _FEWEST = 8
 """As many as widths are measured from at least."""

@@ -7,7 +7,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from kernels import jit
-from registration.inspection.values import BoolArray, ExpectedLines, FloatArray, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
+from registration.inspection.values import ExpectedLines
 from registration.inspection.ways import from_stroke_begin
 
 _APART: Final = 0.15

@@ -12,6 +12,7 @@ from typing import Final
 import cv2
 import numpy as np
 
+from kernels.arrays import FloatArray
 from registration.inspection.pictures.working import Masks, Working, WorkingFrame
 from registration.inspection.ridges.ridge_axes import Axes, Stretch, are_near, axes_of
 from registration.inspection.ridges.ridge_shading import (
@@ -21,7 +22,7 @@ from registration.inspection.ridges.ridge_shading import (
     slant_of,
     terms_of,
 )
-from registration.inspection.values import ExpectedLines, FloatArray, FloatImage, Shift
+from registration.inspection.values import ExpectedLines, FloatImage, Shift
 from registration.inspection.ways import Ways
 
 _FAR: Final = 1.05

@@ -18,9 +18,10 @@ from typing import Final
 import numpy as np
 
 from kernels import jit
+from kernels.arrays import FloatArray
 from registration.inspection.ink.ink_image import ACROSS
 from registration.inspection.ridges.ridge_axes import Axes, Stretch, nearest_axis
-from registration.inspection.values import FloatArray, Shift
+from registration.inspection.values import Shift
 
 KNOTS: Final = np.linspace(0.0, 0.72, 7)
 """Widths from a line's middle; beyond the last lies bath. Blur carries light over the edge."""

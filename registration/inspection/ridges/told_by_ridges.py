@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.ink.ink_image import ACROSS, WITHIN, BathNoise, Template
 from registration.inspection.ink.place_reasons import reasons
 from registration.inspection.ink.presence import INK, fake_places, long_bath, spread_of
@@ -21,14 +22,7 @@ from registration.inspection.ink.strange import strangeness, unlike_bath
 from registration.inspection.ink.told import LONG, Ground, Told, strange_in, sureness
 from registration.inspection.ridges.ridge_axes import Stretch
 from registration.inspection.ridges.ridge_shading import RidgeLight
-from registration.inspection.values import (
-    Appearance,
-    BoolArray,
-    FloatArray,
-    FloatImage,
-    IntArray,
-    Unseen,
-)
+from registration.inspection.values import Appearance, FloatImage, Unseen
 from registration.inspection.ways import Seen, Ways
 
 _WEAK: Final = 0.45

@@ -12,9 +12,10 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import FloatArray, IntArray
 from registration.inspection.ink.presence import fake_places
 from registration.inspection.seen_layer import SeenLayer
-from registration.inspection.values import FloatArray, FloatImage, IntArray, Unseen
+from registration.inspection.values import FloatImage, Unseen
 from registration.inspection.ways import Seen
 
 _NOT_TOLD: Final = (Unseen.FAINT, Unseen.UNCLEAR, Unseen.GLARE)

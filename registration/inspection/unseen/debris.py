@@ -6,11 +6,12 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import BoolArray, IntArray
 from registration.inspection.gaps.between_older import BARE
 from registration.inspection.ink.ink_image import ACROSS, CORE
 from registration.inspection.ink.told import Told
 from registration.inspection.pictures.working import Mask
-from registration.inspection.values import BoolArray, FloatImage, Gap, IntArray, Unseen
+from registration.inspection.values import FloatImage, Gap, Unseen
 from registration.inspection.ways import Seen, Ways
 
 _LEFT: Final = np.abs(ACROSS - 0.325) < 0.075

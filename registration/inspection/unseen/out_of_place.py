@@ -14,11 +14,12 @@ from typing import Final
 import cv2
 import numpy as np
 
+from kernels.arrays import BoolArray
 from registration.inspection.findings import LayerFindings
 from registration.inspection.ink.presence import INK
 from registration.inspection.pictures.working import Mask, drawn_lines
 from registration.inspection.seen_layer import SeenLayer
-from registration.inspection.values import BoolArray, ExpectedLines, FloatImage, Gap, Unseen
+from registration.inspection.values import ExpectedLines, FloatImage, Gap, Unseen
 
 _BY_HALF: Final = 0.5
 _SPREAD: Final = 1.4

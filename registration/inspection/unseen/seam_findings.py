@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from kernels.arrays import FloatArray, IntArray
 from registration.inspection.gaps.gaps import inside
 from registration.inspection.ink.seams import straight_seams
 from registration.inspection.seen_layer import SeenLayer
-from registration.inspection.values import FloatArray, Gap, IntArray, Stretch, Unseen
+from registration.inspection.values import Gap, Stretch, Unseen
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,12 @@ import cv2
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.ink.presence import INK, fake_places
 from registration.inspection.pictures.before import with_halos
 from registration.inspection.seen_layer import SeenLayer
 from registration.inspection.unseen.bare_strokes import STANDS_OUT, TOGETHER, over_each_side
-from registration.inspection.values import BoolArray, FloatArray, IntArray, Unseen
+from registration.inspection.values import Unseen
 from registration.inspection.ways import stretches_of
 
 _LEAST: Final = 0.4

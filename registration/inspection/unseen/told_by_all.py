@@ -6,13 +6,14 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import BoolArray
 from registration.inspection.findings import ToldOfInk
 from registration.inspection.gaps.gaps import stretch_gap
 from registration.inspection.ink.presence import INK
 from registration.inspection.over_ink.older_pattern import older_pattern_shows, only_crossed
 from registration.inspection.over_ink.thin_change import ThinChange, thin_by_change
 from registration.inspection.seen_layer import SeenLayer
-from registration.inspection.values import BoolArray, Gap, Unseen
+from registration.inspection.values import Gap, Unseen
 from registration.inspection.ways import stretches_of
 
 _LEAST: Final = 3.0

@@ -6,12 +6,13 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.gaps.gaps import find_gaps, inside
 from registration.inspection.ink.presence import INK
 from registration.inspection.options import SeeingOptions
 from registration.inspection.seen_layer import SeenLayer
 from registration.inspection.unseen.standing_ink import standing_ink
-from registration.inspection.values import BoolArray, FloatArray, Gap, IntArray, Unseen
+from registration.inspection.values import Gap, Unseen
 from registration.inspection.ways import Ways, stretches_of
 
 _DOUBTED: Final = 1.5

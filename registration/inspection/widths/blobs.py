@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.pictures.plane_map import PlaneMap
 from registration.inspection.pictures.working import Mask
-from registration.inspection.values import Blob, BoolArray, FloatArray, FloatImage
+from registration.inspection.values import Blob, FloatImage
 
 _LEVEL: Final = 0.5
 _LEAST: Final = 0.3

@@ -7,9 +7,10 @@ from typing import Final
 import cv2
 import numpy as np
 
+from kernels.arrays import BoolArray
 from registration.inspection.pictures.plane_map import PlaneMap
 from registration.inspection.pictures.working import Mask
-from registration.inspection.values import Blob, BoolArray, FloatImage
+from registration.inspection.values import Blob, FloatImage
 
 _OVER: Final = 0.5
 """Thicknesses over the ink around: lines that cross or touch stand less high."""

@@ -10,15 +10,9 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.special import ndtr
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.pictures.working import Mask
-from registration.inspection.values import (
-    BoolArray,
-    FloatArray,
-    FloatImage,
-    Frame,
-    Lumen,
-    LumenSeen,
-)
+from registration.inspection.values import FloatImage, Frame, Lumen, LumenSeen
 
 _LONG = 1.5
 """Length over width of an outline from which on it is looked at slice by slice."""

@@ -16,9 +16,10 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import FloatArray
 from registration.inspection.ink.ink_image import ACROSS
 from registration.inspection.ink.rims import LOBE, lobe
-from registration.inspection.values import FloatArray, FloatImage
+from registration.inspection.values import FloatImage
 
 MOST_MISFIT: Final = 0.1
 """Root mean square of what a fit leaves, of the profile's height: more is no rim's."""

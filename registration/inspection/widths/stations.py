@@ -6,20 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.inspection.ink.in_light import in_light, mixed_in_light
 from registration.inspection.ink.ink_image import ACROSS
 from registration.inspection.ink.presence import INK, Sides
 from registration.inspection.ink.rims import has_rim
 from registration.inspection.ink.told import Told
 from registration.inspection.pictures.working import Working
-from registration.inspection.values import (
-    BoolArray,
-    FloatArray,
-    FloatImage,
-    IntArray,
-    Stations,
-    Unseen,
-)
+from registration.inspection.values import FloatImage, Stations, Unseen
 from registration.inspection.ways import Ways
 from registration.inspection.widths.widths import Widths, measure_widths
 

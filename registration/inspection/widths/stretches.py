@@ -9,7 +9,8 @@ from typing import Final, Literal
 import numpy as np
 from scipy.special import ndtr
 
-from registration.inspection.values import BoolArray, Stations, Stretch
+from kernels.arrays import BoolArray
+from registration.inspection.values import Stations, Stretch
 from registration.inspection.widths.widths import Widths
 
 _WINDOW: Final = 3

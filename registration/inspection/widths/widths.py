@@ -13,10 +13,11 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.devices.microscope.ink_absorption import Shade, fit_shade
 from registration.inspection.heights.own_depth import HEIGHTS
 from registration.inspection.ink.ink_image import ACROSS, WITHIN, Template
-from registration.inspection.values import BoolArray, FloatArray, FloatImage, IntArray
+from registration.inspection.values import FloatImage
 from registration.inspection.widths.rim_widths import MOST_MISFIT, fit_rim, rim_edges
 
 _FEWEST = 8

@@ -7,11 +7,11 @@ from typing import Final
 
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.inspection.ink.ink_image import ACROSS
 from registration.inspection.ink.presence import Sides
 from registration.inspection.ink.told import Ground, tell_ink
 from registration.inspection.pictures.working import Mask
-from registration.inspection.values import BoolArray, FloatArray
 from registration.inspection.ways import Seen, Ways
 from registration.inspection.widths.stations import Grouping, station_widths
 from registration.inspection.widths.widths import Widths

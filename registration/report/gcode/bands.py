@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.path import Path as Outline
 from numpy.typing import NDArray
 
-from registration.gcode_job import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 _ARC: Final = math.pi / 8
 _STRAIGHT: Final = 1e-3

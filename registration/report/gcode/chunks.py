@@ -17,7 +17,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.gcode_job import Act, FloatArray, GcodeJob, IntArray
+from kernels.arrays import FloatArray, IntArray
+from registration.gcode_job import Act, GcodeJob
 
 MOVES_A_CHUNK: Final = 30_000
 """Moves from which on a new piece begins with the next layer."""

@@ -8,7 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from registration.gcode_job import FloatArray, GcodeJob
+from kernels.arrays import FloatArray
+from registration.gcode_job import GcodeJob
 from registration.report.picture.colours import TREE_COLOURS
 
 _KNOWN: Final = {

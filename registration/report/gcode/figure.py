@@ -19,7 +19,8 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 from PIL import Image
 
-from registration.gcode_job import Act, FloatArray, GcodeJob, IntArray
+from kernels.arrays import FloatArray, IntArray
+from registration.gcode_job import Act, GcodeJob
 from registration.report.drawing import blank, styled, to_svg
 from registration.report.gcode.bands import band_outlines
 from registration.report.gcode.colouring import PLAIN, Colouring

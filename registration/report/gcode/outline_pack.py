@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from registration.gcode_job import FloatArray
+from kernels.arrays import FloatArray
 from registration.report.gcode.chunks import encoded, planes
 from registration.report.gcode.part_outline import REACH_MM, DesignOutline
 from registration.report.picture.colours import samples

@@ -9,7 +9,8 @@ from typing import Final
 import numpy as np
 import shapely
 
-from registration.gcode_job import FloatArray, GcodeJob
+from kernels.arrays import FloatArray
+from registration.gcode_job import GcodeJob
 
 SPACING_MM: Final = 0.03
 """Along the outline."""

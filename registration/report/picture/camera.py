@@ -7,7 +7,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 View = Literal["oblique", "top", "front", "side", "back", "below"]
 

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from design.geometry.surface import Surface
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.report.picture.camera import Camera, View, fitted_camera
 from registration.report.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
 from registration.report.picture.flow_marks import draw_flow_marks, port_reach

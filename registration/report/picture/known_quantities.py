@@ -9,8 +9,9 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from design.network import FloatArray, VesselKind, VesselNetwork
+from design.network import VesselKind, VesselNetwork
 from design.units import PA_PER_MMHG
+from kernels.arrays import FloatArray
 from registration.report.picture.colours import KIND_COLOURS, SEQUENTIAL, TREE_COLOURS
 from registration.report.picture.pressures import point_pressure
 from registration.report.picture.quantity import Quantity, magnitude, signed

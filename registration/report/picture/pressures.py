@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from design.geometry.polyline import arc_lengths
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 
 
 def point_pressure(

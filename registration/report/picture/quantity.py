@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.report.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
 
 ScaleKind = Literal["linear", "log", "diverging", "names"]

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from design.geometry.surface import Surface
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 from registration.report.picture.camera import Camera
 from registration.report.picture.occlusion import occlude
 from registration.report.picture.quantity import Quantity

@@ -12,7 +12,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, Normalize, to_rgba
 from PIL import Image
 
-from registration.gcode_job import Act, FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
+from registration.gcode_job import Act
 from registration.report.drawing import blank, styled
 from registration.report.picture.colours import SEQUENTIAL
 from registration.report.play.playback import Playback, PlayRows

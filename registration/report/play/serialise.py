@@ -10,7 +10,8 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap, to_hex
 from numpy.typing import NDArray
 
-from registration.gcode_job import Act, FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
+from registration.gcode_job import Act
 from registration.report.gcode.chunks import NO_WIDTH
 from registration.report.gcode.colouring import Colouring, usual_span
 from registration.report.packing import pack, pack_positions

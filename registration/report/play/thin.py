@@ -8,8 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.gcode_job import Act
-from registration.report.play.playback import FloatArray, Playback, PlayRows
+from registration.report.play.playback import Playback, PlayRows
 from registration.report.wording import number
 
 MOST_ROWS: Final = 400_000

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from sim.devices.camera.plan import Plan
 from sim.devices.camera.scene import Clutter, Light
 
-FloatArray = NDArray[np.float64]
 SingleArray = NDArray[np.float32]
 
 _TILE_MM: Final = 10.0

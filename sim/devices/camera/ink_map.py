@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles.bead import BeadSection
+from kernels.arrays import FloatArray, IntArray
 from sim.devices.camera.kernels import draw_lines
 from sim.devices.camera.plan import Plan
 from sim.devices.camera.scene import Bath, InkLook
 from sim.gcode.deposit.laid import Laid
 from sim.gcode.deposit.strands import Strands
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 SingleArray = NDArray[np.float32]
 
 _FAINT: Final = 0.02

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit
+from kernels.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 SingleArray = NDArray[np.float32]
 
 

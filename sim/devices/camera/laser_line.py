@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from firmware_profiles.bead import BeadSection
-from kernels.arrays import FloatArray
+from kernels.arrays import BoolArray, FloatArray
 from sim.devices.camera.kernels import draw_lines
 from sim.devices.recorded_ink import InkSource
 from sim.errors import CameraError
@@ -36,7 +36,6 @@ from sim.gcode.deposit.laid import Laid
 from sim.model_file import read_model
 
 SingleArray = NDArray[np.float32]
-BoolArray = NDArray[np.bool_]
 Region = tuple[FloatArray, FloatArray]
 
 _FINER: Final = 2

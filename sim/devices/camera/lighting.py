@@ -13,7 +13,6 @@ from sim.devices.camera.plan import Plan
 from sim.devices.camera.scene import Bath, InkLook, Light, Scene
 from sim.devices.camera.texture import granules, waves
 
-FloatArray = NDArray[np.float64]
 SingleArray = NDArray[np.float32]
 
 _COARSE: Final = 4

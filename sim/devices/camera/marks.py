@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from sim.devices.camera.plan import Plan
 from sim.devices.camera.scene import Dish, Marker, Scene
 from sim.errors import CameraError
 
-FloatArray = NDArray[np.float64]
 SingleArray = NDArray[np.float32]
 
 _CELL: Final = 24

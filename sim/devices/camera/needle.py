@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from sim.devices.camera.optics import Camera
 from sim.devices.camera.scene import Light, NeedleLook
 
-FloatArray = NDArray[np.float64]
 SingleArray = NDArray[np.float32]
 
 _NEAREST: Final = 0.02

@@ -8,12 +8,10 @@ from __future__ import annotations
 from typing import Annotated, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from kernels.arrays import FloatArray
 from sim.errors import CameraError
-
-FloatArray = NDArray[np.float64]
 
 _ROUNDS: Final = 60
 _STEEPEST: Final = 0.05

@@ -27,6 +27,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from sim.devices.camera.clutter import add_clutter
 from sim.devices.camera.ink_map import ink_map
 from sim.devices.camera.lighting import glints, lit
@@ -37,8 +38,6 @@ from sim.devices.camera.plan import Plan
 from sim.devices.camera.scene import Scene
 from sim.devices.camera.sensor import exposed
 from sim.gcode.deposit.laid import Laid
-
-FloatArray = NDArray[np.float64]
 
 
 def paint(

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from sim.devices.camera.optics import Camera, through_surface
 from sim.errors import CameraError
 
-FloatArray = NDArray[np.float64]
 SingleArray = NDArray[np.float32]
 
 _COARSE: Final = 8

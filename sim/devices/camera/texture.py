@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from sim.devices.camera.plan import Plan
 
-FloatArray = NDArray[np.float64]
 SingleArray = NDArray[np.float32]
 
 _TILE: Final = 1024

@@ -9,7 +9,8 @@ from typing import Final, Literal
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from sim.devices.dye.lumens import FloatArray, Stretch
+from kernels.arrays import FloatArray
+from sim.devices.dye.lumens import Stretch
 from sim.devices.dye.transport import ANNULI, DyeFlow, Transport
 
 _AXES: Final = {

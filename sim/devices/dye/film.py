@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from kernels.arrays import FloatArray
 from sim.devices.dye.camera import DyeCamera, light_paths
 from sim.devices.dye.film_file import write_frames
-from sim.devices.dye.lumens import FloatArray
 from sim.devices.dye.transport import DyeFlow, Transport
 
 

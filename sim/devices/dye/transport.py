@@ -14,15 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.devices.dye.lumens import (
-    DyeVessels,
-    FloatArray,
-    IntArray,
-    Occlusion,
-    Stretch,
-    stretch_flow,
-    stretches,
-)
+from kernels.arrays import FloatArray, IntArray
+from sim.devices.dye.lumens import DyeVessels, Occlusion, Stretch, stretch_flow, stretches
 
 ANNULI = 16
 _MOST_CELLS, _COURANT, _MOST_STEPS, _FINEST = 160, 0.9, 24, 40.0

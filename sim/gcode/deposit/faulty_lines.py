@@ -6,17 +6,13 @@ import math
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from sim.gcode.deposit.ink_faults import Debris, InkFaults, Lost, Sag, Skip
 from sim.gcode.deposit.ink_flow import FlowChange, flow_change
 from sim.gcode.deposit.ink_timeline import Timeline
 from sim.gcode.deposit.levels import Layering
 from sim.gcode.deposit.strands import Strands
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 _NOTHING = 1e-6
 """Share of the flow that isn't ink any more."""

@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from sim.gcode.deposit.ink_faults import Bubble, Clog, Drift, Empty, InkFault, Temperature
 from sim.gcode.deposit.ink_timeline import Timeline, at, when
-
-FloatArray = NDArray[np.float64]
 
 _STEPS: Final = 40
 """Of a ramp, and of a period."""

@@ -10,13 +10,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from sim.gcode.deposit.ink_faults import LEAST_PURGE_UL, PURGE_RATIO, RELOAD_UL, Moment
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

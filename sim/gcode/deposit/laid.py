@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from sim.gcode.deposit.faulty_lines import Placed, faulty_lines
 from sim.gcode.deposit.ink_faults import InkFaults
 from sim.gcode.deposit.ink_timeline import Timeline
@@ -21,8 +22,6 @@ from sim.gcode.deposit.rewritten import united
 from sim.gcode.deposit.strands import Strands
 from sim.gcode.deposit.written import Written, written
 from sim.gcode.motion.executed import ExecutedMotion
-
-FloatArray = NDArray[np.float64]
 
 Style = Literal["layered", "embedded"]
 

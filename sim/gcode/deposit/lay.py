@@ -31,6 +31,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from sim.errors import DepositError
 from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults
 from sim.gcode.deposit.kernels import paint_filaments, paint_layers, stack_layers
@@ -44,8 +45,6 @@ from sim.gcode.deposit.laid import (
 from sim.gcode.deposit.strands import Strands
 from sim.gcode.deposit.written import check_positive, written
 from sim.gcode.motion.executed import ExecutedMotion
-
-FloatArray = NDArray[np.float64]
 
 MOST_VOXELS = 2_000_000_000
 

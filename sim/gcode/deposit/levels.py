@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray, IntArray
 from sim.errors import DepositError
 from sim.gcode.deposit.strands import Strands
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 LEVEL_TOLERANCE_MM = 5e-3
 """Written heights closer than this are one level (two steps of a usual z axis)."""

@@ -16,14 +16,11 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from kernels.arrays import IntArray
 from sim.gcode.deposit.levels import LEVEL_TOLERANCE_MM
 from sim.gcode.deposit.strands import Strands
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _STATION_MM: Final = 0.3
 _SAME_MM: Final = 0.03

@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray, IntArray
 from sim.errors import DepositError
 from sim.gcode.deposit.kernels import writing_runs
 from sim.gcode.deposit.strands import Strands
 from sim.gcode.motion.executed import ExecutedMotion
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

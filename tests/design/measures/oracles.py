@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 
 
 def wall_distances(network: VesselNetwork, points: FloatArray, steps: int = 2001) -> FloatArray:

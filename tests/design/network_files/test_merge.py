@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from design.hemodynamics import FlowConditions, solve_flow
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
 from design.network_files.merge import merge_shared, side_by_side
+from kernels.arrays import FloatArray
 
 ROOT, FORK, FORK2 = (0.0, 0.0, 0.0), (0.0, 0.0, 10.0), (6.0, 0.0, 16.0)
 LEFT, RIGHT, FAR = (-6.0, 0.0, 16.0), (12.0, 0.0, 16.0), (6.0, 0.0, 24.0)

@@ -4,12 +4,10 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from design.toolpath.gcode.merge import long_enough
+from kernels.arrays import FloatArray
 from tests.slower import first_of
-
-FloatArray = NDArray[np.float64]
 
 
 def _cut(way: FloatArray, chosen: tuple[int, ...]) -> float:

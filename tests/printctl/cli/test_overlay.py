@@ -18,7 +18,6 @@ from typing import Any
 import manifold3d
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from PIL import Image
 from rich.console import Console
 
@@ -26,6 +25,7 @@ from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from design.solids import write_stl
 from firmware_profiles import Ink, Syringe, load
+from kernels.arrays import FloatArray
 from printctl.pipeline.written_layers import read_written
 from printctl.recipe import parse_recipe
 from registration.devices.optics import OctCalibration, write_calibration
@@ -35,8 +35,6 @@ from sim.devices.scanner import OctOptions, Placing, ScannerOutput, simulate_oct
 from tests.printctl.cli.shell import Shell
 from tests.registration import parts
 from tests.registration.parts import analytic_deposit, as_scan, solid
-
-FloatArray = NDArray[np.float64]
 
 SIZE, PLACE = (4.0, 3.0, 0.5), (10.0, 20.0, 1.0)
 LINE, LAYER = 0.2, 0.1

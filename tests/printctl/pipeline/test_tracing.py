@@ -9,9 +9,10 @@ import pytest
 
 from design.geometry.surface import Surface
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 from printctl.pipeline.tracing import Job, by_layer, made_by
 from printctl.pipeline.tracing import _spans as spans
-from sim.gcode.deposit.strands import FloatArray, IntArray, Strands
+from sim.gcode.deposit.strands import Strands
 
 NO_FACES = np.empty((0, 3), dtype=np.int64)
 

@@ -11,8 +11,8 @@ import pytest
 
 from design.network import VesselNetwork
 from design.vasculature.named import planar_four_vessel
+from kernels.arrays import FloatArray
 from registration.dye import DyeReport, Marks, measure_dye, read_marks
-from registration.dye.marks import FloatArray
 from registration.dye.view import find_view
 from registration.errors import DyeError
 from sim.devices.dye import Disturbance, Dye, DyeCamera, DyeFilm, dye_flow

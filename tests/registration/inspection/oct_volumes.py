@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from kernels.arrays import FloatArray
 from registration.inspection import ExpectedLines, LayerFindings, height_map, see_layer
-from registration.inspection.values import FloatArray, FloatImage
+from registration.inspection.values import FloatImage
 from registration.scan import Scan
 
 WIDTH, THICK, VOXEL = 0.3, 0.2, (0.02, 0.03, 0.03)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.inspection import ExpectedLines, Gap
 from registration.inspection.gaps.along_strokes import covered_share, reached
-from registration.inspection.values import BoolArray, FloatArray
 from registration.inspection.ways import Ways, lay_ways
 
 WIDTH, STEP = 0.2, 0.05

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.inspection import ExpectedLines, Unseen
 from registration.inspection.gaps.between_older import infer_missing, is_contradicted
-from registration.inspection.values import BoolArray, FloatArray
 from registration.inspection.ways import Ways, lay_ways
 
 WIDTH, PITCH, OLDER = 0.3, 0.4, 0.25

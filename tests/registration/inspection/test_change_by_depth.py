@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from kernels.arrays import FloatArray
 from registration.inspection import ExpectedLines, see_layer
 from registration.inspection.over_ink.changed import unchanged
-from registration.inspection.values import FloatArray, Gap, Image
+from registration.inspection.values import Gap, Image
 from registration.inspection.ways import lay_ways
 
 WIDTH, PITCH, SIZE, SCALE, EDGE = 0.4, 0.68, 6.0, 40.0, 0.8

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
+from kernels.arrays import FloatArray
 from registration.inspection import ExpectedLines, LayerFindings, see_layer
-from registration.inspection.values import FloatArray
 
 PX_MM = 0.025
 LENGTH = 8.0

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
+from kernels.arrays import FloatArray
 from registration.inspection import ExpectedLines, LayerFindings, see_layer
-from registration.inspection.values import FloatArray
 from tests.slower import first_of
 
 PX_MM = 0.02

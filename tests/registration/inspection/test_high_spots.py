@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks.checkers.profiler_painter import Kind, Profiled, profiled
 from benchmarks.observe_laser import look
+from kernels.arrays import FloatArray
 from registration.inspection import LayerFindings
-from registration.inspection.values import FloatArray
 
 
 def _with_blobs(

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.inspection import ExpectedLines
 from registration.inspection.over_ink.older_pattern import older_pattern_shows, only_crossed
 from registration.inspection.pictures.working import Working, WorkingFrame
-from registration.inspection.values import BoolArray, FloatArray
 from registration.inspection.ways import Seen, Ways, lay_ways
 
 WIDTH, SIZE, SCALE, EDGE = 0.3, 6.0, 40.0, 1.0

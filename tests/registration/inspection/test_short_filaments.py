@@ -4,12 +4,12 @@ import cv2
 import numpy as np
 import pytest
 
+from kernels.arrays import FloatArray
 from registration.inspection import ExpectedLines, LayerFindings, SeeingOptions, see_layer
 from registration.inspection.ink.line_levels import line_levels
 from registration.inspection.ink.presence import Sides
 from registration.inspection.pictures.working import drawn_lines
 from registration.inspection.unseen.standing_ink import _stands_throughout
-from registration.inspection.values import FloatArray
 from registration.inspection.ways import Seen, lay_ways
 
 PX_MM = 0.025

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.inspection import Appearance, ExpectedLines, SeeingOptions, see_layer
-from registration.inspection.values import FloatArray
 from sim.devices.camera.optics import Camera
 from sim.devices.camera.paint import paint
 from sim.devices.camera.scene import Bath, InkLook, Scene

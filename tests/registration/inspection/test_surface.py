@@ -9,11 +9,11 @@ import pytest
 
 from benchmarks.checkers.profiler_painter import Kind, profiled
 from benchmarks.observe_laser import expected, look, planted
+from kernels.arrays import FloatArray
 from registration.errors import PictureError
 from registration.files.readers.heights import HeightMap
 from registration.inspection import LayerFindings, Surface, Unseen, see_layer, surface_of
 from registration.inspection.unseen.out_of_place import unless_elsewhere
-from registration.inspection.values import FloatArray
 
 KINDS: tuple[Kind, ...] = ("plate", "lattice", "solid")
 

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.inspection import ExpectedLines
 from registration.inspection.over_ink.picture_change import ACROSS, Change
 from registration.inspection.over_ink.thin_change import ThinChange, thin_by_change
-from registration.inspection.values import BoolArray, FloatArray, FloatImage
+from registration.inspection.values import FloatImage
 from registration.inspection.ways import Seen, Ways, lay_ways
 
 WIDTH, PITCH, SIZE, SCALE, COUNT = 0.4, 0.8, 12.0, 20.0, 260

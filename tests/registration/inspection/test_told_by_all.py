@@ -7,10 +7,11 @@ from typing import Any, cast
 
 import numpy as np
 
+from kernels.arrays import BoolArray
 from registration.inspection import ExpectedLines
 from registration.inspection.over_ink.thin_change import ThinChange
 from registration.inspection.unseen.told_by_all import told_by_all
-from registration.inspection.values import BoolArray, Unseen
+from registration.inspection.values import Unseen
 from registration.inspection.ways import lay_ways
 
 WIDTH, LENGTH = 0.25, 10.0

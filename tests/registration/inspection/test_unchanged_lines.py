@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.inspection import ExpectedLines
 from registration.inspection.over_ink.picture_change import (
     Change,
@@ -15,7 +16,6 @@ from registration.inspection.over_ink.picture_change import (
     lay_older,
 )
 from registration.inspection.pictures.working import Mask, Working, WorkingFrame, drawn_lines
-from registration.inspection.values import BoolArray, FloatArray
 from registration.inspection.ways import Seen, Ways, lay_ways
 
 WIDTH, PITCH, SIZE, SCALE, EDGE = 0.4, 0.8, 8.0, 30.0, 2.4

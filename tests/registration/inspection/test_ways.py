@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from kernels.arrays import FloatArray
 from registration.inspection import ExpectedLines
-from registration.inspection.values import FloatArray
 from registration.inspection.ways import Seen, lay_ways
 
 

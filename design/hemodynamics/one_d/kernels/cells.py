@@ -17,8 +17,8 @@ from __future__ import annotations
 import numpy as np
 
 from design.hemodynamics.one_d.grid import Grid
-from design.network import FloatArray
 from kernels import jit
+from kernels.arrays import FloatArray
 
 
 @jit

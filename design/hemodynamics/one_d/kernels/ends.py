@@ -24,8 +24,8 @@ import numpy as np
 
 from design.hemodynamics.one_d.grid import Grid
 from design.hemodynamics.one_d.nodes import JUNCTION, PRESSURE, REFLECTION, Nodes
-from design.network import FloatArray
 from kernels import jit
+from kernels.arrays import FloatArray
 
 ROWS = 14
 """Of `ends`: see `solve_ends`."""

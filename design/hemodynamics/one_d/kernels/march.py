@@ -18,8 +18,8 @@ from design.hemodynamics.one_d.kernels.cells import (
 )
 from design.hemodynamics.one_d.kernels.ends import ROWS, gather_ends, solve_ends
 from design.hemodynamics.one_d.nodes import RESISTANCE, Nodes
-from design.network import FloatArray
 from kernels import jit
+from kernels.arrays import FloatArray
 
 
 class State(NamedTuple):

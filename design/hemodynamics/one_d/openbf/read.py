@@ -29,7 +29,7 @@ from design.hemodynamics.probes import Probes
 from design.hemodynamics.waveforms import Tabulated
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
 from design.hemodynamics.zero_d.svzerod.keys import entries, text, whole
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 _MARKS: Final = {"network", "blood", "solver"}
 _UL: Final = 1e9

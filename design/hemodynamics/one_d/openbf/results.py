@@ -13,8 +13,8 @@ from design.files import atomic_replacement
 from design.hemodynamics.one_d.openbf.case import PLACES, QUANTITIES, OpenBFCase
 from design.hemodynamics.one_d.solution import OneDSolution
 from design.hemodynamics.one_d.solve import Progress, solve_one_d
-from design.network import FloatArray
 from design.units import PA_PER_MMHG
+from kernels.arrays import FloatArray
 
 _TO_SI: Final = {"P": 1.0, "Q": 1e-9, "A": 1e-6, "u": 1e-3}
 

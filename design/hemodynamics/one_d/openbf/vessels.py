@@ -15,7 +15,8 @@ from design.hemodynamics.one_d.openbf.outlets import VesselEnd, outlet_of, refus
 from design.hemodynamics.vessel.wall import VesselWalls
 from design.hemodynamics.zero_d.pulsatile.conditions import Outlet
 from design.hemodynamics.zero_d.svzerod.keys import flag, text, whole
-from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
+from design.network import VesselKind, VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 _LENGTH: Final = (1e-6, 1e3)
 _RADIUS: Final = (1e-7, 1.0)

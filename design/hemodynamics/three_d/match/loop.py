@@ -21,7 +21,8 @@ from design.hemodynamics.three_d.match.radii import FreeVessels, free_radii, nex
 from design.hemodynamics.three_d.match.target import Target, ideal_target
 from design.hemodynamics.three_d.mesh import lumen_mesh
 from design.hemodynamics.three_d.steady import solve_steady
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 
 _PATIENCE: Final = 2
 """Rounds without a better one, after which it ends."""

@@ -9,7 +9,8 @@ from design.hemodynamics.three_d.effective import Effective
 from design.hemodynamics.three_d.match.target import Target
 from design.hemodynamics.three_d.mesh import MeshOptions
 from design.hemodynamics.three_d.options import FlowOptions
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from design.hemodynamics.three_d.effective import Effective, inflow_of
 from design.hemodynamics.three_d.match.options import MatchOptions
 from design.hemodynamics.three_d.match.target import Target
 from design.hemodynamics.zero_d.sensitivity import flow_and_sensitivity
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 _KEPT: Final = 1e-3
 """Weight of a radius' change beside that of flows, so that no radius changes without need."""

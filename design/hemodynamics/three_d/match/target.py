@@ -10,7 +10,8 @@ import numpy as np
 from design.errors import FlowError
 from design.hemodynamics.conditions import FlowConditions
 from design.hemodynamics.zero_d.steady import solve_flow
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from scipy.sparse.linalg import splu
 
 from design.errors import FlowError
 from design.hemodynamics.three_d.lumen_mesh import WALL, LumenMesh
-from design.network import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 Profile = Literal["developed", "parabola"]
 

@@ -26,7 +26,7 @@ from design.hemodynamics.zero_d.nodal.elimination import (
     unfold,
 )
 from design.hemodynamics.zero_d.nodal.star_mesh import StarMesh, star_mesh_of
-from design.network import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 Numbers = NDArray[Any]
 """Real or complex."""

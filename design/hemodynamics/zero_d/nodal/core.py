@@ -13,7 +13,7 @@ from scipy.sparse.linalg import SuperLU, splu
 from design.errors import FlowError
 from design.hemodynamics.zero_d.nodal.star_mesh import StarMesh
 from design.hemodynamics.zero_d.nodal.stars import fold_stars, gather_stars, unfold_stars
-from design.network import IntArray
+from kernels.arrays import IntArray
 
 Numbers = NDArray[Any]
 

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.network import IntArray
 from kernels import jit
+from kernels.arrays import IntArray
 
 Numbers = NDArray[Any]
 """Real or complex."""

@@ -19,8 +19,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from design.network import IntArray
 from kernels import jit
+from kernels.arrays import IntArray
 
 Small = NDArray[np.int32]
 

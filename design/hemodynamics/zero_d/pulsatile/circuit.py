@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from design.hemodynamics.waveforms import Waveform
 from design.hemodynamics.zero_d.nodal.conductance import Structure, structure_of
-from design.network import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

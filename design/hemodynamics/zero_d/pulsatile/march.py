@@ -24,7 +24,7 @@ from design.errors import FlowError
 from design.hemodynamics.waveforms.waveform import common_period, cycle_times
 from design.hemodynamics.zero_d.nodal.conductance import NodalSystem
 from design.hemodynamics.zero_d.pulsatile.circuit import Circuit
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 PERIODIC = 1e-6
 """Largest change from cycle to cycle, relative to the largest value, of a periodic state."""

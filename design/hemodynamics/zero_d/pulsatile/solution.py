@@ -14,7 +14,8 @@ from design.hemodynamics.zero_d.pulsatile.build import build_circuit
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
 from design.hemodynamics.zero_d.pulsatile.march import Marched, MarchOptions, march
 from design.hemodynamics.zero_d.pulsatile.phasors import Phasors, solve_periodic
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 ComplexArray = NDArray[np.complex128]
 

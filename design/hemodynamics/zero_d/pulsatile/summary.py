@@ -14,8 +14,9 @@ from design.hemodynamics.zero_d.pulsatile.solution import (
     cycle_extremes,
 )
 from design.hemodynamics.zero_d.pulsatile.table import pulse_numbers, shear_phasors
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
+from kernels.arrays import FloatArray, IntArray
 
 _UW_PER_PA_UL_S = 1e-3
 WAVES = 100

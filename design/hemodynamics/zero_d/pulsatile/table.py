@@ -18,8 +18,9 @@ from design.hemodynamics.zero_d.pulsatile.solution import (
     cycle_extremes,
 )
 from design.hemodynamics.zero_d.validity import ENTRANCE_SHARE, LAMINAR_REYNOLDS, entrance_share
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

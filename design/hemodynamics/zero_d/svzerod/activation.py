@@ -17,7 +17,7 @@ import numpy as np
 from design.errors import FlowError
 from design.hemodynamics.zero_d.svzerod.elastance import COSINES, SINES
 from design.hemodynamics.zero_d.svzerod.keys import check_keys, number, text
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 Activation = Callable[[float], float]
 """Activation at a time."""

@@ -15,7 +15,7 @@ from design.hemodynamics.zero_d.svzerod.elements import Element, check_sign
 from design.hemodynamics.zero_d.svzerod.keys import check_keys, number, numbers
 from design.hemodynamics.zero_d.svzerod.tables import Tables
 from design.hemodynamics.zero_d.svzerod.wiring import Wiring
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 _NONE: frozenset[str] = frozenset()
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 from design.hemodynamics.zero_d.svzerod.activation import Activation
 from design.hemodynamics.zero_d.svzerod.tables import Tables
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from design.hemodynamics.zero_d.svzerod.terms import (
     TANH_VALVE,
     Moments,
 )
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 
 def linear_chamber(group: Group, to: Stamps) -> None:

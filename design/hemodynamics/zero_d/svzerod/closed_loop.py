@@ -18,7 +18,7 @@ from design.hemodynamics.zero_d.svzerod.activation import WrappingCosine, fourie
 from design.hemodynamics.zero_d.svzerod.chambers import activation_at
 from design.hemodynamics.zero_d.svzerod.stamps import Group, Stamps
 from design.hemodynamics.zero_d.svzerod.terms import AFFINE, EXPONENTIAL, GATE, Moments
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 HEART: Final = "CLH"
 """Name of the heart in results and initial conditions."""

@@ -25,7 +25,7 @@ from design.errors import FlowError
 from design.hemodynamics.zero_d.svzerod import chambers, closed_loop
 from design.hemodynamics.zero_d.svzerod.stamps import Group, Stamps
 from design.hemodynamics.zero_d.svzerod.terms import AFFINE, Moments
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 Ports = Literal["one", "two", "many"]
 

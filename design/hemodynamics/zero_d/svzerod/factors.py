@@ -9,8 +9,8 @@ from scipy.sparse import csc_array, csr_array, tril, triu
 from scipy.sparse.linalg import splu
 
 from design.errors import FlowError
-from design.network import FloatArray
 from kernels import jit
+from kernels.arrays import FloatArray
 
 LARGE: Final = 2000
 """Unknowns from which the kernel's solution is faster than SuperLU's, whose blocks stay tiny."""

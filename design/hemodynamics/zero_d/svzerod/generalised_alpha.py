@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

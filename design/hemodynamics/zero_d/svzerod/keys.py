@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from design.errors import FlowError
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 
 def parse_json(text: str) -> Any:

@@ -22,7 +22,7 @@ from design.hemodynamics.zero_d.svzerod.march_sparse import SparseMarch
 from design.hemodynamics.zero_d.svzerod.stamps import LumpedSystem
 from design.hemodynamics.zero_d.svzerod.tables import Sampler
 from design.hemodynamics.zero_d.svzerod.terms import Moments
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 _FULL: Final = 200
 """Unknowns up to which a nonlinear system is reduced to its nonlinear part."""

@@ -13,7 +13,7 @@ from design.hemodynamics.zero_d.svzerod.factors import LARGE, Factors, by_rank, 
 from design.hemodynamics.zero_d.svzerod.generalised_alpha import Pace, State
 from design.hemodynamics.zero_d.svzerod.stamps import LumpedSystem
 from design.hemodynamics.zero_d.svzerod.terms import Moments
-from design.network import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

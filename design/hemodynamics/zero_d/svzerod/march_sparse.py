@@ -19,7 +19,7 @@ from design.hemodynamics.zero_d.svzerod.terms import (
     joined_terms,
     timed_coefficients,
 )
-from design.network import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 _STALE: Final = 0.1
 """Factors are made anew once an iteration leaves more than this part of the residual."""

@@ -9,8 +9,8 @@ import numpy as np
 from design.hemodynamics.zero_d.svzerod.reduction import Reduced
 from design.hemodynamics.zero_d.svzerod.term_values import term_values
 from design.hemodynamics.zero_d.svzerod.terms import Terms
-from design.network import FloatArray
 from kernels import jit
+from kernels.arrays import FloatArray
 
 DONE: Final = 0
 UNSETTLED: Final = 1

@@ -12,7 +12,7 @@ from design.errors import FlowError
 from design.hemodynamics.zero_d.svzerod.factors import Factors
 from design.hemodynamics.zero_d.svzerod.generalised_alpha import Pace
 from design.hemodynamics.zero_d.svzerod.terms import Terms
-from design.network import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 _RANK: Final = 1e-14
 """Share of the largest pivot from which on equations are singular."""

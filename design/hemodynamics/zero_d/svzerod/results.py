@@ -12,7 +12,7 @@ import numpy as np
 from design.files import atomic_replacement
 from design.hemodynamics.zero_d.svzerod.case import SvZeroDCase
 from design.hemodynamics.zero_d.svzerod.run import SvZeroDRun
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 COLUMNS: Final = ("flow_in", "flow_out", "pressure_in", "pressure_out")
 

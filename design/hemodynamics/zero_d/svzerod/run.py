@@ -19,7 +19,7 @@ from design.hemodynamics.zero_d.svzerod.system import (
     unused_initial,
     variables_of,
 )
-from design.network import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 PERIODIC = 1e-6
 """Largest change over a cycle, relative to the largest value, of a periodic state."""

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array, csr_array
 
 from design.hemodynamics.zero_d.svzerod.activation import Activation
 from design.hemodynamics.zero_d.svzerod.terms import COUPLED, LOSS, STORED_LOSS, TermGroup, Timed
-from design.network import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 Places = tuple[IntArray, IntArray, FloatArray]
 

@@ -12,7 +12,7 @@ from design.errors import FlowError
 from design.hemodynamics.zero_d.svzerod.case import Block, SvZeroDCase
 from design.hemodynamics.zero_d.svzerod.elements import ELEMENTS, Element
 from design.hemodynamics.zero_d.svzerod.stamps import Group, LumpedSystem, Stamps
-from design.network import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 _ALL_OF: Final = {"pressure_all": ("pressure:", "P_c:"), "flow_all": ("flow:",)}
 """Initial values of many variables, by how their names begin."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from design.errors import FlowError
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 
 _SAME_PERIOD = 1e-12
 

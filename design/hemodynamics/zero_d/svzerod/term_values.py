@@ -16,8 +16,8 @@ from design.hemodynamics.zero_d.svzerod.terms import (
     TANH_VALVE,
     Terms,
 )
-from design.network import FloatArray, IntArray
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 
 
 @jit

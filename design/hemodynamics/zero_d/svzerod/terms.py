@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from design.network import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 LOSS: Final = 0
 """-K |Q| Q: the pressure that a stenosis takes; constant K."""

@@ -15,7 +15,8 @@ from design.hemodynamics.dye import (
     mean_age,
     steady_transit,
 )
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from tests.design.hemodynamics.networks import network_of
 
 TUBE = network_of([[0, 0, 0], [10, 0, 0]], [(0, 1)], 0.2)

@@ -20,7 +20,8 @@ import numpy as np
 from design.hemodynamics import PulsatileConditions, WindkesselOutlet
 from design.hemodynamics.vessel.geometry import integral_of_power
 from design.hemodynamics.waveforms import Tabulated
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from tests.design.hemodynamics.networks import network_of
 
 INFLOW = Path(__file__).parent / "data" / "boileau_inflow_ml_s.csv"

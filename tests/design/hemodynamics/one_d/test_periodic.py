@@ -26,7 +26,7 @@ from design.hemodynamics import (
 from design.hemodynamics.conditions import FlowConditions
 from design.hemodynamics.probes import Probes
 from design.hemodynamics.waveforms import Constant, Sine, shape
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.one_d.linear import Tube, node_pressures
 from tests.slower import first_of, first_rows

@@ -17,7 +17,8 @@ from design.hemodynamics import (
 )
 from design.hemodynamics.one_d.kernels.march import State
 from design.hemodynamics.waveforms import Constant
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.one_d.linear import Tube
 from tests.design.hemodynamics.one_d.riemann import Riemann, Side

@@ -11,7 +11,8 @@ from design.hemodynamics.one_d.grid import Grid
 from design.hemodynamics.one_d.kernels.march import State, advance, make_work
 from design.hemodynamics.one_d.nodes import Nodes
 from design.hemodynamics.one_d.solve import OneDProblem, set_up_problem
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 
 Drive = Callable[[FloatArray], FloatArray]
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from design.hemodynamics import FlowConditions, solve_flow
 from design.hemodynamics.oxygen import OxygenConditions, OxygenSolution, TissueGrid, solve_oxygen
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from tests.design.hemodynamics.networks import network_of
 
 OUTER, LENGTH, FLOW = 0.3, 3.0, 0.05

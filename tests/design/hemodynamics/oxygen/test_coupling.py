@@ -14,7 +14,8 @@ from design.hemodynamics.oxygen.elements import cut_vessels, lumen_share
 from design.hemodynamics.oxygen.problem import OxygenProblem
 from design.hemodynamics.oxygen.transport import sweep, transport_of
 from design.hemodynamics.oxygen.wall import SMOOTHING, subgrid
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from tests.design.hemodynamics.networks import network_of
 
 BOX = np.array([[0.0, 0.0, 0.0], [2.0, 2.0, 2.0]])

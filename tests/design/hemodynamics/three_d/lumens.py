@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from design.hemodynamics.three_d.lumen_mesh import EDGES, LumenMesh, MeshPort
-from design.network import FloatArray, IntArray
+from kernels.arrays import FloatArray, IntArray
 
 Map = Callable[[FloatArray], FloatArray]
 

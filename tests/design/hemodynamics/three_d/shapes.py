@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from design.hemodynamics.three_d import LumenMesh
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from tests.design.hemodynamics.networks import network_of
 
 # det J is a cubic, and collapsing takes two degrees: three points are exact.

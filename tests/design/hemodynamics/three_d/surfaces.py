@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 
 def straight(radius: float, length: float) -> VesselNetwork:

@@ -11,7 +11,8 @@ from design.hemodynamics.three_d.effective import effective_network, flow_error,
 from design.hemodynamics.three_d.lumen_mesh import MeshPort
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.hemodynamics.three_d.vessel_flows import conserve_mass, is_clear
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.three_d.lumens import pipe
 

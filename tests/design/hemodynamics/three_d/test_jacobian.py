@@ -10,7 +10,7 @@ import pytest
 from design.errors import FlowError
 from design.hemodynamics.three_d import LumenMesh, least_jacobian, straighten_edges
 from design.hemodynamics.three_d.lagrange import jacobian, nodes, quadratic
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 from tests.design.hemodynamics.three_d.lumens import bend, pipe
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from kernels.arrays import FloatArray
 from tests.slower import first_rows
 
 pytest.importorskip("ngsolve", reason='the extra "flow3d" isn\'t installed')
@@ -22,7 +23,6 @@ from design.hemodynamics.three_d import (
 )
 from design.hemodynamics.vessel.womersley import impedance_factor, womersley_number
 from design.hemodynamics.waveforms import Constant, Sine
-from design.network import FloatArray
 from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.three_d.lumens import beside, pipe
 

@@ -22,7 +22,7 @@ from design.hemodynamics.three_d.lagrange import gradients, nodes, quadratic, sh
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.hemodynamics.three_d.sections import VesselSections
 from design.hemodynamics.three_d.streamlines import trace_streamlines
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.three_d.lumens import bend, pipe
 

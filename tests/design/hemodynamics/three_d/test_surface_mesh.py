@@ -14,8 +14,9 @@ from design.hemodynamics import FlowConditions
 from design.hemodynamics.three_d import FlowOptions, LumenMesh, solve_steady, straighten_edges
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.hemodynamics.three_d.surface_mesh import SurfaceOptions, surface_mesh
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
 from design.solids.denoise import denoised
+from kernels.arrays import FloatArray, IntArray
 from tests.design.hemodynamics.three_d.surfaces import faceted_tube, straight, voxels_of_tube
 from tests.slower import first_rows
 

@@ -10,7 +10,7 @@ import pytest
 from design.errors import FlowError
 from design.hemodynamics.three_d.lagrange import triangle_rule
 from design.hemodynamics.three_d.wall import lumen_wall
-from design.network import FloatArray
+from kernels.arrays import FloatArray
 from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.three_d.shapes import bent, cross, straight, thick_and_thin
 

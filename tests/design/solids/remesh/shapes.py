@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from design.network import FloatArray, IntArray
 from design.solids.remesh import LabelledSurface
+from kernels.arrays import FloatArray, IntArray
 
 CUBE = np.array(
     [

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from design.network import IntArray
 from design.solids.remesh import halfedges, remesh
+from kernels.arrays import IntArray
 from tests.design.solids.remesh.shapes import Torus, euler, torus_surface
 
 

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from skimage.measure import marching_cubes
 
 from design.errors import FlowError
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
 from design.solids import Solid, write_ply
 from design.solids.manifolds import to_manifold
+from kernels.arrays import FloatArray
 from printctl.analysis.flow.scanned import scanned_lumen
 from printctl.analysis.flow.scanned_size import blur_squared, set_out
 from printctl.errors import UsageError

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
+
 Strokes = list[FloatArray]
 
 LAYER_MM, LINE_MM = 0.06, 0.15

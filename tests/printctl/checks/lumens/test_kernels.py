@@ -8,18 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from firmware_profiles.bead import BeadSection
+from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens import SectionStations, WrittenLines
 from printctl.checks.lumens.measure import slabs_near
 from sim.gcode.lumens.leak_kernels import find_runs, join_runs
 from sim.gcode.lumens.ray_kernels import first_hit, stadium_span
 from sim.gcode.lumens.width_kernels import widest_in_polygon
 from tests.slower import examples
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 coordinate = st.floats(-2, 2, allow_nan=False).map(lambda v: round(v, 4))
 

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tests.printctl.checks.lumens.small_gcode import UL_PER_E
 
-FloatArray = NDArray[np.float64]
 FEED_MM_S = 5.0
 
 

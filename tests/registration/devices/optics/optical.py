@@ -7,12 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration import Scan
 from registration.devices.optics import Beam, OctCalibration, SampleSurface
-
-FloatArray = NDArray[np.float64]
 
 FAULT = OctCalibration(
     lateral=((1.02, 0.004), (0.0, 0.985)),

@@ -11,11 +11,11 @@ from functools import cache
 
 import manifold3d
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from design.network import VesselNetwork
 from design.solids.solid import Solid
+from kernels.arrays import FloatArray
 from registration.alignment import Fit, Uncertainty
 from registration.alignment.distance import ModelSurface
 from registration.alignment.uncertainty import ScanErrors
@@ -35,8 +35,6 @@ from registration.measuring.geometry import (
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh
 from tests.registration.parts import lumens, solid
-
-FloatArray = NDArray[np.float64]
 
 BLOCK = np.array([8.0, 5.0, 2.6])
 VOXEL = 0.05

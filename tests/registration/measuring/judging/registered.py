@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
+
 GUARDED = {"decision_rule": "guarded", "conformance_level": 0.95}
 CONFORMANCE = GUARDED | {"decision_rule": "conformance"}
 """``judging`` of numbers that were judged by guard bands, and will be again."""

@@ -7,15 +7,14 @@ from dataclasses import replace
 import numba
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from sim.devices.scanner import MicroCtOptions, OctOptions, Placing, simulate_microct, simulate_oct
 from sim.devices.scanner.oct import NOISE_COUNTS
 from sim.devices.scanner.sampling import blurred
 from sim.errors import ScannerError
 from sim.gcode.deposit.lay import Deposit
 
-FloatArray = NDArray[np.float64]
 STILL = Placing(tilt_deg=0, rotation_deg=0, shift_mm=0, margin_mm=0.4, shrink=(1, 1, 1))
 OCT = OctOptions(voxel_mm=(0.04, 0.04, 0.04), placing=STILL)
 

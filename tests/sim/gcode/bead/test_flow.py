@@ -6,13 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from firmware_profiles import Ink, Needle, load, yield_pressure_pa
 from sim.gcode.bead import Nozzle, Pieces, cut, nozzle_flow, nozzle_of
 from sim.gcode.motion.executed import ExecutedMotion
 
-FloatArray = NDArray[np.float64]
 LAG = 0.4
 
 

@@ -7,14 +7,12 @@ from itertools import pairwise
 import numba
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from sim.errors import DepositError
 from sim.gcode.deposit.kernels import SUPERSAMPLE, paint_filaments, paint_layers
 from sim.gcode.deposit.lay import deposit
 from sim.gcode.motion.executed import ExecutedMotion
 
-FloatArray = NDArray[np.float64]
 AREA = 16.69
 WIDTH, HEIGHT = 0.15, 0.06
 
