@@ -1,7 +1,4 @@
-"""Run a search's Dask workers as an array job of the Slurm cluster this machine belongs to.
-
-Why no dask-jobqueue: docs/decisions/2026-11-25-searches-on-slurm.md.
-"""
+"""Run a search's Dask workers as an array job of the Slurm cluster this machine belongs to."""
 
 from __future__ import annotations
 

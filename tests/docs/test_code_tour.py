@@ -10,7 +10,6 @@ import pytest
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 TOUR = (DOCS / "code_tour.md").read_text(encoding="utf-8")
-STEPS = re.findall(r"^(\d+)\. \*\*", TOUR, re.MULTILINE)
 MOST_LINES = 70
 
 
@@ -20,8 +19,7 @@ def paths(text: str) -> list[str]:
     return re.findall(rf"`((?:{roots})/[\w/.]*)`", text)
 
 
-def test_the_tour_has_twelve_steps_on_one_page():
-    assert [int(number) for number in STEPS] == list(range(1, 13))
+def test_the_tour_is_one_page():
     assert len(TOUR.splitlines()) <= MOST_LINES
 
 
