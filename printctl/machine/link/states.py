@@ -8,7 +8,7 @@ from typing import Any, Final
 
 
 class LinkState(StrEnum):
-    """Where a print stands. The diagram is in ``docs/link.md``."""
+    """Where a print stands. The diagram is in ``docs/link_reference.md``."""
 
     CONNECTING = "connecting"
     CHECKING = "checking"
