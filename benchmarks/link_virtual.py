@@ -174,7 +174,7 @@ FAULTS = {
 
 
 def fault_rows(folder: Path) -> Iterator[Row]:
-    """Each fault ends in the state that `docs/link_reference.md` names, in time, with heaters off."""
+    """Each fault ends in the state in `docs/link_reference.md`, in time, with heaters off."""
     file, as_documented = zigzag(1500, 1800, b"M140 S37", b"M109 S40"), 0
     for kind, (state, limit_s) in FAULTS.items():
         ledger = new_printer(f"{kind}@200")

@@ -1,7 +1,8 @@
 """Stream one job to a printer: one thread runs the print, any thread may query or stop it.
 
-The states are in ``docs/link_reference.md``; the sequence is in `printctl.machine.link.print_loop`, its parts
-are put together in `printctl.machine.link.print_parts`.
+The states are in ``docs/link_reference.md``; the sequence is in
+`printctl.machine.link.print_loop`, its parts are put together in
+`printctl.machine.link.print_parts`.
 """
 
 from __future__ import annotations
