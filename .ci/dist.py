@@ -20,13 +20,10 @@ import venv
 import zipfile
 from pathlib import Path
 
-from kernels.folder import cache_dir
-
 ROOT = Path(__file__).resolve().parents[1]
 DIST = ROOT / "dist"
 SMALLEST = b"G21\nG90\nM82\nG1 Z5 F300\nG1 X12 Y10 F1200\nG1 X14 Y12 F600\n"
 START = "10,10,10"
-COMPILED_BY_THE_WHEEL = "sim.gcode.program.modal."
 SIMULATED = ("--printer", "generic_marlin", "--port", "simulated")
 WITHOUT_SOURCES = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
 
@@ -91,11 +88,8 @@ def try_out(wheel: Path, scratch: Path) -> None:
     away = scratch / "away"
     away.mkdir()
     (away / "smallest.gcode").write_bytes(SMALLEST)
-    keep_most_kernels(scratch / "cache" / "kernels")
-    clean = WITHOUT_SOURCES | {
-        "PRINTCTL_CACHE": str(scratch / "cache"),
-        "PRINTCTL_DATA": str(scratch / "data"),
-    }
+    # Kernels are those of the sources where versions are the same, else compiled.
+    clean = WITHOUT_SOURCES | {"PRINTCTL_DATA": str(scratch / "data")}
     printctl = bin_folder / "printctl"
     for words in (
         ("--help",),
@@ -115,18 +109,6 @@ def try_out(wheel: Path, scratch: Path) -> None:
     if str(ROOT) in subprocess.check_output([printctl, "doctor"], cwd=away, env=clean, text=True):
         sys.exit("the installed printctl loads packages from the sources")
     print("the wheel works in an empty environment")
-
-
-def keep_most_kernels(store: Path) -> None:
-    """Copy the simulated printer's compiled kernels but a few, which the wheel compiles itself.
-
-    They are named by all that they depend on: where the wheel's environment has other versions it
-    takes none of these.
-    """
-    store.mkdir(parents=True)
-    for file in cache_dir().glob("sim.*"):
-        if not file.name.startswith(COMPILED_BY_THE_WHEEL):
-            shutil.copyfile(file, store / file.name)
 
 
 def run(*command: object) -> None:

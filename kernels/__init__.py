@@ -4,11 +4,14 @@ Goes in: a Python function of arrays and numbers. Comes out: its machine code, k
 with `compile.py`.
 """
 
-from kernels.compile import jit, pjit, scalar_jit
+from typing import TYPE_CHECKING, Any
+
 from kernels.folder import cache_dir
 from kernels.helper import helper_thread
 from kernels.memory import freed_memory_returned, keep_freed_memory
-from kernels.no_numba import without_numba
+
+if TYPE_CHECKING:
+    from kernels.compile import jit, pjit, scalar_jit
 
 __all__ = [
     "cache_dir",
@@ -18,5 +21,13 @@ __all__ = [
     "keep_freed_memory",
     "pjit",
     "scalar_jit",
-    "without_numba",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Load numba (0.5 CPU s, 110 MB) once a decorator is used: array types alone need none."""
+    if name not in ("jit", "pjit", "scalar_jit"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from kernels import compile as decorators
+
+    return getattr(decorators, name)

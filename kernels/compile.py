@@ -1,14 +1,34 @@
-"""Decorators that compile every numerical kernel, single-threaded or parallel."""
+"""Compile every numerical kernel by numba, single-threaded or parallel, with the same flags.
+
+Flags, and why:
+
+- ``cache=True``: compiled once and then loaded from disk. The folder (`kernels.folder`) is named by
+  a digest of all source files that a kernel can see: numba's own key misses a function called from
+  another file, and constants that stand there.
+- no ``fastmath``: NaN and inf must keep their meaning; a NaN in a network is refused, not
+  optimised away.
+- ``nogil=True``: a kernel touches no Python object, so threads (progress bars, the link's stop
+  path) go on while it runs.
+- ``error_model="numpy"``: division by zero gives inf or NaN, as in NumPy, and costs no branch.
+"""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
-from importlib import import_module
 from typing import Any, TypeVar
 
-from kernels.no_numba import BareKernel, bare_wanted
+# Threads that wait for a kernel's next loop would spin and keep their core from what goes on
+# beside; OpenMP reads this once, when numba loads it.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+import numba
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+numba.config.CACHE_LOCATOR_CLASSES = (
+    "kernels.locator.KernelLocator,InTreeCacheLocator,UserWideCacheLocator,IPythonCacheLocator"
+)
 
 
 def jit(function: F) -> F:
@@ -37,10 +57,5 @@ def pjit(function: F) -> F:
 
 
 def _compile(function: F, **flags: bool) -> F:
-    kernel: Any
-    if bare_wanted() and "parallel" not in flags:
-        kernel = BareKernel(function, flags)
-    else:  # Loads numba, 0.3 CPU s and 90 MB
-        kernel = import_module("kernels.with_numba").compiled(function, **flags)
-    made: F = kernel
-    return made
+    compiled: F = numba.njit(cache=True, nogil=True, error_model="numpy", **flags)(function)
+    return compiled

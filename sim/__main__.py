@@ -5,8 +5,6 @@ from __future__ import annotations
 import sys
 from typing import Final
 
-from kernels import without_numba
-
 _DEVICES: Final = ("camera", "oct", "laser_line")
 """As of `sim.looks`, which needs OpenCV."""
 
@@ -25,6 +23,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    if not (sys.argv[1:2] and sys.argv[1] in _DEVICES):
-        without_numba()  # before modules with kernels are imported
     sys.exit(main())

@@ -37,18 +37,6 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
-class _NeverBare(set[str]):
-    def add(self, _: str) -> None:
-        """Forget it."""
-
-
-def pytest_configure() -> None:
-    """Keep what later tests import from lacking numba, as commands in this process ask for."""
-    from kernels import no_numba  # starts OpenBLAS, so after its number of threads is set
-
-    no_numba._ASKED = _NeverBare()
-
-
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
     """Chromium, once for each worker; skips where there is none."""

@@ -68,10 +68,6 @@ CALLED_WITH: dict[str, dict[str, Any]] = {
 }
 """Of commands that hand on what they are given."""
 
-WITHOUT_NUMBA: frozenset[str] = frozenset({"slice"})
-"""Commands that call few kernels, which are loaded without numba."""
-
-
 GO_ON: Final = frozenset({"run", "design", "search"})
 """Commands that don't do again what an interrupted one has finished."""
 
@@ -109,8 +105,6 @@ class LazyGroup(TyperGroup):
         module = f"printctl.cli.{module}"
         if self._listing:
             return TyperCommand(cmd_name, help=summary(module, attribute))
-        if cmd_name in WITHOUT_NUMBA:
-            import_module("kernels").without_numba()
         loaded = getattr(import_module(module), attribute)
         if isinstance(loaded, typer.Typer):
             command: Any = typer.main.get_group(loaded)

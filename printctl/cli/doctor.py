@@ -22,10 +22,12 @@ def doctor(
     is opened.
     """
     if warm:
-        from kernels.needed import needed_kernels  # Loads numba; only wanted here.
+        from kernels.ahead import missing, needed_kernels
         from printctl.cli.kernels_ready import compile_with_bar
 
-        compile_with_bar(needed_kernels())
+        rows = missing(needed_kernels())
+        if rows:
+            compile_with_bar(rows)
     examination = examine()
     if as_json:
         print_json(examination.as_dict())

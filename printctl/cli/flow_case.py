@@ -9,7 +9,6 @@ import typer
 
 from design.errors import FlowError
 from design.hemodynamics.zero_d import svzerod
-from kernels import without_numba
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
 from printctl.errors import UsageError
@@ -56,7 +55,6 @@ def run_case(context: typer.Context, data: dict[str, Any], path: Path, out: Path
         As `case_of`, `run_svzerod` and the writers.
     """
     refuse_idle(context, _FOR_CASES, "svZeroDSolver")
-    without_numba()  # before the package loads its solver
     try:
         case = svzerod.case_of(data)
         stepped = svzerod.run_svzerod(case)

@@ -1,91 +1,54 @@
 """Compile missing numba kernels before a command starts, with a progress bar.
 
-`kernels` is imported when called: a command that refuses its input, or tells its help, waits for no
-compiler.
+`kernels` is imported when called: a command that refuses its input, or prints its help, waits for
+no compiler.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 from printctl.cli.options import messages
 from printctl.progress import Listener, StageBars
 
 if TYPE_CHECKING:
-    from kernels.needed import NeededKernel
+    from kernels.ahead import NeededKernel
 
-FEWEST: Final = 20
+MIN_KERNELS: Final = 20
 """Fewer are compiled when they are called: processes of their own take seconds to begin."""
 
 
-_NEEDED_LATE: Final = "registration."
-"""Packages that a run's last stage alone calls: a third of what a run compiles."""
-
-
 def have_kernels(*works: str, listener: Listener | None = None) -> None:
-    """Compile what these kinds of work need (`kernels.needed`) and the store lacks.
+    """Compile what these kinds of work need (`kernels.ahead`) and the store lacks.
 
     Parameters
     ----------
     works : str
         Names in the list of kernels.
     listener : Listener, optional
-        Is told of a stage "kernels" if there is anything to compile.
+        Notified of a stage "kernels" if there is anything to compile.
     """
-    rows = _missing(works)
-    if rows:
+    from kernels.ahead import missing, needed_kernels
+
+    rows = missing(needed_kernels(*works))
+    if len(rows) >= MIN_KERNELS:
         compile_with_bar(rows, listener)
 
 
-@contextmanager
-def kernels_for_a_run(*works: str, listener: Listener | None = None) -> Iterator[None]:
-    """Do the same, and compile what only registration needs while the stages before it run."""
-    rows = _missing(works)
-    if not rows:
-        yield
-        return
-    soon = [one for one in rows if not one.kernel.startswith(_NEEDED_LATE)]
-    late = [one for one in rows if one not in soon] if soon else []
-    with _compiling(soon or rows, late, listener):
-        yield
-
-
 def compile_with_bar(rows: Sequence[NeededKernel], listener: Listener | None = None) -> None:
-    """Compile ``rows``, saying how far it is."""
-    with _compiling(rows, (), listener):
-        pass
-
-
-def _missing(works: Sequence[str]) -> list[NeededKernel]:
-    from kernels.in_advance import missing
-    from kernels.needed import needed_kernels
-
-    rows = missing(needed_kernels(*works))
-    return rows if len(rows) >= FEWEST else []
-
-
-@contextmanager
-def _compiling(
-    rows: Sequence[NeededKernel], late: Sequence[NeededKernel], listener: Listener | None
-) -> Iterator[None]:
+    """Compile ``rows``, showing progress."""
     from kernels import cache_dir
-    from kernels.in_advance import compiling, processes
+    from kernels.ahead import compile_ahead, processes
 
     bars = StageBars(messages(), listener)
     if listener is not None:
         listener.begin(("kernels",), "kernels")
-    note = f"up to {len(rows)} to compile, once for this version, on {processes()} cores"
-    note += f"; {len(late)} more while stages run" if late else ""
-    with ExitStack() as stack:
-        with bars.all(), bars.stage("kernels") as report:
-            if not messages().is_terminal:
-                messages().print(f"{'kernels':<14} {note} ...")
-            report(0.0, note)
-            failed = stack.enter_context(
-                compiling(rows, late, lambda done: report(done / len(rows), note))
-            )
-        left = f", {failed} left to their first call" if failed else ""
-        bars.say("kernels", f"{len(rows) - failed} ready, kept in {cache_dir()}{left}")
-        yield
+    note = f"{len(rows)} to compile, once for this version, on {processes()} cores"
+    with bars.all(), bars.stage("kernels") as report:
+        if not messages().is_terminal:
+            messages().print(f"{'kernels':<14} {note} ...")
+        report(0.0, note)
+        failed = compile_ahead(rows, lambda done: report(done / len(rows), note))
+    left = f", {failed} left to their first call" if failed else ""
+    bars.say("kernels", f"{len(rows) - failed} ready, kept in {cache_dir()}{left}")

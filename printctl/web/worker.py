@@ -9,7 +9,6 @@ import subprocess
 import sys
 from importlib import import_module
 
-from kernels import without_numba
 from printctl.web.errors import ConflictError
 
 
@@ -54,5 +53,4 @@ def run_worker(
 
 
 if __name__ == "__main__":
-    without_numba()  # before modules with kernels are imported
     sys.exit(import_module(sys.argv.pop(1)).main())

@@ -1,16 +1,16 @@
-"""Record the kernels that each kind of work needs (`kernels/needed.jsonl`); takes 20 minutes.
+"""Record the kernels that each kind of work needs (`kernels/needed.jsonl`).
 
     python -m tests.kernels.record
 
-Each work is done once in a process of its own, with a store that is empty. What lies in the store
-afterwards is what it needs. Run it where kernels or their argument types have changed; where
-nobody does, the list is only less complete (`kernels.needed`).
+Each work is done once in a process of its own. Run it where kernels or their argument types have
+changed; until then the list is only less complete (`kernels.ahead`).
 """
 
 from __future__ import annotations
 
+import inspect
 import io
-import os
+import json
 import subprocess
 import sys
 import tempfile
@@ -19,20 +19,19 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
+import numba.np.numpy_support
 import numpy as np
+from numba import types
 from rich.console import Console
 
 from design.errors import GrowthError
-from kernels.files import read_whole
-from kernels.folder import ALL, FOR_KERNELS, kernel_of
-from kernels.key import called_kernels, signature_text
-from kernels.needed import NeededKernel, resolve_name, types_of, types_text, write
+from kernels.ahead import LIST
+from kernels.folder import PACKAGES
 from printctl.pipeline.run import design_recipe, run_recipe
 from printctl.recipe import parse_recipe
 
 ROOT: Final = Path(__file__).parents[2]
-_SIGNATURE: Final = 3
-"""Place of the signature in what numba's `CompileResult` is kept as."""
+FOUND: Final = "kernels.json"
 EXAMPLES: Final = ROOT / "examples"
 
 LAYERED: dict[str, Any] = {
@@ -58,10 +57,6 @@ EMBEDDED: dict[str, Any] = {
     "printer": {"ink": "gelatin_sacrificial", "bath": "cell_matrix"},
     "scan": {"simulated": "microct", "voxel_um": [80, 80, 80]},
     "registration": {"tolerance_um": 1000},
-}
-POLISHED: dict[str, Any] = EMBEDDED | {
-    "name": "warm_polish",
-    "vasculature": {"grow": "tree", "terminals": 30, "polish": True},
 }
 CROWDED: dict[str, Any] = EMBEDDED | {
     "name": "warm_loops",
@@ -117,11 +112,6 @@ def design(scratch: Path) -> None:
         _design(data, folder)
 
 
-def polish(scratch: Path) -> None:
-    """Trees that are grown and polished."""
-    _design(POLISHED, scratch)
-
-
 def connect(scratch: Path) -> None:
     """Trees that are grown and connected."""
     _design(CROWDED, scratch)
@@ -169,7 +159,6 @@ WORKS: Final[dict[str, Callable[[Path], None]]] = {
     "pulse and oxygen": pulse_and_oxygen,
     "run embedded": run_embedded,
     "design": design,
-    "polish": polish,
     "connect": connect,
     "flow in 3D": flow_in_3d,
     "mend": mend,
@@ -180,55 +169,89 @@ WORKS: Final[dict[str, Callable[[Path], None]]] = {
 
 
 def record() -> None:
-    """Do each work in a process of its own, and write the list."""
+    """Do each work in a process of its own, and write the list, callees before callers."""
     by: dict[tuple[str, str], set[str]] = {}
-    entries: set[tuple[str, str]] = set()
     with tempfile.TemporaryDirectory() as folder:
         for work in WORKS:
-            for one, entry in _done_alone(work, Path(folder)):
-                by.setdefault(one, set()).add(work)
-                entries |= {one} if entry else set()
+            command = [sys.executable, "-m", "tests.kernels.record", work, folder]
+            subprocess.run(command, check=True, cwd=ROOT)
+            for kernel, takes in json.loads((Path(folder) / FOUND).read_text()):
+                by.setdefault((kernel, takes), set()).add(work)
             print(work, sum(work in works for works in by.values()), "kernels", flush=True)
-    rows = [NeededKernel(*one, frozenset(works), one in entries) for one, works in by.items()]
-    write(sorted(rows, key=lambda one: (_calls(one), one.kernel, one.takes)))
+    rows = sorted(by, key=lambda one: (_calls(_kernels()[one[0]]), *one))
+    lines = [
+        json.dumps({"kernel": kernel, "by": sorted(by[kernel, takes]), "takes": json.loads(takes)})
+        for kernel, takes in rows
+    ]
+    LIST.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _done_alone(work: str, scratch: Path) -> list[tuple[tuple[str, str], bool]]:
-    """Kernels with types, and whether Python called them."""
-    cache = scratch / "caches" / work
-    environment = {"PRINTCTL_CACHE": str(cache), "PRINTCTL_DATA": str(scratch / "data")}
-    command = [sys.executable, "-m", "tests.kernels.record", work, str(scratch)]
-    subprocess.run(command, check=True, cwd=ROOT, env=os.environ | environment)
-    found = [(row(file), not file.name.endswith(FOR_KERNELS)) for file in cache.rglob(f"*{ALL}")]
-    return sorted((one, entry) for one, entry in found if one is not None)
+def _called() -> list[tuple[str, str]]:
+    """Kernels that this process has compiled or loaded, with their argument types."""
+    found = []
+    for name, kernel in _kernels().items():
+        for signature in kernel.signatures:
+            with suppress(TypeError):  # literals, which only callers pass on
+                found.append((name, json.dumps([described(one) for one in signature])))
+    return found
 
 
-def row(file: Path) -> tuple[str, str] | None:
-    """Kernel and types that a file holds; None for literals, which only callers pass on.
-
-    None too for a file of another commit whose types this one doesn't know.
-    """
-    payload = read_whole(file)
-    if payload is None:
-        return None
-    types = payload[_SIGNATURE].args
-    try:
-        takes = types_text(types)
-    except TypeError:
-        return None
-    # What is read back must be the same to the store.
-    assert signature_text(types_of(takes), {}) == signature_text(types, {}), takes
-    module, _, name = kernel_of(file).rpartition(".")
-    return f"{module}:{name}", takes
+def _kernels() -> dict[str, Any]:
+    """Numba's dispatchers in all modules of ours that are loaded."""
+    loaded = [
+        module
+        for name, module in list(sys.modules.items())
+        if name.partition(".")[0] in PACKAGES and module is not None
+    ]
+    values = [value for module in loaded for value in vars(module).values()]
+    kernels = [one for one in values if hasattr(one, "py_func") and hasattr(one, "signatures")]
+    return {f"{one.py_func.__module__}:{one.py_func.__qualname__}": one for one in kernels}
 
 
-def _calls(one: NeededKernel) -> int:
-    """How many kernels a kernel calls: those that call none are compiled first."""
-    return len(called_kernels(resolve_name(one.kernel), {}))
+def _calls(kernel: Any) -> int:
+    """How many kernels a kernel calls, directly or not."""
+    reached: set[Any] = set()
+    waiting = [kernel]
+    while waiting:
+        read = inspect.getclosurevars(waiting.pop().py_func)
+        for value in (*read.globals.values(), *read.nonlocals.values()):
+            if hasattr(value, "py_func") and value not in reached:
+                reached.add(value)
+                waiting.append(value)
+    return len(reached)
+
+
+def described(one: Any) -> Any:
+    """Describe a numba type as JSON (`kernels.ahead.numba_type`); `TypeError` for other kinds."""
+    if isinstance(one, types.Bytes):
+        return {"bytes": one.dtype.name}
+    # Numba calls arrays of packed records unaligned; other unaligned arrays stand within a record.
+    if type(one) is types.Array and one.aligned == types.Array(one.dtype, 1, "C").aligned:
+        shape = [one.ndim, one.layout, *([] if one.mutable else ["readonly"])]
+        return {"array": [described(one.dtype), *shape]}
+    if isinstance(one, types.BaseTuple):
+        items = [described(item) for item in one]
+        if not isinstance(one, types.BaseNamedTuple):
+            return {"tuple": items}
+        named = one.instance_class
+        return {"named": [f"{named.__module__}:{named.__qualname__}", items]}
+    if isinstance(one, types.Record):
+        dtype = numba.np.numpy_support.as_dtype(one)
+        fields = [
+            [name, field.base.str, list(field.shape), offset]
+            for name, (field, offset) in dtype.fields.items()
+        ]
+        return {"record": [dtype.itemsize, dtype.isalignedstruct, fields]}
+    numbers = types.Integer | types.Float | types.Complex | types.Boolean
+    plain = isinstance(one, numbers | types.NoneType)
+    if plain and not isinstance(one, types.Literal):
+        return {types.boolean: "boolean", types.none: "none"}.get(one, one.name)
+    raise TypeError(f"numba type {one}, which the list of kernels can't hold")
 
 
 if __name__ == "__main__":
     if sys.argv[1:]:
         WORKS[sys.argv[1]](Path(sys.argv[2]))
+        (Path(sys.argv[2]) / FOUND).write_text(json.dumps(_called()))
     else:
         record()

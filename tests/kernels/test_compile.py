@@ -1,8 +1,5 @@
 """Compiler flags of the kernels."""
 
-import subprocess
-import sys
-
 import numpy as np
 
 from kernels import jit
@@ -24,13 +21,5 @@ def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.dot(a, b)
 
 
-def test_array_functions_are_listed_without_scipy() -> None:
-    listed = (
-        "import sys, kernels.with_numba, numba.np.arraymath; "
-        "assert 'scipy.linalg' not in sys.modules"
-    )
-    subprocess.run([sys.executable, "-c", listed], check=True)
-
-
-def test_matrix_products_find_scipy_s_blas() -> None:
+def test_matrix_products_work() -> None:
     assert (_product(2 * np.eye(2), np.ones((2, 2))) == 2).all()

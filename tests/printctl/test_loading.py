@@ -124,32 +124,6 @@ def test_the_engine_of_3d_flow_is_loaded_only_when_it_is_needed(loaded_for_work)
     assert "ngsolve" not in loaded_for_work[3]
 
 
-def _begun_with(words: list[str], ends: bool) -> set[str]:
-    """Libraries that a process of ours has loaded when it is ready."""
-    command = [sys.executable, "-X", "importtime", "-m", *words]
-    with subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        if not ends:
-            process.stdout.readline()
-            process.terminate()
-        _, said = process.communicate()
-    return {line.rpartition("|")[2].strip() for line in said.splitlines()} & set(HEAVY)
-
-
-@pytest.mark.parametrize(
-    ("words", "ends"),
-    [
-        (["printctl.web.live"], True),
-        (["sim", "--printer", "generic_marlin", "--tcp", "0"], False),
-    ],
-)
-def test_the_live_views_process_and_the_simulated_printers_run_without_numba(words, ends):
-    """A kernel that isn't kept yet is compiled by numba; the next process has it."""
-    needless = {"matplotlib", "numba", "scipy", "shapely"}
-    assert any(not _begun_with(words, ends) & needless for _ in range(2))
-
-
 def test_a_name_on_demand_brings_what_it_needs(loaded_for_work):
     assert "manifold3d" not in loaded_for_work[0]
     assert "manifold3d" in loaded_for_work[1]

@@ -9,22 +9,7 @@ import numpy as np
 import pytest
 from pypdf import PdfReader
 
-from kernels.needed import needed_kernels
-from tests.kernels.record import row
 from tests.system.cli import printctl
-
-
-@pytest.mark.slow
-def test_each_kernel_that_the_run_calls_is_on_the_list(
-    planar_run: Path, listed_kernels: Path
-) -> None:
-    listed = {(one.kernel, one.takes) for one in needed_kernels("run fresh")}
-    used = {one for file in listed_kernels.rglob("*.nbc") if (one := row(file)) is not None}
-    assert len(used) > 100
-    assert used - {(one.kernel, one.takes) for one in needed_kernels()} == set(), (
-        "python -m tests.kernels.record makes the list anew"
-    )
-    assert listed <= used
 
 
 def test_every_vessel_is_open_and_as_wide_as_designed(planar_report: dict[str, Any]) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from kernels import needed as listing
+from kernels import ahead as listing
 from printctl.cli import kernels_ready
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.main import app
@@ -29,11 +29,11 @@ def test_few_are_left_to_their_first_call(capsys, tmp_path) -> None:
 
 
 def test_many_are_compiled_and_told_once(monkeypatch, capsys, tmp_path) -> None:
-    monkeypatch.setattr(kernels_ready, "FEWEST", 1)
+    monkeypatch.setattr(kernels_ready, "MIN_KERNELS", 1)
     told = ProgressFile(tmp_path / "progress.jsonl")
     have_kernels("simulate", listener=told)
     said = capsys.readouterr().err
-    assert "up to 2 to compile, once for this version" in said
+    assert "2 to compile, once for this version" in said
     assert f"2 ready, kept in {tmp_path}" in said.replace("\n", "")
     (stage,) = read_progress("one", told.path).stages
     assert (stage.name, stage.state, stage.fraction) == ("kernels", "done", 1.0)
