@@ -136,9 +136,7 @@ def _panels(wide: FloatArray, high: FloatArray) -> tuple[Figure, list[Axes]]:
     return figure, list(figure.subplots(1, 2))
 
 
-def _triangles(
-    corners: FloatArray, view: View, value: FloatArray | None = None
-) -> PolyCollection:
+def _triangles(corners: FloatArray, view: View, value: FloatArray | None = None) -> PolyCollection:
     """Return triangles (f, 3, 3) seen along the last axis of ``view``, the nearest drawn last.
 
     They are coloured by their ``value`` (f,), or all grey.
