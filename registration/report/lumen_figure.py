@@ -69,6 +69,8 @@ def streamline_figure(field: Field) -> bytes:
     places = np.linspace(0.1, 0.9, len(some))
     starts = [int(place * (len(p) - 1)) for p, place in zip(some, places, strict=True)]
     arrows = np.array([p[n : n + 2] for p, n in zip(some, starts, strict=True)])
+    # A line's last step may have no length.
+    arrows = arrows[(arrows[:, 0] != arrows[:, 1]).any(axis=1)]
 
     def draw(axes: Axes, view: View) -> Collection:
         across, up, depth = view
