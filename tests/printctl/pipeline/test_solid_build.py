@@ -57,7 +57,7 @@ def test_only_the_inlet_gets_a_fitting_where_only_it_is_named() -> None:
 
 
 def test_a_bore_as_wide_as_its_tube_is_refused() -> None:
-    with pytest.raises(SolidError, match="bore_mm 1.9 .* as wide as the"):
+    with pytest.raises(SolidError, match=r"bore_mm 1\.9 .* as wide as the"):
         make(tubes={"wall_mm": 0.2}, inlets=BARB | {"bore_mm": 1.9, "outer_mm": 2.4})
 
 
