@@ -79,7 +79,8 @@ bench-embedded: $(VENV)/.ready-test
 bench-flow: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks.flow $(BENCH)
 
-# The paper's cases (docs/paper.md): six minutes, where nilearn is installed twenty; BENCH=--quick one.
+# The paper's cases (docs/paper.md): ten minutes, where nilearn is installed 24; BENCH=--quick two.
+# The figures as measured here are drawn into build/paper_panels.png.
 bench-paper: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks.paper $(BENCH)
 

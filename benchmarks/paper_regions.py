@@ -59,6 +59,9 @@ SEEDS = 100
 MIN_CORTEX_MM = 0.5
 """Where the surfaces are nearer there is no cortex: the wall between the hemispheres."""
 
+MAX_FOLD_RAD = np.radians(170.0)
+"""Angle between normals of faces that meet, above which the cut has folded its rim to a blade."""
+
 LARGEST = 20
 POINTS = 20_000
 CLEARANCE_RATIO = 0.1
@@ -125,7 +128,8 @@ def _edges(faces: IntArray) -> IntArray:
 def _solid(patch: IntArray, pial: FloatArray, white: FloatArray) -> tuple[FloatArray, int]:
     """Close a patch between its surfaces; corners (n, 3, 3), and how many faces it kept.
 
-    Faces are left out whose columns would cross another's, as those of two banks may.
+    Faces are left out whose columns would cross another's, as those of two banks may, or fold
+    their rim to a blade.
     """
     while True:
         patch, rim = _sheet(patch)
@@ -136,11 +140,13 @@ def _solid(patch: IntArray, pial: FloatArray, white: FloatArray) -> tuple[FloatA
         faces = np.concatenate(
             [top, top[:, ::-1] + count, np.column_stack(lower), np.column_stack(upper)]
         )
-        corners = np.concatenate([pial[used], white[used]]).astype(np.float32)[faces].astype(float)
-        crossing = np.unique(crossing_triangles(corners))
-        if len(crossing) == 0:
+        points = np.concatenate([pial[used], white[used]]).astype(np.float32).astype(float)
+        corners, mesh = points[faces], trimesh.Trimesh(points, faces, process=False)
+        folded = mesh.face_adjacency[mesh.face_adjacency_angles > MAX_FOLD_RAD]
+        wrong = np.union1d(crossing_triangles(corners), folded)
+        if len(wrong) == 0:
             return corners, len(patch)
-        patch = patch[np.isin(top, faces[crossing] % count).sum(axis=1) < 2]
+        patch = patch[np.isin(top, faces[wrong] % count).sum(axis=1) < 2]
 
 
 def _sheet(patch: IntArray) -> tuple[IntArray, IntArray]:

@@ -43,11 +43,25 @@ _TRIANGLES = (
 
 
 class Cut(NamedTuple):
-    """Area, mm², flow along the direction, µL/s, and mean pressure, Pa."""
+    """Area, mm², flow along the direction, µL/s, mean pressure, Pa, and peak velocity, mm/s."""
 
     area: float
     flow: float
     pressure: float
+    fastest: float
+
+    @property
+    def parabola_flow(self) -> float:
+        """Flow of a parabolic profile with this peak, v_max A / 2, µL/s."""
+        return 0.5 * self.fastest * self.area
+
+
+def entrance_length_mm(radius: float, reynolds: float) -> float:
+    """Return the length within which a uniform profile turns parabolic in a pipe, mm.
+
+    Durst et al. 2005, doi 10.1115/1.2063088: L / D = (0.619^1.6 + (0.0567 Re)^1.6)^(1 / 1.6).
+    """
+    return 2.0 * radius * (0.619**1.6 + (0.0567 * reynolds) ** 1.6) ** (1.0 / 1.6)
 
 
 class VtuFlow:
@@ -77,9 +91,12 @@ class VtuFlow:
         area = np.where(mine, 0.5 * np.linalg.norm(normal, axis=1), 0.0)
         # Exact for quadratics: the middles of a triangle's edges.
         middle = 0.5 * (at + np.roll(at, -1, axis=1))
-        speed = _values(self.velocity[cells], middle).mean(axis=1) @ along
+        speed = _values(self.velocity[cells], middle) @ along
         pressure = _values(self.pressure[cells], middle).mean(axis=(1, 2))
-        return Cut(*(float(x) for x in (area.sum(), area @ speed, area @ pressure / area.sum())))
+        # The middles of triangles a quarter of an element wide come within 0.5 % of the peak.
+        found = area.sum(), area @ speed.mean(axis=1), area @ pressure / area.sum()
+        peak = speed[mine].flat[np.abs(speed[mine]).argmax()]
+        return Cut(*map(float, found), fastest=float(peak))
 
 
 def _polygons(beyond: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:

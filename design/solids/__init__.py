@@ -16,8 +16,10 @@ if TYPE_CHECKING:
     from design.solids.check_result import SolidCheck
     from design.solids.connector import Connector, check_connector
     from design.solids.connectors import (
+        PlacedConnector,
         connector_parts,
         with_connector,
+        with_connectors,
     )
     from design.solids.construct import block_solid, construct_solid, solid_from_surface
     from design.solids.genus import construct_genus, network_genus
@@ -40,6 +42,7 @@ __all__ = [
     "Connector",
     "Crossings",
     "Part",
+    "PlacedConnector",
     "Port",
     "Solid",
     "SolidCheck",
@@ -69,6 +72,7 @@ __all__ = [
     "validate_file",
     "validate_files",
     "with_connector",
+    "with_connectors",
     "with_text",
     "write_3mf",
     "write_obj",

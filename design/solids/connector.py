@@ -28,6 +28,9 @@ LUER_LENGTH_MM: Final = 7.5
 LUER_LONGEST_MM: Final = 10.5
 MALE_BORE_MM: Final = 2.9
 
+BORE_BEYOND_MM: Final = 1.0
+"""How far a bore is cut beyond its fitting's end, so that no skin closes it."""
+
 
 @dataclass(frozen=True)
 class Connector:
@@ -62,7 +65,7 @@ def profiles(
     """Radius and height along the outside and along the bore, mm."""
     bore, outer, length = 0.5 * connector.bore_mm, 0.5 * connector.outer_mm, connector.length_mm
     outside = [(outer, 0.0), (outer, length)]
-    channel = [(bore, -through_mm), (bore, length + 1.0)]
+    channel = [(bore, -through_mm), (bore, length + BORE_BEYOND_MM)]
     narrowest = outer
     if connector.kind == "barb":
         step, tall = 0.5 * connector.barb_mm, length / max(connector.barbs, 1)
@@ -76,7 +79,12 @@ def profiles(
         bottom = mouth - 0.5 * LUER_TAPER * LUER_LENGTH_MM
         beyond = mouth + 0.5 * LUER_TAPER
         deep = length - LUER_LENGTH_MM
-        channel = [(bore, -through_mm), (bore, deep), (bottom, deep), (beyond, length + 1.0)]
+        channel = [
+            (bore, -through_mm),
+            (bore, deep),
+            (bottom, deep),
+            (beyond, length + BORE_BEYOND_MM),
+        ]
         narrowest = outer - mouth + bore
     elif connector.kind == "luer_male":
         tip = 0.5 * MALE_TIP_MM

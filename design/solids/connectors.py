@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
 import numpy as np
 from manifold3d import CrossSection, Manifold
 from numpy.typing import NDArray
@@ -13,6 +17,33 @@ from design.solids.facets import FACET_TOLERANCE_MM, area_factor, facet_count
 from design.solids.manifolds import solid_manifold, subtract, unite
 from design.solids.snap import solid_from_manifold
 from design.solids.solid import Solid
+
+
+@dataclass(frozen=True)
+class PlacedConnector:
+    """A fitting at a port of a body.
+
+    Attributes
+    ----------
+    connector : Connector
+    at : (3,) float64, mm
+        Where the port's axis meets the body's face.
+    outward : (3,) float64
+        Out of the body; any length.
+    lead_in_mm : float, mm
+        By how much the outside begins within the body, so that a curved face leaves no gap.
+    through_mm : float, mm
+        How deep within the body the bore begins.
+    name : str
+        Identifies the port in messages.
+    """
+
+    connector: Connector
+    at: NDArray[np.float64]
+    outward: NDArray[np.float64]
+    lead_in_mm: float = 1.0
+    through_mm: float = 1.0
+    name: str = "a port"
 
 
 def connector_parts(
@@ -56,40 +87,56 @@ def with_connector(
     lead_in_mm: float = 1.0,
     through_mm: float = 1.0,
 ) -> Solid:
-    """``body`` with a fitting at a port, and its bore taken out of both.
+    """``body`` with one fitting; see `with_connectors` and `PlacedConnector`."""
+    return with_connectors(body, [PlacedConnector(connector, at, outward, lead_in_mm, through_mm)])
+
+
+def with_connectors(body: Solid, placed: Sequence[PlacedConnector]) -> Solid:
+    """``body`` with fittings at its ports, and their bores taken out of all of it.
+
+    Bores are taken out once all fittings stand: one may overlap the outside of its neighbour.
 
     Parameters
     ----------
     body : Solid
-    connector : Connector
-    at : (3,) float64, mm
-        Where the port's axis meets the body's face.
-    outward : (3,) float64
-        Out of the body; any length.
-    lead_in_mm : float, mm
-        By how much the outside begins within the body, so that a curved face leaves no gap.
-    through_mm : float, mm
-        How deep within the body the bore begins.
+    placed : sequence of PlacedConnector
 
     Raises
     ------
     SolidError
-        When the fitting can't be made, or ``outward`` has no length.
+        When a fitting can't be made, an ``outward`` has no length, or two bores meet.
     """
-    length = float(np.linalg.norm(outward))
+    parts = [_placed(one) for one in placed]
+    for (one, (_, bore)), (other, (_, second)) in combinations(zip(placed, parts, strict=True), 2):
+        if not (bore ^ second).is_empty():
+            apart = float(np.linalg.norm(np.subtract(one.at, other.at)))
+            raise SolidError(
+                f"the fittings at {one.name} and {other.name}, {apart:.3g} mm apart, open into "
+                "each other; make their bores smaller, take another kind (a Luer socket is 4.3 mm "
+                "wide) or let the vessels end further apart"
+            )
+    for outside, _ in parts:
+        body = solid_from_manifold(
+            unite([solid_manifold(body, "the body"), outside]), "the body with its fittings"
+        )
+    for _, bore in parts:
+        body = solid_from_manifold(
+            subtract(solid_manifold(body, "the body"), [bore]), "the body with its fittings"
+        )
+    return body
+
+
+def _placed(one: PlacedConnector) -> tuple[Manifold, Manifold]:
+    """Outside and bore of a fitting where it stands."""
+    length = float(np.linalg.norm(one.outward))
     if not length > 0.0:
         raise SolidError("outward has no length; give the direction out of the body")
-    outside, bore = connector_parts(connector, through_mm, lead_in_mm)
-    frame = _frame(np.asarray(outward, dtype=np.float64) / length)
-    placed = [
-        part.transform(np.column_stack([frame, at]))
-        for part in (
-            solid_manifold(outside, "the fitting"),
-            solid_manifold(bore, "the fitting's bore"),
-        )
-    ]
-    whole = unite([solid_manifold(body, "the body"), placed[0]])
-    return solid_from_manifold(subtract(whole, [placed[1]]), "the body with its fitting")
+    outside, bore = connector_parts(one.connector, one.through_mm, one.lead_in_mm)
+    place = np.column_stack([_frame(np.asarray(one.outward, dtype=np.float64) / length), one.at])
+    return (
+        solid_manifold(outside, "the fitting").transform(place),
+        solid_manifold(bore, "the fitting's bore").transform(place),
+    )
 
 
 def _facets(diameter_mm: float) -> int:

@@ -41,6 +41,8 @@ class Port:
         From the node out to that face; negative where the node is outside.
     wall_mm : float, mm
         Of the body that the vessel's axis passes beyond the node.
+    clear_mm : float, mm
+        From that face on until the axis meets the body again; infinite where it doesn't.
     """
 
     node: int
@@ -50,6 +52,7 @@ class Port:
     radius_mm: float
     beyond_mm: float
     wall_mm: float
+    clear_mm: float = np.inf
 
 
 def open_ends(network: VesselNetwork, body: Solid, extend_ends_mm: float) -> IntArray:
@@ -80,8 +83,13 @@ def open_ends(network: VesselNetwork, body: Solid, extend_ends_mm: float) -> Int
     return nodes[reaches & leads_out]
 
 
-def find_ports(network: VesselNetwork, body: Solid, nodes: IntArray, what: str) -> list[Port]:
-    """Where the axes of the free ends ``nodes`` (k,) leave ``body`` for good.
+def find_ports(
+    network: VesselNetwork, body: Solid, nodes: IntArray, what: str, *, outermost: bool = False
+) -> list[Port]:
+    """Where the axes of the free ends ``nodes`` (k,) leave ``body``.
+
+    They leave it at the first face behind which it is free by more than the vessel's radius: less
+    is a crevice of that face.
 
     Parameters
     ----------
@@ -91,6 +99,8 @@ def find_ports(network: VesselNetwork, body: Solid, nodes: IntArray, what: str) 
         Free ends, as `open_ends` finds them, or all of them.
     what : str
         Names the body in messages.
+    outermost : bool
+        Take the last face instead: that of a chamber's wall around the ends.
 
     Raises
     ------
@@ -111,11 +121,15 @@ def find_ports(network: VesselNetwork, body: Solid, nodes: IntArray, what: str) 
                 f"the vessel that ends at node {node} ({place} mm) doesn't leave {what} through "
                 "a face: let it end at one, or move its end to where one is"
             )
-        first, last = float(away[0]), float(away[-1])
         inlet = _is_inlet(network, node)
-        wall = last - first if len(away) > 1 else last
-        port = Port(int(node), inlet, start + last * outward, outward, float(radius), last, wall)
-        ports.append(port)
+        first, last, clear = float(away[0]), float(away[-1]), np.inf
+        if not outermost and len(away) > 1:
+            gaps = np.append(away[1::2], np.inf)[: len(away[::2])] - away[::2]
+            leaves = int(np.argmax(gaps > radius))
+            last, clear = float(away[::2][leaves]), float(gaps[leaves])
+        wall = last - first if outermost and len(away) > 1 else last
+        at = start + last * outward
+        ports.append(Port(int(node), inlet, at, outward, float(radius), last, wall, clear))
     return ports
 
 

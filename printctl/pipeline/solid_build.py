@@ -10,6 +10,7 @@ import numpy as np
 from design.errors import SolidError
 from design.network import VesselNetwork
 from design.solids import (
+    PlacedConnector,
     Port,
     Solid,
     chamber_solid,
@@ -25,10 +26,12 @@ from design.solids import (
     surface_genus,
     text_solid,
     tube_outside,
-    with_connector,
+    with_connectors,
     with_text,
 )
+from design.solids.connector import BORE_BEYOND_MM
 from design.solids.construct import Vector
+from design.solids.facets import FACET_TOLERANCE_MM
 from design.tissue.parts import surface_parts
 from kernels.arrays import IntArray
 from printctl.recipe.solid import ChamberPart, ConnectorPart, SolidPart, TextPart
@@ -110,8 +113,16 @@ def build(
         body = tube_outside(network, part.tubes.wall_mm, fillet_ratio=part.fillet_ratio)
         genus, nodes = network_genus(network), np.flatnonzero(network.degree() == 1)
     fitted, bare = _fitted_ports(part, network, body, nodes), body
-    for port, fitting in fitted:
-        body = with_connector(body, fitting.connector, port.at, port.outward)
+    if part.tubes is not None:
+        _refuse_wide_bores(fitted, part.tubes.wall_mm)
+    if fitted:
+        body = with_connectors(
+            body,
+            [
+                PlacedConnector(one.connector, port.at, port.outward, name=f"node {port.node}")
+                for port, one in fitted
+            ],
+        )
     dimples = [*(marks if part.tubes is None else []), *_fiducials(part)]
     lumen, tool = _lumens(part, network, nodes, fitted, beyond)
     construct = _dimpled(construct_solid(body, tool), dimples)
@@ -172,13 +183,33 @@ def _with_fittings(
                 f"nowhere to put a fitting; leave {key}.{name} out, or let a vessel end at a face"
             )
         for port in chosen:
-            if fitting.kind != "luer_male" and fitting.outer_mm <= 2.0 * port.radius_mm:
+            # Facets deviate by their tolerance: no thinner wall is certain to be whole.
+            thinnest = 2.0 * (port.radius_mm + FACET_TOLERANCE_MM)
+            if fitting.kind != "luer_male" and fitting.outer_mm <= thinnest:
                 raise SolidError(
                     f"{key}.{name}.outer_mm {fitting.outer_mm:g} isn't wider than the vessel of "
                     f"{2.0 * port.radius_mm:.3g} mm at node {port.node}; make it wider"
                 )
+            if port.clear_mm <= fitting.length_mm + BORE_BEYOND_MM:
+                raise SolidError(
+                    f"{key}.{name}: {port.clear_mm:.3g} mm behind the face where the vessel at "
+                    f"node {port.node} opens the body begins again, and the fitting is "
+                    f"{fitting.length_mm:g} mm long; make length_mm shorter or let the vessel end "
+                    "at an outer face"
+                )
             pairs.append((port, fitting))
     return pairs
+
+
+def _refuse_wide_bores(fitted: list[tuple[Port, ConnectorPart]], wall_mm: float) -> None:
+    """Refuse a fitting whose bore cuts its tube off."""
+    for port, fitting in fitted:
+        tube_mm = 2.0 * (port.radius_mm + wall_mm)
+        if fitting.bore_mm >= tube_mm - 2.0 * FACET_TOLERANCE_MM:
+            raise SolidError(
+                f"bore_mm {fitting.bore_mm:g} of the fitting at node {port.node} is as wide as the "
+                f"tube it stands on, {tube_mm:.3g} mm outside; make it narrower"
+            )
 
 
 def _lumens(
@@ -256,21 +287,24 @@ def _chamber(
     chamber = solid_from_surface(made.vertices + foot, made.faces)
     if part.inlets is None and part.outlets is None:
         return chamber, 0
-    ports = find_ports(network, chamber, nodes, "the chamber")
+    ports = find_ports(network, chamber, nodes, "the chamber", outermost=True)
     fitted = _with_fittings(ports, part.inlets, part.outlets, "solid.chamber")
     foot_mm, rim_mm = chamber.bounds[:, 2].tolist()
     room = (foot_mm, rim_mm - (part.ledge_depth_mm if part.ledge_mm else 0.0))
+    placed = []
     for port, fitting in fitted:
         _check_height(port, fitting, room)
-        chamber = with_connector(
-            chamber,
-            fitting.connector,
-            port.at,
-            port.outward,
-            lead_in_mm=min(_LEAD_IN_MM, 0.9 * port.wall_mm),
-            through_mm=port.wall_mm + 1.0,
+        placed.append(
+            PlacedConnector(
+                fitting.connector,
+                port.at,
+                port.outward,
+                lead_in_mm=min(_LEAD_IN_MM, 0.9 * port.wall_mm),
+                through_mm=port.wall_mm + 1.0,
+                name=f"node {port.node}",
+            )
         )
-    return chamber, len(fitted)
+    return with_connectors(chamber, placed), len(fitted)
 
 
 def _check_height(port: Port, fitting: ConnectorPart, room: tuple[float, float]) -> None:

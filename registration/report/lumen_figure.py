@@ -16,6 +16,7 @@ from design.hemodynamics.three_d.streamlines import trace_streamlines
 from design.units import DYN_CM2_PER_PA
 from kernels.arrays import FloatArray
 from registration.report.drawing import styled, to_svg
+from registration.report.svg import INK, RULE
 
 View = tuple[int, int, int]
 """Coordinates drawn across, up, and looked along."""
@@ -26,9 +27,12 @@ _TOP = 98.0
 _MOST = 1500
 """Triangles that are drawn as such; more are drawn as a picture, which takes less room."""
 
+_ARROWS = 24
+"""Streamlines with an arrow, at most."""
+
 
 def shear_figure(mesh: LumenMesh, shear: WallShear) -> bytes:
-    """The wall from the front and from above, in the colours of its shear.
+    """Draw the wall in two views, coloured by its shear.
 
     Returns
     -------
@@ -41,14 +45,15 @@ def shear_figure(mesh: LumenMesh, shear: WallShear) -> bytes:
     value = at_node[faces].mean(axis=1)
     scale = Normalize(0.0, float(np.percentile(value, _TOP)))
 
-    def drawn(view: View) -> Collection:
-        return _view(mesh.points[faces[:, :3]], value, view)
+    def draw(axes: Axes, view: View) -> Collection:
+        return _add(axes, _triangles(mesh.points[faces[:, :3]], view, value))
 
-    return _two_views(mesh, drawn, scale, ("wall shear / (dyn/cm²)", "wall shear"), len(faces))
+    names = "wall shear / (dyn/cm²); 10 dyn/cm² = 1 Pa", "Wall shear stress in steady 3D flow"
+    return _two_views(mesh, draw, scale, names, len(faces))
 
 
 def streamline_figure(field: Field) -> bytes:
-    """Streamlines from the front and from above, coloured by speed.
+    """Draw streamlines in two views, coloured by speed, with arrows, before the lumen's shadow.
 
     Returns
     -------
@@ -59,20 +64,42 @@ def streamline_figure(field: Field) -> bytes:
     pieces = np.concatenate([np.stack([p[:-1], p[1:]], axis=1) for p, _ in lines])
     speed = np.concatenate([0.5 * (s[:-1] + s[1:]) for _, s in lines])
     scale = Normalize(0.0, float(np.percentile(speed, _TOP)))
+    wall = field.mesh.points[field.mesh.faces[field.mesh.label == WALL, :3]]
+    some = [points for points, _ in lines[:: 1 + len(lines) // _ARROWS]]
+    places = np.linspace(0.1, 0.9, len(some))
+    starts = [int(place * (len(p) - 1)) for p, place in zip(some, places, strict=True)]
+    arrows = np.array([p[n : n + 2] for p, n in zip(some, starts, strict=True)])
+    # A line's last step may have no length.
+    arrows = arrows[(arrows[:, 0] != arrows[:, 1]).any(axis=1)]
 
-    def drawn(view: View) -> Collection:
-        order = np.argsort(pieces[:, :, view[2]].mean(axis=1))
-        return LineCollection(
-            list(pieces[order][:, :, list(view[:2])]), array=speed[order], cmap="viridis",
+    def draw(axes: Axes, view: View) -> Collection:
+        across, up, depth = view
+        order = np.argsort(pieces[:, :, depth].mean(axis=1))
+        _add(axes, _triangles(wall, view))
+        found = _add(axes, LineCollection(
+            list(pieces[order][:, :, [across, up]]), array=speed[order], cmap="viridis",
             linewidths=0.6,
+        ))  # fmt: skip
+        way = arrows[:, 1] - arrows[:, 0]
+        way /= np.linalg.norm(way, axis=1, keepdims=True)
+        axes.quiver(
+            arrows[:, 0, across], arrows[:, 0, up], way[:, across], way[:, up], color=INK,
+            angles="xy", pivot="mid", scale=18.0, width=0.005, zorder=3,
         )  # fmt: skip
+        return found
 
-    return _two_views(field.mesh, drawn, scale, ("speed / (mm/s)", "streamlines"), len(pieces))
+    names = "speed / (mm/s)", "Streamlines of steady 3D flow; arrows point downstream"
+    return _two_views(field.mesh, draw, scale, names, len(pieces) + len(wall))
+
+
+def _add(axes: Axes, parts: Collection) -> Collection:
+    axes.add_collection(parts)
+    return parts
 
 
 def _two_views(
     mesh: LumenMesh,
-    drawn: Callable[[View], Collection],
+    draw: Callable[[Axes, View], Collection],
     scale: Normalize,
     names: tuple[str, str],
     count: int,
@@ -85,16 +112,19 @@ def _two_views(
     with styled():
         figure, grid = _panels(span[[view[0] for view in views]], span[[view[1] for view in views]])
         for axes, view in zip(grid, views, strict=True):
-            parts = drawn(view)
+            parts = draw(axes, view)
             parts.set_norm(scale)
-            parts.set_rasterized(count > _MOST)
-            axes.add_collection(parts)
+            for each in axes.collections:
+                each.set_rasterized(count > _MOST)
+            axes.set_title(f"seen along {'xyz'[view[2]]}")
             axes.set_aspect("equal")
             axes.autoscale_view()
             axes.set_xlabel(f"{'xyz'[view[0]]} / mm")
             axes.set_ylabel(f"{'xyz'[view[1]]} / mm")
             axes.spines[["top", "right"]].set_visible(False)
-        figure.colorbar(parts, ax=list(grid), label=names[0], shrink=0.6)
+        # Above the colours' end lie peaks at rims and corners.
+        figure.colorbar(parts, ax=list(grid), label=names[0], shrink=0.8, extend="max")
+        figure.suptitle(names[1])
         return to_svg(figure, names[1])
 
 
@@ -108,11 +138,15 @@ def _panels(wide: FloatArray, high: FloatArray) -> tuple[Figure, list[Axes]]:
     return figure, list(figure.subplots(1, 2))
 
 
-def _view(corners: FloatArray, value: FloatArray, view: View) -> PolyCollection:
-    """Triangles (f, 3, 3) seen along the last axis of ``view``, the nearest drawn last."""
+def _triangles(corners: FloatArray, view: View, value: FloatArray | None = None) -> PolyCollection:
+    """Return triangles (f, 3, 3) seen along the last axis of ``view``, the nearest drawn last.
+
+    They are coloured by their ``value`` (f,), or all grey.
+    """
     across, up, depth = view
     order = np.argsort(corners[:, :, depth].mean(axis=1))
     return PolyCollection(
-        list(corners[order][:, :, [across, up]]), array=value[order], cmap="viridis",
+        list(corners[order][:, :, [across, up]]),
+        array=None if value is None else value[order], cmap="viridis", facecolors=RULE,
         edgecolors="face", linewidths=0.2,
     )  # fmt: skip

@@ -44,7 +44,7 @@ def check_compliant(network: VesselNetwork, wall: Wall) -> FloatArray:
         raise FlowError(
             f"vessel {int(rigid[0])} has a rigid wall ({len(rigid)} of {network.vessel_count}), "
             "in which a wave has no finite speed; give the wall's modulus (wall_young_kpa), or "
-            "solve it lumped (solve_pulsatile)"
+            "solve it in 0D"
         )
     return compliance
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from concurrent.futures import Executor
 from dataclasses import replace
 
-from design.errors import DesignError, GrowthError, RootError, TissueError
+from design.errors import DesignError, GrowthError, NoRoomError, RootError, TissueError
 from design.network import VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.growth.deep_roots import deep_roots
@@ -28,10 +28,11 @@ ATTEMPTS = 24
 """Growths from other random numbers, where one gets stuck and nothing else is said."""
 
 DEEP_ROOTS = 3
-"""Deep places tried where the default root is too shallow."""
+"""Deep places tried where the default root is too shallow, or its tree gets stuck."""
 
 PROBES = 3
-"""The same for the small trees by which a root is searched for."""
+"""Growths from a deep place after the default root's tree got stuck, and of each of the small
+trees by which a root is searched for."""
 
 TRIED_AT_MOST = 2_000_000
 """Points tried in failed attempts, after which no third or later one is begun."""
@@ -47,8 +48,9 @@ def grow_tree(
 ) -> VesselTree:
     """Grow a tree that stays in the tissue and doesn't collide.
 
-    Without a root of the user's the tree enters at the highest vertex, or, where no trunk fits
-    there, at a place where the tissue is deep; its notes say so.
+    Without a root of the user's the tree enters at the highest vertex. Where no trunk fits there,
+    or the tree gets stuck before half of its terminals, it enters where the tissue is deep; its
+    notes say so.
 
     Points are sampled in the tissue by its demand, or given. Each joins the tree at the segment
     and place that cost least (Schreiner & Buxbaum 1993; exact over the whole tree), among those
@@ -87,8 +89,9 @@ def grow_tree(
     if not options.root_candidates:
         try:
             return grow_from_root(tissue, options, attempts, stem, pool)
-        except RootError as error:
-            if stem is not None or options.root_point_mm is not None:
+        except (RootError, NoRoomError) as error:
+            half_placed = 2 * _placed(error) >= options.terminals
+            if stem is not None or options.root_point_mm is not None or half_placed:
                 raise
             return _grow_from_deep_root(tissue, options, attempts, error, pool)
     if stem is not None:
@@ -106,27 +109,40 @@ def _grow_from_deep_root(
     tissue: Tissue,
     options: GrowthOptions,
     attempts: int,
-    why: RootError,
+    why: RootError | NoRoomError,
     pool: Executor | None,
 ) -> VesselTree:
-    """Grow from where the tissue is deep, once the default root has turned out to be too shallow.
+    """Grow from where the tissue is deep, after the default root failed by ``why``.
 
-    Raises ``why`` when none of the places does better.
+    Raises
+    ------
+    RootError, NoRoomError
+        When none of the places holds the tree: of the root that placed most terminals.
     """
+    trouble = "no trunk fits at the highest point"
+    if isinstance(why, NoRoomError):
+        attempts = min(attempts, PROBES)
+        trouble = f"from the highest point only {why.placed} terminals fit"
     for point, way in zip(*deep_roots(tissue, DEEP_ROOTS, options.seed), strict=True):
         x, y, z = point.tolist()
         dx, dy, dz = way.tolist()
         placed = replace(options, root_point_mm=(x, y, z), root_direction=(dx, dy, dz))
         try:
             tree = grow_from_root(tissue, placed, attempts, None, pool)
-        except RootError:
+        except (RootError, NoRoomError) as error:
+            why = max(why, error, key=_placed)
             continue
         note = (
-            f"no trunk fits at the highest point, so the root was put at ({x:.4g}, {y:.4g}, "
-            f"{z:.4g}) mm, where the tissue is deep"
+            f"{trouble}, so the root was put at ({x:.4g}, {y:.4g}, {z:.4g}) mm, where the tissue "
+            "is deep"
         )
         return replace(tree, notes=(note, *tree.notes))
     raise why
+
+
+def _placed(error: RootError | NoRoomError) -> int:
+    """Return the number of terminals that found a place."""
+    return error.placed if isinstance(error, NoRoomError) else 0
 
 
 def _probed(tissue: Tissue, options: GrowthOptions) -> VesselTree:

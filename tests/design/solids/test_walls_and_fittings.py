@@ -7,23 +7,31 @@ from functools import cache
 
 import numpy as np
 import pytest
+from manifold3d import Manifold
 
 from design.errors import SolidError
+from design.geometry import build_triangle_tree
 from design.solids import (
     Chamber,
     Connector,
+    PlacedConnector,
     block_solid,
     chamber_solid,
     connector_parts,
     cylinder_solid,
     fiducial_places,
+    find_ports,
     surface_genus,
     text_solid,
     tube_solid,
     with_connector,
+    with_connectors,
     with_text,
 )
 from design.solids.connector import Kind
+from design.solids.manifolds import solid_manifold
+from design.solids.snap import solid_from_manifold
+from design.tissue.depth import enclosed
 from tests.design.solids.networks import channels, ladder
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -82,6 +90,36 @@ def test_a_fitting_is_one_body_with_what_it_stands_on_at_every_face(axis: int, h
     for kind in kinds:
         body = with_connector(slab(), Connector(kind, 1.5, 4.8), at, outward)
         assert surface_genus(body.faces) == (0, 1)
+
+
+def test_a_fitting_leaves_its_neighbours_bore_open() -> None:
+    ats = [np.array([x, 6.0, 6.0]) for x in (5.4, 6.6)]
+    body = with_connectors(
+        slab(), [PlacedConnector(Connector("plain", 0.8, 3.0, 4.0), at, UP) for at in ats]
+    )
+    tree = build_triangle_tree(body.vertices, body.faces.astype(np.int32))
+    along = np.linspace(-0.9, 3.9, 25)[:, None] * UP
+    assert not enclosed(tree, np.concatenate([at + along for at in ats])).any()
+    assert surface_genus(body.faces) == (0, 1)
+
+
+def test_fittings_that_open_into_each_other_are_refused() -> None:
+    placed = [
+        PlacedConnector(Connector("luer_female", 1.0), np.array([x, 6.0, 6.0]), UP, name=name)
+        for x, name in ((4.5, "node 0"), (7.5, "node 2"))
+    ]
+    with pytest.raises(SolidError, match="node 0 and node 2, 3 mm apart, open into each other"):
+        with_connectors(slab(), placed)
+
+
+@pytest.mark.parametrize(("gap", "places"), [(4.0, [6.0, 4.0]), (0.3, [14.0, np.inf])])
+def test_a_port_is_where_its_vessel_first_leaves_the_body(gap: float, places: list[float]) -> None:
+    """Not on the far side of what stands opposite; a crevice is part of the face."""
+    arms = [block_solid((6.0, 12.0, 6.0)), block_solid((8.0 - gap, 12.0, 6.0), (6.0 + gap, 0, 0))]
+    body = solid_from_manifold(Manifold.compose([solid_manifold(a, "an arm") for a in arms]), "u")
+    network = channels([[1.0, 6, 3], [6, 6, 3]], [(0, 1)], 0.4)
+    (port,) = find_ports(network, body, np.array([1]), "the body")
+    assert [port.at[0], port.clear_mm] == pytest.approx(places)
 
 
 def _radius_at(solid_radius: np.ndarray, z: np.ndarray, height: float) -> float:

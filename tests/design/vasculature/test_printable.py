@@ -1,12 +1,13 @@
 """Largest printable trees: limits of lumen and wall kept."""
 
+import re
 from dataclasses import replace
 
 import manifold3d
 import numpy as np
 import pytest
 
-from design.errors import GrowthError, RootError
+from design.errors import GrowthError, NoRoomError, RootError
 from design.measures import MeasureOptions, measure_network
 from design.solids import read_solid
 from design.tissue import block, folded_cortex, tissue_from_surface
@@ -102,3 +103,20 @@ def test_a_root_on_a_sliver_gives_way_to_a_deep_one():
     given = replace(options, root_point_mm=tuple(tissue.top_vertex()[0]))
     with pytest.raises(RootError):
         grow_tree(tissue, given)
+
+
+def test_a_tree_stuck_in_a_lobe_gives_way_to_one_from_a_deep_root():
+    """Test a block with a ball on top, whose neck is too narrow for any vessel."""
+    body = manifold3d.Manifold.cube((20.0, 20.0, 10.0))
+    neck = manifold3d.Manifold.cylinder(2.5, 0.2, 0.2, 24).translate((5.0, 5.0, 9.5))
+    ball = manifold3d.Manifold.sphere(3.0, 24).translate((5.0, 5.0, 14.0))
+    mesh = (body + neck + ball).to_mesh()
+    tissue = tissue_from_surface(np.asarray(mesh.vert_properties[:, :3], float), mesh.tri_verts)
+    options = GrowthOptions(terminals=60, smallest_radius_mm=0.15, clearance_mm=0.1)
+    tree = grow_tree(tissue, options, attempts=1)
+    assert re.match(r"from the highest point only \d terminals fit, so", tree.notes[0])
+    assert tree.proximal[0, 2] <= 10.0
+    check(tree, tissue, options)
+    given = replace(options, root_point_mm=tuple(tissue.top_vertex()[0]))
+    with pytest.raises(NoRoomError, match=r"only \d of 60 terminals"):
+        grow_tree(tissue, given, attempts=1)

@@ -56,6 +56,11 @@ def test_only_the_inlet_gets_a_fitting_where_only_it_is_named() -> None:
     assert built.construct.bounds[:, 0] == pytest.approx([-5.0, 16.0], abs=1e-3)
 
 
+def test_a_bore_as_wide_as_its_tube_is_refused() -> None:
+    with pytest.raises(SolidError, match=r"bore_mm 1\.9 .* as wide as the"):
+        make(tubes={"wall_mm": 0.2}, inlets=BARB | {"bore_mm": 1.9, "outer_mm": 2.4})
+
+
 def test_tubes_take_the_tissues_place() -> None:
     built = make(tubes={"wall_mm": 0.4}, inlets=BARB | {"outer_mm": 2.4})
     assert built.construct.volume_mm3 < 0.4 * plain_block().volume_mm3
