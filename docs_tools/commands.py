@@ -48,19 +48,18 @@ def _below(command: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
 
 
 def _shown(command: Any) -> list[Any]:
-    """Parameters in the order of help; none for a group."""
+    """Parameters in the order of help; none of a group."""
     if hasattr(command, "list_commands"):
         return []
     return [one for one in command.params if one.name != "help" and not one.hidden]
 
 
 def _shared() -> dict[str, tuple[str, ...]]:
-    """Optional options that several commands take with the same help, and those commands."""
+    """Parameters that several commands take with the same help, and those commands."""
     takers: dict[str, list[str]] = {}
     for name, command in commands():
         for param in _shown(command):
-            if param.opts[0].startswith("-") and not param.required:
-                takers.setdefault(_item(param), []).append(name)
+            takers.setdefault(_item(param), []).append(name)
     return {item: tuple(names) for item, names in takers.items() if len(names) > 1}
 
 
@@ -77,11 +76,13 @@ def _shared_section(shared: dict[str, tuple[str, ...]]) -> str:
 
 def _section(name: str, command: Any, shared: dict[str, tuple[str, ...]]) -> str:
     parts = [f"## {name}", "", command.help.strip(), ""]
-    parts += ["```text", *MANUAL[name].examples, "```", ""]
+    if hasattr(command, "list_commands"):
+        return "\n".join(parts)
+    parts += [*(f"    {example}" for example in MANUAL[name].examples), ""]
     items = [(param, _item(param)) for param in _shown(command)]
     own = [item for _, item in items if item not in shared]
     parts += [*own, ""] if own else []
-    shared_names = ", ".join(_names(param) for param, item in items if item in shared)
+    shared_names = ", ".join(_head(param) for param, item in items if item in shared)
     parts += [f"[Shared](#shared-options): {shared_names}.", ""] if shared_names else []
     codes = {k: v for k, v in MANUAL[name].exit_codes().items() if ALWAYS.get(k) != v}
     if codes:
@@ -98,13 +99,14 @@ def _exit_code(code: int, meaning: str) -> str:
 def _item(param: Any) -> str:
     """One parameter as an item of a list, as Typer's own pages have it."""
     default = _default(param)
-    head = f"{_names(param)} {_value(param)}".strip() + (", needed" * param.required)
+    head = f"{_head(param)} {_value(param)}".strip()
     line = f"- {head}: {param.help}" + (f" Default {default}." if default else "")
     return line.replace("\n", " ")
 
 
-def _names(param: Any) -> str:
-    return ", ".join(f"`{one}`" for one in (*param.opts, *param.secondary_opts))
+def _head(param: Any) -> str:
+    names = ", ".join(f"`{one}`" for one in (*param.opts, *param.secondary_opts))
+    return names + " (needed)" * param.required
 
 
 def _value(param: Any) -> str:

@@ -104,9 +104,9 @@ def _figures(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 def page(known: Mapping[str, Mapping[str, Any]]) -> str:
     """The page, of what is known of each example."""
     made = [_section(path, known[path.stem]) for path in recipes() if path.stem in known]
-    rest = [f"- `{path.stem}`: {about(path)}" for path in recipes() if path.stem not in known]
-    missing = ["## Not in the gallery yet", "", "`make gallery NAMES=NAME` adds one.", "", *rest]
-    return "\n".join([HEAD, *made, *(missing if rest else []), ""])
+    rest = ", ".join(f"`{path.stem}`" for path in recipes() if path.stem not in known)
+    missing = ["## Not in the gallery yet", "", f"{rest}: `make gallery NAMES=NAME` adds one.", ""]
+    return "\n".join([HEAD, *made, *(missing if rest else [])])
 
 
 def about(path: Path) -> str:
