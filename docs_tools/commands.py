@@ -106,7 +106,7 @@ def _item(param: Any) -> str:
 
 def _head(param: Any) -> str:
     names = ", ".join(f"`{one}`" for one in (*param.opts, *param.secondary_opts))
-    return names + " (needed)" * param.required
+    return f"{names} (needed)" if param.required else names
 
 
 def _value(param: Any) -> str:
