@@ -12,8 +12,10 @@ from design.vasculature import GrowthOptions, grow_tree
 from design.vasculature.growth.bifurcation import split_value
 from design.vasculature.growth.cost import Sprout, climb
 from design.vasculature.growth.propose import estimate
+from design.vasculature.growth.state import SEGMENT, refresh_all, spread_down
+from design.vasculature.options import Law
 from design.vasculature.penalty import no_penalty
-from design.vasculature.polish.cost import law_of, segments_of
+from design.vasculature.treemath import tree_radii
 from tests.design.tissue.kept import kept_tissue
 from tests.slower import first_rows
 
@@ -26,8 +28,24 @@ TRIALS = 60
 def grown():
     shape = block((10.0, 10.0, 10.0))
     tree = grow_tree(kept_tissue(shape), GrowthOptions(terminals=1500))
-    law = law_of(tree)
+    law = Law(8.0 * tree.viscosity_pa_s / np.pi, tree.murray_exponent, 2.0, 1.0, tree.haematocrit)
     return tree, segments_of(tree, law), law
+
+
+def segments_of(tree, law):
+    """The tree as growing segments, with radii and derivatives of the cost."""
+    segments = np.zeros(len(tree.parent), SEGMENT)
+    for axis, name in enumerate("xyz"):
+        segments[f"p{name}"] = tree.proximal[:, axis]
+        segments[f"d{name}"] = tree.distal[:, axis]
+    segments["length"] = np.linalg.norm(tree.distal - tree.proximal, axis=1)
+    segments["parent"] = tree.parent
+    segments["left"], segments["right"] = tree.children.T
+    segments["allowed"] = np.inf
+    segments["flow"], segments["thick"] = tree.relative_flow, tree.relative_viscosity
+    refresh_all(segments, len(segments), law)
+    spread_down(segments, len(segments), float(tree_radii(tree)[0]), 1.0, law)
+    return segments
 
 
 def depth_of(tree):
