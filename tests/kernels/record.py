@@ -59,10 +59,6 @@ EMBEDDED: dict[str, Any] = {
     "scan": {"simulated": "microct", "voxel_um": [80, 80, 80]},
     "registration": {"tolerance_um": 1000},
 }
-POLISHED: dict[str, Any] = EMBEDDED | {
-    "name": "warm_polish",
-    "vasculature": {"grow": "tree", "terminals": 30, "polish": True},
-}
 CROWDED: dict[str, Any] = EMBEDDED | {
     "name": "warm_loops",
     "vasculature": {
@@ -117,11 +113,6 @@ def design(scratch: Path) -> None:
         _design(data, folder)
 
 
-def polish(scratch: Path) -> None:
-    """Trees that are grown and polished."""
-    _design(POLISHED, scratch)
-
-
 def connect(scratch: Path) -> None:
     """Trees that are grown and connected."""
     _design(CROWDED, scratch)
@@ -169,7 +160,6 @@ WORKS: Final[dict[str, Callable[[Path], None]]] = {
     "pulse and oxygen": pulse_and_oxygen,
     "run embedded": run_embedded,
     "design": design,
-    "polish": polish,
     "connect": connect,
     "flow in 3D": flow_in_3d,
     "mend": mend,
