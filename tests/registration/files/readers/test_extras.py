@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import math
+import struct
 import zlib
 from pathlib import Path
 from typing import Any, Literal
@@ -109,6 +110,17 @@ def test_broken_matlab_file_is_refused(tmp_path: Path) -> None:
     savemat(path, {"V": np.zeros((3, 3))})
     with pytest.raises(ScanFileError, match="0 arrays of three axes"):
         read_scan(path, MODALITY)
+
+
+def test_matlab_sizes_beyond_the_file_are_refused_before_memory_is_taken(tmp_path: Path) -> None:
+    path = tmp_path / "s.mat"
+    savemat(path, {"V": counts()})
+    sizes = struct.pack("<3i", *counts().shape)
+    for size in (2**30, 2**10):
+        path.write_bytes(path.read_bytes().replace(sizes, struct.pack("<3i", size, size, size)))
+        with pytest.raises(ScanFileError, match=r"no scan is larger|holds at most"):
+            read_scan(path, MODALITY)
+        savemat(path, {"V": counts()})
 
 
 def zarr_2(path: Path, codec: dict[str, Any] | None, **changes: Any) -> Path:
