@@ -22,14 +22,13 @@ from benchmarks.checkers import winding_numbers
 from benchmarks.checkers.containment import surface_tree
 from benchmarks.command import Row
 from benchmarks.machine import ROOT, machine, row
-from benchmarks.paper_places import PAPER, accuracy_panels
+from benchmarks.paper_places import PAPER, accuracy_panels, law_of, segments_of
 from benchmarks.vasculature_grow import warm_up
 from design.tissue import Tissue, block, folded_cortex, tissue_from_surface
 from design.vasculature import GrowthOptions, grow_tree
 from design.vasculature.growth.fit import growth_factor
 from design.vasculature.growth.index import nearest_segments
 from design.vasculature.growth.make_index import CELL, clearances_of, index_segments
-from design.vasculature.polish.cost import law_of, segments_of
 from design.vasculature.treemath import tree_radii
 
 PICTURE = ROOT / "build" / "paper_panels.png"

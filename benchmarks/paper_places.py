@@ -24,8 +24,10 @@ from design.vasculature import VesselTree
 from design.vasculature.growth.bifurcation import split_value
 from design.vasculature.growth.cost import Sprout, climb
 from design.vasculature.growth.propose import estimate
+from design.vasculature.growth.state import SEGMENT, refresh_all, spread_down
+from design.vasculature.options import Law
 from design.vasculature.penalty import no_penalty
-from design.vasculature.polish.cost import law_of, segments_of
+from design.vasculature.treemath import tree_radii
 
 FloatArray = NDArray[np.float64]
 
@@ -60,6 +62,29 @@ class Case:
     def cost(self, place: FloatArray) -> float:
         """Return the whole tree's cost with the bifurcation at ``place`` (3,), mm."""
         return float(cost_at(self.tree, self.parts, self.ends, place, self.gamma))
+
+
+def law_of(tree: VesselTree, length_exponent: float = 1.0, radius_exponent: float = 2.0) -> Law:
+    """The constants of the cost Σ ℓᵘ r^λ for a tree."""
+    k = 8.0 * tree.viscosity_pa_s / np.pi
+    return Law(k, tree.murray_exponent, radius_exponent, length_exponent, tree.haematocrit)
+
+
+def segments_of(tree: VesselTree, law: Law) -> Any:
+    """The tree as growing segments, with radii and derivatives of the cost."""
+    segments = np.zeros(len(tree.parent), SEGMENT)
+    for axis, name in enumerate("xyz"):
+        segments[f"p{name}"] = tree.proximal[:, axis]
+        segments[f"d{name}"] = tree.distal[:, axis]
+    segments["length"] = np.linalg.norm(tree.distal - tree.proximal, axis=1)
+    segments["parent"] = tree.parent
+    segments["left"], segments["right"] = tree.children.T
+    segments["allowed"] = np.inf
+    segments["flow"], segments["thick"] = tree.relative_flow, tree.relative_viscosity
+    segments["given"] = tree.given
+    refresh_all(segments, len(segments), law)
+    spread_down(segments, len(segments), float(tree_radii(tree)[0]), 1.0, law)
+    return segments
 
 
 def cases_of(tree: VesselTree, each: int) -> tuple[list[Case], NDArray[np.int64]]:

@@ -22,11 +22,10 @@ import numpy as np
 from benchmarks.checkers import box_triangles, write_stl
 from benchmarks.machine import ROOT, commit, machine, row
 from benchmarks.vasculature_anatomy import anatomy_jobs
-from benchmarks.vasculature_checks import Found, check, rows_of
+from benchmarks.vasculature_checks import check, rows_of
 from benchmarks.vasculature_loops import loop_rows, seed_rows
 from benchmarks.vasculature_peer import NoPeerError, grow_svv, ratios_path
 from benchmarks.vasculature_plot import growth_curve, plot_growth, slope_row
-from benchmarks.vasculature_polish import polish_case, polish_rows
 from benchmarks.vasculature_print import print_rows
 from benchmarks.vasculature_runs import (
     Case,
@@ -89,30 +88,17 @@ def cube_rows(data: Path, folder: Path) -> Iterator[Row]:
     found, peer = (check(path, stl, run["flow_ul_s"]) for path in (ours, theirs))
     yield from rows_of(case.name, case.terminals, found, peer)
     fair = check(ratios_path(theirs), stl, run["flow_ul_s"])
-    yield from against_svv(case, folder, fair)
-
-
-def against_svv(case: Case, folder: Path, fair: Found) -> Iterator[Row]:
-    """Volume over svv's, grown and polished; ``fair`` has svv's with radii from its own ratios."""
-    paths = [folder / "grown.csv", folder / "polished.csv"]
-    run = polish_case(case, *paths)
-    for path, when, goal in zip(paths, ("before", "after"), ("", "<= 0.95"), strict=True):
-        found = check(path, case.stl, run["flow_ul_s"])
-        share = found.volume_mm3 / fair.volume_mm3
-        yield (
-            row(
-                f"{case.name}: volume over svv's (radii from its own ratios), {when} polish",
-                round(share, 4),
-                "ratio",
-                goal,
-                share <= 0.95 if goal else None,
-                {"name": "svv 0.0.57", "value": fair.volume_mm3, "unit": "mm³"},
-            )
-            | {"value_mm3": found.volume_mm3, "peer_flow_spread": fair.flow_spread}
-            | {"samples": "drawn by each program itself; svv's tree differs from run to run"}
+    share = found.volume_mm3 / fair.volume_mm3
+    yield (
+        row(
+            f"{case.name}: volume over svv's (radii from its own ratios)",
+            round(share, 4),
+            "ratio",
+            peer={"name": "svv 0.0.57", "value": fair.volume_mm3, "unit": "mm³"},
         )
-        if goal:
-            yield from rows_of(f"{case.name}, polished", case.terminals, found)
+        | {"value_mm3": found.volume_mm3, "peer_flow_spread": fair.flow_spread}
+        | {"samples": "drawn by each program itself; svv's tree differs from run to run"}
+    )
 
 
 def biventricle_rows(
@@ -154,16 +140,6 @@ def loop_rows_large(data: Path, folder: Path) -> Iterator[Row]:
     yield from loop_rows(Case("closed loops 2 x 10,000, biventricle", stl, 10_000), folder, 240.0)
 
 
-def polish_all(data: Path, folder: Path) -> Iterator[Row]:
-    """What polish saves, at two sizes in two tissues."""
-    stl = folder / "polish_cube.stl"
-    write_stl(stl, box_triangles(np.zeros(3), np.full(3, CUBE_MM)))
-    for terminals in (1_000, 10_000):
-        yield from polish_rows(Case(f"cube {terminals:,}", stl, terminals, CUBE_ROOT), folder)
-        gyrus = data / "gyrus_patch_fsaverage5.stl"
-        yield from polish_rows(Case(f"gyrus {terminals:,}", gyrus, terminals), folder)
-
-
 def curve_rows(data: Path, plot: Path, most: int) -> Iterator[Row]:
     """The growth curve, drawn too."""
     curve = growth_curve(data / "biventricle_svv.stl", most)
@@ -182,7 +158,6 @@ def jobs(asked: argparse.Namespace, folder: Path) -> Iterator[tuple[str, Callabl
     )
     yield "100,000 by threads and workers", lambda: same_rows(data, folder)
     yield "closed loops 2 x 500", lambda: loop_rows_small(data, folder)
-    yield "polish", lambda: polish_all(data, folder)
     yield "printable 500", lambda: print_rows(data, folder)
     yield from anatomy_jobs(data, folder)
     if asked.large:

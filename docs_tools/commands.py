@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import typing
 from collections.abc import Iterator
+from itertools import starmap
 from pathlib import Path
 from typing import Any, Final, Literal
 
 import typer
 
 from design.files import write_text
-from printctl.cli.help_examples import ALWAYS, MANUAL
+from printctl.cli.help_examples import ALWAYS, MANUAL, PRINTS, REACHES
 from printctl.cli.main import app
 
+MAX_NAMED: Final = 6
+"""Of more commands than this, a group of shared options gives only the number."""
 PAGE: Final = Path(__file__).parents[1] / "docs" / "commands.md"
 HEAD: Final = """# Commands
 
-Made from the commands' own help by `make docs`; `printctl COMMAND --help` says the same. Exit codes
-are 0 done, 1 failed, 2 wrong use, 3 a safety check refused, 4 the printer failed. Results go to
-stdout, all else to stderr. An option that takes one value is given once.
+Made from the commands' own help by `make docs`; `printctl COMMAND --help` has the same. Exit codes:
+0 done, 1 failed, 2 wrong use; where a command lists them, 3 a safety check refused it, 4 the
+printer or the link to it failed, or the print was stopped. Results go to stdout, all else to
+stderr. An option that takes one value is given once.
 
 `printctl --install-completion` makes the shell complete commands, options, profile names and files.
 """
@@ -31,7 +35,9 @@ def commands() -> Iterator[tuple[str, Any]]:
 
 def page() -> str:
     """The whole page."""
-    return "\n".join([HEAD, *(_section(name, command) for name, command in commands())])
+    shared = _shared()
+    sections = (_section(name, command, shared) for name, command in commands())
+    return "\n".join([HEAD, _shared_section(shared), *sections])
 
 
 def _below(command: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
@@ -41,27 +47,66 @@ def _below(command: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
         yield from _below(command.get_command(None, name), (*path, name))
 
 
-def _section(name: str, command: Any) -> str:
-    is_group = hasattr(command, "list_commands")
-    shown = [one for one in command.params if one.name != "help" and not one.hidden]
-    parts = [f"## {name}", "", command.help.strip(), ""]
-    parts += ["```text", *MANUAL[name].examples, "```", ""]
-    if shown and not is_group:
-        parts += ["| | | default |", "|---|---|---|", *map(_row, shown), ""]
-    codes = {k: v for k, v in MANUAL[name].exit_codes().items() if ALWAYS.get(k) != v}
-    if codes:
-        said = "; ".join(f"{code} {meaning}" for code, meaning in codes.items())
-        parts += [f"Exit codes besides 0 and 2: {said}.", ""]
+def _shown(command: Any) -> list[Any]:
+    """Parameters in the order of help; none of a group."""
+    if hasattr(command, "list_commands"):
+        return []
+    return [one for one in command.params if one.name != "help" and not one.hidden]
+
+
+def _shared() -> dict[str, tuple[str, ...]]:
+    """Parameters that several commands take with the same help, and those commands."""
+    takers: dict[str, list[str]] = {}
+    for name, command in commands():
+        for param in _shown(command):
+            takers.setdefault(_item(param), []).append(name)
+    return {item: tuple(names) for item, names in takers.items() if len(names) > 1}
+
+
+def _shared_section(shared: dict[str, tuple[str, ...]]) -> str:
+    by_takers: dict[tuple[str, ...], list[str]] = {}
+    for item, names in shared.items():
+        by_takers.setdefault(names, []).append(item)
+    parts = ["## Shared options", "", "Each command names the ones that it takes.", ""]
+    for names, items in sorted(by_takers.items(), key=lambda pair: -len(pair[0])):
+        takers = ", ".join(f"`{name}`" for name in names)
+        parts += [takers if len(names) <= MAX_NAMED else f"{len(names)} commands", "", *items, ""]
     return "\n".join(parts)
 
 
-def _row(param: Any) -> str:
+def _section(name: str, command: Any, shared: dict[str, tuple[str, ...]]) -> str:
+    parts = [f"## {name}", "", command.help.strip(), ""]
+    if hasattr(command, "list_commands"):
+        return "\n".join(parts)
+    parts += [*(f"    {example}" for example in MANUAL[name].examples), ""]
+    items = [(param, _item(param)) for param in _shown(command)]
+    own = [item for _, item in items if item not in shared]
+    parts += [*own, ""] if own else []
+    shared_names = ", ".join(_head(param) for param, item in items if item in shared)
+    parts += [f"[Shared](#shared-options): {shared_names}.", ""] if shared_names else []
+    codes = {k: v for k, v in MANUAL[name].exit_codes().items() if ALWAYS.get(k) != v}
+    if codes:
+        parts += [f"Exit codes: {'; '.join(starmap(_exit_code, codes.items()))}.", ""]
+    return "\n".join(parts)
+
+
+def _exit_code(code: int, meaning: str) -> str:
+    """The code alone where the page's head gives its meaning."""
+    in_head = (code, meaning) in (*PRINTS.items(), *REACHES.items())
+    return f"{code}" if in_head else f"{code} {meaning}"
+
+
+def _item(param: Any) -> str:
+    """One parameter as an item of a list, as Typer's own pages have it."""
+    default = _default(param)
+    head = f"{_head(param)} {_value(param)}".strip()
+    line = f"- {head}: {param.help}" + (f" Default {default}." if default else "")
+    return line.replace("\n", " ")
+
+
+def _head(param: Any) -> str:
     names = ", ".join(f"`{one}`" for one in (*param.opts, *param.secondary_opts))
-    value = _value(param)
-    cells = (f"{names} {value}".strip(), param.help, _default(param))
-    return (
-        "| " + " | ".join(str(cell).replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
-    )
+    return f"{names} (needed)" if param.required else names
 
 
 def _value(param: Any) -> str:
@@ -87,12 +132,12 @@ def _choices(annotation: Any) -> tuple[str, ...]:
 
 def _default(param: Any) -> str:
     if param.required:
-        return "needed"
+        return ""
     if isinstance(getattr(param, "show_default", None), str):
         shown = param.show_default
         return shown if " " in shown else f"`{shown}`"
     default = param.default() if callable(param.default) else param.default
-    if default in (None, False, (), []) or not getattr(param, "show_default", True):
+    if default in (None, False, (), [], "") or not getattr(param, "show_default", True):
         return ""
     return f"`{default:g}`" if isinstance(default, float) else f"`{default}`"
 

@@ -103,7 +103,10 @@ def _figures(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 def page(known: Mapping[str, Mapping[str, Any]]) -> str:
     """The page, of what is known of each example."""
-    return "\n".join([HEAD, *(_section(path, known.get(path.stem)) for path in recipes())])
+    made = [_section(path, known[path.stem]) for path in recipes() if path.stem in known]
+    rest = ", ".join(f"`{path.stem}`" for path in recipes() if path.stem not in known)
+    missing = ["## Not in the gallery yet", "", f"{rest}: `make gallery NAMES=NAME` adds one.", ""]
+    return "\n".join([HEAD, *made, *(missing if rest else [])])
 
 
 def about(path: Path) -> str:
@@ -116,21 +119,13 @@ def about(path: Path) -> str:
     return " ".join(lines)
 
 
-def _section(path: Path, known: Mapping[str, Any] | None) -> str:
+def _section(path: Path, known: Mapping[str, Any]) -> str:
+    figures = "; ".join(f"{name} {value}" for name, value in known["figures"].items())
     parts = [f"## {path.stem}", "", about(path), ""]
-    if known is None:
-        parts += [f"Not in the gallery yet: `make gallery NAMES={path.stem}` makes it.", ""]
-        return "\n".join(parts)
-    names = list(known["figures"])
     parts += [f"![{path.stem}: vessels in colour](images/gallery/{path.stem}.png)", ""]
-    parts += ["| " + " | ".join(names) + " |", "|" + "---|" * len(names)]
-    parts += ["| " + " | ".join(known["figures"][name] for name in names) + " |", ""]
+    parts += [f"*{figures}; `printctl run examples/{path.name}`, {known['made']}.*", ""]
     if "refused" in known:
         parts += [f"Shown as designed; the print is refused: {known['refused']}", ""]
-    parts += [
-        f"`printctl run examples/{path.name}`; made {known['made']}.",
-        "",
-    ]
     return "\n".join(parts)
 
 

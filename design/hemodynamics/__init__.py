@@ -32,14 +32,12 @@ if TYPE_CHECKING:
     from design.hemodynamics.zero_d.balance import balance, flow_spread
     from design.hemodynamics.zero_d.flow import FlowSolution
     from design.hemodynamics.zero_d.pulsatile import (
-        MarchOptions,
         PressureOutlet,
         PulsatileConditions,
         PulsatileSolution,
         ResistanceOutlet,
         WindkesselOutlet,
         end_waves,
-        march_pulsatile,
         pulsatile_summary,
         pulsatile_table,
         solve_pulsatile,
@@ -63,7 +61,6 @@ __all__ = [
     "Fluid",
     "GelWall",
     "Losses",
-    "MarchOptions",
     "Newtonian",
     "OneDOptions",
     "OneDSolution",
@@ -90,7 +87,6 @@ __all__ = [
     "flow_structure",
     "flow_summary",
     "flow_table",
-    "march_pulsatile",
     "node_inflow",
     "one_d_summary",
     "one_d_table",

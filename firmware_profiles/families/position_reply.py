@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 _POSITION: Final = re.compile(rb"([XYZE]): ?(-?\d+\.\d+)")
-_PLACE: Final = re.compile(rb"(?:ok )?(?:C: )?X: ?-?\d")
-"""How M114's place begins; ``ok C:`` is Smoothieware's."""
+_PLACE: Final = re.compile(rb"(?:ok )?X: ?-?\d")
+"""How M114's place begins."""
 _COMMANDED: Final = b"gcode: "
 _SHIFT: Final = b"gcode base: "
 _MOTOR: Final = re.compile(rb"stepper_([xyz]):(-?\d+(?:\.\d+)?)")

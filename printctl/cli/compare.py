@@ -23,7 +23,7 @@ from registration.comparison import (
     verdict,
 )
 from registration.report.comparison import comparison_figures, write_comparison_html
-from registration.report.pdf import write_comparison_pdf
+from registration.report.print_page import print_page
 
 JSON: Final = "compare.json"
 CSV: Final = "compare.csv"
@@ -135,7 +135,7 @@ class _Files:
         drawn = comparison_figures(self.found)
         write_comparison_html(self.out / HTML, self.found, self.title, self.notes, drawn)
         if pdf:
-            write_comparison_pdf(self.out / PDF, self.found, self.title, self.notes, drawn)
+            print_page(self.out / HTML, self.out / PDF)
 
     def pages(self, pdf: bool) -> list[str]:
         """Return the paths of the pages."""

@@ -69,17 +69,6 @@ class OtherSolvers:
     ranks_python: Annotated[
         Path | None, typer.Option("--ranks-python", help="Interpreter with dolfinx, for --ranks.")
     ] = None
-    slurm: Annotated[
-        Path | None, typer.Option("--slurm", help="Write a batch script that does it on a cluster.")
-    ] = None
-    slurm_set: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--slurm-set",
-            metavar="NAME=VALUE",
-            help="Of --slurm: nodes, ntasks, time, mem, partition, account, python, setup.",
-        ),
-    ] = None
     svmultiphysics: Annotated[
         Path | None,
         typer.Option("--svmultiphysics", help="Write the 3D case for svMultiPhysics here."),

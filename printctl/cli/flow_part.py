@@ -77,18 +77,17 @@ _PRINT_POWER: Final = {
 _UNSCALED: Final = ("outlets", "pulse.table", "losses.stenoses")
 _HAS_NONE: Final = ", and the recipe has none"
 _GIVE_WAVE: Final = "give --amplitude-ml-min, --amplitude-mmhg, --shape or --waveform"
-_IN_SPACE: Final = ("three_d", "match_split", "ranks", "slurm", "svmultiphysics")
+_IN_SPACE: Final = ("three_d", "match_split", "ranks", "svmultiphysics")
 """Options that solve in the lumens' space, which fillets round."""
 _NEED: Final = {
     "ranks_python": "ranks",
-    "slurm_set": "slurm",
     **dict.fromkeys(("want", "match_percent", "least_lumen_mm"), "match_split"),
 }
 """Options that mean nothing without another one."""
 _OTHERS: Final = SectionOptions(ThreeDPart, renamed=THREE_D.renamed)
 _TAKEN: Final[Mapping[str, tuple[str, ...]]] = {
-    "edge_ratio": ("match_split", "ranks", "slurm", "svmultiphysics"),
-    "inertia": ("match_split", "ranks", "slurm"),
+    "edge_ratio": ("match_split", "ranks", "svmultiphysics"),
+    "inertia": ("match_split", "ranks"),
 }
 """Options of --three-d that others who solve in space take, too."""
 
@@ -254,7 +253,7 @@ def refuse_idle_options(asked: Mapping[str, Any]) -> None:
     if asked["fillet_ratio"] is not None and not any(asked[key] for key in _IN_SPACE):
         raise UsageError(
             "--fillet-ratio rounds the lumens that 3D flow is solved in; give --three-d, "
-            "--match-split, --ranks, --slurm or --svmultiphysics, or leave it out"
+            "--match-split, --ranks or --svmultiphysics, or leave it out"
         )
 
 

@@ -18,7 +18,6 @@ _ELSEWHERE: Final = (
     "svzerod",
     "svoned",
     "ranks",
-    "slurm",
     "svmultiphysics",
     "compare",
     "check",

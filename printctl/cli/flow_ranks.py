@@ -1,4 +1,4 @@
-"""Run `printctl flow` in 3D on MPI ranks; write Slurm script."""
+"""Run `printctl flow` in 3D on MPI ranks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
 from printctl.analysis.flow.driven import Driven
 from printctl.analysis.flow.printed_fidelities import mesh_of
-from printctl.analysis.flow.ranks import run_on_ranks, slurm_job, write_slurm
+from printctl.analysis.flow.ranks import run_on_ranks
 from printctl.cli.flow_options import OtherSolvers
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
@@ -38,18 +38,14 @@ def run_other_solvers(
     FlowError, SolidError, UsageError, PrintctlError, OSError
         As `lumen_mesh`, `run_on_ranks` and the writers.
     """
-    if asked.ranks is None and asked.slurm is None:
+    if asked.ranks is None:
         return
     mesh = straighten_edges(mesh_of(network, space, fillet_ratio))[0]
     folder = out / CASE
     model: Any = "navier_stokes" if space.inertia else "stokes"
     write_case(mesh, rank_conditions(mesh, driven.steady(network), model=model), folder)
     output.files.append(folder)
-    if asked.slurm is not None:
-        write_slurm(asked.slurm, folder, slurm_job(asked.slurm_set or []))
-        output.files.append(asked.slurm)
-    if asked.ranks is not None:
-        output.summary["ranks"] = _solved(folder, asked.ranks, asked.ranks_python)
+    output.summary["ranks"] = _solved(folder, asked.ranks, asked.ranks_python)
 
 
 def _solved(folder: Path, ranks: int, python: Path | None) -> dict[str, Any]:

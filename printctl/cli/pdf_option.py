@@ -1,4 +1,4 @@
-"""Command-line option ``--pdf``, refused if reportlab isn't installed."""
+"""Command-line option ``--pdf``, refused where no browser is installed that prints."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from printctl.errors import UsageError
 
 def _checked(wanted: bool) -> bool:
     if wanted:
-        from registration.report.pdf import pdf_missing  # Loads what draws; only wanted here.
+        from registration.report.print_page import browser_missing  # Only wanted here.
 
-        missing = pdf_missing()
+        missing = browser_missing()
         if missing is not None:
             raise UsageError(f"--pdf: {missing}")
     return wanted
@@ -23,7 +23,7 @@ PdfFlag = Annotated[
     bool,
     typer.Option(
         "--pdf",
-        help="Write the page as a PDF too (pip install 'printctl[pdf]').",
+        help="Print the page to a PDF too, by an installed Chromium, Chrome or Edge.",
         # Before the work starts.
         callback=_checked,
     ),

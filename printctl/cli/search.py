@@ -10,7 +10,6 @@ import typer
 from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
 from printctl.search import SearchResult, load_search, run_search
 from printctl.search.results import write_results
-from printctl.search.slurm import slurm_workers
 from printctl.search.table import count_lines, table_lines
 from printctl.search.workers import WAIT_MIN, Workers
 
@@ -46,27 +45,8 @@ def search(
     ] = None,
     wait_min: Annotated[
         float,
-        typer.Option("--wait-min", min=0.0, help="For --scheduler or --slurm, their first worker."),
+        typer.Option("--wait-min", min=0.0, help="For --scheduler, its first worker."),
     ] = WAIT_MIN,
-    slurm: Annotated[
-        int | None,
-        typer.Option(
-            "--slurm",
-            metavar="JOBS",
-            min=1,
-            max=10_000,
-            help="Grow in so many jobs of the Slurm cluster that this machine belongs to.",
-        ),
-    ] = None,
-    slurm_set: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--slurm-set",
-            metavar="NAME=VALUE",
-            help="Of each job: ntasks (1), mem (4G), time, partition, account, nodes, python, "
-            "setup.",
-        ),
-    ] = None,
     limit: Annotated[
         int | None, typer.Option("--limit", min=0, help="Grow so many new candidates at most.")
     ] = None,
@@ -77,8 +57,7 @@ def search(
     Killed or interrupted, it goes on where it was. Exit code 1 when a candidate broke, or none
     keeps the limits though all are known.
     """
-    jobs = slurm_workers(slurm, slurm_set or [], out)
-    asked, who = load_search(search_file), Workers(workers, scheduler, wait_min, jobs)
+    asked, who = load_search(search_file), Workers(workers, scheduler, wait_min)
     result = run_search(asked, search_file.resolve().parent, out, messages(), who, limit)
     written = [str(path) for path in write_results(result, out)]
     if as_json:

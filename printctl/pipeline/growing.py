@@ -35,13 +35,12 @@ from design.vasculature import (
     grow_tree,
     terminals_of,
 )
-from design.vasculature.polish import PolishOptions, polish_forest
 from printctl.errors import RecipeError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.growth_source import growth_options, loop_options, read_trunk
 from printctl.pipeline.printability import printability
 from printctl.recipe.anatomy import AnatomyPart
-from printctl.recipe.growth import ClosedLoop, GrownNetwork, Growth
+from printctl.recipe.growth import ClosedLoop, GrownNetwork
 
 _TOLD = 50
 """Parts of a tissue that the manifest lists at most, the largest first."""
@@ -67,14 +66,12 @@ def supply_report(supply: Sequence[PartSupply]) -> dict[str, Any]:
 
 
 def grown_tree(context: RunContext, part: GrownNetwork) -> VesselTree:
-    """The tree that the recipe asks for, polished if it says so."""
+    """Grow the tree that the recipe asks for."""
     seed, folder = context.recipe.seed, context.recipe_folder
     options = growth_options(part, seed, folder)
     if part.printable:
-        tree = printable_tree(context, part, options)
-    else:
-        tree = grow_tree(context.tissue, options, trunk=read_trunk(part, folder))
-    return tree if part.printable else polished(context.tissue, (tree,), part, seed)[0]
+        return printable_tree(context, part, options)
+    return grow_tree(context.tissue, options, trunk=read_trunk(part, folder))
 
 
 def anatomic_trees(context: RunContext, part: GrownNetwork) -> AnatomicTrees:
@@ -180,7 +177,7 @@ def closed_loop(tissue: Tissue, part: ClosedLoop, seed: int) -> tuple[ClosedLoop
     artery = growth_options(part, seed)
     vein = replace(artery, root_point_mm=part.vein_root_mm, root_direction=part.vein_root_direction)
     roots = [RootSpec(artery, VesselKind.ARTERY), RootSpec(vein, VesselKind.VEIN)]
-    arterial, venous = polished(tissue, grow_forest(tissue, roots), part, seed)
+    arterial, venous = grow_forest(tissue, roots)
     notes = [
         f"{name}: {note}"
         for name, tree in (("artery", arterial), ("vein", venous))
@@ -188,16 +185,6 @@ def closed_loop(tissue: Tissue, part: ClosedLoop, seed: int) -> tuple[ClosedLoop
     ]
     closed = close_loops(tissue, arterial, venous, loop_options(part, seed))
     return rebalanced(closed, artery, artery.flow_ul_s(tissue.volume_mm3)), tuple(notes)
-
-
-def polished(
-    tissue: Tissue, trees: tuple[VesselTree, ...], part: Growth, seed: int
-) -> tuple[VesselTree, ...]:
-    """The trees of a tissue, polished clear of each other if the recipe says so."""
-    if not part.polish:
-        return trees
-    done = polish_forest(tissue, trees, polish_options(part, seed))
-    return tuple(replace(one.tree, notes=tree.notes) for one, tree in zip(done, trees, strict=True))
 
 
 def rebalanced(closed: ClosedLoops, options: GrowthOptions, flow_ul_s: float) -> ClosedLoops:
@@ -218,18 +205,3 @@ def loops_report(closed: ClosedLoops) -> dict[str, int]:
         "shortened_terminals": closed.shortened,
         "pruned_pairs": closed.pruned,
     }
-
-
-def polish_options(part: Growth, seed: int) -> PolishOptions:
-    """The constraints the tree was grown with."""
-    return PolishOptions(
-        seed=seed,
-        length_exponent=part.length_exponent,
-        radius_exponent=part.radius_exponent,
-        clearance_mm=part.clearance_mm,
-        clearance_ratio=part.clearance_ratio,
-        length_to_radius=part.length_to_radius,
-        branch_angle_degrees=part.branch_angle_degrees,
-        turn_angle_degrees=part.turn_angle_degrees,
-        flow_ratio=part.flow_ratio,
-    )

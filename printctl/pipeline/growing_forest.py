@@ -23,7 +23,7 @@ from design.vasculature import (
 )
 from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.growth.trunk import trunk_of
-from printctl.pipeline.growing import loops_report, polished, rebalanced
+from printctl.pipeline.growing import loops_report, rebalanced
 from printctl.pipeline.growth_source import growth_options, loop_options
 from printctl.recipe.forest import Forest, GrownTrees, TreePart
 
@@ -35,7 +35,7 @@ def grown_forest(
     given, notes = _given(part, recipe_folder)
     shared = growth_options(part, seed)
     roots = _roots(part, shared, recipe_folder)
-    trees = polished(tissue, grow_forest(tissue, roots, beside=given), part, seed)
+    trees = grow_forest(tissue, roots, beside=given)
     grown = _by_network(part, trees)
     network, closed = join_forest(
         tissue,

@@ -32,7 +32,7 @@ class PageParts:
     drawn : dict of str to bytes
         Figures that are drawn already.
     origin : dict or None
-        What the PDF says of the files; None for a page alone.
+        What a page that is printed to PDF says of the files; None for a page alone.
     observed : Path or None
         Folder of the print, with the looks at it; None where there are none.
     """

@@ -11,20 +11,17 @@ from printctl.pipeline.look_pictures import look_pictures
 from printctl.pipeline.page_parts import PageParts
 from printctl.run_folder.artefacts import HTML, NUMBERS, PDF
 from registration.report import all_figures, network_drawing, write_report_html
+from registration.report.print_page import print_page
 
 __all__ = ["all_figures", "network_drawing", "write_pages"]
 
 
 def write_pages(folder: Path, parts: PageParts) -> None:
     """Write the HTML page, and the PDF where it is asked for, into a folder."""
-    # Drawn once for page and PDF.
-    given = parts.drawn | ({} if parts.observed is None else look_pictures(parts.observed))
-    drawn = all_figures(parts.data, parts.network, given, parts.views)
+    drawn = parts.drawn | ({} if parts.observed is None else look_pictures(parts.observed))
     shown = {**parts.data, "numbers_file": NUMBERS, "strahler_orders": parts.orders}
+    if parts.origin is not None:
+        shown["provenance"] = parts.origin
     write_report_html(folder / HTML, shown, parts.surfaces, parts.network, drawn, views=parts.views)
     if parts.origin is not None:
-        # A PDF library that a page alone doesn't need.
-        from registration.report.pdf import write_report_pdf
-
-        data = {**parts.data, "provenance": parts.origin}
-        write_report_pdf(folder / PDF, data, parts.network, drawn, parts.views)
+        print_page(folder / HTML, folder / PDF)

@@ -148,12 +148,6 @@ class Forest(Growth):
     def _keys_fit(self) -> Forest:
         if self.root_mm or self.root_direction:
             raise ValueError("each tree of a forest has its root_mm; give it there")
-        if self.polish and self.given is not None:
-            raise ValueError("polish doesn't know vessels that are there; leave out one of the two")
-        for tree in self.trees:
-            if self.polish and (tree.trunk or tree.smallest_diameter_mm):
-                key = "trunk" if tree.trunk else "smallest_diameter_mm"
-                raise ValueError(f"polish wouldn't keep to a tree's {key}; give one of the two")
         if not self.grown:
             raise ValueError("a forest grows at least one tree; give a network with trees")
         if len(self.networks) - len(self.grown) > 1:

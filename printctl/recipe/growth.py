@@ -178,9 +178,6 @@ class Growth(NetworkSection):
     )
     root_mm: Point | None = None
     root_direction: Point | None = None
-    polish: bool = Field(
-        default=False, description="Relax and regraft grown trees to lower their cost."
-    )
 
     @model_validator(mode="after")
     def _growth_is_possible(self) -> Growth:
@@ -190,18 +187,7 @@ class Growth(NetworkSection):
                 raise ValueError(f"{name} [{low:g}, {high:g}] doesn't ascend; give least, greatest")
         if self._counted_by() is None:
             raise ValueError("how many terminals isn't said; add terminals")
-        self._polish_fits()
         return self
-
-    def _polish_fits(self) -> None:
-        if self.polish and self.smallest_diameter_mm is not None:
-            raise ValueError(
-                "polish thins the smallest lumens by some percent, so it can't be combined with "
-                "smallest_diameter_mm yet; give one of the two"
-            )
-        for key in ("trunk", "stages", "penalty"):
-            if self.polish and getattr(self, key, None):
-                raise ValueError(f"polish wouldn't keep to {key}; give one of the two")
 
     def _counted_by(self) -> str | None:
         """The key that says how many terminals there are."""
@@ -264,10 +250,10 @@ class GrownNetwork(Growth):
 
     @model_validator(mode="after")
     def _keys_fit(self) -> GrownNetwork:
-        for key in ("polish", "trunk", "stages", "terminal_points", "root"):
+        for key in ("trunk", "stages", "terminal_points", "root"):
             if self.printable and getattr(self, key):
                 raise ValueError(f"printable doesn't go with {key} yet; give one of the two")
-        others = ("polish", "printable", "trunk", "stages", "terminal_points", "root", "root_mm")
+        others = ("printable", "trunk", "stages", "terminal_points", "root", "root_mm")
         for key in (*others, "inlets"):
             if self.anatomy is not None and getattr(self, key):
                 raise ValueError(f"anatomy doesn't go with {key}; give one of the two")
@@ -297,7 +283,7 @@ class GrownNetwork(Growth):
     def _inlets_fit(self) -> None:
         if self.inlets is None:
             return
-        for key in ("polish", "printable", "trunk", "stages", "terminal_points", "root"):
+        for key in ("printable", "trunk", "stages", "terminal_points", "root"):
             if getattr(self, key):
                 raise ValueError(f"inlets don't go with {key} yet; give one of the two")
         if self.inlets != "each_part" and (self.root_mm or self.root_direction):

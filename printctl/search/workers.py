@@ -12,8 +12,6 @@ from typing import Any, Final
 
 from printctl.errors import PrintctlError, UsageError
 from printctl.search.evaluate import Task, evaluate
-from printctl.search.guarded import guarded_cluster
-from printctl.search.slurm import SlurmWorkers, slurm_cluster
 
 Outcome = tuple[int, dict[str, Any]]
 """Number of the task in its list, and what came out: as `evaluate`, or ``{"broken": message}``."""
@@ -37,19 +35,13 @@ class Workers:
         Address of a cluster's scheduler (``tcp://…``, ``tls://…``), in place of processes here.
     wait_min : float
         How long to wait for the scheduler's answer and its first worker, minutes.
-    slurm : SlurmWorkers or None
-        Jobs on the cluster that this machine belongs to, in place of processes here.
     """
 
     count: int | None = None
     scheduler: str | None = None
     wait_min: float = WAIT_MIN
-    slurm: SlurmWorkers | None = None
 
     def __post_init__(self) -> None:
-        if self.slurm is not None and (self.scheduler is not None or self.count is not None):
-            other = "--workers" if self.scheduler is None else "--scheduler"
-            raise UsageError(f"--slurm has workers of its own; leave {other} out")
         if self.scheduler is not None and self.count is not None:
             raise UsageError(
                 f"--scheduler {self.scheduler} has workers of its own; leave --workers out"
@@ -131,17 +123,12 @@ def _on_dask(tasks: Sequence[Task], who: Workers, count: int) -> Generator[Outco
 def _client(stack: ExitStack, who: Workers, count: int) -> Any:
     from distributed import Client
 
-    if who.scheduler is None and who.slurm is None:
+    if who.scheduler is None:
         cluster = _local_cluster(stack, count)
         client = stack.enter_context(Client(cluster, set_as_default=False))
         client.run(leave_interrupts)
         return client
     wait_s, waited = 60.0 * who.wait_min, f"{who.wait_min:g} min (--wait-min)"
-    if who.slurm is not None:
-        client = stack.enter_context(Client(slurm_cluster(stack, who.slurm), set_as_default=False))
-        _wait(client, wait_s, f"none of Slurm's jobs began within {waited}; wait longer, or look "
-              "for the reason with `squeue --me`")  # fmt: skip
-        return client
     try:
         client = stack.enter_context(Client(who.scheduler, timeout=wait_s, set_as_default=False))
     except (OSError, TimeoutError, ValueError, TypeError) as exc:
@@ -149,24 +136,38 @@ def _client(stack: ExitStack, who: Workers, count: int) -> Any:
             f"no Dask scheduler answers at {who.scheduler} within {waited} ({exc}); start one "
             "with `dask scheduler`, or check the address"
         ) from exc
-    _wait(client, wait_s, f"the scheduler at {who.scheduler} has no worker after {waited}; start "
-          f"some with `dask worker {who.scheduler} --nthreads 1`, or wait longer")  # fmt: skip
-    return client
-
-
-def _wait(client: Any, wait_s: float, late: str) -> None:
     try:
         client.wait_for_workers(1, timeout=wait_s)
     except TimeoutError as exc:
-        raise PrintctlError(late) from exc
+        raise PrintctlError(
+            f"the scheduler at {who.scheduler} has no worker after {waited}; start some with "
+            f"`dask worker {who.scheduler} --nthreads 1`, or wait longer"
+        ) from exc
+    return client
 
 
 def _local_cluster(stack: ExitStack, count: int) -> Any:
-    """Processes of one thread each, that talk through this machine alone.
+    """Start processes of one thread each, that talk through this machine alone.
 
     A scheduler runs whatever it is sent, and every user of a machine can reach its ports: so
     connections ask for a key that only these processes have, and there is no web page.
     """
+    import dask
+    from distributed import LocalCluster
     from distributed.security import Security
 
-    return guarded_cluster(stack, count, "127.0.0.1", Security.temporary())
+    no_pages: list[str] = []
+    routes = {f"distributed.{who}.http.routes": no_pages for who in ("scheduler", "worker")}
+    stack.enter_context(dask.config.set(routes))
+    cluster = LocalCluster(
+        n_workers=count,
+        threads_per_worker=1,
+        processes=True,
+        host="127.0.0.1",
+        protocol="tls://",
+        security=Security.temporary(),
+        dashboard_address=None,
+        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+        silence_logs=40,
+    )
+    return stack.enter_context(cluster)

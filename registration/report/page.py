@@ -42,6 +42,7 @@ from registration.report.scripts import ENTRY, content_policy, import_map
 from registration.report.section_view import section_view
 from registration.report.sections import mapping, records
 from registration.report.svg import inline_figure
+from registration.report.uncertainty import calibration_facts, fitted_rows, print_facts
 from registration.report.views import Views
 from registration.report.wording import is_number
 from registration.report.zones import ZONE_NOTE, frame_lines, zone_table
@@ -144,6 +145,9 @@ def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
         "key_figures": key_figures(data),
         "fit_rows": [*sections.fit_rows(registration), *two_way_rows(registration)],
         "surface_rows": sections.surface_rows(registration),
+        "fitted_rows": fitted_rows(registration),
+        "calibration_facts": calibration_facts(registration),
+        "print_facts": print_facts(data),
         "place_rows": sections.place_rows(registration),
         "budget_table": budget_table(registration),
         "zone_table": zone_table(registration),
@@ -193,7 +197,7 @@ def all_figures(
 ) -> dict[str, bytes]:
     """The drawings that follow from the numbers themselves, and those given.
 
-    What is given under a drawing's own name stands for it: a page and its PDF are drawn once.
+    What is given under a drawing's own name stands for it.
     """
     given = figures or {}
     made = {

@@ -117,7 +117,7 @@ def test_a_recipe_is_refused_before_what_does_its_work_is_loaded(loaded_so_far):
 
 
 def test_registering_loads_no_plotting_library(loaded_for_work):
-    assert not loaded_for_work[2] & {"matplotlib", "reportlab", "jinja2", "scipy.stats"}
+    assert not loaded_for_work[2] & {"matplotlib", "jinja2", "scipy.stats"}
 
 
 def test_the_engine_of_3d_flow_is_loaded_only_when_it_is_needed(loaded_for_work):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from pypdf import PdfReader
 
+from tests.printctl.web.shell.browsers import CHROMIUM
 from tests.system.cli import printctl
 
 
@@ -90,12 +91,13 @@ def test_manifest_holds_versions_frames_and_hashes(planar_run: Path) -> None:
 @pytest.mark.slow
 def test_second_run_does_nothing_again(planar_run: Path, planar_recipe: Path) -> None:
     before = (planar_run / "part.gcode").stat().st_mtime_ns
-    done = printctl("run", planar_recipe, "--out", planar_run, "--pdf", "--json", cwd=planar_run)
+    pdf = ["--pdf"] if CHROMIUM else []
+    done = printctl("run", planar_recipe, "--out", planar_run, *pdf, "--json", cwd=planar_run)
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
-    told = PdfReader(planar_run / "report.pdf").metadata
-    assert told is not None
-    assert told.subject == f"Pass: {'; '.join(report['verdict']['reasons'])}"
+    if pdf:
+        first = " ".join(PdfReader(planar_run / "report.pdf").pages[0].extract_text().split())
+        assert all(reason in first for reason in report["verdict"]["reasons"])
     assert all(stage["reused"] for stage in report["timings"].values())
     assert (planar_run / "part.gcode").stat().st_mtime_ns == before
 
@@ -116,9 +118,10 @@ def test_registering_the_scan_again_gives_the_same_numbers(
     planar_run: Path, planar_report: dict[str, Any], tmp_path: Path
 ) -> None:
     (planar_run / "scan_truth.json").rename(tmp_path / "hidden.json")
+    pdf = ["--pdf"] if CHROMIUM else []
     try:
         done = printctl(
-            "register", planar_run / "scan.tif", "--model", planar_run, "--out", "again", "--pdf",
+            "register", planar_run / "scan.tif", "--model", planar_run, "--out", "again", *pdf,
             "--json", cwd=tmp_path,
         )  # fmt: skip
     finally:
@@ -126,7 +129,9 @@ def test_registering_the_scan_again_gives_the_same_numbers(
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)["registration"]
     assert found["scaled"] == planar_report["registration"]["scaled"]
-    text = "".join(page.extract_text() for page in PdfReader(tmp_path / "again/report.pdf").pages)
-    digest = hashlib.sha256((planar_run / "scan.tif").read_bytes()).hexdigest()
-    assert digest in text
-    assert "SHA-256 of G-code" in text
+    if pdf:
+        pages = PdfReader(tmp_path / "again/report.pdf").pages
+        text = "".join("".join(page.extract_text() for page in pages).split())
+        digest = hashlib.sha256((planar_run / "scan.tif").read_bytes()).hexdigest()
+        assert digest in text
+        assert "SHA-256ofG-code" in text

@@ -5,7 +5,6 @@ lumen. Begin with `steady.py`.
 """
 
 from design.hemodynamics.three_d.compare import ErrorEstimate, estimate_error
-from design.hemodynamics.three_d.harmonic import solve_harmonics
 from design.hemodynamics.three_d.jacobian import least_jacobian, straighten_edges
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh, MeshPort
 from design.hemodynamics.three_d.march import check_cycles, march_flow
@@ -16,7 +15,6 @@ from design.hemodynamics.three_d.sections import (
     Section,
     place_of,
     probe_steady,
-    probe_waves,
     sections_at,
 )
 from design.hemodynamics.three_d.solution import Field, ThreeDSolution, ThreeDWaves, WallShear
@@ -43,10 +41,8 @@ __all__ = [
     "march_flow",
     "place_of",
     "probe_steady",
-    "probe_waves",
     "residence_time",
     "sections_at",
-    "solve_harmonics",
     "solve_steady",
     "straighten_edges",
     "wall_shear",

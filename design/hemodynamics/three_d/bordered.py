@@ -90,7 +90,7 @@ def _gmres(
     for k in range(steps):
         new = operator(precondition(basis[k]))
         for _ in range(2):  # twice is enough to stay orthogonal
-            part = np.conj(basis[: k + 1] @ np.conj(new))
+            part = basis[: k + 1] @ new
             hessenberg[: k + 1, k] += part
             new = new - part @ basis[: k + 1]
         hessenberg[k + 1, k] = np.linalg.norm(new)

@@ -25,7 +25,7 @@ from design.geometry.polyline import arc_lengths, places_along
 from design.hemodynamics.probes import Probes, ProbeWaves, clear_parts
 from design.hemodynamics.three_d.lagrange import jacobian, quadratic, shapes, tetrahedron_rule
 from design.hemodynamics.three_d.lumen_mesh import WALL, LumenMesh, MeshPort
-from design.hemodynamics.three_d.solution import Field, ThreeDWaves
+from design.hemodynamics.three_d.solution import Field
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
 
@@ -253,11 +253,6 @@ def probe_steady(network: VesselNetwork, probes: Probes, field: Field) -> ProbeW
         np.array([[s.mean_pressure(field)] for s in sections]),
         np.array([[s.flow(field)] for s in sections]),
     )
-
-
-def probe_waves(waves: ThreeDWaves) -> ProbeWaves:
-    """What pulsatile flow recorded at sections, as other fidelities tell it."""
-    return ProbeWaves(waves.time_s, waves.section_pressure, waves.section_flow)
 
 
 def _inside(ports: Sequence[MeshPort], place: SectionPlace, half: float) -> float:

@@ -78,10 +78,10 @@ def spaces(ng: Any, mesh: Any, ports: int, order: int, inflow: int | None) -> Sp
 class Stokes:
     """The symmetric operator, and its factor on the free unknowns."""
 
-    def __init__(self, spaces: Spaces, viscosity: float, rate: complex = 0.0) -> None:
-        """Assemble; ``rate`` is κ, Pa·s/mm², complex for an oscillation."""
+    def __init__(self, spaces: Spaces, viscosity: float, rate: float = 0.0) -> None:
+        """Assemble; ``rate`` is κ, Pa·s/mm²."""
         ng, self.spaces, self.viscosity, self.rate = spaces.ng, spaces, viscosity, rate
-        both = _as_complex(spaces) if isinstance(rate, complex) else spaces.both
+        both = spaces.both
         (u, p), (v, q) = both.TnT()
         form = ng.BilinearForm(both, symmetric=True)
         self._add_to(form, u, p, v, q)
@@ -144,18 +144,6 @@ def _pressure_mass(both: Any, factor: float, ng: Any) -> tuple[Any, Any, Any]:
     form += factor * p * q * ng.dx(bonus_intorder=CURVED)
     form.Assemble()
     return form.mat, form.mat.CreateColVector(), form.mat.CreateColVector()
-
-
-def _as_complex(spaces: Spaces) -> Any:
-    """The same spaces over complex numbers, with the same unknowns given."""
-    ng, mesh, order = spaces.ng, spaces.mesh, spaces.order
-    velocity = ng.VectorH1(mesh, order=order, complex=True)
-    both = velocity * ng.H1(mesh, order=order - 1, complex=True)
-    free = both.FreeDofs()
-    free.Clear()
-    for dof in np.flatnonzero(spaces.free):
-        free.Set(int(dof))
-    return both
 
 
 class Convection:

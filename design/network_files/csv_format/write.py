@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,17 +11,10 @@ import numpy as np
 from design.errors import NetworkError
 from design.files import atomic_replacement
 from design.network import VesselKind, VesselNetwork
-from design.network_files.csv_format.float_text import powers_of_ten
 from design.network_files.csv_format.pieces import COLUMNS, GAP_MM
-from design.network_files.csv_format.row_text import LONGEST_ROW, Columns, put_rows, texts
 from kernels.arrays import FloatArray, IntArray
 
-_ROWS = 20_000
-"""Rows made at a time."""
-
-_MANY = 100_000
-"""Rows from which a kernel writes them, in a tenth of the time; to compile it takes longer than to
-write fewer."""
+_BATCH_ROWS = 20_000
 
 _KINDS = np.array([kind.name.lower() for kind in VesselKind])
 
@@ -44,42 +36,19 @@ def write_network_csv(path: Path, network: VesselNetwork) -> None:
     points = _points_on_nodes(network)
     vessel_of_point = np.repeat(np.arange(network.vessel_count), np.diff(network.offset))
     first = np.flatnonzero(vessel_of_point[:-1] == vessel_of_point[1:])
-    vessel = vessel_of_point[first]
-    rows = _few_rows if len(first) < _MANY else _many_rows
-    with atomic_replacement(path) as draft, draft.open("wb") as out:
-        out.write((",".join(COLUMNS) + "\n").encode())
-        for text in rows(network, vessel, first, number, points):
-            out.write(text)
+    with atomic_replacement(path) as draft, draft.open("w", encoding="utf-8", newline="") as out:
+        # The csv module writes floats by repr, the shortest text that gives the same bits.
+        table = csv.writer(out, lineterminator="\n")
+        table.writerow(COLUMNS)
+        for batch in np.split(first, range(_BATCH_ROWS, len(first), _BATCH_ROWS)):
+            table.writerows(_rows(network, vessel_of_point[batch], batch, number, points))
 
 
-def _many_rows(
+def _rows(
     network: VesselNetwork, vessel: IntArray, first: IntArray, number: IntArray, points: FloatArray
-) -> Iterator[memoryview]:
-    """Text of the pieces that begin at the points ``first``, part by part, by a kernel."""
-    names, sizes = texts(_KINDS.tolist())
-    columns = Columns(
-        vessel,
-        first,
-        number,
-        points.view(np.uint64),
-        np.ascontiguousarray(network.radius).view(np.uint64),
-        network.kind.astype(np.int64),
-        network.tree.astype(np.int64),
-        names,
-        sizes,
-    )
-    powers = powers_of_ten()
-    out = np.empty(_ROWS * LONGEST_ROW, np.uint8)
-    for begin in range(0, len(first), _ROWS):
-        size = put_rows(out, columns, begin, min(begin + _ROWS, len(first)), powers)
-        yield out.data[:size]
-
-
-def _few_rows(
-    network: VesselNetwork, vessel: IntArray, first: IntArray, number: IntArray, points: FloatArray
-) -> Iterator[bytes]:
-    """Text of the pieces that begin at the points ``first``."""
-    columns: list[list[object]] = [
+) -> Iterator[tuple[object, ...]]:
+    """Return rows of the pieces that begin at the points ``first``."""
+    return zip(
         vessel.tolist(),
         number[first].tolist(),
         number[first + 1].tolist(),
@@ -89,11 +58,8 @@ def _few_rows(
         network.radius[first + 1].tolist(),
         _KINDS[network.kind[vessel]].tolist(),
         network.tree[vessel].tolist(),
-    ]
-    text = io.StringIO(newline="")
-    # The csv module writes floats by repr, the shortest text that gives the same bits.
-    csv.writer(text, lineterminator="\n").writerows(zip(*columns, strict=True))
-    yield text.getvalue().encode()
+        strict=True,
+    )
 
 
 def _ends(network: VesselNetwork) -> IntArray:

@@ -118,28 +118,3 @@ def joint_within_limits(segments: Any, limits: Limits, i: Any) -> bool:
     if not end_fits(segments, limits, i, (s.px, s.py, s.pz)):
         return False
     return shares_fit(limits, segments[s.left].flow, segments[s.right].flow)
-
-
-@scalar_jit
-def node_within_limits(segments: Any, limits: Limits, i: Any, b: Any) -> bool:
-    """Whether the joints around the far end of segment ``i`` keep the angles with it at ``b``."""
-    s = segments[i]
-    one, two = segments[s.left], segments[s.right]
-    begin, a, c = (s.px, s.py, s.pz), (one.dx, one.dy, one.dz), (two.dx, two.dy, two.dz)
-    if not (angles_fit(limits, begin, b, a, c) and start_fits(segments, limits, i, b)):
-        return False
-    return end_fits(segments, limits, s.left, b) and end_fits(segments, limits, s.right, b)
-
-
-@scalar_jit
-def losing_fits(segments: Any, limits: Limits, i: Any) -> bool:
-    """Whether all joints from segment ``i`` to the root part their flows as they must, as is."""
-    if limits.share <= 0.0:
-        return True
-    here = i
-    while segments[here].parent >= 0:
-        _, sibling, _, _ = neighbours_of(segments, here)
-        if sibling >= 0 and not shares_fit(limits, segments[here].flow, segments[sibling].flow):
-            return False
-        here = segments[here].parent
-    return True

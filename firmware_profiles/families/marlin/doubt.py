@@ -51,18 +51,16 @@ class Questions:
     ----------
     lost_s : float
         Without its answer for so long, a question or its answer was lost.
-    two_resends : bool
-        As `DoubtEvidence`'s: then it is two questions.
     """
 
-    def __init__(self, lost_s: float, two_resends: bool) -> None:
-        self._lost_s, self._two_resends = lost_s, two_resends
+    def __init__(self, lost_s: float) -> None:
+        self._lost_s = lost_s
         self._asked_s: deque[float] = deque()
         self._late = self._late_ok = False
 
     def ask(self, now: float) -> None:
         """Record that one was asked."""
-        self._asked_s += [now] * (2 if self._two_resends else 1)
+        self._asked_s.append(now)
 
     def forget(self, until_s: float) -> None:
         """Forget those asked before ``until_s``: what was sent then has come back."""
@@ -76,8 +74,7 @@ class Questions:
         if kind is Kind.OK:
             late, self._late_ok = self._late_ok, False
             return late
-        begins = kind is (Kind.RESEND if self._two_resends else Kind.ERROR)
-        if begins and (self._two_resends or ORDER_ERROR in reply.text):
+        if kind is Kind.ERROR and ORDER_ERROR in reply.text:
             while self._asked_s and self._asked_s[0] < now - self._lost_s:
                 self._asked_s.popleft()
             self._late = bool(self._asked_s) and self._asked_s[0] < began_s
@@ -104,8 +101,6 @@ class DoubtEvidence:
         Of the (first) line in flight.
     flights : tuple of (bytes or None)
         The command in flight, or two.
-    two_resends : bool
-        Whether the answer to a question is twice the same ``Resend``, each without an ok.
     asked : bool
         Whether a question was asked.
     alarmed : bool
@@ -124,7 +119,6 @@ class DoubtEvidence:
     began_s: float = 0.0
     number: int = 0
     flights: tuple[bytes | None, ...] = (None,)
-    two_resends: bool = False
     asked: bool = False
     alarmed: bool = False
     last: int = -1
@@ -155,12 +149,8 @@ class DoubtEvidence:
         kind = reply.kind
         if kind is Kind.OK:
             self._hear_ok(reply)
-        elif kind is Kind.RESEND and not self.two_resends:
-            self.resend, self._foreign_ok = reply.number, True
-        elif kind is Kind.RESEND and self.last < 0:
-            self.last = reply.number - 1
         elif kind is Kind.RESEND:
-            self.resend = reply.number
+            self.resend, self._foreign_ok = reply.number, True
         elif kind is Kind.ERROR and ORDER_ERROR in reply.text:
             self.last = reply.number
         elif kind is Kind.UNKNOWN_COMMAND:

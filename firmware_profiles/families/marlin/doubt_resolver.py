@@ -7,7 +7,13 @@ from typing import Final
 
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.link_protocol import Event
-from firmware_profiles.families.marlin.doubt import MAX_SET_BACKS, RENUMBER, Phase, QueryGoal
+from firmware_profiles.families.marlin.doubt import (
+    MAX_SET_BACKS,
+    QUESTION,
+    RENUMBER,
+    Phase,
+    QueryGoal,
+)
 from firmware_profiles.families.marlin.replies import Kind, Reply, frame
 from firmware_profiles.families.marlin.sender import Sender
 from firmware_profiles.families.marlin.state import LineState
@@ -66,7 +72,7 @@ class DoubtResolver:
             events.append(said.Waiting(silent, limit))
         doubt.ask_again()
         state.questions.ask(now)
-        state.out.append(state.wording.question)
+        state.out.append(QUESTION)
         state.phase, state.deadline = Phase.ASK, now + timing.answer_s
 
     def unanswered(self, now: float, events: list[Event]) -> None:

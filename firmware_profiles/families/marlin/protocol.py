@@ -38,11 +38,14 @@ from typing import Final
 from firmware_profiles.families.line_errors import LineErrors
 from firmware_profiles.families.link_protocol import Event
 from firmware_profiles.families.link_timing import HOST_LATE_S, Timing
+from firmware_profiles.families.marlin.bit_flips import guard_command
 from firmware_profiles.families.marlin.doubt import RENUMBER, Phase, QueryGoal, Questions
 from firmware_profiles.families.marlin.doubt_resolver import DoubtResolver
+from firmware_profiles.families.marlin.replies import classify
 from firmware_profiles.families.marlin.reply_handler import ReplyHandler
 from firmware_profiles.families.marlin.sender import Sender
-from firmware_profiles.families.marlin.state import LineState, Wording
+from firmware_profiles.families.marlin.state import LineState
+from firmware_profiles.families.marlin.tokens import Tokens
 from firmware_profiles.families.pairing import Pairing
 
 _REST_LIMIT: Final = 4096
@@ -60,13 +63,12 @@ class MarlinProtocol:
     """
 
     kill_bytes: bytes = b"\nM112\n"
-    wording: Wording = Wording()
 
     def __init__(self, timing: Timing | None = None, pairing: Pairing | None = None) -> None:
-        timing, wording = timing or Timing(), self.wording
+        timing = timing or Timing()
         errors = LineErrors(timing.noise_window, timing.noise_limit)
-        questions = Questions(timing.doubt_limit_s, wording.two_resends)
-        self.state = LineState(timing, pairing, wording, errors, wording.make_tokens(), questions)
+        questions = Questions(timing.doubt_limit_s)
+        self.state = LineState(timing, pairing, errors, Tokens(), questions)
         self._sender = Sender(self.state)
         self._doubting = DoubtResolver(self.state, self._sender)
         self._hearing = ReplyHandler(self.state, self._sender, self._doubting)
@@ -156,8 +158,8 @@ class MarlinProtocol:
 
     def grow(self, lines: Sequence[bytes]) -> None:
         """Take a job that has got lines behind those that were taken; nothing may be in flight."""
-        state, guard = self.state, self.wording.guard
-        state.lines = [guard(line) if line[:1] == b"M" else line for line in lines]
+        state = self.state
+        state.lines = [guard_command(line) if line[:1] == b"M" else line for line in lines]
         state.limit = len(lines)
 
     def renumber(self, now: float) -> None:
@@ -203,7 +205,7 @@ class MarlinProtocol:
     def submit(self, command: bytes, now: float) -> None:
         """Send a control command ahead of further job lines; `Replied` follows."""
         self.state.behind_moves = b""
-        self.state.controls.append(self.wording.guard(command))
+        self.state.controls.append(guard_command(command))
         self.go(now)
 
     def go(self, now: float) -> None:
@@ -233,7 +235,6 @@ class MarlinProtocol:
         state.fast = False
         if state.rest and state.phase in (Phase.DRAIN, Phase.SETTLE):
             state.deadline = now + state.timing.quiet_s
-        classify = self.wording.classify
         replies = [classify(text.strip(b"\r")) for text in texts if text.strip()]
         self._hearing.hear_all(replies, now, events)
         if state.rest.startswith(b"ok") and state.phase is Phase.FLIGHT:  # its line end is garbled

@@ -14,7 +14,6 @@ from firmware_profiles.families.known_messages import (
     COMPLAINTS,
     KnownMessage,
     MessageMeaning,
-    MessageTable,
     load_messages,
 )
 
@@ -101,7 +100,7 @@ _ROOM: Final = rb"-?[\d.]+"
 _OK = re.compile(rb"ok(?: N(\d+)(?: P%b)?(?: B%b)?| P%b B%b)?$" % (_ROOM, _ROOM, _ROOM, _ROOM))
 _OK_REPORT = re.compile(rb"ok (?:[TX]:.*|[ BC]:?.*)$")
 _NO_ROOM = re.compile(rb"ok.* [PB](?:-|\d*\.|\d{5})")
-_RESEND = re.compile(rb"(?:Resend:|rs) ?N?(\d+)$")
+_RESEND = re.compile(rb"Resend: ?N?(\d+)$")
 _LAST_LINE = re.compile(rb"Last Line: (\d+)$")
 _SENT = re.compile(rb"(?:N\d+ ?)?([^*]*)", re.DOTALL)
 """A command within its frame."""
@@ -125,22 +124,16 @@ ORDER_ERROR: Final = b"Line Number is not Last Line Number+1"
 """In the error that answers a line whose number is too high."""
 
 
-def classify(text: bytes, known: MessageTable | None = None) -> Reply:
+def classify(text: bytes) -> Reply:
     """Tell what a line from Marlin is.
 
     A complaint counts wherever it stands in the line. Of the rest, anything that doesn't read
     exactly as a known form is `Kind.TEXT` when it is plain printable text, else `Kind.JUNK`. A
-    garbled ``ok`` is junk, never an ok.
-
-    Parameters
-    ----------
-    text : bytes
-    known : MessageTable, optional
-        The family's messages; by default Marlin's and Prusa's, whose texts other forks took over.
+    garbled ``ok`` is junk, never an ok. Prusa's messages count too: other forks took them over.
     """
     if match := _OK.match(text):
         return Reply(Kind.OK, text, int(match[1]) if match[1] else -1)
-    message = (known or load_messages("prusa", "marlin")).find(text)
+    message = load_messages("prusa", "marlin").find(text)
     if message is not None and message.meaning in COMPLAINTS and not _asks_host(text, message):
         return _complaint(text, message)
     for test in _TESTS:

@@ -12,7 +12,13 @@ from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.link_protocol import Event
 from firmware_profiles.families.marlin.doubt import Phase, QueryGoal
 from firmware_profiles.families.marlin.doubt_resolver import DoubtResolver
-from firmware_profiles.families.marlin.replies import ACTION, Kind, Reply, may_be_line_error
+from firmware_profiles.families.marlin.replies import (
+    ACTION,
+    Kind,
+    Reply,
+    classify,
+    may_be_line_error,
+)
 from firmware_profiles.families.marlin.sender import Sender
 from firmware_profiles.families.marlin.state import LineState
 
@@ -55,7 +61,7 @@ class ReplyHandler:
     def take_half(self, now: float, events: list[Event]) -> None:
         """Take a complaint whose line end hasn't come."""
         state = self._state
-        half = state.wording.classify(state.rest.strip(b"\r"))
+        half = classify(state.rest.strip(b"\r"))
         if (half.complains or half.halts) and not may_be_line_error(state.rest):
             state.rest, state.waits = b"", False
             self.hear(half, now, events)

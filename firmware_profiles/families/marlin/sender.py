@@ -6,6 +6,7 @@ import math
 
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.link_protocol import Event
+from firmware_profiles.families.marlin.bit_flips import guard_command
 from firmware_profiles.families.marlin.doubt import Phase, QueryGoal
 from firmware_profiles.families.marlin.replies import frame
 from firmware_profiles.families.marlin.state import LineState
@@ -184,7 +185,7 @@ class Sender:
             return
         number = state.number + 1
         command = state.tokens.make(number, now)
-        state.flight, state.flight_control = state.wording.guard(command), True
+        state.flight, state.flight_control = guard_command(command), True
         state.behind_job = False
         state.flight_frame = frame(number, state.flight)
         state.fast = False

@@ -4,52 +4,24 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
 from firmware_profiles.families.line_errors import LineErrors
 from firmware_profiles.families.link_protocol import Event, Fault
 from firmware_profiles.families.link_timing import Timing
-from firmware_profiles.families.marlin.bit_flips import guard_command
 from firmware_profiles.families.marlin.doubt import (
-    QUESTION,
     DoubtEvidence,
     Phase,
     QueryGoal,
     Questions,
 )
-from firmware_profiles.families.marlin.replies import Reply, classify
 from firmware_profiles.families.marlin.tokens import Tokens
 from firmware_profiles.families.pairing import Pairing
 
 _RECALLED: Final = 4
 """Lines behind which an unknown-command reply may come late: as many as a command queue holds."""
-
-
-@dataclass(frozen=True)
-class Wording:
-    """How a fork says what Marlin says.
-
-    Attributes
-    ----------
-    question : bytes
-        Asks which line was taken last.
-    classify : callable
-        Tells what a line from the printer is.
-    two_resends : bool
-        Whether the answer to the question is twice the same ``Resend``, without ``Last Line``.
-    make_tokens : type
-        Texts that come back.
-    guard : callable
-        Writes a command so that one flipped bit makes no stop of it.
-    """
-
-    question: bytes = QUESTION
-    classify: Callable[[bytes], Reply] = classify
-    two_resends: bool = False
-    make_tokens: type[Tokens] = Tokens
-    guard: Callable[[bytes], bytes] = guard_command
 
 
 @dataclass(eq=False, slots=True)
@@ -60,7 +32,6 @@ class LineState:
     ----------
     timing : Timing
     pairing : Pairing or None
-    wording : Wording
     errors : LineErrors
     tokens : Tokens
     questions : Questions
@@ -125,7 +96,6 @@ class LineState:
 
     timing: Timing
     pairing: Pairing | None
-    wording: Wording
     errors: LineErrors
     tokens: Tokens
     questions: Questions
@@ -220,7 +190,7 @@ class LineState:
         self.alone_until = self.number + self.timing.calm_lines
         self.goal, self.phase = goal, Phase.DRAIN
         flights = (self.flight,) if self.second is None else (self.flight, self.second)
-        self.doubt = DoubtEvidence(now, now, self.number + 1, flights, self.wording.two_resends)
+        self.doubt = DoubtEvidence(now, now, self.number + 1, flights)
         self.deadline = now + self.timing.quiet_s
 
     def end(self, event: Event, events: list[Event]) -> None:

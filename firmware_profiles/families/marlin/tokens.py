@@ -111,12 +111,6 @@ class Tokens:
             _alike(text, form) for token in self._texts for form in (token, b"echo:" + token)
         )
 
-    def come_back(self) -> bool:
-        """Note that the newest has come back; False where none was sent."""
-        any_sent, self._texts = bool(self._texts), []
-        self.echoed |= any_sent
-        return any_sent
-
     def move_on(self) -> None:
         """Something was answered since the newest left: there is room for one more."""
         self._moved_on = True

@@ -2,7 +2,7 @@
 
 A code that isn't here is refused. Sources of what a code does: Marlin bugfix-2.1.x
 ``src/gcode``; RepRapFirmware 3.5 ``GCodes2.cpp``; Klipper ``gcode_move.py``, ``toolhead.py``,
-``idle_timeout.py``; Prusa-Firmware ``Marlin_main.cpp``; https://smoothieware.org/supported-g-codes.
+``idle_timeout.py``; Prusa-Firmware ``Marlin_main.cpp``.
 """
 
 from __future__ import annotations

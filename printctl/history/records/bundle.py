@@ -95,12 +95,6 @@ def filed(entry: PrintEntry) -> FiledPrint:
 def _sources(record: Evidence, key: LabKey | None) -> Iterator[Source]:
     yield "journal.log", "the link process's journal", record.entry.journal
     yield "cover.html", "one page to read and print", cover_page(record).encode()
-    from registration.report.pdf import pdf_missing  # Loads what draws; only wanted here.
-
-    if pdf_missing() is None:
-        from printctl.history.records.cover_pdf import cover_pdf  # reportlab is an extra
-
-        yield "cover.pdf", "the same for paper", cover_pdf(record)
     if record.gcode is not None:
         yield "job.gcode", "the G-code that was sent", record.gcode
     yield "job.sha256", "its hash", f"{record.entry.sha256}  job.gcode\n".encode()

@@ -36,7 +36,7 @@ FIRST_WORD_S: Final = 2.0
 BOOT_QUIET_S: Final = 0.5
 BOOT_LIMIT_S: Final = 10.0
 _ANSWER: Final = re.compile(
-    rb"(?m)^(?:Error:.*Last Line: \d+|Resend: ?\d+|rs N?\d+|ok(?: [ -~]*)?|echo:busy: [ -~]+)\r?$"
+    rb"(?m)^(?:Error:.*Last Line: \d+|Resend: ?\d+|ok(?: [ -~]*)?|echo:busy: [ -~]+)\r?$"
 )
 
 

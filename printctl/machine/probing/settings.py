@@ -4,8 +4,7 @@ Only questions: none of these commands sets anything. Answers are read as
 
 - Marlin, Prusa: M115, M503 (M92, M201, M203, M204, M205 in it), M211;
 - RepRapFirmware: M115, M92, M201, M203 (mm/min), M208, M302, as ``GCodes2.cpp`` (3.5) words them;
-- by a family's own phrases (`ProbeFacts.phrases`);
-- Smoothieware: M115, M503.
+- by a family's own phrases (`ProbeFacts.phrases`).
 """
 
 from __future__ import annotations

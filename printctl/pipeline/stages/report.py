@@ -31,11 +31,11 @@ from printctl.pipeline.written_in_scan import WRITTEN, looks_and_scan
 from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, HTML, JOURNAL_FOLDER, JSON, PDF
 from printctl.run_folder.registration_files import DEVIATION, VIEWS, load_deviation
-from registration.report import ReportSurface, all_figures, write_report_html
+from registration.report import ReportSurface, write_report_html
 from registration.report.deviation_surfaces import split_surfaces
 from registration.report.flow_figures import wave_figure
-from registration.report.pdf import write_report_pdf
 from registration.report.play import load_played, play_section
+from registration.report.print_page import print_page
 from registration.report.views import load_views
 
 
@@ -68,16 +68,13 @@ def write_report(context: RunContext, pdf: bool = False) -> dict[str, Any]:
     context.manifest.save()
     write_text(context.folder / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
     drawn, views = figures(context, scan_rows), load_views(context.folder / VIEWS)
-    if pdf:  # once for both; the page alone draws while it packs
-        drawn = all_figures(data, context.network, drawn, views)
     play = context.folder / PLAYED
     shown = play_section(load_played(play)) if play.is_file() else None
-    write_report_html(
-        context.folder / HTML, data, surfaces(context), context.network, drawn, shown, views
-    )
+    page = context.folder / HTML
+    whole = {**data, "printed": print_identity(context.folder / JOURNAL_FOLDER)}
+    write_report_html(page, whole, surfaces(context), context.network, drawn, shown, views)
     if pdf:
-        whole = {**data, "printed": print_identity(context.folder / JOURNAL_FOLDER)}
-        write_report_pdf(context.folder / PDF, whole, context.network, drawn, views)
+        print_page(page, context.folder / PDF)
     return data
 
 

@@ -1,9 +1,9 @@
 """Parse commands with a free text; refuse a second command on the same line.
 
-RepRapFirmware (``StringParser.cpp``) and Smoothieware (``GcodeDispatch.cpp``) take several commands
-from one line. There a text ends with its closing quote, and what follows is carried out; only some
-codes take the rest of the line as it is (`Grammar.rest_codes`), and only without a quote.
-RepRapFirmware works out a text in braces (`Grammar.expressions`), and carries out what follows it.
+RepRapFirmware (``StringParser.cpp``) takes several commands from one line. There a text ends with
+its closing quote, and what follows is carried out; only some codes take the rest of the line as it
+is (`Grammar.rest_codes`), and only without a quote. It works out a text in braces
+(`Grammar.expressions`), and carries out what follows it.
 """
 
 from __future__ import annotations

@@ -11,7 +11,6 @@ from design.errors import FlowError
 from design.hemodynamics import (
     FlowConditions,
     GelWall,
-    MarchOptions,
     PressureOutlet,
     PulsatileConditions,
     ResistanceOutlet,
@@ -19,7 +18,6 @@ from design.hemodynamics import (
     ThinWall,
     WindkesselOutlet,
     end_waves,
-    march_pulsatile,
     pulsatile_summary,
     pulsatile_table,
     solve_flow,
@@ -81,28 +79,6 @@ def test_one_vessel_answers_as_its_transfer_function() -> None:
     assert table["flow_damping"][0] == pytest.approx(
         abs(passed / _windkessel(omega, outlet)) / 2, rel=1e-3
     )
-
-
-def test_steps_in_time_come_to_the_periodic_state_with_the_second_order() -> None:
-    conditions = PulsatileConditions(
-        VISCOSITY,
-        Sine(4.0, 2.0, 1.0),
-        outlet=WindkesselOutlet(1.0, 1e-2, 10.0),
-        wall=ThinWall(1e5, 0.1),
-    )
-    network = _ladder()
-    exact = solve_pulsatile(network, conditions)
-    errors = []
-    for steps in (25, 50):
-        found = march_pulsatile(network, conditions, MarchOptions(steps, tolerance=1e-9))
-        assert found.change[-1] <= 1e-9
-        errors.append(
-            [
-                np.abs(getattr(found, name)[1] - getattr(exact, name)[1]).max()
-                for name in ("pressure", "flow_in", "flow_out")
-            ]
-        )
-    assert np.log2(np.array(errors[0]) / errors[1]) == pytest.approx([2.0] * 3, abs=0.25)
 
 
 def test_graphs_with_loops_agree_with_a_dense_solution() -> None:
@@ -244,11 +220,6 @@ def test_what_has_no_solution_says_why() -> None:
     with pytest.raises(FlowError, match="periods 1 and 2 s"):
         outlet = PressureOutlet(Sine(0.0, 1.0, 2.0))
         solve_pulsatile(TUBE, replace(conditions, outlet=outlet))
-    with pytest.raises(FlowError, match="Womersley's impedance is known by frequency"):
-        march_pulsatile(TUBE, replace(conditions, profile="womersley"))
-    with pytest.raises(FlowError, match="no periodic state after 2 cycles"):
-        slow = replace(conditions, outlet=WindkesselOutlet(1.0, 10.0, 10.0))
-        march_pulsatile(TUBE, slow, MarchOptions(20, cycles=2))
     with pytest.raises(FlowError, match="young_pa is -1 Pa"):
         GelWall(-1.0)
     with pytest.raises(FlowError, match="resistance is 0 "):

@@ -66,21 +66,6 @@ def test_a_written_network_reads_back_to_the_bit(
 
 
 @settings(max_examples=examples(40), deadline=None)
-@given(network=networks())
-def test_the_kernel_for_many_vessels_writes_the_same_bytes(
-    network: VesselNetwork, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    paths = [tmp_path_factory.mktemp("csv") / "network.csv" for _ in range(2)]
-    write_network_csv(paths[0], network)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("design.network_files.csv_format.write._MANY", 0)
-        # Parts of two rows: most networks have several, and one that isn't full.
-        patch.setattr("design.network_files.csv_format.write._ROWS", 2)
-        write_network_csv(paths[1], network)
-    assert paths[0].read_bytes() == paths[1].read_bytes()
-
-
-@settings(max_examples=examples(40), deadline=None)
 @given(network=networks(), seed=st.integers(0, 2**32 - 1))
 def test_the_order_of_rows_changes_no_vessel(
     network: VesselNetwork, seed: int, tmp_path_factory: pytest.TempPathFactory

@@ -231,6 +231,7 @@ def test_numbers_are_read_however_they_are_written(tmp_path: Path, old: str, new
         ("<mesh>", "<beamset/><mesh><beamlattice/>", "beamlattice, which isn't read"),
         (' xml:lang="en-US"', ' xmlns:s="urn:slice" requiredextensions="s"', "urn:slice"),
         ("<build>", "<!-- ", "not a readable 3MF file"),
+        ("<model", '<!DOCTYPE m [<!ENTITY a "1">]><model', "declares a document type"),
         ("/3D/3dmodel", "/3D/other", "holds no 3D/other.model"),
     ],
 )

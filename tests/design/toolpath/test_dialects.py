@@ -19,7 +19,6 @@ HEADERS = {
     "marlin": ["M85 S600", *LINEAR, "M302 P1", "G92 X50 Y60 Z30 E0"],
     "prusa": ["M85 S600", *LINEAR, "M302 S0", "G92 X50 Y60 Z30 E0"],
     "reprapfirmware": [*LINEAR, "M302 P1", "G92 X50 Y60 Z30 E0"],
-    "smoothieware": [*LINEAR, "G92 X50 Y60 Z30 E0"],
     "klipper": [
         "SET_IDLE_TIMEOUT TIMEOUT=600",
         *MODES,

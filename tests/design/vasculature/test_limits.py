@@ -5,7 +5,6 @@ import pytest
 from design.errors import GrowthError
 from design.tissue import annulus, block
 from design.vasculature import GrowthOptions, grow_tree
-from design.vasculature.polish import PolishOptions, polish
 from tests.design.tissue.kept import KeptTissues
 from tests.design.vasculature import oracles
 from tests.slower import first_of
@@ -62,15 +61,6 @@ def test_printable_tree_keeps_them_through_pruning_and_new_tips(tissues):
 
 
 @pytest.mark.slow
-def test_polish_keeps_them(tissues):
-    limits = LIMITS[-1]
-    tree = grow_tree(tissues["block"], GrowthOptions(terminals=60, **limits))
-    done = polish(tissues["block"], tree, PolishOptions(rounds=3, **limits))
-    assert done.cost_ratio < 0.97
-    check(done.tree, limits)
-
-
-@pytest.mark.slow
 def test_limits_that_leave_no_tree_are_told(tissues):
     options = GrowthOptions(terminals=60, branch_angle_degrees=(170.0, 175.0))
     with pytest.raises(GrowthError):
@@ -82,5 +72,3 @@ def test_limits_that_leave_no_tree_are_told(tissues):
 def test_impossible_angles_are_refused(name, value):
     with pytest.raises(GrowthError, match=f"{name} is .*least and a greatest angle"):
         GrowthOptions(**{name: value})
-    with pytest.raises(GrowthError, match=f"{name} is .*least and a greatest angle"):
-        PolishOptions(**{name: value})

@@ -19,7 +19,6 @@ from design.vasculature import (
 )
 from design.vasculature.growth.forest import RootSpec, grow_forest
 from design.vasculature.growth.trunk import straighten_line, trunk_of
-from design.vasculature.polish import PolishOptions, polish
 from tests.design.geometry.oracles import segment_segment
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
@@ -113,8 +112,6 @@ def test_a_grown_tree_is_a_trunk_too(box):
     own = tree.distal[tree.given]
     for point in first.distal:
         assert np.abs(own - point).sum(axis=1).min() == 0.0
-    with pytest.raises(GrowthError, match="can't be polished"):
-        polish(box, tree, PolishOptions())
 
 
 def test_given_terminals_are_reached_from_a_trunk(box, bent):

@@ -15,8 +15,9 @@ from printctl.cli import compare as command
 from printctl.machine.link.journal import encode
 from printctl.machine.link.record import JOURNAL
 from printctl.run_folder.artefacts import JOURNAL_FOLDER
-from registration.report.pdf import library
+from registration.report import print_page
 from tests.printctl.cli.shell import Shell
+from tests.printctl.web.shell.browsers import CHROMIUM
 
 DRAWN_FOR = ("test_a_run_and", "test_a_pdf_on", "test_a_gauge_study")
 """Tests that look at drawings."""
@@ -217,7 +218,9 @@ def test_wrong_input_ends_in_one_message(
     assert not Path("o").exists()
 
 
-def test_a_pdf_on_request(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium isn't installed")
+def test_a_pdf_on_request(shell: Shell) -> None:
     run_folder("a", (-8.0, -10.0, -12.0))
     registered_folder("b", (-12.0, -14.0, -16.0))
     code, out, _ = shell("a", "b", "--out", "c", "--pdf")
@@ -225,10 +228,15 @@ def test_a_pdf_on_request(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None
     assert out.endswith("c/compare.html\nc/compare.pdf\n")
     text = PdfReader("c/compare.pdf").pages[0].extract_text()
     assert "1 of 2 prints pass; failed: b" in text
-    monkeypatch.setattr(library, "find_spec", lambda name: None)
+
+
+def test_a_pdf_without_a_browser_is_refused_before_the_work(
+    shell: Shell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(print_page, "find_browser", lambda: None)
     code, _, err = shell("a", "b", "--out", "d", "--pdf")
     assert code == 2
-    assert "pip install 'printctl[pdf]'" in err
+    assert "Chromium, Chrome or Edge" in err
     assert not Path("d").exists()
 
 
@@ -255,10 +263,10 @@ def study_folders(count: int = 12, budget_um: float = 3.0) -> list[str]:
 
 def test_a_gauge_study_is_read_from_the_records(shell: Shell) -> None:
     names = study_folders()
-    code, out, err = shell(*names, "--repeatability", "--out", "c", "--pdf", "--json")
+    code, out, err = shell(*names, "--repeatability", "--out", "c", "--json")
     assert (code, err) == (0, "")
-    pages = "".join(page.extract_text() for page in PdfReader("c/compare.pdf").pages)
-    assert "Gauge study: repeatability and reproducibility" in pages
+    page = Path("c/compare.html").read_text(encoding="utf-8")
+    assert "Gauge study: repeatability and reproducibility" in page
     study = json.loads(out)["gauge"]
     assert (study["operators"], study["parts"]) == (["A", "B"], ["P0", "P1", "P2"])
     assert study["repeats"] == [[2, 2, 2], [2, 2, 2]]

@@ -58,7 +58,10 @@ def test_inlets_are_one_for_each_part_or_places() -> None:
     [
         ({"terminals": 9, "inlets": "every"}, r"inlets.*each_part"),
         ({"terminals": 9, "inlets": [{"at_mm": [1, 2]}]}, r"inlets.*at_mm"),
-        ({"terminals": 9, "inlets": "each_part", "polish": True}, r"inlets don't go with polish"),
+        (
+            {"terminals": 9, "inlets": "each_part", "printable": True},
+            r"inlets don't go with printable",
+        ),
         (
             {"terminals": 9, "inlets": [{"at_mm": [1, 2, 3]}], "root_mm": [1, 2, 3]},
             r"remove root_mm",
@@ -86,10 +89,7 @@ def test_inlets_are_one_for_each_part_or_places() -> None:
         ({"terminals": 9, "trunk": "a.csv"}, r"trunk a\.csv.*give trunk_unit"),
         ({"terminals": 9, "trunk": "a.json", "trunk_unit": "mm"}, r"remove trunk_unit"),
         ({"terminals": 9, "trunk": "a.stl"}, r"trunk a\.stl isn't a \.csv"),
-        (
-            {"terminals": 9, "polish": True, "trunk": "a.swc"},
-            r"polish wouldn't keep to trunk",
-        ),
+        ({"terminals": 9, "polish": True}, r"vasculature\.polish.*remove it"),
         (
             {"stages": [{"terminals": 9}], "printable": True},
             r"printable doesn't go with stages yet",

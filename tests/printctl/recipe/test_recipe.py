@@ -52,11 +52,6 @@ def test_every_shipped_recipe_is_valid(path: Path) -> None:
         ("tissue", {"mesh": "a.stl"}, r"tissue\.unit.*add it"),
         ("tissue", {"mesh": "a.stl", "unit": "inches"}, r"tissue\.unit.*'in'.*inches"),
         ("vasculature", {}, r"vasculature.*design.*network.*grow"),
-        (
-            "vasculature",
-            {"grow": "tree", "terminals": 9, "polish": True, "smallest_diameter_mm": 0.3},
-            r"vasculature.*polish.*smallest_diameter_mm",
-        ),
         ("schema", 2, r"schema 2.*up to 1.*update"),
         ("name", "../up", r"name.*\.\./up"),
         ("seed", -1, r"seed.*-1"),

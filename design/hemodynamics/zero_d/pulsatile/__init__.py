@@ -12,20 +12,13 @@ from design.hemodynamics.zero_d.pulsatile.conditions import (
     ResistanceOutlet,
     WindkesselOutlet,
 )
-from design.hemodynamics.zero_d.pulsatile.march import Marched, MarchOptions, march
 from design.hemodynamics.zero_d.pulsatile.phasors import Phasors, solve_periodic
-from design.hemodynamics.zero_d.pulsatile.solution import (
-    PulsatileSolution,
-    march_pulsatile,
-    solve_pulsatile,
-)
+from design.hemodynamics.zero_d.pulsatile.solution import PulsatileSolution, solve_pulsatile
 from design.hemodynamics.zero_d.pulsatile.summary import end_waves, pulsatile_summary
 from design.hemodynamics.zero_d.pulsatile.table import pulsatile_table
 
 __all__ = [
     "Circuit",
-    "MarchOptions",
-    "Marched",
     "Outlet",
     "Phasors",
     "PressureOutlet",
@@ -34,8 +27,6 @@ __all__ = [
     "ResistanceOutlet",
     "WindkesselOutlet",
     "end_waves",
-    "march",
-    "march_pulsatile",
     "pulsatile_summary",
     "pulsatile_table",
     "solve_periodic",

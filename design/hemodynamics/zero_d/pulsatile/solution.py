@@ -1,4 +1,4 @@
-"""Solve pulsatile 0D flow by harmonics or time steps; data class of the periodic state."""
+"""Solve pulsatile 0D flow by harmonics; data class of the periodic state."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from design.errors import FlowError
 from design.hemodynamics.waveforms.waveform import cycle_times
 from design.hemodynamics.zero_d.pulsatile.build import build_circuit
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
-from design.hemodynamics.zero_d.pulsatile.march import Marched, MarchOptions, march
 from design.hemodynamics.zero_d.pulsatile.phasors import Phasors, solve_periodic
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
@@ -38,9 +36,6 @@ class PulsatileSolution:
         At the network's nodes.
     flow_in, flow_out : (k, v) complex128, µL/s
         Into each vessel at its first node, and out of it at its last.
-    change : (c,) float64
-        From each cycle's begin to its end, relative to the largest value; empty where the state
-        was solved for.
     """
 
     period_s: float
@@ -48,7 +43,6 @@ class PulsatileSolution:
     pressure: ComplexArray
     flow_in: ComplexArray
     flow_out: ComplexArray
-    change: FloatArray
 
     @property
     def omega(self) -> FloatArray:
@@ -88,27 +82,6 @@ def solve_pulsatile(
     return _of_phasors(solve_periodic(circuit, steps), slot, network.vessel_count)
 
 
-def march_pulsatile(
-    network: VesselNetwork, conditions: PulsatileConditions, options: MarchOptions | None = None
-) -> PulsatileSolution:
-    """Step through cycles until one ends as it began.
-
-    Raises
-    ------
-    FlowError
-        As `build_circuit` and `march`, and when no periodic state is reached.
-    """
-    circuit, slot = build_circuit(network, conditions)
-    marched = march(circuit, options)
-    if not marched.periodic:
-        raise FlowError(
-            f"no periodic state after {len(marched.change)} cycles: the last still changed by "
-            f"{marched.change[-1]:.2g} of the largest value; allow more cycles, or solve for the "
-            "periodic state"
-        )
-    return _of_march(marched, slot, network.vessel_count)
-
-
 def _of_phasors(phasors: Phasors, slot: IntArray, vessels: int) -> PulsatileSolution:
     return PulsatileSolution(
         phasors.period_s,
@@ -116,28 +89,7 @@ def _of_phasors(phasors: Phasors, slot: IntArray, vessels: int) -> PulsatileSolu
         phasors.pressure[:, slot],
         phasors.flow_first[:, :vessels],
         phasors.flow_last[:, :vessels],
-        np.zeros(0),
     )
-
-
-def _of_march(marched: Marched, slot: IntArray, vessels: int) -> PulsatileSolution:
-    flow_in = _harmonics(marched.flow_first[:, :vessels])
-    return PulsatileSolution(
-        marched.period_s,
-        np.arange(len(flow_in)),
-        _harmonics(marched.pressure)[:, slot],
-        flow_in,
-        _harmonics(marched.flow_last[:, :vessels]),
-        marched.change,
-    )
-
-
-def _harmonics(samples: FloatArray) -> ComplexArray:
-    """Phasors (k, …) of samples (t + 1, …) over a cycle whose end repeats its begin."""
-    steps = len(samples) - 1
-    phasors = np.fft.rfft(samples[:-1], axis=0) / steps
-    phasors[1:] *= 2.0
-    return np.asarray(phasors[: (steps + 1) // 2])
 
 
 def cycle_extremes(

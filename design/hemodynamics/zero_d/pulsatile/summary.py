@@ -88,11 +88,6 @@ def pulsatile_summary(
     }
     if len(finite):
         summary["wave_speed_min_mm_s"] = float(finite.min())
-    if len(solution.change):
-        summary |= {
-            "cycles": float(len(solution.change)),
-            "last_change": float(solution.change[-1]),
-        }
     return summary
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
@@ -122,7 +121,7 @@ class Runs:
                 f"run {name!r} has no finished print ({state or 'none was started'}); print it "
                 "first in the Job room"
             )
-        return self._go(name, ["--printed", "--pdf"] if _has_pdf() else ["--printed"])
+        return self._go(name, ["--printed"])
 
     def cancel(self, name: str) -> RunProgress:
         """Stop a run; finished stages are kept.
@@ -171,7 +170,3 @@ class Runs:
                 f"a print of run {name!r} is going on ({state}); a new design would change its "
                 "file: wait for its end, or duplicate the recipe"
             )
-
-
-def _has_pdf() -> bool:
-    return find_spec("reportlab") is not None

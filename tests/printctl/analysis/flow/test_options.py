@@ -122,12 +122,12 @@ def test_flow_that_goes_backwards_is_told(fork: Path, options: tuple[str, ...], 
 
 
 def test_ranks_take_what_is_said_of_elements_and_inertia(fork: Path) -> None:
-    """They were refused as options of --three-d; a batch script needs no program of others."""
-    call = ("--slurm", "job.sh", "--slurm-set", "ntasks=2", "--no-inertia", "--edge-ratio")
+    """The case is written before FEniCSx is looked for."""
+    call = ("flow", "fork.csv", "--unit", "mm", "--ranks", "1", "--ranks-python", "nowhere")
     cells = []
     for ratio in ("0.9", "0.7"):
-        found = _flow(fork, *call, ratio)
-        assert "three_d" not in found
+        done = printctl(*call, "--no-inertia", "--edge-ratio", ratio, cwd=fork)
+        assert "nowhere" in done.stderr
         case = fork / "flow" / "ranks"
         assert json.loads((case / "case.json").read_text())["model"] == "stokes"
         cells.append((case / "tets.npy").stat().st_size)
@@ -152,7 +152,7 @@ def test_ranks_take_what_is_said_of_elements_and_inertia(fork: Path) -> None:
         (("--amplitude-ml-min", "0.3", "--period-s", "1"), "would go back out of the inlet"),
         (("--ranks", "2", "--order", "3"), "--ranks takes --edge-ratio and --inertia alone"),
         (("--ranks", "2", "--edge-ratio", "7"), "--edge-ratio: must be at most 1"),
-        (("--slurm", "j.sh", "--check"), "--check is for --three-d; --slurm takes"),
+        (("--ranks", "2", "--check"), "--check is for --three-d; --ranks takes"),
         (("--fluid", "no.yaml"), "no.yaml"),
         (("--fluid", "empty.yaml"), "--fluid empty.yaml names no fluid"),
         (("--fluid", "blood.yaml", *SINE), "a pulse is solved with --viscosity-mpa-s"),

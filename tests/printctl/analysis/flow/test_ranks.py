@@ -1,4 +1,4 @@
-"""MPI ranks: start, end, batch scripts; the solver itself where FEniCSx is installed."""
+"""MPI ranks: start and end; the solver itself where FEniCSx is installed."""
 
 import os
 import shutil
@@ -18,14 +18,7 @@ from design.hemodynamics.three_d.ranks import (
     RankResult,
     write_case,
 )
-from printctl.analysis.flow.ranks import (
-    Engine,
-    SlurmJob,
-    find_engine,
-    run_on_ranks,
-    slurm_job,
-    write_slurm,
-)
+from printctl.analysis.flow.ranks import Engine, find_engine, run_on_ranks
 from printctl.analysis.flow.ranks.__main__ import main
 from printctl.analysis.flow.ranks.engine import rank_command
 from printctl.errors import PrintctlError, UsageError
@@ -106,8 +99,6 @@ def test_more_ranks_than_processors_are_refused(case, ranks):
 def test_a_folder_without_a_case_is_refused(tmp_path):
     with pytest.raises(UsageError, match=r"holds no case\.json"):
         run_on_ranks(tmp_path, 1)
-    with pytest.raises(UsageError, match=r"holds no case\.json"):
-        write_slurm(tmp_path / "job.sh", tmp_path, SlurmJob())
 
 
 def test_a_failing_engine_tells_its_last_lines(case, stand_in, tmp_path):
@@ -140,57 +131,10 @@ def test_what_ends_us_ends_the_ranks(case, stand_in, tmp_path, how):
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 
 
-def test_a_batch_script_asks_slurm_and_runs_the_case(case, tmp_path):
-    job = SlurmJob(
-        2, 64, "1-12:00:00", "64G", "/opt/my env/bin/python", ("module load mpi",), "short"
-    )
-    write_slurm(tmp_path / "job.sh", case, job)
-    lines = (tmp_path / "job.sh").read_text().splitlines()
-    assert lines[0] == "#!/bin/bash"
-    for asked in ("nodes=2", "ntasks=64", "time=1-12:00:00", "mem=64G", "partition=short"):
-        assert f"#SBATCH --{asked}" in lines
-    assert not any("account" in line for line in lines)
-    assert lines.index("module load mpi") < len(lines) - 1
-    assert lines[-1] == "srun '/opt/my env/bin/python' -m engine ."
-    assert f"cd {case}" in lines
-
-
-def test_the_door_writes_a_batch_script_and_ends_in_one_message(
-    case, tmp_path, monkeypatch, capsys
-):
-    written = tmp_path / "job.sh"
-    monkeypatch.setattr(
-        sys, "argv", ["ranks", str(case), "--slurm", str(written), "--set", "ntasks=4"]
-    )
-    assert main() == 0
-    assert "#SBATCH --ntasks=4" in written.read_text().splitlines()
+def test_the_door_ends_in_one_message(case, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["ranks", str(case), "--ranks", "0"])
     assert main() == 2
     assert "0 ranks on" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"ntasks": 1, "nodes": 2}, "1 tasks on 2 nodes"),
-        ({"time": "tomorrow"}, "--time 'tomorrow'"),
-        ({"memory": "64G\n#SBATCH --x"}, "--mem '64G"),
-        ({"partition": "a b"}, "--partition 'a b'"),
-    ],
-)
-def test_what_slurm_wouldnt_read_is_refused(change, message):
-    with pytest.raises(UsageError, match=message):
-        SlurmJob(**change)
-
-
-def test_settings_of_a_job_are_read_as_typed():
-    typed = ["ntasks=64", "mem=0", "partition=long", "setup=module load a=b", "setup=ulimit -s"]
-    job = slurm_job(typed)
-    assert (job.ntasks, job.memory, job.partition) == (64, "0", "long")
-    assert job.setup == ("module load a=b", "ulimit -s")
-    for wrong in ("ntask=4", "ntasks=four", "ntasks=-1", "mem", "time=soon"):
-        with pytest.raises(UsageError):
-            slurm_job([wrong])
 
 
 def solved(folder: Path, engine: Engine, ranks: int, *ports, mesh=MESH, **options) -> RankResult:

@@ -42,7 +42,6 @@ def body(cold: str = "M302 P1\n", place: str = "X50 Y50 Z10 ") -> str:
         ("klipper", "M85 S600"),
         ("klipper", "M302 P1"),
         ("prusa", "M154 S1"),
-        ("smoothieware", "M85 S600"),
     ],
 )
 def test_a_command_of_another_firmware_is_refused_with_its_line(
@@ -140,13 +139,12 @@ def test_a_job_that_switches_the_timeout_off_is_refused_cold_too() -> None:
     assert check.refuses
 
 
-@pytest.mark.parametrize("printer", [DUET, of("smoothieware")])
-def test_a_firmware_without_a_timeout_is_an_alarm_not_silence(printer: Printer) -> None:
-    checks = checks_of("M140 S37\n" + body(), printer)
+def test_a_firmware_without_a_timeout_is_an_alarm_not_silence() -> None:
+    checks = checks_of("M140 S37\n" + body(), DUET)
     check = named(checks, "the firmware's own switch-off")
     assert not check.passed
     assert not check.refuses
-    assert printer.firmware in check.remedy
+    assert DUET.firmware in check.remedy
 
 
 def test_m85_is_no_timeout_to_a_duet() -> None:
@@ -167,7 +165,6 @@ def test_m85_is_no_timeout_to_a_duet() -> None:
         ("prusa", "M302\n", True),
         ("reprapfirmware", "M302 P1\n", True),
         ("reprapfirmware", "M302 S0\n", False),
-        ("smoothieware", "", True),
         ("klipper", "", False),
     ],
 )

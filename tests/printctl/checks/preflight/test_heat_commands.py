@@ -12,7 +12,6 @@ MARLIN = load(Printer, "generic_marlin")
 PRINTERS = {
     "marlin": MARLIN,
     "prusa": MARLIN.model_copy(update={"firmware": "prusa"}),
-    "smoothieware": MARLIN.model_copy(update={"firmware": "smoothieware"}),
     "reprapfirmware": load(Printer, "ender5_duet3_replistruder5"),
     "klipper": load(Printer, "klipper_bioprinter"),
 }
@@ -92,7 +91,7 @@ def test_heat_that_ink_and_machine_bear_passes(family):
 
 
 def test_a_head_that_the_machine_lacks_is_told_with_those_that_it_has():
-    (row,) = failed_rows("smoothieware", f"M104 T9 S{WARM:g}")
+    (row,) = failed_rows("marlin", f"M104 T9 S{WARM:g}")
     assert "T9" in row.remedy
     assert "T0" in row.remedy
     assert row.place == "line 5"

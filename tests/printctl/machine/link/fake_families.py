@@ -1,4 +1,4 @@
-"""Fake RepRapFirmware, Klipper and Smoothieware for link tests.
+"""Fake RepRapFirmware and Klipper for link tests.
 
 They take, drop and answer lines as their sources say (see each protocol's module). No motion and
 no time; what matters is what they executed, in which order.
@@ -131,47 +131,3 @@ class FakeKlipper(FakePrinter):
         if word == "M114":
             return f"{self.where}\nok\n"
         return "ok\n"
-
-
-class FakeSmoothie(FakePrinter):
-    """Smoothieware: ``rs N`` alone for whatever is out of order or garbled."""
-
-    end = "\r\n"
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.last = -1
-
-    def accepts(self, line: bytes) -> str | None:
-        """The command that would be done if its number is right; None for a refused line."""
-        text, star, given = line.decode("latin-1").strip().partition("*")
-        found = re.match(r"N(\d+) *", text)
-        if not found:
-            return text if re.match("[GMTS]", text) else None
-        digits = re.match(r"\d+", given)
-        wrong = star and (int(digits[0]) if digits else 0) != reduce(xor, text.encode("latin-1"))
-        return None if wrong else text[found.end() :]
-
-    def take(self, line: bytes) -> str:
-        found, text = re.match(rb"N(\d+) *", line.strip()), self.accepts(line)
-        if found and b"M110" in line:
-            self.last = int(found[1])
-            return "ok\n"
-        if found:
-            if text is None or int(found[1]) != self.last + 1:
-                return f"rs N{self.last + 1}\n"
-            self.last += 1
-        return self.do(text) if text else ""
-
-    def do(self, text: str) -> str:
-        if text.startswith("M112"):
-            self.halted = True
-            return "ok Emergency Stop Requested - reset or M999 required to exit HALT state\n"
-        if self.halted:
-            return "!!\n"
-        self.moved(text)
-        if text == "M114":
-            return f"ok C: {self.where}\n"
-        if text == "M115":
-            return "FIRMWARE_NAME:Smoothieware, FIRMWARE_URL:http%3A//smoothieware.org\nok\n"
-        return "ok T:21.0 /0.0 @0\n" if text == "M105" else "ok\n"

@@ -13,7 +13,6 @@ from firmware_profiles.families.marlin.doubt import QUESTION
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.reprapfirmware.protocol import RrfProtocol
-from firmware_profiles.families.smoothieware.protocol import SmoothieProtocol
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.modal import places
@@ -31,7 +30,6 @@ SAID = [b"Error:MINTEMP triggered, system stopped! Heater_ID: 0", STOPPED, b"Err
 FAMILIES = {
     "marlin": MarlinProtocol,
     "pairs": partial(MarlinProtocol, pairing=Pairing(128)),
-    "smoothieware": SmoothieProtocol,
 }
 
 
@@ -58,15 +56,13 @@ def asking(protocol):
 
 def settling(protocol):
     events, now = asking(protocol)
-    twice = protocol.wording.two_resends
-    events += protocol.feed(b"rs N1\nrs N1\n" if twice else ANSWER % (0, 1), now)
+    events += protocol.feed(ANSWER % (0, 1), now)
     return events, now + 0.01
 
 
 def waiting_for_a_token(protocol):
     events, now = asking(protocol)
-    twice = protocol.wording.two_resends
-    events += protocol.feed(b"rs N2\nrs N2\n" if twice else ANSWER % (1, 2), now)
+    events += protocol.feed(ANSWER % (1, 2), now)
     events += protocol.tick(now + 0.051)
     assert not protocol.idle
     return events, now + 0.06
@@ -224,12 +220,6 @@ def test_families_that_count_no_lines_drop_none_either(family, said, about_comma
         (("prusa", "marlin"), "echo:Home XYZ First", "refusal"),
         (("prusa", "marlin"), "Error:No Line Number with checksum, Last Line: 5", "line_error"),
         (("prusa", "marlin"), 'echo:enqueueing "M600"', "notice"),
-        (("smoothieware", "marlin"), "ALARM: Kill button pressed - reset", "halt"),
-        (
-            ("smoothieware", "marlin"),
-            "Error: Soft Endstop X was exceeded - entire move ignored",
-            "refusal",
-        ),
         (("reprapfirmware",), "Emergency Stop! Reset the controller to continue.", "halt"),
         (("reprapfirmware",), "Warning: VIN under-voltage event (10.2V)", "fault"),
         (("reprapfirmware",), "Warning: MCU temperature warning", "notice"),

@@ -11,7 +11,6 @@ from firmware_profiles.families.link_protocol import Fault, FirmwareHalted, Halt
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.reprapfirmware.protocol import RrfProtocol
-from firmware_profiles.families.smoothieware.protocol import SmoothieProtocol
 from printctl.machine.link.modal import places
 
 JOB = [b"G1 X%d" % k for k in range(1, 101)]
@@ -25,7 +24,6 @@ ERRORS = [
     (MarlinProtocol, b"Error:Heating failed\n"),
     (MarlinProtocol, b"echo: cold extrusion prevented\r\n"),
     (partial(MarlinProtocol, pairing=Pairing(128)), b"Error:Heating failed\n"),
-    (SmoothieProtocol, b"!!\r\n"),
 ]
 CUTS = [(family, said, cut) for family, said in ERRORS for cut in range(1, len(said))]
 
@@ -75,7 +73,7 @@ def test_a_half_whose_other_half_is_late_by_seconds_lets_no_line_of_the_job_go(f
     assert b"G1" not in protocol.take_output()
 
 
-@pytest.mark.parametrize("family", [KlipperProtocol, RRF, MarlinProtocol, SmoothieProtocol])
+@pytest.mark.parametrize("family", [KlipperProtocol, RRF, MarlinProtocol])
 def test_the_job_goes_on_once_a_cut_text_is_whole(family):
     protocol, _ = streaming(family)
     protocol.feed(b"ok\nT:21", 0.1)

@@ -1,4 +1,4 @@
-"""Prints on fakes of Klipper, RepRapFirmware and Smoothieware, in virtual time."""
+"""Prints on fakes of Klipper and RepRapFirmware, in virtual time."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.states import LinkState
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.wiring import Wiring
-from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie, xmodem
+from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper, xmodem
 from tests.printctl.machine.link.fake_marlin import zigzag
 from tests.printctl.machine.link.jobs import parse_job, with_codes
 from tests.printctl.machine.link.protocols import STREAMED, made_protocol
 from tests.printctl.machine.link.scripted_transport import ScriptedTransport
 
-FAKES = {"reprapfirmware": FakeDuet, "klipper": FakeKlipper, "smoothieware": FakeSmoothie}
+FAKES = {"reprapfirmware": FakeDuet, "klipper": FakeKlipper}
 JOB = [b"G90", b"M82", b"G92 E0", b"G1 Z0.5 F300", *zigzag(40)]
 
 
@@ -64,18 +64,12 @@ def test_family_prints_a_whole_job(firmware, tmp_path):
 @pytest.mark.parametrize("firmware", FAKES)
 def test_other_firmware_than_the_profile_says_is_refused(firmware, tmp_path):
     other = FAKES["klipper" if firmware != "klipper" else "reprapfirmware"]()
-    other.last = -1
-
-    def answer(data: bytes) -> bytes:
-        said = other.receive(data)
-        return said or b"rs N1\r\nrs N1\r\n"
-
-    status = streamer_of(firmware, other, tmp_path, answer=answer).run()
+    status = streamer_of(firmware, other, tmp_path).run()
     assert status.state is LinkState.FAILED
     assert status.lines_done == 0
 
 
-@pytest.mark.parametrize("firmware", ["reprapfirmware", "klipper"])
+@pytest.mark.parametrize("firmware", FAKES)
 def test_command_that_the_firmware_refuses_ends_in_a_controlled_stop(firmware, tmp_path):
     fake = FAKES[firmware]()
     status = streamer_of(firmware, fake, tmp_path, [*JOB[:10], b"G999", *JOB[10:]]).run()
@@ -144,7 +138,7 @@ def test_kill_halts_each_family(firmware, tmp_path):
     assert type(events[0]).__name__ == "FirmwareHalted"
 
 
-@pytest.mark.parametrize("firmware", ["reprapfirmware", "klipper"])
+@pytest.mark.parametrize("firmware", FAKES)
 def test_family_that_forgets_lines_isnt_gone_on_with(firmware, tmp_path):
     fake = FAKES[firmware]()
     streamer_of(firmware, fake, tmp_path).run()
@@ -244,7 +238,6 @@ def test_names_of_all_families_are_read():
         b"FIRMWARE_NAME:Prusa-Firmware 3.13.0 based on Marlin FIRMWARE_URL:y": "prusa",
         b"FIRMWARE_NAME: RepRapFirmware for Duet 3 MB6HC FIRMWARE_VERSION: 3.6.0": "reprapfirmware",
         b"ok FIRMWARE_NAME:Klipper FIRMWARE_VERSION:v0.13": "klipper",
-        b"FIRMWARE_NAME:Smoothieware, FIRMWARE_URL:http%3A//s": "smoothieware",
     }
     for text, family in replies.items():
         firmware = parse_firmware([text])

@@ -12,7 +12,6 @@ from firmware_profiles.families.link_protocol import Fault, FirmwareHalted, Firm
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.pairing import Pairing
 from firmware_profiles.families.reprapfirmware.protocol import RrfProtocol
-from firmware_profiles.families.smoothieware.protocol import SmoothieProtocol
 from printctl.machine.link.modal import places
 
 JOB = [b"G1 X%d" % k for k in range(1, 101)]
@@ -24,7 +23,6 @@ FAULTS = [
     (RRF, b"ok\nWarning: motor was not driven because it failed\nok\n"),
     (MarlinProtocol, b"ok\nError:Heating failed\n"),
     (MarlinProtocol, b"ok\r\nX:1.00\r\necho: cold extrusion prevented\r\n"),
-    (SmoothieProtocol, b"ok\r\necho: cold extrusion prevented\r\n"),
 ]
 GLUED = [
     (KlipperProtocol, b"ok!! Driver wobble\n"),
@@ -39,7 +37,6 @@ ENDS = [
     (MarlinProtocol, b"ok\nError:Printer halted. kill() called!\n", FirmwareHalted),
     (MarlinProtocol, b"ok\n//action:poweroff\n", FirmwareHalted),
     (MarlinProtocol, b"ok\nstart\n", FirmwareReset),
-    (SmoothieProtocol, b"ok\n!!\n", FirmwareHalted),
 ]
 
 
@@ -109,14 +106,11 @@ def test_of_two_in_flight_no_third_leaves_behind_an_error(said):
     assert b"G1 X3" not in protocol.take_output()
 
 
-@pytest.mark.parametrize("family", [KlipperProtocol, RRF, MarlinProtocol, SmoothieProtocol])
+@pytest.mark.parametrize("family", [KlipperProtocol, RRF, MarlinProtocol])
 def test_a_command_that_waits_leaves_once_the_error_is_heard_and_the_job_once_it_may(family):
     protocol = in_flight(family)
     protocol.submit(b"M114", 0.05)
     protocol.feed(b"ok\necho: cold extrusion prevented\nError: it is cold\n!! cold\n", 0.1)
-    if family is SmoothieProtocol:  # halted
-        assert protocol.take_output() == b""
-        return
     assert re.search(rb"M0?114", protocol.take_output())
     protocol.feed(b"X:1.00 Y:0.00 Z:0.00 E:0.00\nok\n", 0.2)
     protocol.held = False
@@ -124,7 +118,7 @@ def test_a_command_that_waits_leaves_once_the_error_is_heard_and_the_job_once_it
     assert b"G1 X2" in protocol.take_output()
 
 
-@pytest.mark.parametrize("family", [KlipperProtocol, RRF, MarlinProtocol, SmoothieProtocol])
+@pytest.mark.parametrize("family", [KlipperProtocol, RRF, MarlinProtocol])
 def test_a_text_behind_the_ok_holds_nothing(family):
     protocol = in_flight(family)
     protocol.feed(b"ok\nT:21.0 /0.0\n", 0.1)

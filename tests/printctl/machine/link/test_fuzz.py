@@ -23,7 +23,7 @@ from printctl.machine.link.families import protocol_for
 from printctl.machine.link.journal import Journal
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.wiring import Wiring
-from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie
+from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, zigzag
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.protocols import STREAMED
@@ -35,10 +35,8 @@ WORDS = [
     b"ok\r\n",
     b"ok T:21.0 /0.0 B:21.0 /0.0 @:0 B@:0\n",
     b"ok N3 P15 B3\n",
-    b"ok C: X:1.000 Y:2.000 Z:3.000 E:4.000\n",
     b"Resend: 3\nok\n",
     b"Resend: 99999999\nok\n",
-    b"rs N2\r\n",
     b"Error:checksum mismatch, Last Line: 2\nResend: 3\nok\n",
     b"Error:Line Number is not Last Line Number+1, Last Line: 4\nResend: 5\nok\n",
     b"Error:Printer halted. kill() called!\n",
@@ -50,7 +48,6 @@ WORDS = [
     b"Unknown M code: M113\n",
     b"start\n",
     b"Marlin 2.1.2\n",
-    b"Smoothie\r\n",
     b"wait\n",
     b"//action:pause\n",
     b"//action:cancel\n",
@@ -76,7 +73,6 @@ FAKES = {
     "pairs": FakeMarlin,
     "withheld": FakeMarlin,
     "prusa": FakeMarlin,
-    "smoothieware": FakeSmoothie,
     "reprapfirmware": FakeDuet,
     "klipper": FakeKlipper,
 }
@@ -123,10 +119,10 @@ def frames(family: str) -> set[bytes]:
 
 
 _QUESTIONS = re.compile(
-    rb"N99999999 M105\*23$|N\d+ (M114|M105)\*\d{5}$|N\d+ M115\*\d{1,3}$|M1(05|14)$|STATUS$"
+    rb"N99999999 M105\*23$|N\d+ (M114|M105)\*\d{5}$|M1(05|14)$|STATUS$"
     rb"|N(\d+) M110 N\3\*\d{1,3}$"
 )
-"""What asks, of each family, and sets a count back; the third is Smoothieware's token."""
+"""Queries of each family, and the command that sets a count back."""
 
 
 @pytest.mark.parametrize("family", FAKES)

@@ -11,6 +11,7 @@ from firmware_profiles.families.link_protocol import (
     Synchronised,
     TokenSent,
 )
+from firmware_profiles.families.marlin.bit_flips import guard_command
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
 
@@ -44,7 +45,7 @@ def silent_then_taken(protocol: MarlinProtocol, last: int, now: float = 0.0) -> 
 
 def token_of(events: list, protocol: MarlinProtocol) -> TokenSent:
     (sent,) = [event for event in events if isinstance(event, TokenSent)]
-    assert protocol.take_output() == frame(sent.number, protocol.wording.guard(sent.command))
+    assert protocol.take_output() == frame(sent.number, guard_command(sent.command))
     return sent
 
 
@@ -124,7 +125,7 @@ def test_echo_of_a_token_without_its_number_is_no_evidence():
 def test_unknown_command_that_quotes_the_token_is_its_echo():
     protocol = started()
     token = token_of(silent_then_taken(protocol, 31), protocol)
-    quoted = b'echo:Unknown command: "%b"\nok\n' % protocol.wording.guard(token.command)
+    quoted = b'echo:Unknown command: "%b"\nok\n' % guard_command(token.command)
     assert not protocol.feed(quoted, 3.3)
     assert protocol.take_output() == frame(33, JOB[31])
 

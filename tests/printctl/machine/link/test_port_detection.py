@@ -30,7 +30,7 @@ from printctl.machine.link.port_detection import (
     sweep,
 )
 from printctl.machine.link.ports import PortInfo
-from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie
+from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, write_job
 
 MEGA = PortInfo("/dev/ttyACM0", "Arduino Mega", "2341:0042", "7583")
@@ -107,7 +107,7 @@ class Line:
         return data
 
 
-@pytest.mark.parametrize("make", [FakeMarlin, FakeSmoothie, FakeDuet, FakeKlipper])
+@pytest.mark.parametrize("make", [FakeMarlin, FakeDuet, FakeKlipper])
 @pytest.mark.parametrize("rate", [250_000, 115_200, 57_600])
 def test_rate_is_found_by_a_valid_answer_of_any_family(make, rate):
     printer, clock = make(), VirtualClock()

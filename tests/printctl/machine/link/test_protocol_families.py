@@ -7,9 +7,8 @@ from itertools import groupby
 
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
 from firmware_profiles.families.reprapfirmware.protocol import RrfProtocol
-from firmware_profiles.families.smoothieware.protocol import SmoothieProtocol
 from printctl.machine.link.modal import places
-from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie
+from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.wire_machine import FILE, WireMachine, as_test
 
 
@@ -36,12 +35,6 @@ class FamilyWire(WireMachine):
         return lines if self.once else [line for line, _ in groupby(lines)]
 
 
-class SmoothieWire(FamilyWire):
-    printer_class = FakeSmoothie
-    protocol_class = SmoothieProtocol
-    once = True
-
-
 class KlipperWire(FamilyWire):
     printer_class = FakeKlipper
     protocol_class = KlipperProtocol
@@ -50,5 +43,4 @@ class KlipperWire(FamilyWire):
 
 
 TestDuet = as_test(FamilyWire, 50)
-TestSmoothie = as_test(SmoothieWire, 50)
 TestKlipper = as_test(KlipperWire, 50)

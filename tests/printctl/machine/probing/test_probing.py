@@ -106,22 +106,6 @@ def test_rrf_answers_of_a_real_board_s_wording_are_read() -> None:
     assert settings.notes == ("Cold extrusion is allowed (use M302 P0 to forbid it)",)
 
 
-def test_smoothie_s_list_is_read() -> None:
-    settings = read_settings(
-        find_family("smoothieware"),
-        {
-            b"M503": (
-                b";Steps per unit:",
-                b"M92 X80.00000 Y80.00000 Z400.00000",
-                b"M203 X500.00000 Y500.00000 Z5.00000 S500.00000",
-                b"M204 S1000.00000",
-            )
-        },
-    )
-    assert settings.values["steps_per_mm.z"] == 400
-    assert settings.values["acceleration_mm_s2"] == 1000
-
-
 def test_endstops_that_are_off_are_told() -> None:
     replies = (b"  M211 S0 ; OFF", b"  Min:  X0.00 Y0.00 Z0.00   Max:  X200.00 Y200.00 Z200.00")
     settings = read_settings(find_family("marlin"), {b"M211": replies})

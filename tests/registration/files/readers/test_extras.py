@@ -5,9 +5,10 @@ from __future__ import annotations
 import importlib
 import json
 import math
+import struct
 import zlib
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from registration.files.readers.extras import import_extra
 from tests.registration.files.readers.crafted import MODALITY, counts
 
 h5py = pytest.importorskip("h5py")
+zarr = pytest.importorskip("zarr")
 numcodecs = pytest.importorskip("numcodecs")
 pydicom = pytest.importorskip("pydicom")
 
@@ -108,6 +110,17 @@ def test_broken_matlab_file_is_refused(tmp_path: Path) -> None:
     savemat(path, {"V": np.zeros((3, 3))})
     with pytest.raises(ScanFileError, match="0 arrays of three axes"):
         read_scan(path, MODALITY)
+
+
+def test_matlab_sizes_beyond_the_file_are_refused_before_memory_is_taken(tmp_path: Path) -> None:
+    path = tmp_path / "s.mat"
+    savemat(path, {"V": counts()})
+    sizes = struct.pack("<3i", *counts().shape)
+    for size in (2**30, 2**10):
+        path.write_bytes(path.read_bytes().replace(sizes, struct.pack("<3i", size, size, size)))
+        with pytest.raises(ScanFileError, match=r"no scan is larger|holds at most"):
+            read_scan(path, MODALITY)
+        savemat(path, {"V": counts()})
 
 
 def zarr_2(path: Path, codec: dict[str, Any] | None, **changes: Any) -> Path:
@@ -206,9 +219,8 @@ def test_a_chunk_that_was_never_written_holds_the_fill_value(tmp_path: Path) -> 
         ({"shape": [1, 1, 60, 60, 60]}, "12 of its 3375 chunks"),
         ({"shape": [2, 1, 9, 8, 7]}, "export one volume"),
         ({"compressor": {"id": "magic"}}, "magic"),
-        ({"chunks": [1, 1, 4, 4, 5]}, "truncated"),
-        ({"filters": [{"id": "delta"}]}, "filters"),
-        ({"dtype": "<c8"}, "real numbers"),
+        ({"chunks": [1, 1, 4, 4, 5]}, "size 64"),
+        ({"dtype": "<c8", "fill_value": None}, "real numbers"),
     ],
 )
 def test_zarr_metadata_that_lies_is_refused(
@@ -227,14 +239,35 @@ def test_zarr_path_that_leaves_the_folder_is_refused(tmp_path: Path) -> None:
             read_scan(path, MODALITY)
 
 
+@pytest.mark.parametrize("version", [2, 3])
+def test_stores_of_zarr_itself_come_back_with_shards_and_filters(
+    tmp_path: Path, version: Literal[2, 3]
+) -> None:
+    path = zarr_2(tmp_path / "s.zarr", None)
+    image = json.loads((path / ".zattrs").read_text())["multiscales"][0]
+    axes = {"axes": image["axes"][2:]}
+    image["datasets"][0]["coordinateTransformations"][0]["scale"] = [10, 20, 30]
+    said = {"multiscales": [image | axes]}
+    group = zarr.open_group(tmp_path / "new.zarr", mode="w", zarr_format=version)
+    group.attrs.update(said if version == 2 else {"ome": said})
+    more: dict[str, Any] = {"shards": (8, 8, 8)}
+    if version == 2:
+        more = {"filters": [numcodecs.Delta("<u2")], "order": "F"}
+    array = group.create_array("0", shape=counts().shape, dtype="u2", chunks=(4, 4, 4), **more)
+    array[:] = counts()
+    found = read_scan(tmp_path / "new.zarr", MODALITY)
+    np.testing.assert_array_equal(found.volume, counts())
+    assert found.voxel_mm == pytest.approx((0.01, 0.02, 0.03))
+
+
 def test_a_chunk_that_unpacks_without_end_is_refused(tmp_path: Path) -> None:
     path = zarr_2(tmp_path / "s.zarr", {"id": "zlib", "level": 9})
     chunk = path / "0" / "0" / "0" / "0" / "0" / "0"
     chunk.write_bytes(zlib.compress(bytes(300_000), 9))
-    with pytest.raises(ScanFileError, match=r"chunk"):
+    with pytest.raises(ScanFileError, match="size 150000"):
         read_scan(path, MODALITY)
     chunk.write_bytes(b"\0" * 20)
-    with pytest.raises(ScanFileError, match="broken chunk"):
+    with pytest.raises(ScanFileError, match="broken OME-Zarr"):
         read_scan(path, MODALITY)
 
 

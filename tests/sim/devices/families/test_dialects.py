@@ -181,9 +181,9 @@ def test_klipper_that_was_shut_down_answers_each_line_by_why():
     assert said(printer, b"G1 X52\n").endswith(b"!! Shutdown due to M112 command\nok\n")
 
 
-def test_smoothieware_has_no_simulated_printer():
+def test_prusa_has_no_simulated_printer():
     with pytest.raises(ServeError, match="no simulated printer"):
-        printer_of("smoothieware")
+        printer_of("prusa")
 
 
 def gcode(moves: int, firmware: str) -> bytes:

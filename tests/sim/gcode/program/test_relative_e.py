@@ -2,8 +2,7 @@
 
 Sources: Marlin bugfix-2.1.x and Klipper (84104bbb) themselves, 2026-11-22, by their M114 after each
 line; RepRapFirmware's G-code dictionary (G91: "extrusion is NOT set to relative using G91");
-Prusa-Firmware's ``Marlin_main.cpp`` ("E axis is left intact"); Smoothieware's ``Robot.cpp``, as
-remembered: that one wasn't looked up.
+Prusa-Firmware's ``Marlin_main.cpp`` ("E axis is left intact").
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ LINES = (
 )
 ENDS = {
     "marlin": [1, 2, 1, 2, 3, 1, 0],
-    "smoothieware": [1, 2, 1, 2, 3, 1, 0],
     "klipper": [1, 2, 3, 2, 3, 4, 0],
     "reprapfirmware": [1, 1, 1, 2, 3, 4, 0],
     "prusa": [1, 1, 1, 2, 3, 4, 0],

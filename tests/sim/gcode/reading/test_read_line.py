@@ -20,9 +20,8 @@ from sim.gcode.reading.read import read_words
 
 MARLIN, KLIPPER = load(Printer, "marlin_avr"), load(Printer, "klipper_bioprinter")
 DUET, AEROTECH = load(Printer, "makergear_m2_duet2"), load(Printer, "aerotech_pneumatic")
-SMOOTHIE = MARLIN.model_copy(update={"firmware": "smoothieware"})
 PRUSA = MARLIN.model_copy(update={"firmware": "prusa"})
-FAMILIES = {p.firmware: p for p in (MARLIN, PRUSA, SMOOTHIE, DUET, KLIPPER)}
+FAMILIES = {p.firmware: p for p in (MARLIN, PRUSA, DUET, KLIPPER)}
 
 
 def numbered(text: bytes) -> bytes:
@@ -134,7 +133,6 @@ def test_a_line_that_no_firmware_takes_is_refused_before_it_is_looked_at(text, p
     ("family", "text"),
     [
         ("prusa", b"g1 x5"),
-        ("smoothieware", b"g1 x5"),
         ("klipper", b"G4 S2"),
         ("klipper", b"G2 X1 Y1 R5"),
         ("reprapfirmware", b"G1X1E3"),
@@ -234,10 +232,9 @@ def test_the_short_road_reads_plain_moves_as_the_long_one(text, family):
     + [b"M104 S0 M140 S0", b'M117 "a;b"M104 S250', b"M84 M104 S250", b"M201 X5 G1 Z-5"]
     + [b'M106 C"x"M104 S250', b"M28 \"x\"M104 S250"],
 )  # fmt: skip
-@pytest.mark.parametrize("printer", [DUET, SMOOTHIE])
-def test_a_second_command_in_a_line_is_refused_where_the_firmware_would_carry_it_out(text, printer):
+def test_a_second_command_in_a_line_is_refused_where_the_firmware_would_carry_it_out(text):
     with pytest.raises(LineError):
-        read_line(text, printer)
+        read_line(text, DUET)
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,9 @@
-"""Fitted pose and its uncertainty as PDF table rows and facts, with reasons to doubt it."""
+"""Report rows of what was fitted and its uncertainty, of calibrations and of the print."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from typing import Any
 
 from registration.report.sections import Fact, mapping
@@ -12,7 +13,7 @@ AXES = ("x", "y", "z")
 
 
 def fitted_rows(registration: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    """Name, value and half of the 95 % interval of everything that was fitted."""
+    """Return name, value and half of the 95 % interval of everything that was fitted."""
     interval = mapping(registration, "interval_95")
     scale, half = _three(registration.get("scale")), _three(interval.get("scale"))
     rows = [
@@ -35,35 +36,30 @@ def fitted_rows(registration: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     return rows
 
 
-def confidence_facts(registration: Mapping[str, Any]) -> list[Fact]:
-    """Depth scale, ambiguity, cross-check, and how walls were taken."""
-    made = []
+def calibration_facts(registration: Mapping[str, Any]) -> list[Fact]:
+    """Return whether the depth scale was fitted, and by which calibration walls were taken."""
+    rows = []
     if registration.get("depth_scale_fitted") is not None:
-        made.append(Fact("Depth scale fitted", plain(registration["depth_scale_fitted"])))
-    ambiguity = mapping(registration, "ambiguity")
-    if ambiguity:
-        made.append(Fact("Pose ambiguous", plain(ambiguity.get("flag"))))
-        if is_number(ambiguity.get("margin")):
-            made.append(Fact("Margin to the best wrong pose", number(ambiguity["margin"], 3)))
-    if mapping(registration, "lay"):
-        made.append(Fact("The part lay", plain(registration["lay"]["words"])))
-    if "cross_check_um" in registration:
-        apart = registration["cross_check_um"]
-        made.append(
-            Fact("small_gicp has the part's corners within", number(apart, 2), "µm")
-            if is_number(apart)
-            else Fact("Cross-check by small_gicp", "not made")
-        )
+        rows.append(Fact("Depth scale fitted", plain(registration["depth_scale_fitted"])))
     if "walls" in registration:
         walls = registration["walls"]
-        made.append(Fact("Calibration of walls", "none" if walls is None else plain(walls)))
-    return made
+        rows.append(Fact("Calibration of walls", "none" if walls is None else plain(walls)))
+    return rows
 
 
-def pose_doubts(registration: Mapping[str, Any]) -> list[str]:
-    """What speaks against calling the pose sure, a sentence each."""
-    doubts = mapping(registration, "ambiguity").get("doubts")
-    return [plain(doubt) for doubt in doubts or ()]
+def print_facts(data: Mapping[str, Any]) -> list[Fact]:
+    """Return when and as what a part was printed, and SHA-256 of its network and G-code."""
+    printed = mapping(data, "printed")
+    started = printed.get("started")
+    design = mapping(mapping(data, "registration"), "design")
+    when = datetime.fromtimestamp(started, UTC) if is_number(started) else None
+    rows = (
+        ("Printed", when and when.strftime("%Y-%m-%d %H:%M UTC")),
+        ("Print", printed.get("id")),
+        ("SHA-256 of G-code", printed.get("gcode_sha256")),
+        ("SHA-256 of network.csv", design.get("network_sha256")),
+    )
+    return [Fact(label, plain(value)) for label, value in rows if value]
 
 
 def _three(values: Any) -> Sequence[Any]:

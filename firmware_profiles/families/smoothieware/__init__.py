@@ -1,8 +1,0 @@
-"""Smoothieware: known commands, G-code dialect, safety rules and link protocol.
-
-Its `FAMILY` stands in `facts`. Begin with `facts.py`.
-"""
-
-from firmware_profiles.families.smoothieware.facts import FAMILY
-
-__all__ = ["FAMILY"]
