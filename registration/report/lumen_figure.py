@@ -1,8 +1,9 @@
-"""Figures of a lumen in two views: wall shear, and streamlines."""
+"""Figures of a lumen in two views: wall shear, pressure, and streamlines."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +14,8 @@ from matplotlib.figure import Figure
 from design.hemodynamics.three_d import Field, LumenMesh, WallShear
 from design.hemodynamics.three_d.lumen_mesh import WALL
 from design.hemodynamics.three_d.streamlines import trace_streamlines
-from design.units import DYN_CM2_PER_PA
+from design.hemodynamics.three_d.vtu import at_points
+from design.units import DYN_CM2_PER_PA, PA_PER_MMHG
 from kernels.arrays import FloatArray
 from registration.report.drawing import styled, to_svg
 from registration.report.svg import INK, RULE
@@ -39,16 +41,35 @@ def shear_figure(mesh: LumenMesh, shear: WallShear) -> bytes:
     bytes
         SVG.
     """
-    faces = mesh.faces[mesh.label == WALL]
     at_node = np.zeros(len(mesh.points))
     at_node[shear.node] = shear.magnitude * DYN_CM2_PER_PA
+    names = "wall shear / (dyn/cm²); 10 dyn/cm² = 1 Pa", "Wall shear stress in steady 3D flow"
+    return _wall_figure(mesh, at_node, _TOP, names)
+
+
+def pressure_figure(field: Field) -> bytes:
+    """Draw the wall in two views, coloured by pressure.
+
+    Returns
+    -------
+    bytes
+        SVG.
+    """
+    at_node = at_points(field.mesh, field.pressure, field.order - 1)[:, 0] / PA_PER_MMHG
+    return _wall_figure(
+        field.mesh, at_node, 100.0, ("pressure / mmHg", "Pressure in steady 3D flow")
+    )
+
+
+def _wall_figure(mesh: LumenMesh, at_node: FloatArray, top: float, names: tuple[str, str]) -> bytes:
+    """Colour the wall by a value at each node, (p,), up to its percentile ``top``."""
+    faces = mesh.faces[mesh.label == WALL]
     value = at_node[faces].mean(axis=1)
-    scale = Normalize(0.0, float(np.percentile(value, _TOP)))
+    scale = Normalize(min(0.0, float(value.min())), float(np.percentile(value, top)))
 
     def draw(axes: Axes, view: View) -> Collection:
         return _add(axes, _triangles(mesh.points[faces[:, :3]], view, value))
 
-    names = "wall shear / (dyn/cm²); 10 dyn/cm² = 1 Pa", "Wall shear stress in steady 3D flow"
     return _two_views(mesh, draw, scale, names, len(faces))
 
 
@@ -123,7 +144,9 @@ def _two_views(
             axes.set_ylabel(f"{'xyz'[view[1]]} / mm")
             axes.spines[["top", "right"]].set_visible(False)
         # Above the colours' end lie peaks at rims and corners.
-        figure.colorbar(parts, ax=list(grid), label=names[0], shrink=0.8, extend="max")
+        coloured: Any = parts.get_array()
+        beyond = "max" if coloured.max() > scale.vmax else "neither"
+        figure.colorbar(parts, ax=list(grid), label=names[0], shrink=0.8, extend=beyond)
         figure.suptitle(names[1])
         return to_svg(figure, names[1])
 

@@ -31,7 +31,7 @@ def engine_mesh(ng: Any, mesh: LumenMesh) -> Any:
     Raises
     ------
     FlowError
-        An element that isn't mapped one to one (see `straightened`), labels without a port.
+        An element that isn't mapped one to one (see `straighten_edges`), labels without a port.
     """
     _check(mesh)
     curved = ng.Mesh(_straight(mesh))

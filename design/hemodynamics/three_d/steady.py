@@ -47,7 +47,7 @@ def solve_steady(
     Parameters
     ----------
     mesh : LumenMesh
-        With elements that are mapped one to one (`straightened`).
+        With elements that are mapped one to one (`straighten_edges`).
     conditions : FlowConditions or PulsatileConditions
         Of pulsatile ones, the means.
     options : FlowOptions, optional

@@ -34,8 +34,8 @@ def check_surface(surface: LabelledSurface, wall: LumenWall, fillet_ratio: float
     if off[worst] > _OFF:
         raise FlowError(
             f"the lumen's wall can't be followed {_near(vertices[worst])}: the fillet there has no "
-            f"room between vessels; lower the fillet ratio ({fillet_ratio:g}) to a third, or move "
-            "vessels apart"
+            f"room between vessels; lower the fillet ratio ({fillet_ratio:g}) to a third, take a "
+            f"smaller edge ratio ({wall.ratio:g}), or move vessels apart"
         )
     crossing = find_crossings(surface.vertices, surface.faces).pairs
     if len(crossing):

@@ -35,8 +35,8 @@ def _kassab(phase: FloatArray) -> FloatArray:
     """A coronary artery: three harmonics of the left anterior descending one's flow.
 
     Within 3 % of the mean of the wave in its main trunk (Huo & Kassab 2006, Am J Physiol Heart
-    Circ Physiol 291, H1074, doi 10.1152/ajpheart.00200.2006; a cycle there lasts 0.7 s), by which
-    Sexton et al. 2025 drive their trees.
+    Circ Physiol 291, H1074, doi 10.1152/ajpheart.00200.2006; a cycle there lasts 0.7 s).
+    Sexton et al. 2025 cite Kassab for the waves that drive their trees.
     """
     angle = 2.0 * np.pi * np.outer(np.arange(1, 4), phase)
     return 1.0 + _KASSAB_COS @ np.cos(angle) + _KASSAB_SIN @ np.sin(angle)

@@ -32,9 +32,10 @@ from printctl.analysis.flow.three_d import (
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.space import ComparePart
 from registration.report.flow_figures import comparison_figure
-from registration.report.lumen_figure import shear_figure, streamline_figure
+from registration.report.lumen_figure import pressure_figure, shear_figure, streamline_figure
 
 COMPARED, SEEN, STREAMLINES = "flow_comparison.svg", "flow_3d.svg", "flow_streamlines.svg"
+PRESSURE = "flow_3d_pressure.svg"
 
 
 @dataclass(frozen=True)
@@ -86,8 +87,9 @@ def solve_fidelities(folder: Path, case: Case, tell: Tell) -> Outcome:
         done.summary["three_d"] = summary
         done.files += write_resolved(folder, resolved)
         write_bytes(folder / SEEN, shear_figure(resolved.mesh, resolved.steady.wall_shear))
+        write_bytes(folder / PRESSURE, pressure_figure(resolved.steady.field))
         write_bytes(folder / STREAMLINES, streamline_figure(resolved.steady.field))
-        done.files += [SEEN, STREAMLINES]
+        done.files += [SEEN, PRESSURE, STREAMLINES]
     if case.part.compare is not None and (resolved is not None or case.part.one_d is not None):
         compared = _compared(case, case.part.compare, resolved, tell)
         done.summary["comparison"] = comparison_summary(compared)

@@ -29,6 +29,7 @@ from design.hemodynamics.three_d import (
     write_flow_vtu,
 )
 from design.hemodynamics.three_d.axes import axis_places
+from design.hemodynamics.three_d.lumen_mesh import WALL
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.hemodynamics.three_d.vessel_flows import (
     clear_sections,
@@ -98,8 +99,7 @@ def resolve(
         "volume_ul": ages.volume_ul,
         "mean_residence_s": ages.mean_s,
         "vessels_without_flow": np.flatnonzero(np.isnan(flow)).tolist(),
-        "wall_shear_median_dyn_cm2": float(np.median(solution.wall_shear.magnitude))
-        * DYN_CM2_PER_PA,
+        "wall_shear_median_dyn_cm2": _median_shear(solution) * DYN_CM2_PER_PA,
     }
     if part.check:
         tell(0.7, "again, of another order")
@@ -155,23 +155,51 @@ def vessel_table(resolved: FlowInMesh) -> dict[str, Any]:
 def wall_shear_of_vessels(
     network: VesselNetwork, solution: ThreeDSolution
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean and greatest wall shear on each vessel's wall, (v,), Pa; NaN where it has no node.
+    """Mean over the area and greatest wall shear on each vessel's wall, (v,), Pa; NaN without one.
 
-    A node on the wall belongs to the vessel whose axis is nearest, in radii.
+    A triangle of the wall belongs to the vessel whose axis is nearest to its middle, in radii.
     """
-    shear = solution.wall_shear
+    middle, area, size = shear_of_faces(solution)
     axis, apart, owner = axis_places(network, _APART)
     radius = apart / _APART
-    away, near = cKDTree(axis).query(solution.field.mesh.points[shear.node], k=min(32, len(axis)))
-    away, near = away.reshape(len(shear.node), -1), near.reshape(len(shear.node), -1)
+    away, near = cKDTree(axis).query(middle, k=min(32, len(axis)))
+    away, near = away.reshape(len(middle), -1), near.reshape(len(middle), -1)
     best = np.argmin(away / radius[near], axis=1)
     mine = owner[near[np.arange(len(near)), best]]
-    count, size = network.vessel_count, shear.magnitude
+    count = network.vessel_count
     most = np.full(count, np.nan)
-    np.fmax.at(most, mine, size)
-    nodes = np.bincount(mine, minlength=count)
+    np.fmax.at(most, mine, size.max(axis=1))
+    areas = np.bincount(mine, area, minlength=count)
     with np.errstate(invalid="ignore"):
-        return np.bincount(mine, size, minlength=count) / np.where(nodes, nodes, np.nan), most
+        mean = np.bincount(mine, area * _face_mean(size), minlength=count)
+        return mean / np.where(areas > 0.0, areas, np.nan), most
+
+
+def shear_of_faces(solution: ThreeDSolution) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Middle (f, 3), mm, and area (f,), mm², of the wall's triangles; shear at their nodes, Pa.
+
+    The shear (f, 6) is that of the three corners and of the three edges' middles.
+    """
+    mesh, shear = solution.field.mesh, solution.wall_shear
+    faces = mesh.faces[mesh.label == WALL]
+    corners = mesh.points[faces[:, :3]]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = 0.5 * np.linalg.norm(across, axis=1)
+    return corners.mean(axis=1), area, shear.magnitude[np.searchsorted(shear.node, faces)]
+
+
+def _face_mean(size: FloatArray) -> FloatArray:
+    """Mean of a quadratic over triangles: that of its values amid the edges."""
+    return size[:, 3:].mean(axis=1)
+
+
+def _median_shear(solution: ThreeDSolution) -> float:
+    """Wall shear that half of the wall's area exceeds, Pa."""
+    _, area, size = shear_of_faces(solution)
+    mean = _face_mean(size)
+    order = np.argsort(mean)
+    covered = np.cumsum(area[order])
+    return float(mean[order][np.searchsorted(covered, 0.5 * covered[-1])])
 
 
 def pulse_at(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -51,6 +52,20 @@ def test_a_straight_lumen_has_poiseuilles_pressure(tmp_path: Path) -> None:
     assert summary["three_d"]["pressure_drop_mmhg"] == pytest.approx(exact, rel=5e-3)
     assert all((tmp_path / name).stat().st_size for name in files)
     assert "meshing" in told
+
+
+def test_mean_wall_shear_is_by_area_where_nodes_are_uneven() -> None:
+    network = network_of([[0, 0, 0], [0, 0, 4.0]], [(0, 1)], 0.5)
+    even = pipe(2, 8)
+    squeezed = even.points.copy()
+    squeezed[:, 2] = even.points[:, 2] ** 2 / 4.0
+    mesh = replace(even, points=squeezed)
+    node = np.unique(mesh.faces[mesh.label == 0])
+    shear: Any = SimpleNamespace(node=node, magnitude=squeezed[node, 2])
+    steady: Any = SimpleNamespace(wall_shear=shear, field=SimpleNamespace(mesh=mesh))
+    mean, _ = wall_shear_of_vessels(network, steady)
+    assert mean == pytest.approx([2.0], rel=0.03)
+    assert shear.magnitude.mean() < 1.7
 
 
 def test_wall_shear_is_told_by_the_nearest_vessel_and_drawn() -> None:

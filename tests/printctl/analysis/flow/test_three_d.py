@@ -78,7 +78,12 @@ def test_one_command_solves_in_3d_and_compares(fork: Path) -> None:
     flow = [float(row["flow_ml_min"]) for row in rows]
     assert flow[0] == pytest.approx(0.25, rel=1e-6)
     assert flow[1] + flow[2] == pytest.approx(flow[0], rel=1e-6)
-    for name in ("flow_3d.svg", "flow_streamlines.svg", "flow_comparison.svg"):
+    for name in (
+        "flow_3d.svg",
+        "flow_3d_pressure.svg",
+        "flow_streamlines.svg",
+        "flow_comparison.svg",
+    ):
         ElementTree.parse(fork / "flow" / name)
     assert {row["fidelity"] for row in _rows(fork / "flow" / "flow_comparison.csv")} == {
         "ideal",
