@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from design.toolpath.fresh import FreshOptions, fresh_toolpath
+from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Printer, Syringe, load
 from firmware_profiles.families import family_names
@@ -26,6 +26,7 @@ from sim.errors import LineError
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.reading import read_line
 from sim.gcode.reading.firmware_codes import is_known_line
+from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.sim_transport import SimTransport

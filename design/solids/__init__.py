@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from design.solids.ports import Port, end_ports, find_ports, open_ends
     from design.solids.read import read_solid
     from design.solids.solid import Solid
-    from design.solids.step import StepBody, StepCheck, write_step
+    from design.solids.step import StepCheck, write_step
     from design.solids.stl import write_stl
     from design.solids.threemf import Part, write_3mf
     from design.solids.topology import surface_genus
@@ -46,7 +46,6 @@ __all__ = [
     "Port",
     "Solid",
     "SolidCheck",
-    "StepBody",
     "StepCheck",
     "block_solid",
     "chamber_solid",

@@ -10,7 +10,6 @@ import numpy as np
 from design.network import VesselNetwork
 from design.solids.chains import Chain
 from design.solids.facets import Facets
-from design.solids.lumen import extend_ends, extended_ends
 from design.solids.runs import split_runs
 from design.solids.smooth.overlap_group import CLEAR_OF_TUBES
 from kernels.arrays import FloatArray, IntArray
@@ -42,20 +41,13 @@ class Piece:
         return bool(np.array_equal(self.start, self.end))
 
 
-def step_pieces(
-    network: VesselNetwork, extend_ends_mm: float = 0.0, extend_nodes: IntArray | None = None
-) -> list[Piece]:
-    """Frusta of all vessels, and balls at junctions, bends and free ends that aren't drawn out.
+def step_pieces(network: VesselNetwork) -> list[Piece]:
+    """Return frusta of all vessels, and balls at junctions, bends and free ends.
 
-    Parameters
-    ----------
-    network : VesselNetwork
-    extend_ends_mm, extend_nodes
-        As `lumen_solid` has them.
+    Each touches one before it: in other orders Open CASCADE's union loses most of some networks.
     """
     runs, _ = split_runs(network, Facets(_MITRED_MM))
-    drawn = extended_ends(network, extend_ends_mm, extend_nodes)
-    runs = [simpler(extend_ends(run, drawn)) for run in runs]
+    runs = [simpler(run) for run in runs]
     at: dict[bytes, list[tuple[int, int]]] = defaultdict(list)
     for index, run in enumerate(runs):
         for end in (0, -1):
@@ -71,8 +63,7 @@ def step_pieces(
             if k:
                 before = float(run.radius[k - 1])
                 pieces.append(Piece(run.points[k - 1], point, before, radius))
-            flat = len(at[key]) == 1 and int(run.node[k]) in drawn
-            if inner or not (flat or key in filled):
+            if inner or key not in filled:
                 ball = CLEAR_OF_TUBES * (radius if inner else widest[key])
                 pieces.append(Piece(point, point, ball, ball))
                 filled.add(key)

@@ -61,9 +61,6 @@ class RunSolids:
         What it is put into.
     ports : (k,) int64
         Nodes at which the construct's lumens open.
-    beyond_mm : float, mm
-        By how much the lumens were drawn out at ports without a fitting.
-    dimples : list of (centre (3,) mm, diameter mm)
     genus : int
         That the construct should have.
     fittings : int
@@ -74,8 +71,6 @@ class RunSolids:
     construct: Solid
     chamber: Solid | None
     ports: IntArray
-    beyond_mm: float
-    dimples: list[Dimple]
     genus: int
     fittings: int
 
@@ -135,8 +130,6 @@ def build(
         construct=construct,
         chamber=chamber,
         ports=nodes,
-        beyond_mm=beyond,
-        dimples=dimples,
         genus=construct_genus(network, nodes, genus),
         fittings=len(fitted) + holes,
     )

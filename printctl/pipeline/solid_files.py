@@ -8,7 +8,6 @@ from typing import Any, Final
 
 from design.solids import (
     Solid,
-    StepBody,
     write_3mf,
     write_obj,
     write_ply,
@@ -19,7 +18,6 @@ from design.solids import (
 from design.solids.read import SUFFIXES
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.solid_build import RunSolids
-from printctl.recipe.tissue import Block, Cylinder
 
 WRITERS: Final[dict[str, Callable[[Path, Solid], None]]] = {
     "stl": write_stl,
@@ -31,9 +29,9 @@ WRITERS: Final[dict[str, Callable[[Path, Solid], None]]] = {
 
 
 def write_solids(context: RunContext, built: RunSolids) -> tuple[list[str], dict[str, Any]]:
-    """Write all files; their names, and what was read back of STEP.
+    """Write all files; return their names, and what STEP holds.
 
-    STL is always written, as later stages read it; 3MF holds the construct alone.
+    STL is always written, as later stages read it; 3MF holds the construct alone, STEP the lumens.
     """
     part, names = context.recipe.solid, []
     solids = {"lumen": built.lumen, "solid": built.construct, "chamber": built.chamber}
@@ -43,51 +41,12 @@ def write_solids(context: RunContext, built: RunSolids) -> tuple[list[str], dict
                 continue
             names.append(f"{name}.{kind}")
             WRITERS[kind](context.folder / names[-1], solid)
-    checks = _write_steps(context, built) if "step" in part.formats else {}
-    return [*names, *checks], checks
+    if "step" not in part.formats:
+        return names, {}
+    names.append("lumen.step")
+    return names, {names[-1]: write_step(context.folder / names[-1], context.network)}
 
 
 def checkable(name: str) -> bool:
     """Whether a file can be read back as a mesh."""
     return Path(name).suffix in SUFFIXES
-
-
-def _write_steps(context: RunContext, built: RunSolids) -> dict[str, Any]:
-    """The lumens, and the construct where it is a block or cylinder with lumens and dimples."""
-    network = context.network
-    files = {"lumen.step": write_step(context.folder / "lumen.step", network)}
-    body = _step_body(context)
-    if body is None:
-        context.bars.remark(
-            "solid",
-            "solid.step isn't written: only a block or cylinder minus lumens and dimples can be; "
-            "lumen.step is, and the other formats hold all",
-        )
-        return files
-    files["solid.step"] = write_step(
-        context.folder / "solid.step",
-        network,
-        body=body,
-        dimples=built.dimples,
-        extend_ends_mm=built.beyond_mm,
-        extend_nodes=built.ports,
-    )
-    return files
-
-
-def _step_body(context: RunContext) -> StepBody | None:
-    tissue, part = context.recipe.tissue, context.recipe.solid
-    fitted = part.tubes or part.inlets or part.outlets or part.texts
-    if fitted or tissue.keep_out or tissue.keep_within:
-        return None
-    low, high = context.bounds
-    if isinstance(tissue, Block):
-        return StepBody("block", tuple(low.tolist()), tuple(high.tolist()))
-    if isinstance(tissue, Cylinder):
-        # Its polygon's bounds aren't quite the circle's.
-        x, y = (0.5 * (low + high))[:2].tolist()
-        half = 0.5 * tissue.diameter_mm * context.recipe.print_scale
-        return StepBody(
-            "cylinder", (x - half, y - half, float(low[2])), (x + half, y + half, float(high[2]))
-        )
-    return None

@@ -136,7 +136,8 @@ class SolidPart(Part):
     fiducials: tuple[FiducialPart, ...] = Field(default=(), max_length=100)
     chamber: ChamberPart | None = None
     formats: Annotated[tuple[Format, ...], Field(min_length=1, max_length=6)] = Field(
-        default=("stl", "3mf"), description="STL is always written: later stages read it."
+        default=("stl", "3mf"),
+        description="STL is always written: later stages read it. STEP holds the lumens alone.",
     )
 
     def facet_ratio(self, vessels: int) -> float:

@@ -47,7 +47,6 @@ from registration.report.views import Views
 from registration.report.wording import is_number
 from registration.report.zones import ZONE_NOTE, frame_lines, zone_table
 
-_HERE: Final = Path(__file__).parent
 PLACES: Final = (
     "flow",
     "fidelities",

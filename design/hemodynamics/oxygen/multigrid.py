@@ -21,16 +21,22 @@ class VCycle:
     ----------
     levels : list of Level
         From fine to coarse.
+
+    Attributes
+    ----------
+    count : int
+        Cycles made.
     """
 
     def __init__(self, levels: list[Level]) -> None:
-        self.levels = levels
+        self.levels, self.count = levels, 0
         self._value = [np.zeros(level.own.shape) for level in levels]
         self._given = [np.zeros(level.own.shape) for level in levels[1:]]
         self._rest = [np.zeros(level.own.shape) for level in levels]
 
     def __call__(self, given: FloatArray) -> FloatArray:
-        """Approximately what loses ``given``; a fresh array of its shape."""
+        """Return approximately what loses ``given``; a fresh array of its shape."""
+        self.count += 1
         return self._cycle(0, given.reshape(self.levels[0].own.shape)).copy().reshape(given.shape)
 
     def _cycle(self, depth: int, given: FloatArray) -> FloatArray:

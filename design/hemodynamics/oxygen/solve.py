@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from scipy.sparse.linalg import LinearOperator, bicgstab
 
 from design.errors import FlowError
 from design.hemodynamics.oxygen.conditions import OxygenConditions
-from design.hemodynamics.oxygen.krylov import bicgstab
+from design.hemodynamics.oxygen.multigrid import VCycle
 from design.hemodynamics.oxygen.problem import OxygenProblem
 from design.hemodynamics.oxygen.solution import HALF, OxygenSolution
 from design.hemodynamics.oxygen.tissue_grid import TissueGrid
@@ -86,13 +88,26 @@ def solve_oxygen(
         inverse = problem.approximate_inverse(slope)
         size = float(np.abs(loss).sum())
         aim = min(0.03, max(0.3 * goal / size, 1e-10))
-        step, used = bicgstab(
-            partial(problem.change, slope=slope), -loss, inverse, aim, options.krylov
-        )
+        change = partial(problem.change, slope=slope)
+        step = _solve_linear(change, -loss, inverse, aim, options.krylov)
         c += step
         loss = problem.loss(c)
-        steps, cycles = steps + 1, cycles + used
+        steps, cycles = steps + 1, cycles + inverse.count
     return _solution(problem, c, steps, cycles)
+
+
+def _solve_linear(
+    change: Callable[[FloatArray], FloatArray],
+    given: FloatArray,
+    inverse: VCycle,
+    tolerance: float,
+    max_steps: int,
+) -> FloatArray:
+    """Return about the solution of ``change(x) = given``, (n,); Newton's method judges it."""
+    shape = 2 * given.shape
+    exact = LinearOperator(shape, change, dtype=np.float64)
+    about = LinearOperator(shape, inverse, dtype=np.float64)
+    return bicgstab(exact, given, rtol=tolerance, atol=0.0, maxiter=max_steps, M=about)[0]
 
 
 def _check(problem: OxygenProblem) -> None:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from design.toolpath.embedded.bundles import Bundles, bundled
     from design.toolpath.embedded.filament import check_thinnest, check_vessels
     from design.toolpath.embedded.options import EmbeddedOptions
-    from design.toolpath.embedded.plan import EmbeddedPlan, embedded_toolpath, plan_embedded
+    from design.toolpath.embedded.plan import EmbeddedPlan, plan_embedded
     from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
     from design.toolpath.embedded.vessel_heads import EmbeddedHeads
 
@@ -26,7 +26,6 @@ __all__ = [
     "bundled",
     "check_thinnest",
     "check_vessels",
-    "embedded_toolpath",
     "plan_embedded",
 ]
 

@@ -138,11 +138,6 @@ class Scene:
         )
 
 
-def embedded_toolpath(network: VesselNetwork, options: EmbeddedOptions) -> Toolpath:
-    """Write ``network`` along its centrelines; see `plan_embedded`."""
-    return plan_embedded(network, options).toolpath
-
-
 def plan_embedded(
     written: VesselNetwork | Bundles, options: EmbeddedOptions | EmbeddedHeads
 ) -> EmbeddedPlan:

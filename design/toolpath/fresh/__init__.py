@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from design.toolpath.fresh.levels import Adaptive
     from design.toolpath.fresh.lumens import check_lumens
     from design.toolpath.fresh.options import FreshOptions
-    from design.toolpath.fresh.plan import FreshLayers, FreshPlan, fresh_toolpath, plan_fresh
+    from design.toolpath.fresh.plan import FreshLayers, FreshPlan, plan_fresh
     from design.toolpath.fresh.regions import Region
     from design.toolpath.fresh.report import FreshReport
 
@@ -29,7 +29,6 @@ __all__ = [
     "Infill",
     "Region",
     "check_lumens",
-    "fresh_toolpath",
     "plan_fresh",
 ]
 

@@ -40,16 +40,6 @@ class FreshPlan:
     report: FreshReport
 
 
-def fresh_toolpath(
-    solid: Solid | Sequence[Solid],
-    options: FreshOptions,
-    regions: Sequence[Region] = (),
-    heads: Sequence[FreshOptions] = (),
-) -> Toolpath:
-    """Slice ``solid`` into FRESH layers; see `plan_fresh`."""
-    return plan_fresh(solid, options, regions, heads).toolpath
-
-
 def plan_fresh(
     solid: Solid | Sequence[Solid],
     options: FreshOptions,

@@ -8,7 +8,6 @@ from printctl.analysis.networks.formats import (
     READ,
     NetworkWithNotes,
     check_target,
-    read_network,
     read_noted,
     write_network,
 )
@@ -22,7 +21,6 @@ __all__ = [
     "Source",
     "check_target",
     "load_source",
-    "read_network",
     "read_noted",
     "write_network",
 ]

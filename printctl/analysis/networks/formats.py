@@ -25,7 +25,6 @@ __all__ = [
     "READ",
     "NetworkWithNotes",
     "check_target",
-    "read_network",
     "read_noted",
     "write_network",
 ]
@@ -76,11 +75,6 @@ def read_noted(path: Path, unit: LengthUnit | None, ends: Path | None = None) ->
             f"{path} is in {SAID[suffix]}, as its format says, not {unit}; drop --unit"
         )
     return read_with_notes(path, unit, ends)
-
-
-def read_network(path: Path, unit: LengthUnit | None) -> VesselNetwork:
-    """Read a network, in mm, as `read_noted`."""
-    return read_noted(path, unit).network
 
 
 def check_target(path: Path) -> None:

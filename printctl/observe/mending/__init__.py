@@ -10,7 +10,6 @@ from printctl.observe.mending.gap import Gap, NotMended, gap_between
 from printctl.observe.mending.held_print import HeldPrint
 from printctl.observe.mending.mend import Mend
 from printctl.observe.mending.options import MendOptions
-from printctl.observe.mending.own_purge import own_purge
 from printctl.observe.mending.patch import Patch
 from printctl.observe.mending.plan import plan_mend
 from printctl.observe.mending.plan_and_check import checked_mend
@@ -31,7 +30,6 @@ __all__ = [
     "check_mend",
     "checked_mend",
     "gap_between",
-    "own_purge",
     "plan_mend",
     "written_paths",
 ]

@@ -34,9 +34,8 @@ class MendOptions:
     wipe_widths : float
         Way on along sound ink with the plunger relieved, layers only.
     purge : Purge or None
-        Place outside the part (printer's frame) to prime and wipe before the first patch, as
-        `own_purge` finds the job's own; None primes as the job does after a travel, at the
-        patch's beginning.
+        Place outside the part (printer's frame) to prime and wipe before the first patch; None
+        primes as the job does after a travel, at the patch's beginning.
     room_for_second_pass : float
         Share of a layer's height that must be free above a thin stretch for a second pass.
     """

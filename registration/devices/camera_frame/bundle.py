@@ -11,17 +11,18 @@ doi 10.1007/3-540-44480-7_21).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from scipy.optimize import least_squares
 from scipy.special import chdtrc
 
 from kernels.arrays import FloatArray
 from registration.devices.camera_frame.evidence import Placement, PrintedPoints, Touch
 from registration.devices.camera_frame.insert import Insert
-from registration.devices.camera_frame.least_squares import settle, slopes
 from registration.devices.camera_frame.marks import SeenMarks
 from registration.devices.camera_frame.projection import View, project
 from registration.devices.camera_frame.rotations import turned
@@ -39,6 +40,13 @@ _FIXED: Final = 1e-7
 """Standard uncertainty of what defines the frame."""
 _U_GROWN: Final = 0.05
 """Of how much larger marks look, of their size."""
+_STEP: Final = 1e-6
+"""Of a difference, of the change of an unknown that matters."""
+_REST: Final = 1e-10
+"""Relative gain of the cost below which it has come to rest."""
+_MAX_TRIALS: Final = 200
+_MAX_CONDITION: Final = 1e15
+"""Of the normal matrix in changes that matter: beyond, an unknown isn't determined."""
 
 
 class Start(NamedTuple):
@@ -173,13 +181,32 @@ def _solved(bundle: Bundle, start: Start, unknown: FloatArray) -> tuple[FloatArr
     def residuals(tried: FloatArray) -> FloatArray:
         return np.concatenate([part.ravel() for part in _residuals(bundle, start, tried)])
 
-    done = settle(residuals, unknown, _sizes(bundle))
-    if done is None:
-        raise PictureError(
-            "camera and marks don't fit each other; is it this camera's lens file (--lens), and "
-            "this insert (--insert)?"
-        )
-    return done
+    def jacobian(tried: FloatArray) -> FloatArray:
+        return _slopes(residuals, tried, sizes)
+
+    sizes = _sizes(bundle)
+    limits: dict[str, Any] = {"ftol": _REST, "xtol": _REST, "max_nfev": _MAX_TRIALS}
+    with suppress(ValueError):  # residuals that aren't numbers
+        found = least_squares(residuals, unknown, jacobian, method="lm", x_scale=sizes, **limits)
+        normal = found.jac.T @ found.jac
+        if found.success and np.linalg.cond(normal * np.outer(sizes, sizes)) < _MAX_CONDITION:
+            return found.x, normal
+    raise PictureError(
+        "camera and marks don't fit each other; is it this camera's lens file (--lens), and this "
+        "insert (--insert)?"
+    )
+
+
+def _slopes(
+    residuals: Callable[[FloatArray], FloatArray], at: FloatArray, sizes: FloatArray
+) -> FloatArray:
+    """Return slopes (k, n) of residuals (k,) at the unknowns (n,), by differences."""
+    left, columns = residuals(at), []
+    for n, size in enumerate(sizes):
+        moved = at.copy()
+        moved[n] += _STEP * size
+        columns.append((residuals(moved) - left) / (_STEP * size))
+    return np.stack(columns, axis=1)
 
 
 def _sizes(bundle: Bundle) -> FloatArray:
@@ -209,7 +236,7 @@ def _touch_misfit(bundle: Bundle, unknown: FloatArray, normal: FloatArray) -> tu
     What the fit has taken up of them is the trace of their share in it.
     """
     left = _touch_errors(bundle, unknown)
-    by = slopes(lambda tried: _touch_errors(bundle, tried), unknown, left, _sizes(bundle))
+    by = _slopes(lambda tried: _touch_errors(bundle, tried), unknown, _sizes(bundle))
     free = len(left) - float((by * np.linalg.solve(normal, by.T).T).sum())
     if free < 0.5:  # two crosses without heights leave next to nothing
         return 0.0, 1.0

@@ -15,7 +15,6 @@ Grey = Annotated[float, Field(ge=0, le=255)]
 Colour = tuple[Grey, Grey, Grey]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Share = Annotated[float, Field(ge=0, le=1)]
 Angle = Annotated[float, Field(ge=-360, le=360)]
 Place = tuple[float, float, float]
 

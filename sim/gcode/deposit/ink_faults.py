@@ -37,7 +37,6 @@ LEAST_PURGE_UL: Final = 0.02
 RELOAD_UL: Final = 30.0
 """No retraction is so long: a plunger that goes back farther is put to a full syringe."""
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Amount = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
 More = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]

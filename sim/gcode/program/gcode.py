@@ -148,7 +148,7 @@ class Program:
     code : (n,) int64
         As `code` gives it.
     kind : (n,) int64
-        `sim.gcode.program.modal.Kind`.
+        Of its effect: `MOVE`, `ARC`, … of `sim.gcode.program.modal`.
     target : (n, 4) float64, mm
         Firmware's native x, y, z, e after the command.
     plunger : (n,) float64, mm

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from enum import IntEnum
 from typing import Final
 
 import numpy as np
@@ -38,38 +37,25 @@ MODAL: Final = np.dtype(
 """State that outlives a line."""
 
 
-class Kind(IntEnum):
-    """Kind of a command's effect."""
-
-    OTHER = 0
-    """Nothing that moves, waits or counts; known or not."""
-    MOVE = 1
-    """A straight move to the new position."""
-    ARC = 2
-    """An arc to the new position."""
-    DWELL = 3
-    """Wait for the motors, then so many seconds."""
-    SYNC = 4
-    """Wait for the motors to stand (M400, a wait for heat, a wait for the user)."""
-    SET_POSITION = 5
-    """Give the present position other numbers."""
-    HOME = 6
-    """Run to the endstops."""
-    BAD = 7
-    """An arc that is none."""
-    TOOL = 8
-    """Another head, or the same again, once the motors stand."""
-
-
+# Kinds of a command's effect.
 OTHER: Final = 0
+"""Nothing that moves, waits or counts; known or not."""
 MOVE: Final = 1
+"""A straight move to the new position."""
 ARC: Final = 2
+"""An arc to the new position."""
 DWELL: Final = 3
+"""Wait for the motors, then so many seconds."""
 SYNC: Final = 4
+"""Wait for the motors to stand (M400, a wait for heat, a wait for the user)."""
 SET_POSITION: Final = 5
+"""Give the present position other numbers."""
 HOME: Final = 6
+"""Run to the endstops."""
 BAD: Final = 7
+"""An arc that is none."""
 TOOL: Final = 8
+"""Another head, or the same again, once the motors stand."""
 
 _I, _J, _R, _S, _P, _F, _E, _X = 8, 9, 17, 18, 15, 5, 4, 23
 _G, _M, _T = ord("G"), ord("M"), ord("T")
@@ -103,7 +89,7 @@ def has_word(words: Record, letter: int) -> bool:
 
 @jit
 def interpret(modal: Record, words: Record) -> int:
-    """Carry a line's words into the modal state; returns a `Kind`.
+    """Carry a line's words into the modal state; returns the kind of its effect (`MOVE`, `ARC`, …).
 
     Parameters
     ----------

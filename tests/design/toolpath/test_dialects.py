@@ -5,11 +5,12 @@ from __future__ import annotations
 import pytest
 
 from design.errors import ToolpathError
-from design.toolpath.fresh import FreshOptions, fresh_toolpath
+from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from design.toolpath.gcode.dialect import dialect_of
 from firmware_profiles import Printer, Syringe, load
 from firmware_profiles.families import family_names
+from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block
 
 MARLIN = load(Printer, "generic_marlin")

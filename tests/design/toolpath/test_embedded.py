@@ -9,8 +9,9 @@ import pytest
 
 from design.errors import ToolpathError
 from design.toolpath import MoveKind
-from design.toolpath.embedded import EmbeddedOptions, embedded_toolpath, plan_embedded
+from design.toolpath.embedded import EmbeddedOptions, plan_embedded
 from tests.design.toolpath.joint_checker import bodies
+from tests.design.toolpath.plans import embedded_toolpath
 from tests.design.toolpath.shaft_checker import crossings
 from tests.design.toolpath.shapes import cage, network, polyline, random_tree
 from tests.slower import first_of

@@ -12,10 +12,10 @@ from design.toolpath import MoveKind
 from design.toolpath.embedded import (
     EmbeddedHeads,
     EmbeddedOptions,
-    embedded_toolpath,
     plan_embedded,
 )
 from design.toolpath.embedded.ink_heights import ground_under, highest_along, lay
+from tests.design.toolpath.plans import embedded_toolpath
 from tests.design.toolpath.shapes import cage, polylines, random_tree
 from tests.slower import first_of
 

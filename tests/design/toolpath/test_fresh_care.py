@@ -9,9 +9,10 @@ from manifold3d import CrossSection, Manifold
 
 from design.errors import ToolpathError
 from design.toolpath import MoveKind
-from design.toolpath.fresh import Compensation, FreshOptions, fresh_toolpath
+from design.toolpath.fresh import Compensation, FreshOptions
 from design.toolpath.gcode.marks import marks_of
 from design.toolpath.gcode.table import Table
+from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, rounded_width
 
 LUMEN_MM = 0.5

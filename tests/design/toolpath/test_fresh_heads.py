@@ -20,9 +20,9 @@ from design.toolpath.fresh import (
     FreshLayers,
     FreshOptions,
     Region,
-    fresh_toolpath,
     plan_fresh,
 )
+from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block, rounded_width
 from tests.slower import examples
 

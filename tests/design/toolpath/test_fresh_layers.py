@@ -11,7 +11,8 @@ import shapely
 from design.errors import ToolpathError
 from design.solids.solid import Solid
 from design.toolpath import MoveKind
-from design.toolpath.fresh import Filling, FreshOptions, check_lumens, fresh_toolpath, plan_fresh
+from design.toolpath.fresh import Filling, FreshOptions, check_lumens, plan_fresh
+from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import (
     as_solid,
     block,

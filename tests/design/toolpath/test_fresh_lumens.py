@@ -8,7 +8,8 @@ import pytest
 import shapely
 
 from design.toolpath import MoveKind
-from design.toolpath.fresh import Filling, FreshOptions, fresh_toolpath
+from design.toolpath.fresh import Filling, FreshOptions
+from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import (
     along_x,
     as_solid,

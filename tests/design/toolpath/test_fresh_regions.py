@@ -8,7 +8,8 @@ import pytest
 from design.errors import ToolpathError
 from design.solids import Solid
 from design.toolpath import MoveKind
-from design.toolpath.fresh import Compensation, Filling, FreshOptions, Region, fresh_toolpath
+from design.toolpath.fresh import Compensation, Filling, FreshOptions, Region
+from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block
 
 OPTIONS = FreshOptions(walls=1, filling=Filling(angles_deg=(0.0,)))

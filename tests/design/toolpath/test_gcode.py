@@ -10,11 +10,12 @@ import pytest
 
 from design.errors import ToolpathError
 from design.toolpath import MoveBuilder, MoveKind
-from design.toolpath.embedded import EmbeddedOptions, embedded_toolpath
-from design.toolpath.fresh import FreshOptions, fresh_toolpath
+from design.toolpath.embedded import EmbeddedOptions
+from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Printer, Syringe, load
 from tests.design.toolpath.gcode_reader import Machine
+from tests.design.toolpath.plans import embedded_toolpath, fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block, random_tree, upright
 
 PRINTER = load(Printer, "generic_marlin")

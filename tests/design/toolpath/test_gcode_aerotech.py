@@ -10,10 +10,11 @@ import pytest
 
 from design.errors import ToolpathError
 from design.toolpath import MoveKind, Toolpath
-from design.toolpath.embedded import EmbeddedOptions, embedded_toolpath
-from design.toolpath.fresh import FreshOptions, fresh_toolpath
+from design.toolpath.embedded import EmbeddedOptions
+from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import Gcode, GcodeOptions, write_gcode
 from firmware_profiles import FileController, Plunger, Pneumatic, Printer, Syringe, load
+from tests.design.toolpath.plans import embedded_toolpath, fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block, random_tree, upright
 
 A3200, SYRINGE = load(Printer, "aerotech_pneumatic"), load(Syringe, "hamilton_1ml")

@@ -10,10 +10,11 @@ import pytest
 
 from design.toolpath import MoveBuilder, MoveKind, Toolpath
 from design.toolpath.embedded import EmbeddedOptions, plan_embedded
-from design.toolpath.fresh import FreshOptions, fresh_toolpath
+from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Printer, Syringe, load
 from tests.design.toolpath.gcode_reader import Machine
+from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block, random_tree, upright
 
 PRINTER = load(Printer, "generic_marlin")

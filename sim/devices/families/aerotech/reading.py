@@ -7,11 +7,11 @@ named here is handed on by its name, for the dry run to refuse.
 line                                             read as
 ================================================ ==============================================
 ``G1 X1 Y2 A0.5 F20``                            the same with E for the plunger's axis
-``G4 P0.03``, ``DWELL 0.03``, ``Dwell(0.03)``    G4 S0.03: seconds, not milliseconds
+``G4 P0.03``, ``DWELL 0.03``                     G4 S0.03: seconds, not milliseconds
 ``G70``, ``G71``, ``G90``, ``G91``, ``G92``      G20, G21, and the same
 ``G75``, ``G76``                                 what F is told per: minutes, seconds
 ``WAIT MOVEDONE X Y``, ``WaitForMotionDone(X)``  M400
-``VELOCITY ON``, ``G108`` and their opposites    nothing: blending isn't modelled as theirs
+``VELOCITY ON``, ``G108``                        nothing: blending isn't modelled as theirs
 ``$DO[0].X=1``, ``DigitalOutputSet(X, 0, 1)``    nothing; told with its name and words
 ``// ...``, ``' ...``, for an A3200 ``; ...``    a comment, which begins at a semicolon here
 ================================================ ==============================================
@@ -35,26 +35,19 @@ from sim.gcode.reading.outputs import output_of
 from sim.gcode.reading.translated import TranslatedProgram
 
 _NUMBER: Final = rb"[-+]?(?:\d+\.?\d*|\.\d+)"
-_DWELL: Final = re.compile(
-    rb"(?:G0?4\s+P|DWELL\s+|DWELL\(\s*)(" + _NUMBER + rb")\s*\)?", re.IGNORECASE
-)
+_DWELL: Final = re.compile(rb"(?:G0?4\s+P|DWELL\s+)(" + _NUMBER + rb")", re.IGNORECASE)
 _WAITS: Final = re.compile(
-    rb"WAIT\s+(?:MOVEDONE|INPOS)(?:\s+[A-Z])+|WAITFORMOTIONDONE\([^()]+\)", re.IGNORECASE
+    rb"WAIT\s+MOVEDONE(?:\s+[A-Z])+|WAITFORMOTIONDONE\([^()]+\)", re.IGNORECASE
 )
-_BASE: Final = re.compile(rb"G7([56])|(MINUTES|SECONDS)", re.IGNORECASE)
+_BASE: Final = re.compile(rb"G7([56])", re.IGNORECASE)
 _PLACED: Final = re.compile(rb"G92(?: +[A-Z]" + _NUMBER + rb")+")
 _SAME: Final = {
     b"G70": b"G20",
     b"G71": b"G21",
-    b"METRIC": b"G21",
     b"G90": b"G90",
-    b"ABSOLUTE": b"G90",
     b"G91": b"G91",
-    b"INCREMENTAL": b"G91",
     b"VELOCITY ON": NOTHING,
-    b"VELOCITY OFF": NOTHING,
     b"G108": NOTHING,
-    b"G109": NOTHING,
 }
 
 
@@ -90,7 +83,7 @@ def translate(gcode: bytes, printer: Printer) -> TranslatedProgram:
         text = text.strip()
         base = _BASE.fullmatch(text)
         if base:
-            bases.append((line + 1, base[1] == b"6" or (base[2] or b"").upper() == b"SECONDS"))
+            bases.append((line + 1, base[1] == b"6"))
         word = b"" if not text else NOTHING if base else _plain(text, words)
         if word is None:
             named.append(_named(line + 1, text.decode("ascii", "replace")))

@@ -6,7 +6,7 @@ import pytest
 from design.errors import NetworkError
 from design.network import VesselNetwork
 from design.units import LengthUnit
-from printctl.analysis.networks import check_target, read_network, write_network
+from printctl.analysis.networks import check_target, read_noted, write_network
 from printctl.errors import UsageError
 from tests.design.networks import random_network, random_trees
 
@@ -32,8 +32,8 @@ def test_every_format_becomes_every_other(tmp_path: Path, first: str, second: st
     network = random_trees(3, 9, 2)
     a, b = tmp_path / f"a{first}", tmp_path / f"b{second}"
     write_network(a, network)
-    write_network(b, read_network(a, UNITS[first]))
-    same(read_network(b, UNITS[second]), network, 1e-9)
+    write_network(b, read_noted(a, UNITS[first]).network)
+    same(read_noted(b, UNITS[second]).network, network, 1e-9)
 
 
 def test_simvascular_paths_are_a_new_folder(tmp_path: Path) -> None:
@@ -68,10 +68,10 @@ def test_the_unit_is_asked_for_where_the_format_is_silent(tmp_path: Path) -> Non
         write_network(path, network)
         if unit is not None:
             with pytest.raises(UsageError, match="--unit"):
-                read_network(path, None)
+                read_noted(path, None)
         elif suffix != ".swc":
             with pytest.raises(UsageError, match="drop --unit"):
-                read_network(path, "cm")
+                read_noted(path, "cm")
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_the_unit_is_asked_for_where_the_format_is_silent(tmp_path: Path) -> Non
 )
 def test_wrong_sources_are_refused(tmp_path: Path, name: str, word: str) -> None:
     with pytest.raises(UsageError, match=word):
-        read_network(tmp_path / name, "mm")
+        read_noted(tmp_path / name, "mm")
 
 
 def test_wrong_targets_are_refused(tmp_path: Path) -> None:

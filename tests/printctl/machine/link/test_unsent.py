@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from design.toolpath.fresh import FreshOptions, fresh_toolpath
+from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Printer, Syringe, load
 from firmware_profiles.families import family_names
@@ -22,6 +22,7 @@ from printctl.machine.probing import query_settings
 from printctl.pipeline.stages import printing
 from printctl.recipe.making import FileScan, SimulatedScan
 from sim.gcode.dry_run.run import dry_run
+from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.protocols import STREAMED

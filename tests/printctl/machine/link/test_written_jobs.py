@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from design.toolpath import Toolpath
-from design.toolpath.embedded import EmbeddedOptions, embedded_toolpath
-from design.toolpath.fresh import FreshOptions, fresh_toolpath
+from design.toolpath.embedded import EmbeddedOptions
+from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Syringe, load
 from printctl.machine.link.care import Care, NewSyringe
@@ -17,6 +17,7 @@ from printctl.machine.link.states import LinkState
 from printctl.machine.link.streamer import Streamer
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.gcode.dry_run.run import dry_run
+from tests.design.toolpath.plans import embedded_toolpath, fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block, random_tree
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import PRINTER, Script, played

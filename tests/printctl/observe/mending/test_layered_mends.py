@@ -16,7 +16,6 @@ from printctl.observe.mending import (
     check_mend,
     checked_mend,
     gap_between,
-    own_purge,
     plan_mend,
     written_paths,
 )
@@ -235,20 +234,16 @@ def test_a_print_held_within_a_stroke_goes_on_with_its_plunger_as_it_was():
     assert check_mend(held, mend.lines, [gap]).passed
 
 
-@pytest.mark.parametrize("wipe", ["G0 X93 Y90 F600", ""])
-def test_the_jobs_own_purge_is_primed_at_again_and_the_link_takes_it(wipe):
+@pytest.mark.parametrize("wipe_mm", [np.array([93.0, 90.0, 28.0]), None])
+def test_a_purge_before_a_mend_is_taken_by_the_link(wipe_mm):
     job = layered_job()
-    job.lines[5:5] = ["G0 X90 Y90 F2400", "G0 Z28 F300", "G1 E0.5 F1.4", "G1 E0.4 F1.4"]
-    job.lines[9:9] = [wipe, "G0 Z31 F300", "G92 E0"]
+    job.lines[5:5] = ["G0 X90 Y90 F2400", "G0 Z28 F300", "G0 X93 Y90 F600", "G0 Z31 F300"]
     held = job.held()
-    purge = own_purge(held, 1.0)
-    assert purge.place_mm == pytest.approx([90, 90, 28])
-    assert (purge.wipe_mm is not None) == bool(wipe)
+    purge = Purge(np.array([90.0, 90.0, 28.0]), 1.0, wipe_mm)
     mend = plan_mend(held, [Gap(last(held), 1.0, 2.0)], options=MendOptions(purge=purge))
     assert check_mend(held, mend.lines, [Gap(last(held), 1.0, 2.0)]).passed
     place = InsertPlace(held.place, JobReach.of(held.lines, held.start_mm), held.printer)
     assert judged_lines([line.decode() for line in mend.lines], place, "insert") == mend.lines
-    assert own_purge(layered_job().held(), 1.0) is None
 
 
 def test_a_gap_between_two_places_is_found_on_its_path(held):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from design.toolpath import MoveKind
-from design.toolpath.fresh import FreshOptions, fresh_toolpath
+from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import FileController, Plunger, Printer, Syringe, load
 from sim.devices.families.aerotech.reading import translate
@@ -15,6 +15,7 @@ from sim.errors import GcodeError, ServeError
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.heads.valve import BETWEEN, CLOSED, OPEN
 from sim.gcode.program.modal import DWELL, MOVE, SYNC
+from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block
 
 A3200, SYRINGE = load(Printer, "aerotech_pneumatic"), load(Syringe, "hamilton_1ml")

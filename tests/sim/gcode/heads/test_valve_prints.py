@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from design.toolpath import Toolpath
-from design.toolpath.embedded import EmbeddedOptions, embedded_toolpath
-from design.toolpath.fresh import FreshOptions, fresh_toolpath
+from design.toolpath.embedded import EmbeddedOptions
+from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Printer, Syringe, load
 from sim.gcode.deposit.lay import Deposit, deposit
 from sim.gcode.deposit.pneumatic import pneumatic_deposit
 from sim.gcode.dry_run.run import dry_run
+from tests.design.toolpath.plans import embedded_toolpath, fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block, random_tree, upright
 
 AIR, PLUNGER = load(Printer, "pneumatic_marlin"), load(Printer, "generic_marlin")

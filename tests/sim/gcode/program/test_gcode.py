@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from sim.errors import GcodeError
 from sim.gcode.program.gcode import checksum, code, code_name, parse_line, read_gcode
-from sim.gcode.program.modal import Kind
+from sim.gcode.program.modal import BAD, DWELL, OTHER, SYNC
 from tests.sim.transcripts import DATA
 from tests.slower import examples
 
@@ -156,7 +156,7 @@ def test_g92_shifts_the_workspace_and_leaves_the_plunger_where_it_is():
 def test_dwell_and_temperature_carry_their_value():
     program = read_gcode(b"G4 P250\nG4 S2 P9\nM109 R37\nM302 P1\nM105\n")
     np.testing.assert_array_equal(program.value, [0.25, 2.0, 37.0, 1.0, np.nan])
-    assert program.kind.tolist() == [Kind.DWELL, Kind.DWELL, Kind.SYNC, Kind.OTHER, Kind.OTHER]
+    assert program.kind.tolist() == [DWELL, DWELL, SYNC, OTHER, OTHER]
 
 
 @pytest.mark.parametrize(
@@ -179,7 +179,7 @@ def test_a_full_turn_and_an_arc_without_a_centre():
     full = read_gcode(b"G1 X10\nG2 X10 Y0 I-10 J0\n")
     chords = np.linalg.norm(np.diff(full.target[:, :2], axis=0), axis=1)
     assert math.isclose(chords.sum(), 20 * math.pi, rel_tol=1e-3)
-    assert read_gcode(b"G2 X5 Y5\n").kind.tolist() == [Kind.BAD]
+    assert read_gcode(b"G2 X5 Y5\n").kind.tolist() == [BAD]
 
 
 def test_codes_have_names():
