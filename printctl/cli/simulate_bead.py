@@ -12,7 +12,6 @@ import numpy as np
 from design.network import VesselNetwork
 from printctl.checks.bead import (
     InkPrediction,
-    Mounting,
     OutputFiles,
     VesselDiameters,
     predict_job,
@@ -56,8 +55,7 @@ def write_predictions(
     for note in notes:
         messages().print(f"note: {note}", markup=False)
     loads = [setup.load_of(number) for number in range(setup.printer.head_count)]
-    mountings = [Mounting(one.syringe, one.ink, one.needle) for one in loads]
-    heads = predict_job(run, gcode, setup.printer, mountings, line_map, choices.lag_s)
+    heads = predict_job(run, gcode, setup.printer, loads, line_map, choices.lag_s)
     held = _against_design(heads, choices)
     facts = []
     for one in heads:

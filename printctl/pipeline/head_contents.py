@@ -6,16 +6,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
+from printctl.checks.set_up import HeadLoading
 from printctl.errors import UsageError
 from printctl.recipe.making import PrinterPart
 
 
 @dataclass(frozen=True)
-class Filled:
-    """Syringe, ink and needle of a head."""
+class Filled(HeadLoading):
+    """Loading of a head whose needle is known."""
 
-    syringe: Syringe
-    ink: Ink
     needle: Needle
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from design.solids.connector import BORE_BEYOND_MM
 from design.solids.construct import Vector
 from design.solids.facets import FACET_TOLERANCE_MM
 from design.tissue.parts import surface_parts
+from design.tissue.shells import shells_of
 from kernels.arrays import IntArray
 from printctl.recipe.solid import ChamberPart, ConnectorPart, SolidPart, TextPart
 
@@ -43,6 +44,8 @@ INTO_BORE_MM = 0.01
 
 _LEAD_IN_MM = 2.0
 _NAMED = 3
+_CRUMB_MM3 = 1e-6
+"""A cube of 10 µm: below what any needle or solver resolves."""
 _LEAST_CUT = 0.3
 """Of a dimple's ball that the body must hold; on a flat face it is a half."""
 
@@ -123,6 +126,7 @@ def build(
     construct = _dimpled(construct_solid(body, tool), dimples)
     for index, text in enumerate(part.texts):
         construct = _lettered(construct, text, index)
+    construct = without_crumbs(construct)
     _refuse_loose_parts(construct, bare)
     chamber, holes = _chamber(part.chamber, network, construct, nodes)
     return RunSolids(
@@ -133,6 +137,19 @@ def build(
         genus=construct_genus(network, nodes, genus),
         fittings=len(fitted) + holes,
     )
+
+
+def without_crumbs(construct: Solid) -> Solid:
+    """``construct`` without closed shells below `_CRUMB_MM3`, which faces that graze leave."""
+    if surface_genus(construct.faces)[1] == 1:
+        return construct
+    shell = shells_of(construct.vertices, construct.faces)
+    a, b, c = (construct.vertices[construct.faces[:, k]] for k in range(3))
+    volume = np.bincount(shell, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0)
+    faces = construct.faces[np.abs(volume)[shell] >= _CRUMB_MM3]
+    used, places = np.unique(faces, return_inverse=True)
+    numbers = places.reshape(faces.shape).astype(np.int32)
+    return replace(construct, vertices=construct.vertices[used], faces=numbers)
 
 
 def _refuse_loose_parts(construct: Solid, bare: Solid) -> None:

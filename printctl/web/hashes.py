@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 from functools import lru_cache
 from pathlib import Path
+
+from printctl.run_folder.manifest import digest_file
 
 
 def file_hash(path: Path) -> str:
@@ -21,5 +22,4 @@ def file_hash(path: Path) -> str:
 
 @lru_cache(maxsize=256)
 def _hash(path: Path, size: int, changed_ns: int) -> str:
-    with path.open("rb") as handle:
-        return hashlib.file_digest(handle, "sha256").hexdigest()
+    return digest_file(path)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from firmware_profiles import Ink, Printer, Syringe, load
 from sim.devices.faults.fault_file import load_faults
@@ -38,6 +38,29 @@ class InkSource(BaseModel):
     head: Annotated[int, Field(ge=0, le=15)] = 0
     style: Style | None = None
     layer_mm: Annotated[float, Field(gt=0, le=10)] | None = None
+
+
+class InkBox(BaseModel):
+    """Ink within a box of the printer's frame, as a device sees it.
+
+    Attributes
+    ----------
+    low_mm, high_mm : (x, y, z), mm
+        Corners of the box.
+    laid : InkSource
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    low_mm: tuple[float, float, float]
+    high_mm: tuple[float, float, float]
+    laid: InkSource
+
+    @model_validator(mode="after")
+    def _box_has_room(self) -> Self:
+        if not all(high > low for low, high in zip(self.low_mm, self.high_mm, strict=True)):
+            raise ValueError("high_mm must be above low_mm in x, y and z")
+        return self
 
 
 def read_record(path: Path) -> ExecutedMotion:

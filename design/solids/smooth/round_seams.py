@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from design.geometry.crossings import find_crossings
 from design.solids.smooth.fillet import least_step, wall_distance
-from design.solids.smooth.split_edges import Edges, part_faces
+from design.solids.smooth.split_edges import part_faces
+from design.tissue.closed import edges_of
 from kernels import jit, pjit
 from kernels.arrays import FloatArray
 
@@ -204,16 +205,17 @@ def _round(work: RoundedSurface, what: Rounding, boxes: FloatArray, limits: Floa
     work.moved[free], _, work.failed[free] = move(work.base[free])
     seen = np.empty(0, dtype=np.int64)
     for _ in range(_ROUNDS):
-        edges = Edges.of(work.faces)
-        key = (edges.one << 32) + edges.two
-        held = work.fixed[edges.one] & work.fixed[edges.two]
+        edges = edges_of(work.faces)
+        one, two = edges.ends.T
+        key = (one << 32) + two
+        held = work.fixed[one] & work.fixed[two]
         ask = np.flatnonzero(~np.isin(key, seen) & ~held)
         parted = np.zeros(len(key), dtype=np.bool_)
-        parted[ask] = _bends(work, edges.one[ask], edges.two[ask], move, what.tolerance_mm)
+        parted[ask] = _bends(work, one[ask], two[ask], move, what.tolerance_mm)
         seen = np.concatenate([seen, key[ask[~parted[ask]]]])
         if not parted.any():
             return
-        middle = 0.5 * (work.base[edges.one[parted]] + work.base[edges.two[parted]])
+        middle = 0.5 * (work.base[one[parted]] + work.base[two[parted]])
         work.faces = part_faces(work.faces, edges, parted, len(work.base))
         moved, _, failed = move(middle)
         work.add(middle, moved, failed)

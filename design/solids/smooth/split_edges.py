@@ -2,38 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
+from design.tissue.closed import Edges
 from kernels.arrays import IntArray
-
-
-@dataclass(frozen=True)
-class Edges:
-    """Edges of a mesh, each once.
-
-    Attributes
-    ----------
-    one, two : (e,) int64
-        Its vertices, the lower number first.
-    of_face : (m, 3) int64
-        The edge that leaves each corner.
-    """
-
-    one: IntArray
-    two: IntArray
-    of_face: IntArray
-
-    @classmethod
-    def of(cls, faces: IntArray) -> Edges:
-        """The edges of ``faces`` (m, 3)."""
-        head = np.roll(faces, -1, axis=1)
-        size = int(faces.max(initial=0)) + 1
-        key = np.minimum(faces, head) * size + np.maximum(faces, head)
-        edge, index = np.unique(key, return_inverse=True)
-        return cls(edge // size, edge % size, index.reshape(faces.shape))
 
 
 def part_faces(faces: IntArray, edges: Edges, parted: NDArray[np.bool_], first: int) -> IntArray:
@@ -48,9 +21,9 @@ def part_faces(faces: IntArray, edges: Edges, parted: NDArray[np.bool_], first: 
     first : int
         Number of the first new vertex; they come in the order of the parted edges.
     """
-    number = np.full(len(edges.one), -1)
+    number = np.full(len(edges.ends), -1)
     number[parted] = first + np.arange(int(parted.sum()))
-    middle = number[edges.of_face]
+    middle = number[edges.of_face.reshape(-1, 3)]
     halved = middle >= 0
     count = halved.sum(axis=1)
     parts = [faces[count == 0]]

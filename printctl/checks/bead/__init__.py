@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from printctl.checks.bead.filaments import written_filaments
     from printctl.checks.bead.files import PLAYED, OutputFiles, write_prediction
     from printctl.checks.bead.lag import ChosenLag, lag_of
-    from printctl.checks.bead.predict import InkPrediction, Mounting, predict_job
+    from printctl.checks.bead.predict import InkPrediction, predict_job
     from printctl.checks.bead.summary import prediction_facts, prediction_lines
     from printctl.checks.bead.vessels import VesselDiameters, vessel_diameters
     from printctl.checks.bead.warn import bead_warnings
@@ -22,7 +22,6 @@ __all__ = [
     "PLAYED",
     "ChosenLag",
     "InkPrediction",
-    "Mounting",
     "OutputFiles",
     "VesselDiameters",
     "bead_warnings",

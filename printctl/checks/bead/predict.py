@@ -10,12 +10,13 @@ from typing import Final
 import numpy as np
 
 from design.toolpath import MoveKind
-from firmware_profiles import Ink, Needle, Printer, Syringe, steady_flow
+from firmware_profiles import Printer, steady_flow
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.checks.bead.lag import ChosenLag, lag_of
 from printctl.checks.gcode_view.line_map import LineMap
 from printctl.checks.gcode_view.widths import cross_sections
 from printctl.checks.lumens.heads import split_by_head
+from printctl.checks.set_up import HeadLoading
 from printctl.errors import UsageError
 from sim.gcode.bead import Bead, advance_of, cut, nozzle_of, predict_bead
 from sim.gcode.bead.pieces import median_flow
@@ -31,22 +32,13 @@ EXACT_MM: Final = 1e-6
 
 
 @dataclass(frozen=True)
-class Mounting:
-    """Syringe, ink and needle of a head."""
-
-    syringe: Syringe
-    ink: Ink
-    needle: Needle | None
-
-
-@dataclass(frozen=True)
 class InkPrediction:
     """What one head leaves in the bath.
 
     Attributes
     ----------
     head : int
-    mounting : Mounting
+    mounting : HeadLoading
     bead : Bead
         With lag and advance.
     prompt : Bead
@@ -71,7 +63,7 @@ class InkPrediction:
     """
 
     head: int
-    mounting: Mounting
+    mounting: HeadLoading
     bead: Bead
     prompt: Bead
     lag: ChosenLag
@@ -88,7 +80,7 @@ def predict_job(
     run: DryRun,
     gcode: bytes,
     printer: Printer,
-    mountings: Sequence[Mounting],
+    mountings: Sequence[HeadLoading],
     line_map: LineMap | None = None,
     lag_s: float | None = None,
 ) -> tuple[InkPrediction, ...]:
@@ -100,7 +92,7 @@ def predict_job(
         Of the file.
     gcode : bytes
     printer : Printer
-    mountings : sequence of Mounting
+    mountings : sequence of HeadLoading
         Of each head.
     line_map : LineMap, optional
         Which lines write, and for what; without it a line writes where it pushes ink on its way.
@@ -148,7 +140,7 @@ def _of_head(
     run: DryRun,
     gcode: bytes,
     printer: Printer,
-    mounted: Mounting,
+    mounted: HeadLoading,
     line_map: LineMap | None,
     lag_s: float | None,
 ) -> InkPrediction:
@@ -202,7 +194,7 @@ def _asked(run: DryRun, motion: ExecutedMotion, bead: Bead, area_mm2: float) -> 
     return np.where(bead.writes, section[row[np.maximum(bead.pieces.block, 0)]], np.nan)
 
 
-def _lag(printer: Printer, mounted: Mounting, given_s: float | None) -> ChosenLag:
+def _lag(printer: Printer, mounted: HeadLoading, given_s: float | None) -> ChosenLag:
     if printer.pneumatic is None:
         return lag_of(mounted.ink, mounted.syringe, mounted.needle, given_s)
     if given_s is not None:
@@ -213,7 +205,7 @@ def _lag(printer: Printer, mounted: Mounting, given_s: float | None) -> ChosenLa
     return ChosenLag(0.0, "unknown", "a valve's flow is taken as steady while it stands open")
 
 
-def _pushing(run: DryRun, printer: Printer, mounted: Mounting) -> tuple[ExecutedMotion, float]:
+def _pushing(run: DryRun, printer: Printer, mounted: HeadLoading) -> tuple[ExecutedMotion, float]:
     """Motion whose plunger pushes the ink, and µL that come out for its millimetre."""
     head = printer.pneumatic
     if head is None:

@@ -11,11 +11,11 @@ from printctl.checks.set_up.placed_dish import PlacedDish
 
 @dataclass(frozen=True)
 class HeadLoading:
-    """What one of several heads holds; the needle is None where nobody said it."""
+    """Syringe, ink and needle of a head; None for an unknown needle."""
 
     syringe: Syringe
     ink: Ink
-    needle: Needle | None = None
+    needle: Needle | None
 
 
 @dataclass(frozen=True)

@@ -116,7 +116,7 @@ def _checks(
     run: PlateRun, checked: DryRun, of_line: NDArray[np.int64], times: Sequence[dict[str, Any]]
 ) -> list[Check]:
     whole = run.whole
-    inks = volumes(checked, whole.printer, alone.loaded(whole))
+    inks = volumes(checked, whole.printer, whole.loads)
     wells = read_wells(whole.folder / LINE_MAP, checked.program.line, inks)
     if wells is None:
         raise PrintctlError(f"{LINE_MAP} names no wells; take it away and run again")
@@ -182,7 +182,7 @@ def _alone(context: RunContext) -> tuple[Program, BoolArray]:
 def well_times(run: PlateRun, checked: DryRun, of_line: NDArray[np.int64]) -> list[dict[str, Any]]:
     """Lines, ink and time of each well, in the printing order."""
     program, executed = checked.program, checked.executed
-    inks = volumes(checked, run.whole.printer, alone.loaded(run.whole))
+    inks = volumes(checked, run.whole.printer, run.whole.loads)
     well = of_line[program.line - 1]
     of_command = np.full(int(program.command.max()) + 1, NOWHERE)
     of_command[program.command] = well

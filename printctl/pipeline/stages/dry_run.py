@@ -14,7 +14,6 @@ from printctl.checks.bead import PLAYED
 from printctl.checks.preflight import (
     Budget,
     Check,
-    HeadLoading,
     PlacedDish,
     PrintTime,
     accepted_text,
@@ -82,7 +81,7 @@ def depends(context: RunContext) -> Any:
 def all_checks(context: RunContext, run: DryRun) -> list[Check]:
     """The G-code's own checks and those of the set-up."""
     printer, dish = context.printer, standing(context)
-    ink_ul = written_ul(run, printer, loaded(context))
+    ink_ul = written_ul(run, printer, context.loads)
     common = [
         *bath_checks(context.bath),
         *([] if dish else [unknown_dish()]),
@@ -117,7 +116,7 @@ def of_mounted(context: RunContext, run: DryRun, printer: Printer, number: int) 
         *syringe_checks(run, printer, load.syringe),
         *step_checks(run, printer, load.syringe),
         *force_checks(run, load.ink, load.needle, load.syringe, printer),
-        *line_checks(run, printer, loaded(context)[number], part.thinnest_bore),
+        *line_checks(run, printer, context.loads[number], part.thinnest_bore),
         chemistry_check(load.ink, bath),
         *temperature_checks(run, load.ink, bath),
         floor_check(run, bath, printer.z_mm.low),
@@ -161,12 +160,7 @@ def shaft(context: RunContext, run: DryRun) -> Clearance | None:
     written = read_written(context.folder / LINE_MAP)
     if written is None or isinstance(context.recipe.toolpath, Fresh):
         return None
-    return shaft_clearance(run, context.printer, loaded(context), written)
-
-
-def loaded(context: RunContext) -> list[HeadLoading]:
-    """What each head holds, as the checks want it."""
-    return [HeadLoading(one.syringe, one.ink, one.needle) for one in context.loads]
+    return shaft_clearance(run, context.printer, context.loads, written)
 
 
 def allowed_shaft(context: RunContext, clearance: Clearance | None) -> list[Check]:

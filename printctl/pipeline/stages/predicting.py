@@ -11,7 +11,6 @@ import numpy as np
 from design.toolpath.embedded import Bundles
 from printctl.checks.bead import (
     InkPrediction,
-    Mounting,
     OutputFiles,
     VesselDiameters,
     merge_bundles,
@@ -89,8 +88,7 @@ def _embedded(context: RunContext) -> bool:
 def _predicted(
     context: RunContext, run: DryRun, gcode: bytes, line_map: LineMap | None
 ) -> tuple[InkPrediction, ...]:
-    mountings = [Mounting(one.syringe, one.ink, one.needle) for one in context.loads]
-    return predict_job(run, gcode, context.printer, mountings, line_map)
+    return predict_job(run, gcode, context.printer, context.loads, line_map)
 
 
 def _both(

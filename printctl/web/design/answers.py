@@ -9,6 +9,7 @@ from pydantic import BaseModel, Field
 from printctl.web.design.checking import CheckedRecipe
 from printctl.web.design.recipes import RecipeText
 from printctl.web.design.run_processes import RunProgress
+from printctl.web.design.run_views.compare import Difference
 
 
 class Refusal(BaseModel):
@@ -143,26 +144,8 @@ class MakeRequest(BaseModel):
     until: str = Field(default="lumens", max_length=40, description="Last stage; none that prints.")
 
 
-class FigureAnswer(BaseModel):
-    """A key figure."""
-
-    key: str
-    name: str
-    value: float | str
-    unit: str
-
-
-class DifferenceAnswer(BaseModel):
-    """A row of a comparison."""
-
-    name: str
-    one: str
-    other: str
-    change: str
-
-
 class ComparisonAnswer(BaseModel):
     """Two runs beside each other."""
 
-    recipe: list[DifferenceAnswer]
-    figures: list[DifferenceAnswer]
+    recipe: list[Difference]
+    figures: list[Difference]

@@ -7,6 +7,7 @@ from starlette.responses import FileResponse, HTMLResponse
 
 from printctl.web.design import answers as a
 from printctl.web.design.embedded import Theme, embedded
+from printctl.web.design.run_views import Figure
 from printctl.web.design.service import ARTEFACTS, DesignService
 
 
@@ -23,8 +24,8 @@ def run_routes(service: DesignService) -> APIRouter:
     def compare(one: str, other: str) -> a.ComparisonAnswer:
         compared = service.compare(one, other)
         return a.ComparisonAnswer(
-            recipe=[a.DifferenceAnswer(**vars(row)) for row in compared.recipe],
-            figures=[a.DifferenceAnswer(**vars(row)) for row in compared.figures],
+            recipe=list(compared.recipe),
+            figures=list(compared.figures),
         )
 
     @routes.post("/{name}/start", summary="Make the design of the recipe of that name")
@@ -44,8 +45,8 @@ def run_routes(service: DesignService) -> APIRouter:
         return a.ProgressAnswer.of(runs.progress(name))
 
     @routes.get("/{name}/figures", summary="Key figures of a run")
-    def figures(name: str) -> list[a.FigureAnswer]:
-        return [a.FigureAnswer(**vars(one)) for one in service.figures(name)]
+    def figures(name: str) -> list[Figure]:
+        return list(service.figures(name))
 
     @routes.get("/{name}/files", summary="Files of a run that can be fetched")
     def files(name: str) -> list[str]:

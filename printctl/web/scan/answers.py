@@ -6,6 +6,7 @@ from typing import Literal
 
 from pydantic import BaseModel, Field
 
+from printctl.web.scan.findings import VesselFinding
 from printctl.web.scan.slices import OpenScan
 from registration.files.readers import ScanOverrides
 
@@ -95,19 +96,6 @@ class PairAnswer(BaseModel):
     value: str
 
 
-class VesselAnswer(BaseModel):
-    """One vessel as it was gauged."""
-
-    vessel: str
-    kind: str
-    designed_um: float | None
-    measured_um: float | None
-    error_percent: float | None
-    rms_um: float | None
-    offset_um: float | None
-    verdict: str
-
-
 class FindingsAnswer(BaseModel):
     """What a registration found."""
 
@@ -115,4 +103,4 @@ class FindingsAnswer(BaseModel):
     undecided: bool
     reasons: list[str]
     alignment: list[PairAnswer]
-    vessels: list[VesselAnswer]
+    vessels: list[VesselFinding]

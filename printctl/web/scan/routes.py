@@ -92,7 +92,7 @@ def _add_registrations(routes: APIRouter, service: ScanService) -> None:
             undecided=it.outcome == "undecided",
             reasons=list(it.reasons),
             alignment=[a.PairAnswer(name=name, value=value) for name, value in it.alignment],
-            vessels=[a.VesselAnswer(**vars(one)) for one in it.vessels],
+            vessels=list(it.vessels),
         )
 
     @routes.get("/{scan}/with/{run}/files", summary="Files that can be fetched")

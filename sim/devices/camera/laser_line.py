@@ -20,17 +20,17 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Final, Self
+from typing import Annotated, Final
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field
 
 from firmware_profiles.bead import BeadSection
 from kernels.arrays import BoolArray, FloatArray
 from sim.devices.camera.kernels import draw_lines
-from sim.devices.recorded_ink import InkSource
+from sim.devices.recorded_ink import InkBox
 from sim.errors import CameraError
 from sim.gcode.deposit.laid import Laid
 from sim.model_file import read_model
@@ -50,7 +50,7 @@ _MIRRORED: Final = math.radians(3.0)
 _SPOT_MM: Final = 0.06
 
 
-class ProfilerField(BaseModel):
+class ProfilerField(InkBox):
     """Laser line profiler over a box of the printer's frame, and the ink's source.
 
     Attributes
@@ -74,10 +74,6 @@ class ProfilerField(BaseModel):
     laid : InkSource
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    low_mm: tuple[float, float, float]
-    high_mm: tuple[float, float, float]
     plate_z_mm: float
     pixel_um: tuple[Annotated[float, Field(ge=2, le=500)], Annotated[float, Field(ge=2, le=500)]]
     angle_deg: Annotated[float, Field(ge=10, le=60)] = 35.0
@@ -87,13 +83,6 @@ class ProfilerField(BaseModel):
     wet: Annotated[float, Field(ge=0, le=1)] = 0.1
     lost_per_mm2: Annotated[float, Field(ge=0, le=100)] = 0.3
     tilt: tuple[float, float] = (0.0005, -0.0003)
-    laid: InkSource
-
-    @model_validator(mode="after")
-    def _box_has_room(self) -> Self:
-        if not (np.array(self.high_mm) - self.low_mm > 0).all():
-            raise ValueError("high_mm must be above low_mm in x, y and z")
-        return self
 
 
 def measured_heights(

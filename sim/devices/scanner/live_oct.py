@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Final, Self
+from typing import Annotated, Final
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field
 
 from kernels.arrays import FloatArray
-from sim.devices.recorded_ink import InkSource
+from sim.devices.recorded_ink import InkBox
 from sim.devices.scanner.oct import OctOptions, simulate_oct
 from sim.devices.scanner.output import ScannerOutput
 from sim.devices.scanner.placing import Placing
@@ -27,7 +27,7 @@ Micron = Annotated[float, Field(ge=1, le=1000)]
 Region = tuple[FloatArray, FloatArray]
 
 
-class OctField(BaseModel):
+class OctField(InkBox):
     """OCT that looks straight down at a box of the printer's frame, and the ink's source.
 
     Attributes
@@ -41,22 +41,11 @@ class OctField(BaseModel):
     laid : InkSource
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    low_mm: tuple[float, float, float]
-    high_mm: tuple[float, float, float]
     voxel_um: tuple[Micron, Micron, Micron] = (20, 20, 15)
     refractive_index: Annotated[float, Field(ge=1, le=2)] = 1.34
     attenuation_mm: Annotated[float, Field(ge=0, le=50)] = 0.7
     signal_db: Annotated[float, Field(ge=0, le=38)] = 33.0
     looks: Annotated[int, Field(ge=1, le=64)] = 3
-    laid: InkSource
-
-    @model_validator(mode="after")
-    def _box_has_room(self) -> Self:
-        if not (np.array(self.high_mm) - self.low_mm > 0).all():
-            raise ValueError("high_mm must be above low_mm in x, y and z")
-        return self
 
 
 def live_scan(ink: Laid, field: OctField, seed: int, region: Region | None = None) -> ScannerOutput:

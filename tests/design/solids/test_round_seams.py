@@ -8,8 +8,9 @@ import pytest
 from design.solids import Solid, find_crossings, lumen_solid, network_genus, surface_genus
 from design.solids.facets import Facets
 from design.solids.smooth.layout import lay_out
-from design.solids.smooth.split_edges import Edges, part_faces
+from design.solids.smooth.split_edges import part_faces
 from design.solids.topology import edge_faults
+from design.tissue.closed import edges_of
 from tests.design.solids.networks import channels, ladder, lattice
 
 TURN, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
@@ -92,10 +93,10 @@ def test_the_same_crowd_gives_the_same_bytes() -> None:
 def test_faces_parted_at_any_edges_stay_closed_and_oriented() -> None:
     solid = lumen_solid(CROWD, tolerance_mm=0.02)
     faces = solid.faces.astype(np.int64)
-    edges = Edges.of(faces)
+    edges = edges_of(faces)
     for share in (0.0, 0.2, 0.7, 1.0):
-        chosen = np.random.default_rng(3).random(len(edges.one)) < share
-        middle = 0.5 * (solid.vertices[edges.one[chosen]] + solid.vertices[edges.two[chosen]])
+        chosen = np.random.default_rng(3).random(len(edges.ends)) < share
+        middle = solid.vertices[edges.ends[chosen]].mean(axis=1)
         parted = part_faces(faces, edges, chosen, len(solid.vertices))
         assert len(parted) == len(faces) + 2 * int(chosen.sum())
         assert not edge_faults(parted)

@@ -17,7 +17,8 @@ from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.calibration.lag import LagPattern, expected_width
 from printctl.calibration.patterns import WrittenPattern, read_pattern
 from printctl.calibration.widths import GivenValues, fit_widths, typed_widths
-from printctl.checks.bead import Mounting, predict_job
+from printctl.checks.bead import predict_job
+from printctl.checks.set_up import HeadLoading
 from printctl.cli.main import app
 from printctl.errors import UsageError
 from sim.gcode.dry_run.run import dry_run
@@ -143,7 +144,7 @@ def test_from_a_simulated_print_to_the_ink_s_profile(tmp_path: Path) -> None:
     gcode = (tmp_path / "p.gcode").read_bytes()
     run = dry_run(gcode, printer, (100, 100, 5))
     ink = load(Ink, "collagen_fresh").model_copy(update={"flow_factor": 0.9})
-    mounted = Mounting(syringe, ink, load(Needle, "25g"))
+    mounted = HeadLoading(syringe, ink, load(Needle, "25g"))
     bead = predict_job(run, gcode, printer, [mounted], lag_s=0.3)[0].bead
     corner = np.array([100, 100]) - np.array(written.pattern.size_mm) / 2
     lines = [

@@ -10,9 +10,9 @@ import pytest
 
 from design.errors import SolidError
 from design.network import VesselNetwork
-from design.solids import block_solid, find_crossings, surface_genus
+from design.solids import Solid, block_solid, find_crossings, surface_genus
 from printctl.errors import RecipeError
-from printctl.pipeline.solid_build import RunSolids, build
+from printctl.pipeline.solid_build import RunSolids, build, without_crumbs
 from printctl.recipe.load import parse_recipe
 from printctl.recipe.solid import SolidPart
 from tests.design.solids.networks import channels, ladder
@@ -54,6 +54,15 @@ def test_only_the_inlet_gets_a_fitting_where_only_it_is_named() -> None:
     built = make(inlets=BARB)
     assert built.fittings == 1
     assert built.construct.bounds[:, 0] == pytest.approx([-5.0, 16.0], abs=1e-3)
+
+
+def test_shells_smaller_than_ten_micrometres_are_left_out() -> None:
+    block, crumb = block_solid((4.0, 4.0, 4.0)), block_solid((0.005, 0.005, 0.005), (2.0, 2.0, 2.0))
+    holed = np.concatenate([block.faces, crumb.faces[:, ::-1] + len(block.vertices)])
+    both = Solid(np.concatenate([block.vertices, crumb.vertices]), holed.astype(np.int32))
+    left = without_crumbs(both)
+    assert surface_genus(left.faces) == (0, 1)
+    assert np.array_equal(left.vertices[left.faces], block.vertices[block.faces])
 
 
 def test_a_bore_as_wide_as_its_tube_is_refused() -> None:

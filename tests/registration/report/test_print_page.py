@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
-from unicodedata import normalize
 
 import pytest
 from pypdf import PdfReader
@@ -17,7 +16,7 @@ from tests.registration.report.sample import planar_network, sample_data
 
 def whole_sample() -> dict[str, Any]:
     data = sample_data()
-    data["printed"] = {"id": "p-7", "started": 1795209018.9, "gcode_sha256": "b" * 64}
+    data["printed"] = {"id": "p-7", "started": 1795209018.9, "gcode_sha256": "ff" * 32}
     data["registration"] |= {
         "scale": [0.9962, 0.997, 1.0],
         "interval_95": {
@@ -47,11 +46,11 @@ def test_a_printed_report_says_what_its_page_says(tmp_path: Path) -> None:
     texts = [one.extract_text() for one in reader.pages]
     for k, text in enumerate(texts):
         assert f"{k + 1} / {len(texts)}" in text
-    words = normalize("NFKC", " ".join(" ".join(texts).split()))  # of ligatures letters
+    words = " ".join(" ".join(texts).split())
     for said in ("planar_fresh", "Pass", "0.99620", "± 0.00047", "not fitted", "−8.50",
                  "Rotation about z / °", "p-7", "2026-11-20 21:10 UTC"):  # fmt: skip
         assert said in words, said
-    for digest in ("b" * 64, "d" * 64):
+    for digest in ("ff" * 32, "d" * 64):
         assert digest in words.replace(" ", "")
     # Vessels in three dimensions, drawn without a graphics card.
     assert any(len(one.images) for one in reader.pages)
