@@ -62,7 +62,7 @@ def _made(root: Path) -> Path:
 
 def _digest() -> str:
     """Digest of all source files that a kernel can see: too many rather than too few."""
-    # A name for the processor's features: numba's own index tells processors apart by its copy.
+    # Within a folder numba's own index tells processors' features apart.
     versions = [platform.python_version(), platform.machine()]
     versions += [version(one) for one in ("numba", "llvmlite", "numpy")]
     hasher = hashlib.sha1(" ".join(versions).encode(), usedforsecurity=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Final
 
 import numpy as np
 from manifold3d import CrossSection, Manifold
@@ -17,6 +18,8 @@ from design.solids.facets import FACET_TOLERANCE_MM, area_factor, facet_count
 from design.solids.manifolds import solid_manifold, subtract, unite
 from design.solids.snap import solid_from_manifold
 from design.solids.solid import Solid
+
+_WHAT: Final = "the body with its fittings"
 
 
 @dataclass(frozen=True)
@@ -115,15 +118,25 @@ def with_connectors(body: Solid, placed: Sequence[PlacedConnector]) -> Solid:
                 "each other; make their bores smaller, take another kind (a Luer socket is 4.3 mm "
                 "wide) or let the vessels end further apart"
             )
-    for outside, _ in parts:
-        body = solid_from_manifold(
-            unite([solid_manifold(body, "the body"), outside]), "the body with its fittings"
-        )
-    for _, bore in parts:
-        body = solid_from_manifold(
-            subtract(solid_manifold(body, "the body"), [bore]), "the body with its fittings"
-        )
-    return body
+    outsides, bores = [outside for outside, _ in parts], [bore for _, bore in parts]
+    try:
+        return _cut(_joined(body, outsides), bores)
+    except SolidError:
+        # Fittings that overlap may touch in edges once rounded: one by one they don't.
+        for outside in outsides:
+            body = _joined(body, [outside])
+        for bore in bores:
+            body = _cut(body, [bore])
+        return body
+
+
+def _joined(body: Solid, outsides: list[Manifold]) -> Solid:
+    whole = unite([solid_manifold(body, _WHAT), *outsides])
+    return solid_from_manifold(whole, _WHAT)
+
+
+def _cut(body: Solid, bores: list[Manifold]) -> Solid:
+    return solid_from_manifold(subtract(solid_manifold(body, _WHAT), bores), _WHAT)
 
 
 def _placed(one: PlacedConnector) -> tuple[Manifold, Manifold]:
