@@ -12,10 +12,10 @@ import json
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -76,34 +76,44 @@ def processes() -> int:
     return min(cores or 1, _MAX_PROCESSES)
 
 
-def compile_ahead(
-    rows: Sequence[NeededKernel], report: Callable[[int], None] = lambda done: None
-) -> int:
-    """Compile ``rows`` into the store; return how many couldn't be compiled.
+@contextmanager
+def compiling(
+    rows: Sequence[NeededKernel],
+    late: Sequence[NeededKernel] = (),
+    report: Callable[[int], None] = lambda done: None,
+) -> Iterator[int]:
+    """Compile ``rows`` into the store, then ``late`` while the body runs.
 
-    Those are left to their first call, which compiles them or says what is wrong. ``report`` is
-    called with the number of kernels done.
+    Gives the body how many of ``rows`` couldn't be compiled. Those, and what of ``late`` isn't done
+    when the body ends, are left to their first call, which compiles them or says what is wrong.
+    ``report`` is called with the number of ``rows`` done.
     """
     # Spawned: a fork of a process with numba's threads may hang.
     spawn = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
-    compiled = []
-    with ProcessPoolExecutor(processes(), spawn, initializer=_begin) as pool:
-        waiting = {pool.submit(_compile, one.kernel, one.takes): one for one in rows}
-        try:
-            with suppress(BrokenProcessPool):
-                for done, future in enumerate(as_completed(waiting), 1):
-                    if future.result():
-                        compiled.append(waiting[future])
-                    report(done)
-        except BaseException:
-            # They ignore Ctrl-C, and a kernel takes seconds.
-            for worker in set(multiprocessing.active_children()) - others:
-                worker.terminate()
-            raise
-    with suppress(OSError), open(kernel_folder() / _COMPILED, "a", encoding="utf-8") as file:
-        file.writelines(f"{one.kernel} {one.takes}\n" for one in compiled)
-    return len(rows) - len(compiled)
+    pool = ProcessPoolExecutor(processes(), spawn, initializer=_begin)
+    waiting = {pool.submit(_compile, one.kernel, one.takes): one for one in rows}
+    after = {pool.submit(_compile, one.kernel, one.takes, True): one for one in late}
+    failed = len(rows)
+    try:
+        with suppress(BrokenProcessPool):
+            for done, future in enumerate(as_completed(waiting), 1):
+                failed -= future.result()
+                report(done)
+        yield failed
+    finally:
+        # They ignore Ctrl-C, and a kernel takes seconds.
+        for worker in set(multiprocessing.active_children()) - others:
+            worker.terminate()
+        pool.shutdown(cancel_futures=True)
+        both = (waiting | after).items()
+        compiled = [row for one, row in both if _is_compiled(one)]
+        with suppress(OSError), open(kernel_folder() / _COMPILED, "a", encoding="utf-8") as file:
+            file.writelines(f"{one.kernel} {one.takes}\n" for one in compiled)
+
+
+def _is_compiled(one: Future[bool]) -> bool:
+    return one.done() and not one.cancelled() and one.exception() is None and one.result()
 
 
 def _begin() -> None:
@@ -112,7 +122,9 @@ def _begin() -> None:
     gc.disable()
 
 
-def _compile(kernel: str, takes: str) -> bool:
+def _compile(kernel: str, takes: str, late: bool = False) -> bool:
+    if late and hasattr(os, "setpriority"):
+        os.setpriority(os.PRIO_PROCESS, 0, 10)  # what waits for it works at the same time
     try:
         module, _, name = kernel.partition(":")
         types = tuple(numba_type(one) for one in json.loads(takes))

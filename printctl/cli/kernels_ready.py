@@ -6,7 +6,8 @@ no compiler.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Final
 
 from printctl.cli.options import messages
@@ -19,6 +20,10 @@ MIN_KERNELS: Final = 20
 """Fewer are compiled when they are called: processes of their own take seconds to begin."""
 
 
+_CALLED_LAST: Final = "registration."
+"""Packages that a run's last stage alone calls: a quarter of what a run compiles."""
+
+
 def have_kernels(*works: str, listener: Listener | None = None) -> None:
     """Compile what these kinds of work need (`kernels.ahead`) and the store lacks.
 
@@ -29,26 +34,56 @@ def have_kernels(*works: str, listener: Listener | None = None) -> None:
     listener : Listener, optional
         Notified of a stage "kernels" if there is anything to compile.
     """
+    rows = _missing(works)
+    if rows:
+        compile_with_bar(rows, listener=listener)
+
+
+@contextmanager
+def kernels_for_a_run(*works: str, listener: Listener | None = None) -> Iterator[None]:
+    """Do the same, and compile what only registration needs while the stages before it run."""
+    rows = _missing(works)
+    late = [one for one in rows if one.kernel.startswith(_CALLED_LAST)]
+    soon = [one for one in rows if one not in late]
+    if not soon:
+        soon, late = late, []
+    with compiling_with_bar(soon, late, listener) if rows else nullcontext():
+        yield
+
+
+def _missing(works: Sequence[str]) -> list[NeededKernel]:
     from kernels.ahead import missing, needed_kernels
 
     rows = missing(needed_kernels(*works))
-    if len(rows) >= MIN_KERNELS:
-        compile_with_bar(rows, listener)
+    return rows if len(rows) >= MIN_KERNELS else []
 
 
 def compile_with_bar(rows: Sequence[NeededKernel], listener: Listener | None = None) -> None:
     """Compile ``rows``, showing progress."""
+    with compiling_with_bar(rows, (), listener):
+        pass
+
+
+@contextmanager
+def compiling_with_bar(
+    rows: Sequence[NeededKernel], late: Sequence[NeededKernel], listener: Listener | None
+) -> Iterator[None]:
+    """Compile ``rows``, showing progress, then ``late`` while the body runs."""
     from kernels import cache_dir
-    from kernels.ahead import compile_ahead, processes
+    from kernels.ahead import compiling, processes
 
     bars = StageBars(messages(), listener)
     if listener is not None:
         listener.begin(("kernels",), "kernels")
     note = f"{len(rows)} to compile, once for this version, on {processes()} cores"
-    with bars.all(), bars.stage("kernels") as report:
-        if not messages().is_terminal:
-            messages().print(f"{'kernels':<14} {note} ...")
-        report(0.0, note)
-        failed = compile_ahead(rows, lambda done: report(done / len(rows), note))
-    left = f", {failed} left to their first call" if failed else ""
-    bars.say("kernels", f"{len(rows) - failed} ready, kept in {cache_dir()}{left}")
+    note += f"; {len(late)} more while stages run" if late else ""
+    with ExitStack() as stack:
+        with bars.all(), bars.stage("kernels") as report:
+            if not messages().is_terminal:
+                messages().print(f"{'kernels':<14} {note} ...")
+            report(0.0, note)
+            work = compiling(rows, late, lambda done: report(done / len(rows), note))
+            failed = stack.enter_context(work)
+        left = f", {failed} left to their first call" if failed else ""
+        bars.say("kernels", f"{len(rows) - failed} ready, kept in {cache_dir()}{left}")
+        yield

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from printctl.cli.kernels_ready import have_kernels
+from printctl.cli.kernels_ready import kernels_for_a_run
 from printctl.cli.observe_looks import looks_lines
 from printctl.cli.options import (
     JsonFlag,
@@ -77,8 +77,8 @@ def run(
         loaded = load_recipe(recipe, print_note)
         folder = out if out is not None else Path("runs") / loaded.name
         how = RunOptions(assume_yes=yes, pdf=pdf, until=until, printed=printed, listener=progress)
-        have_kernels(*_works(loaded, until), listener=progress)
-        data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), how)
+        with kernels_for_a_run(*_works(loaded, until), listener=progress):
+            data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), how)
     if as_json:
         print_json(data)
     else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from importlib import import_module
 
 import pytest
@@ -10,7 +11,7 @@ from numba import types
 
 from design.geometry.bvh import TriangleTree
 from kernels import folder
-from kernels.ahead import NeededKernel, compile_ahead, missing, needed_kernels, numba_type
+from kernels.ahead import NeededKernel, compiling, missing, needed_kernels, numba_type
 from tests.kernels.record import WORKS, described
 
 TREE = types.BaseTuple.from_types([types.float64[:, ::1]] * len(TriangleTree._fields), TriangleTree)
@@ -53,9 +54,14 @@ def test_what_is_compiled_ahead_is_missing_no_more(tmp_path, monkeypatch) -> Non
         one for one in needed_kernels() if one.kernel == "design.geometry.crossings:plane_side"
     )
     wrong = NeededKernel("design.geometry.crossings:nothing", row.takes, row.by)
+    late = next(
+        one for one in needed_kernels() if one.kernel == "design.geometry.crossings:meeting_kind"
+    )
     done: list[int] = []
-    assert compile_ahead([row, wrong], done.append) == 1
-    assert done == [1, 2]
+    with compiling([row, wrong], [late], done.append) as failed:
+        assert (failed, done) == (1, [1, 2])
+        while not list(tmp_path.rglob("*meeting_kind*.nbc")):
+            time.sleep(0.05)
     assert missing([row, wrong]) == [wrong]
     assert list(tmp_path.rglob("*plane_side*"))
     folder._made.cache_clear()
