@@ -137,6 +137,7 @@ class _Loop:
                 self.forks = self.browsers = 1
                 self._all()
         finally:
+            gc.unfreeze()  # else nanobind reports what is left at exit, line after line
             for worker in self.workers:
                 os.kill(worker.pid, signal.SIGKILL)
                 os.waitpid(worker.pid, 0)
