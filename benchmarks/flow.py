@@ -1,8 +1,8 @@
 """Flow solvers: 0D (steady, pulsatile, balances), 1D, oxygen, 3D: ``make bench-flow``.
 
 ``--only NAME`` measures a part; ``--quick`` leaves the million vessels out. Balances are taken by
-sums of this file's own. `flow_svzerod` says how svZeroDSolver is run beside it. "Structure known"
-is `solve_flow` called once with what `flow_structure` found of the same vessels before.
+sums of this file's own. "Structure known" is `solve_flow` called once with what `flow_structure`
+found of the same vessels before.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ from benchmarks.flow_one_d import one_d_rows
 from benchmarks.flow_openbf import openbf_rows
 from benchmarks.flow_oxygen import oxygen_rows
 from benchmarks.flow_ranks import ranks_rows
-from benchmarks.flow_svzerod import svzerod_rows
 from benchmarks.flow_tables import table_rows
 from benchmarks.flow_three_d import pipe_rows, womersley_rows
 from benchmarks.machine import row
@@ -150,7 +149,6 @@ JOBS: dict[str, Job] = {
     "womersley": womersley_rows,
     "lumens": lumen_rows,
     "ranks": ranks_rows,
-    "svzerod": svzerod_rows,
     "openbf": openbf_rows,
     "tables": table_rows,
 }

@@ -20,7 +20,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from benchmarks.command import Row
-from benchmarks.flow_svzerod import command_line, cpu_of
+from benchmarks.flow_tables import command_line, cpu_of
 from benchmarks.machine import row
 
 _HEAD: Final = re.compile(

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import resource
+import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks.command import Row
 from benchmarks.flow_networks import binary_tree
-from benchmarks.flow_svzerod import command_line, cpu_of
-from benchmarks.machine import row
+from benchmarks.machine import ROOT, row
 from printctl.analysis.networks import write_network
 
 
@@ -33,3 +36,17 @@ def table_rows(quick: bool) -> Iterator[Row]:
 
 def _megabytes(folder: Path) -> float:
     return sum(file.stat().st_size for file in folder.iterdir()) / 1e6
+
+
+def command_line(*words: str) -> list[str]:
+    """Return `printctl`'s command with these words."""
+    return [sys.executable, "-m", "printctl", *words]
+
+
+def cpu_of(command: list[str]) -> float:
+    """Return the CPU time of a whole process, user and system, s."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    place = os.environ | {"PYTHONPATH": str(ROOT)}
+    subprocess.run(command, capture_output=True, env=place, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime

@@ -44,8 +44,8 @@ def flow(
     """Solve the flow in a network: lumped; as waves (--one-d); in the lumens' space (--three-d).
 
     Steady, and in pulses, too, where a wave is given. --as-printed takes a registered run. An
-    input file of svZeroDSolver (.json) is stepped through its cycles instead, one of openBF
-    (.yaml) is solved as waves.
+    input file of svZeroDSolver (.json) is run by its own package instead (the extra "svzerod"), one
+    of openBF (.yaml) is solved as waves.
     """
     # What isn't handed on is read from the context, by the options' names.
     case = read_case(network)

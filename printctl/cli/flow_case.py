@@ -1,4 +1,4 @@
-"""`printctl flow` on an svZeroDSolver input file: run its cycles, write the last one as CSV."""
+"""`printctl flow` on an svZeroDSolver input file: run that solver, write CSV or NPZ."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Any, Final
 import typer
 
 from design.errors import FlowError
-from design.hemodynamics.zero_d import svzerod
+from design.hemodynamics.json_keys import entries, parse_json
+from design.hemodynamics.zero_d.svzerod_run import run_svzerod
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
 from printctl.errors import UsageError
@@ -34,7 +35,7 @@ def read_case(path: Path) -> dict[str, Any] | None:
     if path.suffix.lower() != ".json" or not path.is_file():
         return None
     try:
-        data = svzerod.parse_json(path.read_text(encoding="utf-8-sig"))
+        data = parse_json(path.read_text(encoding="utf-8-sig"))
     except UnicodeDecodeError as exc:
         raise FlowError(f"{path} isn't text in UTF-8: {exc}") from exc
     except FlowError as exc:
@@ -45,41 +46,34 @@ def read_case(path: Path) -> dict[str, Any] | None:
 
 
 def run_case(context: typer.Context, data: dict[str, Any], path: Path, out: Path) -> FlowOutput:
-    """Step through the file's cycles and write what it asks for.
+    """Run the file's cycles and write what it asks for.
 
     Raises
     ------
     UsageError
         For an option that is for networks.
     FlowError, OSError
-        As `case_of`, `run_svzerod` and the writers.
+        As `run_svzerod`.
     """
     refuse_idle(context, _FOR_CASES, "svZeroDSolver")
+    file = out / f"{CASE}.{context.params['results'] or 'csv'}"
+    out.mkdir(parents=True, exist_ok=True)
     try:
-        case = svzerod.case_of(data)
-        stepped = svzerod.run_svzerod(case)
+        summary: dict[str, object] = {"vessels": len(entries(data, "vessels"))}
+        run = run_svzerod(data, file)
     except FlowError as exc:
         raise FlowError(f"{path}: {exc}") from exc
-    kind = context.params["results"] or "csv"
-    file = out / f"{CASE}.{kind}"
-    out.mkdir(parents=True, exist_ok=True)
-    write = svzerod.write_svzerod_npz if kind == "npz" else svzerod.write_svzerod_csv
-    write(file, svzerod.result_table(case, stepped))
-    summary: dict[str, object] = {
-        "vessels": case.vessels,
-        "cycles": stepped.cycles,
-        "last_change": stepped.change,
-        "periodic": stepped.periodic,
-    }
-    if stepped.unused:
+    found = {"cycles": run.cycles, "last_change": run.change, "periodic": run.periodic}
+    summary |= {key: value for key, value in found.items() if value is not None}
+    if run.unused:
         messages().print(
-            f"initial values of no variable of the model, left out: {', '.join(stepped.unused)}",
+            f"initial values of no variable of the model, left out: {', '.join(run.unused)}",
             style="yellow",
         )
-        summary["initial_values_unused"] = list(stepped.unused)
-    if not stepped.periodic:
+        summary["initial_values_unused"] = list(run.unused)
+    if run.periodic is False:
         messages().print(
-            f"the last cycle still changed by {stepped.change:.2g} of the largest value: the "
+            f"the last cycle still changed by {run.change:.2g} of the largest value: the "
             "file's number_of_cardiac_cycles is too small for a periodic state", style="yellow"
         )  # fmt: skip
     return FlowOutput(summary, [file])

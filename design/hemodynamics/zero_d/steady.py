@@ -66,7 +66,7 @@ def solve_flow(
 
     The law is Poiseuille's, Δp = R Q, or that of the conditions' fluid and losses. Loops, tapers,
     several inlets and several parts are allowed. Inlets fed by a flow share one pressure. Branches
-    are eliminated in linear time, what loops remain node by node and by sparse factorisation. Mass
+    and chains are eliminated in linear time, what loops remain by sparse factorisation. Mass
     is conserved to rounding, relative to the flow through each node, however small the pressure
     differences are beside the pressures: what a solution leaves over at the nodes is solved for
     again and added to the flows themselves.

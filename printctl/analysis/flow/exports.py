@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from design.hemodynamics import write_svoned
-from design.hemodynamics.zero_d.svzerod import write_svzerod
+from design.hemodynamics.zero_d.svzerod_input import write_svzerod
 from design.network import VesselNetwork
 from printctl.analysis.flow.driven import Driven
 from printctl.analysis.flow.one_d import one_d_options

@@ -8,7 +8,6 @@ import pytest
 from design.errors import FlowError
 from design.hemodynamics import FlowConditions, flow_structure, solve_flow
 from design.hemodynamics.zero_d.nodal.conductance import structure_of
-from design.hemodynamics.zero_d.nodal.star_mesh import MOST
 from tests.design.hemodynamics.networks import VISCOSITY, network_of, random_tree
 
 
@@ -47,7 +46,7 @@ def test_a_graph_is_solved_as_dense_algebra_does(count: int, links: int, turned:
     fixed = np.arange(count) % 17 == 3
     injected, given = rng.normal(size=count), rng.normal(size=count)
     structure = structure_of(ends, fixed)
-    assert (len(structure.plan.left) > MOST) == (links == 3000)
+    assert (len(structure.plan.left) > 0) == (links > 0)
     system = structure.factorise(admittance, ground.astype(admittance.dtype))
     pressure, flow = system.balanced(np.where(fixed, 0.0, injected), given)
     wanted = _dense(ends, admittance, ground, fixed, injected, given)

@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import Any, Final
 
 from design.errors import FlowError
-from design.hemodynamics.zero_d.svzerod.keys import check_keys, number
+from design.hemodynamics.json_keys import check_keys, number
 
 TOP: Final = frozenset((
     "project_name", "write_results", "output_directory", "inlet_file", "blood", "solver",

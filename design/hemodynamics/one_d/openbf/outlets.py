@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from design.errors import FlowError
+from design.hemodynamics.json_keys import flag
 from design.hemodynamics.one_d.openbf.keys import OUTLET, quantity
 from design.hemodynamics.waveforms import Constant
 from design.hemodynamics.zero_d.pulsatile.conditions import (
@@ -14,7 +15,6 @@ from design.hemodynamics.zero_d.pulsatile.conditions import (
     PressureOutlet,
     WindkesselOutlet,
 )
-from design.hemodynamics.zero_d.svzerod.keys import flag
 
 _SI: Final = 1e-9
 """Pa·s/m³ to Pa·s/µL; m³/Pa to µL/Pa is its inverse."""

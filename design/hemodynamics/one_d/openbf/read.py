@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from design.errors import FlowError
+from design.hemodynamics.json_keys import entries, text, whole
 from design.hemodynamics.one_d.openbf.case import PLACES, QUANTITIES, OpenBFCase
 from design.hemodynamics.one_d.openbf.keys import (
     BLOOD,
@@ -28,7 +29,6 @@ from design.hemodynamics.one_d.options import OneDOptions
 from design.hemodynamics.probes import Probes
 from design.hemodynamics.waveforms import Tabulated
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
-from design.hemodynamics.zero_d.svzerod.keys import entries, text, whole
 from kernels.arrays import FloatArray
 
 _MARKS: Final = {"network", "blood", "solver"}

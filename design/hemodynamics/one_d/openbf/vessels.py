@@ -10,11 +10,11 @@ from typing import Any, Final
 import numpy as np
 
 from design.errors import FlowError
+from design.hemodynamics.json_keys import flag, text, whole
 from design.hemodynamics.one_d.openbf.keys import quantity
 from design.hemodynamics.one_d.openbf.outlets import VesselEnd, outlet_of, refuse_inner
 from design.hemodynamics.vessel.wall import VesselWalls
 from design.hemodynamics.zero_d.pulsatile.conditions import Outlet
-from design.hemodynamics.zero_d.svzerod.keys import flag, text, whole
 from design.network import VesselKind, VesselNetwork
 from kernels.arrays import FloatArray, IntArray
 

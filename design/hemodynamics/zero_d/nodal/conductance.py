@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from design.hemodynamics.zero_d.nodal.chains import Chains, chains_of
 from design.hemodynamics.zero_d.nodal.core import Core, factorise_core
 from design.hemodynamics.zero_d.nodal.elimination import (
     add_driven_sources,
@@ -25,7 +26,6 @@ from design.hemodynamics.zero_d.nodal.elimination import (
     largest_imbalance,
     unfold,
 )
-from design.hemodynamics.zero_d.nodal.star_mesh import StarMesh, star_mesh_of
 from kernels.arrays import FloatArray, IntArray
 
 Numbers = NDArray[Any]
@@ -56,7 +56,7 @@ class Structure:
         Unknowns that are left.
     links : (l,) int64
         Vessels between two of them.
-    plan : StarMesh
+    plan : Chains
         How these are eliminated.
     """
 
@@ -70,7 +70,7 @@ class Structure:
     beside: tuple[IntArray, IntArray, IntArray]
     core: IntArray
     links: IntArray
-    plan: StarMesh
+    plan: Chains
 
     def factorise(self, admittance: Numbers, ground: Numbers | None = None) -> NodalSystem:
         """Numbers put in: admittances of vessels (v,), µL/(s·Pa), and to ground of unknowns (s,).
@@ -183,7 +183,7 @@ def structure_of(ends: IntArray, fixed: NDArray[np.bool_]) -> Structure:
     links = unfolded[between & (first[unfolded] != last[unfolded])]
     number = np.zeros(len(fixed), dtype=np.int64)
     number[core] = np.arange(len(core))
-    plan = star_mesh_of(number[first[links]], number[last[links]], len(core))
+    plan = chains_of(number[first[links]], number[last[links]], len(core))
     beside = _beside(first, last, fixed)
     return Structure(first, last, fixed, order, by, onto, unfolded, beside, core, links, plan)
 

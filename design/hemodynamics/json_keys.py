@@ -1,4 +1,4 @@
-"""Checked access to the keys of svZeroDSolver's JSON input."""
+"""Checked access to the keys of parsed JSON and YAML input files."""
 
 from __future__ import annotations
 
@@ -7,10 +7,7 @@ import math
 from collections.abc import Mapping, Set
 from typing import Any
 
-import numpy as np
-
 from design.errors import FlowError
-from kernels.arrays import FloatArray
 
 
 def parse_json(text: str) -> Any:
@@ -19,11 +16,11 @@ def parse_json(text: str) -> Any:
     Raises
     ------
     FlowError
-        When it isn't JSON, is nested too deeply, or gives a key twice, of which one would be lost
-        (comments, whose keys begin with ``_``, may be).
+        When it isn't JSON, is nested too deeply, has an infinite number, or gives a key twice, of
+        which one would be lost (comments, whose keys begin with ``_``, may be).
     """
     try:
-        return json.loads(text, object_pairs_hook=_once)
+        return json.loads(text, object_pairs_hook=_once, parse_constant=_refuse)
     except FlowError:  # which is a ValueError too
         raise
     except (ValueError, RecursionError) as exc:
@@ -38,6 +35,10 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         if twice is not None:
             raise FlowError(f"the key {twice!r} stands twice in one object; leave one out")
     return data
+
+
+def _refuse(constant: str) -> None:
+    raise FlowError(f"{constant} isn't a number in JSON; write a finite one")
 
 
 def check_keys(data: Any, place: str, known: Set[str]) -> Mapping[str, Any]:
@@ -148,23 +149,6 @@ def flag(data: Mapping[str, Any], key: str, place: str, default: bool) -> bool:
     if not isinstance(value, bool):
         raise FlowError(f"{place}: {key} is {_short(value)}; write true or false")
     return value
-
-
-def numbers(data: Mapping[str, Any], key: str, place: str) -> FloatArray:
-    """Return the list of numbers under ``key``, (n,) float64; a single number is a list of one.
-
-    Raises
-    ------
-    FlowError
-        When it is missing, empty, or holds anything but finite numbers.
-    """
-    value = data.get(key)
-    listed = value if isinstance(value, list) else [value]
-    good = all(isinstance(v, int | float) and not isinstance(v, bool) for v in listed)
-    values = np.array(listed, dtype=np.float64) if good and listed else np.full(1, np.nan)
-    if not np.isfinite(values).all():
-        raise FlowError(f"{place}: {key} is {_short(value)}; write a list of numbers")
-    return values
 
 
 def _short(value: Any) -> str:
