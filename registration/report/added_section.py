@@ -7,8 +7,6 @@ from typing import Any
 
 from markupsafe import Markup
 
-from registration.report.scripts import Folders
-
 
 @dataclass(frozen=True, eq=False)
 class AddedSection:
@@ -18,8 +16,6 @@ class AddedSection:
     ----------
     context : dict
         What its template takes.
-    folders : tuple of (str, Path)
-        Its scripts.
     entry : str
         What starts them.
     style : Markup
@@ -27,6 +23,5 @@ class AddedSection:
     """
 
     context: dict[str, Any]
-    folders: Folders
     entry: str
     style: Markup

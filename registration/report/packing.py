@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import base64
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,62 @@ NO_DATA = 65_535
 def pack(values: NDArray[Any]) -> str:
     """Deflate and encode an array whose dtype is already the wanted one."""
     little = np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<"))
-    return base64.b64encode(zlib.compress(little.tobytes(), LEVEL)).decode("ascii")
+    return deflated(little.tobytes(), LEVEL)
+
+
+@dataclass(frozen=True)
+class Column:
+    """How a page keeps one column of numbers.
+
+    Attributes
+    ----------
+    name : str
+    kind : {"u1", "u2", "i2", "i4", "f4"}
+        Of the numbers kept. They are laid out byte by byte (all lowest bytes first), which deflates
+        to half.
+    step : float
+        A value is this times its number.
+    summed : bool
+        Whether differences from row to row are kept.
+    none : int or None
+        Number that stands for no value (NaN).
+    """
+
+    name: str
+    kind: str
+    step: float = 1.0
+    summed: bool = False
+    none: int | None = None
+
+
+def pack_columns(columns: Sequence[Column], values: Mapping[str, NDArray[Any]]) -> str:
+    """Deflate and encode columns of equal length, one after the other."""
+    return deflated(b"".join(_column_bytes(one, values[one.name]) for one in columns))
+
+
+def _column_bytes(column: Column, values: NDArray[Any]) -> bytes:
+    kind = np.dtype(f"<{column.kind}")
+    if kind.kind == "f":
+        return _planes(values.astype(kind))
+    limits = np.iinfo(kind)
+    whole = np.rint(np.asarray(values, np.float64) / column.step)
+    if column.none is not None:
+        known = np.clip(whole, limits.min, column.none - 1)
+        whole = np.where(np.isnan(whole), column.none, known)
+    whole = whole.astype(np.int64)
+    if column.summed:
+        whole = np.diff(whole, prepend=0)
+    return _planes(np.clip(whole, limits.min, limits.max).astype(kind))
+
+
+def _planes(values: NDArray[Any]) -> bytes:
+    size = values.dtype.itemsize
+    return np.ascontiguousarray(values.view(np.uint8).reshape(-1, size).T).tobytes()
+
+
+def deflated(data: bytes, level: int = 6) -> str:
+    """Deflate and encode bytes."""
+    return base64.b64encode(zlib.compress(data, level)).decode("ascii")
 
 
 def quantise(values: NDArray[np.float64]) -> tuple[NDArray[np.uint16], list[float], list[float]]:

@@ -114,8 +114,8 @@ def report_html(
     views: Views | None = None,
 ) -> str:
     """The text of the page; same input, same text (see `write_report_html`)."""
-    modules = import_map(play.folders if play else ())
     entries = f"{ENTRY} {play.entry}" if play else ENTRY
+    modules = import_map(entries)
     with ThreadPoolExecutor(1) as beside:  # deflates while figures are drawn
         shown = beside.submit(view_data, data, surfaces, network)
         drawn = all_figures(data, network, figures, views)

@@ -24,8 +24,13 @@ def scene(title: str, surfaces: Surfaces, network: dict[str, Any] | None) -> dic
         "title": title,
         "surfaces": pack_unpacked(surfaces),
         "network": network,
-        "colours": {"diverging": samples(True), "sequential": samples(False), "none": NO_DATA},
+        "colours": page_colours(),
     }
+
+
+def page_colours() -> dict[str, Any]:
+    """Colours of the scales of a view, and that of no value."""
+    return {"diverging": samples(True), "sequential": samples(False), "none": NO_DATA}
 
 
 def style() -> Markup:

@@ -29,16 +29,13 @@ from registration.report.comparison.sections import (
     vessel_table,
 )
 from registration.report.page_frame import environment, style
-from registration.report.scripts import content_policy, module_map
+from registration.report.scripts import content_policy, import_map
 from registration.report.svg import inline_figure
 from registration.report.wording import number
 
 Drawn = Mapping[str, tuple[str, bytes]]
 """Name to caption and drawing (SVG)."""
-_ENTRY: Final = (
-    'import { startTheme } from "report/theme"; import { startTables } from "report/tables"; '
-    'startTheme(); startTables(); document.documentElement.dataset.state = "ready";'
-)
+_ENTRY: Final = 'import { startPage } from "viewer/page"; startPage();'
 
 
 def write_comparison_html(
@@ -74,7 +71,7 @@ def comparison_html(
     comparison: Comparison, title: str, notes: Sequence[str] = (), drawn: Drawn | None = None
 ) -> str:
     """The text of the page; same input, same text."""
-    modules = module_map(("framed", "tables", "theme"))
+    modules = import_map(_ENTRY)
     drawn = comparison_figures(comparison) if drawn is None else drawn
     context = {
         "title": title,

@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 from design.files import write_text
 from registration.gcode_job import Act, GcodeJob, layer_sums
 from registration.report.errors import ReportError
-from registration.report.gcode.chunks import PackedPieces, pack_job
+from registration.report.gcode.chunks import COLUMNS, PackedPieces, pack_job
 from registration.report.gcode.colouring import PLAIN, colourings
 from registration.report.gcode.outline_pack import MAX_POINTS, PackedOutlines, pack_outlines
 from registration.report.gcode.part_outline import DesignOutline
-from registration.report.page_frame import environment, style
-from registration.report.picture.colours import NO_DATA, samples
-from registration.report.scripts import content_policy, module_map
+from registration.report.page_frame import environment, page_colours, style
+from registration.report.scripts import content_policy, import_map
 from registration.report.wording import number
 
 MAX_MOVES: Final = 12_000_000
@@ -29,7 +28,7 @@ MAX_TEXT_BYTES: Final = 120_000_000
 """Of a file whose lines go into the page; of a larger one only their numbers do."""
 
 GCODE_STATIC: Final = Path(__file__).parent / "static"
-"""The page's scripts, some of which `registration.report.play` takes too."""
+"""The page's script and style sheet, which `registration.report.play` takes too."""
 _ENTRY: Final = 'import "gcode/main";'
 
 
@@ -81,7 +80,7 @@ def write_gcode_html(
     with_text = len(job.text) <= MAX_TEXT_BYTES
     packed = pack_job(job, with_text)
     drawn = None if outlines is None else pack_outlines(outlines)
-    modules = module_map(("framed", "theme", "unpack"), "gcode", GCODE_STATIC)
+    modules = import_map(_ENTRY)
     context = {
         "title": job.name,
         "facts": _facts(job),
@@ -119,8 +118,8 @@ def _view(job: GcodeJob, packed: PackedPieces, page: GcodePage) -> dict[str, Any
         "low": _values(ends.min(axis=0) - half),
         "high": _values(ends.max(axis=0) + half),
         "colourings": [asdict(each) for each in [*colourings(job), PLAIN]],
-        "scale": samples(False),
-        "none": NO_DATA,
+        "colours": page_colours(),
+        "columns": [asdict(one) for one in COLUMNS],
         "kinds": list(job.kinds),
         "vessels": job.vessel is not None,
         "first": {"layer": page.layer, "colour": page.colour},

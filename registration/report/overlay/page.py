@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from design.files import write_text
 from registration.report.page_frame import environment, style
-from registration.report.scripts import content_policy, module_map
+from registration.report.scripts import content_policy, import_map
 from registration.report.wording import MISSING, fixed, number
 
 _STATIC: Final = Path(__file__).parent / "static"
@@ -69,7 +69,7 @@ def write_overlay_html(
         When the file can't be written.
     """
     kept = _chosen(layers, pictures)
-    modules = module_map(("framed", "tables", "theme"), "overlay", _STATIC)
+    modules = import_map(_ENTRY)
     context = {
         "page": page,
         "style": style(),

@@ -12,7 +12,7 @@ from registration.gcode_job import Act
 from registration.report.page_frame import environment, style
 from registration.report.play.playback import Playback
 from registration.report.play.section import clock, play_section
-from registration.report.scripts import content_policy, module_map
+from registration.report.scripts import content_policy, import_map
 from registration.report.wording import number
 
 
@@ -32,7 +32,7 @@ def write_play_html(path: Path, played: Playback, title: str) -> None:
         When the file can't be written.
     """
     section = play_section(played)
-    modules = module_map(("framed", "theme", "unpack"), more=section.folders)
+    modules = import_map(section.entry)
     context = {
         "title": title,
         "facts": _facts(played),

@@ -4,18 +4,23 @@
 //   view.update({ executed: 1200, acknowledged: 1230, position: [10.2, 4.1, 0.3] });
 //
 // `executed` and `acknowledged` count commands of the file as the link does. Only what was executed
-// is drawn as written. `mends` are lines that were put in (`mends.js`). With `job`, events that name another one are left out. Without `live` or `source` the whole job is drawn as planned.
-import { Feed } from "./feed.js";
-import { Mends } from "./mends.js";
-import { Needle } from "./needle.js";
-import { Panel, element, listenToKeys } from "./panel.js";
-import { SceneProblem, loadScene, movesAhead, movesDone, placeOf } from "./scene.js";
+// is drawn as written. `mends` are lines that were put in: { look, written, strokes: [[[x, y, z], ...],
+// ...] }. With `job`, events that name another one are left out. Without `live` or `source` the whole
+// job is drawn as planned.
+import { make, onTheme, short, startViewKeys } from "viewer/page";
+import {
+  COLUMN, SceneProblem, WIDE, colourings, loadScene, movesAhead, movesDone, placeOf, scaleOf,
+} from "live/scene";
 
 // While a print goes on, between two places of the needle, two pictures and two sentences. A picture
 // costs a browser without a graphics card ten times what the needle does: there it comes half as often.
 const LEAST_MS = { needle: 200, picture: 500, words: 1000 };
 const SOFTWARE_PICTURE_MS = 1000;
 const AHEAD_S = 10; // what comes next
+const FEED_WAIT_MS = { first: 500, longest: 10000 };
+const SHAFT_MM = 14;
+const ZOOM = 1.3;
+const VIEWS = { Oblique: "Fit", Top: "Top", Front: "Front", Side: "Side" };
 const HELP = "Picture of the print. Arrow keys turn it, with Shift they move it, plus and minus zoom, "
   + "F fits it, 1, 2 and 3 look from the top, the front and the side.";
 
@@ -25,16 +30,184 @@ export async function liveView(host, options) {
   return view;
 }
 
+// What the server reports of the print, over its WebSocket; comes back by itself when it was lost.
+// onPrint gets each print event; onState gets true or false as the line stands.
+class Feed {
+  constructor(source, onPrint, onState) {
+    const url = new URL(source, document.baseURI);
+    url.protocol = url.protocol.replace(/^http/, "ws");
+    Object.assign(this, { url, onPrint, onState, wait: FEED_WAIT_MS.first });
+    this.open();
+  }
+
+  open() {
+    this.socket = new WebSocket(this.url);
+    this.socket.addEventListener("open", () => {
+      this.wait = FEED_WAIT_MS.first;
+      this.onState(true);
+    });
+    this.socket.addEventListener("message", ({ data }) => {
+      const message = JSON.parse(data);
+      if (message?.event === "print") this.onPrint(message);
+    });
+    this.socket.addEventListener("close", () => {
+      if (this.closed) return;
+      this.onState(false);
+      this.timer = setTimeout(() => this.open(), this.wait);
+      this.wait = Math.min(2 * this.wait, FEED_WAIT_MS.longest);
+    });
+  }
+
+  close() {
+    this.closed = true;
+    clearTimeout(this.timer);
+    this.socket.close();
+  }
+}
+
+// The needle, over the picture: moving it draws nothing of the job again.
+class Needle {
+  constructor(element) {
+    this.lines = ["live-halo", "live-shaft"].map((name) => make("svg:line", { class: name }));
+    this.svg = make("svg:svg", { class: "live-needle", "aria-hidden": "true" },
+      ...this.lines, make("svg:circle", { class: "live-tip", r: "4.5" }));
+    element.append(this.svg);
+  }
+
+  // The projection is parallel: as long as nobody turns the view, the needle keeps its shape and is
+  // only shifted, for which the browser paints nothing again.
+  draw(painter) {
+    this.svg.style.display = this.place ? "" : "none";
+    if (!this.place) return;
+    const [x, y] = painter.project(this.place);
+    const [a, b] = painter.project([this.place[0], this.place[1], this.place[2] + SHAFT_MM]);
+    const shape = [(a - x).toFixed(1), (b - y).toFixed(1)];
+    if (`${shape}` !== this.shape) {
+      this.shape = `${shape}`;
+      for (const line of this.lines) [0, 1].forEach((k) => line.setAttribute(["x2", "y2"][k], shape[k]));
+    }
+    const at = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
+    if (this.svg.style.transform !== at) this.svg.style.transform = at;
+  }
+}
+
+// What an observer had written again, over the picture: lines of their own, however the job is
+// coloured. Drawn through where they lie; dashed until they are executed.
+class Mends {
+  constructor(element) {
+    this.svg = make("svg:svg", { class: "live-mends", "aria-hidden": "true" });
+    this.shown = [];
+    this.words = "";
+    element.append(this.svg);
+  }
+
+  take(mends) {
+    this.shown = mends.flatMap(({ written, strokes }) => strokes.map((places) => ({
+      places,
+      lines: ["live-mend-halo", written ? "live-mend" : "live-mend live-mend-ahead"]
+        .map((name) => make("svg:polyline", { class: name })),
+    })));
+    this.svg.replaceChildren(...this.shown.flatMap(({ lines }) => lines));
+    const written = mends.filter((one) => one.written).length;
+    const count = written === 1 ? "1 mend" : `${written} mends`;
+    this.words = mends.length ? ` ${count} written (violet).` : "";
+  }
+
+  draw(painter) {
+    for (const { places, lines } of this.shown) {
+      const points = places.map((place) => painter.project(place)
+        .map((px) => px.toFixed(1)).join(",")).join(" ");
+      for (const line of lines) {
+        if (line.getAttribute("points") !== points) line.setAttribute("points", points);
+      }
+    }
+  }
+}
+
+// Buttons, choices, the slider over layers, and the line of words below the picture.
+class Panel {
+  constructor(view, flat) {
+    this.view = view;
+    const { about } = view.scene;
+    const looks = Object.entries(VIEWS).slice(0, flat ? 1 : undefined).map(([look, text]) =>
+      button(text, look === "Oblique" ? "Fit the job" : `From the ${text.toLowerCase()}`,
+        () => view.painter.look(look)));
+    this.rest = tick("still to come", view.state.rest, (on) => view.choose({ rest: on }));
+    this.bar = make("div", { className: "live-bar", role: "group", "aria-label": "View" }, ...looks,
+      button("+", "Nearer", () => view.painter.zoom(ZOOM)),
+      button("\u2212", "Farther", () => view.painter.zoom(1 / ZOOM)),
+      ...this.colours(about), this.rest,
+      tick("travels", view.state.travels, (on) => view.choose({ travels: on })));
+    this.words = make("p", { className: "live-words" });
+    this.foot = make("div", { className: "live-foot" }, ...this.layers(about), this.words);
+  }
+
+  colours(about) {
+    const known = colourings(about);
+    if (known.length < 2) return [];
+    const select = make("select", {}, ...known.map(([key, name]) => new Option(name, key)));
+    select.addEventListener("change", () => this.view.choose({ by: select.value }));
+    return [make("label", { className: "live-tick" }, "colour by ", select)];
+  }
+
+  layers({ layers, passes }) {
+    if (layers.length < 2) return [];
+    const noun = passes ? "pass" : "layer";
+    this.ends = ["First", "Last"].map((which, k) => {
+      const range = make("input", {
+        type: "range", min: 1, max: layers.length, step: 1, value: k ? layers.length : 1,
+        "aria-label": `${which} ${noun} shown`,
+      });
+      range.addEventListener("input", () => this.slide(k));
+      return range;
+    });
+    this.range = make("span", { className: "live-range" });
+    this.nameRange();
+    const label = passes ? "Passes shown" : "Layers shown";
+    return [make("div", { className: "live-layers", role: "group", "aria-label": label },
+      ...this.ends, this.range)];
+  }
+
+  slide(moved) {
+    const [first, last] = this.ends.map((end) => Number(end.value));
+    if (first > last) this.ends[1 - moved].value = this.ends[moved].value;
+    this.view.choose({ layers: this.ends.map((end) => Number(end.value) - 1) });
+    this.nameRange();
+  }
+
+  nameRange() {
+    const [first, last] = this.ends.map((end) => Number(end.value));
+    const { layers, passes } = this.view.scene.about;
+    const height = passes ? "" : `, z ${layers[first - 1]} to ${layers[last - 1]} mm`;
+    this.range.textContent =
+      `${passes ? "passes" : "layers"} ${first} to ${last} of ${layers.length}${height}`;
+  }
+
+  write(text) {
+    if (this.words.textContent !== text) this.words.textContent = text;
+  }
+}
+
+function button(text, label, action) {
+  const given = { type: "button", className: "live-button", title: label, "aria-label": label };
+  const found = make("button", given, text);
+  found.addEventListener("click", action);
+  return found;
+}
+
+function tick(text, on, action) {
+  const box = make("input", { type: "checkbox", checked: on });
+  box.addEventListener("change", () => action(box.checked));
+  return make("label", { className: "live-tick" }, box, text);
+}
+
 class LiveView {
   constructor(host, options) {
     this.options = { ahead: AHEAD_S, plain: false, ...options };
     this.live = Boolean(options.live || options.source);
-    this.root = element("div", "live-view");
-    this.stage = element("div", "live-stage");
-    this.message = element("p", "live-message", "Reading the job \u2026");
-    this.message.setAttribute("role", "status");
-    this.stage.append(this.message);
-    this.root.append(this.stage);
+    this.message = make("p", { className: "live-message", role: "status" }, "Reading the job \u2026");
+    this.stage = make("div", { className: "live-stage" }, this.message);
+    this.root = make("div", { className: "live-view" }, this.stage);
     host.replaceChildren(this.root);
     this.status = { executed: 0, acknowledged: 0, position: null };
     this.least = { ...LEAST_MS };
@@ -63,11 +236,12 @@ class LiveView {
       this.mends.draw(painter);
       this.needle.draw(painter);
     };
-    if (drawer === null) {
-      const { FlatPainter } = await import("./flat_painter.js");
+    this.flat = drawer === null;
+    if (this.flat) {
+      const { FlatPainter } = await import("live/flat_painter");
       return new FlatPainter(this.stage, { onView });
     }
-    const { GlPainter } = await import("./gl_painter.js");
+    const { GlPainter } = await import("live/gl_painter");
     const software = /swiftshader|llvmpipe|software|basic render/i.test(drawer);
     if (software) this.least.picture = SOFTWARE_PICTURE_MS;
     return new GlPainter(this.stage, { software, onView });
@@ -77,81 +251,70 @@ class LiveView {
     const { about, moves } = this.scene;
     this.state = {
       written: this.live ? 0 : moves, next: this.live ? 0 : moves,
-      layers: [0, about.layers.length], by: about.passes ? "vessel" : "layer",
-      rest: true, travels: false,
+      layers: [0, about.layers.length], rest: true, travels: false,
+      by: about.passes && about.vessels > 1 ? "vessel" : "layer",
     };
-    if (about.passes && about.vessels < 2) this.state.by = "layer";
+    this.state.scale = scaleOf(this.state.by, about);
     this.painter.take(this.scene);
     this.painter.onDone = () => this.complete();
-    this.flat = !this.painter.stage;
     this.mends = new Mends(this.stage);
     this.needle = new Needle(this.stage);
     this.panel = new Panel(this, this.flat);
     this.root.prepend(this.panel.bar);
     this.root.append(this.panel.foot);
-    if (!this.live) this.panel.rest.hidden = true;
+    this.panel.rest.hidden = !this.live;
     this.message.remove();
-    this.makeOperable();
-    this.watchTheme();
+    this.startKeys();
+    // The page's theme may change while the view is open.
+    this.endTheme = onTheme(() => this.painter.show(this.state));
     if (this.live) this.follow();
     this.speak();
     this.painter.show(this.state);
     this.painter.fit();
     if (this.options.source) {
-      this.feed = new Feed(this.options.source, (said) => this.hear(said), (on) => this.line(on));
+      this.feed = new Feed(this.options.source, (message) => this.hear(message), (on) => this.line(on));
     }
   }
 
-  makeOperable() {
-    Object.assign(this.stage, { tabIndex: 0 });
+  startKeys() {
+    this.stage.tabIndex = 0;
     this.stage.setAttribute("role", "application");
     this.stage.setAttribute("aria-label", HELP);
-    listenToKeys(this.stage, this);
-    this.stage.addEventListener("pointerdown", () => this.painter.hold(true));
-    this.stage.addEventListener("blur", () => this.painter.hold(false));
-  }
-
-  // The page's theme may change while the view is open.
-  watchTheme() {
-    const again = () => this.painter.show(this.state);
-    this.themes = new MutationObserver(again);
-    for (const one of [document.documentElement, document.body]) {
-      this.themes.observe(one, { attributes: true, attributeFilter: ["class", "data-theme"] });
-    }
-    this.dark = window.matchMedia("(prefers-color-scheme: dark)");
-    this.again = again;
-    this.dark.addEventListener("change", again);
+    const look = (name) => () => this.painter.look(name);
+    startViewKeys(this.stage, this.painter, {
+      f: look("Oblique"), Home: look("Oblique"), 1: look("Top"), 2: look("Front"), 3: look("Side"),
+    });
   }
 
   complete() {
     this.root.dataset.drawn = String(Number(this.root.dataset.drawn ?? 0) + 1);
-    if (this.whole) return;
+    if (!this.whole) performance.mark("live-view:drawn");
     this.whole = true;
-    performance.mark("live-view:drawn");
   }
 
   choose(change) {
     Object.assign(this.state, change);
+    this.state.scale = scaleOf(this.state.by, this.scene.about);
     this.painter.show(this.state);
   }
 
   // News of another job's print aren't this one's.
-  hear(said) {
+  hear(message) {
     const { job } = this.options;
-    if (!job || said.job === undefined || said.job === job) this.update(said);
+    if (!job || message.job === undefined || message.job === job) this.update(message);
   }
 
   // Takes this view's own names, or a print event as the server sends it.
-  update(said) {
+  update(news) {
     const taken = {
-      executed: said.executed ?? fileCount(said.lines_executed, said.inserted),
-      acknowledged: said.acknowledged ?? fileCount(said.lines_done, said.inserted),
-      position: said.position ?? said.position_mm,
+      executed: news.executed ?? fileCount(news.lines_executed, news.inserted),
+      acknowledged: news.acknowledged ?? fileCount(news.lines_done, news.inserted),
+      position: news.position ?? news.position_mm,
+      mends: news.mends,
     };
     for (const [name, value] of Object.entries(taken)) {
       if (value !== undefined && value !== null) this.status[name] = value;
     }
-    if (said.mends) this.status.mends = said.mends;
     this.live = true;
     if (this.timer || !this.panel) return;
     const wait = Math.max(this.last.needle + this.least.needle - performance.now(), 0);
@@ -167,7 +330,11 @@ class LiveView {
     if (this.isDue("picture")) this.painter.advance(this.state);
     if (this.isDue("words")) this.speak();
     clearTimeout(this.late);
-    this.late = setTimeout(() => this.settle(), this.least.words);
+    // The last news of all, when none come after it.
+    this.late = setTimeout(() => {
+      this.painter.advance(this.state);
+      this.speak();
+    }, this.least.words);
   }
 
   isDue(what) {
@@ -177,25 +344,17 @@ class LiveView {
     return true;
   }
 
-  // The last news of all, when none come after it.
-  settle() {
-    this.painter.advance(this.state);
-    this.speak();
-  }
-
   follow() {
-    const { executed, acknowledged, position } = this.status;
-    this.state.written = movesDone(this.scene, executed);
+    const { executed, acknowledged, position, mends } = this.status;
+    const written = movesDone(this.scene, executed);
+    this.state.written = written;
     this.state.next = Math.max(
-      movesDone(this.scene, acknowledged), movesAhead(this.scene, this.state.written, this.options.ahead),
-    );
-    const last = this.state.written ? placeOf(this.scene, this.state.written) : null;
-    this.needle.moveTo(position ?? last);
-    if (this.status.mends !== this.mended) {
-      this.mended = this.status.mends;
-      this.mends.take(this.mended);
-      this.mends.draw(this.painter);
-    }
+      movesDone(this.scene, acknowledged), movesAhead(this.scene, written, this.options.ahead));
+    this.needle.place = position ?? (written ? placeOf(this.scene, written) : null);
+    if (mends === this.mended) return;
+    this.mended = mends;
+    this.mends.take(mends);
+    this.mends.draw(this.painter);
   }
 
   line(on) {
@@ -206,31 +365,28 @@ class LiveView {
 
   speak() {
     const { about, points } = this.scene;
-    const count = (value) => value.toLocaleString("en").replaceAll(",", "\u202f");
     if (!this.live) {
-      this.panel.say(`${about.name}: the job as planned, ${count(about.commands)} commands.`);
+      this.panel.write(`${about.name}: the job as planned, ${short(about.commands)} commands.`);
       return;
     }
-    const { executed } = this.status;
-    this.root.dataset.written = this.state.written;
-    const layer = points[8 * this.state.written + 3] + 1;
-    const noun = about.passes ? "pass" : "layer";
-    this.panel.say(`${this.lost ?? ""}${noun} ${layer} of ${about.layers.length}, `
-      + `${count(executed)} of ${count(about.commands)} commands executed.${this.mends.said}`);
+    const { written } = this.state;
+    this.root.dataset.written = written;
+    const layer = points[WIDE * written + COLUMN.layer] + 1;
+    this.panel.write(`${this.lost ?? ""}${about.passes ? "pass" : "layer"} ${layer} of `
+      + `${about.layers.length}, ${short(this.status.executed)} of ${short(about.commands)} commands `
+      + `executed.${this.mends.words}`);
   }
 
   dispose() {
     clearTimeout(this.timer);
     clearTimeout(this.late);
     this.feed?.close();
-    this.themes?.disconnect();
-    this.dark?.removeEventListener("change", this.again);
+    this.endTheme?.();
     this.painter?.dispose();
     this.root.remove();
   }
 }
 
-// What draws WebGL 2 here; null for nothing.
 // How many of a job's lines are the file's own: an observer may have inserted some.
 function fileCount(done, inserted) {
   if (done === undefined || done === null) return done;
@@ -238,14 +394,15 @@ function fileCount(done, inserted) {
   return (inserted ?? []).reduce((left, one) => left - before(one), done);
 }
 
+// What draws WebGL 2 here; null for nothing.
 function webGlDrawer() {
   try {
     const pen = document.createElement("canvas").getContext("webgl2");
     if (!pen) return null;
     const names = pen.getExtension("WEBGL_debug_renderer_info");
-    const said = pen.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : pen.RENDERER);
+    const drawer = pen.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : pen.RENDERER);
     pen.getExtension("WEBGL_lose_context")?.loseContext();
-    return String(said);
+    return String(drawer);
   } catch {
     return null;
   }

@@ -1,13 +1,11 @@
 // Surfaces: coloured where they carry a number, a translucent shell where they don't.
 import * as THREE from "three";
-import { Scale } from "report/scale";
-import { unpackSurface } from "report/unpack";
+import { Scale } from "viewer/scale";
+import { unpackSurface } from "viewer/unpack";
 
-const MOST_FACES_WITH_EDGES = 60000;
-const MOST_FACES_WITH_CREASES = 150000;
-const CREASE = 0.8;
-const FACE_ON = 0.07;
-const GRAZING = 0.38;
+const MAX_FACES = { edges: 60000, creases: 150000 };
+const CREASE_COS = 0.8;
+const SHELL = { colour: 0x8b949c, faceOn: 0.07, grazing: 0.38, edges: 0.45 };
 
 export async function makeSurface(data, colours) {
   const { positions, faces, values } = await unpackSurface(data);
@@ -15,24 +13,29 @@ export async function makeSurface(data, colours) {
   geometry.setAttribute("position", new THREE.BufferAttribute(positions, 3));
   geometry.setIndex(new THREE.BufferAttribute(faces, 1));
   const surface = { data, values, scale: null, group: new THREE.Group() };
-  surface.mesh = values ? coloured(geometry, surface, colours) : setting(geometry, surface);
+  surface.mesh = values ? coloured(geometry, surface, colours) : shell(geometry, surface);
   surface.group.add(surface.mesh);
   return surface;
 }
 
 function coloured(geometry, surface, colours) {
   const [low, high] = surface.data.limits;
-  const scale = low < 0 && high > 0 ? "diverging" : "linear";
-  surface.scale = new Scale({ ...surface.data, scale }, colours);
-  geometry.setAttribute("color", vertexColours(surface.values, surface.scale));
+  const kind = { scale: low < 0 && high > 0 ? "diverging" : "linear", labels: [] };
+  surface.scale = new Scale({ ...surface.data, ...kind }, colours);
+  const [array, colour] = [new Float32Array(3 * surface.values.length), new THREE.Color()];
+  surface.values.forEach((value, i) => {
+    const [r, g, b] = surface.scale.rgb(value).map((part) => part / 255);
+    colour.setRGB(r, g, b, THREE.SRGBColorSpace).toArray(array, 3 * i);
+  });
+  geometry.setAttribute("color", new THREE.BufferAttribute(array, 3));
   geometry.computeVertexNormals();
   const material = new THREE.MeshLambertMaterial({ vertexColors: true, side: THREE.DoubleSide });
   return new THREE.Mesh(geometry, material);
 }
 
-function setting(geometry, surface) {
+function shell(geometry, surface) {
   const material = new THREE.MeshLambertMaterial({
-    color: 0x8b949c, transparent: true, depthWrite: false, side: THREE.DoubleSide,
+    color: SHELL.colour, transparent: true, depthWrite: false, side: THREE.DoubleSide,
   });
   // A shell seen edge-on holds back more light than one seen face-on.
   surface.strength = { value: 1 };
@@ -42,23 +45,18 @@ function setting(geometry, surface) {
       .replace("#include <common>", "#include <common>\nuniform float strength;")
       .replace("#include <opaque_fragment>", `
         float slant = 1.0 - abs(normal.z);
-        diffuseColor.a = strength * (${FACE_ON} + ${GRAZING} * slant * slant * slant);
+        diffuseColor.a = strength * (${SHELL.faceOn} + ${SHELL.grazing} * slant * slant * slant);
         #include <opaque_fragment>`);
   };
-  if (surface.data.face_count <= MOST_FACES_WITH_EDGES) {
-    const line = new THREE.LineBasicMaterial({ color: 0x8b949c, transparent: true, opacity: 0.45 });
-    surface.edges = line;
-    surface.group.add(new THREE.LineSegments(new THREE.EdgesGeometry(geometry, 40), line));
+  const faceCount = surface.data.face_count;
+  if (faceCount <= MAX_FACES.edges) {
+    surface.edges = new THREE.LineBasicMaterial(
+      { color: SHELL.colour, transparent: true, opacity: SHELL.edges });
+    surface.group.add(new THREE.LineSegments(new THREE.EdgesGeometry(geometry, 40), surface.edges));
   }
-  const mesh = new THREE.Mesh(withNormals(geometry, surface.data.face_count), material);
-  mesh.renderOrder = 2;
-  return mesh;
-}
-
-function withNormals(geometry, faceCount) {
-  if (faceCount <= MOST_FACES_WITH_CREASES) return creased(geometry);
-  geometry.computeVertexNormals();
-  return geometry;
+  if (faceCount > MAX_FACES.creases) geometry.computeVertexNormals();
+  const shape = faceCount > MAX_FACES.creases ? geometry : creased(geometry);
+  return Object.assign(new THREE.Mesh(shape, material), { renderOrder: 2 });
 }
 
 // A copy whose corners have normals of their own: smooth, but across creases. The sum over the
@@ -80,7 +78,7 @@ function creased(geometry) {
     c.set(0, 0, 0);
     for (const f of around[index[i]]) {
       b.fromArray(across, 3 * f);
-      if (a.dot(b) > CREASE * a.length() * b.length()) c.add(b);
+      if (a.dot(b) > CREASE_COS * a.length() * b.length()) c.add(b);
     }
     (c.lengthSq() > 0 ? c : c.copy(a)).normalize().toArray(normals, 3 * i);
   }
@@ -88,32 +86,21 @@ function creased(geometry) {
   return flat;
 }
 
-function vertexColours(values, scale) {
-  const array = new Float32Array(3 * values.length);
-  const colour = new THREE.Color();
-  for (let i = 0; i < values.length; i++) scale.colour(values[i], colour).toArray(array, 3 * i);
-  return new THREE.BufferAttribute(array, 3);
-}
-
-export function setOpacity(surface, opacity) {
-  if (!surface.values) {
-    surface.strength.value = opacity;
-    if (surface.edges) surface.edges.opacity = 0.45 * opacity;
+export function setOpacity({ values, strength, edges, mesh: { material } }, opacity) {
+  if (!values) {
+    strength.value = opacity;
+    if (edges) edges.opacity = SHELL.edges * opacity;
     return;
   }
-  surface.mesh.material.transparent = opacity < 1;
-  surface.mesh.material.opacity = opacity;
-  surface.mesh.material.depthWrite = opacity === 1;
-  surface.mesh.material.needsUpdate = true;
+  Object.assign(material, {
+    transparent: opacity < 1, opacity, depthWrite: opacity === 1, needsUpdate: true,
+  });
 }
 
 // The scalar under a ray's hit, interpolated in its triangle.
-export function valueAt(surface, hit) {
-  const { a, b, c } = hit.face;
-  const place = surface.mesh.geometry.attributes.position;
+export function valueAt({ mesh, values }, { face: { a, b, c }, point }) {
+  const place = mesh.geometry.attributes.position;
   const corners = [a, b, c].map((i) => new THREE.Vector3().fromBufferAttribute(place, i));
-  const weight = THREE.Triangle.getBarycoord(hit.point, ...corners, new THREE.Vector3());
-  if (!weight) return NaN;
-  const [x, y, z] = [a, b, c].map((i) => surface.values[i]);
-  return x * weight.x + y * weight.y + z * weight.z;
+  const weight = THREE.Triangle.getBarycoord(point, ...corners, new THREE.Vector3());
+  return weight ? values[a] * weight.x + values[b] * weight.y + values[c] * weight.z : NaN;
 }
