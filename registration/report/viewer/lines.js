@@ -134,20 +134,21 @@ export class LinePainter {
     }
   }
 
-  // Moves that `fits(i)` as strokes; `pen(i, wide)` gives [colour, width in pixels].
-  strokes(rows, first, last, fits, pen, { alpha = 1, dashes = [] } = {}) {
+  // Moves that `fits(i)` as strokes; `penOf(i, wide)` gives { hue, width } in pixels, one object as long
+  // as it is the same.
+  strokes(rows, first, last, fits, penOf, { alpha = 1, dashes = [] } = {}) {
     const { context } = this;
     context.globalAlpha = alpha;
     context.setLineDash(dashes);
     context.beginPath();
-    let [at, hue, width] = [-2, "", -1];
+    let [at, pen] = [-2, null];
     this.each(rows, first, last, fits, (i, u0, v0, u1, v1, wide) => {
-      const [nowHue, nowWidth] = pen(i, wide);
-      if (nowHue !== hue || nowWidth !== width) {
+      const now = penOf(i, wide);
+      if (now !== pen) {
         context.stroke();
         context.beginPath();
-        [hue, width, at] = [nowHue, nowWidth, -2];
-        Object.assign(context, { strokeStyle: hue, lineWidth: width });
+        [pen, at] = [now, -2];
+        Object.assign(context, { strokeStyle: pen.hue, lineWidth: pen.width });
       }
       if (at !== i - 1) context.moveTo(u0, v0);
       context.lineTo(u1, v1);
@@ -160,16 +161,20 @@ export class LinePainter {
 
   // The needle's path along written lines as a hairline; with `width` null as wide as the lines.
   hairs(rows, first, last, colour, width, alpha) {
-    this.strokes(rows, first, last, (i) => rows.act[i] === ACT.WRITE,
-      (_, wide) => [colour, width ?? Math.max(wide, HAIR_PX)], { alpha });
+    let pen = { hue: colour, width };
+    this.strokes(rows, first, last, (i) => rows.act[i] === ACT.WRITE, (_, wide) => {
+      const now = width ?? Math.max(wide, HAIR_PX);
+      if (now !== pen.width) pen = { hue: colour, width: now };
+      return pen;
+    }, { alpha });
   }
 
   travels(rows, first, last) {
-    const { way, lifted } = this.theme;
     const act = (i) => rows.act[i];
-    this.strokes(rows, first, last, (i) => act(i) === ACT.TRAVEL, () => [way, 1], { alpha: 0.9 });
+    const [way, lifted] = ["way", "lifted"].map((name) => ({ hue: this.theme[name], width: 1 }));
+    this.strokes(rows, first, last, (i) => act(i) === ACT.TRAVEL, () => way, { alpha: 0.9 });
     this.strokes(rows, first, last, (i) => act(i) === ACT.LIFTED || act(i) === ACT.WIPE,
-      () => [lifted, 1], { alpha: 0.9, dashes: [5, 4] });
+      () => lifted, { alpha: 0.9, dashes: [5, 4] });
   }
 
   circle(u, v, radius, { fill = null, stroke = null, width = 1.5 }) {

@@ -9,6 +9,7 @@ import { COLUMN, HUES, TEXELS, USUAL_UM, WIDE, painted } from "live/scene";
 const SLICE_MS = 30;
 const BLOCK = 512; // moves between two looks at the clock
 const LEAST_MM = 0.5; // of a job that is fitted
+const SAME_PX = 0.25; // widths that are drawn as one
 const MAX_ON_TOP = 32768; // moves that are drawn over the picture at once
 
 export class FlatPainter extends FlatView {
@@ -27,8 +28,9 @@ export class FlatPainter extends FlatView {
     this.rows = { n: moves + 1 };
     for (const [name, k] of Object.entries(COLUMN)) {
       const [low, step] = [about.low_mm[k] ?? 0, about.step_mm[k] ?? 1];
-      this.rows[name] = Float32Array.from({ length: moves + 1 },
-        (_, i) => low + step * points[WIDE * i + k]);
+      const column = new Float32Array(moves + 1);
+      for (let i = 0; i <= moves; i++) column[i] = low + step * points[WIDE * i + k];
+      this.rows[name] = column;
     }
     this.rows.width = this.rows.width.map((um) => (um || USUAL_UM) / 1000);
     const places = [about.written_low_mm, about.written_high_mm, ...about.outlines.flat()];
@@ -85,15 +87,20 @@ export class FlatPainter extends FlatView {
 
   // Strokes moves from 0; a move is the row after it.
   stroke(look, first, last) {
-    const { rows, hueOf, state: { layers: [low, high], by, scale } } = this;
+    const { hueOf, state: { layers: [low, high], by, scale }, rows: { act, layer, [by]: value } } = this;
     const travels = look === "way";
-    const fits = (i) => (rows.act[i] === ACT.WRITE) !== travels && rows.act[i] !== ACT.JUMP
-      && rows.layer[i] >= low && rows.layer[i] <= high;
-    const pen = look === "solid"
-      ? (i, wide) => [hueOf[scale.bin(rows[by][i], TEXELS)], Math.max(Math.round(4 * wide) / 4, 1.2)]
-      : () => [this.named[look], look === "next" ? 2 : 1];
+    const fits = (i) => (act[i] === ACT.WRITE) !== travels && act[i] !== ACT.JUMP
+      && layer[i] >= low && layer[i] <= high;
+    // One pen as long as it is the same: moves alike are stroked together.
+    let pen = { value: NaN, wide: NaN, hue: this.named[look], width: look === "next" ? 2 : 1 };
+    const penOf = look !== "solid" ? () => pen : (i, wide) => {
+      if (value[i] === pen.value && Math.abs(wide - pen.wide) < SAME_PX) return pen;
+      const hue = hueOf[scale.bin(value[i], TEXELS)];
+      pen = { value: value[i], wide, hue, width: Math.max(wide, 1.2) };
+      return pen;
+    };
     this.context.lineCap = "round";
-    this.lines.strokes(rows, first + 1, last + 1, fits, pen);
+    this.lines.strokes(this.rows, first + 1, last + 1, fits, penOf);
   }
 
   drawOutlines() {

@@ -44,14 +44,15 @@ const VERTEX = `
   uniform vec4 tint;
   uniform sampler2D table;
   uniform int every;        // of so many lines one is drawn
-  uniform bool ribbons;
   uniform vec2 half_px;     // half the picture
   uniform float px_per_mm;
   uniform vec2 width_px;    // least and most
   uniform float usual_um;
   flat out vec3 colour;
+  #if RIBBONS == 1
   out float across;
   flat out float round_off;
+  #endif
 
   uvec4 number(int point, int half_of) {
     int at = 2 * point + half_of;
@@ -61,11 +62,10 @@ const VERTEX = `
     return projectionMatrix * (modelViewMatrix * vec4(low + size * vec3(place.xyz), 1.0));
   }
   void main() {
-    int move = ribbons ? gl_VertexID / 6 : (gl_VertexID >> 1) * every;
+    int move = RIBBONS == 1 ? gl_VertexID / 6 : (gl_VertexID >> 1) * every;
     uvec4 end = number(move + 1, 0);
     uvec4 info = number(move + 1, 1);
     float layer = float(end.w);
-    across = round_off = 0.0;
     bool shown = (info.w == ${ACT.WRITE}u) != travels && info.w != ${ACT.JUMP}u
       && layer >= layers.x && layer <= layers.y;
     if (!shown) {
@@ -75,10 +75,9 @@ const VERTEX = `
     float value = column == ${COLUMN.layer} ? layer : float(column == ${COLUMN.vessel} ? info.x : info.y);
     float texel = fold > 0.0 ? mod(value, fold) : floor(value / top * ${TEXELS - 1}.0 + 0.5);
     colour = mix(texelFetch(table, ivec2(int(texel), 0), 0).rgb, tint.rgb, tint.a);
-    if (!ribbons) {
-      gl_Position = seen_at((gl_VertexID & 1) == 0 ? number(move, 0) : end);
-      return;
-    }
+    #if RIBBONS == 0
+    gl_Position = seen_at((gl_VertexID & 1) == 0 ? number(move, 0) : end);
+    #else
     int corner = gl_VertexID - 6 * move; // two triangles: 0 1 2, 2 1 3
     corner = corner < 3 ? corner : corner == 3 ? 2 : corner == 4 ? 1 : 3;
     vec4 a = seen_at(number(move, 0));
@@ -94,18 +93,23 @@ const VERTEX = `
       * wide / half_px;
     across = side.y;
     round_off = wide > 1.2 ? 0.45 : 0.0;
+    #endif
   }
 `;
 
 const FRAGMENT = `
   precision mediump float;
   flat in vec3 colour;
+  out vec4 seen;
+  #if RIBBONS == 1
   in float across;
   flat in float round_off;
-  out vec4 seen;
+  #endif
   void main() {
-    float rim = 1.0 - sqrt(max(1.0 - across * across, 0.0));
-    seen = vec4(colour * (1.0 - round_off * rim), 1.0);
+    seen = vec4(colour, 1.0);
+    #if RIBBONS == 1
+    seen.rgb *= 1.0 - round_off * (1.0 - sqrt(max(1.0 - across * across, 0.0)));
+    #endif
   }
 `;
 
@@ -159,11 +163,12 @@ export class GlPainter extends Stage {
     for (const [name, { width, solid = false, travels = false }] of Object.entries(LOOKS)) {
       const own = { tint: new THREE.Vector4(0, 0, 0, 0), width_px: new THREE.Vector2(...width), travels };
       this.moves[name] = [false, true].map((ribbons) => {
-        const uniforms = { ...this.uniforms, ribbons: { value: ribbons } };
+        const uniforms = { ...this.uniforms };
         for (const key of Object.keys(own)) uniforms[key] = { value: own[key] };
         const material = new THREE.RawShaderMaterial({
           glslVersion: THREE.GLSL3, vertexShader: VERTEX, fragmentShader: FRAGMENT,
           side: THREE.DoubleSide, depthWrite: solid, uniforms,
+          defines: { RIBBONS: Number(ribbons) },
         });
         const geometry = new THREE.BufferGeometry();
         geometry.boundingSphere = new THREE.Sphere();

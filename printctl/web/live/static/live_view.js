@@ -1,12 +1,11 @@
 // The live view of a print: what has been written, the needle, what comes next.
 //
-//   const view = await liveView(element, { scene: "live/JOB/scene", source: "api/v1/events" });
+//   const view = await liveView(element, { scene: "live/JOB/scene", live: true });
 //   view.update({ executed: 1200, acknowledged: 1230, position: [10.2, 4.1, 0.3] });
 //
 // `executed` and `acknowledged` count commands of the file as the link does. Only what was executed
 // is drawn as written. `mends` are lines that were put in: { look, written, strokes: [[[x, y, z], ...],
-// ...] }. With `job`, events that name another one are left out. Without `live` or `source` the whole
-// job is drawn as planned.
+// ...] }. Without `live` the whole job is drawn as planned.
 import { make, onTheme, short, startViewKeys } from "viewer/page";
 import {
   COLUMN, SceneProblem, WIDE, colourings, loadScene, movesAhead, movesDone, placeOf, scaleOf,
@@ -17,7 +16,6 @@ import {
 const LEAST_MS = { needle: 200, picture: 500, words: 1000 };
 const SOFTWARE_PICTURE_MS = 1000;
 const AHEAD_S = 10; // what comes next
-const FEED_WAIT_MS = { first: 500, longest: 10000 };
 const SHAFT_MM = 14;
 const ZOOM = 1.3;
 const VIEWS = { Oblique: "Fit", Top: "Top", Front: "Front", Side: "Side" };
@@ -28,41 +26,6 @@ export async function liveView(host, options) {
   const view = new LiveView(host, options);
   await view.load();
   return view;
-}
-
-// What the server reports of the print, over its WebSocket; comes back by itself when it was lost.
-// onPrint gets each print event; onState gets true or false as the line stands.
-class Feed {
-  constructor(source, onPrint, onState) {
-    const url = new URL(source, document.baseURI);
-    url.protocol = url.protocol.replace(/^http/, "ws");
-    Object.assign(this, { url, onPrint, onState, wait: FEED_WAIT_MS.first });
-    this.open();
-  }
-
-  open() {
-    this.socket = new WebSocket(this.url);
-    this.socket.addEventListener("open", () => {
-      this.wait = FEED_WAIT_MS.first;
-      this.onState(true);
-    });
-    this.socket.addEventListener("message", ({ data }) => {
-      const message = JSON.parse(data);
-      if (message?.event === "print") this.onPrint(message);
-    });
-    this.socket.addEventListener("close", () => {
-      if (this.closed) return;
-      this.onState(false);
-      this.timer = setTimeout(() => this.open(), this.wait);
-      this.wait = Math.min(2 * this.wait, FEED_WAIT_MS.longest);
-    });
-  }
-
-  close() {
-    this.closed = true;
-    clearTimeout(this.timer);
-    this.socket.close();
-  }
 }
 
 // The needle, over the picture: moving it draws nothing of the job again.
@@ -124,26 +87,25 @@ class Mends {
   }
 }
 
-// Buttons, choices, the slider over layers, and the line of words below the picture.
+// Buttons, choices, the sliders over layers, and the line of words below the picture.
 class Panel {
-  constructor(view, flat) {
+  constructor(view) {
     this.view = view;
-    const { about } = view.scene;
+    const { scene: { about }, state, painter, flat } = view;
     const looks = Object.entries(VIEWS).slice(0, flat ? 1 : undefined).map(([look, text]) =>
       button(text, look === "Oblique" ? "Fit the job" : `From the ${text.toLowerCase()}`,
-        () => view.painter.look(look)));
-    this.rest = tick("still to come", view.state.rest, (on) => view.choose({ rest: on }));
+        () => painter.look(look)));
+    this.rest = tick("still to come", state.rest, (rest) => view.choose({ rest }));
     this.bar = make("div", { className: "live-bar", role: "group", "aria-label": "View" }, ...looks,
-      button("+", "Nearer", () => view.painter.zoom(ZOOM)),
-      button("\u2212", "Farther", () => view.painter.zoom(1 / ZOOM)),
-      ...this.colours(about), this.rest,
-      tick("travels", view.state.travels, (on) => view.choose({ travels: on })));
+      button("+", "Nearer", () => painter.zoom(ZOOM)),
+      button("\u2212", "Farther", () => painter.zoom(1 / ZOOM)),
+      ...this.colours(colourings(about)), this.rest,
+      tick("travels", state.travels, (travels) => view.choose({ travels })));
     this.words = make("p", { className: "live-words" });
     this.foot = make("div", { className: "live-foot" }, ...this.layers(about), this.words);
   }
 
-  colours(about) {
-    const known = colourings(about);
+  colours(known) {
     if (known.length < 2) return [];
     const select = make("select", {}, ...known.map(([key, name]) => new Option(name, key)));
     select.addEventListener("change", () => this.view.choose({ by: select.value }));
@@ -151,36 +113,30 @@ class Panel {
   }
 
   layers({ layers, passes }) {
-    if (layers.length < 2) return [];
-    const noun = passes ? "pass" : "layer";
+    const count = layers.length;
+    if (count < 2) return [];
+    this.noun = passes ? ["pass", "passes"] : ["layer", "layers"];
     this.ends = ["First", "Last"].map((which, k) => {
-      const range = make("input", {
-        type: "range", min: 1, max: layers.length, step: 1, value: k ? layers.length : 1,
-        "aria-label": `${which} ${noun} shown`,
-      });
+      const range = make("input", { type: "range", min: 1, max: count, value: k ? count : 1,
+        "aria-label": `${which} ${this.noun[0]} shown` });
       range.addEventListener("input", () => this.slide(k));
       return range;
     });
     this.range = make("span", { className: "live-range" });
-    this.nameRange();
-    const label = passes ? "Passes shown" : "Layers shown";
-    return [make("div", { className: "live-layers", role: "group", "aria-label": label },
-      ...this.ends, this.range)];
+    this.slide(0);
+    return [make("div", { className: "live-layers", role: "group",
+      "aria-label": `${passes ? "Passes" : "Layers"} shown` }, ...this.ends, this.range)];
   }
 
   slide(moved) {
-    const [first, last] = this.ends.map((end) => Number(end.value));
-    if (first > last) this.ends[1 - moved].value = this.ends[moved].value;
-    this.view.choose({ layers: this.ends.map((end) => Number(end.value) - 1) });
-    this.nameRange();
-  }
-
-  nameRange() {
+    if (Number(this.ends[0].value) > Number(this.ends[1].value)) {
+      this.ends[1 - moved].value = this.ends[moved].value;
+    }
     const [first, last] = this.ends.map((end) => Number(end.value));
     const { layers, passes } = this.view.scene.about;
     const height = passes ? "" : `, z ${layers[first - 1]} to ${layers[last - 1]} mm`;
-    this.range.textContent =
-      `${passes ? "passes" : "layers"} ${first} to ${last} of ${layers.length}${height}`;
+    this.range.textContent = `${this.noun[1]} ${first} to ${last} of ${layers.length}${height}`;
+    this.view.choose({ layers: [first - 1, last - 1] });
   }
 
   write(text) {
@@ -195,8 +151,8 @@ function button(text, label, action) {
   return found;
 }
 
-function tick(text, on, action) {
-  const box = make("input", { type: "checkbox", checked: on });
+function tick(text, checked, action) {
+  const box = make("input", { type: "checkbox", checked });
   box.addEventListener("change", () => action(box.checked));
   return make("label", { className: "live-tick" }, box, text);
 }
@@ -204,7 +160,7 @@ function tick(text, on, action) {
 class LiveView {
   constructor(host, options) {
     this.options = { ahead: AHEAD_S, plain: false, ...options };
-    this.live = Boolean(options.live || options.source);
+    this.live = Boolean(options.live);
     this.message = make("p", { className: "live-message", role: "status" }, "Reading the job \u2026");
     this.stage = make("div", { className: "live-stage" }, this.message);
     this.root = make("div", { className: "live-view" }, this.stage);
@@ -259,7 +215,7 @@ class LiveView {
     this.painter.onDone = () => this.complete();
     this.mends = new Mends(this.stage);
     this.needle = new Needle(this.stage);
-    this.panel = new Panel(this, this.flat);
+    this.panel = new Panel(this);
     this.root.prepend(this.panel.bar);
     this.root.append(this.panel.foot);
     this.panel.rest.hidden = !this.live;
@@ -271,9 +227,6 @@ class LiveView {
     this.speak();
     this.painter.show(this.state);
     this.painter.fit();
-    if (this.options.source) {
-      this.feed = new Feed(this.options.source, (message) => this.hear(message), (on) => this.line(on));
-    }
   }
 
   startKeys() {
@@ -298,18 +251,12 @@ class LiveView {
     this.painter.show(this.state);
   }
 
-  // News of another job's print aren't this one's.
-  hear(message) {
-    const { job } = this.options;
-    if (!job || message.job === undefined || message.job === job) this.update(message);
-  }
-
-  // Takes this view's own names, or a print event as the server sends it.
+  // Takes what is known of the print, by the names above or by those of `LiveView.tell`.
   update(news) {
     const taken = {
-      executed: news.executed ?? fileCount(news.lines_executed, news.inserted),
-      acknowledged: news.acknowledged ?? fileCount(news.lines_done, news.inserted),
-      position: news.position ?? news.position_mm,
+      executed: news.executed ?? news.lines_executed,
+      acknowledged: news.acknowledged ?? news.lines_done,
+      position: news.position,
       mends: news.mends,
     };
     for (const [name, value] of Object.entries(taken)) {
@@ -357,12 +304,6 @@ class LiveView {
     this.mends.draw(this.painter);
   }
 
-  line(on) {
-    this.lost = on ? "" : `No news of the print since ${new Date().toLocaleTimeString()}. `;
-    this.root.classList.toggle("live-lost", !on);
-    this.speak();
-  }
-
   speak() {
     const { about, points } = this.scene;
     if (!this.live) {
@@ -372,7 +313,7 @@ class LiveView {
     const { written } = this.state;
     this.root.dataset.written = written;
     const layer = points[WIDE * written + COLUMN.layer] + 1;
-    this.panel.write(`${this.lost ?? ""}${about.passes ? "pass" : "layer"} ${layer} of `
+    this.panel.write(`${about.passes ? "pass" : "layer"} ${layer} of `
       + `${about.layers.length}, ${short(this.status.executed)} of ${short(about.commands)} commands `
       + `executed.${this.mends.words}`);
   }
@@ -380,18 +321,10 @@ class LiveView {
   dispose() {
     clearTimeout(this.timer);
     clearTimeout(this.late);
-    this.feed?.close();
     this.endTheme?.();
     this.painter?.dispose();
     this.root.remove();
   }
-}
-
-// How many of a job's lines are the file's own: an observer may have inserted some.
-function fileCount(done, inserted) {
-  if (done === undefined || done === null) return done;
-  const before = ([after, count]) => Math.min(Math.max(done - after, 0), count);
-  return (inserted ?? []).reduce((left, one) => left - before(one), done);
 }
 
 // What draws WebGL 2 here; null for nothing.
