@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
-
-from markupsafe import Markup
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,10 +17,10 @@ class AddedSection:
         What its template takes.
     entry : str
         What starts them.
-    style : Markup
-        Its style sheet.
+    styles : tuple of Path
+        Its style sheets.
     """
 
     context: dict[str, Any]
     entry: str
-    style: Markup
+    styles: tuple[Path, ...]

@@ -36,7 +36,7 @@ def pack(values: NDArray[Any]) -> str:
 
 
 @dataclass(frozen=True)
-class Column:
+class PackedColumn:
     """How a page keeps one column of numbers.
 
     Attributes
@@ -60,12 +60,12 @@ class Column:
     none: int | None = None
 
 
-def pack_columns(columns: Sequence[Column], values: Mapping[str, NDArray[Any]]) -> str:
+def pack_columns(columns: Sequence[PackedColumn], values: Mapping[str, NDArray[Any]]) -> str:
     """Deflate and encode columns of equal length, one after the other."""
     return deflated(b"".join(_column_bytes(one, values[one.name]) for one in columns))
 
 
-def _column_bytes(column: Column, values: NDArray[Any]) -> bytes:
+def _column_bytes(column: PackedColumn, values: NDArray[Any]) -> bytes:
     kind = np.dtype(f"<{column.kind}")
     if kind.kind == "f":
         return _planes(values.astype(kind))

@@ -16,22 +16,22 @@ from numpy.typing import NDArray
 
 from kernels.arrays import IntArray
 from registration.gcode_job import Act, GcodeJob
-from registration.report.packing import Column, deflated, pack_columns
+from registration.report.packing import PackedColumn, deflated, pack_columns
 
 MOVES_A_CHUNK: Final = 30_000
 """Moves from which on a new piece begins with the next layer."""
 _UM: Final = 1e-3
 NO_WIDTH: Final = 65_535
-PLACE_COLUMNS: Final = tuple(Column(axis, "i4", _UM, summed=True) for axis in "xyz")
+PLACE_COLUMNS: Final = tuple(PackedColumn(axis, "i4", _UM, summed=True) for axis in "xyz")
 COLUMNS: Final = (
     *PLACE_COLUMNS,
-    Column("speed", "i4", _UM),
-    Column("line", "i4", summed=True),
-    Column("vessel", "i4"),
-    Column("width", "u2", _UM, none=NO_WIDTH),
-    Column("act", "u1"),
-    Column("kind", "i2"),
-    Column("dose", "f4"),
+    PackedColumn("speed", "i4", _UM),
+    PackedColumn("line", "i4", summed=True),
+    PackedColumn("vessel", "i4"),
+    PackedColumn("width", "u2", _UM, none=NO_WIDTH),
+    PackedColumn("act", "u1"),
+    PackedColumn("kind", "i2"),
+    PackedColumn("dose", "f4"),
 )
 """Of a row: places and widths in mm, speed in mm/s, dose in µL."""
 

@@ -12,14 +12,14 @@ from kernels.arrays import FloatArray
 from registration.report.gcode.chunks import PLACE_COLUMNS
 from registration.report.gcode.colouring import Colouring
 from registration.report.gcode.part_outline import REACH_MM, DesignOutline
-from registration.report.packing import Column, pack_columns
+from registration.report.packing import PackedColumn, pack_columns
 
 MAX_POINTS: Final = 6_000_000
 """Of a page's outlines: about 30 MB."""
 SCALE_UM: Final = 30.0
 """Where the colours end, either way."""
 _SHARES: Final = (0.05, 0.5, 0.95)
-_COLUMNS: Final = (*PLACE_COLUMNS[:2], Column("begins", "u1"), Column("beyond", "i2"))
+_COLUMNS: Final = (*PLACE_COLUMNS[:2], PackedColumn("begins", "u1"), PackedColumn("beyond", "i2"))
 _BEYOND: Final = Colouring(
     "beyond",
     "Ink beyond the design’s outline",

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from markupsafe import Markup
 from numpy.typing import NDArray
 
 from design.files import write_text
@@ -18,8 +17,7 @@ from registration.report.gcode.chunks import COLUMNS, PackedPieces, pack_job
 from registration.report.gcode.colouring import PLAIN, colourings
 from registration.report.gcode.outline_pack import MAX_POINTS, PackedOutlines, pack_outlines
 from registration.report.gcode.part_outline import DesignOutline
-from registration.report.page_frame import environment, page_colours, style
-from registration.report.scripts import content_policy, import_map
+from registration.report.page_frame import page_colours, render
 from registration.report.wording import number
 
 MAX_MOVES: Final = 12_000_000
@@ -80,22 +78,16 @@ def write_gcode_html(
     with_text = len(job.text) <= MAX_TEXT_BYTES
     packed = pack_job(job, with_text)
     drawn = None if outlines is None else pack_outlines(outlines)
-    modules = import_map(_ENTRY)
     context = {
         "title": job.name,
         "facts": _facts(job),
         "notes": [*job.notes, *_left_out(job, with_text), *_of_outlines(outlines, drawn)],
-        "style": style(),
-        "own_style": Markup((GCODE_STATIC / "gcode.css").read_text(encoding="utf-8")),
-        "policy": content_policy([modules, _ENTRY]),
-        "modules": modules,
-        "entry": Markup(_ENTRY),
         "view": _view(job, packed, page) | ({"outline": drawn.view} if drawn else {}),
         "outlines": drawn.data if drawn else [],
         "chunks": packed.chunks,
         "noun": "Pass" if job.layers.passes else "Layer",
     }
-    write_text(path, environment().get_template("gcode.html").render(context))
+    write_text(path, render("gcode.html", context, _ENTRY, [GCODE_STATIC / "gcode.css"]))
 
 
 def _view(job: GcodeJob, packed: PackedPieces, page: GcodePage) -> dict[str, Any]:

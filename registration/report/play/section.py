@@ -21,9 +21,8 @@ ENTRY: Final = 'import "play/main";'
 def play_section(played: Playback) -> AddedSection:
     """The slider for the report's page."""
     # The switches and colours of ways are those of the G-code's page.
-    files = (GCODE_STATIC / "gcode.css", _STATIC / "play.css")
-    style = "\n".join(path.read_text(encoding="utf-8") for path in files)
-    return AddedSection(_context(played), ENTRY, Markup(style))
+    styles = (GCODE_STATIC / "gcode.css", _STATIC / "play.css")
+    return AddedSection(_context(played), ENTRY, styles)
 
 
 def _context(played: Playback) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from kernels.arrays import IntArray
 from registration.gcode_job import Act
 from registration.report.gcode.chunks import NO_WIDTH
 from registration.report.gcode.colouring import Colouring, usual_span
-from registration.report.packing import Column, pack_columns
+from registration.report.packing import PackedColumn, pack_columns
 from registration.report.picture.colours import DIVERGING_ANCHORS, TREE_COLOURS, samples
 from registration.report.play.playback import Playback
 
@@ -29,15 +29,15 @@ OFF: Final = LinearSegmentedColormap.from_list(
 NOT_HELD: Final = "#998da8"
 """Of lines that nothing says a width of; apart from the middle of `OFF`."""
 COLUMNS: Final = (
-    *(Column(axis, "i4", 1e-4, summed=True) for axis in "xyz"),
-    Column("time", "i4", 1e-3, summed=True),
-    Column("line", "i4", summed=True),
-    Column("layer", "i4", summed=True),
-    Column("vessel", "i4", summed=True),
-    Column("head", "u1"),
-    Column("planned", "u1"),
-    Column("width", "u2", 1e-3, none=NO_WIDTH),
-    Column("wanted", "u2", 1e-3, none=NO_WIDTH),
+    *(PackedColumn(axis, "i4", 1e-4, summed=True) for axis in "xyz"),
+    PackedColumn("time", "i4", 1e-3, summed=True),
+    PackedColumn("line", "i4", summed=True),
+    PackedColumn("layer", "i4", summed=True),
+    PackedColumn("vessel", "i4", summed=True),
+    PackedColumn("head", "u1"),
+    PackedColumn("planned", "u1"),
+    PackedColumn("width", "u2", 1e-3, none=NO_WIDTH),
+    PackedColumn("wanted", "u2", 1e-3, none=NO_WIDTH),
 )
 """Of a row: mm, and time in s."""
 _GAP: Final = 2e-6
@@ -68,7 +68,7 @@ def pack_playback(played: Playback) -> dict[str, Any]:
         "wanted": np.where(jumps, np.nan, rows.wanted_mm[at]),
         **{name: getattr(rows, name)[at] for name in ("line", "layer", "vessel", "head")},
     }
-    columns = [*COLUMNS, Column("laid", "i4", step, summed=True)]
+    columns = [*COLUMNS, PackedColumn("laid", "i4", step, summed=True)]
     return {
         "rows": len(at),
         "passes": played.passes,

@@ -331,6 +331,7 @@ export function startControls(view, prefix, advance) {
   at("colouring").addEventListener("change", () => view.colour(at("colouring").value));
   for (const what of Object.keys(view.shown)) {
     const box = at(`show-${what}`);
+    if (!box) continue;
     box.checked = view.shown[what];
     box.addEventListener("change", () => { view.shown[what] = box.checked; view.draw(); });
   }

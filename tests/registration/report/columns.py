@@ -8,7 +8,7 @@ import numpy as np
 
 
 def unpacked(text, n, columns):
-    """Columns of `n` rows by name; `columns` are `Column` of `registration.report.packing`."""
+    """Columns of `n` rows by name; `columns` are of `registration.report.packing.PackedColumn`."""
     data, at, found = zlib.decompress(base64.b64decode(text)), 0, {}
     for column in columns:
         size = int(column.kind[1])

@@ -9,7 +9,7 @@ from registration.report.gcode import DesignOutline
 from registration.report.gcode import outline_pack as module
 from registration.report.gcode.outline_pack import beyond_um, pack_outlines
 from registration.report.gcode.part_outline import REACH_MM
-from registration.report.packing import Column
+from registration.report.packing import PackedColumn
 
 from .columns import unpacked
 
@@ -25,7 +25,7 @@ def test_points_rings_and_distances_come_back_in_whole_micrometres() -> None:
     packed = pack_outlines([OUTLINE, NONE])
     assert packed is not None
     assert packed.points == [7, 0]
-    rows = unpacked(packed.data[0], 7, [Column(**one) for one in packed.view["columns"]])
+    rows = unpacked(packed.data[0], 7, [PackedColumn(**one) for one in packed.view["columns"]])
     places, begins, beyond = np.column_stack([rows["x"], rows["y"]]), rows["begins"], rows["beyond"]
     assert places == pytest.approx(np.concatenate([RING, HOLE]))
     assert begins.tolist() == [1, 0, 0, 0, 1, 0, 0]

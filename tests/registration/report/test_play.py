@@ -8,7 +8,7 @@ from PIL import Image
 
 from registration.report import ReportError, write_report_html
 from registration.report.gcode import Act
-from registration.report.packing import Column
+from registration.report.packing import PackedColumn
 from registration.report.play import (
     Limits,
     PlayRows,
@@ -28,7 +28,7 @@ from .play_sample import HOSTILE, layered, make_rows, passes
 
 def decoded(data):
     """Columns of a page's rows, the slow way."""
-    columns = [Column(**one) for one in data["columns"]]
+    columns = [PackedColumn(**one) for one in data["columns"]]
     found = unpacked(data["data"], data["rows"], columns)
     found["place"] = np.column_stack([found[axis] for axis in "xyz"])
     return found

@@ -193,16 +193,9 @@ function moveFacts(rows, i, vessels) {
 }
 
 function startPanel(view) {
-  const { data, passes } = view;
   for (const id of ["panel", "moves", "scalebar"]) byId(id).hidden = false;
   for (const id of ["layer", "layer-tag"]) byId(id).hidden = view.count < 2;
-  byId("turn").hidden = !passes;
-  byId("show-outline").parentElement.hidden = !data.outline;
-  byId("show-seams").parentElement.hidden = passes;
-  byId("below-name").textContent = passes ? "Passes before it" : "The layer below, faint";
-  byId("of").textContent = `of ${short(view.count)}`;
   for (const id of ["layer", "number"]) {
-    byId(id).max = view.count;
     byId(id).addEventListener("input", () => byId(id).value && view.show(byId(id).value - 1));
   }
   byId("up").addEventListener("click", () => view.show(view.layer + 1));
