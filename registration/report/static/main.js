@@ -1,5 +1,5 @@
 // The report and the pages of networks: the 3D view, rows of vessels linked with it, any section.
-import { byId, facts, fixed, make, marked, startPage, startView } from "viewer/page";
+import { byId, facts, fixed, make, marked, roundDown, startPage, startView } from "viewer/page";
 import { unpack } from "viewer/unpack";
 import { vesselFacts, vesselName } from "viewer/tubes";
 import { view } from "viewer/view";
@@ -213,7 +213,7 @@ function drawWall(pen, { wall, rays }, picture, scale) {
 }
 
 function drawBar(pen, scale) {
-  const um = [1000, 500, 200, 100, 50].find((one) => one * scale < SIDE_PX / 3) ?? 20;
+  const um = roundDown(SIDE_PX / 3 / scale);
   const [left, bottom] = [-SIDE_PX / 2 + 10, SIDE_PX / 2 - 12];
   pen.setLineDash([]);
   pen.strokeStyle = pen.fillStyle = "#fff";

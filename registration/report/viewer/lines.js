@@ -53,17 +53,20 @@ export class LinePainter {
   // and that are seen at all; `wide` is in pixels.
   each(rows, first, last, fits, action) {
     const { camera } = this;
+    const { x, y, z, width } = rows;
     const [w, h] = camera.size;
-    let [at, u1, v1] = [-1, 0, 0];
+    let at = -1;
+    let u1 = 0;
+    let v1 = 0;
     for (let i = Math.max(first, 1); i < last; i++) {
       if (!fits(i)) continue;
-      let [u0, v0] = [u1, v1];
-      if (at !== i - 1) {
-        u0 = camera.u(rows.x[i - 1], rows.y[i - 1]);
-        v0 = camera.v(rows.x[i - 1], rows.y[i - 1], rows.z[i - 1]);
-      }
-      [at, u1, v1] = [i, camera.u(rows.x[i], rows.y[i]), camera.v(rows.x[i], rows.y[i], rows.z[i])];
-      const wide = (rows.width[i] || 0) * camera.scale;
+      const joins = at === i - 1;
+      const u0 = joins ? u1 : camera.u(x[i - 1], y[i - 1]);
+      const v0 = joins ? v1 : camera.v(x[i - 1], y[i - 1], z[i - 1]);
+      at = i;
+      u1 = camera.u(x[i], y[i]);
+      v1 = camera.v(x[i], y[i], z[i]);
+      const wide = (width[i] || 0) * camera.scale;
       if (Math.max(u0, u1) < -wide || Math.min(u0, u1) > w + wide
         || Math.max(v0, v1) < -wide || Math.min(v0, v1) > h + wide) continue;
       action(i, u0, v0, u1, v1, wide);

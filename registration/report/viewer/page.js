@@ -51,11 +51,26 @@ export function clock(seconds) {
     : `${Math.floor(minutes / 60)}:${two(minutes % 60)}:${whole}`;
 }
 
-// Draws the largest of 1, 2 or 5 times a power of ten mm that fits, into <div><i></i><span></span></div>.
-export function showScaleBar(element, pixelsPerMm, roomPx = 120) {
-  const most = roomPx / pixelsPerMm;
+// The largest of 1, 2 or 5 times a power of ten that isn't above a number.
+export function roundDown(most) {
   const ten = 10 ** Math.floor(Math.log10(most));
-  const length = ([5, 2, 1].find((factor) => factor * ten <= most) ?? 1) * ten;
+  return ([5, 2, 1].find((factor) => factor * ten <= most * (1 + 1e-9)) ?? 1) * ten;
+}
+
+// The first of low to high - 1 that is `past`, else high.
+export function bisect(low, high, past) {
+  let [from, to] = [low, high];
+  while (from < to) {
+    const middle = (from + to) >> 1;
+    if (past(middle)) to = middle;
+    else from = middle + 1;
+  }
+  return from;
+}
+
+// Draws a round length that fits into <div><i></i><span></span></div>.
+export function showScaleBar(element, pixelsPerMm, roomPx = 120) {
+  const length = roundDown(roomPx / pixelsPerMm);
   element.firstElementChild.style.width = `${length * pixelsPerMm}px`;
   element.lastElementChild.textContent =
     length < 1 ? `${short(1000 * length)} µm` : `${short(length)} mm`;
@@ -168,6 +183,10 @@ export function holdWhileFocused(element, hold) {
   element.addEventListener("blur", () => hold(false));
 }
 
+export const zoomKeys = (view) => ({
+  "+": () => view.zoom(KEY.zoom), "=": () => view.zoom(KEY.zoom), "-": () => view.zoom(1 / KEY.zoom),
+});
+
 // The keys of a view that is turned: arrows, with Shift, plus, minus, and more.
 export function startViewKeys(element, view, more = {}) {
   holdWhileFocused(element, (held) => view.hold(held));
@@ -175,8 +194,7 @@ export function startViewKeys(element, view, more = {}) {
     : view.orbit(across * KEY.turn, -up * KEY.turn));
   onKeys(element, {
     ArrowLeft: way(-1, 0), ArrowRight: way(1, 0), ArrowUp: way(0, 1), ArrowDown: way(0, -1),
-    "+": () => view.zoom(KEY.zoom), "=": () => view.zoom(KEY.zoom),
-    "-": () => view.zoom(1 / KEY.zoom), ...more,
+    ...zoomKeys(view), ...more,
   });
 }
 

@@ -1,5 +1,5 @@
 // Colours from numbers, and the legends that explain them; for every view.
-import { make, short } from "viewer/page";
+import { make, roundDown, short } from "viewer/page";
 
 const MAX_NAMES = 14;
 
@@ -106,9 +106,7 @@ export function swatch(colour, label) {
 
 function evens(low, high) {
   if (!(high > low)) return [];
-  const rough = (high - low) / 4;
-  const power = 10 ** Math.floor(Math.log10(rough));
-  const step = power * [5, 2, 1].find((factor) => factor * power <= rough);
+  const step = roundDown((high - low) / 4);
   const first = Math.floor(low / step) + 1;
   const count = Math.ceil(high / step) - first;
   return Array.from({ length: count }, (_, k) => Number(((first + k) * step).toPrecision(12)));

@@ -4,7 +4,7 @@ import { Camera, FlatView, corners } from "viewer/flat";
 import { ACT, LinePainter } from "viewer/lines";
 import { hues } from "viewer/page";
 import { cssOf } from "viewer/scale";
-import { COLUMN, HUES, TEXELS, USUAL_UM, WIDE, painted } from "live/scene";
+import { COLUMN, HUES, TEXELS, USUAL_UM, WIDE, painted, partsOf, placesOf } from "live/scene";
 
 const SLICE_MS = 30;
 const BLOCK = 512; // moves between two looks at the clock
@@ -33,9 +33,8 @@ export class FlatPainter extends FlatView {
       this.rows[name] = column;
     }
     this.rows.width = this.rows.width.map((um) => (um || USUAL_UM) / 1000);
-    const places = [about.written_low_mm, about.written_high_mm, ...about.outlines.flat()];
     const ends = [0, 1].map((axis) => {
-      const all = places.map((at) => at[axis]);
+      const all = placesOf(about).map((at) => at[axis]);
       const [low, high] = [Math.min(...all), Math.max(...all)];
       const spare = Math.max(LEAST_MM - (high - low), 0) / 2;
       return [low - spare, high + spare];
@@ -54,17 +53,13 @@ export class FlatPainter extends FlatView {
     if (!this.state) return;
     this.named = hues(HUES, this.element, "--live-");
     this.hueOf = this.state.scale.table(TEXELS).map(cssOf);
-    const { written, rest, travels } = this.state;
+    const { written } = this.state;
     const next = Math.max(written, this.state.next);
     this.painted = { written, next };
     this.clear();
     this.drawOutlines();
-    const { moves } = this.scene;
     this.done = false;
-    this.paintSlice([
-      ...(rest ? [["ghost", written, moves]] : []), ["solid", 0, written],
-      ...(travels ? [["way", 0, moves]] : []), ["next", written, next],
-    ]);
+    this.paintSlice([...partsOf(this.state, this.scene.moves), ["next", written, next]]);
   }
 
   paintSlice(jobs) {

@@ -6,7 +6,7 @@ import { ACT } from "viewer/lines";
 import { hues } from "viewer/page";
 import { rgbOf } from "viewer/scale";
 import { Stage } from "viewer/stage";
-import { COLUMN, HUES, TEXELS, USUAL_UM, WIDE, painted } from "live/scene";
+import { COLUMN, HUES, TEXELS, USUAL_UM, WIDE, painted, partsOf, placesOf } from "live/scene";
 
 const ROW = 4096; // texels of the points' texture; two hold a point
 const MAX_MOVES = (ROW * 8192) / 2 - 1;
@@ -199,9 +199,8 @@ export class GlPainter extends Stage {
 
   // Fits what is written, and what stands on the bed.
   fit() {
-    const { about } = this.job;
-    const ends = [about.written_low_mm, about.written_high_mm, ...about.outlines.flat()];
-    this.box = new THREE.Box3().setFromPoints(ends.map((at) => new THREE.Vector3(...at)));
+    const places = placesOf(this.job.about).map((at) => new THREE.Vector3(...at));
+    this.box = new THREE.Box3().setFromPoints(places);
     this.box.expandByScalar(0.2);
     this.frame(this.box, this.corners());
   }
@@ -288,14 +287,10 @@ export class GlPainter extends Stage {
   }
 
   begin(ribbons, every) {
-    const { written, next, rest, travels } = this.state;
+    const { written, next } = this.state;
     Object.assign(this, { ribbons, every, done: false });
     this.painted = { written, next: Math.max(written, next) };
-    const { moves } = this.job;
-    this.paintSlice([
-      ...(rest ? [["ghost", written, moves]] : []), ["solid", 0, written],
-      ...(travels ? [["way", 0, moves]] : []),
-    ].filter(([, first, last]) => last > first));
+    this.paintSlice(partsOf(this.state, this.job.moves));
   }
 
   paintSlice(left) {

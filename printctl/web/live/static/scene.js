@@ -1,4 +1,5 @@
 // A job's moves as the server packs them (printctl/web/live/pack.py says how), and their colours.
+import { bisect } from "viewer/page";
 import { Scale } from "viewer/scale";
 
 const MAGIC = "PRINTVIW";
@@ -46,15 +47,7 @@ export function placeOf({ about, points }, i) {
 }
 
 // How many entries of an ascending array lie below a value.
-function below(array, value) {
-  let [low, high] = [0, array.length];
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (array[middle] < value) low = middle + 1;
-    else high = middle;
-  }
-  return low;
-}
+const below = (array, value) => bisect(0, array.length, (i) => array[i] >= value);
 
 // Moves that so many executed commands have done.
 export const movesDone = (scene, commands) => below(scene.command, commands);
@@ -78,6 +71,16 @@ export function scaleOf(by, about) {
     name: by, unit: "", labels: [], colours: IN_TURN, scale: ramp ? "linear" : "names",
     limits: [0, Math.max(about.layers.length - 1, 1)],
   }, { sequential: RAMP, none: IN_TURN[0] });
+}
+
+// Places that are to be seen: all that is written, and what stands on the bed.
+export const placesOf = (about) =>
+  [about.written_low_mm, about.written_high_mm, ...about.outlines.flat()];
+
+// What a whole picture is made of, as [look, first, last] of moves each.
+export function partsOf({ written, rest, travels }, moves) {
+  return [...(rest ? [["ghost", written, moves]] : []), ["solid", 0, written],
+    ...(travels ? [["way", 0, moves]] : [])].filter(([, first, last]) => last > first);
 }
 
 // What is to be drawn over a painter's picture, [first, last] of moves; null where nothing is, and then

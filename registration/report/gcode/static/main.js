@@ -1,13 +1,14 @@
 // The G-code page: one layer, or passes up to one, and how much of it is written.
 import { Camera, corners } from "viewer/flat";
 import { ACT, LinesView, startControls } from "viewer/lines";
-import { byId, facts, make, onKeys, short, showScaleBar, startPage, startView } from "viewer/page";
+import {
+  byId, facts, make, onKeys, short, showScaleBar, startPage, startView, zoomKeys,
+} from "viewer/page";
 import { Scale } from "viewer/scale";
 import { unpack, unpackColumns } from "viewer/unpack";
 
 const KEPT_CHUNKS = 6;
 const PLAY_FRAMES = 600;
-const ZOOM = 1.25;
 const ACTS = {
   [ACT.TRAVEL]: "Travel", [ACT.LIFTED]: "Lifted travel", [ACT.WRITE]: "Written",
   [ACT.PRIME]: "Prime", [ACT.RETRACT]: "Retraction", [ACT.WIPE]: "Retraction on the way",
@@ -211,7 +212,7 @@ function startPanel(view) {
     ArrowRight: (event) => view.to(view.move + step(event)),
     ArrowLeft: (event) => view.to(view.move - step(event)),
     Home: () => view.show(0), End: () => view.show(view.count - 1), 0: () => view.fit(),
-    "+": () => view.zoom(ZOOM), "=": () => view.zoom(ZOOM), "-": () => view.zoom(1 / ZOOM),
+    ...zoomKeys(view),
   }, "input:not([type=checkbox]), select");
 }
 

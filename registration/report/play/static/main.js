@@ -2,14 +2,14 @@
 import { Camera, corners } from "viewer/flat";
 import { ACT, LinePainter, LinesView, startControls } from "viewer/lines";
 import {
-  byId, clock, facts, fixed, holdWhileFocused, make, onKeys, short, showScaleBar, startPage, startView,
+  bisect, byId, clock, facts, fixed, holdWhileFocused, make, onKeys, short, showScaleBar, startPage,
+  startView, zoomKeys,
 } from "viewer/page";
 import { swatch } from "viewer/scale";
 import { unpackColumns } from "viewer/unpack";
 
 const FAINT = 0.5;
 const STEP = 0.005; // of all the time, a key
-const ZOOM = 1.25;
 const FIT_POINTS = 20000;
 const at = (name) => byId(`play-${name}`);
 
@@ -78,14 +78,7 @@ class PlayView extends LinesView {
   // The row under way, the first that ends after the time; once all is done the last.
   get row() {
     const { time, n } = this.rows;
-    let [low, high] = [1, n - 1];
-    if (this.whole) return high;
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      if (time[middle] > this.time) high = middle;
-      else low = middle + 1;
-    }
-    return low;
+    return this.whole ? n - 1 : bisect(1, n - 1, (i) => time[i] > this.time);
   }
 
   get layer() { return this.rows.layer[this.row]; }
@@ -237,7 +230,7 @@ function startPanel(view, own) {
     ArrowRight: go(1), ArrowLeft: go(-1), ArrowUp: step(1), ArrowDown: step(-1),
     PageUp: step(1), PageDown: step(-1),
     Home: () => view.to(0), End: () => view.to(view.duration), " ": toggle, 0: () => view.fit(),
-    "+": () => view.zoom(ZOOM), "=": () => view.zoom(ZOOM), "-": () => view.zoom(1 / ZOOM),
+    ...zoomKeys(view),
   });
 }
 
