@@ -13,7 +13,7 @@ from kernels.arrays import IntArray
 from registration.gcode_job import Act
 from registration.report.gcode.chunks import NO_WIDTH
 from registration.report.gcode.colouring import Colouring, usual_span
-from registration.report.packing import PackedColumn, pack_columns
+from registration.report.packing import PackedColumn, pack_table
 from registration.report.picture.colours import DIVERGING_ANCHORS, TREE_COLOURS, samples
 from registration.report.play.playback import Playback
 
@@ -70,10 +70,8 @@ def pack_playback(played: Playback) -> dict[str, Any]:
     }
     columns = [*COLUMNS, PackedColumn("laid", "i4", step, summed=True)]
     return {
-        "rows": len(at),
         "passes": played.passes,
-        "columns": [asdict(one) for one in columns],
-        "data": pack_columns(columns, values),
+        "rows": pack_table(columns, values),
         "layer_z": np.round(played.layer_z_mm, 4).tolist(),
         "low": np.round(ends.min(axis=0) - half, 4).tolist(),
         "high": np.round(ends.max(axis=0) + half, 4).tolist(),

@@ -1,10 +1,9 @@
 // The report and the pages of networks: the 3D view, rows of vessels linked with it, any section.
 import { byId, facts, fixed, make, marked, roundDown, startPage, startView } from "viewer/page";
-import { unpack } from "viewer/unpack";
+import { unpackTable } from "viewer/unpack";
 import { vesselFacts, vesselName } from "viewer/tubes";
 import { view } from "viewer/view";
 
-const NO_WALL = -32768;
 const SIDE_PX = 320;
 const SECTION = { design: "#36b3ec", measured: "#ff9a1f" };
 
@@ -74,8 +73,8 @@ function cellsOf(row) {
 // Its raw picture with both contours, by a click on the plot of its vessel.
 async function startSections(data) {
   const box = byId("sections");
-  const grey = await unpack(data.grey, Uint8Array);
-  const wall = await unpack(data.wall_um, Int16Array);
+  const { level: grey } = await unpackTable(data.grey);
+  const wall = await unpackTable(data.wall_um);
   const pictures = new Map(data.vessel.map((v, k) => [`${v}/${data.index[k]}`, k]));
   const [canvas, select, slider, list, none] =
     ["canvas", "select", "input", "dl", ".none"].map((what) => box.querySelector(what));
@@ -204,10 +203,10 @@ function drawWall(pen, { wall, rays }, picture, scale) {
   pen.beginPath();
   let open = true;
   for (let k = 0; k <= rays; k++) {
-    const at = 2 * (picture * rays + (k % rays));
-    const [x, y] = [wall[at], wall[at + 1]];
-    if (x !== NO_WALL) pen[open ? "moveTo" : "lineTo"](x * scale, y * scale);
-    open = x === NO_WALL;
+    const at = picture * rays + (k % rays);
+    const [x, y] = [wall.x[at] * scale, wall.y[at] * scale];
+    if (!Number.isNaN(x)) pen[open ? "moveTo" : "lineTo"](x, y);
+    open = Number.isNaN(x);
   }
   pen.stroke();
 }

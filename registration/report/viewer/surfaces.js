@@ -1,17 +1,19 @@
 // Surfaces: coloured where they carry a number, a translucent shell where they don't.
 import * as THREE from "three";
 import { Scale } from "viewer/scale";
-import { unpackSurface } from "viewer/unpack";
+import { flatPlaces, unpackTable } from "viewer/unpack";
 
 const MAX_FACES = { edges: 60000, creases: 150000 };
 const CREASE_COS = 0.8;
 const SHELL = { colour: 0x8b949c, faceOn: 0.07, grazing: 0.38, edges: 0.45 };
 
 export async function makeSurface(data, colours) {
-  const { positions, faces, values } = await unpackSurface(data);
+  const places = flatPlaces(await unpackTable(data.points));
+  const corners = new Uint32Array((await unpackTable(data.corners)).vertex.buffer);
+  const values = data.scalar && (await unpackTable(data.scalar)).value;
   const geometry = new THREE.BufferGeometry();
-  geometry.setAttribute("position", new THREE.BufferAttribute(positions, 3));
-  geometry.setIndex(new THREE.BufferAttribute(faces, 1));
+  geometry.setAttribute("position", new THREE.BufferAttribute(places, 3));
+  geometry.setIndex(new THREE.BufferAttribute(corners, 1));
   const surface = { data, values, scale: null, group: new THREE.Group() };
   surface.mesh = values ? coloured(geometry, surface, colours) : shell(geometry, surface);
   surface.group.add(surface.mesh);

@@ -4,7 +4,7 @@
 import * as THREE from "three";
 import { short } from "viewer/page";
 import { Scale } from "viewer/scale";
-import { unpack, unpackLevels } from "viewer/unpack";
+import { flatPlaces, unpackTable } from "viewer/unpack";
 
 const TEXELS = 256;
 const BRIEF = ["radius", "flow", "pressure"];
@@ -34,16 +34,16 @@ const CAPSULE = `
 `;
 
 export async function makeNetwork(data, colours) {
-  const points = await unpackLevels(data.points);
-  const radius = await unpack(data.radius, Float32Array);
-  const offset = await unpack(data.offset, Int32Array);
-  const number = await unpack(data.number, Int32Array);
+  const table = await unpackTable(data.points);
+  const [points, { radius }] = [flatPlaces(table), table];
+  const { number, end } = await unpackTable(data.vessels);
+  const offset = new Int32Array([0, ...end]);
   const network = { data, number, ...piecesOf(points, radius, offset, number) };
   network.box = new THREE.Box3().setFromArray(points)
     .expandByScalar(radius.reduce((a, b) => Math.max(a, b), 0));
   network.colourings = [];
   for (const quantity of data.colourings) {
-    const values = await unpack(quantity.values, Float32Array);
+    const { value: values } = await unpackTable(quantity.values);
     network.colourings.push({ ...quantity, values, colours: new Scale(quantity, colours) });
   }
   network.ramp = { value: null };

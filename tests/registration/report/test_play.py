@@ -8,7 +8,6 @@ from PIL import Image
 
 from registration.report import ReportError, write_report_html
 from registration.report.gcode import Act
-from registration.report.packing import PackedColumn
 from registration.report.play import (
     Limits,
     PlayRows,
@@ -22,14 +21,13 @@ from registration.report.play.frame import draw_frame
 from registration.report.play.serialise import pack_playback
 from registration.report.play.thin import join_stretches
 
-from .columns import unpacked
+from .columns import unpacked_table
 from .play_sample import HOSTILE, layered, make_rows, passes
 
 
 def decoded(data):
     """Columns of a page's rows, the slow way."""
-    columns = [PackedColumn(**one) for one in data["columns"]]
-    found = unpacked(data["data"], data["rows"], columns)
+    found = unpacked_table(data["rows"])
     found["place"] = np.column_stack([found[axis] for axis in "xyz"])
     return found
 

@@ -24,7 +24,7 @@ if (!window.pcThemed) {
     { attributes: true, attributeFilter: ["data-theme"] });
   new MutationObserver(themed).observe(document.body,
     { subtree: true, childList: true, attributes: true, attributeFilter: ["data-page"] });
-  // A place that was clicked on a tissue (viewer/view.js), from the frame that is there for it alone.
+  // A place that was clicked on a tissue (viewer/view.js), from the frame that is for it alone.
   window.addEventListener("message", (event) => {
     if (event.data?.printctl !== "pick") return;
     const frames = [...document.querySelectorAll(".pc-pick iframe")];

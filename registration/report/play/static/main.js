@@ -6,7 +6,7 @@ import {
   startView, zoomKeys,
 } from "viewer/page";
 import { swatch } from "viewer/scale";
-import { unpackColumns } from "viewer/unpack";
+import { unpackTable } from "viewer/unpack";
 
 const FAINT = 0.5;
 const STEP = 0.005; // of all the time, a key
@@ -14,7 +14,7 @@ const FIT_POINTS = 20000;
 const at = (name) => byId(`play-${name}`);
 
 async function readRows(data) {
-  const rows = await unpackColumns(data.data, data.rows, data.columns);
+  const rows = await unpackTable(data.rows);
   // A travel that leaves a thread is drawn as what lies there.
   rows.act = rows.planned.map((act, i) => (act === ACT.TRAVEL && rows.width[i] > 0 ? ACT.WRITE : act));
   return rows;
