@@ -35,3 +35,5 @@ def test_wheel_has_our_packages_and_their_data_and_nothing_else(tmp_path: Path) 
         assert needed in names
     assert any(name.startswith("registration/report/vendor/") for name in names)
     assert any(name.startswith("registration/report/templates/") for name in names)
+    assert "registration/report/viewer/page.js" in names
+    assert "printctl/web/live/static/live_view.js" in names

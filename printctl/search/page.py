@@ -9,8 +9,7 @@ from printctl.search.model import Objective, Range
 from printctl.search.quantities import QUANTITIES
 from printctl.search.run import SearchResult
 from printctl.search.table import count_lines
-from registration.report.page_frame import environment, style
-from registration.report.scripts import content_policy
+from registration.report.page_frame import render
 from registration.report.svg import inline_figure
 from registration.report.tables import Column, Table, make_table
 
@@ -23,8 +22,6 @@ def search_html(result: SearchResult) -> str:
         "count": count_lines(result)[0].split(" (")[0],
         "drawn": search.draw.replace("_", " "),
         "seed": search.seed,
-        "style": style(),
-        "policy": content_policy([]),
         "picture": inline_figure(pareto_svg(result), "Goals against each other", "pareto-"),
         "best": best and best.candidate.label,
         "varied": [(key, _range(one)) for key, one in search.vary.items()],
@@ -33,7 +30,7 @@ def search_html(result: SearchResult) -> str:
         ],
         "table": ranked_table(result),
     }
-    return environment().get_template("search.html").render(context)
+    return render("search.html", context)
 
 
 def _range(one: tuple[Any, ...] | Range) -> str:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
-
-from markupsafe import Markup
-
-from registration.report.scripts import Folders
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,15 +15,12 @@ class AddedSection:
     ----------
     context : dict
         What its template takes.
-    folders : tuple of (str, Path)
-        Its scripts.
     entry : str
         What starts them.
-    style : Markup
-        Its style sheet.
+    styles : tuple of Path
+        Its style sheets.
     """
 
     context: dict[str, Any]
-    folders: Folders
     entry: str
-    style: Markup
+    styles: tuple[Path, ...]

@@ -10,8 +10,7 @@ from design.files import write_text
 from design.network import VesselNetwork
 from registration.dye import DyeReport
 from registration.report.dye_figures import arrival_figure, frame_figure
-from registration.report.page_frame import environment, style
-from registration.report.scripts import content_policy
+from registration.report.page_frame import render
 from registration.report.svg import inline_figure
 from registration.report.tables import Column, Table, make_table
 
@@ -59,14 +58,12 @@ def write_dye_html(
     context = {
         "title": title,
         "data": data,
-        "style": style(),
-        "policy": content_policy([]),
         "frame": inline_figure(frame_figure(report, network), "Places over the last frame", "a-"),
         "arrivals": inline_figure(arrival_figure(report), "Arrivals, measured, predicted", "b-"),
         "counts": _counts(data["vessels"]),
         "table": vessel_table(data["vessels"]),
     }
-    write_text(path, environment().get_template("dye.html").render(context))
+    write_text(path, render("dye.html", context))
 
 
 def vessel_table(vessels: list[dict[str, Any]]) -> Table:

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from markupsafe import Markup
-
 from design.files import write_text
 from design.network import VesselNetwork
 from registration.report.network_view import MAX_PIECES, network_view
-from registration.report.page_frame import environment, scene, style
+from registration.report.page_frame import render, scene
 from registration.report.picture import Quantity
-from registration.report.scripts import ENTRY, content_policy, import_map
+from registration.report.scripts import ENTRY
 from registration.report.surface import ReportSurface
 from registration.report.wording import number
 
@@ -91,18 +89,13 @@ def write_places_html(path: Path, tissue: ReportSurface, page: NetworkPage) -> N
 
 
 def _write(path: Path, page: NetworkPage, facts: list[str], view: dict[str, Any]) -> None:
-    modules = import_map()
     context = {
         "title": page.title,
         "facts": facts,
         "notes": page.notes,
-        "style": style(),
-        "policy": content_policy([modules, ENTRY]),
-        "modules": modules,
-        "entry": Markup(ENTRY),
         "view": view,
     }
-    write_text(path, environment().get_template("network.html").render(context))
+    write_text(path, render("network.html", context, ENTRY))
 
 
 def network_facts(network: VesselNetwork) -> list[str]:

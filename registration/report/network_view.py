@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
-from registration.report.packing import pack, pack_positions
+from registration.report.packing import PackedColumn, pack_points, pack_table
 from registration.report.picture import FLOW, GAUGED, Quantity, VesselQuantities, quantities
 from registration.report.sections import mapping, records
 from registration.report.tables import Record, vessel_index
@@ -19,6 +19,8 @@ from registration.report.wording import is_number
 
 MAX_PIECES: Final = 60_000
 """Straight pieces that a page shows at most: what an office computer still turns fluently."""
+_VESSELS: Final = tuple(PackedColumn(name, "i4", summed=True) for name in ("number", "end"))
+"""A vessel's number, and the place after its last point in the page's arrays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +81,8 @@ def network_view(
     points = _points_of(network, shown.vessels)
     sizes = np.diff(network.offset)[shown.vessels]
     return {
-        "points": pack_positions(network.points[points]),
-        "radius": pack(network.radius[points].astype(np.float32)),
-        "offset": pack(np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32)),
-        "number": pack(shown.vessels.astype(np.int32)),
+        "points": pack_points(network.points[points], radius=network.radius[points]),
+        "vessels": pack_table(_VESSELS, {"number": shown.vessels, "end": np.cumsum(sizes)}),
         # To a tenth of a µm.
         "lengths": np.round(network.lengths()[shown.vessels], 4).tolist(),
         "names": {str(vessel): name for vessel, name in names.items()},
@@ -135,7 +135,7 @@ def _colouring(
         "labels": list(quantity.labels),
         "colours": list(quantity.colours),
         "at": "point" if at_points else "vessel",
-        "values": pack(values.astype(np.float32)),
+        "values": pack_table([PackedColumn("value", "f4")], {"value": values}),
     }
 
 

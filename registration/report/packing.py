@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import base64
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -28,51 +29,93 @@ STEPS = 65_534
 NO_DATA = 65_535
 
 
-def pack(values: NDArray[Any]) -> str:
-    """Deflate and encode an array whose dtype is already the wanted one."""
-    little = np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<"))
-    return base64.b64encode(zlib.compress(little.tobytes(), LEVEL)).decode("ascii")
+@dataclass(frozen=True)
+class PackedColumn:
+    """How a page keeps one column of numbers.
 
-
-def quantise(values: NDArray[np.float64]) -> tuple[NDArray[np.uint16], list[float], list[float]]:
-    """Put each column of ``values`` (n, k) on 65,535 even levels between its extremes.
-
-    Returns
-    -------
-    levels : (n, k) uint16
-        `NO_DATA` where a value isn't finite.
-    low, step : list of k floats
-        ``value = low + step * level``, off by at most half a step.
+    Attributes
+    ----------
+    name : str
+    kind : {"u1", "u2", "i2", "i4", "f4"}
+        Of the numbers kept. They are laid out byte by byte (all lowest bytes first), which deflates
+        to half.
+    step, low : float
+        A value is ``low + step * number``.
+    summed : bool
+        Whether differences from row to row are kept.
+    none : int or None
+        Number that stands for no value (NaN).
     """
-    finite = np.where(np.isfinite(values), values, np.nan)
-    levels = np.full(values.shape, NO_DATA, dtype=np.uint16)
-    low, step = [], []
-    for k in range(values.shape[1]):
-        ok = ~np.isnan(finite[:, k])
-        column = finite[ok, k] if ok.any() else np.zeros(1)
-        low.append(float(column.min()))
-        step.append(float(np.ptp(column)) / STEPS or 1.0)
-        levels[ok, k] = np.rint((finite[ok, k] - low[k]) / step[k]).astype(np.uint16)
-    return levels, low, step
+
+    name: str
+    kind: str
+    step: float = 1.0
+    low: float = 0.0
+    summed: bool = False
+    none: int | None = None
 
 
-def pack_positions(points: NDArray[np.floating[Any]]) -> dict[str, Any]:
-    """Points (n, 3) as differences from point to point of levels, wrapped to 16 bits."""
-    levels, low, step = quantise(np.asarray(points, dtype=np.float64))
-    steps = np.diff(levels, axis=0, prepend=np.zeros((1, 3), np.uint16))
-    return {"positions": pack(steps), "low": low, "step": step}
+def pack_table(
+    columns: Sequence[PackedColumn], values: Mapping[str, NDArray[Any]]
+) -> dict[str, Any]:
+    """Columns of equal length as JSON values: their form, how many rows, and their numbers."""
+    return {
+        "rows": len(values[columns[0].name]),
+        "columns": [asdict(one) for one in columns],
+        "data": pack_columns(columns, values),
+    }
 
 
-def pack_faces(faces: NDArray[np.int64]) -> str:
-    """Vertex numbers as differences to the number before, which deflate well."""
-    flat = faces.ravel().astype(np.int32)
-    return pack(np.diff(flat, prepend=np.int32(0)).astype(np.int32))
+def pack_columns(columns: Sequence[PackedColumn], values: Mapping[str, NDArray[Any]]) -> str:
+    """Numbers of columns of equal length, one column after the other."""
+    return deflated(b"".join(_column_bytes(one, values[one.name]) for one in columns))
+
+
+def _column_bytes(column: PackedColumn, values: NDArray[Any]) -> bytes:
+    kind = np.dtype(f"<{column.kind}")
+    if kind.kind == "f":
+        return _planes(values.astype(kind))
+    limits = np.iinfo(kind)
+    whole = np.rint((np.asarray(values, np.float64) - column.low) / column.step)
+    most = limits.max if column.none is None else column.none - 1
+    known = np.clip(whole, limits.min, most)
+    if column.none is not None:
+        known = np.where(np.isfinite(whole), known, column.none)
+    numbers = known.astype(np.int64)
+    # Sums wrap, here as in the page.
+    return _planes((np.diff(numbers, prepend=0) if column.summed else numbers).astype(kind))
+
+
+def _planes(values: NDArray[Any]) -> bytes:
+    size = values.dtype.itemsize
+    return np.ascontiguousarray(values.view(np.uint8).reshape(-1, size).T).tobytes()
+
+
+def deflated(data: bytes) -> str:
+    """Deflate and encode bytes."""
+    return base64.b64encode(zlib.compress(data, LEVEL)).decode("ascii")
+
+
+def level_column(name: str, values: NDArray[Any], summed: bool = False) -> PackedColumn:
+    """Column of 65,535 even levels between the extremes of ``values`` (off by half a step)."""
+    known = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)
+    step = float(np.ptp(known)) / STEPS or 1.0
+    return PackedColumn(name, "u2", step, float(known.min()), summed, None if summed else NO_DATA)
+
+
+def pack_points(points: NDArray[np.floating[Any]], **more: NDArray[Any]) -> dict[str, Any]:
+    """Points (n, 3) as columns x, y and z, with further columns of float32 values."""
+    places = {axis: points[:, k].astype(np.float64) for k, axis in enumerate("xyz")}
+    columns = [level_column(axis, values, summed=True) for axis, values in places.items()]
+    columns += [PackedColumn(name, "f4") for name in more]
+    return pack_table(columns, places | more)
 
 
 def pack_surface(surface: ReportSurface, max_faces: int) -> dict[str, Any]:
     """All that the page needs to draw one surface, as JSON values."""
     shown = simplify(surface, max_faces)
-    result: dict[str, Any] = {
+    scalar, corners = shown.scalar, shown.surface.faces.ravel()
+    return {
         "name": surface.name,
         "unit": surface.unit,
         "limits": list(surface.colour_limits()),
@@ -80,18 +123,12 @@ def pack_surface(surface: ReportSurface, max_faces: int) -> dict[str, Any]:
         "face_count": len(shown.surface.faces),
         "full_face_count": len(surface.surface.faces),
         "cell_mm": shown.cell_mm,
-        **pack_positions(shown.surface.vertices),
-        "faces": pack_faces(shown.surface.faces),
-        "scalar": None,
+        "points": pack_points(shown.surface.vertices),
+        "corners": pack_table([PackedColumn("vertex", "i4", summed=True)], {"vertex": corners}),
+        "scalar": None
+        if scalar is None
+        else pack_table([level_column("value", scalar)], {"value": scalar}),
     }
-    if shown.scalar is not None:
-        value, value_low, value_step = quantise(shown.scalar[:, None])
-        result["scalar"] = {
-            "levels": pack(value[:, 0]),
-            "low": value_low[0],
-            "step": value_step[0],
-        }
-    return result
 
 
 def pack_surfaces(

@@ -35,10 +35,10 @@ from registration.report.key_figures import key_figures
 from registration.report.network_view import columns, report_view
 from registration.report.oxygen_figures import oxygen_histogram
 from registration.report.packing import Surfaces
-from registration.report.page_frame import environment, scene, style
+from registration.report.page_frame import render, scene
 from registration.report.picture.pressures import point_pressure
 from registration.report.record import record_facts
-from registration.report.scripts import ENTRY, content_policy, import_map
+from registration.report.scripts import ENTRY
 from registration.report.section_view import section_view
 from registration.report.sections import mapping, records
 from registration.report.svg import inline_figure
@@ -114,19 +114,13 @@ def report_html(
     views: Views | None = None,
 ) -> str:
     """The text of the page; same input, same text (see `write_report_html`)."""
-    modules = import_map(play.folders if play else ())
-    entries = f"{ENTRY} {play.entry}" if play else ENTRY
+    entry = f"{ENTRY} {play.entry}" if play else ENTRY
     with ThreadPoolExecutor(1) as beside:  # deflates while figures are drawn
         shown = beside.submit(view_data, data, surfaces, network)
         drawn = all_figures(data, network, figures, views)
         view = shown.result()
     context = {
         "data": data,
-        "style": style(),
-        "policy": content_policy([modules, entries]),
-        "modules": modules,
-        "entry": Markup(entries),
-        "own_style": play and play.style,
         "play": play and play.context,
         "view": view,
         "sections": section_view(mapping(data, "registration"), views),
@@ -134,7 +128,7 @@ def report_html(
         "figures": placed_figures(drawn),
         **section_context(data),
     }
-    return environment().get_template("report.html").render(context)
+    return render("report.html", context, entry, play.styles if play else ())
 
 
 def section_context(data: Mapping[str, Any]) -> dict[str, Any]:

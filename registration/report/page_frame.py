@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +13,7 @@ from markupsafe import Markup
 from registration.report import sections
 from registration.report.packing import Surfaces, pack_unpacked
 from registration.report.picture.colours import NO_DATA, samples
-from registration.report.scripts import as_script_json
+from registration.report.scripts import as_script_json, content_policy, import_map
 from registration.report.wording import MISSING, is_number, label_and_unit, number, plain
 
 _HERE: Final = Path(__file__).parent
@@ -24,13 +25,44 @@ def scene(title: str, surfaces: Surfaces, network: dict[str, Any] | None) -> dic
         "title": title,
         "surfaces": pack_unpacked(surfaces),
         "network": network,
-        "colours": {"diverging": samples(True), "sequential": samples(False), "none": NO_DATA},
+        "colours": page_colours(),
     }
 
 
-def style() -> Markup:
-    """The pages' style sheet."""
-    return Markup((_HERE / "static" / "report.css").read_text(encoding="utf-8"))
+def page_colours() -> dict[str, Any]:
+    """Colours of the scales of a view, and that of no value."""
+    return {"diverging": samples(True), "sequential": samples(False), "none": NO_DATA}
+
+
+def render(
+    template: str, context: Mapping[str, Any], entry: str = "", own_styles: Sequence[Path] = ()
+) -> str:
+    """Text of a page that holds all it shows.
+
+    Parameters
+    ----------
+    template : str
+        File in ``templates/``.
+    context : mapping
+        What the template takes besides what all pages have.
+    entry : str
+        Script that starts the page; its modules go into the page. Empty for a page without scripts.
+    own_styles : sequence of Path
+        Style sheets after the one that all pages share.
+    """
+    modules = import_map(entry) if entry else ""
+    shared = {
+        "style": _text(_HERE / "static" / "report.css"),
+        "own_style": Markup("\n").join(map(_text, own_styles)),
+        "policy": content_policy([modules, entry] if entry else []),
+        "modules": modules,
+        "entry": Markup(entry),
+    }
+    return environment().get_template(template).render(shared | dict(context))
+
+
+def _text(path: Path) -> Markup:
+    return Markup(path.read_text(encoding="utf-8"))
 
 
 @cache

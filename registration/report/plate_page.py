@@ -8,9 +8,8 @@ from typing import Any, Final
 
 from design.files import write_text
 from firmware_profiles import Plate
-from registration.report.page_frame import environment, style
+from registration.report.page_frame import render
 from registration.report.plate_figure import plate_figure
-from registration.report.scripts import content_policy
 from registration.report.sections import check_table, mapping, records, timing_rows
 from registration.report.svg import inline_figure
 from registration.report.tables import Column, Table, make_table
@@ -55,15 +54,13 @@ def write_plate_html(path: Path, data: Mapping[str, Any], plate: Plate) -> None:
     wells = records(data, "wells")
     context = {
         "data": data,
-        "style": style(),
-        "policy": content_policy([]),
         "picture": inline_figure(plate_figure(plate, wells), f"{plate.name}, from above", "p-"),
         "well_table": well_table(wells),
         "check_table": check_table(mapping(data, "dry_run")),
         "timing_rows": timing_rows(mapping(data, "timings")),
         "variants": _variants(wells),
     }
-    write_text(path, environment().get_template("plate.html").render(context))
+    write_text(path, render("plate.html", context))
 
 
 def well_table(wells: Sequence[Mapping[str, Any]]) -> Table:

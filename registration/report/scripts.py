@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from collections.abc import Mapping
+import re
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -17,51 +17,40 @@ from typing import Any, Final
 from markupsafe import Markup
 
 _HERE: Final = Path(__file__).parent
-_STATIC: Final = _HERE / "static"
 _VENDORED: Final = {"three": "three.module.min.js", "three/orbit": "OrbitControls.js"}
+_FOLDERS: Final = {
+    "viewer": "viewer",
+    "report": "static",
+    "gcode": "gcode/static",
+    "play": "play/static",
+    "overlay": "overlay/static",
+}
+"""Where modules lie, by the first part of their names."""
+_IMPORT: Final = re.compile(r'(?:from|import) "([^"]+)"')
 ENTRY: Final = 'import "report/main";'
 
 
-Folders = tuple[tuple[str, Path], ...]
-"""Names of a page's own modules and where they lie."""
-
-
 @cache
-def import_map(own: Folders = ()) -> str:
-    """Import map of all modules of the report's page, and of further folders, as JSON."""
-    vendored = {name: _HERE / "vendor" / file for name, file in _VENDORED.items()}
-    return _as_map(vendored | _modules("report", _STATIC) | _own(own))
+def import_map(entry: str = ENTRY) -> str:
+    """Import map of all modules that a page's entry script needs, as JSON."""
+    found: dict[str, str] = {}
+    left = _IMPORT.findall(entry)
+    while left:
+        name = left.pop()
+        if name in found:
+            continue
+        path = _path(name)
+        found[name] = data_url(path)
+        if name not in _VENDORED:
+            left += _IMPORT.findall(path.read_text(encoding="utf-8"))
+    return as_script_json({"imports": dict(sorted(found.items()))})
 
 
-@cache
-def module_map(
-    shared: tuple[str, ...], name: str = "", folder: Path | None = None, more: Folders = ()
-) -> str:
-    """Import map of a page with few of the report's modules, as JSON.
-
-    Parameters
-    ----------
-    shared : tuple of str
-        Of the report's modules, each under ``report/``.
-    name, folder : str, Path or None
-        All modules of the page's own folder, each under ``name/``.
-    more : tuple of (str, Path)
-        Further ones.
-    """
-    own = more if folder is None else ((name, folder), *more)
-    return _as_map({f"report/{one}": _STATIC / f"{one}.js" for one in shared} | _own(own))
-
-
-def _own(folders: Folders) -> dict[str, Path]:
-    return {name: path for one in folders for name, path in _modules(*one).items()}
-
-
-def _modules(name: str, folder: Path) -> dict[str, Path]:
-    return {f"{name}/{path.stem}": path for path in sorted(folder.glob("*.js"))}
-
-
-def _as_map(files: Mapping[str, Path]) -> str:
-    return as_script_json({"imports": {name: data_url(path) for name, path in files.items()}})
+def _path(name: str) -> Path:
+    if name in _VENDORED:
+        return _HERE / "vendor" / _VENDORED[name]
+    folder, _, stem = name.partition("/")
+    return _HERE / _FOLDERS[folder] / f"{stem}.js"
 
 
 def data_url(path: Path) -> str:

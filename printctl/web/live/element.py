@@ -17,29 +17,23 @@ _NOT_AT_ONCE: Final = ("element.js", "flat_painter.js")
 class LiveView(Element, component="static/element.js"):
     """The live view of one job.
 
-    The browser fetches the moves and listens to ``source`` by itself, so that an open page costs
-    the server no more than the messages.
+    The browser fetches the moves by itself, so that an open page costs the server no more than what
+    `tell` sends.
     """
 
-    def __init__(self, job: str, *, source: str = "", live: bool = False) -> None:
+    def __init__(self, job: str, *, live: bool = False) -> None:
         """Put the view where the page stands.
 
         Parameters
         ----------
         job : str
             Name of the job in the URL, as `printctl.web.live.routes.router` knows it.
-        source : str
-            WebSocket whose messages ``{"event": "print", "lines_done": ..., "lines_executed": ...,
-            "position": [x, y, z]}`` the view follows, from the page's root; empty for none. Those
-            that name another ``job`` are left out.
         live : bool
-            Whether the job is being printed, and nothing of it has been told yet; with neither this
-            nor ``source`` all of it is shown as planned.
+            Whether the job is being printed, and nothing of it has been reported yet; otherwise all
+            of it is shown as planned.
         """
         super().__init__()
         self._props["scene"] = _scene(job)
-        self._props["job"] = job
-        self._props["source"] = source
         self._props["live"] = live
         self.classes("w-full h-full")
 
@@ -55,9 +49,9 @@ class LiveView(Element, component="static/element.js"):
         self.run_method("update", dict(status))
 
 
-def live_view(job: str, *, source: str = "", live: bool = False) -> LiveView:
+def live_view(job: str, *, live: bool = False) -> LiveView:
     """Put the live view of a job into the page; as `LiveView`."""
-    return LiveView(job, source=source, live=live)
+    return LiveView(job, live=live)
 
 
 def preload(job: str) -> str:

@@ -7,6 +7,7 @@ each other here by where they lie instead of by bare names.
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -14,10 +15,9 @@ from typing import Final
 
 _STATIC: Final = Path(__file__).parent / "static"
 _TYPES: Final = {".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
-_BARE: Final = {b'"three"': b'"./three.js"', b"'three'": b'"./three.js"',
-                b'"three/orbit"': b'"./orbit.js"', b'"gcode/soon"': b'"./soon.js"'}  # fmt: skip
-_CANVAS: Final = ("camera.js", "canvas_view.js", "soon.js", "strokes.js")
-"""Modules of the G-code page that draw without WebGL, too."""
+_BARE: Final = re.compile(rb'"(?:viewer|live)/(\w+)"')
+_VIEWER: Final = ("flat.js", "lines.js", "page.js", "scale.js", "stage.js")
+"""Modules of the reports' viewer that the live view needs."""
 
 
 @dataclass(frozen=True)
@@ -42,17 +42,17 @@ def static_files() -> dict[str, StaticFile]:
     """All of them, by name."""
     report = Path(__file__).parents[3] / "registration" / "report"
     paths = {path.name: path for path in sorted(_STATIC.iterdir()) if path.suffix in _TYPES}
-    paths["stage.js"] = report / "static" / "stage.js"
+    paths |= {name: report / "viewer" / name for name in _VIEWER}
     paths["three.js"] = report / "vendor" / "three.module.min.js"
     paths["orbit.js"] = report / "vendor" / "OrbitControls.js"
-    paths |= {name: report / "gcode" / "static" / name for name in _CANVAS}
     return {name: _read(name, path) for name, path in paths.items()}
 
 
 def _read(name: str, path: Path) -> StaticFile:
     data = path.read_bytes()
-    if name in ("stage.js", "orbit.js", *_CANVAS):
-        for bare, url in _BARE.items():
-            data = data.replace(b"from " + bare, b"from " + url)
+    if path.suffix == ".js" and name != "three.js":
+        data = _BARE.sub(rb'"./\1.js"', data)
+        for bare, url in ((b"three", b"./three.js"), (b"three/orbit", b"./orbit.js")):
+            data = re.sub(rb"""from ['"]%b['"]""" % bare, b'from "%b"' % url, data)
     tag = f'"{hashlib.sha256(data).hexdigest()[:16]}"'
     return StaticFile(data, _TYPES[path.suffix], tag)

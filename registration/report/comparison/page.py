@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from markupsafe import Markup
-
 from design.files import write_text
 from registration.comparison import Comparison
 from registration.comparison import notes as standing_notes
@@ -28,17 +26,13 @@ from registration.report.comparison.sections import (
     trend_table,
     vessel_table,
 )
-from registration.report.page_frame import environment, style
-from registration.report.scripts import content_policy, module_map
+from registration.report.page_frame import render
 from registration.report.svg import inline_figure
 from registration.report.wording import number
 
 Drawn = Mapping[str, tuple[str, bytes]]
 """Name to caption and drawing (SVG)."""
-_ENTRY: Final = (
-    'import { startTheme } from "report/theme"; import { startTables } from "report/tables"; '
-    'startTheme(); startTables(); document.documentElement.dataset.state = "ready";'
-)
+_ENTRY: Final = 'import { startPage } from "viewer/page"; startPage();'
 
 
 def write_comparison_html(
@@ -74,7 +68,6 @@ def comparison_html(
     comparison: Comparison, title: str, notes: Sequence[str] = (), drawn: Drawn | None = None
 ) -> str:
     """The text of the page; same input, same text."""
-    modules = module_map(("framed", "tables", "theme"))
     drawn = comparison_figures(comparison) if drawn is None else drawn
     context = {
         "title": title,
@@ -98,12 +91,8 @@ def comparison_html(
             "notes": gauge_notes(comparison.gauge),
         },
         "notes": [*notes, *standing_notes(comparison)],
-        "style": style(),
-        "policy": content_policy([modules, _ENTRY]),
-        "modules": modules,
-        "entry": Markup(_ENTRY),
     }
-    return environment().get_template("comparison.html").render(context)
+    return render("comparison.html", context, _ENTRY)
 
 
 def facts(comparison: Comparison) -> list[str]:

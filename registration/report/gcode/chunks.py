@@ -1,29 +1,39 @@
 """Pack a G-code job into compressed chunks that a page unpacks on demand.
 
-A piece holds the moves of one or more layers. Its places are whole µm as differences from move to
-move; 32-bit numbers are laid out byte by byte (all lowest bytes first), which deflates to half. A
-move begins where the one before it ended; where it doesn't, a row of `Act.JUMP` says where.
+A piece holds the moves of one or more layers as `COLUMNS`. A move begins where the one before it
+ended; where it doesn't, a row of `Act.JUMP` says where.
 """
 
 from __future__ import annotations
 
-import base64
-import zlib
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import IntArray
 from registration.gcode_job import Act, GcodeJob
+from registration.report.packing import PackedColumn, deflated, pack_columns
 
 MOVES_A_CHUNK: Final = 30_000
 """Moves from which on a new piece begins with the next layer."""
-NO_WIDTH: Final = 65_535
 _UM: Final = 1e-3
+NO_WIDTH: Final = 65_535
+PLACE_COLUMNS: Final = tuple(PackedColumn(axis, "i4", _UM, summed=True) for axis in "xyz")
+COLUMNS: Final = (
+    *PLACE_COLUMNS,
+    PackedColumn("speed", "i4", _UM),
+    PackedColumn("line", "i4", summed=True),
+    PackedColumn("vessel", "i4"),
+    PackedColumn("width", "u2", _UM, none=NO_WIDTH),
+    PackedColumn("act", "u1"),
+    PackedColumn("kind", "i2"),
+    PackedColumn("dose", "f4"),
+)
+"""Of a row: places and widths in mm, speed in mm/s, dose in µL."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,34 +130,24 @@ def _group(count: IntArray) -> IntArray:
 
 def _chunk(job: GcodeJob, rows: _Rows, part: slice, lines: list[bytes] | None) -> Chunk:
     move, jumps = rows.move[part], rows.jumps[part]
-    place = np.rint(np.where(jumps[:, None], job.start[move], job.end[move]) / _UM).astype(np.int64)
+    place = np.where(jumps[:, None], job.start[move], job.end[move])
     act = np.where(jumps, np.uint8(Act.JUMP), job.act[move])
     dosed = np.isin(act, (Act.PRIME, Act.RETRACT, Act.WIPE))
     line = job.line[move]
-    fields = [
-        *(planes(np.diff(place[:, axis], prepend=0)) for axis in range(3)),
-        planes(np.rint(job.speed_mm_s[move] / _UM)),
-        planes(np.diff(line, prepend=0)),
-        planes(np.full(len(move), -1) if job.vessel is None else job.vessel[move]),
-        _widths(np.where(jumps, np.nan, job.width_mm[move])),
-        act.astype(np.uint8).tobytes(),
-        (job.kind[move] + 1).astype(np.uint8).tobytes(),
-        job.dose_ul[move][dosed].astype("<f4").tobytes(),
-    ]
-    return Chunk(len(move), encoded(b"".join(fields)), encoded(_text(lines, line)))
-
-
-def planes(values: NDArray[Any]) -> bytes:
-    """Whole numbers as int32, all lowest bytes first."""
-    whole = np.asarray(np.clip(values, -(2**31), 2**31 - 1)).astype("<i4")
-    return np.ascontiguousarray(whole.view(np.uint8).reshape(-1, 4).T).tobytes()
-
-
-def _widths(width_mm: FloatArray) -> bytes:
-    """Widths in whole µm, `NO_WIDTH` where there is none; low bytes first, then high ones."""
-    um = np.clip(np.rint(width_mm / _UM), 0, NO_WIDTH - 1)
-    whole = np.where(np.isnan(um), NO_WIDTH, um).astype("<u2")
-    return np.ascontiguousarray(whole.view(np.uint8).reshape(-1, 2).T).tobytes()
+    values = {
+        "x": place[:, 0],
+        "y": place[:, 1],
+        "z": place[:, 2],
+        "speed": job.speed_mm_s[move],
+        "line": line,
+        "vessel": np.full(len(move), -1) if job.vessel is None else job.vessel[move],
+        "width": np.where(jumps, np.nan, job.width_mm[move]),
+        "act": act,
+        "kind": job.kind[move],
+        "dose": np.where(dosed, job.dose_ul[move], 0.0),
+    }
+    text = _text(lines, line)
+    return Chunk(len(move), pack_columns(COLUMNS, values), deflated(text) if text else "")
 
 
 def _text(lines: list[bytes] | None, line: IntArray) -> bytes:
@@ -156,8 +156,3 @@ def _text(lines: list[bytes] | None, line: IntArray) -> bytes:
     new = np.diff(line, prepend=-1) != 0
     shown = zip(line.tolist(), new.tolist(), strict=True)
     return b"\n".join([lines[number - 1] if own else b"" for number, own in shown])
-
-
-def encoded(data: bytes) -> str:
-    """Deflated, in base64."""
-    return base64.b64encode(zlib.compress(data, 6)).decode("ascii") if data else ""

@@ -11,6 +11,7 @@ import numpy as np
 from kernels.arrays import FloatArray
 from registration.gcode_job import GcodeJob
 from registration.report.picture.colours import TREE_COLOURS
+from registration.report.picture.quantity import ScaleKind
 
 _KNOWN: Final = {
     "external perimeter": "#d55e00", "outer wall": "#d55e00", "wall-outer": "#d55e00",
@@ -37,7 +38,8 @@ class Colouring:
         Where the scale ends; values beyond take the colour of its end. Of the places of `labels`
         where there are some; of the share of the layer for the order.
     labels, colours : tuple of str
-        Of kinds, which have no scale.
+        Of "names"; of other scales the labels are the ticks' texts.
+    scale : {"linear", "diverging", "names"}
     """
 
     key: str
@@ -46,9 +48,12 @@ class Colouring:
     limits: tuple[float, float] = (0.0, 1.0)
     labels: tuple[str, ...] = ()
     colours: tuple[str, ...] = ()
+    scale: ScaleKind = "linear"
 
 
-PLAIN: Final = Colouring("line", "One colour", labels=("written line",), colours=("#ccd6de",))
+PLAIN: Final = Colouring(
+    "line", "One colour", labels=("written line",), colours=("#ccd6de",), scale="names"
+)
 """Pale, for lines under the design's outline."""
 
 
@@ -60,16 +65,16 @@ def colourings(job: GcodeJob) -> list[Colouring]:
         chosen.append(Colouring("width", "Line width", "mm", limits))
     named = np.unique(job.kind[writes])
     if (named >= 0).any():
-        chosen.append(Colouring("kind", "Kind of line", "", (0.0, 1.0), *_kinds(job)))
+        chosen.append(Colouring("kind", "Kind of line", "", (0.0, 1.0), *_kinds(job), "names"))
     chosen.append(
         Colouring("speed", "Speed, as fed", "mm/s", usual_span(job.speed_mm_s[writes], None))
     )
-    chosen.append(Colouring("order", "Order of writing", "", (0.0, 1.0)))
+    chosen.append(Colouring("order", "Order of writing", labels=("first", "last")))
     z = job.end[writes, 2]
     if job.layers.passes:
         chosen.insert(0, Colouring("height", "Height z", "mm", (float(z.min()), float(z.max()))))
     if job.vessel is not None:
-        chosen.append(Colouring("vessel", "Vessel", "", (0.0, 1.0), (), TREE_COLOURS))
+        chosen.append(Colouring("vessel", "Vessel", "", (0.0, 1.0), (), TREE_COLOURS, "names"))
     return chosen
 
 

@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
 
 from kernels.arrays import FloatArray
-from registration.report.gcode.chunks import encoded, planes
+from registration.report.gcode.chunks import PLACE_COLUMNS
+from registration.report.gcode.colouring import Colouring
 from registration.report.gcode.part_outline import REACH_MM, DesignOutline
-from registration.report.picture.colours import samples
+from registration.report.packing import PackedColumn, pack_columns
 
 MAX_POINTS: Final = 6_000_000
 """Of a page's outlines: about 30 MB."""
 SCALE_UM: Final = 30.0
 """Where the colours end, either way."""
 _SHARES: Final = (0.05, 0.5, 0.95)
-_UM: Final = 1e-3
+_COLUMNS: Final = (*PLACE_COLUMNS[:2], PackedColumn("begins", "u1"), PackedColumn("beyond", "i2"))
+_BEYOND: Final = Colouring(
+    "beyond",
+    "Ink beyond the design’s outline",
+    "µm",
+    (-SCALE_UM, SCALE_UM),
+    (f"−{SCALE_UM:.0f}, lumen wider", "0", f"{SCALE_UM:.0f}, narrower"),
+    scale="diverging",
+)
 
 
 @dataclass(frozen=True)
@@ -30,8 +39,8 @@ class PackedOutlines:
     points : list of int
         In each layer.
     data : list of str
-        Of each: x and y in whole µm as differences, whether a ring begins at the point, and how
-        far ink lies beyond the piece that leads to it in whole µm; deflated, in base64.
+        Of each: x and y, whether a ring begins at the point, and how far ink lies beyond the piece
+        that leads to it in µm, as columns.
     beyond_um : list of list of float
         Of each layer, what 5, 50 and 95 % of the outline's pieces stay below; empty where no ink
         is near any.
@@ -47,8 +56,8 @@ class PackedOutlines:
         return {
             "points": self.points,
             "beyond": self.beyond_um,
-            "limit": SCALE_UM,
-            "scale": samples(diverging=True),
+            "columns": [asdict(one) for one in _COLUMNS],
+            "scale": asdict(_BEYOND),
         }
 
 
@@ -76,13 +85,11 @@ def beyond_um(outline: DesignOutline) -> list[float]:
 
 def _packed(outline: DesignOutline) -> tuple[int, str]:
     places = np.concatenate([np.zeros((0, 2)), *outline.rings])
-    whole = np.rint(places / _UM).astype(np.int64)
     begins = np.zeros(len(places), np.uint8)
     begins[np.cumsum([0, *map(len, outline.rings)])[:-1]] = 1
     beyond = np.concatenate([np.zeros(0), *map(_with_first, outline.beyond_mm)])
-    fields = [planes(np.diff(whole[:, axis], prepend=0)) for axis in (0, 1)]
-    fields += [begins.tobytes(), np.rint(beyond / _UM).astype("<i2").tobytes()]
-    return len(places), encoded(b"".join(fields))
+    values = {"x": places[:, 0], "y": places[:, 1], "begins": begins, "beyond": 1e3 * beyond}
+    return len(places), pack_columns(_COLUMNS, values)
 
 
 def _with_first(values: FloatArray) -> FloatArray:

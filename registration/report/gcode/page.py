@@ -8,19 +8,16 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from markupsafe import Markup
 from numpy.typing import NDArray
 
 from design.files import write_text
 from registration.gcode_job import Act, GcodeJob, layer_sums
 from registration.report.errors import ReportError
-from registration.report.gcode.chunks import PackedPieces, pack_job
+from registration.report.gcode.chunks import COLUMNS, PackedPieces, pack_job
 from registration.report.gcode.colouring import PLAIN, colourings
 from registration.report.gcode.outline_pack import MAX_POINTS, PackedOutlines, pack_outlines
 from registration.report.gcode.part_outline import DesignOutline
-from registration.report.page_frame import environment, style
-from registration.report.picture.colours import NO_DATA, samples
-from registration.report.scripts import content_policy, module_map
+from registration.report.page_frame import page_colours, render
 from registration.report.wording import number
 
 MAX_MOVES: Final = 12_000_000
@@ -29,7 +26,7 @@ MAX_TEXT_BYTES: Final = 120_000_000
 """Of a file whose lines go into the page; of a larger one only their numbers do."""
 
 GCODE_STATIC: Final = Path(__file__).parent / "static"
-"""The page's scripts, some of which `registration.report.play` takes too."""
+"""The page's script and style sheet, which `registration.report.play` takes too."""
 _ENTRY: Final = 'import "gcode/main";'
 
 
@@ -81,22 +78,16 @@ def write_gcode_html(
     with_text = len(job.text) <= MAX_TEXT_BYTES
     packed = pack_job(job, with_text)
     drawn = None if outlines is None else pack_outlines(outlines)
-    modules = module_map(("framed", "theme", "unpack"), "gcode", GCODE_STATIC)
     context = {
         "title": job.name,
         "facts": _facts(job),
         "notes": [*job.notes, *_left_out(job, with_text), *_of_outlines(outlines, drawn)],
-        "style": style(),
-        "own_style": Markup((GCODE_STATIC / "gcode.css").read_text(encoding="utf-8")),
-        "policy": content_policy([modules, _ENTRY]),
-        "modules": modules,
-        "entry": Markup(_ENTRY),
         "view": _view(job, packed, page) | ({"outline": drawn.view} if drawn else {}),
         "outlines": drawn.data if drawn else [],
         "chunks": packed.chunks,
         "noun": "Pass" if job.layers.passes else "Layer",
     }
-    write_text(path, environment().get_template("gcode.html").render(context))
+    write_text(path, render("gcode.html", context, _ENTRY, [GCODE_STATIC / "gcode.css"]))
 
 
 def _view(job: GcodeJob, packed: PackedPieces, page: GcodePage) -> dict[str, Any]:
@@ -119,8 +110,8 @@ def _view(job: GcodeJob, packed: PackedPieces, page: GcodePage) -> dict[str, Any
         "low": _values(ends.min(axis=0) - half),
         "high": _values(ends.max(axis=0) + half),
         "colourings": [asdict(each) for each in [*colourings(job), PLAIN]],
-        "scale": samples(False),
-        "none": NO_DATA,
+        "colours": page_colours(),
+        "columns": [asdict(one) for one in COLUMNS],
         "kinds": list(job.kinds),
         "vessels": job.vessel is not None,
         "first": {"layer": page.layer, "colour": page.colour},

@@ -11,8 +11,7 @@ from typing import Any, Final
 from markupsafe import Markup
 
 from design.files import write_text
-from registration.report.page_frame import environment, style
-from registration.report.scripts import content_policy, module_map
+from registration.report.page_frame import render
 from registration.report.wording import MISSING, fixed, number
 
 _STATIC: Final = Path(__file__).parent / "static"
@@ -69,20 +68,14 @@ def write_overlay_html(
         When the file can't be written.
     """
     kept = _chosen(layers, pictures)
-    modules = module_map(("framed", "tables", "theme"), "overlay", _STATIC)
     context = {
         "page": page,
-        "style": style(),
-        "own_style": Markup((_STATIC / "overlay.css").read_text(encoding="utf-8")),
-        "policy": content_policy([modules, _ENTRY]),
-        "modules": modules,
-        "entry": Markup(_ENTRY),
         "pictures": [_picture(one, pictures[one["layer"]]) for one in kept],
         "first": _first(kept),
         "rows": [_row(one, one in kept) for one in layers],
         "left_out": len(layers) - len(kept),
     }
-    write_text(path, environment().get_template("overlay.html").render(context))
+    write_text(path, render("overlay.html", context, _ENTRY, [_STATIC / "overlay.css"]))
 
 
 def _chosen(

@@ -5,14 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from markupsafe import Markup
 
 from design.files import write_text
 from registration.gcode_job import Act
-from registration.report.page_frame import environment, style
+from registration.report.page_frame import render
 from registration.report.play.playback import Playback
 from registration.report.play.section import clock, play_section
-from registration.report.scripts import content_policy, module_map
 from registration.report.wording import number
 
 
@@ -32,18 +30,12 @@ def write_play_html(path: Path, played: Playback, title: str) -> None:
         When the file can't be written.
     """
     section = play_section(played)
-    modules = module_map(("framed", "theme", "unpack"), more=section.folders)
     context = {
         "title": title,
         "facts": _facts(played),
-        "style": style(),
-        "own_style": section.style,
-        "policy": content_policy([modules, section.entry]),
-        "modules": modules,
-        "entry": Markup(section.entry),
         "play": section.context,
     }
-    write_text(path, environment().get_template("play.html").render(context))
+    write_text(path, render("play.html", context, section.entry, section.styles))
 
 
 def _facts(played: Playback) -> list[str]:

@@ -13,18 +13,16 @@ from registration.report.gcode.page import GCODE_STATIC
 from registration.report.play.frame import draw_frame
 from registration.report.play.playback import Playback
 from registration.report.play.serialise import pack_playback
-from registration.report.scripts import Folders
 
 _STATIC: Final = Path(__file__).parent / "static"
-FOLDERS: Final[Folders] = (("gcode", GCODE_STATIC), ("play", _STATIC))
 ENTRY: Final = 'import "play/main";'
 
 
 def play_section(played: Playback) -> AddedSection:
     """The slider for the report's page."""
     # The switches and colours of ways are those of the G-code's page.
-    style = [(folder / f"{name}.css").read_text(encoding="utf-8") for name, folder in FOLDERS]
-    return AddedSection(_context(played), FOLDERS, ENTRY, Markup("\n".join(style)))
+    styles = (GCODE_STATIC / "gcode.css", _STATIC / "play.css")
+    return AddedSection(_context(played), ENTRY, styles)
 
 
 def _context(played: Playback) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any, Final
 
@@ -10,11 +9,11 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap, to_hex
 from numpy.typing import NDArray
 
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import IntArray
 from registration.gcode_job import Act
 from registration.report.gcode.chunks import NO_WIDTH
 from registration.report.gcode.colouring import Colouring, usual_span
-from registration.report.packing import pack, pack_positions
+from registration.report.packing import PackedColumn, pack_table
 from registration.report.picture.colours import DIVERGING_ANCHORS, TREE_COLOURS, samples
 from registration.report.play.playback import Playback
 
@@ -29,8 +28,18 @@ OFF: Final = LinearSegmentedColormap.from_list(
 )
 NOT_HELD: Final = "#998da8"
 """Of lines that nothing says a width of; apart from the middle of `OFF`."""
-_MS: Final = 1e-3
-_UM: Final = 1e-3
+COLUMNS: Final = (
+    *(PackedColumn(axis, "i4", 1e-4, summed=True) for axis in "xyz"),
+    PackedColumn("time", "i4", 1e-3, summed=True),
+    PackedColumn("line", "i4", summed=True),
+    PackedColumn("layer", "i4", summed=True),
+    PackedColumn("vessel", "i4", summed=True),
+    PackedColumn("head", "u1"),
+    PackedColumn("planned", "u1"),
+    PackedColumn("width", "u2", 1e-3, none=NO_WIDTH),
+    PackedColumn("wanted", "u2", 1e-3, none=NO_WIDTH),
+)
+"""Of a row: mm, and time in s."""
 _GAP: Final = 2e-6
 
 
@@ -38,8 +47,8 @@ def pack_playback(played: Playback) -> dict[str, Any]:
     """All that the page needs, as JSON values.
 
     A row ends at its place and time, and began where the one before ended. Where it didn't, a row
-    of `Act.JUMP` before it says where and when it did. Times are whole ms, widths whole µm, ink
-    `INK_STEPS` of all of it; of times, ink, lines and layers the differences are kept.
+    of `Act.JUMP` before it says where and when it did. Ink is kept in
+    `INK_STEPS` of all of it, the rest as `COLUMNS`.
     """
     rows = played.rows
     at, jumps = _with_jumps(played)
@@ -50,33 +59,29 @@ def pack_playback(played: Playback) -> dict[str, Any]:
     step = max(float(rows.laid_ul.max(initial=0.0)), 1e-9) / INK_STEPS
     ends = np.concatenate([rows.start, rows.end])[np.tile(rows.act == Act.WRITE, 2)]
     half = float(np.nan_to_num(np.nanmax(rows.width_mm, initial=0.0))) / 2
+    values = {
+        **{axis: place[:, k] for k, axis in enumerate("xyz")},
+        "time": time,
+        "laid": laid,
+        "planned": np.where(jumps, np.uint8(Act.JUMP), rows.act[at]),
+        "width": np.where(jumps, np.nan, rows.width_mm[at]),
+        "wanted": np.where(jumps, np.nan, rows.wanted_mm[at]),
+        **{name: getattr(rows, name)[at] for name in ("line", "layer", "vessel", "head")},
+    }
+    columns = [*COLUMNS, PackedColumn("laid", "i4", step, summed=True)]
     return {
-        "rows": len(at),
         "passes": played.passes,
-        "places": pack_positions(place),
-        "time_ms": _steps(time / _MS),
-        "laid": _steps(laid / step),
-        "laid_step_ul": step,
-        "line": _steps(rows.line[at]),
-        "layer": _steps(rows.layer[at]),
-        "vessel": _steps(rows.vessel[at]),
-        "head": pack(rows.head[at].astype(np.uint8)),
-        "act": pack(np.where(jumps, np.uint8(Act.JUMP), rows.act[at]).astype(np.uint8)),
-        "width_um": _widths(np.where(jumps, np.nan, rows.width_mm[at])),
-        "wanted_um": _widths(np.where(jumps, np.nan, rows.wanted_mm[at])),
+        "rows": pack_table(columns, values),
         "layer_z": np.round(played.layer_z_mm, 4).tolist(),
         "low": np.round(ends.min(axis=0) - half, 4).tolist(),
         "high": np.round(ends.max(axis=0) + half, 4).tolist(),
         "inks": list(played.inks),
-        "colourings": [
-            {**asdict(one), "diverging": one.key == "off"} for one in colourings(played)
-        ],
-        "scales": {
+        "colourings": [asdict(one) for one in colourings(played)],
+        "colours": {
             "sequential": samples(False),
             "diverging": [to_hex(OFF(k / 32)) for k in range(33)],
+            "none": NOT_HELD,
         },
-        "none": NOT_HELD,
-        "wanted": played.wanted,
     }
 
 
@@ -87,15 +92,17 @@ def colourings(played: Playback) -> list[Colouring]:
     chosen = []
     if not np.isnan(played.compared[writes]).all():
         limits = (-100 * MOST_OFF, 100 * MOST_OFF)
-        chosen.append(Colouring("off", f"Width against {played.wanted}", "%", limits))
+        chosen.append(
+            Colouring("off", f"Width against {played.wanted}", "%", limits, scale="diverging")
+        )
     if writes.any():
         limits = usual_span(rows.width_mm[writes], rows.way_mm[writes])
         chosen.append(Colouring("width", "Predicted width", "mm", limits))
     if (rows.vessel >= 0).any():
-        chosen.append(Colouring("vessel", "Vessel", "", (0.0, 1.0), (), TREE_COLOURS))
+        chosen.append(Colouring("vessel", "Vessel", "", (0.0, 1.0), (), TREE_COLOURS, "names"))
     if len(played.inks) > 1:
         hues = (TREE_COLOURS * len(played.inks))[: len(played.inks)]
-        chosen.append(Colouring("head", "Ink", "", (0.0, 1.0), played.inks, hues))
+        chosen.append(Colouring("head", "Ink", "", (0.0, 1.0), played.inks, hues, "names"))
     return chosen
 
 
@@ -107,14 +114,3 @@ def _with_jumps(played: Playback) -> tuple[IntArray, NDArray[np.bool_]]:
     before = np.flatnonzero(np.concatenate([[True], apart]))
     jumps = np.insert(np.zeros(len(rows), bool), before, True)
     return np.insert(np.arange(len(rows)), before, before), jumps
-
-
-def _steps(values: NDArray[Any] | Sequence[float]) -> str:
-    """Whole numbers as differences."""
-    whole = np.rint(np.asarray(values, np.float64)).astype(np.int64)
-    return pack(np.diff(whole, prepend=0).astype(np.int32))
-
-
-def _widths(width_mm: FloatArray) -> str:
-    um = np.clip(np.rint(np.nan_to_num(width_mm, nan=-1.0) / _UM), -1, NO_WIDTH - 1)
-    return pack(np.where(um < 0, NO_WIDTH, um).astype(np.uint16))

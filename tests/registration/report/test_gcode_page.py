@@ -22,46 +22,35 @@ from registration.report.gcode import (
 from registration.report.gcode import chunks as chunk_module
 from registration.report.gcode import page as page_module
 from registration.report.gcode.bands import band_outlines
-from registration.report.gcode.chunks import pack_job
+from registration.report.gcode.chunks import COLUMNS, pack_job
 from registration.report.gcode.colouring import colourings
 from tests.slower import first_of
 
+from .columns import unpacked
 from .gcode_sample import WRITE, layered_job, make_job, passes_job
 
 
-def unpacked(chunk):
-    """A piece's fields, read the slow way."""
-    data, n = zlib.decompress(base64.b64decode(chunk.data)), chunk.rows
-    at = 0
-    fields = []
-    for size in (4, 4, 4, 4, 4, 4, 2, 1, 1):
-        planes = data[at : at + size * n]
-        at += size * n
-        fields.append([
-            int.from_bytes(bytes(planes[k * n + i] for k in range(size)), "little",
-                           signed=size == 4)
-            for i in range(n)
-        ])  # fmt: skip
-    for k in (0, 1, 2, 4):
-        fields[k] = np.cumsum(fields[k]).tolist()
-    return fields, np.frombuffer(data[at:], "<f4")
+def rows_of(chunk):
+    return unpacked(chunk.data, chunk.rows, COLUMNS)
 
 
 def test_a_piece_says_every_move_where_it_is():
     job = layered_job()
     packed = pack_job(job, True)
     (chunk,) = packed.chunks
-    (x, y, z, speed, line, vessel, width, act, kind), dose = unpacked(chunk)
-    assert act == [Act.JUMP, *job.act.tolist()]
-    assert np.column_stack([x, y, z])[1:] / 1e3 == pytest.approx(job.end)
-    assert np.array([x[0], y[0], z[0]]) / 1e3 == pytest.approx(job.start[0])
-    assert line == [11, *job.line.tolist()]
-    assert set(speed) == {20_000}
-    assert set(vessel) == {-1}
-    assert [w for w, a in zip(width, act, strict=True) if a == WRITE] == [500] * 4
-    assert {w for w, a in zip(width, act, strict=True) if a != WRITE} == {65_535}
-    assert kind[1:] == (job.kind + 1).tolist()
-    assert dose.tolist() == [-0.25, 0.5]
+    rows = rows_of(chunk)
+    places = np.column_stack([rows[axis] for axis in "xyz"])
+    act, width = rows["act"], rows["width"]
+    assert act.tolist() == [Act.JUMP, *job.act.tolist()]
+    assert places[1:] == pytest.approx(job.end)
+    assert places[0] == pytest.approx(job.start[0])
+    assert rows["line"].tolist() == [11, *job.line.tolist()]
+    assert rows["speed"] == pytest.approx(20.0)
+    assert set(rows["vessel"]) == {-1}
+    assert width[act == WRITE] == pytest.approx(0.5)
+    assert np.isnan(width[act != WRITE]).all()
+    assert rows["kind"][1:].tolist() == job.kind.tolist()
+    assert rows["dose"][rows["dose"] != 0].tolist() == [-0.25, 0.5]
     text = zlib.decompress(base64.b64decode(chunk.text)).decode().split("\n")
     assert text[0] == "G1 line 11"
     assert text[1] == ""
@@ -83,13 +72,13 @@ def test_moves_of_layers_in_any_order_keep_their_ends(data):
         patch.setattr(chunk_module, "MOVES_A_CHUNK", least)
         packed = pack_job(job, False)
     found = []
-    fields = [unpacked(chunk)[0] for chunk in packed.chunks]
+    pieces = [rows_of(chunk) for chunk in packed.chunks]
     for k in range(5):
-        x, y, z, _, line, _, _, act, _ = fields[packed.chunk[k]]
+        rows = pieces[packed.chunk[k]]
         for i in range(packed.first[k], packed.last[k]):
-            if act[i] != Act.JUMP:
-                ends = [[x[j] / 1e3, y[j] / 1e3, z[j] / 1e3] for j in (i - 1, i)]
-                found.append((line[i] - 11, k, ends))
+            if rows["act"][i] != Act.JUMP:
+                ends = [[rows[axis][j] for axis in "xyz"] for j in (i - 1, i)]
+                found.append((rows["line"][i] - 11, k, ends))
     assert sorted(move for move, _, _ in found) == list(range(count))
     for move, k, ends in found:
         assert layer[move] == k

@@ -1,5 +1,3 @@
-import base64
-import zlib
 from typing import Any
 
 import numpy as np
@@ -18,18 +16,13 @@ from registration.report.picture import quantities
 from registration.report.sections import vessel_summary
 from registration.report.tables import MAX_ROWS, Column, make_table, vessel_index
 
+from .columns import unpacked_table
 from .sample import planar_network, sample_data
 
 
-def unpacked(text: str, dtype: str) -> NDArray[Any]:
-    return np.frombuffer(zlib.decompress(base64.b64decode(text)), dtype)
-
-
 def positions(packed: dict[str, Any]) -> NDArray[np.float64]:
-    """As the page undoes them: wrapped differences of levels."""
-    steps = unpacked(packed["positions"], "<u2").reshape(-1, 3)
-    levels = np.cumsum(steps, axis=0, dtype=np.uint16)
-    return np.array(packed["low"]) + np.array(packed["step"]) * levels
+    rows = unpacked_table(packed)
+    return np.column_stack([rows[axis] for axis in "xyz"])
 
 
 def test_colourings_hold_a_value_for_each_vessel_or_point() -> None:
@@ -37,10 +30,10 @@ def test_colourings_hold_a_value_for_each_vessel_or_point() -> None:
     data["registration"]["vessels"].pop(3)
     made = {c["key"]: c for c in report_view(network, data)["colourings"]}
     assert {"radius", "flow", "pressure", "shear", "kind", "tree", "deviation"} <= set(made)
-    radius = unpacked(made["radius"]["values"], "<f4")
+    radius = unpacked_table(made["radius"]["values"])["value"]
     assert made["radius"]["at"] == "point"
     assert radius[10] == pytest.approx(0.2)
-    error = unpacked(made["deviation"]["values"], "<f4")
+    error = unpacked_table(made["deviation"]["values"])["value"]
     assert made["deviation"]["at"] == "vessel"
     assert len(error) == 14
     assert np.isnan(error[3])
@@ -51,9 +44,10 @@ def test_the_page_gets_the_network_whole() -> None:
     network = planar_network()
     view = network_view(network, quantities(network), {2: "header"})
     assert np.abs(positions(view["points"]) - network.points).max() < 1e-5 * 16
-    assert np.allclose(unpacked(view["radius"], "<f4"), network.radius, rtol=1e-6)
-    assert unpacked(view["offset"], "<i4").tolist() == network.offset.tolist()
-    assert unpacked(view["number"], "<i4").tolist() == list(range(14))
+    assert np.allclose(unpacked_table(view["points"])["radius"], network.radius, rtol=1e-6)
+    vessels = unpacked_table(view["vessels"])
+    assert vessels["end"].tolist() == network.offset[1:].tolist()
+    assert vessels["number"].tolist() == list(range(14))
     assert np.allclose(view["lengths"], network.lengths(), atol=1e-4)
     assert view["names"] == {"2": "header"}
     assert view["least_diameter_mm"] == 0.0
@@ -77,8 +71,10 @@ def test_the_thinnest_are_left_out_and_it_is_told() -> None:
     assert shown.least_diameter_mm == pytest.approx(0.4)
     view = network_view(network, quantities(network), {}, "radius", 3)
     assert (view["shown_count"], view["vessel_count"]) == (2, 5)
-    assert unpacked(view["number"], "<i4").tolist() == [1, 3]
-    assert np.allclose(unpacked(view["colourings"][0]["values"], "<f4"), [0.5, 0.5, 0.4, 0.4])
+    assert unpacked_table(view["vessels"])["number"].tolist() == [1, 3]
+    assert unpacked_table(view["colourings"][0]["values"])["value"] == pytest.approx(
+        [0.5, 0.5, 0.4, 0.4]
+    )
     assert positions(view["points"])[:, 0] == pytest.approx([1, 1, 3, 3], abs=1e-4)
 
 

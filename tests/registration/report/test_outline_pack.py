@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import zlib
-
 import numpy as np
 import pytest
 
@@ -12,6 +9,9 @@ from registration.report.gcode import DesignOutline
 from registration.report.gcode import outline_pack as module
 from registration.report.gcode.outline_pack import beyond_um, pack_outlines
 from registration.report.gcode.part_outline import REACH_MM
+from registration.report.packing import PackedColumn
+
+from .columns import unpacked
 
 RING = np.array([[1.0, 2.0], [1.5, 2.0], [1.5, 2.7], [1.0, 2.0]])
 HOLE = np.array([[-0.25, 0.125], [-0.2, 0.15], [-0.25, 0.125]])
@@ -21,21 +21,12 @@ OUTLINE = DesignOutline(
 NONE = DesignOutline((), ())
 
 
-def unpacked(text: str, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """As outline.js does: bytes of int32 by planes, summed; flags; int16."""
-    data = np.frombuffer(zlib.decompress(base64.b64decode(text)), np.uint8)
-    axes = []
-    for axis in (0, 1):
-        planes = data[4 * n * axis : 4 * n * (axis + 1)].reshape(4, n).T
-        axes.append(np.cumsum(np.ascontiguousarray(planes).view("<i4").ravel()) / 1000)
-    return np.stack(axes, axis=1), data[8 * n : 9 * n], data[9 * n :].copy().view("<i2")
-
-
 def test_points_rings_and_distances_come_back_in_whole_micrometres() -> None:
     packed = pack_outlines([OUTLINE, NONE])
     assert packed is not None
     assert packed.points == [7, 0]
-    places, begins, beyond = unpacked(packed.data[0], 7)
+    rows = unpacked(packed.data[0], 7, [PackedColumn(**one) for one in packed.view["columns"]])
+    places, begins, beyond = np.column_stack([rows["x"], rows["y"]]), rows["begins"], rows["beyond"]
     assert places == pytest.approx(np.concatenate([RING, HOLE]))
     assert begins.tolist() == [1, 0, 0, 0, 1, 0, 0]
     assert beyond.tolist() == [0, 12, -3, 0, 0, -300, 40]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 from registration.report import all_figures, network_page, write_report_html
 from registration.report import page as page_module
 from registration.report.drawing import broken_line, small_multiples
-from registration.report.scripts import import_map, module_map
+from registration.report.scripts import import_map
 from tests.registration.report.sample import planar_network, sample_data
 
 TEMPLATES = Path(network_page.__file__).parent / "templates"
@@ -25,12 +26,13 @@ def test_every_page_has_the_shared_head_and_no_other(name: str) -> None:
     assert "<meta" not in text
 
 
-def test_module_map_names_what_a_page_imports(tmp_path: Path) -> None:
-    (tmp_path / "main.js").write_text("1")
-    found = json.loads(module_map(("theme",), "own", tmp_path))["imports"]
-    assert sorted(found) == ["own/main", "report/theme"]
-    assert found["own/main"] == "data:text/javascript;base64,MQ=="
-    assert found["report/theme"] == json.loads(import_map())["imports"]["report/theme"]
+def test_a_page_holds_the_modules_that_its_entry_needs_and_no_other() -> None:
+    flat = json.loads(import_map('import "overlay/main";'))["imports"]
+    assert list(flat) == ["overlay/main", "viewer/page"]
+    page = (TEMPLATES.parent / "viewer" / "page.js").read_bytes()
+    assert flat["viewer/page"].endswith(base64.b64encode(page).decode())
+    solid = json.loads(import_map())["imports"]
+    assert {"three", "three/orbit", "viewer/view"} <= set(solid)
 
 
 @pytest.mark.parametrize(("count", "rows", "columns"), [(1, 1, 1), (2, 1, 2), (3, 1, 3), (8, 3, 3)])

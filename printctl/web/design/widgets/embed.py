@@ -24,14 +24,14 @@ if (!window.pcThemed) {
     { attributes: true, attributeFilter: ["data-theme"] });
   new MutationObserver(themed).observe(document.body,
     { subtree: true, childList: true, attributes: true, attributeFilter: ["data-page"] });
-  // A place that was clicked on a tissue (report/pick), from the frame that is there for it alone.
+  // A place that was clicked on a tissue (viewer/view.js), from the frame that is for it alone.
   window.addEventListener("message", (event) => {
     if (event.data?.printctl !== "pick") return;
     const frames = [...document.querySelectorAll(".pc-pick iframe")];
     if (!frames.some((frame) => frame.contentWindow === event.source)) return;
     emitEvent("pc_pick", { at: event.data.at });
   });
-  // Frames beside each other see the same way (report/linked).
+  // Frames beside each other see the same way (viewer/stage.js).
   window.addEventListener("message", (event) => {
     if (event.data?.printctl !== "view") return;
     const frames = [...document.querySelectorAll(".pc-linked iframe")];

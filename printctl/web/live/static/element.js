@@ -10,16 +10,11 @@ function addStyle(href) {
 
 export default {
   template: "<div></div>",
-  props: { scene: String, job: String, source: String, live: Boolean },
+  props: { scene: String, live: Boolean },
   async mounted() {
     addStyle(`${root()}/live/static/live_view.css`);
     const { liveView } = await import(`${root()}/live/static/live_view.js`);
-    const view = await liveView(this.$el, {
-      scene: root() + this.scene,
-      job: this.job,
-      source: this.source ? root() + this.source : "",
-      live: this.live,
-    });
+    const view = await liveView(this.$el, { scene: root() + this.scene, live: this.live });
     if (this.gone) view.dispose();
     this.view = view;
     if (this.waiting) view.update(this.waiting);
@@ -29,9 +24,9 @@ export default {
     this.view?.dispose();
   },
   methods: {
-    update(said) {
-      if (this.view) this.view.update(said);
-      else this.waiting = { ...this.waiting, ...said };
+    update(news) {
+      if (this.view) this.view.update(news);
+      else this.waiting = { ...this.waiting, ...news };
     },
   },
 };

@@ -1,45 +1,45 @@
 // Draws a job from above on a plain canvas, where there is no WebGL: the same numbers, the same
 // choices, the same way of drawing what was executed on top of what is there.
-import { Camera } from "./camera.js";
-import { CanvasView } from "./canvas_view.js";
-import { cssOf, hues, palette, texelOf } from "./palette.js";
-import { ACT, WIDE } from "./scene.js";
-import { fit, pan, startStrokes, zoom } from "./strokes.js";
+import { Camera, FlatView, corners } from "viewer/flat";
+import { ACT, LinePainter } from "viewer/lines";
+import { hues } from "viewer/page";
+import { cssOf } from "viewer/scale";
+import { COLUMN, HUES, TEXELS, USUAL_UM, WIDE, painted, partsOf, placesOf } from "live/scene";
 
 const SLICE_MS = 30;
-const LOOK_EVERY = 512; // moves between two looks at the clock
-const USUAL_UM = 200;
+const BLOCK = 512; // moves between two looks at the clock
 const LEAST_MM = 0.5; // of a job that is fitted
+const SAME_PX = 0.25; // widths that are drawn as one
+const MAX_ON_TOP = 32768; // moves that are drawn over the picture at once
 
-export class FlatPainter extends CanvasView {
+export class FlatPainter extends FlatView {
   constructor(element, { onView }) {
     const canvas = document.createElement("canvas");
-    super(element, canvas, new Camera([0, 0, 0], [1, 1, 0]));
-    this.onView = onView;
-    canvas.style.touchAction = "pan-y";
+    super(element, canvas, new Camera(corners([0, 0, 0], [1, 1, 0])));
+    Object.assign(this, { onView, finest: 2, lines: new LinePainter(this.context, this.camera) });
     element.append(canvas);
-    this.pen = canvas.getContext("2d");
-    startStrokes(this, { taken: () => this.held });
+    this.hold(false);
+    this.listen({ taken: () => this.held });
   }
 
   take(scene) {
     this.scene = scene;
-  }
-
-  get finer() { return Math.min(devicePixelRatio || 1, 2); }
-
-  fit() {
-    const { about } = this.scene;
-    const places = [about.written_low_mm, about.written_high_mm, ...about.outlines.flat()];
+    const { points, moves, about } = scene;
+    this.rows = { n: moves + 1 };
+    for (const [name, k] of Object.entries(COLUMN)) {
+      const [low, step] = [about.low_mm[k] ?? 0, about.step_mm[k] ?? 1];
+      const column = new Float32Array(moves + 1);
+      for (let i = 0; i <= moves; i++) column[i] = low + step * points[WIDE * i + k];
+      this.rows[name] = column;
+    }
+    this.rows.width = this.rows.width.map((um) => (um || USUAL_UM) / 1000);
     const ends = [0, 1].map((axis) => {
-      const all = places.map((at) => at[axis]);
+      const all = placesOf(about).map((at) => at[axis]);
       const [low, high] = [Math.min(...all), Math.max(...all)];
       const spare = Math.max(LEAST_MM - (high - low), 0) / 2;
       return [low - spare, high + spare];
     });
-    this.camera.low = [ends[0][0], ends[1][0], 0];
-    this.camera.high = [ends[0][1], ends[1][1], 0];
-    this.fitted = true;
+    this.camera.points = corners([ends[0][0], ends[1][0], 0], [ends[0][1], ends[1][1], 0]);
     this.resize();
   }
 
@@ -51,39 +51,24 @@ export class FlatPainter extends CanvasView {
   paint() {
     cancelAnimationFrame(this.going);
     if (!this.state) return;
-    this.named = hues(this.holder);
-    this.colours = palette(this.state.by, this.scene.about);
-    const { written, rest, travels } = this.state;
+    this.named = hues(HUES, this.element, "--live-");
+    this.hueOf = this.state.scale.table(TEXELS).map(cssOf);
+    const { written } = this.state;
     const next = Math.max(written, this.state.next);
     this.painted = { written, next };
-    this.place();
-    this.pen.clearRect(0, 0, this.canvas.width, this.canvas.height);
+    this.clear();
     this.drawOutlines();
-    const { moves } = this.scene;
-    const jobs = [
-      ...(rest ? [["ghost", written, moves]] : []), ["solid", 0, written],
-      ...(travels ? [["way", 0, moves]] : []), ["next", written, next],
-    ];
     this.done = false;
-    this.paintSlice(jobs);
-  }
-
-  // The transformation of a point's numbers to the canvas.
-  place() {
-    const { low_mm: low, step_mm: step } = this.scene.about;
-    const { target, size } = this.camera;
-    const px = this.camera.scale * this.finer;
-    this.x = [px * step[0], px * (low[0] - target[0]) + (size[0] * this.finer) / 2];
-    this.y = [-px * step[1], px * (target[1] - low[1]) + (size[1] * this.finer) / 2];
+    this.paintSlice([...partsOf(this.state, this.scene.moves), ["next", written, next]]);
   }
 
   paintSlice(jobs) {
     const end = performance.now() + SLICE_MS;
     while (jobs.length && performance.now() < end) {
       const [look, first, last] = jobs[0];
-      const at = this.stroke(look, first, last, end);
-      if (at >= last) jobs.shift();
-      else jobs[0][1] = at;
+      jobs[0][1] = Math.min(first + BLOCK, last);
+      this.stroke(look, first, jobs[0][1]);
+      if (jobs[0][1] >= last) jobs.shift();
     }
     this.onView(this);
     if (jobs.length) {
@@ -91,107 +76,57 @@ export class FlatPainter extends CanvasView {
       return;
     }
     this.done = true;
-    if (this.onDone) this.onDone();
+    this.onDone?.();
     this.advance(this.state);
   }
 
-  // Strokes moves until the last, or until the time is over; returns how far it came.
-  stroke(look, first, last, end = Infinity) {
-    const { points } = this.scene;
-    const [low, high] = this.state.layers;
-    const { pen, x, y } = this;
-    let style = "";
-    let i = first;
-    let joined = false;
-    pen.lineCap = "round";
-    pen.beginPath();
-    for (; i < last; i++) {
-      if (i % LOOK_EVERY === LOOK_EVERY - 1 && performance.now() > end) break;
-      const at = WIDE * (i + 1);
-      const act = points[at + 7];
-      const layer = points[at + 3];
-      const fits = (act === ACT.WRITE) === (look !== "way") && act !== ACT.JUMP;
-      if (!fits || layer < low || layer > high) {
-        joined = false;
-        continue;
-      }
-      const wanted = this.styleOf(look, at);
-      if (wanted !== style) {
-        pen.stroke();
-        pen.beginPath();
-        this.dip(look, at);
-        [style, joined] = [wanted, false];
-      }
-      if (!joined) {
-        pen.moveTo(x[0] * points[at - WIDE] + x[1], y[0] * points[at - WIDE + 1] + y[1]);
-      }
-      pen.lineTo(x[0] * points[at] + x[1], y[0] * points[at + 1] + y[1]);
-      joined = true;
-    }
-    pen.stroke();
-    return i;
-  }
-
-  // One number for colour and width, so that moves alike are stroked together.
-  styleOf(look, at) {
-    if (look !== "solid") return look;
-    const { points } = this.scene;
-    const wide = Math.round(Math.log2(1 + points[at + 6]) * 4);
-    return `${texelOf(this.colours, points[at + this.colours.column])} ${wide}`;
-  }
-
-  dip(look, at) {
-    const { points } = this.scene;
-    const um = points[at + 6] || USUAL_UM;
-    const true_px = um * 1e-3 * this.camera.scale * this.finer;
-    this.pen.lineWidth = look === "solid" ? Math.max(true_px, 1.2) : look === "next" ? 2 : 1;
-    this.pen.strokeStyle = look === "solid"
-      ? cssOf(this.colours, texelOf(this.colours, points[at + this.colours.column]))
-      : this.named[look].text;
+  // Strokes moves from 0; a move is the row after it.
+  stroke(look, first, last) {
+    const { hueOf, state: { layers: [low, high], by, scale }, rows: { act, layer, [by]: value } } = this;
+    const travels = look === "way";
+    const fits = (i) => (act[i] === ACT.WRITE) !== travels && act[i] !== ACT.JUMP
+      && layer[i] >= low && layer[i] <= high;
+    // One pen as long as it is the same: moves alike are stroked together.
+    let pen = { value: NaN, wide: NaN, hue: this.named[look], width: look === "next" ? 2 : 1 };
+    const penOf = look !== "solid" ? () => pen : (i, wide) => {
+      if (value[i] === pen.value && Math.abs(wide - pen.wide) < SAME_PX) return pen;
+      const hue = hueOf[scale.bin(value[i], TEXELS)];
+      pen = { value: value[i], wide, hue, width: Math.max(wide, 1.2) };
+      return pen;
+    };
+    this.context.lineCap = "round";
+    this.lines.strokes(this.rows, first + 1, last + 1, fits, penOf);
   }
 
   drawOutlines() {
-    this.pen.strokeStyle = this.named.rim.text;
-    this.pen.lineWidth = this.finer;
+    Object.assign(this.context, { strokeStyle: this.named.rim, lineWidth: 1 });
     for (const line of this.scene.about.outlines) {
-      this.pen.beginPath();
-      line.forEach((at, k) => {
-        const [px, py] = this.project(at).map((value) => value * this.finer);
-        if (k) this.pen.lineTo(px, py);
-        else this.pen.moveTo(px, py);
-      });
-      this.pen.stroke();
+      this.context.beginPath();
+      for (const place of line) this.context.lineTo(...this.project(place));
+      this.context.stroke();
     }
   }
 
   advance(state) {
     this.state = state;
-    if (!this.done) return;
-    const { written, next } = this.painted;
-    const ahead = Math.max(state.next, state.written);
-    if (state.written < written || ahead < next || state.written - written > 32768) {
-      this.draw();
-      return;
-    }
-    if (ahead === next && state.written === written) return;
-    this.stroke("solid", written, state.written);
-    this.stroke("next", state.written, ahead);
-    this.painted = { written: state.written, next: ahead };
+    const step = this.done && painted(this, MAX_ON_TOP);
+    if (!step) return;
+    this.stroke("solid", ...step.solid);
+    this.stroke("next", ...step.next);
   }
 
-  project(place) { return [this.camera.u(...place), this.camera.v(...place)]; }
+  look() { this.fit(); }
 
-  look() { fit(this); }
   hold(held) {
     this.held = held;
     this.canvas.style.touchAction = held ? "none" : "pan-y";
   }
-  orbit(across, up) { pan(this, -60 * across, -60 * up); }
-  pan(across, up) { pan(this, -across, up); }
-  zoom(factor) { zoom(this, factor); }
+
+  orbit(across, up) { this.pan(60 * across, -60 * up); }
 
   dispose() {
     this.observer.disconnect();
+    this.endTheme();
     cancelAnimationFrame(this.going);
     this.state = null;
     this.canvas.remove();

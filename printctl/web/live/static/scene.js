@@ -1,32 +1,32 @@
-// A job's moves as the server packs them (printctl/web/live/pack.py says how).
+// A job's moves as the server packs them (printctl/web/live/pack.py says how), and their colours.
+import { bisect } from "viewer/page";
+import { Scale } from "viewer/scale";
+
 const MAGIC = "PRINTVIW";
 const VERSION = 1;
 export const WIDE = 8; // numbers of a point
-export const NONE = 65535;
-export const ACT = { TRAVEL: 0, LIFTED: 1, WRITE: 2, WIPE: 5, JUMP: 6 };
+export const COLUMN = { x: 0, y: 1, z: 2, layer: 3, vessel: 4, ink: 5, width: 6, act: 7 };
+export const USUAL_UM = 200; // width of a line that says none
+export const TEXELS = 256;
+export const HUES = ["stage", "ghost", "next", "way", "rim"];
+const RAMP = ["#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d"];
+const IN_TURN = [
+  "#2f6fb5", "#c8701a", "#2e8b57", "#b8415d", "#7a5fb8", "#4f9fa8", "#a0772d", "#5f7d2a",
+  "#a64fa0", "#3d8fd1", "#cf5f45", "#6f7f8c",
+];
 
 export class SceneProblem extends Error {}
 
 export async function loadScene(url) {
-  let answer;
-  try {
-    answer = await fetch(url, { credentials: "same-origin" });
-  } catch {
-    throw new SceneProblem("The server doesn't answer; is it running?");
-  }
-  if (!answer.ok) throw new SceneProblem(await said(answer));
-  return readScene(await answer.arrayBuffer());
+  const answer = await fetch(url, { credentials: "same-origin" }).catch(() => null);
+  if (!answer) throw new SceneProblem("The server doesn't answer; is it running?");
+  if (answer.ok) return readScene(await answer.arrayBuffer());
+  const { detail } = await answer.json().catch(() => ({}));
+  throw new SceneProblem(typeof detail === "string" ? detail
+    : `The server answers ${answer.status} instead of the moves.`);
 }
 
-async function said(answer) {
-  try {
-    const { detail } = await answer.json();
-    if (typeof detail === "string") return detail;
-  } catch { /* not JSON: the number has to do */ }
-  return `The server answers ${answer.status} instead of the moves.`;
-}
-
-export function readScene(buffer) {
+function readScene(buffer) {
   const head = new DataView(buffer, 0, Math.min(16, buffer.byteLength));
   const magic = buffer.byteLength < 16 ? "" : String.fromCharCode(...new Uint8Array(buffer, 0, 8));
   if (magic !== MAGIC || head.getUint32(8, true) !== VERSION) {
@@ -34,7 +34,7 @@ export function readScene(buffer) {
   }
   let at = 16 + head.getUint32(12, true);
   const about = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 16, at - 16)));
-  const moves = about.moves;
+  const { moves } = about;
   const points = new Uint16Array(buffer, at, WIDE * (moves + 1));
   at += points.byteLength;
   const command = new Uint32Array(buffer, at, moves);
@@ -47,23 +47,53 @@ export function placeOf({ about, points }, i) {
 }
 
 // How many entries of an ascending array lie below a value.
-export function below(array, value) {
-  let [low, high] = [0, array.length];
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (array[middle] < value) low = middle + 1;
-    else high = middle;
-  }
-  return low;
-}
+const below = (array, value) => bisect(0, array.length, (i) => array[i] >= value);
 
 // Moves that so many executed commands have done.
-export function movesDone(scene, commands) {
-  return below(scene.command, commands);
-}
+export const movesDone = (scene, commands) => below(scene.command, commands);
 
 // Moves that are done so many seconds after the first `done` ones, by the feeds alone.
 export function movesAhead(scene, done, seconds) {
   const now = done > 0 ? scene.time[done - 1] : 0;
   return Math.max(done, below(scene.time, now + seconds));
+}
+
+// What the colours can show of a job, as [key, name] each.
+export function colourings(about) {
+  return [["layer", about.passes ? "pass" : "layer"],
+    ...(about.vessels > 1 ? [["vessel", "vessel"]] : []), ...(about.heads > 1 ? [["ink", "ink"]] : [])];
+}
+
+// Layers follow a ramp; of anything else neighbours in number differ.
+export function scaleOf(by, about) {
+  const ramp = by === "layer" && !about.passes;
+  return new Scale({
+    name: by, unit: "", labels: [], colours: IN_TURN, scale: ramp ? "linear" : "names",
+    limits: [0, Math.max(about.layers.length - 1, 1)],
+  }, { sequential: RAMP, none: IN_TURN[0] });
+}
+
+// Places that are to be seen: all that is written, and what stands on the bed.
+export const placesOf = (about) =>
+  [about.written_low_mm, about.written_high_mm, ...about.outlines.flat()];
+
+// What a whole picture is made of, as [look, first, last] of moves each.
+export function partsOf({ written, rest, travels }, moves) {
+  return [...(rest ? [["ghost", written, moves]] : []), ["solid", 0, written],
+    ...(travels ? [["way", 0, moves]] : [])].filter(([, first, last]) => last > first);
+}
+
+// What is to be drawn over a painter's picture, [first, last] of moves; null where nothing is, and then
+// all is drawn anew if it has to. What comes next is drawn whole, since what was just written may lie
+// over a part.
+export function painted(painter, mostOnTop) {
+  const { state, painted: { written, next } } = painter;
+  const ahead = Math.max(state.next, state.written);
+  if (state.written < written || ahead < next || state.written - written > mostOnTop) {
+    painter.draw();
+    return null;
+  }
+  if (ahead === next && state.written === written) return null;
+  painter.painted = { written: state.written, next: ahead };
+  return { solid: [written, state.written], next: [state.written, ahead] };
 }

@@ -33,7 +33,7 @@
     true,
   );
 
-  // A frame with one of our own pages in it hands on its keys (report/framed).
+  // A frame with one of our own pages in it hands on its keys (viewer/page.js).
   window.addEventListener("message", (event) => {
     if (event.data?.printctl !== "escape") return;
     const frames = [...document.querySelectorAll("iframe")];

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
-from typing import Any
 
-from fastapi import FastAPI, WebSocket, WebSocketDisconnect
+from fastapi import FastAPI
 from fastapi.responses import HTMLResponse
 
 from printctl.web.live import JobSource
@@ -29,18 +26,7 @@ window.view = view;
 </script></body></html>"""
 
 
-@dataclass
-class Prints:
-    """What the page's WebSocket tells: each event goes to all who listen."""
-
-    listeners: set[WebSocket] = field(default_factory=set)
-
-    async def tell(self, said: Mapping[str, Any]) -> None:
-        for one in list(self.listeners):
-            await one.send_text(json.dumps(said))
-
-
-def application(jobs: Mapping[str, JobSource], prints: Prints | None = None) -> FastAPI:
+def application(jobs: Mapping[str, JobSource]) -> FastAPI:
     """Pages at ``/{job}``; their options come from the query."""
     maker = SceneMaker()
 
@@ -52,26 +38,10 @@ def application(jobs: Mapping[str, JobSource], prints: Prints | None = None) -> 
 
     app = FastAPI(lifespan=lifespan)
     app.include_router(router(jobs.__getitem__, maker))
-    told = prints or Prints()
 
     @app.get("/job/{job}", response_class=HTMLResponse)
-    async def page(job: str, live: bool = False, plain: bool = False, source: str = "") -> str:
+    async def page(job: str, live: bool = False, plain: bool = False) -> str:
         options = {"scene": f"/live/{job}/scene", "live": live, "plain": plain}
-        options |= {"source": source, "job": job}
         return PAGE.format(options=json.dumps(options))
-
-    @app.websocket("/events")
-    async def events(socket: WebSocket) -> None:
-        await socket.accept()
-        told.listeners.add(socket)
-        try:
-            while True:
-                await socket.receive_text()
-        except (WebSocketDisconnect, asyncio.CancelledError):
-            told.listeners.discard(socket)
-
-    @app.post("/tell")
-    async def tell(said: dict[str, Any]) -> None:
-        await told.tell(said)
 
     return app

@@ -1,7 +1,10 @@
+import contextlib
 import os
+import socket
 import subprocess
 import sys
 import textwrap
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -54,6 +57,11 @@ def address(tmp_path: Path) -> Iterator[str]:
     assert process.stdout is not None
     port = process.stdout.readline().strip()
     assert port.isdigit()
+    for _ in range(200):  # it is printed before the server listens
+        with contextlib.suppress(OSError):
+            socket.create_connection(("127.0.0.1", int(port)), 1).close()
+            break
+        time.sleep(0.05)
     yield f"http://127.0.0.1:{port}"
     process.terminate()
     process.wait(20)
