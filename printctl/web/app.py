@@ -10,10 +10,9 @@ from fastapi import FastAPI
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp
 
-from printctl.web.api.answers import API, our_version
+from printctl.web.api.answers import API, GUARD_REFUSALS, our_version
 from printctl.web.api.docs import serve_docs
 from printctl.web.api.errors import answer_errors, answer_unknown
-from printctl.web.api.openapi_errors import describe_refusals
 from printctl.web.api.routes import router, watch_holder
 from printctl.web.compressing import Compressed
 from printctl.web.core import Core
@@ -58,6 +57,7 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
         redoc_url=None,
         openapi_url=f"{API}/openapi.json",
         lifespan=running,
+        responses=GUARD_REFUSALS,
     )
     answer_errors(app)
     app.include_router(router(core, prints))
@@ -66,7 +66,6 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
     serve_assets(app)
     for part in routers(services):
         app.include_router(part)
-    describe_refusals(app)
     answer_unknown(app, API)
     if pages:
         _add_pages(app)

@@ -107,8 +107,7 @@ class PrintSockets:
         return list(await asyncio.gather(*(self._outcome(one, limit) for one in sent)))
 
     async def _outcome(self, sent: SentStop, limit: float) -> dict[str, Any]:
-        one = self._killed[sent.folder]
-        status = one.status
+        one, status = self._killed[sent.folder], {}
         while status.get("state") not in ENDED and time.monotonic() < limit:
             await asyncio.sleep(_POLL_S)
             status = one.status

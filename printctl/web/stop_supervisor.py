@@ -54,21 +54,19 @@ class StopProcess:
         self._process.wait()
 
     def _start(self) -> subprocess.Popen[str]:
-        root = str(Path(printctl.__file__).resolve().parents[1])
-        paths = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
+        paths = [str(Path(printctl.__file__).resolve().parents[1]), os.environ.get("PYTHONPATH")]
         process = subprocess.Popen(
             [sys.executable, "-m", "printctl.web.stop_process"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
-            env={**os.environ, "PYTHONPATH": paths},
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
             start_new_session=True,  # a Ctrl-C is the server's alone
         )
         assert process.stdin is not None
         assert process.stdout is not None
         with contextlib.suppress(OSError):
-            process.stdin.write(json.dumps({**self._order, "port": self.port}) + "\n")
-            process.stdin.flush()
+            print(json.dumps({**self._order, "port": self.port}), file=process.stdin, flush=True)
         line = process.stdout.readline()
         if not line:
             raise NoStopProcessError(

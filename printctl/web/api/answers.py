@@ -31,6 +31,8 @@ REFUSALS: Final[dict[int | str, dict[str, Any]]] = {
     423: _problem("another browser holds the controls"),
     429: _problem("too many wrong tokens or passwords; `Retry-After` says when to try again"),
 }
+GUARD_REFUSALS: Final = {status: REFUSALS[status] for status in (401, 403, 413, 421, 429)}
+"""What every route may answer."""
 
 
 def our_version() -> str:

@@ -53,11 +53,11 @@ class Access:
     scheme : str
         ``http`` or ``https``.
     names : tuple of str
-        This machine's names, lower case.
+        This machine's, lower case.
     loopback : bool
         Whether only loopback addresses are taken.
     port : int
-        Of the page. The session's cookie has it in its name: a host's cookies go to all its ports.
+        Of the page.
     secret : str
         Signs sessions; whoever has it can let anybody in.
     token : str
@@ -76,7 +76,7 @@ class Access:
 
     @property
     def cookie(self) -> str:
-        """Name of the session's cookie."""
+        """Name of the session's cookie: a host's cookies go to all its ports."""
         return f"printctl_{self.port}"
 
     def host(self, headers: Headers) -> str | None:

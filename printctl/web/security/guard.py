@@ -11,6 +11,7 @@ import asyncio
 import contextlib
 import logging
 import math
+import re
 import secrets
 import time
 from collections import deque
@@ -34,12 +35,10 @@ log = logging.getLogger("printctl.web")
 
 RENEW_S: Final = 1800
 """A cookie older than this is renewed at the next request."""
-_PUBLIC: Final = ("/login", "/favicon.ico", "/api/v1/health")
-_PUBLIC_FOLDER: Final = "/static/shell/"
+_PUBLIC: Final = re.compile(r"/login|/favicon\.ico|/api/v1/health|/static/shell/.*")
 """What anybody may ask for who reaches the server; nothing in it is the user's."""
 _NO_PAGES: Final = ("/api/", "/_nicegui", "/static/")
-_FORBIDDEN: Final = 4403
-"""Close code of a WebSocket that is refused."""
+_CLOSED: Final[Message] = {"type": "websocket.close", "code": 4403, "reason": "not allowed"}
 _BROWSERS: Final = {
     "Edg": "Edge", "OPR/": "Opera", "Firefox": "Firefox", "Chrom": "Chrome", "Safari": "Safari",
 }  # fmt: skip
@@ -106,7 +105,7 @@ class Guard:
         self.access, self.settings, self.stop_port = access, settings, stop_port
         self.passwords, self._tokens = Throttle(), Throttle()
         self._app = app
-        self._logged_out: dict[str, set[asyncio.Future[None]]] = {}
+        self._sockets: dict[str, set[asyncio.Future[None]]] = {}
         self._sessions = SessionMiddleware(
             self._authorise, access.secret, access.cookie, LIFETIME_S, "/", "strict",
             https_only=settings.tls,
@@ -119,25 +118,28 @@ class Guard:
             return
         headers, nonce = Headers(scope=scope), secrets.token_urlsafe(16)
         host = self.access.host(headers)
-        send = _dressed(send, nonce, "" if host is None else self._sources(headers["host"], host))
+        scheme = self.settings.scheme
         if host is None:
             text = (
                 f"host {headers.get('host', '')[:80]!r} isn't a name of this server; use its "
                 "address, or name it by `printctl serve --name`"
             )
-            await _refuse(refusal(421, text), scope, receive, send)
+            await _refuse(refusal(421, text), scope, receive, _dressed(send, nonce, ""))
             return
+        sources = f"{scheme.replace('http', 'ws')}://{headers['host']}"
+        sources += f" {scheme}://{host}:{self.stop_port}" if self.stop_port else ""
         # NiceGUI writes x-forwarded-prefix into its page.
         kept = [one for one in scope["headers"] if one[0].lower() != b"x-forwarded-prefix"]
         state = {**scope.get("state", {}), "nonce": nonce, "guard": self}
-        await self._sessions({**scope, "headers": kept, "state": state}, receive, send)
+        scope = {**scope, "headers": kept, "state": state}
+        await self._sessions(scope, receive, _dressed(send, nonce, sources))
 
     def log_out(self, session: dict[str, Any]) -> None:
         """End a session: its cookie is void, its WebSockets are closed."""
         if "id" in session:
             self.access.revoke(session["id"])
-            for over in self._logged_out.pop(session["id"], set()):
-                over.set_result(None)
+            for task in self._sockets.pop(session["id"], set()):
+                task.cancel()
         session.clear()
 
     async def _authorise(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -181,7 +183,7 @@ class Guard:
             self._check_token(asking, link, "the link's token is wrong: it is of another start")
             start_session(session)
             raise RefusedError(RedirectResponse(_here(asking, without="token"), 303))
-        if path in _PUBLIC or path.startswith(_PUBLIC_FOLDER):
+        if _PUBLIC.fullmatch(path):
             return None
         if not for_page:
             text = "no session: open the page first, or send `Authorization: Bearer TOKEN`"
@@ -227,36 +229,19 @@ class Guard:
         self._tokens.failed(_address(asking))
         raise RefusedError(refusal(401, message))
 
-    def _sources(self, header: str, host: str) -> str:
-        """Return where scripts may speak to: the server's WebSocket and its stop process."""
-        scheme = self.settings.scheme
-        stop = f" {scheme}://{host}:{self.stop_port}" if self.stop_port else ""
-        return f"{scheme.replace('http', 'ws')}://{header}{stop}"
-
     async def _until_logged_out(
         self, session: str, scope: Scope, receive: Receive, send: Send
     ) -> None:
-        """Run a WebSocket; log-out ends it as if the browser had gone."""
-        over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self._logged_out.setdefault(session, set()).add(over)
-
-        async def watched() -> Message:
-            heard = asyncio.ensure_future(receive())
-            try:
-                await asyncio.wait({heard, over}, return_when=asyncio.FIRST_COMPLETED)
-                if not over.done():
-                    return heard.result()
-            finally:
-                heard.cancel()
-            return {"type": "websocket.disconnect", "code": _FORBIDDEN}
-
-        try:
-            await self._app(scope, watched, send)
-            if over.done():
-                with contextlib.suppress(RuntimeError):  # closed by the app, or gone by itself
-                    await send({"type": "websocket.close", "code": _FORBIDDEN})
-        finally:
-            self._logged_out.get(session, set()).discard(over)
+        """Run a WebSocket, which log-out ends."""
+        task = asyncio.ensure_future(self._app(scope, receive, send))
+        self._sockets.setdefault(session, set()).add(task)
+        await asyncio.wait({task})
+        if session in self._sockets:
+            self._sockets[session].discard(task)
+            task.result()
+        else:
+            with contextlib.suppress(RuntimeError):  # closed by the app, or gone by itself
+                await send(_CLOSED)
 
 
 def start_session(session: dict[str, Any]) -> None:
@@ -286,8 +271,9 @@ def _is_for_page(asking: HTTPConnection) -> bool:
 
 
 def _here(asking: HTTPConnection, without: str = "") -> str:
+    """Return the address asked for; two slashes at its beginning would lead to another server."""
     query = [(name, value) for name, value in asking.query_params.multi_items() if name != without]
-    return quote(asking.scope["path"]) + (f"?{urlencode(query)}" if query else "")
+    return "/" + quote(asking.scope["path"]).lstrip("/") + (f"?{urlencode(query)}" if query else "")
 
 
 def _address(asking: HTTPConnection) -> str:
@@ -309,7 +295,7 @@ async def _refuse(answer: Response, scope: Scope, receive: Receive, send: Send) 
         await answer(scope, receive, send)
     else:
         await receive()
-        await send({"type": "websocket.close", "code": _FORBIDDEN, "reason": "not allowed"})
+        await send(_CLOSED)
 
 
 def _dressed(send: Send, nonce: str, sources: str) -> Send:

@@ -122,7 +122,8 @@ def test_the_cookie_is_secure_under_tls(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "host",
     ["evil.example", "evil.example:8080", "127.0.0.1.evil.example", "", "localhost.",
-     "0.0.0.0:8080", "10.0.0.7:8080", "localhost@evil.example", "[::ffff:10.0.0.7]", "127.1", "localhost, evil"],
+     "0.0.0.0:8080", "10.0.0.7:8080", "localhost@evil.example", "[::ffff:10.0.0.7]", "127.1",
+     "localhost, evil"],
 )  # fmt: skip
 def test_a_name_that_was_made_to_point_here_is_refused(unchanged: Served, host: str) -> None:
     for path in ("/printer", "/login", "/api/v1/health", "/static/shell/stop.js"):
@@ -153,6 +154,8 @@ def test_a_link_from_elsewhere_is_asked_for_once_more_from_here(unchanged: Serve
     assert "set-cookie" not in answer.headers
     assert 'http-equiv="refresh"' in answer.text
     assert "<script" not in answer.text
+    elsewhere = unchanged.client().get("http://127.0.0.1:8080//evil.example/x", headers=headers)
+    assert "url=/evil.example/x" in elsewhere.text
 
 
 def test_a_websocket_wants_our_origin_and_a_session(here: Served) -> None:
