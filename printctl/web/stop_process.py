@@ -23,6 +23,7 @@ import time
 import traceback
 from collections import Counter
 from dataclasses import asdict
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -44,6 +45,7 @@ SHOW_S: Final = 5.0
 IDLE_S: Final = 60
 """So long a known connection may be silent; a page asks every 10 s."""
 _OUTCOME_S: Final = 2.5
+_AT_ONCE: Final = 32
 
 Client = tuple[str, int]
 
@@ -53,8 +55,10 @@ class StopApp:
 
     def __init__(self, access: Access, root: Path) -> None:
         self.prints, self._access = PrintSockets(root), access
-        self.limit = min(UNKNOWN, _files() // 2)
-        self._unknown: dict[Client, socket.socket] = {}
+        self._limit, self._state = min(UNKNOWN, _files() // 2), ServerState()
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._hosts: Counter[str] = Counter()
+        self._unknown: dict[Client, tuple[socket.socket, float]] = {}
         self._known: dict[Client, socket.socket] = {}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -117,48 +121,68 @@ class StopApp:
 
     # --- connections -------------------------------------------------------------------------
 
-    async def accept(self, listener: socket.socket, cert: str, key: str) -> None:
-        """Serve connections until cancelled, by HTTPS with a certificate."""
-        config = uvicorn.Config(
+    def listen(self, listener: socket.socket, cert: str, key: str) -> None:
+        """Accept connections in the running event loop, by HTTPS with a certificate."""
+        self._config = uvicorn.Config(
             self, interface="asgi3", lifespan="off", ws="none", log_config=None, access_log=False,
             proxy_headers=False, timeout_keep_alive=IDLE_S, h11_max_incomplete_event_size=16_384,
             ssl_certfile=cert or None, ssl_keyfile=key or None,
         )  # fmt: skip
-        config.load()
-        loop, tasks = asyncio.get_running_loop(), set()
-        state, limit = ServerState(), SHOW_S if config.ssl else None
+        self._config.load()
+        self._loop = asyncio.get_running_loop()
+        self._loop.add_reader(listener, self._accept, listener)
 
-        async def serve(one: socket.socket, client: Client) -> None:
+    def _accept(self, listener: socket.socket) -> None:
+        for _ in range(_AT_ONCE):
             try:
-                await loop.connect_accepted_socket(
-                    lambda: _Connection(config, state, {"left": self._pop}), one,
-                    ssl=config.ssl, ssl_handshake_timeout=limit,
-                )  # fmt: skip
-            except OSError:  # gone already, or no TLS handshake
-                self._pop(client)
-                one.close()
-
-        while True:
-            try:
-                one, address = await loop.sock_accept(listener)
+                one, address = listener.accept()
+            except BlockingIOError:
+                return
             except OSError:  # gone already, or no file handle is left for it
-                self._make_room()
-                await asyncio.sleep(0.02)
-                continue
+                if not self._make_room():
+                    time.sleep(0.02)
+                return
+            one.setblocking(False)
             client = address[:2]
-            if len(self._unknown) >= self.limit:
+            if len(self._unknown) >= self._limit:
                 self._make_room()
-            self._unknown[client] = one
-            loop.call_later(SHOW_S, self._late, client, one)
-            task = loop.create_task(serve(one, client))
-            tasks.add(task)
-            task.add_done_callback(tasks.discard)
-            await asyncio.sleep(0)  # sock_accept doesn't yield while others wait
+            self._unknown[client] = one, time.monotonic()
+            self._hosts[client[0]] += 1
+            # No protocol before the first bytes: a crowd of silent connections costs little.
+            self._loop.add_reader(one, self._begin, client, one)
 
-    def _make_room(self) -> None:
-        """Drop the oldest unknown connection of the host with most of them."""
-        hosts = Counter(host for host, _ in self._unknown).most_common(1)
-        self._drop(next((one for one in self._unknown if one[0] == hosts[0][0]), None))
+    async def drop_late(self) -> None:
+        """Drop those that have shown nothing for `SHOW_S`, few at once: a stop may be waiting."""
+        while True:
+            first = list(islice(self._unknown.items(), _AT_ONCE))
+            late = [client for client, (_, at) in first if time.monotonic() - at > SHOW_S]
+            for client in late:
+                self._drop(client)
+            await asyncio.sleep(0.01 if late else 0.25)
+
+    def _begin(self, client: Client, one: socket.socket) -> None:
+        self._loop.remove_reader(one)
+        task = self._loop.create_task(self._speak(client, one))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _speak(self, client: Client, one: socket.socket) -> None:
+        tls = self._config.ssl
+        try:
+            await self._loop.connect_accepted_socket(
+                lambda: _Connection(self._config, self._state, {"left": self._pop}), one,
+                ssl=tls, ssl_handshake_timeout=SHOW_S if tls else None,
+            )  # fmt: skip
+        except (OSError, ValueError):  # gone already, or no TLS handshake
+            self._pop(client)
+            one.close()
+
+    def _make_room(self) -> bool:
+        """Drop the oldest unknown connection of the host with most of them, if there is any."""
+        most = max(self._hosts, key=lambda host: self._hosts[host], default="")
+        leaver = next((client for client in self._unknown if client[0] == most), None)
+        self._drop(leaver)
+        return leaver is not None
 
     def _know(self, client: Client | None) -> None:
         """Note that a connection has shown a session or token; it may have gone meanwhile."""
@@ -169,17 +193,23 @@ class StopApp:
                 self._drop(next(iter(self._known)))
 
     def _pop(self, client: Client | None) -> socket.socket | None:
-        return self._unknown.pop(client, None) or self._known.pop(client, None)  # type: ignore[arg-type]
-
-    def _late(self, client: Client, one: socket.socket) -> None:
-        if self._unknown.get(client) is one:
-            self._drop(client)
+        if client is None or client not in self._unknown:
+            return None if client is None else self._known.pop(client, None)
+        self._hosts[client[0]] -= 1
+        if not self._hosts[client[0]]:
+            del self._hosts[client[0]]
+        return self._unknown.pop(client)[0]
 
     def _drop(self, client: Client | None) -> None:
         one = self._pop(client)
-        if one is not None:
-            with contextlib.suppress(OSError):
-                one.shutdown(socket.SHUT_RDWR)  # its transport then closes it
+        if one is None:
+            return
+        with contextlib.suppress(OSError):
+            try:
+                self._loop.remove_reader(one)
+                one.close()
+            except RuntimeError:  # its transport has it, and closes it at the end of what comes
+                one.shutdown(socket.SHUT_RDWR)
 
 
 class _Connection(H11Protocol):
@@ -218,8 +248,8 @@ async def _serve(order: dict[str, Any]) -> None:
     word: asyncio.Future[str] = loop.create_future()
     read = lambda: loop.call_soon_threadsafe(word.set_result, sys.stdin.readline())  # noqa: E731
     threading.Thread(target=read, daemon=True).start()
-    work = [app.prints.follow(), app.accept(listener, order["cert"], order["key"])]
-    tasks = [asyncio.create_task(one) for one in work]
+    app.listen(listener, order["cert"], order["key"])
+    tasks = [asyncio.create_task(one) for one in (app.prints.follow(), app.drop_late())]
     print(json.dumps({"port": listener.getsockname()[1]}), flush=True)
     await asyncio.wait({word, *tasks}, return_when=asyncio.FIRST_COMPLETED)
     if not word.done():  # a task that should never end: the server starts this process again
@@ -241,7 +271,8 @@ def main() -> None:
     """Run the stop process."""
     logging.getLogger("uvicorn.error").setLevel(logging.ERROR)  # else each malformed request
     try:
-        asyncio.run(_serve(json.loads(sys.stdin.readline())))
+        with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:  # Windows has two
+            runner.run(_serve(json.loads(sys.stdin.readline())))
     except BaseException:
         traceback.print_exc()
         os._exit(1)
