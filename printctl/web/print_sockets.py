@@ -70,7 +70,7 @@ class PrintSockets:
         self._root = root
         self._records: dict[Path, tuple[int, dict[str, Any]]] = {}
         self._open: dict[Path, _PrintSocket] = {}
-        self._killed: dict[str, _PrintSocket] = {}
+        self._killed: dict[SentStop, _PrintSocket] = {}
         self._looking = asyncio.Lock()
 
     @property
@@ -107,22 +107,25 @@ class PrintSockets:
         return list(await asyncio.gather(*(self._outcome(one, limit) for one in sent)))
 
     async def _outcome(self, sent: SentStop, limit: float) -> dict[str, Any]:
-        one, status = self._killed[sent.folder], {}
+        one = self._killed.pop(sent)
+        status: dict[str, Any] = {}
         while status.get("state") not in ENDED and time.monotonic() < limit:
             await asyncio.sleep(_POLL_S)
             status = one.status
             if one.transport.is_closing():  # its last status is in the file, soon
                 status = _status(await asyncio.to_thread(_read, one.path)) or status
-        state = status.get("state", "unknown")
+        state = str(status.get("state", "unknown"))
         message = status.get("message", "") if state in ENDED else UNCONFIRMED
         return {"folder": sent.folder, "state": state, "message": message}
 
     def _kill(self, one: _PrintSocket, began: float) -> SentStop | None:
-        one.status, folder = {}, str(one.path.parent)
-        self._killed[folder] = one
+        one.status = {}
         if not one.send("kill", "subscribe"):
             return None
-        return SentStop(folder, (time.monotonic() - began) * 1e3, one.process)
+        after_ms = (time.monotonic() - began) * 1e3
+        stop = SentStop(str(one.path.parent), after_ms, one.process)
+        self._killed[stop] = one
+        return stop
 
     async def _look(self) -> None:
         async with self._looking:

@@ -249,9 +249,10 @@ async def _serve(order: dict[str, Any]) -> None:
     read = lambda: loop.call_soon_threadsafe(word.set_result, sys.stdin.readline())  # noqa: E731
     threading.Thread(target=read, daemon=True).start()
     app.listen(listener, order["cert"], order["key"])
-    tasks = [asyncio.create_task(one) for one in (app.prints.follow(), app.drop_late())]
+    work = (app.prints.follow(), app.drop_late())
+    tasks: set[asyncio.Future[Any]] = {asyncio.create_task(one) for one in work}
     print(json.dumps({"port": listener.getsockname()[1]}), flush=True)
-    await asyncio.wait({word, *tasks}, return_when=asyncio.FIRST_COMPLETED)
+    await asyncio.wait({*tasks, word}, return_when=asyncio.FIRST_COMPLETED)
     if not word.done():  # a task that should never end: the server starts this process again
         raise RuntimeError([task.exception() for task in tasks if task.done()])
     mine = _text(root / ".printctl" / "serve.json")

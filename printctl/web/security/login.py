@@ -10,7 +10,7 @@ from fastapi import APIRouter, Form, Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
 from printctl.web.security.guard import Guard, log, start_session, too_often
-from printctl.web.shell.assets import link
+from printctl.web.shell.assets import FOLDER, link
 
 _HOME: Final = "/printer"
 _LONGEST: Final = 1024
@@ -34,10 +34,10 @@ def router() -> APIRouter:
         address = request.client.host if request.client else ""
         wait, right = guard.passwords.wait_s(address), guard.settings.password
         if wait:
-            if "text/html" not in request.headers.get("accept", ""):
-                return too_often(wait)
-            answer = _page(guard, next, f"Too many attempts. Try again in {wait} s.", 429)
-            answer.headers["Retry-After"] = str(wait)
+            answer: Response = too_often(wait)
+            if "text/html" in request.headers.get("accept", ""):
+                answer = _page(guard, next, f"Too many attempts. Try again in {wait} s.", 429)
+                answer.headers["retry-after"] = str(wait)
             return answer
         if right is None or not hmac.compare_digest(password.encode(), right.encode()):
             guard.passwords.failed(address)
@@ -76,10 +76,6 @@ def _page(guard: Guard, way: str, problem: str = "", status: int = 200) -> HTMLR
             '<input id="password" name="password" type="password" required autofocus '
             'autocomplete="current-password"><button class="pc-button">Log in</button></form>'
         )
-    return HTMLResponse(
-        '<!doctype html><html lang="en"><head><title>Log in · printctl</title>'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<link rel="stylesheet" href="{link("shell.css")}"></head>'
-        f'<body><main class="pc-login"><h1>printctl</h1>{note}{form}</main></body></html>',
-        status,
-    )
+    page = (FOLDER / "login.html").read_text(encoding="utf-8").replace("<!--note-->", note)
+    page = page.replace("<!--style-->", link("shell.css")).replace("<!--form-->", form)
+    return HTMLResponse(page, status)
