@@ -196,11 +196,11 @@ def test_a_forged_or_stolen_cookie_is_no_session(here: Served, tmp_path: Path) -
     good = session_cookie(here.access)
     assert not sessionless(here, good)
     value = good["Cookie"].split("printctl_8080=")[1]
-    flipped = value[:-1] + ("0" if value[-1] != "0" else "1")
     body, time, signature = value.split(".")
+    flipped = f"{body}.{time}.{'B' if signature[0] == 'A' else 'A'}{signature[1:]}"
     other = served(tmp_path / "other")  # another program of ours, at another port
     stolen = session_cookie(other.access)["Cookie"].split("printctl_8080=")[1]
-    later = f"{body}.{time[:-1]}A.{signature}"
+    later = f"{body}.{time[:-1]}{'B' if time[-1] == 'A' else 'A'}.{signature}"
     for bad in (flipped, later, f"{body}.{signature}", "", "x", "..", "null", stolen):
         assert sessionless(here, {"Cookie": f"printctl_8080={bad}"}), bad
     assert sessionless(here, {"Cookie": f"printctl_9999={value}"})
