@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from fastapi import FastAPI
+from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp
 
@@ -14,7 +15,6 @@ from printctl.web.api.answers import API, GUARD_REFUSALS, our_version
 from printctl.web.api.docs import serve_docs
 from printctl.web.api.errors import answer_errors, answer_unknown
 from printctl.web.api.routes import router, watch_holder
-from printctl.web.compressing import Compressed
 from printctl.web.core import Core
 from printctl.web.job.first_job import make_first_scene
 from printctl.web.print_sockets import PrintSockets
@@ -74,8 +74,13 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
 
 
 def guarded(app: FastAPI, core: Core, access: Access, stop_port: int) -> ASGIApp:
-    """Put the guard around an app; it sees pages before they are compressed."""
-    return Compressed(Guard(app, access, core.settings, stop_port))
+    """Put the guard around an app; it sees pages before they are compressed.
+
+    Not compressed are the live view's scenes: a million moves are 24 MB, which would take seconds.
+    """
+    plain = (*DEFAULT_EXCLUDED_CONTENT_TYPES, "application/octet-stream")
+    guard = Guard(app, access, core.settings, stop_port)
+    return GZipMiddleware(guard, 1000, 5, exclude_content_types=plain)
 
 
 def _add_pages(app: FastAPI) -> None:
