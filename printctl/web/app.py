@@ -7,24 +7,22 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from fastapi import FastAPI
+from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
 from starlette.responses import RedirectResponse, Response
+from starlette.types import ASGIApp
 
-from printctl.web.api.answers import API, our_version
+from printctl.web.api.answers import API, GUARD_REFUSALS, our_version
 from printctl.web.api.docs import serve_docs
 from printctl.web.api.errors import answer_errors, answer_unknown
-from printctl.web.api.openapi_errors import describe_refusals
 from printctl.web.api.routes import router, watch_holder
-from printctl.web.compressing import Compressed
 from printctl.web.core import Core
 from printctl.web.job.first_job import make_first_scene
+from printctl.web.print_sockets import PrintSockets
 from printctl.web.rooms import make_services, register_pages, routers
-from printctl.web.security.bodies import BodyLimits
-from printctl.web.security.gate import Gate
+from printctl.web.security.access import Access
 from printctl.web.security.guard import Guard
 from printctl.web.security.login import router as login_router
-from printctl.web.security.nonces import Nonces
 from printctl.web.shell.assets import serve_assets
-from printctl.web.stop_process.connections import Wires
 
 
 def build_app(core: Core, pages: bool = True) -> FastAPI:
@@ -36,14 +34,13 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
     pages : bool
         Whether the pages are served, too; NiceGUI knows one such app a process.
     """
-    wires = Wires(core.workspace.root)
+    prints = PrintSockets(core.workspace.root)
     services = make_services(core)
 
     @asynccontextmanager
     async def running(app: FastAPI) -> AsyncIterator[None]:
         core.events.bind(asyncio.get_running_loop())
-        wires.follow()
-        tasks = [asyncio.create_task(watch_holder(core))]
+        tasks = [asyncio.create_task(watch_holder(core)), asyncio.create_task(prints.follow())]
         if pages:  # what somebody sees first is ready
             await services.job.scenes.start()
             tasks.append(asyncio.create_task(make_first_scene(services.job)))
@@ -51,7 +48,6 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
         for task in tasks:
             task.cancel()
         await services.job.scenes.close()
-        wires.close()
         await asyncio.to_thread(services.close)
 
     app = FastAPI(
@@ -61,15 +57,15 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
         redoc_url=None,
         openapi_url=f"{API}/openapi.json",
         lifespan=running,
+        responses=GUARD_REFUSALS,
     )
     answer_errors(app)
-    app.include_router(router(core, wires))
+    app.include_router(router(core, prints))
     app.include_router(login_router())
     serve_docs(app)
     serve_assets(app)
     for part in routers(services):
         app.include_router(part)
-    describe_refusals(app)
     answer_unknown(app, API)
     if pages:
         _add_pages(app)
@@ -77,10 +73,14 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
     return app
 
 
-def guarded(app: FastAPI, core: Core, gate: Gate) -> Guard:
-    """Put the guard around an app."""
-    limits = BodyLimits(app.openapi, int(core.settings.upload_mb * 1e6))
-    return Guard(Compressed(Nonces(app)), gate, limits)
+def guarded(app: FastAPI, core: Core, access: Access, stop_port: int) -> ASGIApp:
+    """Put the guard around an app; it sees pages before they are compressed.
+
+    Not compressed are the live view's scenes: a million moves are 24 MB, which would take seconds.
+    """
+    plain = (*DEFAULT_EXCLUDED_CONTENT_TYPES, "application/octet-stream")
+    guard = Guard(app, access, core.settings, stop_port)
+    return GZipMiddleware(guard, 1000, 5, exclude_content_types=plain)
 
 
 def _add_pages(app: FastAPI) -> None:

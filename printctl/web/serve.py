@@ -5,25 +5,24 @@ from __future__ import annotations
 import gc
 import logging
 import os
+import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 
 import uvicorn
 
 from printctl.errors import UsageError
 from printctl.web.core import Core
 from printctl.web.listening import bind, url
-from printctl.web.security.gate import Gate, make_gate
-from printctl.web.security.redaction import Scrubbing
+from printctl.web.security.access import Access, make_access
 from printctl.web.server_register import Running, only_server
 from printctl.web.settings import ServeSettings
-from printctl.web.stop_process.start_message import StartMessage
-from printctl.web.stop_process.supervisor import StopProcess
+from printctl.web.stop_supervisor import StopProcess
 from printctl.web.workspace import Workspace
 
 _GRACE_S = 1
+_SECRETS = re.compile(r"((?:token|password)=|bearer\s+|printctl_\d+=)[^&\s\"';]+", re.IGNORECASE)
 
 
 def serve(settings: ServeSettings, started: Callable[[Running], None]) -> None:
@@ -46,26 +45,24 @@ def serve(settings: ServeSettings, started: Callable[[Running], None]) -> None:
     workspace = Workspace(settings.workspace.resolve()).make()
     with only_server(workspace), bind(settings.host, settings.port) as taken:
         port = taken.getsockname()[1]
-        gate = make_gate(settings, workspace, port)
-        door = StopProcess(stop_start_message(settings, workspace, gate, port))
-        door.start()
+        access = make_access(settings, workspace, port)
+        stop = StopProcess(settings, access)
         try:
-            gate = replace(gate, stop_port=door.port)
             running = Running(
                 url=url(settings, port),
                 pid=os.getpid(),
-                token=gate.token,
-                stop=f"{url(settings, door.port)}/stop",
+                token=access.token,
+                stop=f"{url(settings, stop.port)}/stop",
                 started=time.time(),
             )
             with _nothing_collected():
-                config = _config(settings, workspace, gate)
+                config = _config(settings, workspace, access, stop.port)
             server = _Server(config, running, workspace, started)
             server.run(sockets=[taken])
         except KeyboardInterrupt:
             pass  # uvicorn has ended in order, and hands the signal on
         finally:
-            door.end()
+            stop.end()
 
 
 def check(settings: ServeSettings) -> None:
@@ -90,27 +87,6 @@ def check(settings: ServeSettings) -> None:
         raise UsageError("the password is empty")
 
 
-def stop_start_message(
-    settings: ServeSettings, workspace: Workspace, gate: Gate, port: int
-) -> StartMessage:
-    """What the stop process is told."""
-    return StartMessage(
-        root=str(workspace.root),
-        host=settings.host,
-        port=port + 1 if port < 65535 else 0,
-        page_port=port,
-        scheme=settings.scheme,
-        names=tuple(sorted(gate.ours.names)),
-        loopback=gate.ours.loopback,
-        secret=gate.sessions.secret.hex(),
-        token=gate.token,
-        cookie=gate.cookie,
-        revoked=str(gate.sessions.revoked),
-        cert=str(settings.tls_cert or ""),
-        key=str(settings.tls_key or ""),
-    )
-
-
 class _Server(uvicorn.Server):
     """Tells when it answers."""
 
@@ -131,13 +107,15 @@ class _Server(uvicorn.Server):
             self._told(self._running)
 
 
-def _config(settings: ServeSettings, workspace: Workspace, gate: Gate) -> uvicorn.Config:
+def _config(
+    settings: ServeSettings, workspace: Workspace, access: Access, stop_port: int
+) -> uvicorn.Config:
     os.environ.setdefault("NICEGUI_STORAGE_PATH", str(workspace.private / "nicegui"))
     from printctl.web.app import build_app, guarded  # Loads NiceGUI, which reads the environment.
 
     core = Core(settings, workspace)
     return uvicorn.Config(
-        guarded(build_app(core), core, gate),
+        guarded(build_app(core), core, access, stop_port),
         log_config=None,
         access_log=logging.getLogger("uvicorn.access").isEnabledFor(logging.INFO),
         proxy_headers=False,
@@ -163,9 +141,19 @@ def _nothing_collected() -> Iterator[None]:
         gc.enable()
 
 
+def scrubbed(text: str) -> str:
+    """Return a log message without tokens, passwords and cookies."""
+    return _SECRETS.sub(r"\1***", text)
+
+
+def _scrub(record: logging.LogRecord) -> bool:
+    record.msg, record.args = scrubbed(record.getMessage()), ()
+    return True
+
+
 def log_to_terminal(verbose: bool) -> None:
     """Have the server's warnings, or each request, written to the terminal, without secrets."""
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
-    handler.addFilter(Scrubbing())
+    handler.addFilter(_scrub)
     logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, handlers=[handler])

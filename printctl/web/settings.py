@@ -57,6 +57,11 @@ class ServeSettings:
         return is_loopback(self.host)
 
     @property
+    def open(self) -> bool:
+        """Whether a visit of a page suffices to be let in."""
+        return self.loopback and self.password is None and not self.token_link
+
+    @property
     def tls(self) -> bool:
         """Whether what goes over the line is encrypted."""
         return self.tls_cert is not None

@@ -81,7 +81,7 @@ BEGUN = (
     "printctl.machine.station",
     "printctl.machine.link.__main__",
     "printctl.machine.link.client",
-    "printctl.web.stop_process.__main__",
+    "printctl.web.stop_process",
     "printctl.recipe",
     "printctl.cli.register",
     "printctl.web.app",

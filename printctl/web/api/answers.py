@@ -21,7 +21,8 @@ def _problem(text: str) -> dict[str, Any]:
     return {"model": Problem, "description": text}
 
 
-REFUSALS: Final[dict[int | str, dict[str, Any]]] = {
+Refusals = dict[int | str, dict[str, Any]]
+REFUSALS: Final[Refusals] = {
     401: _problem("no session and no token, or a wrong one"),
     403: _problem("asked for by a page of another origin"),
     409: _problem("not as things stand"),
@@ -31,6 +32,8 @@ REFUSALS: Final[dict[int | str, dict[str, Any]]] = {
     423: _problem("another browser holds the controls"),
     429: _problem("too many wrong tokens or passwords; `Retry-After` says when to try again"),
 }
+GUARD_REFUSALS: Final[Refusals] = {status: REFUSALS[status] for status in (401, 403, 413, 421, 429)}
+"""What every route may answer."""
 
 
 def our_version() -> str:

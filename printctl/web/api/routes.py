@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field
 from printctl.web.api.answers import API, REFUSALS, our_version
 from printctl.web.controls import Principal
 from printctl.web.core import Core
-from printctl.web.stop_process.connections import UNHEARD, Wires
+from printctl.web.print_sockets import UNCONFIRMED, PrintSockets
 
 BEAT_S: Final = 3.0
 """So often a listener hears that the server lives, even without news."""
@@ -73,7 +73,7 @@ def requesting_user(request: Request) -> Principal:
 Asking = Annotated[Principal, Depends(requesting_user)]
 
 
-def router(core: Core, wires: Wires) -> APIRouter:
+def router(core: Core, prints: PrintSockets) -> APIRouter:
     """Routes that belong to no room."""
     routes = APIRouter(prefix=API, tags=["server"], responses=REFUSALS)
 
@@ -98,12 +98,14 @@ def router(core: Core, wires: Wires) -> APIRouter:
         return _state(core, who)
 
     @routes.post("/stop", summary="Halt every printer at once (M112); needs no controls")
-    def stop() -> StopAnswer:
-        sent = list(wires.kill(time.monotonic()))
+    async def stop() -> StopAnswer:
+        sent = await prints.kill(time.monotonic())
+        outcomes = await prints.outcomes(sent, _PATIENCE_S)
+        unconfirmed = any(one["message"] == UNCONFIRMED for one in outcomes)
         machines = len({one.process or one.folder for one in sent})
         message = (
             f"a halt to {machines} printer{'s' if machines > 1 else ''}; "
-            + (f"{UNHEARD}; " if wires.unheard(sent, _PATIENCE_S) else "")
+            + (f"{UNCONFIRMED}; " if unconfirmed else "")
             + "each status tells whether it has halted; positions are unknown now"
             if sent
             else "nothing is connected to a printer here: nothing to stop; if something moves, "

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import codecs
 import json
 import os
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,10 +16,11 @@ from printctl.run_folder.manifest import Manifest
 from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.hashes import file_hash
 from printctl.web.job.set_up import JobSetUp
-from printctl.web.security.uploads import UploadLimits, save_upload
+from printctl.web.security.uploads import save_upload
 from printctl.web.workspace import Workspace, checked_name
 
 ENDINGS: Final = (".gcode", ".gco", ".g", ".nc")
+_HEAD_BYTES: Final = 512
 
 
 @dataclass(frozen=True)
@@ -90,9 +91,7 @@ def entry_of(workspace: Workspace, job: str, facts: Path) -> JobEntry:
     )
 
 
-def add_job(
-    workspace: Workspace, name: str, parts: IO[bytes] | Iterable[bytes], limit_bytes: int
-) -> str:
+def add_job(workspace: Workspace, name: str, stream: IO[bytes], limit_bytes: int) -> str:
     """Keep an uploaded G-code file; nothing in it is run. The same file again does no harm.
 
     Parameters
@@ -100,7 +99,7 @@ def add_job(
     workspace : Workspace
     name : str
         As the user's file is called.
-    parts : file or iterable of bytes
+    stream : binary file
     limit_bytes : int
 
     Returns
@@ -117,8 +116,8 @@ def add_job(
     """
     target = workspace.root / "jobs" / job_name(name)
     with TemporaryDirectory(dir=workspace.private) as folder:
-        limits = UploadLimits(limit_bytes, frozenset({"text"}))
-        came = save_upload(parts, Path(folder), target.name, limits)
+        came = Path(folder) / target.name
+        save_upload(stream, came, limit_bytes)
         refuse_binary(came)
         if target.exists() and file_hash(target) == file_hash(came):
             return f"file~{target.name}"
@@ -139,16 +138,23 @@ def save_name(came: Path, target: Path) -> None:
 
 
 def refuse_binary(path: Path) -> None:
-    """Refuse a file with a zero byte: no G-code has one, whatever it begins with.
+    """Refuse a file with a zero byte, or whose first bytes aren't printable UTF-8.
 
     Raises
     ------
     BadRequestError
     """
+    refused = BadRequestError(f"{path.name} isn't text, so it is no G-code file")
     with path.open("rb") as handle:
+        try:  # the head's end may cut a character
+            head = codecs.getincrementaldecoder("utf-8")().decode(handle.read(_HEAD_BYTES))
+        except UnicodeDecodeError as exc:
+            raise refused from exc
+        if not all(char.isprintable() or char in "\t\r\n\f\ufeff" for char in head):
+            raise refused
         while part := handle.read(1 << 20):
             if b"\0" in part:
-                raise BadRequestError(f"{path.name} isn't text, so it is no G-code file")
+                raise refused
 
 
 def job_name(name: str) -> str:

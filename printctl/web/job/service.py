@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import IO, Any
 
 from design.files import write_text
@@ -107,10 +107,10 @@ class JobService:
         """One job."""
         return entry_of(self.core.workspace, job, self._facts)
 
-    def upload(self, name: str, parts: IO[bytes] | Iterable[bytes]) -> JobEntry:
+    def upload(self, name: str, stream: IO[bytes]) -> JobEntry:
         """Keep an uploaded G-code file; nothing in it is run."""
         limit = int(self.core.settings.upload_mb * 1e6)
-        return self.job(add_job(self.core.workspace, name, parts, limit))
+        return self.job(add_job(self.core.workspace, name, stream, limit))
 
     def scene(self, job: str) -> JobSource:
         """What the live view draws.

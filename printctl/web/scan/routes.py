@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import BinaryIO
-
 from fastapi import APIRouter, Response, UploadFile
 from starlette.responses import FileResponse, HTMLResponse
 
@@ -34,7 +31,7 @@ def _add_scans(routes: APIRouter, service: ScanService) -> None:
 
     @routes.post("", summary="Take in a scan; a zip of slices is unpacked", status_code=201)
     def take(file: UploadFile) -> a.ScanName:
-        return a.ScanName(scan=service.store.take(file.filename or "", _pieces(file.file)))
+        return a.ScanName(scan=service.store.take(file.filename or "", file.file))
 
     @routes.get("/{scan}", summary="What is known of a scan's volume")
     def volume(scan: str) -> a.VolumeAnswer:
@@ -107,8 +104,3 @@ def _add_registrations(routes: APIRouter, service: ScanService) -> None:
     @routes.get("/{scan}/with/{run}/report", summary="The report", response_class=HTMLResponse)
     def report(scan: str, run: str, theme: Theme = "system") -> HTMLResponse:
         return embedded(service.report(scan, run), theme)
-
-
-def _pieces(file: BinaryIO) -> Iterator[bytes]:
-    while piece := file.read(_PIECE):
-        yield piece

@@ -11,15 +11,15 @@ import re
 import secrets
 import shutil
 import tempfile
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path, PurePath
-from typing import Any, Final
+from typing import IO, Any, Final
 
 from design.files import write_text
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.scan.unpacked_size import refuse_growth
 from printctl.web.scan.unpacking import is_stack, unpack_stack
+from printctl.web.security.uploads import save_upload
 from printctl.web.workspace import Workspace, checked_name, is_name
 from registration.files.readers import ScanOverrides
 from registration.files.readers.sidecar import find_sidecar
@@ -95,7 +95,7 @@ class ScanStore:
             raise NotFoundError(f"there is no scan {scan[:80]!r}")
         return place
 
-    def take(self, file_name: str, pieces: Iterable[bytes]) -> str:
+    def take(self, file_name: str, stream: IO[bytes]) -> str:
         """Take in a scan as it comes; a zip of slices is unpacked. Its name is the file's.
 
         Returns
@@ -110,16 +110,8 @@ class ScanStore:
         name = scan_name(file_name)
         self._refuse(name)
         with self.arriving() as place:
-            arrived, left = Path(place) / name, self._most_bytes
-            with arrived.open("wb") as out:
-                for piece in pieces:
-                    left -= len(piece)
-                    if left < 0:
-                        raise BadRequestError(
-                            f"{name} is larger than {self._most_bytes / 1e6:g} MB, the most that "
-                            "is taken (--upload-mb)"
-                        )
-                    out.write(piece)
+            arrived = Path(place) / name
+            save_upload(stream, arrived, self._most_bytes)
             return self.adopt(name, arrived)
 
     def adopt(self, file_name: str, arrived: Path) -> str:

@@ -13,8 +13,7 @@ from typing import Final
 
 from printctl.system_errors import is_known
 from printctl.web.errors import BadRequestError
-from printctl.web.scan.unpacked_size import scan_limits
-from printctl.web.security.archives import check_growth
+from printctl.web.scan.unpacked_size import check_growth
 from registration.errors import ScanFileError
 from registration.files.readers.tiff import has_slices, read_tiff_folder
 
@@ -82,12 +81,7 @@ def _unpack(archive: zipfile.ZipFile, folder: Path, most_bytes: int) -> None:
     if len(members) > MOST_FILES:
         raise BadRequestError(f"the archive holds {len(members)} files; at most {MOST_FILES}")
     total = sum(one.file_size for one in members)
-    if total > most_bytes:
-        raise BadRequestError(
-            f"the archive unpacks to {total / 1e6:.0f} MB; at most {most_bytes / 1e6:.0f} MB"
-        )
-    limits = scan_limits(most_bytes)
-    check_growth(total, sum(one.compress_size for one in members), limits)
+    check_growth(total, sum(one.compress_size for one in members), most_bytes)
     left = most_bytes
     for member in members:
         left = _write(archive, member, folder / _place(member), left)

@@ -10,29 +10,82 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import math
+import re
 import secrets
-from dataclasses import dataclass, field
+import time
+from collections import deque
 from html import escape
-from typing import Final
+from typing import Any, Final
 from urllib.parse import quote, urlencode
 
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
+from starlette.middleware.sessions import SessionMiddleware
+from starlette.requests import HTTPConnection
 from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from printctl.web.controls import Principal
-from printctl.web.security.bodies import BodyLimits
-from printctl.web.security.gate import Gate
-from printctl.web.security.headers import security_headers
-from printctl.web.security.request_facts import RequestFacts
-from printctl.web.security.sessions import LIFETIME_S, RENEW_S, Session
+from printctl.web.security.access import LIFETIME_S, Access, bearer
+from printctl.web.security.uploads import limit_body
+from printctl.web.settings import ServeSettings
 
 log = logging.getLogger("printctl.web")
 
-PUBLIC: Final = ("/login", "/static/shell/", "/favicon.ico", "/api/v1/health")
+RENEW_S: Final = 1800
+"""A cookie older than this is renewed at the next request."""
+_PUBLIC: Final = re.compile(r"/login|/favicon\.ico|/api/v1/health|/static/shell/.*")
 """What anybody may ask for who reaches the server; nothing in it is the user's."""
-_FORBIDDEN: Final = 4403
-"""Close code of a WebSocket that is refused."""
+_NO_PAGES: Final = ("/api/", "/_nicegui", "/static/")
+_CLOSED: Final[Message] = {"type": "websocket.close", "code": 4403, "reason": "not allowed"}
+_BROWSERS: Final = {
+    "Edg": "Edge", "OPR/": "Opera", "Firefox": "Firefox", "Chrom": "Chrome", "Safari": "Safari",
+}  # fmt: skip
+_SYSTEMS: Final = ("Android", "iPhone", "iPad", "Windows", "Macintosh", "CrOS", "Linux")
+_HEADERS: Final = {
+    "x-content-type-options": "nosniff",
+    # No word to other servers; without any, a browser would call our own forms' origin "null".
+    "referrer-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "x-frame-options": "DENY",
+    "permissions-policy": "geolocation=(), microphone=(), payment=()",
+}
+# Scripts run only from our own files or with the page's nonce: one in a file name or a G-code
+# comment that slipped into a page as HTML would not run. Vue compiles templates in the browser,
+# which needs unsafe-eval; Quasar sets styles in the page, which needs unsafe-inline there.
+_POLICY: Final = (
+    "default-src 'none'; script-src 'self' 'nonce-{nonce}' 'unsafe-eval'; "
+    "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; media-src 'self' blob:; "
+    "font-src 'self' data:; worker-src 'self' blob:; connect-src 'self' {sources}; "
+    "form-action 'self'; base-uri 'none'; frame-src 'self'; frame-ancestors 'none'; "
+    "object-src 'none'"
+)
+
+
+class Throttle:
+    """Failed attempts of the last minute: 5 of an address, or 30 of all, make the next one wait.
+
+    The package limits takes 84 ms to import, and counts attempts, not failures.
+    """
+
+    def __init__(self) -> None:
+        self._failed: deque[tuple[float, str]] = deque()
+
+    def wait_s(self, address: str) -> int:
+        """Return the whole seconds until this address may try again; 0 for now."""
+        now = time.monotonic()
+        while self._failed and now - self._failed[0][0] > 60.0:
+            self._failed.popleft()
+        mine = [at for at, whose in self._failed if whose == address]
+        every = [at for at, _ in self._failed]
+        first = [times[-most] for times, most in ((mine, 5), (every, 30)) if len(times) >= most]
+        return math.ceil(max(first, default=now - 60.0) + 60.0 - now)
+
+    def failed(self, address: str) -> None:
+        """Note a wrong password or token."""
+        self._failed.append((time.monotonic(), address))
 
 
 class RefusedError(Exception):
@@ -43,246 +96,237 @@ class RefusedError(Exception):
         self.answer = answer
 
 
-@dataclass
-class Admission:
-    """Who was let in, and the cookie to give them."""
-
-    who: Principal | None
-    session: Session | None = None
-    cookie: str = ""
-
-
-@dataclass
 class Guard:
-    """Access guard middleware.
+    """Access guard middleware around ``app``; ``stop_port`` is 0 without a stop process."""
 
-    Attributes
-    ----------
-    app : ASGI app
-    gate : Gate
-    limits : BodyLimits
-    """
-
-    app: ASGIApp
-    gate: Gate
-    limits: BodyLimits
-    _open: dict[str, set[asyncio.Event]] = field(default_factory=dict)
+    def __init__(
+        self, app: ASGIApp, access: Access, settings: ServeSettings, stop_port: int = 0
+    ) -> None:
+        self.access, self.settings, self.stop_port = access, settings, stop_port
+        self.passwords, self._tokens = Throttle(), Throttle()
+        self._app = app
+        self._sockets: dict[str, set[asyncio.Future[None]]] = {}
+        self._sessions = SessionMiddleware(
+            self._authorise, access.secret, access.cookie, LIFETIME_S, "/", "strict",
+            https_only=settings.tls,
+        )  # fmt: skip
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request, as ASGI has it."""
         if scope["type"] == "lifespan":
-            await self.app(scope, receive, send)
+            await self._app(scope, receive, send)
             return
-        asking = RequestFacts.of(scope)
-        nonce = secrets.token_urlsafe(16)
-        dressed = self._dressed(asking, nonce, send)
+        headers, nonce = Headers(scope=scope), secrets.token_urlsafe(16)
+        host = self.access.host(headers)
+        scheme = self.settings.scheme
+        if host is None:
+            text = (
+                f"host {headers.get('host', '')[:80]!r} isn't a name of this server; use its "
+                "address, or name it by `printctl serve --name`"
+            )
+            await _refuse(refusal(421, text), scope, receive, _dressed(send, nonce, ""))
+            return
+        sources = f"{scheme.replace('http', 'ws')}://{headers['host']}"
+        sources += f" {scheme}://{host}:{self.stop_port}" if self.stop_port else ""
+        # NiceGUI writes x-forwarded-prefix into its page.
+        kept = [one for one in scope["headers"] if one[0].lower() != b"x-forwarded-prefix"]
+        state = {**scope.get("state", {}), "nonce": nonce, "guard": self}
+        scope = {**scope, "headers": kept, "state": state}
+        await self._sessions(scope, receive, _dressed(send, nonce, sources))
+
+    def log_out(self, session: dict[str, Any]) -> None:
+        """End a session: its cookie is void, its WebSockets are closed."""
+        if "id" in session:
+            self.access.revoke(session["id"])
+            for task in self._sockets.pop(session["id"], set()):
+                task.cancel()
+        session.clear()
+
+    async def _authorise(self, scope: Scope, receive: Receive, send: Send) -> None:
+        asking = HTTPConnection(scope)
+        if "id" in asking.session and self.access.is_revoked(asking.session["id"]):
+            asking.session.clear()
         try:
-            let = self._admit(asking)
-            if let.cookie:
-                dressed = self._with_cookie(let.cookie, dressed)
+            scope["state"]["principal"] = self._principal(asking)
             if scope["type"] == "http":
-                receive = self.limits.limited(scope, receive)
+                receive = limit_body(scope, receive, int(self.settings.upload_mb * 1e6))
         except RefusedError as exc:
-            await self._refuse(exc.answer, scope, receive, dressed)
-            return
+            await _refuse(exc.answer, scope, receive, send)
         except HTTPException as exc:
             answer = refusal(exc.status_code, str(exc.detail), "TooLargeError")
-            await self._refuse(answer, scope, receive, dressed)
-            return
-        # NiceGUI writes this header into its page.
-        headers = [one for one in scope["headers"] if one[0].lower() != b"x-forwarded-prefix"]
-        state = {**scope.get("state", {}), "nonce": nonce, "guard": self}
-        state |= {"principal": let.who, "session": let.session}
-        inner = {**scope, "headers": headers, "state": state}
-        if asking.websocket and let.session:
-            await self._until_logged_out(let.session.id, inner, receive, dressed)
+            await _refuse(answer, scope, receive, send)
         else:
-            await self.app(inner, receive, dressed)
+            if scope["type"] == "websocket" and "id" in asking.session:
+                await self._until_logged_out(asking.session["id"], scope, receive, send)
+            else:
+                await self._app(scope, receive, send)
 
-    def logged_out(self, session: Session) -> None:
-        """End a session: its cookie is void, its WebSockets are closed."""
-        self.gate.sessions.revoke(session)
-        for event in self._open.pop(session.id, set()):
-            event.set()
+    def _principal(self, asking: HTTPConnection) -> Principal | None:
+        """Return who asks; None for anybody, who may see the log-in page.
 
-    # --- who may ---------------------------------------------------------------------------
-
-    def _admit(self, asking: RequestFacts) -> Admission:
-        if self.gate.ours.host(asking.host) is None:
-            raise RefusedError(
-                refusal(
-                    421,
-                    f"host {asking.host[:80]!r} isn't a name of this server; use its address, or "
-                    "name it by `printctl serve --name`",
-                )
-            )
-        bearer = asking.bearer
-        self._check_origin(asking, bearer)
-        if bearer is not None:
-            return self._by_token(asking, bearer)
-        session = self.gate.sessions.read(asking.cookie(self.gate.cookie))
-        if session:
-            return self._by_session(asking, session)
-        if "token" in asking.query and asking.for_page:
-            self._by_link(asking)
-        if asking.path.startswith(PUBLIC):
-            return Admission(None)
-        if asking.for_page:
-            return self._by_visit(asking)
-        raise RefusedError(
-            refusal(401, "no session: open the page first, or send `Authorization: Bearer TOKEN`")
-        )
-
-    def _check_origin(self, asking: RequestFacts, bearer: str | None) -> None:
-        origin = asking.headers.get("origin")
-        if not asking.changes:
-            if asking.site in ("cross-site", "same-site") and not asking.for_page:
-                raise RefusedError(refusal(403, "asked for by a page of another origin"))
-            return
-        if origin is not None:
-            ours = self.gate.ours.is_origin(origin, asking.host)
-        else:  # a browser tells one or the other; what isn't one shows a token
-            ours = asking.site == "same-origin" or (not asking.site and bearer is not None)
-        if not ours:
-            who = f"origin {origin[:80]!r} isn't" if origin is not None else "no origin that is"
-            raise RefusedError(refusal(403, f"{who} this server's own page; scripts send a token"))
-
-    def _by_token(self, asking: RequestFacts, shown: str) -> Admission:
-        if not self.gate.is_token(shown):
-            log.warning("wrong token from %s", asking.address)
-            raise self._wrong_token(asking, "wrong token; it stands in .printctl/serve.json")
-        return Admission(Principal("script", f"a script at {asking.address or 'this machine'}"))
-
-    def _by_session(self, asking: RequestFacts, session: Session) -> Admission:
-        old = self.gate.sessions.clock() - session.issued > RENEW_S
-        renewed = self.gate.sessions.issue(session.id) if old else ""
-        return Admission(_browser(asking, session), session, renewed)
-
-    def _by_link(self, asking: RequestFacts) -> None:
-        """Exchange the token in a link for a session, and the address for one without it."""
-        if not self.gate.is_token(asking.query["token"][0]):
-            raise self._wrong_token(asking, "the link's token is wrong: it is of another start")
-        rest = {name: values for name, values in asking.query.items() if name != "token"}
-        query = f"?{urlencode(rest, doseq=True)}" if rest else ""
-        answer = RedirectResponse(quote(asking.path) + query, 303)
-        self.set_cookie(answer, self.gate.sessions.issue())
-        raise RefusedError(answer)
-
-    def _by_visit(self, asking: RequestFacts) -> Admission:
-        """A page asked for without a session."""
-        if asking.site in ("cross-site", "same-site"):
+        Raises
+        ------
+        RefusedError
+        """
+        session, path = asking.session, asking.scope["path"]
+        token, for_page = bearer(asking.headers), _is_for_page(asking)
+        self._check_origin(asking, token, for_page)
+        if token is not None:
+            self._check_token(asking, token, "wrong token; it stands in .printctl/serve.json")
+            return Principal("script", f"a script at {_address(asking) or 'this machine'}")
+        if "id" in session:
+            if time.time() - session["at"] > RENEW_S:
+                session["at"] = int(time.time())
+            return _browser(asking)
+        if "token" in asking.query_params and for_page:
+            link = asking.query_params["token"]
+            self._check_token(asking, link, "the link's token is wrong: it is of another start")
+            start_session(session)
+            raise RefusedError(RedirectResponse(_here(asking, without="token"), 303))
+        if _PUBLIC.fullmatch(path):
+            return None
+        if not for_page:
+            text = "no session: open the page first, or send `Authorization: Bearer TOKEN`"
+            raise RefusedError(refusal(401, text))
+        if asking.headers.get("sec-fetch-site") in ("cross-site", "same-site"):
             # A strict cookie isn't sent along a link of another site: ask once more, from here.
-            query = urlencode(asking.query, doseq=True)
-            again = escape(quote(asking.path) + (f"?{query}" if query else ""))
+            again = escape(_here(asking))
             raise RefusedError(
                 HTMLResponse(
-                    f'<!doctype html><html lang="en"><title>printctl</title>'
+                    '<!doctype html><html lang="en"><title>printctl</title>'
                     f'<meta http-equiv="refresh" content="0;url={again}">'
                     f'<a href="{again}">printctl</a>'
                 )
             )
-        if self.gate.open:
-            cookie = self.gate.sessions.issue()
-            session = self.gate.sessions.read(cookie)
-            return Admission(_browser(asking, session) if session else None, session, cookie)
-        raise RefusedError(RedirectResponse(f"/login?{urlencode({'next': asking.path})}", 303))
+        if not self.settings.open:
+            raise RefusedError(RedirectResponse(f"/login?{urlencode({'next': path})}", 303))
+        start_session(session)
+        return _browser(asking)
 
-    def _wrong_token(self, asking: RequestFacts, message: str) -> RefusedError:
+    def _check_origin(self, asking: HTTPConnection, token: str | None, for_page: bool) -> None:
+        origin, site = asking.headers.get("origin"), asking.headers.get("sec-fetch-site", "")
+        if asking.scope.get("method") in ("GET", "HEAD", "OPTIONS"):
+            if site in ("cross-site", "same-site") and not for_page:
+                raise RefusedError(refusal(403, "asked for by a page of another origin"))
+            return
+        if origin is not None:
+            page = f"{self.settings.scheme}://{asking.headers['host']}"
+            ours = origin.lower() == page.lower()
+        else:  # a browser tells one or the other; what isn't one shows a token
+            ours = site == "same-origin" or (not site and token is not None)
+        if not ours:
+            who = f"origin {origin[:80]!r} isn't" if origin is not None else "no origin that is"
+            raise RefusedError(refusal(403, f"{who} this server's own page; scripts send a token"))
+
+    def _check_token(self, asking: HTTPConnection, shown: str, message: str) -> None:
         """Refuse a wrong token, and tell who tries many to wait; the right one never waits."""
-        wait = self.gate.token_throttle.wait_s(asking.address)
+        if self.access.is_token(shown):
+            return
+        log.warning("wrong token from %s", _address(asking))
+        wait = self._tokens.wait_s(_address(asking))
         if wait:
-            return RefusedError(too_often(wait))
-        self.gate.token_throttle.failed(asking.address)
-        return RefusedError(refusal(401, message))
-
-    # --- what goes out ---------------------------------------------------------------------
-
-    def set_cookie(self, answer: Response, value: str) -> None:
-        """Give a browser its session; an empty one takes it away."""
-        answer.headers.append("set-cookie", self._cookie(value))
-
-    def _cookie(self, value: str) -> str:
-        secure = "; Secure" if self.gate.ours.scheme == "https" else ""
-        age = int(LIFETIME_S) if value else 0
-        return (
-            f"{self.gate.cookie}={value}; Path=/; HttpOnly; SameSite=Strict; Max-Age={age}{secure}"
-        )
-
-    def _with_cookie(self, value: str, send: Send) -> Send:
-        async def given(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                cookie = (b"set-cookie", self._cookie(value).encode("latin-1"))
-                message = {**message, "headers": [*message["headers"], cookie]}
-            await send(message)
-
-        return given
-
-    def _dressed(self, asking: RequestFacts, nonce: str, send: Send) -> Send:
-        host = self.gate.ours.host(asking.host)
-        web = "wss" if self.gate.ours.scheme == "https" else "ws"
-        sources = f"{web}://{asking.host}" if host else ""
-        if host and self.gate.stop_port:
-            sources += f" {self.gate.ours.scheme}://{host}:{self.gate.stop_port}"
-        headers = security_headers(nonce, sources)
-
-        async def dressed(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                had = {name.lower() for name, _ in message["headers"]}
-                more = [one for one in headers if one[0] not in had]
-                message = {**message, "headers": [*message["headers"], *more]}
-            await send(message)
-
-        return dressed
-
-    async def _refuse(self, answer: Response, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "http":
-            await answer(scope, receive, send)
-        else:
-            await receive()
-            await send({"type": "websocket.close", "code": _FORBIDDEN, "reason": "not allowed"})
+            raise RefusedError(too_often(wait))
+        self._tokens.failed(_address(asking))
+        raise RefusedError(refusal(401, message))
 
     async def _until_logged_out(
         self, session: str, scope: Scope, receive: Receive, send: Send
     ) -> None:
-        """Run a WebSocket; log-out ends it as if the browser had gone."""
-        over = asyncio.Event()
-        self._open.setdefault(session, set()).add(over)
-        gone = asyncio.ensure_future(over.wait())
+        """Run a WebSocket, which log-out ends."""
+        task = asyncio.ensure_future(self._app(scope, receive, send))
+        self._sockets.setdefault(session, set()).add(task)
+        await asyncio.wait({task})
+        if session in self._sockets:
+            self._sockets[session].discard(task)
+            task.result()
+        else:
+            with contextlib.suppress(RuntimeError):  # closed by the app, or gone by itself
+                await send(_CLOSED)
 
-        async def watched() -> Message:
-            if over.is_set():
-                return {"type": "websocket.disconnect", "code": _FORBIDDEN}
-            heard = asyncio.ensure_future(receive())
-            try:
-                await asyncio.wait({heard, gone}, return_when=asyncio.FIRST_COMPLETED)
-                if heard.done():
-                    return heard.result()
-            finally:
-                heard.cancel()
-            return {"type": "websocket.disconnect", "code": _FORBIDDEN}
 
-        try:
-            await self.app(scope, watched, send)
-            if over.is_set():
-                with contextlib.suppress(RuntimeError):  # closed by the app, or gone by itself
-                    await send({"type": "websocket.close", "code": _FORBIDDEN})
-        finally:
-            gone.cancel()
-            self._open.get(session, set()).discard(over)
+def start_session(session: dict[str, Any]) -> None:
+    """Begin a new session, which the answer's cookie hands out."""
+    session.clear()
+    session.update(id=secrets.token_hex(16), at=int(time.time()))
 
 
 def refusal(status: int, message: str, error: str = "NotAllowedError") -> JSONResponse:
-    """An answer that refuses."""
+    """Return an answer that refuses."""
     return JSONResponse({"error": error, "message": message}, status)
 
 
 def too_often(wait_s: int) -> JSONResponse:
-    """The answer to too many attempts."""
-    text = f"too many attempts; try again in {wait_s} s"
-    return JSONResponse(
-        {"error": "TooOftenError", "message": text}, 429, {"Retry-After": str(wait_s)}
-    )
+    """Return the answer to too many attempts."""
+    answer = refusal(429, f"too many attempts; try again in {wait_s} s", "TooOftenError")
+    answer.headers["retry-after"] = str(wait_s)
+    return answer
 
 
-def _browser(asking: RequestFacts, session: Session) -> Principal:
-    return Principal(session.id, f"{asking.browser} ({session.id[:3]})")
+def _is_for_page(asking: HTTPConnection) -> bool:
+    """Return whether a browser asks for a page to show."""
+    scope = asking.scope
+    if scope.get("method") != "GET" or scope["path"].startswith(_NO_PAGES):
+        return False
+    return asking.headers.get("sec-fetch-mode", "navigate") == "navigate"
+
+
+def _here(asking: HTTPConnection, without: str = "") -> str:
+    """Return the address asked for; two slashes at its beginning would lead to another server."""
+    query = [(name, value) for name, value in asking.query_params.multi_items() if name != without]
+    return "/" + quote(asking.scope["path"]).lstrip("/") + (f"?{urlencode(query)}" if query else "")
+
+
+def _address(asking: HTTPConnection) -> str:
+    return asking.client.host if asking.client else ""
+
+
+def _browser(asking: HTTPConnection) -> Principal:
+    """Return a browser's session, in words: ``Chrome on Android at 192.168.1.7 (4f2)``."""
+    agent, address, session = asking.headers.get("user-agent", ""), _address(asking), asking.session
+    name = next((said for sign, said in _BROWSERS.items() if sign in agent), "a browser")
+    system = next((one for one in _SYSTEMS if one in agent), "").replace("Macintosh", "Mac")
+    where = "this machine" if address.startswith(("127.", "::1")) else address
+    name += f"{' on ' + system if system else ''} at {where or 'an unknown address'}"
+    return Principal(session["id"], f"{name} ({session['id'][:3]})")
+
+
+async def _refuse(answer: Response, scope: Scope, receive: Receive, send: Send) -> None:
+    if scope["type"] == "http":
+        await answer(scope, receive, send)
+    else:
+        await receive()
+        await send(_CLOSED)
+
+
+def _dressed(send: Send, nonce: str, sources: str) -> Send:
+    """Return a ``send`` that adds the security headers, and the nonce to a page's scripts.
+
+    It works on the page as NiceGUI writes it, before anything else is in it: what pages are given
+    to show travels as JSON in which ``<`` is escaped.
+    """
+    start: Message = {}
+    page = bytearray()
+
+    async def dressed(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(raw=list(message["headers"]))
+            for name, value in _HEADERS.items():
+                headers.setdefault(name, value)
+            policy = _POLICY.format(nonce=nonce, sources=sources)
+            headers.setdefault("content-security-policy", policy)
+            message = {**message, "headers": headers.raw}
+            if headers.get("content-type", "").startswith("text/html"):
+                start.update(message)
+                return
+        elif start and message["type"] == "http.response.body":
+            page.extend(message.get("body", b""))
+            if message.get("more_body"):
+                return
+            whole = bytes(page).replace(b"<script", f'<script nonce="{nonce}"'.encode())
+            if "content-length" in (headers := MutableHeaders(scope=start)):
+                headers["content-length"] = str(len(whole))
+            await send(start)
+            message = {"type": "http.response.body", "body": whole}
+        await send(message)
+
+    return dressed

@@ -37,8 +37,8 @@ def frame(path: str) -> Iterator[None]:
     guard = getattr(ui.context.client.request.state, "guard", None)
     ui.colors(primary=BLUE)
     ui.page_title(f"{name} · printctl")
-    ui.add_head_html(head(guard.gate.stop_port if guard else 0))
-    ui.add_body_html(header(path, leave=guard is not None and not guard.gate.open))
+    ui.add_head_html(head(guard.stop_port if guard else 0))
+    ui.add_body_html(header(path, leave=guard is not None and not guard.settings.open))
     with ui.element("div").classes("pc-content").props("id=content tabindex=-1"):
         ui.html(escape(name), tag="h1", sanitize=False).classes("pc-title")
         yield

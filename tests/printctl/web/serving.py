@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import json
 import os
+import secrets
 import signal
 import subprocess
 import sys
 import time
+from base64 import b64encode
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import itsdangerous
 from fastapi import FastAPI
 from starlette.responses import HTMLResponse
 from starlette.testclient import TestClient
+from starlette.types import ASGIApp
 
 from printctl.web.app import build_app, guarded
 from printctl.web.core import Core
-from printctl.web.security.gate import Gate, make_gate
-from printctl.web.security.guard import Guard
+from printctl.web.security.access import Access, make_access
 from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
 
@@ -37,8 +40,8 @@ class Served:
 
     core: Core
     app: FastAPI
-    gate: Gate
-    guard: Guard
+    access: Access
+    guard: ASGIApp
 
     def client(self, address: str = "127.0.0.1", base: str = PAGE) -> TestClient:
         """A client at an address; it follows no redirect, and keeps cookies."""
@@ -60,8 +63,20 @@ def served(folder: Path, **said: object) -> Served:
 
     described = _DESCRIBED.setdefault("app", app.openapi)
     app.openapi = described  # type: ignore[method-assign]  # the same of every app, slow to make
-    gate = make_gate(settings, workspace, PORT, PORT + 1)
-    return Served(core, app, gate, guarded(app, core, gate))
+    access = make_access(settings, workspace, PORT)
+    return Served(core, app, access, guarded(app, core, access, PORT + 1))
+
+
+def session_cookie(access: Access, age_s: float = 0.0, session: str = "") -> dict[str, str]:
+    """Return the ``Cookie`` header of a session whose cookie was given ``age_s`` ago."""
+
+    class Signer(itsdangerous.TimestampSigner):
+        def get_timestamp(self) -> int:
+            return int(time.time() - age_s)
+
+    issued = {"id": session or secrets.token_hex(16), "at": int(time.time() - age_s)}
+    data = b64encode(json.dumps(issued).encode())
+    return {"Cookie": f"a=b; {access.cookie}={Signer(access.secret).sign(data).decode()}"}
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
 
 
 def by_token(served: Served) -> dict[str, str]:
-    return {"Authorization": f"Bearer {served.gate.token}"}
+    return {"Authorization": f"Bearer {served.access.token}"}
 
 
 @pytest.mark.parametrize("examples", first_of([1, 30]))

@@ -31,7 +31,7 @@ def app(tmp_path) -> Served:
 
 def _script(app: Served) -> TestClient:
     client = app.client()
-    client.headers["Authorization"] = f"Bearer {app.gate.token}"
+    client.headers["Authorization"] = f"Bearer {app.access.token}"
     return client
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -62,7 +63,7 @@ def shut(station: Station) -> None:
 
 
 def add(service: JobService, name: str = "zigzag.gcode", layers: int = 6, moves: int = 60) -> str:
-    return service.upload(name, [layered(layers, moves)]).id
+    return service.upload(name, io.BytesIO(layered(layers, moves))).id
 
 
 def ready(service: JobService, job: str) -> JobSetUp:

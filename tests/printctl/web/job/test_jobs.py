@@ -22,23 +22,23 @@ from tests.printctl.web.job.conftest import OPERATOR, START, add
 @pytest.mark.parametrize("name", ["../up.gcode", "a b.gcode", ".gcode", "x/y.gcode", "job.exe"])
 def test_names_that_leave_the_folder_are_refused(service, name):
     with pytest.raises(BadRequestError):
-        service.upload(name, [b"G1 X1\n"])
+        service.upload(name, io.BytesIO(b"G1 X1\n"))
     assert service.jobs() == []
 
 
 def test_what_is_no_text_or_too_large_is_refused_and_leaves_nothing(service):
     with pytest.raises(BadRequestError):
-        service.upload("a.gcode", [b"G1 X1\n" * 200, b"\0\1\2"])
+        service.upload("a.gcode", io.BytesIO(b"G1 X1\n" * 200 + b"\0\1\2"))
     with pytest.raises(BadRequestError):
-        service.upload("a.gcode", [])
+        service.upload("a.gcode", io.BytesIO(b""))
     assert not list((service.core.workspace.root / "jobs").iterdir())
 
 
 def test_the_same_file_again_does_no_harm_another_one_is_refused(service):
-    first = service.upload("a.gco", [b"G1 X1\n"])
-    assert service.upload("a.gcode", [b"G1 X1\n"]).sha256 == first.sha256
+    first = service.upload("a.gco", io.BytesIO(b"G1 X1\n"))
+    assert service.upload("a.gcode", io.BytesIO(b"G1 X1\n")).sha256 == first.sha256
     with pytest.raises(ConflictError, match=r"another file a\.gcode"):
-        service.upload("a.gcode", [b"G1 X2\n"])
+        service.upload("a.gcode", io.BytesIO(b"G1 X2\n"))
 
 
 def test_a_job_is_checked_as_on_the_command_line_and_remembered(service):
@@ -54,14 +54,14 @@ def test_a_job_is_checked_as_on_the_command_line_and_remembered(service):
 
 
 def test_a_job_out_of_bounds_or_not_g_code_is_refused_with_its_reason(service):
-    job = service.upload("wide.gcode", [layered(1, 5) + b"G1 X500 F600\n"]).id
+    job = service.upload("wide.gcode", io.BytesIO(layered(1, 5) + b"G1 X500 F600\n")).id
     failed = [
         c
         for c in service.preflight(job, JobSetUp(start_mm=START))["checks"]
         if c["result"] == "failed"
     ]
     assert (failed[1]["value"], failed[1]["limit"], failed[1]["unit"]) == (500.0, 200.0, "mm")
-    bad = service.upload("relative.gcode", [b"G91\nM83\nG1 X1 E1\n"]).id
+    bad = service.upload("relative.gcode", io.BytesIO(b"G91\nM83\nG1 X1 E1\n")).id
     with pytest.raises(BadRequestError, match="line 1: G91: relative moves"):
         service.preflight(bad, JobSetUp())
 
@@ -69,7 +69,7 @@ def test_a_job_out_of_bounds_or_not_g_code_is_refused_with_its_reason(service):
 @pytest.mark.slow
 def test_a_needle_that_goes_up_and_down_without_a_map_is_a_row_of_the_list(service):
     rising = b"M302 P1\nG90\nM82\nG92 X50 Y50 Z10 E0\nG1 X60 Z12 E0.5 F300\nG1 X50 Z10 E1 F300\n"
-    job = service.upload("rising.gcode", [rising]).id
+    job = service.upload("rising.gcode", io.BytesIO(rising)).id
     found = service.preflight(job, JobSetUp(start_mm=START, needle="28g"))
     assert any("shaft" in one["check"] and one["result"] != "passed" for one in found["checks"])
 

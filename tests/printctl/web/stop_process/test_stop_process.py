@@ -1,31 +1,42 @@
 """Emergency stop: reaches the printer whatever the server does."""
 
+import asyncio
 import json
 import os
 import signal
 import socket
-import time
+import subprocess
+import sys
 import urllib.error
 import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import asdict
+from email.message import Message
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
 
-from printctl.web.security.sessions import GRACE_S, LIFETIME_S, Sessions, signing_secret
+from printctl.machine.link.command_socket import listen
+from printctl.web.print_sockets import PrintSockets
+from printctl.web.security.access import LIFETIME_S, STOP_GRACE_S, Access, make_access
+from printctl.web.settings import ServeSettings
+from printctl.web.workspace import Workspace
 from tests.printctl.web.printing import UnderWay, ended_by_kill, soon, under_way
-from tests.printctl.web.serving import Process, server_process
+from tests.printctl.web.serving import ROOT, Process, server_process, session_cookie
 
+resource = pytest.importorskip("resource")
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
 
 
-def ask(url: str, method: str = "POST", **headers: str) -> tuple[int, list[dict], dict[str, str]]:
+def ask(url: str, method: str = "POST", **headers: str) -> tuple[int, list[dict], Message]:
     request = urllib.request.Request(url, method=method, headers=headers, data=None)
     try:
         with urllib.request.urlopen(request, timeout=10) as answer:
-            text, status, said = answer.read().decode(), answer.status, dict(answer.headers)
+            text, status, said = answer.read().decode(), answer.status, answer.headers
     except urllib.error.HTTPError as exc:
-        text, status, said = exc.read().decode(), exc.code, dict(exc.headers)
+        text, status, said = exc.read().decode(), exc.code, exc.headers
     return status, [json.loads(line) for line in text.splitlines() if line], said
 
 
@@ -34,12 +45,9 @@ def by_token(server: Process) -> dict[str, str]:
 
 
 def by_cookie(server: Process, workspace: Path, age_s: float = 0.0) -> dict[str, str]:
-    private = workspace / ".printctl"
-    sessions = Sessions(
-        signing_secret(private, None), private / "revoked", lambda: time.time() - age_s
-    )
-    name = f"printctl_{urlsplit(server.url).port}"
-    return {"Cookie": f"a=b; {name}={sessions.issue()}", "Origin": server.url}
+    port = urlsplit(server.url).port
+    access = make_access(ServeSettings(workspace), Workspace(workspace), port)
+    return {**session_cookie(access, age_s), "Origin": server.url}
 
 
 def connected(server: Process) -> int:
@@ -130,7 +138,7 @@ def test_who_may_not_stop_is_refused(served: tuple[Process, Path]) -> None:
         assert status == 403
         assert "Access-Control-Allow-Origin" not in headers
     assert ask(server.stop, **{**mine, "Host": "evil.example"})[0] == 421
-    old = by_cookie(server, workspace, LIFETIME_S + GRACE_S + 60)
+    old = by_cookie(server, workspace, LIFETIME_S + STOP_GRACE_S + 60)
     assert ask(server.stop, **old)[0] == 401
     assert ask(server.stop.replace("/stop", "/other"), **mine)[0] == 404
     forged = {**mine, "Cookie": mine["Cookie"][:-4] + "0000"}
@@ -170,10 +178,10 @@ def test_a_crowd_of_idle_connections_and_wrong_tokens_keeps_no_stop_out(
 
 
 def is_closed(one: socket.socket) -> bool:
-    one.settimeout(0)
+    one.settimeout(0.01)
     try:
         return one.recv(1) == b""
-    except BlockingIOError:
+    except TimeoutError:
         return False
     except OSError:
         return True
@@ -184,9 +192,9 @@ def is_closed(one: socket.socket) -> bool:
     [
         (b"hello\r\n\r\n", b"400"),
         (b"POST /stop HTTP/1.1\r\nContent-Length: -1\r\n\r\n", b"400"),
-        (b"POST /stop HTTP/1.1\r\nContent-Length: 99999\r\n\r\n", b"413"),
+        (b"POST /stop HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 99999\r\n\r\n", b"401"),
         (b"POST /stop HTTP/1.1\r\nHost\r\n\r\n", b"400"),
-        (b"GET / HTTP/1.1\r\n" + b"a: " + b"b" * 20_000 + b"\r\n\r\n", b"413"),
+        (b"GET / HTTP/1.1\r\n" + b"a: " + b"b" * 20_000 + b"\r\n\r\n", b"400"),
     ],
 )
 def test_what_isnt_a_request_is_refused_and_the_connection_closed(
@@ -199,24 +207,6 @@ def test_what_isnt_a_request_is_refused_and_the_connection_closed(
         while data := one.recv(4096):
             said += data
     assert said.split(b" ")[1] == status
-
-
-def test_one_connection_carries_many_requests(served: tuple[Process, Path]) -> None:
-    server, _ = served
-    door = urlsplit(server.stop)
-    asked = (
-        f"GET /alive HTTP/1.1\r\nHost: {door.netloc}\r\n"
-        f"Authorization: Bearer {server.token}\r\n\r\n"
-    ).encode()
-    with socket.create_connection((door.hostname, door.port), 10) as one:
-        one.sendall(asked + asked[:20])
-        time.sleep(0.05)
-        one.sendall(asked[20:])
-        said = b""
-        while said.count(b'"ready": true') < 2:
-            data = one.recv(4096)
-            assert data
-            said += data
 
 
 def test_a_door_that_ends_is_opened_again(served: tuple[Process, Path]) -> None:
@@ -265,3 +255,90 @@ def children(pid: int) -> list[int]:
 
 def command_of(pid: int) -> str:
     return Path(f"/proc/{pid}/cmdline").read_text()
+
+
+FILES = 64
+Connect = Callable[[str], socket.socket]
+
+
+@pytest.fixture
+def alone(tmp_path: Path) -> Iterator[tuple[Connect, Access]]:
+    """Start a stop process of few files; give what connects to it from an address."""
+    access = make_access(ServeSettings(tmp_path), Workspace(tmp_path).make(), 8080)
+    order = {"root": str(tmp_path), "host": "127.0.0.1", "port": 0, "cert": "", "key": ""}
+    with (
+        subprocess.Popen(
+            [sys.executable, "-m", "printctl.web.stop_process"],
+            cwd=ROOT,
+            text=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (FILES, FILES)),
+        ) as process,
+        ExitStack() as opened,
+    ):
+        assert process.stdin
+        assert process.stdout
+        process.stdin.write(json.dumps({**order, "access": asdict(access)}) + "\n")
+        process.stdin.flush()
+        port = json.loads(process.stdout.readline())["port"]
+
+        def came(address: str = "127.0.0.1") -> socket.socket:
+            one = socket.create_connection(("127.0.0.1", port), 5, (address, 0))
+            return opened.enter_context(one)
+
+        yield came, access
+        process.kill()
+
+
+def answered(one: socket.socket, token: str) -> bool:
+    head = f"GET /alive HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {token}\r\n\r\n"
+    one.sendall(head.encode())
+    heard = b""
+    while not heard.endswith(b"0\r\n\r\n"):  # the last chunk
+        heard += (data := one.recv(4096))
+        if not data:
+            return False
+    return b'"ready"' in heard
+
+
+def test_the_greediest_address_makes_room_and_who_has_shown_a_token_never(
+    alone: tuple[Connect, Access],
+) -> None:
+    came, access = alone
+    mine, other = came("127.0.0.1"), came("127.0.0.2")
+    assert answered(mine, access.token)
+    crowd = [came("127.0.0.1") for _ in range(2 * FILES)]
+    assert answered(came("127.0.0.1"), access.token)
+    assert answered(mine, access.token)
+    assert is_closed(crowd[0])
+    assert not is_closed(crowd[-1])
+    assert not is_closed(other)
+
+
+def _recorded(path: Path, pid: int) -> socket.socket:
+    path.parent.mkdir(parents=True)
+    listener, address, token = listen(path.parent, "x.sock")
+    path.write_text(json.dumps({"pid": pid, "address": address, "token": token}))
+    return listener
+
+
+def test_station_and_its_print_count_as_one_process(tmp_path: Path) -> None:
+    kept = [
+        _recorded(tmp_path / "station" / "station.json", 7),
+        _recorded(tmp_path / "jobs" / "a.print" / "link.json", 7),
+        _recorded(tmp_path / "runs" / "b" / "print" / "link.json", 8),
+    ]
+
+    async def killed() -> list[int]:
+        prints = PrintSockets(tmp_path)
+        sent = await prints.kill(0.0)
+        follow = asyncio.create_task(prints.follow())
+        await asyncio.sleep(0)
+        follow.cancel()
+        await asyncio.gather(follow, return_exceptions=True)
+        return sorted(one.process for one in sent)
+
+    assert asyncio.run(killed()) == [7, 7, 8]
+    for one in kept:
+        one.close()

@@ -80,7 +80,7 @@ def test_looks_and_small_pictures_come_by_rest_and_answers_only_with_a_token(tmp
             f"{place}/1/answer", json={"answer": "approve"}, headers={"Origin": PAGE}
         )
         assert said.status_code == 401
-        headers = {"Authorization": f"Bearer {app.gate.token}", "Origin": PAGE}
+        headers = {"Authorization": f"Bearer {app.access.token}", "Origin": PAGE}
         until(lambda: client.get(place, headers=headers).json()[0]["waits"])
         (look,) = client.get(place, headers=headers).json()
         assert (look["number"], look["asked"]) == (1, "mend")
