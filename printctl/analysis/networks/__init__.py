@@ -3,21 +3,14 @@
 Goes in: a path. Comes out: a network with its known flow and tissue. Begin with `source.py`.
 """
 
-from printctl.analysis.networks.formats import (
-    LOSSES,
-    READ,
-    NetworkWithNotes,
-    check_target,
-    read_noted,
-    write_network,
-)
+from design.network_files.by_suffix import READ
+from printctl.analysis.networks.formats import LOSSES, check_target, read_noted, write_network
 from printctl.analysis.networks.source import Drive, Source, load_source
 
 __all__ = [
     "LOSSES",
     "READ",
     "Drive",
-    "NetworkWithNotes",
     "Source",
     "check_target",
     "load_source",

@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-import cv2
-
 from printctl.observe.devices.settings import DeviceSettings
 
 _SETTLING: Final = 8
@@ -21,6 +19,8 @@ def take_picture(settings: DeviceSettings, out: Path) -> Path:
     ValueError
         When the camera can't be opened, gives nothing, or another size than asked for.
     """
+    import cv2  # only the process that takes a picture needs it
+
     source = settings.source or "0"
     camera = cv2.VideoCapture(int(source) if source.isdigit() else source)
     try:

@@ -12,7 +12,7 @@ from printctl.observe.mending.needle_way import under_higher_ink
 from printctl.observe.mending.patch import Patch
 from printctl.observe.mending.stretches import Site
 
-_STATION_MM = 0.1
+_STATION_MM: Final = 0.1
 
 
 def wipe_way(patch: Patch, others: Sequence[Patch], site: Site) -> FloatArray:

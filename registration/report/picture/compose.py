@@ -31,7 +31,8 @@ from registration.report.picture.render import shade
 
 FINER: Final = 2
 LEGEND_AT_MOST: Final = 12
-_INK, _MUTED = "#1c2126", "#5f6972"
+_INK: Final = "#1c2126"
+_MUTED: Final = "#5f6972"
 _BAR_SHARE = 0.15
 _BAR_COLOURS = 72
 _LEAST_HEIGHT, _GREATEST_HEIGHT = 0.42, 0.95
