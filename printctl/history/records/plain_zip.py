@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import BinaryIO, Final
 
-from printctl.history.records.errors import BundleError
+from printctl.history.records.signing import BundleError
 
 LARGEST: Final = 2**31 - 1
 """Bytes of a whole bundle: what every unzip program can read."""

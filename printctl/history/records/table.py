@@ -1,16 +1,60 @@
-"""Convert the print history to CSV lines, safe against spreadsheet formula injection."""
+"""Tabulate the print history as CSV: days, verdicts, safe cells."""
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields
-from datetime import datetime
+from datetime import datetime, timedelta
 from itertools import islice
-from typing import Any, Final
+from typing import Any, Final, Literal
 
+from printctl.errors import UsageError
 from printctl.machine.link.history_entry import PrintEntry
+
+
+def day_begins(text: str, where: str) -> float:
+    """When a day begins here, s since 1970; 0 for no text.
+
+    Raises
+    ------
+    UsageError
+    """
+    return _day(text, where).timestamp() if text else 0.0
+
+
+def day_ends(text: str, where: str) -> float:
+    """When the next day begins here, s since 1970; 0 for no text.
+
+    Raises
+    ------
+    UsageError
+    """
+    return (_day(text, where) + timedelta(days=1)).timestamp() if text else 0.0
+
+
+def _day(text: str, where: str) -> datetime:
+    try:
+        day = datetime.strptime(text, "%Y-%m-%d")
+        if 1971 <= day.year <= 9000:
+            return day
+    except ValueError:
+        pass
+    raise UsageError(f"{where} {text[:40]!r} is no day; write it like 2026-11-21")
+
+
+Outcome = Literal["pass", "fail", "undecided", ""]
+
+
+def outcome(verdict: Mapping[str, Any] | None) -> Outcome:
+    """``pass``, ``fail``, ``undecided`` (neither is proven), or empty for none."""
+    if verdict is None or not isinstance(verdict.get("passed"), bool):
+        return ""
+    if verdict["passed"]:
+        return "pass"
+    return "undecided" if verdict.get("undecided") is True else "fail"
+
 
 COLUMNS: Final = [field.name for field in fields(PrintEntry)]
 _AT_ONCE: Final = 500

@@ -10,17 +10,20 @@ from enum import StrEnum
 from pathlib import Path
 from typing import BinaryIO
 
-from printctl.history.records.errors import BundleError, KeyTrouble
-from printctl.history.records.keys import PublicKey, read_public, signing_missing
-from printctl.history.records.manifest import (
+from printctl.history.records.plain_zip import Member, blocks_of, read_members
+from printctl.history.records.signing import (
     LARGEST,
     MANIFEST,
     PUBLIC_KEY,
     SIGNATURE,
+    BundleError,
+    KeyTrouble,
     Manifest,
+    PublicKey,
     read_manifest,
+    read_public,
+    signing_missing,
 )
-from printctl.history.records.plain_zip import Member, blocks_of, read_members
 
 _SIGNATURE_BYTES = 64
 

@@ -1,4 +1,7 @@
-"""Read the registration results of several prints' folders; judge them by new limits if given."""
+"""Read registrations of several prints from folders, for `printctl compare`.
+
+Goes in: folders. Comes out: registrations as `registration.comparison` takes them.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,8 @@ from printctl.run_folder.artefacts import JOURNAL_FOLDER, NUMBERS
 from printctl.run_folder.artefacts import JSON as REPORT
 from registration.comparison import GaugedScan, Origin, gauged_scan
 from registration.measuring.judging import judge_plain
+
+# Read the registration results of several prints' folders; judge them by new limits if given.
 
 
 @dataclass(frozen=True)

@@ -1,24 +1,42 @@
-"""Create, store and load the lab's private signing key; sign, and verify by public key.
-
-Ed25519 (RFC 8032): the same text signed twice gives the same signature. The library comes with
-the extra ``records`` (and with ``search``).
-"""
+"""Signing key, signature and manifest of a record bundle, and its exceptions."""
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
+import json
 import os
 import stat
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
-from printctl.history.records.errors import KeyTrouble
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from firmware_profiles.wrong_values import wording
+from printctl.errors import PrintctlError
 from printctl.machine.link.history import data_folder
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+
+class RecordsError(PrintctlError):
+    """Base of what goes wrong with records."""
+
+
+class BundleError(RecordsError):
+    """No bundle, or none that can be made."""
+
+
+class KeyTrouble(RecordsError):  # noqa: N818 (named after what is wrong)
+    """A key that can't be used."""
+
+
+# Create, store and load the lab's private signing key; sign, and verify by public key.
+#
+# Ed25519 (RFC 8032): the same text signed twice gives the same signature. The library comes with
+# the extra ``records`` (and with ``search``).
 
 PRIVATE: Final = "records_key.pem"
 _LARGEST: Final = 10_000
@@ -199,3 +217,87 @@ def _library() -> tuple[Any, Any, Any]:
     from cryptography.hazmat.primitives.asymmetric import ed25519
 
     return exceptions, ed25519, serialization
+
+
+# Manifest of a record bundle: the print, its files with their digests, and the signer.
+
+MANIFEST, SIGNATURE, PUBLIC_KEY = "manifest.json", "manifest.sig", "public_key.pem"
+LARGEST = 4 * 2**20
+"""Bytes of a manifest."""
+Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+Text = Annotated[str, Field(max_length=4000)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class FileEntry(_Part):
+    """One file of the bundle."""
+
+    path: Annotated[str, Field(max_length=255)]
+    what: Text
+    sha256: Digest
+    bytes: Annotated[int, Field(ge=0)]
+
+
+class FiledAlarm(_Part):
+    """One alarm; time in s since 1970."""
+
+    at: float
+    text: Text
+
+
+class FiledPrint(_Part):
+    """The print as its journal tells it; times in s since 1970."""
+
+    id: Text
+    file: Text
+    sha256: Text
+    profile: Text
+    port: Text
+    operator: Text = ""
+    who: Text
+    host: Text
+    started: float
+    ended: float
+    state: Text
+    message: Text
+    error: Text
+    done: int
+    total: int
+    begun: int
+    alarms: tuple[FiledAlarm, ...]
+
+
+class Manifest(_Part):
+    """Signed contents list of a bundle."""
+
+    format: Literal["printctl print record"] = "printctl print record"
+    format_version: Literal[1] = 1
+    print: FiledPrint
+    verdict: Text
+    versions: dict[str, Text]
+    missing: tuple[Text, ...]
+    files: tuple[FileEntry, ...]
+    signed_by: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
+
+    def to_bytes(self) -> bytes:
+        """As it is written and signed; the same content gives the same bytes."""
+        text = json.dumps(self.model_dump(mode="json"), indent=1, sort_keys=True, allow_nan=False)
+        return text.encode() + b"\n"
+
+
+def read_manifest(data: bytes) -> Manifest:
+    """Read what `Manifest.to_bytes` wrote.
+
+    Raises
+    ------
+    BundleError
+    """
+    try:
+        return Manifest.model_validate_json(data)
+    except ValidationError as exc:
+        first = exc.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise BundleError(f"{MANIFEST} can't be read: {where}: {wording(first)}") from exc
