@@ -16,9 +16,14 @@ from scipy.special import fdtrc, stdtrit
 
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
-from printctl.corrections.feedback.readings import LEAST_SECTIONS, Reading
-from printctl.corrections.feedback.size import OFFSET_VOXELS, projector_across
-from printctl.corrections.feedback.whole_part import NORMAL_95, VESSEL_VOXELS, Radial
+from printctl.corrections.feedback.evidence import LEAST_SECTIONS, Reading
+from printctl.corrections.feedback.whole_part import (
+    NORMAL_95,
+    OFFSET_VOXELS,
+    VESSEL_VOXELS,
+    Radial,
+    projector_across,
+)
 
 Mask = NDArray[np.bool_]
 
