@@ -12,7 +12,7 @@ from printctl.cli.flow_options import Match
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
 from printctl.errors import UsageError
-from printctl.recipe.space import ThreeDPart
+from printctl.recipe.parts import ThreeDPart
 
 _PERCENT = 0.5
 

@@ -17,7 +17,7 @@ from printctl.analysis.flow.ranks import run_on_ranks
 from printctl.cli.flow_options import OtherSolvers
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
-from printctl.recipe.space import ThreeDPart
+from printctl.recipe.parts import ThreeDPart
 
 CASE = "ranks"
 

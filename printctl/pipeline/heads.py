@@ -9,8 +9,7 @@ import numpy as np
 from design.network import VesselKind, VesselNetwork
 from kernels.arrays import IntArray
 from printctl.errors import UsageError
-from printctl.recipe.heads import HeadPart
-from printctl.recipe.making import Fresh
+from printctl.recipe.making import Fresh, HeadPart
 
 _NOBODY = -1
 

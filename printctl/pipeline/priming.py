@@ -15,8 +15,7 @@ from printctl.errors import UsageError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.head_contents import Filled
 from printctl.pipeline.heads import layer_lines_um
-from printctl.recipe.making import Fresh
-from printctl.recipe.priming import PrimePart
+from printctl.recipe.making import Fresh, PrimePart
 
 ABOVE_PART_MM: Final = 1.0
 

@@ -15,7 +15,7 @@ from kernels.arrays import FloatArray
 from printctl.errors import RecipeError
 from printctl.pipeline.plates import Point
 from printctl.recipe import Recipe, load_recipe
-from printctl.recipe.override import overridden
+from printctl.recipe.load import overridden
 from printctl.search.evaluate import Task, task_of
 from printctl.search.model import MOST, Range, SearchFile
 

@@ -38,7 +38,7 @@ from printctl.pipeline.stages import measures, vasculature
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.progress import StageBars
 from printctl.recipe import Recipe, parse_recipe
-from printctl.recipe.override import recipe_data
+from printctl.recipe.load import recipe_data
 from printctl.recipe.tissue import TissuePart
 from printctl.run_folder.artefacts import NETWORK
 from printctl.run_folder.manifest import Manifest, digest_json

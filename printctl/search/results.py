@@ -13,7 +13,7 @@ from typing import Any, Final
 import yaml
 
 from design.files import write_bytes, write_text
-from printctl.recipe.override import recipe_data
+from printctl.recipe.load import recipe_data
 from printctl.search.figure import pareto_png, pareto_svg
 from printctl.search.model import Objective, Range
 from printctl.search.quantities import QUANTITIES

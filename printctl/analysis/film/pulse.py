@@ -24,7 +24,7 @@ from printctl.analysis.film.film_file import Frame
 from printctl.analysis.flow import one_d_options, pulsatile_conditions
 from printctl.errors import UsageError
 from printctl.recipe import Recipe
-from printctl.recipe.waves import OneDPart
+from printctl.recipe.parts import OneDPart
 from registration.report.picture import DrivingWave, FilmScene, Quantity, magnitude
 
 _WAVE = 200

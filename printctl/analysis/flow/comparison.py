@@ -27,7 +27,7 @@ from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
 from kernels.arrays import FloatArray
 from printctl.analysis.flow.tables import write_columns
-from printctl.recipe.space import ComparePart
+from printctl.recipe.parts import ComparePart
 
 COMPARISON: Final = "flow_comparison.csv"
 IDEAL: Final = "ideal"

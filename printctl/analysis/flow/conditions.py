@@ -26,9 +26,14 @@ from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, PA_S2_MM2_PER_G_CM3, UL_S_PER_ML_MIN
 from printctl.analysis.flow.outlets import Outlet, outlet_of, read_outlets, steady_of
 from printctl.errors import UsageError
-from printctl.recipe.fluids import CarreauPart, FluidPart, LossPart, PowerLawPart
-from printctl.recipe.parts import FlowPart
-from printctl.recipe.pulse import PulsePart
+from printctl.recipe.parts import (
+    CarreauPart,
+    FlowPart,
+    FluidPart,
+    LossPart,
+    PowerLawPart,
+    PulsePart,
+)
 
 _MEAN: Final = 0.01
 

@@ -17,8 +17,7 @@ from design.network import VesselNetwork
 from printctl.analysis.flow.conditions import pulsatile_conditions, steady_conditions
 from printctl.errors import UsageError
 from printctl.recipe import Recipe
-from printctl.recipe.fluids import LossPart
-from printctl.recipe.parts import FlowPart
+from printctl.recipe.parts import FlowPart, LossPart
 from printctl.run_folder.artefacts import NETWORK
 from printctl.run_folder.manifest import Manifest, digest_file
 

@@ -11,9 +11,7 @@ from design.hemodynamics.zero_d.svzerod import write_svzerod
 from design.network import VesselNetwork
 from printctl.analysis.flow.driven import Driven
 from printctl.analysis.flow.one_d import one_d_options
-from printctl.recipe.parts import Export
-from printctl.recipe.space import ThreeDPart
-from printctl.recipe.waves import OneDPart
+from printctl.recipe.parts import Export, OneDPart, ThreeDPart
 
 EXPORTS: Final[Mapping[Export, str]] = {
     "svzerod": "svzerod.json",

@@ -29,8 +29,7 @@ from printctl.analysis.flow.three_d import (
     stepping_of,
     write_resolved,
 )
-from printctl.recipe.parts import FlowPart
-from printctl.recipe.space import ComparePart
+from printctl.recipe.parts import ComparePart, FlowPart
 from registration.report.flow_figures import comparison_figure
 from registration.report.lumen_figure import pressure_figure, shear_figure, streamline_figure
 

@@ -17,7 +17,7 @@ from design.hemodynamics import (
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
 from printctl.analysis.flow.tables import FlowTables
-from printctl.recipe.waves import OneDPart
+from printctl.recipe.parts import OneDPart
 
 ONE_D, ONE_D_WAVES = "flow_1d.csv", "flow_1d_waves.csv"
 

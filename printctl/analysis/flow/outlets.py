@@ -19,7 +19,7 @@ from design.hemodynamics.waveforms import Constant
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
 from printctl.errors import UsageError
-from printctl.recipe.pulse import PulseOutlet
+from printctl.recipe.parts import PulseOutlet
 
 Outlet = PressureOutlet | ResistanceOutlet | WindkesselOutlet
 

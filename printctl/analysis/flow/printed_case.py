@@ -44,8 +44,7 @@ from printctl.analysis.flow.scanned import scanned_lumen
 from printctl.analysis.flow.steady import shear_band
 from printctl.analysis.flow.tables import write_columns
 from printctl.errors import UsageError
-from printctl.recipe.space import ThreeDPart
-from printctl.recipe.waves import OneDPart
+from printctl.recipe.parts import OneDPart, ThreeDPart
 from printctl.run_folder.artefacts import NETWORK
 from registration.measuring.gauging import with_printed_lengths
 

@@ -20,7 +20,7 @@ from design.network import VesselNetwork
 from design.tissue import Tissue
 from printctl.analysis.flow.tables import write_columns
 from printctl.progress import Report
-from printctl.recipe.oxygen import OxygenPart
+from printctl.recipe.parts import OxygenPart
 from printctl.run_folder.artefacts import OXYGEN
 
 TABLE: Final = OXYGEN

@@ -13,7 +13,7 @@ from firmware_profiles import Ink
 from firmware_profiles.wrong_values import wording
 from printctl.errors import RecipeError
 from printctl.recipe import Recipe
-from printctl.recipe.override import overridden
+from printctl.recipe.load import overridden
 from registration.report.wording import label_and_unit
 
 DESIGN: Final = ("tissue", "vasculature", "solid", "toolpath")

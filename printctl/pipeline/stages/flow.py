@@ -15,7 +15,7 @@ from printctl.analysis.flow.exports import EXPORTS, write_exports
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
-from printctl.recipe.space import ThreeDPart
+from printctl.recipe.parts import ThreeDPart
 from printctl.run_folder.artefacts import NETWORK
 
 PICTURE = "network.vtp"

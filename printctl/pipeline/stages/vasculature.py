@@ -46,7 +46,7 @@ from printctl.recipe.growth import (
     GrownNetwork,
     NamedNetwork,
 )
-from printctl.recipe.lattice import LatticeNetwork
+from printctl.recipe.model import LatticeNetwork
 from printctl.run_folder.artefacts import NETWORK, NETWORK_ARRAYS, SURFACE
 
 DESIGNED = "network_designed.csv"

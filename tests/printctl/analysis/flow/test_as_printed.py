@@ -31,8 +31,7 @@ from printctl.analysis.flow.printed_intervals import flow_intervals, lumen_error
 from printctl.errors import UsageError
 from printctl.pipeline.facts import recipe_facts
 from printctl.recipe import Recipe
-from printctl.recipe.parts import FlowPart
-from printctl.recipe.space import ThreeDPart
+from printctl.recipe.parts import FlowPart, ThreeDPart
 from tests.system.cli import called as printctl
 
 WATER = 1e-3

@@ -22,8 +22,7 @@ from printctl.analysis.flow.comparison import (
     places,
     steady_comparison,
 )
-from printctl.recipe.parts import FlowPart
-from printctl.recipe.space import ComparePart, ThreeDPart
+from printctl.recipe.parts import ComparePart, FlowPart, ThreeDPart
 from registration.report.flow_figures import comparison_figure
 from tests.design.hemodynamics.networks import network_of
 from tests.printctl.analysis.flow.test_flow import SINE
