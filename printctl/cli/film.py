@@ -9,9 +9,16 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from printctl.analysis.film import GrowthFilm, PulseFilm, growth_frames, pulse_frames, write_film
-from printctl.analysis.film.film_file import Frame, check_suffix
-from printctl.analysis.flow.driven import recipe_of
+from printctl.analysis.film import (
+    Frame,
+    GrowthFilm,
+    PulseFilm,
+    check_suffix,
+    growth_frames,
+    pulse_frames,
+    write_film,
+)
+from printctl.analysis.flow.conditions import recipe_of
 from printctl.analysis.networks import Drive, Source, load_source
 from printctl.cli import film_options as options
 from printctl.cli.network_options import UnitOption

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from design.network import VesselNetwork
-from printctl.analysis.flow.driven import Driven
+from printctl.analysis.flow.conditions import Driven
 from printctl.analysis.flow.match import HISTORY, MATCHED, VESSELS, match_and_write, options_from
 from printctl.analysis.flow.three_d import SHARP
 from printctl.cli.flow_options import Match

@@ -8,7 +8,7 @@ from typing import Final
 import typer
 
 from printctl.analysis.flow import NPZ, CsvTables, NpzTables
-from printctl.analysis.flow.driven import Driven
+from printctl.analysis.flow.conditions import Driven
 from printctl.analysis.flow.exports import EXPORTS, write_exports
 from printctl.analysis.networks import load_source
 from printctl.cli.flow_match import match

@@ -11,7 +11,7 @@ from design.hemodynamics.three_d import straighten_edges
 from design.hemodynamics.three_d.ranks import rank_conditions, write_case
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
-from printctl.analysis.flow.driven import Driven
+from printctl.analysis.flow.conditions import Driven
 from printctl.analysis.flow.printed_fidelities import mesh_of
 from printctl.analysis.flow.ranks import run_on_ranks
 from printctl.cli.flow_options import OtherSolvers

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from design.network import VesselNetwork
 from printctl.analysis.flow import FlowTables, solve_section
-from printctl.analysis.flow.driven import Driven
+from printctl.analysis.flow.conditions import Driven
 from printctl.analysis.flow.fidelities import Case, solve_fidelities
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages

@@ -10,7 +10,7 @@ import typer
 
 from design.solids import lumen_solid, tube_solid, validate_file, write_step
 from design.solids.read import SUFFIXES
-from printctl.analysis.flow.driven import recipe_of
+from printctl.analysis.flow.conditions import recipe_of
 from printctl.analysis.networks import load_source
 from printctl.cli.network_options import SourceArg, UnitOption
 from printctl.cli.options import (

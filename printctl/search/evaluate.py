@@ -29,7 +29,7 @@ from design.measures import measure_network, measures_dict
 from design.network_files.csv_format import write_network_csv
 from design.tissue import Tissue
 from firmware_profiles import ProfileError
-from printctl.analysis.flow.steady import shear_band
+from printctl.analysis.flow.solve import shear_band
 from printctl.errors import PrintctlError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import input_digests

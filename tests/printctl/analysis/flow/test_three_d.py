@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from design.hemodynamics import FlowConditions, ProbeWaves
 from design.hemodynamics.probes import clear_parts, midpoints
 from design.network_files.csv_format import read_network_csv
-from printctl.analysis.flow.comparison import (
+from printctl.analysis.flow.fidelities import (
     IDEAL,
     comparison_summary,
     comparison_table,

@@ -1,4 +1,7 @@
-"""Write a predicted dye front: arrival times by vessel, concentration curves and a picture."""
+"""Load lumens for a dye front prediction; write arrival times, concentration curves, a picture.
+
+Goes in: a network or a run. Comes out: arrival of dye, as files.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +16,59 @@ from design.files import write_bytes
 from design.geometry.polyline import arc_lengths
 from design.hemodynamics.dye import CarryingFlow, DyeFront, check_frames, dye_curves, front_table
 from design.network import VesselNetwork
+from design.units import UL_S_PER_ML_MIN, LengthUnit
 from kernels.arrays import FloatArray
+from printctl.analysis.flow.as_printed import printed_lumens, read_print
 from printctl.analysis.flow.tables import write_columns
+from printctl.analysis.networks import Drive, load_source
+from registration.measuring.gauging import with_printed_lengths
 from registration.report.figures import network_figure
 
-FRONT, CURVES, PICTURE = "dye_front.csv", "dye_curves.csv", "dye_front.svg"
+# Load a network's lumens for a dye prediction: as designed, or as measured on a print.
 
+
+@dataclass(frozen=True)
+class DyeLumens:
+    """A network, what of it is closed, and what runs into it.
+
+    Attributes
+    ----------
+    network : VesselNetwork
+    closed : tuple of int
+        Vessels that registration found closed.
+    flow_ml_min : float or None
+        The run's own, where there is one.
+    """
+
+    network: VesselNetwork
+    closed: tuple[int, ...]
+    flow_ml_min: float | None
+
+
+def lumens_of(model: Path, unit: LengthUnit | None, as_printed: bool) -> DyeLumens:
+    """Read a run folder or a network's file.
+
+    Raises
+    ------
+    UsageError
+        When it isn't there, or there is no registration of it to take printed lumens from.
+    """
+    source = load_source(model, unit, Drive())
+    flow = None
+    if model.is_dir() and "flow_ul_s" in source.known.flow:
+        first = np.isin(source.network.vessel_nodes[:, 0], source.network.inlets())
+        flow = float(source.known.flow["flow_ul_s"][first].sum()) / UL_S_PER_ML_MIN
+    if not as_printed:
+        return DyeLumens(source.network, (), flow)
+    rows, scale = read_print(model)
+    printed = printed_lumens(source.network, rows)
+    closed = tuple(np.flatnonzero(printed.closed).tolist())
+    return DyeLumens(with_printed_lengths(printed.network, scale), closed, flow)
+
+
+# Write a predicted dye front: arrival times by vessel, concentration curves and a picture.
+
+FRONT, CURVES, PICTURE = "dye_front.csv", "dye_curves.csv", "dye_front.svg"
 _MOST_CURVES: Final = 50
 _ROWS: Final = 256
 _SPAN: Final = 3.0

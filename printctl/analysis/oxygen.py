@@ -1,4 +1,7 @@
-"""Solve tissue oxygen; write a row per vessel, the field for ParaView, and a picture."""
+"""Solve oxygen in vessels and tissue as a recipe asks; write table, field and picture.
+
+Goes in: a recipe's section, a network and its flow. Comes out: tables, a field, a picture.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +25,8 @@ from printctl.analysis.flow.tables import write_columns
 from printctl.progress import Report
 from printctl.recipe.parts import OxygenPart
 from printctl.run_folder.artefacts import OXYGEN
+
+# Solve tissue oxygen; write a row per vessel, the field for ParaView, and a picture.
 
 TABLE: Final = OXYGEN
 FIELD: Final = "oxygen.vti"
