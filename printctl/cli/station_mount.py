@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from printctl.checks.set_up.by_name import read_dish_centre
+from printctl.checks.set_up import read_dish_centre
 from printctl.cli.options import JsonFlag
 from printctl.cli.station_options import FolderOption, print_status, the_station
 from printctl.errors import UsageError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from printctl.checks.preflight import needle_check
-from printctl.checks.set_up.check import refuse_failed
+from printctl.checks.set_up import refuse_failed
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.refusals import reach_checks
 from printctl.recipe.making import Embedded

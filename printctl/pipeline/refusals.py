@@ -19,16 +19,15 @@ from design.toolpath.fresh import FreshOptions, check_lumens
 from firmware_profiles import Bath, Dish, Printer, load
 from kernels.arrays import FloatArray
 from printctl.checks.preflight.bore import bore_check, shipped_bores
-from printctl.checks.preflight.mounted_checks import (
+from printctl.checks.preflight.dish import hub_check, wall_check
+from printctl.checks.preflight.mounted import (
     bath_checks,
     chemistry_check,
     held_check,
     needle_check,
+    profile_checks,
 )
-from printctl.checks.preflight.profile_checks import profile_checks
-from printctl.checks.preflight.wall_gaps import hub_check, wall_check
-from printctl.checks.set_up import PlacedDish
-from printctl.checks.set_up.check import Check, refuse_failed
+from printctl.checks.set_up import Check, PlacedDish, refuse_failed
 from printctl.pipeline.head_contents import Filled, filled_heads, needle_options
 from printctl.pipeline.heads import layer_lines_um, vessel_heads
 from printctl.pipeline.observable import refuse_unobservable

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Needle, Printer
-from printctl.checks.preflight.wall_gaps import wall_gap
-from printctl.checks.set_up.check import Check
-from printctl.checks.set_up.placed_dish import WALL_CLEARANCE_MM, PlacedDish
+from printctl.checks.preflight.dish import wall_gap
+from printctl.checks.set_up import WALL_CLEARANCE_MM, Check, PlacedDish
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.program.modal import DWELL, MOVE, SYNC
 

@@ -18,8 +18,8 @@ from firmware_profiles import (
     Syringe,
     steady_flow,
 )
-from printctl.checks.preflight.profile_checks import profile_checks
-from printctl.checks.set_up.check import Check
+from printctl.checks.preflight.mounted import profile_checks
+from printctl.checks.set_up import Check
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.heads.valve import BETWEEN, CLOSED, OPEN, UNKNOWN, Valve, flowing_s
 from sim.gcode.program.gcode import code

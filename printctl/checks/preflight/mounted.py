@@ -1,13 +1,46 @@
-"""Check needle length, ink and bath chemistry, and filament support, without G-code."""
+"""Checks of mounted parts: consistent profiles, needle length, chemistry, syringe volume."""
 
 from __future__ import annotations
 
 import math
 from typing import Final
 
-from firmware_profiles import Bath, Ink, Needle, supported_diameter_mm
-from printctl.checks.preflight.profile_checks import profile_checks
-from printctl.checks.set_up.check import Check
+import numpy as np
+
+from firmware_profiles import (
+    Bath,
+    Facts,
+    Ink,
+    Needle,
+    Printer,
+    Syringe,
+    profile_doubts,
+    supported_diameter_mm,
+)
+from printctl.checks.preflight.firmware import widest_push_check
+from printctl.checks.set_up import Check
+from sim.gcode.dry_run.run import DryRun
+
+
+def profile_checks(*profiles: Facts) -> list[Check]:
+    """A refusal for each grave doubt about a profile; nothing for one that is in order."""
+    return [
+        Check(
+            f"profile {facts.name}",
+            0,
+            0,
+            "",
+            False,
+            doubt.key,
+            f"{doubt.text}; `printctl profiles check` tells all that is wrong with it",
+        )
+        for facts in profiles
+        for doubt in profile_doubts(facts)
+        if doubt.grave
+    ]
+
+
+# Check needle length, ink and bath chemistry, and filament support, without G-code.
 
 _WORDS: Final = {
     "neutral_ph": "a buffer of neutral pH",
@@ -80,3 +113,37 @@ def held_check(widest_mm: float, ink: Ink, bath: Bath) -> Check:
         "more yield stress or nearer in density",
         "refuses" if bath.calibrated and ink.calibrated else "warns",
     )
+
+
+# Check that the syringe holds a job's ink, and the push per length the firmware must allow.
+
+
+def syringe_check(run: DryRun, syringe: Syringe) -> Check:
+    """Ink pushed at the farthest point, with what stays in the needle, against the filling."""
+    area = syringe.area_mm2
+    needed = run.plunger_max_mm * area + syringe.dead_volume_ul
+    over = np.flatnonzero(run.program.plunger * area + syringe.dead_volume_ul > syringe.volume_ul)
+    line = f"line {int(run.program.line[over[0]])}, " if len(over) else ""
+    return Check(
+        f"ink, with {syringe.dead_volume_ul:g} µL dead volume",
+        needed,
+        syringe.volume_ul,
+        "µL",
+        needed <= syringe.volume_ul,
+        f"{line}syringe: volume_ul",
+        f"more than {syringe.name} holds; use a larger syringe or a smaller part",
+    )
+
+
+def syringe_checks(run: DryRun, printer: Printer, syringe: Syringe) -> list[Check]:
+    """What the syringe holds, and what the firmware must let it push.
+
+    What a pneumatic head takes hangs on its flow, and so on ink and needle: `force_checks`.
+    """
+    if printer.pneumatic:
+        return profile_checks(syringe)
+    return [
+        syringe_check(run, syringe),
+        *widest_push_check(run, printer, syringe),
+        *profile_checks(syringe),
+    ]
