@@ -21,7 +21,7 @@ from printctl.cli.options import (
     refuse_input_as_output,
 )
 from printctl.errors import UsageError
-from printctl.pipeline.solid_files import WRITERS
+from printctl.pipeline.solid_build import WRITERS
 
 
 def solid(

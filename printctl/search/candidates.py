@@ -13,7 +13,7 @@ import numpy as np
 
 from kernels.arrays import FloatArray
 from printctl.errors import RecipeError
-from printctl.pipeline.plates import Point
+from printctl.pipeline.plate_plan import Point
 from printctl.recipe import Recipe, load_recipe
 from printctl.recipe.load import overridden
 from printctl.search.evaluate import Task, task_of
