@@ -13,7 +13,7 @@ from printctl.cli.observe_options import FrameFile, LimitOption
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from registration.devices.camera_frame import check_frame, read_frame
 from registration.devices.camera_frame.check import LIMIT_UM
-from registration.devices.lens.decode import decoded
+from registration.devices.lens.board import decoded
 
 
 def check(

@@ -29,7 +29,7 @@ from registration.devices.camera_frame import (
     write_frame,
 )
 from registration.devices.lens import Lens, read_lens
-from registration.devices.lens.decode import decoded
+from registration.devices.lens.board import decoded
 
 _T95: Final = 1.96
 _MISFIT_PX: Final = 1.0

@@ -119,7 +119,7 @@ _LOOK_S: Final = 0.1
 Listing = dict[str, tuple[int, int]]
 """Names of files, with the time of each (ns, by whatever clock) and its size."""
 _SIDECARS: Final = (".json", ".yaml", ".yml")
-"""Endings of what a scan's file is described by (`registration.files.readers.sidecar`)."""
+"""Endings of what a scan's file is described by (`registration.files.readers.metadata`)."""
 _BESIDE: Final = frozenset({*_SIDECARS, ".txt", ".xml", ".log", ".csv", ".tmp", ".part"})
 """Endings of files that devices' programs write beside a picture or volume."""
 _TABLES: Final = frozenset({".txt", ".csv"})

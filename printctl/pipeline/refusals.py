@@ -14,7 +14,6 @@ from design.toolpath.embedded import EmbeddedOptions, check_thinnest
 from design.toolpath.fresh import FreshOptions, check_lumens
 from firmware_profiles import Bath, Dish, Printer, load
 from kernels.arrays import FloatArray
-from printctl.checks.preflight import needle_check
 from printctl.checks.preflight.bore import bore_check, shipped_bores
 from printctl.checks.preflight.dish import hub_check, wall_check
 from printctl.checks.preflight.mounted import (

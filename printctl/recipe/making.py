@@ -33,8 +33,7 @@ from printctl.recipe.record import RecordPart
 from printctl.recipe.regions import FillingPart, RegionPart
 from printctl.recipe.tolerances import Sides, TolerancesPart
 from registration.measuring.geometry.datum import read_datums
-from registration.measuring.judging.rule import DecisionRule, Rule
-from registration.measuring.judging.tolerance import Tolerances
+from registration.measuring.judging.tolerance import DecisionRule, Rule, Tolerances
 
 # Recipe section on print heads: ink, syringe, needle and assigned vessels of each.
 

@@ -8,18 +8,13 @@ from functools import partial
 import numpy as np
 
 from kernels.arrays import FloatArray
-from registration.alignment.choice import PosePoints, thin_points
-from registration.alignment.compare_poses import residuals
+from registration.alignment.choice import PosePoints, residuals, thin_points
 from registration.alignment.distance import ModelSurface, distance_grid
-from registration.alignment.doubts import LEAST_SEEN, pose_doubts
+from registration.alignment.doubts import LEAST_SEEN, loose_freedoms, misfits, pose_doubts
 from registration.alignment.fit import RIGID, Fit, FitFreedom, refine
-from registration.alignment.freedoms import loose_freedoms
 from registration.alignment.intervals import Uncertainty, fit_errors, uncertainty
-from registration.alignment.misfits import misfits
-from registration.alignment.motion import orientation_words
-from registration.alignment.options import AlignmentOptions
-from registration.alignment.rivals import AlternativePose
-from registration.alignment.search import Search
+from registration.alignment.rivals import AlternativePose, orientation_words
+from registration.alignment.search import AlignmentOptions, Search
 from registration.alignment.uncertainty import ScanErrors
 from registration.errors import AlignmentError
 

@@ -1,12 +1,123 @@
-"""Put the reasons for doubting a scan's pose into sentences."""
+"""Reasons to doubt a scan's pose: free motions, misfitting walls, rivals."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import product
 
-from registration.alignment.freedoms import UNKNOWN_MM, LooseFreedom
-from registration.alignment.misfits import OFF_MM, Misfit
-from registration.alignment.rivals import AlternativePose
+import numpy as np
+
+from kernels.arrays import FloatArray
+from registration.alignment.distance import ModelSurface
+from registration.alignment.fit import Fit, evenness, facing
+from registration.alignment.rivals import AXES, AlternativePose
+
+# List the shifts and turns of the part that a scan leaves uncertain by more than 50 µm.
+
+UNKNOWN_MM = 0.05
+"""Half width of the 95 % interval from which a degree of freedom counts as not known."""
+
+
+@dataclass(frozen=True)
+class LooseFreedom:
+    """A direction in which the part may be moved without contradicting the scan.
+
+    Attributes
+    ----------
+    words : str
+        "its place along x", "its turn about z".
+    half_mm : float, mm
+        RMS over the part's corners of the 95 % interval's half width.
+    """
+
+    words: str
+    half_mm: float
+
+
+def loose_freedoms(covariance: FloatArray, bounds: FloatArray) -> tuple[LooseFreedom, ...]:
+    """Return what isn't known to `UNKNOWN_MM`, the worst first.
+
+    Eigenvalues of the covariance (6, 6) of rotation about the middle and shift, measured by how
+    far they move the corners of the part's box.
+
+    Parameters
+    ----------
+    covariance : (6, 6) float64
+        Of a rotation vector (rad) about the middle of `bounds`, and of a shift (mm).
+    bounds : (2, 3) float64, mm
+    """
+    corners = np.array(list(product(*bounds.T))) - bounds.mean(axis=0)
+    # Mean square of the corners' movement is q' metric q; with metric = L L' lengths are L' q.
+    lever = np.zeros((len(corners), 3, 6))
+    for k in range(3):
+        lever[:, :, k] = np.cross(np.eye(3)[k], corners)
+        lever[:, k, 3 + k] = 1.0
+    metric = np.einsum("cik,cil->kl", lever, lever) / len(corners)
+    root = np.linalg.cholesky(metric)
+    variance, vectors = np.linalg.eigh(root.T @ covariance @ root)
+    out = []
+    for value, vector in zip(variance[::-1], vectors.T[::-1], strict=True):
+        half = 1.96 * float(np.sqrt(max(value, 0.0)))
+        if half > UNKNOWN_MM:
+            out.append(LooseFreedom(_words(vector), half))
+    return tuple(out)
+
+
+def _words(vector: FloatArray) -> str:
+    """Name the strongest part of a movement whose six parts are lengths."""
+    strongest = int(np.abs(vector).argmax())
+    if strongest < 3:
+        return f"its turn about {AXES[strongest]}"
+    return f"its place along {AXES[strongest - 3]}"
+
+
+# List groups of walls that face one way and lie off the design by over 75 µm after the fit.
+
+OFF_MM = 0.075
+"""A side whose median is off by more contradicts the pose: faces of 3 mm of depth of which one is
+0.16 mm off pull a pose 0.1 mm away before a lumen's walls show it by this much."""
+RAGGED = 0.1
+"""A side that weighs less than this (`evenness`) says nothing of the pose."""
+LEAST_SHARE = 0.02
+"""A side counts from this share of the points on."""
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Walls that face one way and are off.
+
+    Attributes
+    ----------
+    words : str
+        "the outside facing low z", "walls of lumens facing high x".
+    off_mm : float, mm
+        Median signed distance, positive outside the solid.
+    """
+
+    words: str
+    off_mm: float
+
+
+def misfits(
+    surface: ModelSurface, points: FloatArray, fit: Fit, blur_mm: float
+) -> tuple[Misfit, ...]:
+    """Return the sides that are off by more than `OFF_MM`, the worst first."""
+    near = surface.query(fit.apply(points))
+    residual = near.distance - surface.blurred(near.face, blur_mm) - fit.offset_mm
+    side = facing(near.direction, surface.curvature[near.face])
+    even = evenness(residual, side)
+    out = []
+    for number in range(12):
+        here = side == number
+        if here.mean() < LEAST_SHARE or even[here][0] < RAGGED:
+            continue
+        off = float(np.median(residual[here]))
+        if abs(off) > OFF_MM:
+            what = "curved walls" if number % 2 else "flat faces"
+            end = "high" if number // 2 % 2 else "low"
+            out.append(Misfit(f"{what} that face {end} {AXES[number // 4]}", off))
+    return tuple(sorted(out, key=lambda m: -abs(m.off_mm)))
 
 
 def pose_doubts(

@@ -8,10 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kernels.arrays import FloatArray
-from registration.comparison.intervals import UNKNOWN, Interval, holm, sd_interval
 from registration.comparison.scans import AXES, GaugedScan
-from registration.comparison.trend import Trend, trend
-from registration.comparison.variance import Components, components, prints_sd
+from registration.comparison.statistics import (
+    UNKNOWN,
+    Components,
+    Interval,
+    Trend,
+    components,
+    holm,
+    prints_sd,
+    sd_interval,
+    trend,
+)
 from registration.comparison.vessels import VesselSpread
 
 DAY_S = 86400.0

@@ -14,13 +14,8 @@ from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
-from registration.report.drawing import blank, styled, to_svg
+from registration.report.drawing import aspect, blank, draw_scaled_lines, set_limits, styled, to_svg
 from registration.report.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
-from registration.report.scaled_lines import (
-    aspect,
-    draw_scaled_lines,
-    set_limits,
-)
 from registration.report.svg import ACCENT, BAD, INK, MUTED, PAPER
 from registration.report.wording import is_number, plain
 

@@ -1,19 +1,4 @@
-"""Compute evidence for gel at each voxel: signal over that expected of gel there (1 in gel).
-
-What gel would send back is estimated from gel nearby in three steps, each from the scan itself:
-
-- its mean at each depth (attenuation, roll-off, focus);
-- what liquid above saves of the light: a factor exp(b L) with L the length of liquid above, bath
-  and open channels included, and b the regression of the signal on L (Beer-Lambert);
-- the local mean ratio of signal to that prediction, and of what is left when bright voxels are
-  capped (`BRIGHTEST`).
-
-Unlike the light left over on its way (`light`), the estimate never rests on one A-scan alone:
-errors of single A-scans look like ways through the gel. Speckle stays as it is, so that its
-statistics hold: of fully developed speckle a voxel's value is exponential in gel, and
-sums over n independent voxels have the standard deviation 1/√n (Goodman 2007, Speckle Phenomena in
-Optics, section 4.2), less the cap's share.
-"""
+"""Evidence for gel at each voxel, from signal and glints."""
 
 from __future__ import annotations
 
@@ -24,14 +9,63 @@ from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
 from registration.segmentation.filters import gaussian_weights, normalise, smooth
-from registration.segmentation.glints import Glints, find_glints, no_glints
-from registration.segmentation.local_level import local_level
 from registration.segmentation.volume import GelField, Strength, Volume, sample
+from registration.segmentation.walls import local_level
 from registration.segmentation.working import probe
 
-FloatVolume = NDArray[np.float32]
-Mask = NDArray[np.bool_]
+# Find glints: voxels far brighter than gel, such as air, particles and specular walls.
 
+FloatVolume = NDArray[np.float32]
+GLINT = 15.0
+"""Times the gel's mean. Of 3 million voxels of fully developed speckle, exponential, one lies above
+it: ln(3e6) = 15."""
+USUAL_PERCENT = 50.0
+"""Of the A-scans' brightest voxels: what walls of this part send back where they face the light, as
+its top does in nearly all A-scans. Air along a drained lumen fills many, but not half of them."""
+
+
+@dataclass(frozen=True)
+class Glints:
+    """Glints of a scan.
+
+    Attributes
+    ----------
+    place : (n, 3) float64, mm
+        In the scan.
+    share : (n,) float64
+        Brightness, of the gel's mean.
+    usual : float
+        Brightness that half of the A-scans exceed somewhere.
+    down : int
+        1 where light runs towards larger z, else -1.
+    """
+
+    place: FloatArray
+    share: FloatArray
+    usual: float
+    down: int
+
+
+def find_glints(
+    share: FloatVolume, voxel_mm: FloatArray, origin_mm: FloatArray, depth_down: bool
+) -> Glints:
+    """Return the glints of a signal in units of the gel's mean, (nz, ny, nx), uncapped."""
+    index = np.argwhere(share > GLINT)
+    brightest = share.max(axis=0)
+    return Glints(
+        origin_mm + index[:, ::-1] * voxel_mm,
+        share[tuple(index.T)].astype(np.float64),
+        float(np.percentile(brightest, USUAL_PERCENT)),
+        1 if depth_down else -1,
+    )
+
+
+def no_glints() -> Glints:
+    """Return the glints of a volume that no light went through."""
+    return Glints(np.empty((0, 3)), np.empty(0), 0.0, 1)
+
+
+Mask = NDArray[np.bool_]
 SURE_GEL = 0.7
 """Share of gel in the field above which a voxel tells what gel is like."""
 MORE_GEL = 0.5
@@ -50,7 +84,6 @@ SIGMA_MM = 0.055
 """Standard deviation of the averages: matched to a way 0.15 mm wide, of which it keeps 0.6."""
 DECISIVE = 4.0
 """Gel and liquid are told apart where they lie this many standard deviations from each other."""
-
 _MOST_STEPS = 30
 _FINE = 1e-3
 """1/mm, of the regression on the liquid above: far below what moves an average."""

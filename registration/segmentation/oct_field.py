@@ -16,28 +16,133 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
 
 from registration.errors import SegmentationError
 from registration.scan import Scan
-from registration.segmentation.bright_liquid import (
-    TwoMedia,
-    liquid_is_dark,
-    sides_of,
-    two_media,
-)
+from registration.segmentation.bright_liquid import TwoMedia, liquid_is_dark, sides_of, two_media
 from registration.segmentation.even_light import even_signal, without_glare
-from registration.segmentation.filters import bin_mean, normalise
+from registration.segmentation.filters import (
+    bin_mean,
+    gaussian_weights,
+    near_in_depth,
+    normalise,
+    smooth,
+)
 from registration.segmentation.light import remaining_light, share_of_gel
-from registration.segmentation.local_level import local_level
-from registration.segmentation.reflections import without_lines
 from registration.segmentation.response import depth_response
-from registration.segmentation.unevenness import unevenness
 from registration.segmentation.volume import GelField, Strength
-from registration.segmentation.walls import Sides, share_of_volume
+from registration.segmentation.walls import Sides, local_level, share_of_volume
 from registration.segmentation.working import Working, probe
 
+# Measure how unevenly bright the gel remains after segmentation's corrections of light.
+#
+# Inside gel a segmented field is 1 but for speckle. Gel in layers (birefringent collagen under light
+# of one polarisation, prints of two inks), shadows and haze leave it brighter here and darker there,
+# over lengths that local levels don't follow; a wall there is held against a level that isn't its
+# gel's.
+
 FloatVolume = NDArray[np.float32]
+BLOCK_MM = (0.06, 0.3, 0.3)
+"""Averaged, z, y, x: layers lie across the light, and speckle is averaged along them."""
+DARKEST, SHARE = 0.25, 0.97
+"""A block is gel where this share of it lies above that level: dark layers do, liquid doesn't."""
+WITHIN = (5, 3, 3)
+"""So many blocks about one are gel: 0.12 mm and more from any wall."""
+FEWEST = 30
+"""Such blocks tell a spread."""
+
+
+def unevenness(values: FloatVolume, working: Working) -> float:
+    """Return the standard deviation of the gel's level beyond speckle, of the step to liquid.
+
+    The spread of blocks, less that between neighbours at the same depth, which is speckle's (and
+    robust: layers of one depth make no such difference). 0 where too little gel is thick enough.
+
+    Parameters
+    ----------
+    values : (nz, ny, nx) float32
+        Gel 1, liquid 0.
+    working : Working
+    """
+    wanted = np.maximum(1, np.round(np.array(BLOCK_MM) / working.voxel_mm[::-1])).astype(int)
+    block = tuple(np.minimum(wanted, values.shape).tolist())
+    full = bin_mean(values > np.float32(DARKEST), block, False, 0.0) > SHARE
+    inside = minimum_filter(full.astype(np.uint8), WITHIN, mode="constant") > 0
+    level = bin_mean(values, block, False, 0.0)
+    if np.count_nonzero(inside) < FEWEST:
+        return 0.0
+    both = inside[:, :, 1:] & inside[:, :, :-1]
+    speckle = _spread(np.diff(level, axis=2)[both]) / np.sqrt(2) if both.any() else 0.0
+    return float(np.sqrt(max(_spread(level[inside]) ** 2 - speckle**2, 0.0)))
+
+
+def _spread(values: NDArray[np.float32]) -> float:
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+
+
+# Distinguish bright wall reflections from gel, and count them as half gel.
+#
+# An index step sends back many times what gel does, from a line one or two voxels deep where the wall
+# is smooth, from a band of glints where it is rough. Counted as gel it moves the half level into the
+# liquid by its width. What outshines the gel's own speckle belongs to a wall, which by definition has
+# as much gel before as behind: its voxels count as half gel, and the wall comes out at their middle.
+#
+# How bright speckle gets is asked of gel far from any wall, in averages of several sizes: level walls
+# show in averages along the wall, glints in single voxels, rough walls in averages of depth too.
+# Whatever is taken for a line without being one moves walls into the gel.
+
 Mask = NDArray[np.bool_]
+CHANCE = 1e-3
+"""Of the peaks within gel, so many stand out as far as what is taken for a line."""
+SCALES = ((0.0, 0.0), (0.8, 0.0), (1.2, 1.0))
+"""Standard deviations of the averages along the wall and in depth, voxels."""
+MAX_REFLECTION = 4.0
+"""Times the gel: no voxel counts for more in averages, or a line would spill."""
+LEAST = 1.2
+"""Times the gel: a line is never fainter."""
+INSIDE = 6
+"""With gel so many voxels above and below a place has no wall's light: there gel is asked for its
+own peaks, and what is bright is a particle."""
+
+
+def without_lines(share: FloatVolume, gel: Mask, brightest: float) -> FloatVolume:
+    """Return shares of gel (nz, ny, nx) with reflections of walls taken for half gel.
+
+    Parameters
+    ----------
+    share : (nz, ny, nx) float32
+        1 for gel, speckle and all; changed in place.
+    gel : (nz, ny, nx) bool
+        Well within the gel: how far speckle stands out there is no sign of a line.
+    brightest : float
+        No voxel will count for more than this.
+    """
+    inside = ~near_in_depth(~gel, INSIDE)
+    lines = np.zeros(share.shape, dtype=np.bool_)
+    dazzled = np.minimum(share, np.float32(MAX_REFLECTION))
+    for along, deep in SCALES:
+        bright = _smoothed(dazzled, along, deep) if along else share
+        lines |= bright >= _stands_out(bright, inside)
+    lines &= ~inside
+    usual = np.minimum(share[inside], np.float32(brightest))
+    share[lines] = 0.5 * float(usual.mean(dtype=np.float64)) if len(usual) else 0.5
+    return share
+
+
+def _smoothed(share: FloatVolume, along: float, deep: float) -> FloatVolume:
+    out = np.empty_like(share)
+    weights = gaussian_weights(along)
+    smooth(share, out, (gaussian_weights(deep), weights, weights), 0.0)
+    return out
+
+
+def _stands_out(bright: FloatVolume, gel: Mask) -> np.float32:
+    """Brightness that of gel's own peaks along depth only `CHANCE` exceed, at least `LEAST`."""
+    here = bright[1:-1]
+    peaks = here[gel[1:-1] & (here > bright[:-2]) & (here > bright[2:])]
+    return np.float32(max(float(np.quantile(peaks, 1 - CHANCE)) if len(peaks) else 0.0, LEAST))
+
 
 GEL_MM, LIQUID_MM = 0.25, 0.15
 """Levels are averaged over about this distance; the liquid's changes faster outside the gel."""

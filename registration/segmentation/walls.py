@@ -1,22 +1,4 @@
-"""Estimate each OCT voxel's gel share from signal and light, corrected at steep walls.
-
-Light on its way down (`light`) is the sum over rays; G of it runs in gel, N in liquid, which
-scatters by a part q of what gel does. A voxel sends back G + q N, so both are known, and
-G / (G + N) is the share of its light that is in gel. Where all its rays have come the same way, at
-a wall that lies across the light, that is the share of its volume.
-
-Along a steep wall they haven't. A wall that faces the light lets rays in from the side, less faded
-than those beside them; under a wall that faces away some have faded in gel before they left it. A
-wall a millimetre down that leans by a degree comes out 10 um off by that. Two bounds hold for any
-mixture:
-
-- gel's rays are at least as bright as those that came through gel all the way: share <= G / gel;
-- liquid's are at most as bright as those that came through liquid: share <= 1 - N / liquid,
-
-with the light beside the wall, in gel and in liquid. The first is exact where the wall faces away,
-the second where it faces the light, both where it stands upright. Which is less is asked of
-averages along the wall: the lesser of two values with speckle in them would always be too small.
-"""
+"""Gel share of each OCT voxel at walls, and its smooth local mean."""
 
 from __future__ import annotations
 
@@ -41,7 +23,6 @@ from registration.segmentation.working import Working
 FloatVolume = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Factor = tuple[int, int, int]
-
 BESIDE_MM = 0.12
 """How far about beside a wall light is looked for: standard deviation, level."""
 ALONG_MM = 0.15
@@ -196,3 +177,50 @@ def _shares(
                 known[z, y, x] = has_share
                 out[z, y, x] = np.float32(min(max(share, _DARKEST), _BRIGHTEST))
     return out, known
+
+
+# Smooth local mean of selected voxels' values everywhere in a scan, on a coarse grid.
+
+TREND_RIDGE = 0.05
+"""Holds a slope down where all voxels lie in a small part of the neighbourhood's depth."""
+FEW = 1e-4
+"""Of a neighbourhood: so much weight the usual level has."""
+
+
+def local_level(
+    values: FloatVolume,
+    where: Mask,
+    factor: Factor,
+    sigma: NDArray[np.float64],
+    usual: float,
+    trend: bool,
+) -> FloatVolume:
+    """Level of `values` over the voxels `where`, around each place; far from any of them `usual`.
+
+    Parameters
+    ----------
+    values : (nz, ny, nx) float32
+    where : (nz, ny, nx) bool
+    factor : (fz, fy, fx)
+        Voxels of the coarse grid that the level is given on.
+    sigma : (3,) float64
+        Of the Gaussian neighbourhood along z, y, x, in coarse voxels.
+    usual : float
+    trend : bool
+        Take the level of a straight line along depth, fitted locally (a local linear regression,
+        Fan & Gijbels 1996): at the gel's top and bottom all that is known of it lies to one side,
+        and a mean would be the level of a place further in.
+    """
+    z, y, x = (gaussian_weights(s) for s in sigma)
+    weight = bin_mean(where, factor, False, 0.0)
+    total = mean_where(values, where, factor) - np.float32(usual) * weight
+    offset = (np.arange(len(z)) - len(z) // 2).astype(np.float32)
+    mass, pull = (smoothed(v, (z, y, x)) for v in (weight, total))
+    if not trend:
+        return np.asarray(usual + pull / (mass + FEW), dtype=np.float32)
+    lever, spread = (smoothed(weight, (z * offset**k, y, x)) for k in (1, 2))
+    slope = smoothed(total, (z * offset, y, x))
+    mass += np.float32(FEW)
+    spread += np.float32(TREND_RIDGE * sigma[0] ** 2) * mass
+    level = (spread * pull - lever * slope) / (spread * mass - lever**2)
+    return np.asarray(usual + level, dtype=np.float32)

@@ -24,7 +24,7 @@ from registration.measuring.gauging import (
     network_of_lumens,
     sub_network,
 )
-from registration.measuring.gauging.planes import stations
+from registration.measuring.gauging.trace import stations
 
 _FEW: Final = 0.5
 """Of a vessel without a section: spacing of its stations over its length."""

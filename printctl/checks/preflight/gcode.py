@@ -164,8 +164,8 @@ def gate_checks(run: DryRun, printer: Printer) -> list[Check]:
         return _output_checks(run, printer)
     known = [(number, line) for number, line in run.others if is_known_line(printer, line)]
     by_code: dict[str, list[tuple[int, str]]] = {}
-    for number, code, why in refused_lines(known, printer):
-        by_code.setdefault(code, []).append((number, why))
+    for number, refused, why in refused_lines(known, printer):
+        by_code.setdefault(refused, []).append((number, why))
     if not by_code:
         return [Check("commands that may not be sent", 0, 0, "", True)]
     return [

@@ -6,12 +6,10 @@ import math
 from dataclasses import asdict
 from typing import Any
 
-from registration.comparison.gauge.claims import Claim
-from registration.comparison.gauge.shares import NAMES, Share
-from registration.comparison.gauge.squares import ALPHA
-from registration.comparison.gauge.study import GaugeQuantity, GaugeStudy
-from registration.comparison.intervals import Interval
-from registration.files.exports.tables import as_csv
+from registration.comparison.gauge.shares import ALPHA, NAMES, Share
+from registration.comparison.gauge.study import Claim, GaugeQuantity, GaugeStudy
+from registration.comparison.statistics import Interval
+from registration.files.exports import as_csv
 from registration.json_ready import json_ready
 
 WORDS = {

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
 from registration.errors import ScanFileError
-from registration.files.readers.broken_files import scan_file_errors
+from registration.files.readers.common import scan_file_errors
 
 TEXTS: Final = frozenset({".csv", ".txt", ".xyz", ".asc"})
 _PICTURES: Final = frozenset({".tif", ".tiff", ".png"})

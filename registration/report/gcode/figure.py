@@ -21,13 +21,12 @@ from PIL import Image
 
 from kernels.arrays import FloatArray, IntArray
 from registration.gcode_job import Act, GcodeJob
-from registration.report.drawing import blank, styled, to_svg
+from registration.report.drawing import VECTOR_PIECES, aspect, blank, set_limits, styled, to_svg
 from registration.report.gcode.bands import band_outlines
 from registration.report.gcode.colouring import PLAIN, Colouring
 from registration.report.gcode.outline_pack import SCALE_UM
 from registration.report.gcode.part_outline import DesignOutline
 from registration.report.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
-from registration.report.scaled_lines import VECTOR_PIECES, aspect, set_limits
 from registration.report.svg import MUTED
 from registration.report.wording import number
 

@@ -20,11 +20,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from registration.overlay.cut import ScanCut
-from registration.overlay.lines import LayerLines
-from registration.overlay.measure import LayerNumbers
-from registration.overlay.patches import PixelPatch
-from registration.overlay.raster import Raster
-from registration.overlay.status import LayerStatus
+from registration.overlay.measure import LayerNumbers, LayerStatus
+from registration.overlay.raster import LayerLines, PixelPatch, Raster
 from registration.report.drawing import styled
 from registration.report.gcode.bands import band_outlines
 from registration.report.svg import INK, MUTED

@@ -19,9 +19,8 @@ from registration.devices.laser_sweep import (
     trace,
     write_laser,
 )
-from registration.devices.laser_sweep.middles import line_middles
 from registration.devices.laser_sweep.pictures import sweep_pictures
-from registration.devices.laser_sweep.straight import straight_line
+from registration.devices.laser_sweep.profiles import line_middles, straight_line
 from registration.errors import PictureError
 from tests.registration.devices.camera_frame import scene
 from tests.registration.devices.laser_sweep import sweeps
