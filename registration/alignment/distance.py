@@ -284,10 +284,10 @@ def _evened(values: FloatArray, one: IntArray, other: IntArray) -> FloatArray:
 
 # Build a part's bounding-box tree of triangles, long ones cut into pieces for smaller boxes.
 #
-# Triangles that are long against the whole (flat faces, straight tubes) make boxes that overlap. They
-# are cut into pieces with boxes of their own (Ernst & Greiner 2007, 10.1109/RT.2007.4342593); what is
-# asked at a piece is still its whole triangle. Points near a block with lumens take two thirds of the
-# time.
+# Triangles that are long against the whole (flat faces, straight tubes) make boxes that overlap.
+# They are cut into pieces with boxes of their own (Ernst & Greiner 2007, 10.1109/RT.2007.4342593);
+# what is asked at a piece is still its whole triangle. Points near a block with lumens take two
+# thirds of the time.
 
 LONGEST = 0.15
 """Of the diagonal: longer edges are cut. Finer pieces only make more boxes."""

@@ -189,9 +189,9 @@ def capability(mean: float, sd: Interval, limit: float) -> Capability:
 #
 # One-way random model, y = μ + print + scan, by unweighted means of the prints, which is exact
 # where every print has as many scans as the others and near enough where not (Thomas & Hultquist
-# 1978, 10.1214/aos/1176344202). The interval of the prints' own standard deviation, scan noise taken
-# out, is the modified large-sample one of a difference of two mean squares (Ting, Burdick, Graybill,
-# Jeyaratnam & Lu 1990, J. Stat. Comput. Simul. 35, 135-143).
+# 1978, 10.1214/aos/1176344202). The interval of the prints' own standard deviation, scan noise
+# taken out, is the modified large-sample one of a difference of two mean squares (Ting, Burdick,
+# Graybill, Jeyaratnam & Lu 1990, J. Stat. Comput. Simul. 35, 135-143).
 
 
 @dataclass(frozen=True)

@@ -37,10 +37,10 @@ from registration.segmentation.working import Working, probe
 
 # Measure how unevenly bright the gel remains after segmentation's corrections of light.
 #
-# Inside gel a segmented field is 1 but for speckle. Gel in layers (birefringent collagen under light
-# of one polarisation, prints of two inks), shadows and haze leave it brighter here and darker there,
-# over lengths that local levels don't follow; a wall there is held against a level that isn't its
-# gel's.
+# Inside gel a segmented field is 1 but for speckle. Gel in layers (birefringent collagen under
+# light of one polarisation, prints of two inks), shadows and haze leave it brighter here and darker
+# there, over lengths that local levels don't follow; a wall there is held against a level that
+# isn't its gel's.
 
 FloatVolume = NDArray[np.float32]
 BLOCK_MM = (0.06, 0.3, 0.3)
@@ -83,14 +83,15 @@ def _spread(values: NDArray[np.float32]) -> float:
 
 # Distinguish bright wall reflections from gel, and count them as half gel.
 #
-# An index step sends back many times what gel does, from a line one or two voxels deep where the wall
-# is smooth, from a band of glints where it is rough. Counted as gel it moves the half level into the
-# liquid by its width. What outshines the gel's own speckle belongs to a wall, which by definition has
-# as much gel before as behind: its voxels count as half gel, and the wall comes out at their middle.
+# An index step sends back many times what gel does, from a line one or two voxels deep where the
+# wall is smooth, from a band of glints where it is rough. Counted as gel it moves the half level
+# into the liquid by its width. What outshines the gel's own speckle belongs to a wall, which by
+# definition has as much gel before as behind: its voxels count as half gel, and the wall comes out
+# at their middle.
 #
-# How bright speckle gets is asked of gel far from any wall, in averages of several sizes: level walls
-# show in averages along the wall, glints in single voxels, rough walls in averages of depth too.
-# Whatever is taken for a line without being one moves walls into the gel.
+# How bright speckle gets is asked of gel far from any wall, in averages of several sizes: level
+# walls show in averages along the wall, glints in single voxels, rough walls in averages of depth
+# too. Whatever is taken for a line without being one moves walls into the gel.
 
 Mask = NDArray[np.bool_]
 CHANCE = 1e-3

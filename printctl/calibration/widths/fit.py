@@ -203,9 +203,9 @@ def lag_change(lag: Lag, written: WrittenPattern) -> Mapping[str, Change]:
 
 # Fit flow factor, swelling and lag from lines printed at several speeds and flows.
 #
-# A plunger's flow is known, so a line's cross-section is f m A: A the commanded one, m the line's own
-# multiple, f the flow factor. A filament that then swells s-fold is √(f m A 4/π) s wide: widths tell
-# f s², never f and s apart. Whether the cross-section follows Q/v is asked of the data:
+# A plunger's flow is known, so a line's cross-section is f m A: A the commanded one, m the line's
+# own multiple, f the flow factor. A filament that then swells s-fold is √(f m A 4/π) s wide: widths
+# tell f s², never f and s apart. Whether the cross-section follows Q/v is asked of the data:
 # ln(area/mA) = ln f s² + b ln v + c ln m, with b = c = 0 if it does.
 
 _BEGIN: Final = 0.5

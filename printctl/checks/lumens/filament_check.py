@@ -19,9 +19,9 @@ from sim.gcode.deposit.strands import Strands
 
 # Measure the diameter and area of the lumen that washed-out filaments leave along each vessel.
 #
-# A filament is taken to be sacrificial: the space that it fills is the lumen once it is washed out. A
-# section across the vessel cuts each filament near it in a disc; the widest circle is the widest disc
-# whose middle lies on the vessel, or wider where several overlap.
+# A filament is taken to be sacrificial: the space that it fills is the lumen once it is washed out.
+# A section across the vessel cuts each filament near it in a disc; the widest circle is the widest
+# disc whose middle lies on the vessel, or wider where several overlap.
 
 RAYS: Final = 32
 STATIONS_AT_ONCE: Final = 20_000

@@ -184,9 +184,9 @@ def gate_checks(run: DryRun, printer: Printer) -> list[Check]:
 
 # Find a job's first temperature wait that may never end.
 #
-# No profile knows of a cooler. A room is taken to be between 15 and 30 °C: what must cool below 30 °C
-# may never get there, and what must warm up without a target may not either. M109 and M190 with S
-# wait for warming alone, but on some families (`GateFacts.awaits_cooling`).
+# No profile knows of a cooler. A room is taken to be between 15 and 30 °C: what must cool below 30
+# °C may never get there, and what must warm up without a target may not either. M109 and M190 with
+# S wait for warming alone, but on some families (`GateFacts.awaits_cooling`).
 
 COLDEST_ROOM_C: Final = 15.0
 WARMEST_ROOM_C: Final = 30.0

@@ -171,9 +171,9 @@ def _setting(run: DryRun, part: str, which: str, limit: float, bears: str) -> Ch
 
 # Check the print time against the lifetime of the ink's cells.
 #
-# The dry run's time runs from the first byte to the last; mixing and filling before it, and what the
-# cells bear in the bath afterwards, aren't in it. How long cells have is never guessed: the ink's
-# profile or the recipe says it, with a source, or it is told as unknown.
+# The dry run's time runs from the first byte to the last; mixing and filling before it, and what
+# the cells bear in the bath afterwards, aren't in it. How long cells have is never guessed: the
+# ink's profile or the recipe says it, with a source, or it is told as unknown.
 
 
 @dataclass(frozen=True)

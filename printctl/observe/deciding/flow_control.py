@@ -14,9 +14,9 @@ from kernels.arrays import BoolArray, FloatArray
 # Test whether the amount of ink that is seen answers corrections of the flow.
 #
 # After a correction by a factor the logarithm of the amount seen moves by the factor's. What a
-# picture misreads of all lines alike (halo, blur, level of an edge) hardly changes from look to look,
-# so in that difference random uncertainty counts alone. Seen amounts that stay where they were are no
-# flow's: what was corrected was how ink looks.
+# picture misreads of all lines alike (halo, blur, level of an edge) hardly changes from look to
+# look, so in that difference random uncertainty counts alone. Seen amounts that stay where they
+# were are no flow's: what was corrected was how ink looks.
 #
 # A flow that itself goes on changing mustn't pass for that. So the last blocks before a correction
 # are held against the first behind it, each side by the reading that speaks more for an answer.
@@ -134,10 +134,11 @@ def _of_mean(variance: FloatArray) -> float:
 
 # Flow by the widths of the last picture alone, and whether it is likely to be off.
 #
-# What surely is off is corrected (`flow_control`). Widths that light, rims or dim flanks make unsure
-# tell less: a flow that is likely off is asked about. Likely is what exceeds the tolerance and either
-# the picture's own uncertainty or, since pictures misread alike, that of the change since the print's
-# first picture. Once it was asked about, only such a change since then is asked about again.
+# What surely is off is corrected (`flow_control`). Widths that light, rims or dim flanks make
+# unsure tell less: a flow that is likely off is asked about. Likely is what exceeds the tolerance
+# and either the picture's own uncertainty or, since pictures misread alike, that of the change
+# since the print's first picture. Once it was asked about, only such a change since then is asked
+# about again.
 
 _LIKELY: Final = 2.0
 """Standard uncertainties of a level: one print in twenty that is known no better is asked about (of

@@ -30,9 +30,10 @@ from registration.files.readers.metadata import check_aspect, parse
 #
 # One member ``data\SpectralN.data`` for each B-scan: A-scans of SizeZ samples of 16 bit, SizeX of
 # them, among which the header's ApoRegion (without sample, for the background) and ScanRegion.
-# ``data\Chirp.data``, float32: each sample's place on an even scale of wavenumber. Source: Thorlabs'
-# own ``OCTFileGetRawData.m`` and ``OCTFileGetChirp.m``, and two public readers that process them
-# (T. Meissner; "OCT_reader"), which agree. The file gives no dispersion: none is taken out.
+# ``data\Chirp.data``, float32: each sample's place on an even scale of wavenumber. Source:
+# Thorlabs' own ``OCTFileGetRawData.m`` and ``OCTFileGetChirp.m``, and two public readers that
+# process them (T. Meissner; "OCT_reader"), which agree. The file gives no dispersion: none is taken
+# out.
 #
 # Not verified on a device's file. Refused: several spectra for an A-scan, A-scans or B-scans for
 # one of the volume, two cameras.
