@@ -9,7 +9,8 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from printctl.checks.gcode_view.line_map import LineMap, read_line_map
-    from printctl.checks.gcode_view.read import Pushing, Reading, read_job, read_with_program
+    from printctl.checks.gcode_view.pushing import Pushing
+    from printctl.checks.gcode_view.read import Reading, read_job, read_with_program
 
 __all__ = ["LineMap", "Pushing", "Reading", "read_job", "read_line_map", "read_with_program"]
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles import Printer
 from firmware_profiles.bead import BeadSection
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.checks.gcode_view.levels import fill_rows, is_flat, make_layers
 from printctl.checks.gcode_view.line_map import KINDS, LineMap
+from printctl.checks.gcode_view.pushing import Pushing
 from printctl.errors import UsageError
 from printctl.rounding import last_digit_mm, window_mm
 from registration.report.gcode import Act, GcodeJob, Layers
@@ -25,42 +25,6 @@ from sim.gcode.program.gcode import Program, code
 from sim.gcode.program.modal import BAD, DWELL, HOME, MOVE
 from sim.gcode.program.read_program import read_written
 from sim.gcode.reading.comments import Comments, declared_start, plain_lines, read_comments
-
-# Settings that convert E (by syringe bore) or open-valve time (by flow) to ink volume.
-
-
-@dataclass(frozen=True)
-class Pushing:
-    """How E, or an open valve, becomes a volume.
-
-    Attributes
-    ----------
-    printer : Printer
-        Whose firmware reads the file, and whose head writes it.
-    bore_mm : float or None, mm
-        Of the syringe, or the filament's diameter; None takes what the file itself says.
-    bore_said : str
-        Where the bore comes from, in words.
-    syringe_mm : float, mm
-        The bore where neither the user nor the file says one.
-    syringe_said : str
-    flow_ul_s : float or None, µL/s
-        Of a pneumatic head while its valve is open; None takes the profile's measured one.
-    layer_mm : float or None, mm
-        Height of the lines; None takes what the file says, or the spacing of its levels.
-    bead : BeadSection
-        Cross-section of lines in layers.
-    """
-
-    printer: Printer
-    bore_mm: float | None
-    bore_said: str
-    syringe_mm: float
-    syringe_said: str
-    flow_ul_s: float | None = None
-    layer_mm: float | None = None
-    bead: BeadSection = field(default_factory=BeadSection)
-
 
 # Select the rows of a G-code file that move or extrude, with the kind of each.
 

@@ -1,4 +1,4 @@
-"""What scan readers share: raw result, limits, units, space, voxel storage, archives."""
+"""Shared parts of the scan readers: raw result, limits, units, space, storage, archives."""
 
 from __future__ import annotations
 
