@@ -23,7 +23,7 @@ from printctl.cli.options import (
 from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.process_lines import process_lines
 from printctl.cli.progress_option import ProgressFileOption, message_of
-from printctl.history.records.table import outcome
+from printctl.history.table import outcome
 from printctl.pipeline.run import RunOptions, run_recipe
 from printctl.pipeline.run_options import DESIGN_NAMES
 from printctl.progress_file import ProgressFile

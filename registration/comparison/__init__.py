@@ -12,7 +12,8 @@ from registration.comparison.findings import (
     sentences,
     verdict,
 )
-from registration.comparison.gauge import GaugeStudy, gauge_csv
+from registration.comparison.gauge_findings import gauge_csv
+from registration.comparison.gauge_study import GaugeStudy
 from registration.comparison.scans import (
     ComparisonError,
     GaugedScan,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from registration.comparison.gauge import GaugeStudy, gauge_study
+from registration.comparison.gauge_study import GaugeStudy, gauge_study
 from registration.comparison.overall import (
     DAY_S,
     Quantity,

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from registration.comparison.compare import Comparison
-from registration.comparison.gauge import gauge_dict, gauge_sentences
+from registration.comparison.gauge_findings import gauge_dict, gauge_sentences
 from registration.comparison.statistics import Interval, sd_factors
 from registration.comparison.vessels import SIGNIFICANT, VesselSpread
 from registration.files.exports import as_csv

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from registration.comparison.gauge.shares import mean_squares, shares
+from registration.comparison.gauge_shares import mean_squares, shares
 from registration.comparison.scans import GaugeStudyError
 from tests.slower import first_of
 

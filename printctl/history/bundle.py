@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 from design.files import atomic_replacement
-from printctl.history.records.plain_zip import PlainZipWriter, safe_name
-from printctl.history.records.signing import (
+from printctl.history.plain_zip import PlainZipWriter, safe_name
+from printctl.history.signing import (
     MANIFEST,
     PUBLIC_KEY,
     SIGNATURE,
@@ -22,14 +22,15 @@ from printctl.history.records.signing import (
     LabKey,
     Manifest,
 )
-from printctl.history.records.table import outcome
+from printctl.history.table import outcome
 from printctl.machine.link.find_link import alive
 from printctl.machine.link.history_entry import INTERRUPTED, PrintEntry
 from printctl.machine.link.origin import version
 from printctl.pipeline.evidence import Evidence, evidence
 
-# HTML cover page of a print's record bundle: printer, times, verdict, alarms, G-code hash.
+# Pack a print's files and their cover page into one signed bundle.
 
+# HTML cover page of a print's record bundle: printer, times, verdict, alarms, G-code hash.
 _LONGEST: Final = 2000
 _MOST_ALARMS: Final = 20
 _LOOK: Final = """

@@ -37,7 +37,6 @@ class KeyTrouble(RecordsError):  # noqa: N818 (named after what is wrong)
 #
 # Ed25519 (RFC 8032): the same text signed twice gives the same signature. The library comes with
 # the extra ``records`` (and with ``search``).
-
 PRIVATE: Final = "records_key.pem"
 _LARGEST: Final = 10_000
 """Bytes of a key's file: an Ed25519 key takes some hundred."""
@@ -220,7 +219,6 @@ def _library() -> tuple[Any, Any, Any]:
 
 
 # Manifest of a record bundle: the print, its files with their digests, and the signer.
-
 MANIFEST, SIGNATURE, PUBLIC_KEY = "manifest.json", "manifest.sig", "public_key.pem"
 LARGEST = 4 * 2**20
 """Bytes of a manifest."""

@@ -15,18 +15,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import BinaryIO, Final
 
-from printctl.history.records.signing import BundleError
+from printctl.history.signing import BundleError
 
 LARGEST: Final = 2**31 - 1
 """Bytes of a whole bundle: what every unzip program can read."""
-
 MOST_FILES: Final = 10_000
 _LOCAL: Final = struct.Struct("<4s5H3L2H")
 _CENTRAL: Final = struct.Struct("<4s6H3L5H2L")
 _END: Final = struct.Struct("<4s4H2LH")
 _MADE_BY, _NEEDS, _DAY = 0x0314, 20, 0x21
 """Version 2.0 on Unix; 1980-01-01, the first day that a zip can name."""
-
 _MODE: Final = 0o100644 << 16
 _BLOCK: Final = 1 << 20
 _PART: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,127}")

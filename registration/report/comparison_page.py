@@ -14,13 +14,13 @@ from design.files import write_text
 from registration.comparison import Comparison
 from registration.comparison import notes as standing_notes
 from registration.comparison import verdict as found_verdict
-from registration.comparison.gauge import GaugeQuantity, GaugeStudy, gauge_notes, gauge_sentences
-from registration.comparison.gauge.findings import WORDS
-from registration.comparison.gauge.shares import NAMES
+from registration.comparison.gauge_findings import WORDS, gauge_notes, gauge_sentences
+from registration.comparison.gauge_shares import NAMES
+from registration.comparison.gauge_study import GaugeQuantity, GaugeStudy
 from registration.comparison.overall import Quantity
 from registration.comparison.statistics import Interval, Trend
 from registration.comparison.vessels import VesselSpread
-from registration.report.comparison.figures import (
+from registration.report.comparison_figures import (
     TITLES,
     along_figure,
     history_figure,
@@ -35,8 +35,9 @@ from registration.report.svg import inline_figure
 from registration.report.tables import MAX_ROWS, Column, Table, make_table
 from registration.report.wording import MISSING, fixed, number
 
-# Report tables of a gauge R&R study: variance sources, each vessel, budget against repeats.
+# Write the comparison of several prints as one self-contained HTML file.
 
+# Report tables of a gauge R&R study: variance sources, each vessel, budget against repeats.
 SOURCE_COLUMNS: Final = (
     Column("quantity", "Quantity", kind="text"),
     Column("source", "Source", kind="text"),
@@ -147,7 +148,6 @@ def _claim_table(study: GaugeStudy) -> Table:
 
 
 # Key figures, facts and tables of a print comparison, formatted for its page and PDF.
-
 VESSEL_COLUMNS: Final = (
     Column("vessel", "Vessel", kind="text"),
     Column("designed_um", "Designed", "µm"),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from kernels.arrays import FloatArray, IntArray
-from registration.comparison.gauge.shares import (
+from registration.comparison.gauge_shares import (
     MeanSquares,
     Shares,
     mean_squares,
@@ -25,7 +25,6 @@ from registration.comparison.scans import GaugedScan, GaugeStudyError
 # df s2/u2 distributed as chi-squared with df, if the claim holds. Of several vessels the mean of
 # s2/u2 is taken, with Box's degrees of freedom (1954, Ann. Math. Stat. 25, 290-302): vessels of one
 # scan share part of their errors.
-
 SIGNIFICANT = 0.05
 
 

@@ -15,9 +15,9 @@ from typing import Any, Final
 from design.files import atomic_replacement, write_text
 from firmware_profiles import Bath, Ink, Needle, Printer, ProfileError, Syringe, load
 from firmware_profiles.facts import Facts
-from printctl.history.records.plain_zip import blocks_of, read_members
-from printctl.history.records.signing import MANIFEST, RecordsError
-from printctl.history.records.verify import verify_bundle
+from printctl.history.plain_zip import blocks_of, read_members
+from printctl.history.signing import MANIFEST, RecordsError
+from printctl.history.verify import verify_bundle
 from printctl.machine.link.history_entry import PrintEntry
 from printctl.machine.link.origin import digest_of, profile_digest, version
 from printctl.machine.link.ports import list_ports

@@ -6,11 +6,13 @@ import math
 from dataclasses import asdict
 from typing import Any
 
-from registration.comparison.gauge.shares import ALPHA, NAMES, Share
-from registration.comparison.gauge.study import Claim, GaugeQuantity, GaugeStudy
+from registration.comparison.gauge_shares import ALPHA, NAMES, Share
+from registration.comparison.gauge_study import Claim, GaugeQuantity, GaugeStudy
 from registration.comparison.statistics import Interval
 from registration.files.exports import as_csv
 from registration.json_ready import json_ready
+
+# Convert a gauge study's results to sentences, notes, JSON and CSV text.
 
 WORDS = {
     "EV": "repeatability",

@@ -19,7 +19,6 @@ from registration.comparison.statistics import LEVEL, UNKNOWN, Interval, differe
 # the mean squares are those of unweighted cell means, times the harmonic mean of the counts
 # (Burdick, Borror & Montgomery 2005, Design and Analysis of Gauge R&R Studies, chapter 8); with
 # equal counts that is the textbook's analysis of variance.
-
 ALPHA = 0.25
 """Above this probability the interaction is pooled with the repeats."""
 

@@ -10,8 +10,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import BinaryIO
 
-from printctl.history.records.plain_zip import Member, blocks_of, read_members
-from printctl.history.records.signing import (
+from printctl.history.plain_zip import Member, blocks_of, read_members
+from printctl.history.signing import (
     LARGEST,
     MANIFEST,
     PUBLIC_KEY,

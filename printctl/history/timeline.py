@@ -12,7 +12,6 @@ from printctl.machine.link.journalled_print import times_words
 
 MOST: Final = 2000
 """Events that are told; a print with more has them in its journal."""
-
 _HOLDS: Final = ("pausing", "paused", "looking")
 
 
