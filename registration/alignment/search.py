@@ -8,11 +8,10 @@ from itertools import product
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from kernels import jit, pjit
-from kernels.arrays import FloatArray
+from kernels.arrays import Float32Array, FloatArray
 from registration.alignment.distance import DistanceGrid, ModelSurface
 from registration.alignment.fit import Fit
 
@@ -79,12 +78,10 @@ def spread_rotations(count: int) -> FloatArray:
 
 # Coarse alignment: fit many candidate poses to the design's grid of signed distances at once.
 
-Grid = NDArray[np.float32]
-
 
 @jit
 def _distance(
-    grid: Grid, origin: FloatArray, step: float, x: float, y: float, z: float
+    grid: Float32Array, origin: FloatArray, step: float, x: float, y: float, z: float
 ) -> tuple[float, float, float, float]:
     """Trilinear distance and its gradient; beyond the grid its value at the border, and on."""
     nz, ny, nx = grid.shape
@@ -118,7 +115,12 @@ def _distance(
 
 @pjit
 def losses(
-    grid: Grid, origin: FloatArray, step: float, points: FloatArray, poses: FloatArray, scale: float
+    grid: Float32Array,
+    origin: FloatArray,
+    step: float,
+    points: FloatArray,
+    poses: FloatArray,
+    scale: float,
 ) -> FloatArray:
     """Mean robust loss d²/(d² + scale²) of each pose (n, 3, 4) over the points."""
     out = np.empty(len(poses))
@@ -138,7 +140,7 @@ def losses(
 
 @pjit
 def descend(
-    grid: Grid,
+    grid: Float32Array,
     origin: FloatArray,
     step: float,
     points: FloatArray,

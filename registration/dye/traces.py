@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from design.network import VesselNetwork
-from kernels.arrays import FloatArray
+from kernels.arrays import Float32Array, FloatArray
 from registration.devices.lens import Lens
 from registration.dye.stations import DyeStations, place_stations
 from registration.dye.view import View
@@ -71,7 +71,6 @@ def _timed(film: Any, clock: int, rate: float, path: Path) -> Iterator[tuple[flo
 
 # Measure camera shift and light change of each dye video frame, from pixels off the vessels.
 
-FloatImage = NDArray[np.float32]
 _MARGIN_PX, _MOST_PIXELS, _ROUNDS, _RIM = 5.0, 12_000, 3, 12
 _SMALL_PX, _SLOW_PX, _FARTHEST_PX = 480, 8.0, 3.0
 _LEAST_OFF = 0.02
@@ -89,7 +88,7 @@ class Steadier:
         Pixels off the vessels.
     """
 
-    def __init__(self, first: FloatImage, off: NDArray[np.bool_]):
+    def __init__(self, first: Float32Array, off: NDArray[np.bool_]):
         self._small = min(1.0, _SMALL_PX / max(first.shape[:2]))
         self._off = self._reduced(off.astype(np.float32)) > 0.99
         grey = cv2.cvtColor(first, cv2.COLOR_BGR2GRAY)
@@ -110,11 +109,11 @@ class Steadier:
         self._colours = np.log(first[rows, columns]).astype(np.float64)
         self._last = np.zeros(2)
 
-    def _reduced(self, image: FloatImage) -> FloatImage:
+    def _reduced(self, image: Float32Array) -> Float32Array:
         size = [max(round(self._small * n), 1) for n in image.shape[1::-1]]
         return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
-    def _ground(self, grey: FloatImage) -> FloatImage:
+    def _ground(self, grey: Float32Array) -> Float32Array:
         """A small grey picture with the vessels painted over, so that dye doesn't pull.
 
         Light that varies slowly is taken out: it stands still when the picture moves.
@@ -123,10 +122,10 @@ class Steadier:
         slow = self._blurred(np.where(self._off, small, 0.0).astype(np.float32))
         return np.where(self._off, small - slow / self._weight, 0.0).astype(np.float32)
 
-    def _blurred(self, image: FloatImage) -> FloatImage:
+    def _blurred(self, image: Float32Array) -> Float32Array:
         return np.asarray(cv2.GaussianBlur(image, (0, 0), _SLOW_PX))
 
-    def shift(self, frame: FloatImage) -> FloatArray:
+    def shift(self, frame: Float32Array) -> FloatArray:
         """How far right and down the picture has moved against the first, (2,), px.
 
         From the last frame's place and from phase correlation by Gauss-Newton on log intensity
@@ -140,7 +139,7 @@ class Steadier:
         self._last = min(tried, key=lambda one: one[0])[1]
         return self._last
 
-    def _refined(self, grey: FloatImage, shift: FloatArray) -> tuple[float, FloatArray]:
+    def _refined(self, grey: Float32Array, shift: FloatArray) -> tuple[float, FloatArray]:
         """Misfit at a place refined from a first guess, and that place."""
         for _ in range(_ROUNDS):
             solved = self._solve @ self._changed(grey, shift)
@@ -148,11 +147,11 @@ class Steadier:
         rest = self._changed(grey, shift)
         return float(np.median(np.abs(rest - self._moves @ (self._solve @ rest)))), shift
 
-    def _changed(self, grey: FloatImage, shift: FloatArray) -> FloatArray:
+    def _changed(self, grey: Float32Array, shift: FloatArray) -> FloatArray:
         there = sample_picture(grey[:, :, None], self._at + shift)[:, 0]
         return np.asarray(np.log(np.maximum(there, 1.0)) - self._grey)
 
-    def light(self, frame: FloatImage, shift: FloatArray) -> FloatArray:
+    def light(self, frame: Float32Array, shift: FloatArray) -> FloatArray:
         """Plane through the log of the light's change, per colour, (3 coefficients, 3 colours).
 
         Least squares, twice: what lies off by more than three median deviations (a hand, a
@@ -170,7 +169,7 @@ class Steadier:
         return np.asarray(basis @ coefficients)
 
 
-def sample_picture(frame: FloatImage, pixels: FloatArray) -> FloatImage:
+def sample_picture(frame: Float32Array, pixels: FloatArray) -> Float32Array:
     """A picture at pixels (n, 2) between its own, (n, colours); its rim goes on outside."""
     # OpenCV's remap refuses more than 2¹⁵ rows.
     wide = -(-len(pixels) // 1024)
@@ -311,7 +310,7 @@ class _Reader:
         self._times.append(time)
         self._shifts.append(shift)
 
-    def _mean(self, values: FloatArray | FloatImage) -> FloatArray:
+    def _mean(self, values: FloatArray | Float32Array) -> FloatArray:
         shaped = values.reshape(*self._weight.shape, 3)
         return np.asarray(np.einsum("sk,skc->sc", self._weight, shaped))
 
@@ -336,7 +335,7 @@ class _Reader:
         )
 
 
-def _floating(frame: Frame) -> FloatImage:
+def _floating(frame: Frame) -> Float32Array:
     """Intensities of which a logarithm can be taken."""
     return np.maximum(frame.astype(np.float32), np.float32(1.0))
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from kernels.arrays import FloatArray
+from kernels.arrays import BoolArray, FloatArray
 from registration.overlay.raster import Raster
 from registration.scan import Scan
 from registration.segmentation import Segmentation
@@ -82,7 +82,6 @@ def trilinear(scan: Scan, points: FloatArray) -> NDArray[np.float32]:
     return out
 
 
-Mask = NDArray[np.bool_]
 _EDGE_VOXELS: Final = 2
 """Of the working grid, at the field's border, where smoothing knows nothing."""
 _BLOCK_MM: Final = 0.15
@@ -108,9 +107,9 @@ class ScanCut:
     """
 
     grey: NDArray[np.float32]
-    gel: Mask
-    in_view: Mask
-    seen: Mask
+    gel: BoolArray
+    in_view: BoolArray
+    seen: BoolArray
 
 
 class Cutter:
@@ -185,7 +184,7 @@ class _Reach:
         self._blocks = maximum_filter(deepest, 2 * _BESIDE_BLOCKS + 1)
         self._count = len(lit)
 
-    def lit(self, where: FloatArray) -> Mask:
+    def lit(self, where: FloatArray) -> BoolArray:
         """Whether light came to (..., 3) positions x, y, z of the working grid."""
         last = np.array(self._blocks.shape[::-1]) - 1
         i, j = (

@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, distance_transform_edt
 
-from kernels.arrays import IntArray
+from kernels.arrays import BoolArray, IntArray
 from registration.overlay.cut import ScanCut
 from registration.overlay.raster import LayerLines, PixelPatch, Raster, spots
 
-Mask = NDArray[np.bool_]
 LEAST_SHARE, LEAST_PIXELS = 0.02, 9
 """Of a gap; lines that cover less of it than either aren't named."""
 
@@ -83,7 +82,7 @@ class LayerNumbers:
 
 def measure_layer(
     layer: LayerLines,
-    lumen: Mask,
+    lumen: BoolArray,
     cut: ScanCut,
     raster: Raster,
     limits: Limits,
@@ -134,11 +133,11 @@ def measure_layer(
     )
 
 
-def _share(what: Mask, of: Mask) -> float | None:
+def _share(what: BoolArray, of: BoolArray) -> float | None:
     return float(what[of].mean()) if of.any() else None
 
 
-def _count(owner: NDArray[np.int32], where: Mask, layer: LayerLines) -> IntArray:
+def _count(owner: NDArray[np.int32], where: BoolArray, layer: LayerLines) -> IntArray:
     return np.bincount(owner[where], minlength=len(layer.line)).astype(np.int64)
 
 

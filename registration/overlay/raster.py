@@ -14,12 +14,10 @@ from shapely import Polygon, contains_xy, prepare
 from design.solids.solid import Solid
 from design.toolpath.correction import Stretch
 from design.toolpath.fresh.section import manifold_of, rings
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.gcode_job import Act, GcodeJob
 
 # Connected patches of a mask above a minimum area and width.
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +45,12 @@ class PixelPatch:
     low_mm: tuple[float, float]
     high_mm: tuple[float, float]
     box: tuple[slice, slice]
-    mask: Mask
+    mask: BoolArray
 
 
-def spots(mask: Mask, raster: Raster, least_mm2: float, least_width_mm: float) -> list[PixelPatch]:
+def spots(
+    mask: BoolArray, raster: Raster, least_mm2: float, least_width_mm: float
+) -> list[PixelPatch]:
     """Patches of at least this area and width, the largest first; a shared corner joins pixels."""
     labels, count = label(mask, np.ones((3, 3)))
     if count == 0:
@@ -62,7 +62,7 @@ def spots(mask: Mask, raster: Raster, least_mm2: float, least_width_mm: float) -
     return [one for one in patches if one.width_mm >= least_width_mm]
 
 
-def _spot(mask: Mask, box: tuple[slice, slice], area: float, raster: Raster) -> PixelPatch:
+def _spot(mask: BoolArray, box: tuple[slice, slice], area: float, raster: Raster) -> PixelPatch:
     rows, columns = box
     deep = distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1]
     j, i = np.unravel_index(int(np.argmax(deep)), deep.shape)
@@ -115,8 +115,8 @@ class LayerLines:
     end: FloatArray
     width_mm: FloatArray
     line: IntArray
-    joined: Mask
-    closed: Mask
+    joined: BoolArray
+    closed: BoolArray
     travel: FloatArray
 
     @property
@@ -182,7 +182,7 @@ def _layer(
     )
 
 
-def _closed(start: FloatArray, end: FloatArray, joined: Mask) -> Mask:
+def _closed(start: FloatArray, end: FloatArray, joined: BoolArray) -> BoolArray:
     """Of each move, whether its run of joined moves ends where it began."""
     first = np.flatnonzero(~joined)
     last = np.append(first[1:], len(joined)) - 1
@@ -284,7 +284,7 @@ class Raster:
         (x0, y0), (x1, y1) = np.maximum(first, 0), np.maximum(last, 0)
         return slice(int(y0), int(y1)), slice(int(x0), int(x1))
 
-    def inside(self, rings: Sequence[FloatArray]) -> Mask:
+    def inside(self, rings: Sequence[FloatArray]) -> BoolArray:
         """Pixels inside closed contours (k, 2), mm, by the even-odd rule, (ny, nx)."""
         inside = np.zeros(self.shape, np.bool_)
         for ring in rings:

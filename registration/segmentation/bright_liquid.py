@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from kernels.arrays import FloatArray
+from kernels.arrays import BoolArray, Float32Array, FloatArray
 from registration.segmentation.filters import bin_mean, gaussian_weights, normalise, smooth
 from registration.segmentation.levels import SplitLevels as Levels
 from registration.segmentation.levels import split_classes
@@ -17,8 +16,6 @@ from registration.segmentation.working import Working
 
 # First OCT light estimate if liquid is bright: fit log light and gel classes in turns.
 
-FloatVolume = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 LIT = 0.02
 """Of the strongest light: where there is less classes aren't asked for."""
 REACH_MM = (0.25, 0.4, 0.4)
@@ -34,13 +31,13 @@ BLOCK, BLOCK_BLUR = 3, 0.7
 """Voxels each way that make a block, and how far blocks are averaged (standard deviation)."""
 
 
-def blocks_of(volume: FloatVolume) -> tuple[int, int, int]:
+def blocks_of(volume: Float32Array) -> tuple[int, int, int]:
     """Return how many voxels make a block, along z, y, x."""
     z, y, x = (min(BLOCK, n) for n in volume.shape)
     return z, y, x
 
 
-def first_light(signal: FloatVolume, working: Working) -> FloatVolume:
+def first_light(signal: Float32Array, working: Working) -> Float32Array:
     """Light from blocks of both classes: fading with depth and with the gel above (Beer-Lambert).
 
     Its logarithm is fitted in rounds, with what the last round took for gel; then the slow rest,
@@ -71,12 +68,12 @@ class _Fit:
     """Light and gel of blocks, what the logarithm leaves, and whether gel takes light."""
 
     light: FloatArray
-    gel: Mask
+    gel: BoolArray
     rest: float
     fading: bool
 
 
-def _of_two_classes(blocks: FloatArray, used: Mask) -> _Fit:
+def _of_two_classes(blocks: FloatArray, used: BoolArray) -> _Fit:
     """Best of the fits from several starts.
 
     Rounds of classes and light settle where they began: gel a millimetre down is darker than the
@@ -94,7 +91,9 @@ def _of_two_classes(blocks: FloatArray, used: Mask) -> _Fit:
     return _fitted(blocks, used, gel, (2,) * BENT)
 
 
-def _fitted(blocks: FloatArray, used: Mask, gel: Mask | None, orders: tuple[int, ...]) -> _Fit:
+def _fitted(
+    blocks: FloatArray, used: BoolArray, gel: BoolArray | None, orders: tuple[int, ...]
+) -> _Fit:
     """Fit the logarithm by classes and light together, classes anew each round."""
     level = np.log(blocks)
     wanted = level[used]
@@ -112,19 +111,19 @@ def _fitted(blocks: FloatArray, used: Mask, gel: Mask | None, orders: tuple[int,
     return _Fit(light, gel, rest, fading)
 
 
-def _middle(shape: tuple[int, ...], part: float) -> Mask:
+def _middle(shape: tuple[int, ...], part: float) -> BoolArray:
     """Return the middle of a volume, a part of it along each axis."""
     out = np.zeros(shape, dtype=np.bool_)
     out[tuple(slice(round(n * (1 - part) / 2), round(n * (1 + part) / 2)) for n in shape)] = True
     return out
 
 
-def _taken(share: FloatArray, used: Mask) -> tuple[Mask, Levels]:
+def _taken(share: FloatArray, used: BoolArray) -> tuple[BoolArray, Levels]:
     levels = split_classes(share[used])
     return share > levels.middle, levels
 
 
-def _terms(shape: tuple[int, ...], gel: Mask | None, order: int) -> list[FloatArray]:
+def _terms(shape: tuple[int, ...], gel: BoolArray | None, order: int) -> list[FloatArray]:
     """What the logarithm may depend on: nothing, place, gel, gel above, depth squared."""
     classes = [] if gel is None else [gel.astype(np.float64), np.cumsum(gel, axis=0) / len(gel)]
     z, y, x = np.meshgrid(*(np.linspace(-1, 1, n) for n in shape), indexing="ij", sparse=True)
@@ -160,12 +159,12 @@ class TwoMedia:
         Brightness of liquid, of the gel's, noise and all.
     """
 
-    light: FloatVolume
+    light: Float32Array
     sides: Sides
     liquid: float
 
 
-def softly_split(ratio: FloatVolume, lit: Mask) -> tuple[FloatVolume, Levels]:
+def softly_split(ratio: Float32Array, lit: BoolArray) -> tuple[Float32Array, Levels]:
     """Return the share averaged until it has two classes, and them."""
     sigma, bounded = 1.2, np.clip(ratio, -GLARE, GLARE)
     soft = np.empty_like(ratio)
@@ -180,7 +179,7 @@ def softly_split(ratio: FloatVolume, lit: Mask) -> tuple[FloatVolume, Levels]:
         sigma = min(1.4 * sigma, SOFTEST)
 
 
-def liquid_is_dark(signal: FloatVolume, light: FloatVolume, floor: FloatVolume) -> bool:
+def liquid_is_dark(signal: Float32Array, light: Float32Array, floor: Float32Array) -> bool:
     """Whether blocks of the share are of two classes, the lower darker than `BRIGHT`.
 
     Half of the gel's brightness is a threshold then.
@@ -201,7 +200,7 @@ def liquid_is_dark(signal: FloatVolume, light: FloatVolume, floor: FloatVolume) 
     return levels.two and levels.low < BRIGHT * levels.high
 
 
-def sides_of(gel: Mask) -> Sides:
+def sides_of(gel: BoolArray) -> Sides:
     """Return what is well within the gel, and well without."""
     share = np.empty(gel.shape, dtype=np.float32)
     near = gaussian_weights(1.2)
@@ -209,7 +208,7 @@ def sides_of(gel: Mask) -> Sides:
     return Sides(share > 0.97, share < 0.03)
 
 
-def two_media(signal: FloatVolume, working: Working) -> TwoMedia | None:
+def two_media(signal: Float32Array, working: Working) -> TwoMedia | None:
     """Return light and classes, or None where liquid is dark or can't be told from gel.
 
     Parameters
@@ -236,7 +235,7 @@ def two_media(signal: FloatVolume, working: Working) -> TwoMedia | None:
     return media
 
 
-def _liquid(ratio: FloatVolume, sides: Sides, lit: Mask) -> float:
+def _liquid(ratio: Float32Array, sides: Sides, lit: BoolArray) -> float:
     """Brightness of liquid over that of gel, well within both."""
     bounded = np.minimum(ratio, np.float32(4 * GLARE))
     gel, liquid = (bounded[side & lit].mean() for side in (sides.gel, sides.liquid))
@@ -244,12 +243,12 @@ def _liquid(ratio: FloatVolume, sides: Sides, lit: Mask) -> float:
 
 
 def _saved(
-    back: FloatVolume,
-    light: FloatVolume,
-    gel: Mask,
+    back: Float32Array,
+    light: Float32Array,
+    gel: BoolArray,
     sides: Sides,
     working: Working,
-) -> FloatVolume:
+) -> Float32Array:
     """Light with what liquid above a voxel saves beyond what its depth's mean has."""
     length = np.cumsum(np.maximum.accumulate(gel, axis=0) & ~gel, axis=0, dtype=np.float32)
     length *= np.float32(working.voxel_mm[2])
@@ -268,8 +267,8 @@ def _saved(
 
 
 def _evened(
-    back: FloatVolume, light: FloatVolume, sides: Sides, liquid: float, working: Working
-) -> FloatVolume:
+    back: Float32Array, light: Float32Array, sides: Sides, liquid: float, working: Working
+) -> Float32Array:
     """Light times the slow rest that both classes tell."""
     voxel = working.voxel_mm[::-1]
     z, y, x = np.minimum(np.maximum(1, np.round(COARSE_MM / voxel)).astype(int),

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from kernels.arrays import FloatArray
+from kernels.arrays import BoolArray, Float32Array, FloatArray
 from registration.segmentation.filters import gaussian_weights, normalise, smooth
 from registration.segmentation.volume import GelField, Strength, Volume, sample
 from registration.segmentation.walls import local_level
@@ -15,7 +15,6 @@ from registration.segmentation.working import probe
 
 # Find glints: voxels far brighter than gel, such as air, particles and specular walls.
 
-FloatVolume = NDArray[np.float32]
 GLINT = 15.0
 """Times the gel's mean. Of 3 million voxels of fully developed speckle, exponential, one lies above
 it: ln(3e6) = 15."""
@@ -47,7 +46,7 @@ class Glints:
 
 
 def find_glints(
-    share: FloatVolume, voxel_mm: FloatArray, origin_mm: FloatArray, depth_down: bool
+    share: Float32Array, voxel_mm: FloatArray, origin_mm: FloatArray, depth_down: bool
 ) -> Glints:
     """Return the glints of a signal in units of the gel's mean, (nz, ny, nx), uncapped."""
     index = np.argwhere(share > GLINT)
@@ -65,7 +64,6 @@ def no_glints() -> Glints:
     return Glints(np.empty((0, 3)), np.empty(0), 0.0, 1)
 
 
-Mask = NDArray[np.bool_]
 SURE_GEL = 0.7
 """Share of gel in the field above which a voxel tells what gel is like."""
 MORE_GEL = 0.5
@@ -206,8 +204,8 @@ def _of_grey_values(field: GelField) -> GelEvidence:
 
 
 def _predicted(
-    signal: FloatVolume, values: FloatVolume, gel: Mask, voxel: FloatArray
-) -> FloatVolume:
+    signal: Float32Array, values: Float32Array, gel: BoolArray, voxel: FloatArray
+) -> Float32Array:
     """Signal of gel at each voxel; sizes (3,) mm, as z, y, x."""
     liquid = _liquid_above(values, float(voxel[0]))
     count = np.maximum(gel.sum(axis=(1, 2)), 1)
@@ -225,7 +223,7 @@ def _predicted(
     return base
 
 
-def _depth_means(signal: FloatVolume, gel: Mask) -> FloatArray:
+def _depth_means(signal: Float32Array, gel: BoolArray) -> FloatArray:
     """Mean of gel at each depth, (nz,), without glare; 0 where there is no gel.
 
     What counts as glare goes by the median, which of an exponential variable is ln 2 of the mean.
@@ -238,7 +236,7 @@ def _depth_means(signal: FloatVolume, gel: Mask) -> FloatArray:
     return out
 
 
-def _even(share: FloatVolume, values: FloatVolume, gel: Mask, voxel: FloatArray) -> None:
+def _even(share: Float32Array, values: Float32Array, gel: BoolArray, voxel: FloatArray) -> None:
     """Divide in place by the mean of `values` over sure gel around; far from any, of all gel."""
     around = np.array(AROUND_MM) / voxel
     z, y, x = np.clip(np.round(around / 3), 1, gel.shape).astype(int).tolist()
@@ -247,7 +245,7 @@ def _even(share: FloatVolume, values: FloatVolume, gel: Mask, voxel: FloatArray)
     normalise(share, np.zeros_like(level), level, (z, y, x))
 
 
-def _liquid_above(values: FloatVolume, step: float) -> FloatVolume:
+def _liquid_above(values: Float32Array, step: float) -> Float32Array:
     """Length of liquid above each voxel, mm: what of its depth isn't gel.
 
     The bath counts: a channel that opens towards the light saves as much of it as one with gel
@@ -257,7 +255,7 @@ def _liquid_above(values: FloatVolume, step: float) -> FloatVolume:
     return np.cumsum(free, axis=0, dtype=np.float32) * np.float32(step)
 
 
-def _saved(signal: FloatVolume, mean: FloatArray, liquid: FloatVolume, gel: Mask) -> float:
+def _saved(signal: Float32Array, mean: FloatArray, liquid: Float32Array, gel: BoolArray) -> float:
     """Regression of the signal on exp(b (L - mean L)), 1/mm, at least 0.
 
     Solves the sum of l (r exp(-b l) - 1) = 0 over gel by Newton, r the ratio signal/mean and l the
@@ -281,7 +279,7 @@ def _saved(signal: FloatVolume, mean: FloatArray, liquid: FloatVolume, gel: Mask
     return saved
 
 
-def _scatter(mean: FloatVolume, gel: Mask) -> FloatArray:
+def _scatter(mean: Float32Array, gel: BoolArray) -> FloatArray:
     """Robust standard deviation over sure gel at each depth."""
     out = np.full(len(mean), np.nan)
     for z in range(len(mean)):

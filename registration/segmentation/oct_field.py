@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
+from kernels.arrays import BoolArray, Float32Array
 from registration.errors import SegmentationError
 from registration.scan import Scan
 from registration.segmentation.bright_liquid import TwoMedia, liquid_is_dark, sides_of, two_media
@@ -42,7 +43,6 @@ from registration.segmentation.working import Working, probe
 # there, over lengths that local levels don't follow; a wall there is held against a level that
 # isn't its gel's.
 
-FloatVolume = NDArray[np.float32]
 BLOCK_MM = (0.06, 0.3, 0.3)
 """Averaged, z, y, x: layers lie across the light, and speckle is averaged along them."""
 DARKEST, SHARE = 0.25, 0.97
@@ -53,7 +53,7 @@ FEWEST = 30
 """Such blocks tell a spread."""
 
 
-def unevenness(values: FloatVolume, working: Working) -> float:
+def unevenness(values: Float32Array, working: Working) -> float:
     """Return the standard deviation of the gel's level beyond speckle, of the step to liquid.
 
     The spread of blocks, less that between neighbours at the same depth, which is speckle's (and
@@ -93,7 +93,6 @@ def _spread(values: NDArray[np.float32]) -> float:
 # walls show in averages along the wall, glints in single voxels, rough walls in averages of depth
 # too. Whatever is taken for a line without being one moves walls into the gel.
 
-Mask = NDArray[np.bool_]
 CHANCE = 1e-3
 """Of the peaks within gel, so many stand out as far as what is taken for a line."""
 SCALES = ((0.0, 0.0), (0.8, 0.0), (1.2, 1.0))
@@ -107,7 +106,7 @@ INSIDE = 6
 own peaks, and what is bright is a particle."""
 
 
-def without_lines(share: FloatVolume, gel: Mask, brightest: float) -> FloatVolume:
+def without_lines(share: Float32Array, gel: BoolArray, brightest: float) -> Float32Array:
     """Return shares of gel (nz, ny, nx) with reflections of walls taken for half gel.
 
     Parameters
@@ -131,14 +130,14 @@ def without_lines(share: FloatVolume, gel: Mask, brightest: float) -> FloatVolum
     return share
 
 
-def _smoothed(share: FloatVolume, along: float, deep: float) -> FloatVolume:
+def _smoothed(share: Float32Array, along: float, deep: float) -> Float32Array:
     out = np.empty_like(share)
     weights = gaussian_weights(along)
     smooth(share, out, (gaussian_weights(deep), weights, weights), 0.0)
     return out
 
 
-def _stands_out(bright: FloatVolume, gel: Mask) -> np.float32:
+def _stands_out(bright: Float32Array, gel: BoolArray) -> np.float32:
     """Brightness that of gel's own peaks along depth only `CHANCE` exceed, at least `LEAST`."""
     here = bright[1:-1]
     peaks = here[gel[1:-1] & (here > bright[:-2]) & (here > bright[2:])]
@@ -238,7 +237,7 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     return field, contrast, Strength(signal, noise, uncapped, bright or dark)
 
 
-def _two_media(signal: FloatVolume, working: Working, depth_down: bool) -> TwoMedia | None:
+def _two_media(signal: Float32Array, working: Working, depth_down: bool) -> TwoMedia | None:
     if depth_down:
         return two_media(signal, working)
     media = two_media(np.ascontiguousarray(signal[::-1]), working)
@@ -248,7 +247,7 @@ def _two_media(signal: FloatVolume, working: Working, depth_down: bool) -> TwoMe
     return replace(media, light=media.light[::-1], sides=sides)
 
 
-def _share_of_step(signal: FloatVolume, both: TwoMedia) -> FloatVolume:
+def _share_of_step(signal: Float32Array, both: TwoMedia) -> Float32Array:
     """Share of gel by the step from liquid to gel."""
     share = signal / both.light
     share -= np.float32(both.liquid)
@@ -256,7 +255,7 @@ def _share_of_step(signal: FloatVolume, both: TwoMedia) -> FloatVolume:
     return share
 
 
-def _normalised(values: FloatVolume, sides: Sides, known: Mask, working: Working) -> float:
+def _normalised(values: Float32Array, sides: Sides, known: BoolArray, working: Working) -> float:
     """Map liquid to 0 and gel to 1, in place, by their local levels; return liquid over gel."""
     liquid, gel, factor = _levels(values, sides, known, working)
     normalise(values, liquid, gel, factor)
@@ -264,8 +263,8 @@ def _normalised(values: FloatVolume, sides: Sides, known: Mask, working: Working
 
 
 def _softened(
-    values: FloatVolume, sides: Sides, contrast: float, working: Working
-) -> tuple[FloatVolume, float, float]:
+    values: Float32Array, sides: Sides, contrast: float, working: Working
+) -> tuple[Float32Array, float, float]:
     """Smooth further until speckle leaves `QUIET`; return values, contrast and blur, mm.
 
     Speckle falls as the 1.5th power of the blur. Levels are told anew from what is gel and liquid
@@ -282,7 +281,7 @@ def _softened(
     return soft, _contrast(soft, sides), blur
 
 
-def _noise_floor(signal: FloatVolume, bins: tuple[int, int, int]) -> float:
+def _noise_floor(signal: Float32Array, bins: tuple[int, int, int]) -> float:
     """Return the mean noise, from the darkest of blocks that hold `FLOOR_BLOCK` voxels each way.
 
     A block's mean scatters by its noise (whose standard deviation is its mean, over the root of
@@ -294,12 +293,12 @@ def _noise_floor(signal: FloatVolume, bins: tuple[int, int, int]) -> float:
     return darkest / (1.0 - min(3.09 / np.sqrt(looks), 0.8))
 
 
-def _sides(signal: FloatVolume, light: FloatVolume) -> Sides:
+def _sides(signal: Float32Array, light: Float32Array) -> Sides:
     share = share_of_gel(signal / light, 1.0)
     return Sides(share > 0.97, share < 0.03)
 
 
-def _refuse_upside_down(signal: FloatVolume, step_mm: float, depth_down: bool) -> None:
+def _refuse_upside_down(signal: Float32Array, step_mm: float, depth_down: bool) -> None:
     """What is bright must fade along the light's way."""
     bright = signal > BRIGHT * np.percentile(probe(signal), 99.5)
     apart = min(max(1, round(GROWTH_MM / step_mm)), len(signal) - 1)
@@ -317,8 +316,8 @@ def _refuse_upside_down(signal: FloatVolume, step_mm: float, depth_down: bool) -
 
 
 def _levels(
-    values: FloatVolume, sides: Sides, known: Mask, working: Working
-) -> tuple[FloatVolume, FloatVolume, tuple[int, int, int]]:
+    values: Float32Array, sides: Sides, known: BoolArray, working: Working
+) -> tuple[Float32Array, Float32Array, tuple[int, int, int]]:
     """Local brightness of liquid and gel on a coarse grid, and the grid's factor."""
     factor = _coarse(working, values)
     voxel = working.voxel_mm[::-1] * factor
@@ -329,7 +328,7 @@ def _levels(
     return liquid, gel, factor
 
 
-def _contrast(values: FloatVolume, sides: Sides) -> float:
+def _contrast(values: Float32Array, sides: Sides) -> float:
     """Distance of the two levels over the spread of the gel."""
     every = max(1, values.size // 1_000_000)
     chosen = values.ravel()[::every]
@@ -348,12 +347,12 @@ def _refuse_flat(contrast: float) -> None:
         )
 
 
-def _coarse(working: Working, values: FloatVolume) -> tuple[int, int, int]:
+def _coarse(working: Working, values: Float32Array) -> tuple[int, int, int]:
     """Voxels that make about `COARSE_MM`, along z, y, x."""
     fz, fy, fx = np.maximum(1, np.round(COARSE_MM / working.voxel_mm[::-1])).astype(int).tolist()
     return _within(values, (fz, fy, fx))
 
 
-def _within(values: FloatVolume, factor: tuple[int, int, int]) -> tuple[int, int, int]:
+def _within(values: Float32Array, factor: tuple[int, int, int]) -> tuple[int, int, int]:
     z, y, x = (min(f, n) for f, n in zip(factor, values.shape, strict=True))
     return z, y, x

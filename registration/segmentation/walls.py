@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import pjit
+from kernels.arrays import BoolArray, Float32Array
 from registration.segmentation.filters import (
     Weights,
     bin_mean,
@@ -20,8 +21,6 @@ from registration.segmentation.filters import (
 )
 from registration.segmentation.working import Working
 
-FloatVolume = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 Factor = tuple[int, int, int]
 BESIDE_MM = 0.12
 """How far about beside a wall light is looked for: standard deviation, level."""
@@ -44,19 +43,19 @@ _DARKEST, _BRIGHTEST = -3.0, 30.0
 class Sides:
     """Voxels well within the gel, and well without, (nz, ny, nx) each."""
 
-    gel: Mask
-    liquid: Mask
+    gel: BoolArray
+    liquid: BoolArray
 
 
 @dataclass(frozen=True)
 class SideLevels:
     """Light in gel or in liquid beside each place, on a coarse grid: times its weight, and that."""
 
-    light: FloatVolume
-    weight: FloatVolume
+    light: Float32Array
+    weight: Float32Array
 
     @staticmethod
-    def of(light: FloatVolume, where: Mask, factor: Factor, weights: Weights) -> SideLevels:
+    def of(light: Float32Array, where: BoolArray, factor: Factor, weights: Weights) -> SideLevels:
         """Look around level."""
         return SideLevels(
             smoothed(mean_where(light, where, factor), weights),
@@ -65,8 +64,8 @@ class SideLevels:
 
 
 def share_of_volume(
-    signal: FloatVolume, light: FloatVolume, sides: Sides, working: Working, factor: Factor
-) -> tuple[FloatVolume, Mask]:
+    signal: Float32Array, light: Float32Array, sides: Sides, working: Working, factor: Factor
+) -> tuple[Float32Array, BoolArray]:
     """Share of gel of every voxel, speckle and all, and where that is known.
 
     Parameters
@@ -96,7 +95,7 @@ def share_of_volume(
     )  # fmt: skip
 
 
-def scatter_of_liquid(signal: FloatVolume, light: FloatVolume, liquid: Mask) -> float:
+def scatter_of_liquid(signal: Float32Array, light: Float32Array, liquid: BoolArray) -> float:
     """Part of what gel sends back that liquid does, by the same light."""
     every = max(1, signal.size // 1_000_000)
     beam, back = light.ravel()[::every], signal.ravel()[::every]
@@ -106,7 +105,7 @@ def scatter_of_liquid(signal: FloatVolume, light: FloatVolume, liquid: Mask) -> 
     return float(np.clip(np.minimum(back[known] / beam[known], 1.0).mean(), 0.0, 0.5))
 
 
-def smoothed(values: FloatVolume, weights: Weights) -> FloatVolume:
+def smoothed(values: Float32Array, weights: Weights) -> Float32Array:
     """Gaussian-smoothed copy of a coarse field."""
     out = np.empty_like(values)
     smooth(values, out, weights, 0.0)
@@ -114,14 +113,14 @@ def smoothed(values: FloatVolume, weights: Weights) -> FloatVolume:
 
 
 def _lesser(
-    signal: FloatVolume,
-    light: FloatVolume,
-    steep: Mask,
+    signal: Float32Array,
+    light: Float32Array,
+    steep: BoolArray,
     gel: SideLevels,
     liquid: SideLevels,
     scatter: float,
     factor: Factor,
-) -> FloatVolume:
+) -> Float32Array:
     """The second bound less the first, summed over steep walls, on the coarse grid."""
     back, beam = (mean_where(values, steep, factor) for values in (signal, light))
     in_gel = (back - scatter * beam) / (1.0 - scatter)
@@ -136,17 +135,17 @@ def _lesser(
 
 @pjit
 def _shares(
-    signal: FloatVolume,
-    light: FloatVolume,
-    own: Mask,
-    gel_light: FloatVolume,
-    gel_weight: FloatVolume,
-    liquid_light: FloatVolume,
-    liquid_weight: FloatVolume,
-    lesser: FloatVolume,
+    signal: Float32Array,
+    light: Float32Array,
+    own: BoolArray,
+    gel_light: Float32Array,
+    gel_weight: Float32Array,
+    liquid_light: Float32Array,
+    liquid_weight: Float32Array,
+    lesser: Float32Array,
     factor: Factor,
     scatter: float,
-) -> tuple[FloatVolume, Mask]:
+) -> tuple[Float32Array, BoolArray]:
     """Shares, and where they are known: where there is no gel beside, there is none: 0."""
     nz, ny, nx = signal.shape
     out = np.zeros((nz, ny, nx), dtype=np.float32)
@@ -188,13 +187,13 @@ FEW = 1e-4
 
 
 def local_level(
-    values: FloatVolume,
-    where: Mask,
+    values: Float32Array,
+    where: BoolArray,
     factor: Factor,
     sigma: NDArray[np.float64],
     usual: float,
     trend: bool,
-) -> FloatVolume:
+) -> Float32Array:
     """Level of `values` over the voxels `where`, around each place; far from any of them `usual`.
 
     Parameters

@@ -11,11 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtrc, stdtrit
 
 from design.network import VesselNetwork
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.corrections.feedback.evidence import LEAST_SECTIONS, Reading
 from printctl.corrections.feedback.whole_part import (
     NORMAL_95,
@@ -24,8 +23,6 @@ from printctl.corrections.feedback.whole_part import (
     Radial,
     projector_across,
 )
-
-Mask = NDArray[np.bool_]
 
 _STEPS = 50
 
@@ -120,7 +117,7 @@ def _errors(rows: Sequence[Sequence[tuple[float, float]]]) -> tuple[FloatArray, 
     return np.maximum(own, spread), -float(stdtrit(free, 0.025))
 
 
-def repeating(variance: FloatArray, free: IntArray) -> Mask:
+def repeating(variance: FloatArray, free: IntArray) -> BoolArray:
     """Which vessels vary from print to print as the others do; the rest had accidents.
 
     Cochran's test of the largest variance, repeated, in its form for unequal counts (the largest

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit
-from kernels.arrays import BoolArray, FloatArray
+from kernels.arrays import BoolArray, Float32Array, FloatArray
 from registration.devices.camera_frame.frame import CameraFrame, rays
 from registration.devices.laser_sweep.pictures import Image, Reader, sweep_pictures
 from registration.errors import PictureError
@@ -196,7 +196,6 @@ def line_middles(
     return middle
 
 
-FloatImage = NDArray[np.float32]
 FEWEST: Final = 12
 """Pictures with the line on the insert, and places of the line on either side of the dish."""
 _GROUNDS: Final = 7
@@ -406,11 +405,11 @@ def _gain(image: Image, ground: Image) -> float:
     return float(image[some].mean() / max(ground[some].mean(), 1.0))
 
 
-def _over(image: Image, ground: Image) -> FloatImage:
+def _over(image: Image, ground: Image) -> Float32Array:
     return np.asarray(image - np.float32(_gain(image, ground)) * ground, dtype=np.float32)
 
 
-def _is_upright(over: list[FloatImage], bright: float) -> bool:
+def _is_upright(over: list[Float32Array], bright: float) -> bool:
     """Whether the line runs from top to bottom rather than from left to right."""
     votes = 0
     for one in over:

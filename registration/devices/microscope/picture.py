@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from kernels.arrays import FloatArray
+from kernels.arrays import BoolArray, Float32Array, FloatArray
 from registration.devices.lens.board import decoded
 from registration.devices.lens.lens import Lens
 from registration.errors import PictureError
@@ -72,8 +72,6 @@ class View:
     on_ink: float
 
 
-FloatImage = NDArray[np.float32]
-BoolImage = NDArray[np.bool_]
 COARSE_PX: Final = 900
 """Longest side of the small copy in which the pattern is looked for."""
 _GROUND: Final = 0.22
@@ -97,9 +95,9 @@ class Picture:
     shrunk : float
     """
 
-    ink: FloatImage
+    ink: Float32Array
     seen: NDArray[np.uint8]
-    small: BoolImage
+    small: BoolArray
     shrunk: float
 
 
@@ -123,7 +121,7 @@ def _chosen(pixels: NDArray[Any], path: Path) -> Picture:
     shrunk = min(1.0, COARSE_PX / max(pixels.shape[:2]))
     size = [max(1, round(side * shrunk)) for side in pixels.shape[1::-1]]
     small = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA).astype(np.float32)
-    best: tuple[float, int, float, BoolImage] = (0.0, 0, 1.0, np.zeros((1, 1), bool))
+    best: tuple[float, int, float, BoolArray] = (0.0, 0, 1.0, np.zeros((1, 1), bool))
     grey = all(np.array_equal(small[:, :, 0], small[:, :, other]) for other in (1, 2))
     for channel in range(1 if grey else 3):
         plain = np.ascontiguousarray(small[:, :, channel])
@@ -142,7 +140,7 @@ def _chosen(pixels: NDArray[Any], path: Path) -> Picture:
     return Picture(ink, _eight_bit(pixels), mask, shrunk)
 
 
-def _ground(plain: FloatImage) -> FloatImage:
+def _ground(plain: Float32Array) -> Float32Array:
     """Light without ink: a wide median, at a quarter of the size for its speed."""
     low, high = float(plain.min()), float(plain.max())
     scaled = ((plain - low) / max(high - low, 1e-9) * 255).astype(np.uint8)
@@ -154,7 +152,7 @@ def _ground(plain: FloatImage) -> FloatImage:
     return np.asarray(back / 255 * (high - low) + low)
 
 
-def _split(flat: FloatImage) -> tuple[float, BoolImage]:
+def _split(flat: Float32Array) -> tuple[float, BoolArray]:
     """Contrast in deviations of the noise, and the ink's mask, by Otsu's threshold."""
     noise = 1.4826 * float(np.median(np.abs(flat - np.median(flat))))
     high = float(np.percentile(flat, 99.5))

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from kernels.arrays import FloatArray
+from kernels.arrays import BoolArray, FloatArray
 from registration.devices.lens.perspective import mapped, slopes
-from registration.devices.microscope.picture import BoolImage, Picture, Target, View
+from registration.devices.microscope.picture import Picture, Target, View
 from registration.devices.microscope.profiles import ScanLine, middles, profiles_along
 from registration.errors import PictureError
 
@@ -108,7 +108,7 @@ def check_foreign(picture: Picture, target: Target, matrix: FloatArray) -> None:
     radius = max(2, round(1.6 * target.width_mm * px))
     for u, v in np.round(small(target.points)).astype(np.int64).tolist():
         cv2.circle(own, (u, v), radius, 1, -1)
-    ink: BoolImage = picture.small & (inside > 0)
+    ink: BoolArray = picture.small & (inside > 0)
     foreign = float((ink & (own == 0)).sum()) / max(float(ink.sum()), 1.0)
     if foreign > _MOST_FOREIGN:
         raise PictureError(

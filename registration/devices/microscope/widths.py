@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from kernels.arrays import FloatArray
+from kernels.arrays import BoolArray, Float32Array, FloatArray
 from registration.devices.lens.perspective import mapped
 from registration.devices.microscope.ink_absorption import MIDDLE, Shade, fit_shade
-from registration.devices.microscope.picture import BoolImage, FloatImage, Picture, View
+from registration.devices.microscope.picture import Picture, View
 from registration.devices.microscope.profiles import (
     Profiles,
     ScanLine,
@@ -79,7 +79,7 @@ class LineWidths:
     left_mm: FloatArray
     right_mm: FloatArray
     height: FloatArray
-    inside: BoolImage
+    inside: BoolArray
 
     @property
     def found(self) -> float:
@@ -114,7 +114,7 @@ def measure_lines(
 
 
 def _edges(
-    seen: Profiles, middle: FloatArray, has_ink: BoolImage, width_mm: float
+    seen: Profiles, middle: FloatArray, has_ink: BoolArray, width_mm: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Places left and right of the middle at which half of its height is passed; the height."""
     left, right, heights = (np.full(len(middle), np.nan) for _ in range(3))
@@ -279,7 +279,7 @@ def _open(seen: FloatArray, level: float) -> float:
     return end - begin
 
 
-def sample(image: FloatImage, view: View, places: FloatArray) -> FloatArray:
+def sample(image: Float32Array, view: View, places: FloatArray) -> FloatArray:
     """Brightness at places (n, 2), mm; NaN outside the picture."""
     seen = mapped(view.matrix, places)
     u, v = seen.astype(np.float32).T[:, None, :]

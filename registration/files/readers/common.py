@@ -18,6 +18,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kernels.arrays import FloatArray
 from registration.errors import RegistrationError, ScanFileError
 from registration.scan import Space, drop_pages
 
@@ -182,7 +183,6 @@ def _times(shape: Sequence[int]) -> str:
 LPS = "LPS"
 _MOST_SKEW_DEGREES = 0.1
 """Axes that are square to this are kept: less than 2 µm at 1 mm."""
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -200,8 +200,8 @@ class FileSpace:
     """
 
     name: str
-    directions: Floats
-    origin: Floats
+    directions: FloatArray
+    origin: FloatArray
 
     def is_right_handed(self, axes: str) -> bool:
         """Whether x, y, z, as `axes` names the array's axes, make a right-handed frame."""
@@ -225,7 +225,7 @@ class FileSpace:
         matrix[:3, :3], matrix[:3, 3] = rows.T, origin
         return Space(self.name, matrix)
 
-    def _by_name(self, axes: str) -> Floats:
+    def _by_name(self, axes: str) -> FloatArray:
         """Rows along x, y, z."""
         return self.directions[[axes.lower().index(name) for name in "xyz"]]
 
@@ -260,7 +260,7 @@ def file_space(name: str, steps: ArrayLike, origin: ArrayLike, path: Path) -> Fi
     return FileSpace(name, units, start)
 
 
-def _worst(rows: Floats, lengths: Floats) -> list[float]:
+def _worst(rows: FloatArray, lengths: FloatArray) -> list[float]:
     bad = int(np.argmin(np.where(np.isfinite(lengths), lengths, -1)))
     return [float(value) for value in rows[bad]]
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.errors import ScanFileError
 from registration.files.readers.common import Array, empty
 from registration.scan import CountLine
@@ -32,7 +32,6 @@ _SKEW_SPLIT = 0.25
 _LEAST_CONTRAST = 1.1
 _NOTED_TOP, _MOST_TOP = 0.001, 0.1
 _NOTED_BOTTOM, _MOST_BOTTOM = 0.1, 0.8
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -99,7 +98,7 @@ def light_notes(
     return (*notes, *([doubt] if doubt else []))
 
 
-def _sampled(volume: Array) -> Floats | None:
+def _sampled(volume: Array) -> FloatArray | None:
     """Cubes of voxels spread evenly, one a row; None where there is no room for enough."""
     corners = [
         np.unique(np.linspace(0, max(0, size - _SIDE), min(_PLACES, size // _SIDE)).astype(int))
@@ -116,7 +115,7 @@ def _sampled(volume: Array) -> Floats | None:
     return np.array(cubes)
 
 
-def speckle_of(places: Floats) -> Speckle | None:
+def speckle_of(places: FloatArray) -> Speckle | None:
     """Speckle in places with few counts at an end of the range; None where there are too few."""
     cut = ((places == places.min()) | (places == places.max())).mean(axis=1)
     kept = places[cut <= _MOST_CUT]
@@ -153,7 +152,7 @@ def _doubt(speckle: Speckle, scale: str) -> str | None:
     return None
 
 
-def _ends(places: Floats, scale: str, path: Path) -> tuple[str, ...]:
+def _ends(places: FloatArray, scale: str, path: Path) -> tuple[str, ...]:
     """Shares of voxels at the largest and the smallest number.
 
     A share q of speckle cut at the top lowers its mean by q (an exponential law cut at c:

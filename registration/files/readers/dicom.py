@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.errors import ScanFileError
 from registration.files.readers.common import (
     ANY_RATIO,
@@ -34,7 +35,6 @@ from registration.files.readers.common import (
 _MOST_TURN = 1e-3
 _MOST_UNEVEN = 0.01
 _GREY = ("MONOCHROME1", "MONOCHROME2")
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Stack:
     space: FileSpace
 
 
-def stack_frames(places: Vector, across: Vector, path: Path) -> Stack:
+def stack_frames(places: FloatArray, across: FloatArray, path: Path) -> Stack:
     """Frames by the positions of their first voxels.
 
     Parameters
@@ -83,7 +83,7 @@ def stack_frames(places: Vector, across: Vector, path: Path) -> Stack:
     return Stack(order, float(np.linalg.norm(way)), space)
 
 
-def _check_parallel(across: Vector, path: Path) -> None:
+def _check_parallel(across: FloatArray, path: Path) -> None:
     turn = np.abs(across - across[0]).max(axis=1)
     if not turn.max() <= _MOST_TURN:
         at = int(np.argmax(np.where(np.isfinite(turn), turn, np.inf)))
@@ -93,7 +93,7 @@ def _check_parallel(across: Vector, path: Path) -> None:
         )
 
 
-def _check_even(heights: Vector, path: Path) -> None:
+def _check_even(heights: FloatArray, path: Path) -> None:
     steps = np.diff(heights)
     usual = float(np.median(steps))
     at = int(np.argmax(np.abs(steps - usual)))
@@ -111,7 +111,7 @@ def _check_even(heights: Vector, path: Path) -> None:
         )
 
 
-def _check_straight(places: Vector, way: Vector, path: Path) -> None:
+def _check_straight(places: FloatArray, way: FloatArray, path: Path) -> None:
     off = np.linalg.norm(places - places[0] - np.outer(np.arange(len(places)), way), axis=1)
     at, limit = int(np.argmax(off)), _MOST_UNEVEN * float(np.linalg.norm(way)) + 1e-6
     if off[at] > limit:

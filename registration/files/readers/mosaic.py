@@ -11,12 +11,11 @@ from typing import Any, Literal
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from scipy.fft import irfftn, rfftn
 from scipy.ndimage import gaussian_filter
 
 from firmware_profiles.yaml_file import read_yaml
-from kernels.arrays import FloatArray, IntArray
+from kernels.arrays import Float32Array, FloatArray, IntArray
 from registration.errors import ScanFileError
 from registration.files.readers.common import Array, empty
 from registration.files.readers.metadata import ScanOverrides
@@ -25,7 +24,6 @@ from registration.scan import Scan
 
 # Blend scans of known position into one volume.
 
-FloatVolume = NDArray[np.float32]
 Kind = Literal["tiles", "depth", "layers"]
 _FEATHER = 0.25
 _LEAST = 1e-3
@@ -33,7 +31,7 @@ _SNAP = 0.05
 """So near to a whole voxel a scan is put on it: less error than interpolation's blur."""
 
 
-def fuse(volumes: Sequence[Array], at: FloatArray, kind: Kind, path: Path) -> FloatVolume:
+def fuse(volumes: Sequence[Array], at: FloatArray, kind: Kind, path: Path) -> Float32Array:
     """Blend scans by weights that fall towards their edges.
 
     Weights are a ramp over a quarter of the width along x and y; along z they are even for tiles,
@@ -72,14 +70,14 @@ def fuse(volumes: Sequence[Array], at: FloatArray, kind: Kind, path: Path) -> Fl
     return total
 
 
-def _zeros(shape: tuple[int, ...], path: Path) -> FloatVolume:
-    out: FloatVolume = empty(shape, np.dtype(np.float32), path).view(np.float32)
+def _zeros(shape: tuple[int, ...], path: Path) -> Float32Array:
+    out: Float32Array = empty(shape, np.dtype(np.float32), path).view(np.float32)
     out[...] = 0
     return out
 
 
 def _add(
-    total: FloatVolume, weight: FloatVolume, volume: Array, place: FloatArray, kind: Kind
+    total: Float32Array, weight: Float32Array, volume: Array, place: FloatArray, kind: Kind
 ) -> None:
     """Add one scan, depth by depth."""
     whole = np.floor(place).astype(int)
@@ -88,7 +86,7 @@ def _add(
     across = np.outer(_ramp(ny), _ramp(nx)).astype(np.float32)
     along = _along(nz, kind).astype(np.float32)
     y0, x0 = whole[1], whole[2]
-    above: FloatVolume | None = None
+    above: Float32Array | None = None
     for z in range(nz):
         here = _moved(volume[z].astype(np.float32), part[1], part[2])
         value = here
@@ -102,7 +100,7 @@ def _add(
         weight[where] += own
 
 
-def _moved(plane: FloatVolume, down: float, right: float) -> FloatVolume:
+def _moved(plane: Float32Array, down: float, right: float) -> Float32Array:
     """A plane moved by parts of a voxel; the first row and column stay as they are."""
     out = plane
     if down:

@@ -11,15 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.errors import ScanFileError
 from registration.files.readers.common import Array, FileVolume, bytes_of, fill_volume, mapped
-from registration.files.readers.fourier import (
-    WINDOWS,
-    Floats,
-    Spectrometer,
-    place_of_wavelengths,
-    profiles,
-)
+from registration.files.readers.fourier import WINDOWS, Spectrometer, place_of_wavelengths, profiles
 from registration.files.readers.metadata import RAW_KEYS, sidecar
 
 # Compute an OCT volume from raw spectra, by wavelengths and background given in a sidecar file.
@@ -47,7 +42,7 @@ class SpectraMetadata:
 
     spectrometer: Spectrometer
     voxel_mm: tuple[float, float, float]
-    background: Floats | None
+    background: FloatArray | None
 
 
 def volume_of_spectra(spectra: Array, metadata: SpectraMetadata, path: Path) -> FileVolume:
@@ -105,7 +100,7 @@ def check_spectra_sidecar(data: Any, samples: int, path: Path) -> SpectraMetadat
     return SpectraMetadata(spectrometer, (step, dy, dx), _background(data, samples, path))
 
 
-def _wavelengths(data: Mapping[str, Any], samples: int, path: Path) -> Floats:
+def _wavelengths(data: Mapping[str, Any], samples: int, path: Path) -> FloatArray:
     table, terms = data.get("wavelength_nm"), data.get("wavelength_polynomial_nm")
     if (table is None) is (terms is None):
         raise ScanFileError(
@@ -126,7 +121,7 @@ def _wavelengths(data: Mapping[str, Any], samples: int, path: Path) -> Floats:
     return np.array(_numbers(table, samples, "wavelength_nm", path))
 
 
-def _background(data: Mapping[str, Any], samples: int, path: Path) -> Floats | None:
+def _background(data: Mapping[str, Any], samples: int, path: Path) -> FloatArray | None:
     name = data.get("background", "auto")
     if name == "auto":
         return None
@@ -135,7 +130,7 @@ def _background(data: Mapping[str, Any], samples: int, path: Path) -> Floats | N
     return _listed(str(name), samples, path)
 
 
-def _listed(name: str, samples: int, path: Path) -> Floats:
+def _listed(name: str, samples: int, path: Path) -> FloatArray:
     """Numbers of a text file in the scan's own folder, one for each sample."""
     place = (path.parent / name).resolve()
     if place.parent != path.parent.resolve() or not place.is_file():

@@ -12,6 +12,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.errors import ScanFileError
 from registration.files.readers.common import (
     MOST_XML_BYTES,
@@ -23,7 +24,7 @@ from registration.files.readers.common import (
     parse_xml,
     scan_file_errors,
 )
-from registration.files.readers.fourier import Floats, Spectrometer, profiles
+from registration.files.readers.fourier import Spectrometer, profiles
 from registration.files.readers.metadata import check_aspect, parse
 
 # Compute linear intensity from the raw spectra of a Thorlabs ``.oct`` without processed data.
@@ -119,7 +120,7 @@ def _region(about: Element, name: str, lines: int, path: Path) -> slice:
     return slice(start, end)
 
 
-def _chirp(archive: zipfile.ZipFile, members: Members, samples: int, path: Path) -> Floats:
+def _chirp(archive: zipfile.ZipFile, members: Members, samples: int, path: Path) -> FloatArray:
     if CHIRP not in members:
         raise ScanFileError(f"{path}: raw spectra without Chirp.data; export processed data")
     values = member_array(archive, members[CHIRP], np.dtype("<f4"), (1, 1, samples), path)

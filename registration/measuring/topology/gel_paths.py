@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from kernels import jit
-from kernels.arrays import BoolArray, FloatArray, IntArray
+from kernels.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from registration.alignment import Fit
 from registration.alignment.distance import ModelSurface
 from registration.measuring.topology.grid import LumenGrid
@@ -22,7 +22,6 @@ from registration.segmentation.evidence import SIGMA_MM, GelEvidence
 # walls at once: each voxel is reached from the wall that is nearest by cost. Two fronts that meet
 # close a way between two walls, and the cheapest such ways are the candidates.
 
-FloatVolume = NDArray[np.float32]
 IntVolume = NDArray[np.int32]
 T = TypeVar("T", bound=np.generic)
 BARRIER = -3
@@ -36,7 +35,7 @@ _NONE = np.uint8(255)
 
 
 @jit
-def _begins(label: IntVolume, mean: FloatVolume, known: FloatVolume) -> tuple[IntArray, int]:
+def _begins(label: IntVolume, mean: Float32Array, known: Float32Array) -> tuple[IntArray, int]:
     """Fill ``known`` of `grow` for its begin; its index of each voxel of a wall, and how many."""
     nz, ny, nx = label.shape
     voxels, count = np.empty(1024, dtype=np.int64), 0
@@ -57,8 +56,8 @@ def _begins(label: IntVolume, mean: FloatVolume, known: FloatVolume) -> tuple[In
 
 @jit
 def grow(
-    label: IntVolume, mean: FloatVolume, step: float, most: float
-) -> tuple[FloatVolume, FloatVolume, FloatVolume, FloatVolume, IntArray]:
+    label: IntVolume, mean: Float32Array, step: float, most: float
+) -> tuple[Float32Array, Float32Array, Float32Array, Float32Array, IntArray]:
     """Grow all fronts; `label` is filled in place.
 
     Parameters
@@ -159,12 +158,12 @@ def _longer(values: NDArray[T]) -> NDArray[T]:
 @jit
 def _told_along(
     label: IntVolume,
-    mean: FloatVolume,
+    mean: Float32Array,
     steps: tuple[IntArray, NDArray[np.float64]],
     came: NDArray[np.uint8],
     cost: NDArray[np.float32],
     order: IntArray,
-) -> tuple[FloatVolume, FloatVolume, FloatVolume, FloatVolume, IntArray]:
+) -> tuple[Float32Array, Float32Array, Float32Array, Float32Array, IntArray]:
     """Fill in labels, and return what `grow` does, along the ways to voxels in their order.
 
     `came`, `cost` and `order` count the closed voxels round the volume too; `steps`: `_neighbours`.
@@ -230,7 +229,7 @@ def _beside(label: IntVolume, z: int, y: int, x: int) -> bool:
 
 
 @jit
-def meetings(label: IntVolume, cost: FloatVolume, parent: IntArray) -> IntArray:
+def meetings(label: IntVolume, cost: Float32Array, parent: IntArray) -> IntArray:
     """Voxels (n, 2), flat, where two fronts meet: of each, its cheapest neighbour of another."""
     nz, ny, nx = label.shape
     pairs = np.empty((label.size, 2), dtype=np.int64)
