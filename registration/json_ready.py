@@ -1,9 +1,13 @@
-"""Convert nested values for JSON: string keys, None for NaN and infinity."""
+"""JSON objects of a registration: their type, and conversion of nested values."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
+
+Record = Mapping[str, Any]
+"""A JSON object, as of ``registration.json``."""
 
 
 def json_ready(value: Any) -> Any:

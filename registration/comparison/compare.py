@@ -14,8 +14,9 @@ from registration.comparison.overall import (
     quantities,
     repeatability,
 )
-from registration.comparison.scans import GaugedScan, GaugeStudyError, Record, check_comparable
+from registration.comparison.scans import GaugedScan, GaugeStudyError, check_comparable
 from registration.comparison.vessels import VesselSpread, vessel_spreads
+from registration.json_ready import Record
 
 # Match defects by location over several prints of a design: shared by several, or in one only.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from kernels.arrays import FloatArray
 from registration.errors import RegistrationError
+from registration.json_ready import Record
 
 # Exceptions: registrations that can't be compared, or aren't a crossed gauge (R&R) study.
 #
@@ -28,7 +29,6 @@ class GaugeStudyError(ComparisonError):
     """Operators, parts and repeats that don't make a crossed study."""
 
 
-Record = Mapping[str, Any]
 AXES: Final = ("x", "y", "z")
 _NEEDED: Final = ("vessels", "defects", "scale", "offset_um", "interval_95", "scaled", "rigid")
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from registration.json_ready import Record
 from registration.measuring.judging import list_findings
 from registration.report.sections import Fact, mapping, records
-from registration.report.tables import Column, Record, Table, make_table
+from registration.report.tables import Column, Table, make_table
 from registration.report.wording import MISSING, fixed, is_number, number
 
 DEFECT_COLUMNS: Final = (

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
+from registration.json_ready import Record
 from registration.measuring.judging.decisions import COVERAGE, ORDER, Decision, decide, single_width
 from registration.measuring.judging.series import Series
 from registration.measuring.judging.tolerance import (
@@ -21,7 +22,6 @@ from registration.measuring.judging.tolerance import (
     VesselLimits,
 )
 
-Record = Mapping[str, Any]
 FeatureName = Literal[
     "section", "narrowest", "mean", "change", "oval", "offset", "open", "seen", "gel_like",
     "measured", "unsure", "leak", "rms", "zone",

@@ -6,14 +6,14 @@ One source for all that is shown: plot, tables, files, verdict and page read wha
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, fields
 from typing import Any, Final
 
 import numpy as np
 
 from registration.alignment.search import AlignmentOptions
-from registration.json_ready import json_ready
+from registration.json_ready import Record, json_ready
 from registration.measuring.judging.decisions import (
     ORDER,
     RISK,
@@ -50,7 +50,6 @@ from registration.measuring.judging.tolerance import (
 
 # Turn judged fails into undecided if the part's pose is ambiguous.
 
-Record = Mapping[str, Any]
 POSE_LEAD: Final = AlignmentOptions().ambiguous_below
 POSE_RULE: Final = "The pose is ambiguous, so what would fail is undecided."
 _FAIL_FROM_POSE: Final = {"decision": "undecided", "doubt": "pose"}

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from kernels.arrays import BoolArray, IntArray
+from registration.json_ready import Record
 from registration.measuring.judging.decisions import ORDER, decide, single_width
 from registration.measuring.judging.features import Band, worst_section
 from registration.measuring.judging.tolerance import Limit, Rule
 
 # Group a vessel's out-of-tolerance runs with the bulges or stenoses that overlap them.
 
-Record = Mapping[str, Any]
 SIGN: Final = {"bulge": 1, "stenosis": -1}
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from kernels.arrays import FloatArray
+from registration.json_ready import Record
 from registration.measuring.gauging.changes import scatter
 from registration.measuring.judging.decisions import COVERAGE
 
@@ -36,9 +36,6 @@ def random_um(errors: Sequence[FloatArray], noise: Sequence[FloatArray]) -> list
         np.asarray(np.fmax(rays, own if np.isfinite(own) else pooled))
         for rays, own in zip(noise, fine, strict=True)
     ]
-
-
-Record = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
