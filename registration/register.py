@@ -288,7 +288,11 @@ class _Lying:
 def _laid(case: PreparedScan) -> _Lying:
     """Find the pose, and lay the part's frame on the print."""
     alignment = _aligned(case)
-    faces = () if case.is_lumen else _faces(case, alignment)
+    faces = (
+        ()
+        if case.is_lumen
+        else outer_faces(case.surface, case.network, case.segmentation, alignment.scaled)
+    )
     part = None if case.is_lumen else case.surface
     ground = Ground(case.network, case.segmentation, faces, case.errors, case.section_mm, part)
     frame = find_frame(case.options.datums, alignment, ground)
@@ -308,10 +312,6 @@ def _aligned(case: PreparedScan) -> Alignment:
         lumens=case.is_lumen,
         lit=float(segmentation.seen.mean()),
     )
-
-
-def _faces(case: PreparedScan, alignment: Alignment) -> tuple[Face, ...]:
-    return outer_faces(case.surface, case.network, case.segmentation, alignment.scaled)
 
 
 @dataclass(frozen=True)

@@ -259,14 +259,10 @@ def pulse_frames(
         caption = f"{film.solver.upper()} flow, t = {time:.3f} s of {driving.period_s:g} s"
         above = scene.frame(network, now, caption)
         below = scene.strip(driving, time)
-        cycle.append(np.vstack([above, _as_wide(below, above.shape[1])]))
+        cycle.append(np.vstack([above, below[:, : above.shape[1]]]))
         yield cycle[-1]
     for _ in range(film.cycles - 1):
         yield from cycle
-
-
-def _as_wide(strip: Frame, width: int) -> Frame:
-    return strip[:, :width]
 
 
 def _places(network: VesselNetwork) -> Probes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -19,24 +18,8 @@ UNKNOWN_MM = 0.05
 """Half width of the 95 % interval from which a degree of freedom counts as not known."""
 
 
-@dataclass(frozen=True)
-class LooseFreedom:
-    """A direction in which the part may be moved without contradicting the scan.
-
-    Attributes
-    ----------
-    words : str
-        "its place along x", "its turn about z".
-    half_mm : float, mm
-        RMS over the part's corners of the 95 % interval's half width.
-    """
-
-    words: str
-    half_mm: float
-
-
-def loose_freedoms(covariance: FloatArray, bounds: FloatArray) -> tuple[LooseFreedom, ...]:
-    """Return what isn't known to `UNKNOWN_MM`, the worst first.
+def loose_freedoms(covariance: FloatArray, bounds: FloatArray) -> list[str]:
+    """Return a sentence for each freedom that isn't known to `UNKNOWN_MM`, the worst first.
 
     Eigenvalues of the covariance (6, 6) of rotation about the middle and shift, measured by how
     far they move the corners of the part's box.
@@ -60,8 +43,11 @@ def loose_freedoms(covariance: FloatArray, bounds: FloatArray) -> tuple[LooseFre
     for value, vector in zip(variance[::-1], vectors.T[::-1], strict=True):
         half = 1.96 * float(np.sqrt(max(value, 0.0)))
         if half > UNKNOWN_MM:
-            out.append(LooseFreedom(_words(vector), half))
-    return tuple(out)
+            out.append(
+                f"The scan doesn't fix {_words(vector)}: known to ± {half:.2f} mm (95 %, limit "
+                f"{UNKNOWN_MM:g} mm); scan more of the part."
+            )
+    return out
 
 
 def _words(vector: FloatArray) -> str:
@@ -83,26 +69,8 @@ LEAST_SHARE = 0.02
 """A side counts from this share of the points on."""
 
 
-@dataclass(frozen=True)
-class Misfit:
-    """Walls that face one way and are off.
-
-    Attributes
-    ----------
-    words : str
-        "the outside facing low z", "walls of lumens facing high x".
-    off_mm : float, mm
-        Median signed distance, positive outside the solid.
-    """
-
-    words: str
-    off_mm: float
-
-
-def misfits(
-    surface: ModelSurface, points: FloatArray, fit: Fit, blur_mm: float
-) -> tuple[Misfit, ...]:
-    """Return the sides that are off by more than `OFF_MM`, the worst first."""
+def misfits(surface: ModelSurface, points: FloatArray, fit: Fit, blur_mm: float) -> list[str]:
+    """Return a sentence for each side that is off by more than `OFF_MM`, the worst first."""
     near = surface.query(fit.apply(points))
     residual = near.distance - surface.blurred(near.face, blur_mm) - fit.offset_mm
     side = facing(near.direction, surface.curvature[near.face])
@@ -116,34 +84,22 @@ def misfits(
         if abs(off) > OFF_MM:
             what = "curved walls" if number % 2 else "flat faces"
             end = "high" if number // 2 % 2 else "low"
-            out.append(Misfit(f"{what} that face {end} {AXES[number // 4]}", off))
-    return tuple(sorted(out, key=lambda m: -abs(m.off_mm)))
+            out.append((-abs(off), off, f"{what} that face {end} {AXES[number // 4]}"))
+    return [
+        f"After the fit the {walls} are off the design by {1e3 * off:+.0f} µm (limit "
+        f"{1e3 * OFF_MM:.0f} µm), so the pose isn't known better than that; check the refractive "
+        "index and how deep light reaches, or the print."
+        for _, off, walls in sorted(out, key=lambda row: row[0])
+    ]
 
 
-def pose_doubts(
-    rivals: Iterable[AlternativePose],
-    loose: Iterable[LooseFreedom],
-    off: Iterable[Misfit],
-    limit: float,
-) -> tuple[str, ...]:
-    """Return a sentence for each reason to doubt a pose; `limit` is of the rivals' lead."""
-    out = [
+def rival_doubts(rivals: Iterable[AlternativePose], limit: float) -> list[str]:
+    """Return a sentence for each rival pose whose lead is below `limit`."""
+    return [
         rival_words(rival, limit)
         for rival in rivals
         if rival.lead < limit and not (rival.mirrored and rival.same)
     ]
-    out += [
-        f"The scan doesn't fix {one.words}: known to ± {one.half_mm:.2f} mm (95 %, limit "
-        f"{UNKNOWN_MM:g} mm); scan more of the part."
-        for one in loose
-    ]
-    out += [
-        f"After the fit the {one.words} are off the design by {1e3 * one.off_mm:+.0f} µm (limit "
-        f"{1e3 * OFF_MM:.0f} µm), so the pose isn't known better than that; check the refractive "
-        "index and how deep light reaches, or the print."
-        for one in off
-    ]
-    return tuple(out)
 
 
 CROSS_UM = 20.0

@@ -88,7 +88,10 @@ def vessel_rows(report: RegistrationReport) -> list[dict[str, Any]]:
 def _rows(numbers: Mapping[str, Any]) -> list[dict[str, Any]]:
     vessels = numbers["vessels"]
     flow = numbers["perfusion"]["vessels"] if numbers["perfusion"] else [{}] * len(vessels)
-    return [_scalars(vessel) | driven for vessel, driven in zip(vessels, flow, strict=True)]
+    return [
+        {key: value for key, value in vessel.items() if not isinstance(value, list)} | driven
+        for vessel, driven in zip(vessels, flow, strict=True)
+    ]
 
 
 _DEFECT_COLUMNS = (
@@ -112,10 +115,6 @@ def as_csv(rows: Sequence[Mapping[str, Any]], columns: Iterable[str] | None = No
         {key: "" if value is None else value for key, value in row.items()} for row in rows
     )
     return text.getvalue()
-
-
-def _scalars(vessel: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in vessel.items() if not isinstance(value, list)}
 
 
 def _sections(vessels: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

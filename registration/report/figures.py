@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
-from registration.json_ready import Record
+from registration.json_ready import Record, is_number
 from registration.report.drawing import aspect, blank, draw_scaled_lines, set_limits, styled, to_svg
 from registration.report.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
 from registration.report.svg import ACCENT, BAD, INK, MUTED, PAPER
-from registration.report.wording import is_number, plain
+from registration.report.wording import plain
 
 OUTSIDE: Final = "#b85a14"
 UNDECIDED: Final = "#a97a00"

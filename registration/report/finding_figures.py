@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from registration.json_ready import Record
+from registration.json_ready import Record, is_number
 from registration.measuring.judging import list_findings
 from registration.report.drawing import styled, to_svg
 from registration.report.sections import mapping, records
@@ -19,7 +19,6 @@ from registration.report.svg import MUTED
 from registration.report.views import FindingView, SectionStack, Views
 from registration.report.views.findings import Panel
 from registration.report.views.mesh_cut import join_lines
-from registration.report.wording import is_number
 
 DESIGN: Final = "#36b3ec"
 MEASURED: Final = "#ff9a1f"

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any, Final
 
+from registration.json_ready import is_number
 from registration.report.sections import Fact, mapping, records
 from registration.report.tables import Column, Table, make_table
-from registration.report.wording import MISSING, fixed, is_number, number, plain
+from registration.report.wording import MISSING, fixed, number, plain
 
 LEAST_SHARE = 0.01
 """Of the variance; smaller terms stand in registration.json alone."""

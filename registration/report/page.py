@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from design.files import write_text
 from design.network import VesselNetwork
+from registration.json_ready import is_number
 from registration.measuring.judging import list_findings
 from registration.report import sections
 from registration.report.added_section import AddedSection
@@ -51,7 +52,6 @@ from registration.report.section_view import section_view
 from registration.report.sections import mapping, records
 from registration.report.svg import inline_figure
 from registration.report.views import Views
-from registration.report.wording import is_number
 
 PLACES: Final = (
     "flow",

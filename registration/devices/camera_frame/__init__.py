@@ -8,7 +8,7 @@ needle's tip is. Begin with `fit.py`.
 from registration.devices.camera_frame.bundle import PrintedPoints, Touch
 from registration.devices.camera_frame.check import FrameCheck, check_frame
 from registration.devices.camera_frame.fit import Ties, fit_frame, merged
-from registration.devices.camera_frame.frame import Bath, CameraFrame, read_frame, write_frame
+from registration.devices.camera_frame.frame import Bath, CameraFrame, read_frame
 from registration.devices.camera_frame.insert import (
     Insert,
     design_insert,
@@ -49,7 +49,6 @@ __all__ = [
     "read_frame",
     "read_insert",
     "write_dots",
-    "write_frame",
     "write_insert",
     "write_svg",
 ]

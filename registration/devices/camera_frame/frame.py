@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from kernels.arrays import FloatArray
 from registration.devices.camera_frame.insert import Insert
 from registration.devices.lens import Lens
-from registration.devices.lens.lens import read_model, write_model
+from registration.devices.lens.lens import read_model
 
 
 def turned(vector: Sequence[float] | FloatArray) -> FloatArray:
@@ -388,17 +388,6 @@ def varied(view: View, number: int, step: float) -> View:
 
 def _through(view: View) -> tuple[float | None, float]:
     return view.surface_z_mm, view.index
-
-
-def write_frame(path: Path, frame: CameraFrame) -> None:
-    """Write a frame that `read_frame` reads back exactly.
-
-    Raises
-    ------
-    OSError
-        When the disk is full or the folder can't be written.
-    """
-    write_model(path, frame)
 
 
 def read_frame(path: Path) -> CameraFrame:

@@ -12,7 +12,6 @@ from registration.devices.laser_sweep.planes import (
     fit_laser,
     is_laser_file,
     read_laser,
-    write_laser,
 )
 from registration.devices.laser_sweep.profiles import Profile, Traced, trace
 
@@ -26,5 +25,4 @@ __all__ = [
     "read_laser",
     "sweep_heights",
     "trace",
-    "write_laser",
 ]

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from kernels.arrays import FloatArray
 from registration.devices.camera_frame.frame import CameraFrame
 from registration.devices.laser_sweep.profiles import FEWEST, Profile, Traced, straight_line
-from registration.devices.lens.lens import read_model, write_model
+from registration.devices.lens.lens import read_model
 from registration.errors import PictureError
 
 # Data model and YAML file of a laser that sweeps under a calibrated camera.
@@ -75,23 +75,12 @@ def heights_of(
 
 
 def is_laser_file(path: Path) -> bool:
-    """Whether a file is `write_laser`'s."""
+    """Whether a file is a laser's, which `read_laser` reads."""
     try:
         with path.open(encoding="utf-8") as file:
             return file.readline().startswith(_KEY)
     except (OSError, UnicodeDecodeError):
         return False
-
-
-def write_laser(path: Path, laser: LaserSweep) -> None:
-    """Write a file that `read_laser` reads back exactly.
-
-    Raises
-    ------
-    OSError
-        When the disk is full or the folder can't be written.
-    """
-    write_model(path, laser)
 
 
 def read_laser(path: Path) -> LaserSweep:

@@ -346,7 +346,7 @@ def native(volume: Array) -> Array:
     kind = np.dtype(np.float32) if volume.dtype == np.float16 else volume.dtype.newbyteorder("=")
     if volume.nbytes > IN_MEMORY_BYTES and volume.dtype != np.float16:
         return volume
-    if volume.flags.c_contiguous and volume.dtype == kind and not _is_mapped(volume):
+    if volume.flags.c_contiguous and volume.dtype == kind and not isinstance(volume, np.memmap):
         return volume
     out = np.empty(volume.shape, kind)
     axis = int(np.argmax(np.abs(volume.strides)))
@@ -359,10 +359,6 @@ def native(volume: Array) -> Array:
             drop_pages(volume)
     drop_pages(volume)
     return out
-
-
-def _is_mapped(volume: Array) -> bool:
-    return isinstance(volume, np.memmap)
 
 
 # Read members of zip archives in place; nothing is extracted to a path.

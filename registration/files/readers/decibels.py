@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 
 from kernels.arrays import FloatArray
 from registration.errors import ScanFileError
 from registration.files.readers.common import Array, empty
+from registration.json_ready import is_number
 from registration.scan import CountLine
 
 # Check OCT intensity for saturation, and by its speckle for dB taken as linear or the reverse.
@@ -299,9 +299,9 @@ def _by_window(
 
 
 def _by_slope(slope: Any, offset: Any, path: Path) -> CountLine:
-    if not (_is_number(slope) and slope > 0):
+    if not (is_number(slope) and slope > 0):
         raise ScanFileError(f"{path}: counts_per_db is {slope!r}; it must be a number above 0")
-    if not (_is_number(offset) and abs(offset) <= _MOST_DB):
+    if not (is_number(offset) and abs(offset) <= _MOST_DB):
         raise ScanFileError(f"{path}: db_at_zero is {offset!r}; it must be dB within ± {_MOST_DB}")
     return CountLine(float(slope), float(offset))
 
@@ -309,13 +309,9 @@ def _by_slope(slope: Any, offset: Any, path: Path) -> CountLine:
 def _pair(value: Any, name: str, path: Path) -> tuple[float, float]:
     if isinstance(value, list | tuple) and len(value) == 2:
         low, high = value
-        if _is_number(low) and _is_number(high) and low < high:
+        if is_number(low) and is_number(high) and low < high:
             return float(low), float(high)
     raise ScanFileError(f"{path}: {name} is {value!r}; it must be two numbers, the lower one first")
-
-
-def _is_number(value: Any) -> TypeGuard[float]:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _check_within(volume: Array, counts: Any, path: Path) -> None:

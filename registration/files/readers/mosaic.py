@@ -20,6 +20,7 @@ from registration.errors import ScanFileError
 from registration.files.readers.common import Array, empty
 from registration.files.readers.metadata import ScanOverrides
 from registration.files.readers.read import read_scan
+from registration.json_ready import is_number
 from registration.scan import Scan
 
 # Blend scans of known position into one volume.
@@ -392,7 +393,7 @@ def _parsed(path: Path) -> _Listed:
     scans, settle_um = data.get("scans"), data.get("settle_um", 200)
     if not isinstance(scans, list) or not 2 <= len(scans) <= _MOST_SCANS:
         raise ScanFileError(f"{path}: scans must list 2 to {_MOST_SCANS} scans")
-    if not _finite(settle_um) or not 0 <= settle_um <= 5000:
+    if not is_number(settle_um) or not 0 <= settle_um <= 5000:
         raise ScanFileError(f"{path}: settle_um is {settle_um!r}; it must lie in 0 to 5000")
     entries = [_entry(item, path) for item in scans]
     places = np.array([at for _, at in entries], dtype=np.float64)
@@ -404,13 +405,9 @@ def _entry(item: Any, path: Path) -> tuple[Path, list[float]]:
     at = item["at_mm"] if good else None
     if not (good and isinstance(item["file"], str) and isinstance(at, list) and len(at) == 3):
         raise ScanFileError(f"{path}: {item!r} isn't {{file: NAME, at_mm: [x, y, z]}}")
-    if not all(_finite(value) and abs(value) <= 1000 for value in at):
+    if not all(is_number(value) and abs(value) <= 1000 for value in at):
         raise ScanFileError(f"{path}: at_mm {at!r} must be three numbers within ± 1000 mm")
     return path.parent / item["file"], [float(value) for value in at]
-
-
-def _finite(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _check_alike(scans: list[Scan]) -> None:

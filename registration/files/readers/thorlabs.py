@@ -226,7 +226,7 @@ def _read_spectra(
 
 def _sizes(root: Element, path: Path) -> tuple[_Sizes, Element | None]:
     """Sizes of the image, held against those of the stored array."""
-    stored = next((e for e in root.iter() if _names_intensity(e)), None)
+    stored = next((e for e in root.iter() if _plain(e) == INTENSITY), None)
     voxels = _three(root.find(".//{*}SizePixel"), path)
     of_array = _attributes(stored, "Size", path) if stored is not None else None
     counts = voxels or of_array
@@ -244,10 +244,6 @@ def _sizes(root: Element, path: Path) -> tuple[_Sizes, Element | None]:
     if extent is None and stored is not None:
         extent = _attributes(stored, "Range", path)
     return _Sizes(whole, _three(root.find(".//{*}PixelSpacing"), path), extent), stored
-
-
-def _names_intensity(element: Element) -> bool:
-    return (element.text or "").strip().replace("\\", "/").lower() == INTENSITY
 
 
 def _three(parent: Element | None, path: Path) -> dict[str, float] | None:

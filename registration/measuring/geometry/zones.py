@@ -18,7 +18,7 @@ from registration.measuring.gauging.vessels import VesselGauge
 from registration.measuring.geometry.datum_fit import Setting, light_shift, mouth
 from registration.measuring.geometry.faces import Face
 from registration.measuring.geometry.frame import COVERAGE, IN_PLANE, Frame, strains
-from registration.measuring.geometry.lumen import ALPHA, DRAWS, Line, Lumen, cells
+from registration.measuring.geometry.lumen import ALPHA, DRAWS, Line, Lumen, cells, unit
 from registration.measuring.geometry.scene import Cut, Scene
 
 Name = Literal["axis", "port", "cylindricity", "lumen", "face"]
@@ -112,14 +112,14 @@ def minimum_zone(points: FloatArray, middle: FloatArray, direction: FloatArray) 
     small shift and tilt of the axis make it a linear programme, solved again about each answer.
     Points are added until none lies outside the zone.
     """
-    centre, axis = np.array(middle, dtype=np.float64), _unit(direction)
+    centre, axis = np.array(middle, dtype=np.float64), unit(direction)
     for _ in range(_STEPS):
         side, other = vectors_across(axis)
         away = points - centre
         along, x, y = away @ axis, away @ side, away @ other
         step = _programme(along, x, y)
         centre = centre + step[0] * side + step[1] * other
-        axis = _unit(axis + step[2] * side + step[3] * other)
+        axis = unit(axis + step[2] * side + step[3] * other)
     away = points - centre
     radius = np.linalg.norm(away - (away @ axis)[:, None] * axis, axis=1)
     return float(np.ptp(radius))
@@ -155,10 +155,6 @@ def _programme(along: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
             break
         used |= outside
     return np.concatenate([step[:2], step[2:] / reach])
-
-
-def _unit(vector: FloatArray) -> FloatArray:
-    return np.asarray(vector / np.linalg.norm(vector))
 
 
 # Table rows of one vessel's geometric characteristics (ISO 1101).
