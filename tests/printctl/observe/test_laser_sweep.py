@@ -13,8 +13,7 @@ import pytest
 from printctl.observe.devices import DeviceError, DeviceSettings, acquire, files_in, picture_of
 from printctl.observe.records import emptied_look_folder
 from printctl.observe.views import open_view, try_laser_frame
-from registration.devices.camera_frame import write_frame
-from registration.devices.laser_sweep import write_laser
+from registration.devices.lens.lens import write_model
 from registration.errors import PictureError
 from registration.inspection import ExpectedLines
 from tests.printctl.cli.test_observe import observe
@@ -35,7 +34,7 @@ def lines_on_blocks() -> ExpectedLines:
 
 def test_pictures_of_a_look_become_heights_of_its_layer(tmp_path: Path) -> None:
     file = tmp_path / "laser.yaml"
-    write_laser(file, sweeps.fitted(tmp_path / "flat").laser)
+    write_model(file, sweeps.fitted(tmp_path / "flat").laser)
     try_laser_frame(file)
     order = cast(Any, SimpleNamespace(oct=False, laser=True, frame=str(file)))
     look = sweeps.written(sweeps.over_blocks(), tmp_path / "picture")
@@ -57,7 +56,7 @@ def test_pictures_of_a_look_become_heights_of_its_layer(tmp_path: Path) -> None:
 
 
 def test_the_command_fits_a_laser(tmp_path: Path) -> None:
-    write_frame(tmp_path / "frame.yaml", scene.frame())
+    write_model(tmp_path / "frame.yaml", scene.frame())
     flat = sweeps.written(sweeps.flat(), tmp_path / "flat")
     out = tmp_path / "laser.yaml"
     done = observe("sweep", flat, "--frame", tmp_path / "frame.yaml", "--floor-z", "1", "-o", out)
