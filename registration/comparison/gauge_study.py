@@ -18,6 +18,7 @@ from registration.comparison.gauge_shares import (
     shares,
 )
 from registration.comparison.scans import GaugedScan, GaugeStudyError
+from registration.comparison.statistics import rms
 
 # Compare the budgets' type A uncertainty with the observed scatter of repeated registrations.
 #
@@ -103,16 +104,11 @@ def claim(name: str, claimed_um: FloatArray, seen_um: FloatArray, df: float) -> 
     """
     known = np.isfinite(claimed_um) & np.isfinite(seen_um) & (claimed_um > 0)
     if not known.any() or df < 1:
-        return Claim(name, np.nan, _rms(seen_um), np.nan, df, np.nan)
+        return Claim(name, np.nan, rms(seen_um), np.nan, df, np.nan)
     ratio = float(np.mean((seen_um[known] / claimed_um[known]) ** 2))
     tail = stats.chi2.cdf(df * ratio, df)
     p = float(2 * min(tail, stats.chi2.sf(df * ratio, df)))
-    return Claim(name, _rms(claimed_um[known]), _rms(seen_um[known]), ratio, df, min(p, 1.0))
-
-
-def _rms(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.sqrt((known**2).mean())) if len(known) else float("nan")
+    return Claim(name, rms(claimed_um[known]), rms(seen_um[known]), ratio, df, min(p, 1.0))
 
 
 @dataclass(frozen=True)

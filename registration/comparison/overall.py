@@ -17,6 +17,7 @@ from registration.comparison.statistics import (
     components,
     holm,
     prints_sd,
+    rms,
     sd_interval,
     trend,
 )
@@ -161,7 +162,7 @@ def repeatability(vessels: Sequence[VesselSpread], prints: Sequence[int]) -> Rep
         observed_sd=observed,
         scan_sd=scan,
         print_sd=own,
-        along_sd_um=_rms([v.along_sd_um for v in vessels]),
+        along_sd_um=rms([v.along_sd_um for v in vessels]),
         gauge_percent=float(100 * scan.value / total) if total > 0 else float("nan"),
         distinct=_distinct(own.value, scan.value),
     )
@@ -177,10 +178,5 @@ def _pooled(spreads: list[Interval]) -> Interval:
     known = [s for s in spreads if s.df >= 1]
     if not known:
         return UNKNOWN
-    value = _rms([s.value for s in known])
+    value = rms([s.value for s in known])
     return sd_interval(value, min(s.df for s in known))
-
-
-def _rms(values: Sequence[float]) -> float:
-    known = np.array([v for v in values if np.isfinite(v)])
-    return float(np.sqrt((known**2).mean())) if len(known) else float("nan")

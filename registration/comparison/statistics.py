@@ -13,6 +13,13 @@ from kernels.arrays import FloatArray
 LEVEL = 0.95
 
 
+def rms(values: Sequence[float] | FloatArray) -> float:
+    """Return the root mean square of the finite values, NaN if there are none."""
+    known = np.asarray(values, dtype=np.float64)
+    known = known[np.isfinite(known)]
+    return float(np.sqrt((known**2).mean())) if len(known) else float("nan")
+
+
 @dataclass(frozen=True)
 class Interval:
     """A value with its 95 % interval and the degrees of freedom that it rests on.

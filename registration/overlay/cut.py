@@ -176,7 +176,7 @@ class _Reach:
         wanted = np.maximum(1, np.round(_BLOCK_MM / voxel_mm[::-1])).astype(int)
         self._bins = np.minimum(wanted, signal.shape)
         bz, by, bx = self._bins.tolist()
-        lit = bin_mean(signal, (bz, by, bx), False, 0.0) > strength.noise
+        lit = bin_mean(signal, (bz, by, bx), False) > strength.noise
         self._down = scan.depth_down
         down = lit if self._down else lit[::-1]
         depth = np.arange(1, len(down) + 1)[:, None, None]

@@ -1,4 +1,4 @@
-"""Blank matplotlib figures in the report's style, lines at true width, SVG export."""
+"""Blank matplotlib figures in the report's style, lines at true width, as SVG or PNG."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from typing import Any, Final
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from PIL import Image
 
 from kernels.arrays import FloatArray
 from registration.report.svg import INK, MUTED, PAPER, RULE
@@ -126,6 +128,18 @@ def to_svg(figure: Figure, salt: str) -> bytes:
         # The browser has its own fonts: a glyph missing here isn't missing there.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None}, dpi=150)
+    return stream.getvalue()
+
+
+def to_png(figure: Figure, dpi: float, palette: bool) -> bytes:
+    """The drawing as PNG, in 256 colours where `palette` says so."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    drawn = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    if palette:
+        drawn = drawn.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    stream = io.BytesIO()
+    drawn.save(stream, format="png", optimize=True, dpi=(dpi, dpi))
     return stream.getvalue()
 
 

@@ -44,7 +44,7 @@ def first_light(signal: Float32Array, working: Working) -> Float32Array:
     over shorter and shorter ways.
     """
     size = blocks_of(signal)
-    blocks = np.maximum(bin_mean(signal, size, False, 0.0), 1e-12).astype(np.float64)
+    blocks = np.maximum(bin_mean(signal, size, False), 1e-12).astype(np.float64)
     blocks = gaussian_filter(blocks, BLOCK_BLUR)
     mean = blocks.mean(axis=(1, 2))
     used = np.broadcast_to((mean > LIT * mean.max())[:, None, None], blocks.shape)
@@ -192,8 +192,8 @@ def liquid_is_dark(signal: Float32Array, light: Float32Array, floor: Float32Arra
         The noise floor that was taken off, in the signal's measure.
     """
     size = blocks_of(signal)
-    back, beam = (bin_mean(one, size, False, 0.0) for one in (signal, light))
-    noise = bin_mean(np.ascontiguousarray(floor), (size[0], 1, 1), False, 0.0)
+    back, beam = (bin_mean(one, size, False) for one in (signal, light))
+    noise = bin_mean(np.ascontiguousarray(floor), (size[0], 1, 1), False)
     lit = beam > np.maximum(LIT * np.float32(np.percentile(beam, 99)), 4 * noise)
     share = (back + noise)[lit] / beam[lit]
     levels = split_classes(share.astype(np.float64)) if lit.any() else Levels(0.0, 1.0, 0.0)
@@ -279,7 +279,7 @@ def _evened(
     sigma = np.array(REACH_MM) / (voxel * (z, y, x))
     deep, along, aside = (gaussian_weights(float(s)) for s in sigma)
     had, should = (
-        smoothed(bin_mean(weight * one, (z, y, x), False, 0.0), (deep, along, aside))
+        smoothed(bin_mean(weight * one, (z, y, x), False), (deep, along, aside))
         for one in (came, sent)
     )
     none = np.float32(1e-6 * float(should.max()))

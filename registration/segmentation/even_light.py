@@ -50,7 +50,7 @@ def without_glare(signal: Float32Array, step_mm: float) -> Float32Array:
     """
     _, ny, nx = signal.shape
     factor = (1, min(ACROSS_VOXELS, ny), min(ACROSS_VOXELS, nx))
-    coarse = bin_mean(signal, factor, False, 0.0)
+    coarse = bin_mean(signal, factor, False)
     half = max(2, round(DEEP_MM / step_mm / 2))
     beside = maximum_filter1d(running_median(coarse, half), 2 * half + 1, axis=0, mode="nearest")
     beside = np.maximum(beside, np.float32(0.0))
@@ -152,7 +152,7 @@ def even_signal(signal: Float32Array, light: Float32Array, working: Working) -> 
     wanted = np.maximum(1, np.round(COARSE_MM / voxel)).astype(int)
     z, y, x = np.minimum(wanted, signal.shape).tolist()
     sigma = np.array(REACH_MM) / (voxel * (z, y, x))
-    back, sent = (bin_mean(one, (z, y, x), False, 0.0) for one in (signal, light))
+    back, sent = (bin_mean(one, (z, y, x), False) for one in (signal, light))
     level, known = np.ones_like(back), -1
     for _ in range(ROUNDS):
         share = back / (sent * level)

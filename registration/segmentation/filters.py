@@ -19,10 +19,8 @@ _PER_DB = np.float32(math.log(10.0) / 10.0)
 
 
 @pjit
-def bin_mean(
-    raw: NDArray[np.generic], bins: tuple[int, int, int], decibel: bool, offset: float
-) -> Float32Array:
-    """Mean linear intensity of blocks of ``bins`` (z, y, x) voxels, less `offset`.
+def bin_mean(raw: NDArray[np.generic], bins: tuple[int, int, int], decibel: bool) -> Float32Array:
+    """Mean linear intensity of blocks of ``bins`` (z, y, x) voxels.
 
     Intensities in dB become linear before they are averaged; a rest at the end is dropped.
     """
@@ -43,7 +41,7 @@ def bin_mean(
                                 value = np.exp(value * _PER_DB)
                             row[x] += value
             for x in range(nx):
-                out[z, y, x] = row[x] * share - np.float32(offset)
+                out[z, y, x] = row[x] * share
     return out
 
 
@@ -86,7 +84,7 @@ def binned(scan: Scan, bins: tuple[int, int, int]) -> Float32Array:
     least = int(np.iinfo(scan.volume.dtype.name).min) if table is not None else 0
     for slab in scan.slabs(bins):
         if table is None:
-            out[slab.where] = bin_mean(slab.voxels, bins, scan.scale == "db", 0.0)
+            out[slab.where] = bin_mean(slab.voxels, bins, scan.scale == "db")
         else:
             out[slab.where] = bin_counts(slab.voxels, bins, table, least)
     return out

@@ -67,9 +67,9 @@ def unevenness(values: Float32Array, working: Working) -> float:
     """
     wanted = np.maximum(1, np.round(np.array(BLOCK_MM) / working.voxel_mm[::-1])).astype(int)
     block = tuple(np.minimum(wanted, values.shape).tolist())
-    full = bin_mean(values > np.float32(DARKEST), block, False, 0.0) > SHARE
+    full = bin_mean(values > np.float32(DARKEST), block, False) > SHARE
     inside = minimum_filter(full.astype(np.uint8), WITHIN, mode="constant") > 0
-    level = bin_mean(values, block, False, 0.0)
+    level = bin_mean(values, block, False)
     if np.count_nonzero(inside) < FEWEST:
         return 0.0
     both = inside[:, :, 1:] & inside[:, :, :-1]
@@ -288,7 +288,7 @@ def _noise_floor(signal: Float32Array, bins: tuple[int, int, int]) -> float:
     the voxels averaged): the darkest in a thousand lies 3.09 standard deviations below the mean.
     """
     block = _within(signal, (FLOOR_BLOCK,) * 3)
-    darkest = float(np.percentile(bin_mean(signal, block, False, 0.0), 0.1))
+    darkest = float(np.percentile(bin_mean(signal, block, False), 0.1))
     looks = float(np.prod(block) * np.prod(bins))
     return darkest / (1.0 - min(3.09 / np.sqrt(looks), 0.8))
 

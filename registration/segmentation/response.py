@@ -82,7 +82,7 @@ def depth_response(
     voxel = working.voxel_mm[::-1]
     wanted = np.maximum(1, np.round(np.array(COARSE_MM) / voxel)).astype(int)
     fz, fy, fx = np.minimum(wanted, signal.shape).tolist()
-    coarse = bin_mean(signal, (fz, fy, fx), False, 0.0)
+    coarse = bin_mean(signal, (fz, fy, fx), False)
     down = coarse if depth_down else coarse[::-1]
     size = voxel * (fz, fy, fx)
     fades, response = 0.0, np.ones(len(down))

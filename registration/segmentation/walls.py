@@ -59,7 +59,7 @@ class SideLevels:
         """Look around level."""
         return SideLevels(
             smoothed(mean_where(light, where, factor), weights),
-            smoothed(bin_mean(where, factor, False, 0.0), weights),
+            smoothed(bin_mean(where, factor, False), weights),
         )
 
 
@@ -127,9 +127,7 @@ def _lesser(
     both = np.minimum(gel.weight, liquid.weight) > LEAST_WEIGHT
     with np.errstate(divide="ignore", invalid="ignore"):
         first = in_gel * gel.weight / gel.light
-        second = (
-            bin_mean(steep, factor, False, 0.0) - (beam - in_gel) * liquid.weight / liquid.light
-        )
+        second = bin_mean(steep, factor, False) - (beam - in_gel) * liquid.weight / liquid.light
     return np.where(both, second - first, 0.0).astype(np.float32)
 
 
@@ -211,7 +209,7 @@ def local_level(
         and a mean would be the level of a place further in.
     """
     z, y, x = (gaussian_weights(s) for s in sigma)
-    weight = bin_mean(where, factor, False, 0.0)
+    weight = bin_mean(where, factor, False)
     total = mean_where(values, where, factor) - np.float32(usual) * weight
     offset = (np.arange(len(z)) - len(z) // 2).astype(np.float32)
     mass, pull = (smoothed(v, (z, y, x)) for v in (weight, total))
