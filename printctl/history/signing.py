@@ -121,7 +121,7 @@ def lab_key(folder: Path | None = None) -> LabKey:
     KeyTrouble
         When others may read the file, it holds no Ed25519 key, or it can't be read or made.
     """
-    path = (folder or data_folder()) / PRIVATE
+    path = data_folder() / PRIVATE
     _, ed25519, serialization = _library()
     try:
         if not path.exists():
@@ -135,9 +135,9 @@ def lab_key(folder: Path | None = None) -> LabKey:
     return LabKey(PublicKey(key.public_key().public_bytes_raw()), key)
 
 
-def known_lab_key(folder: Path | None = None) -> PublicKey | None:
+def known_lab_key() -> PublicKey | None:
     """The lab's public key, if there is one on this machine."""
-    path = (folder or data_folder()) / PRIVATE
+    path = data_folder() / PRIVATE
     return lab_key(path.parent).public if path.is_file() and signing_missing() is None else None
 
 

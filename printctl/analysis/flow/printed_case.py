@@ -115,7 +115,7 @@ def _shared_part(row: Mapping[str, Any]) -> float:
 
 
 def flow_intervals(
-    part: OpenPart, conditions: FlowConditions, errors: LumenErrors, count: int, seed: int = 0
+    part: OpenPart, conditions: FlowConditions, errors: LumenErrors, count: int
 ) -> FlowIntervals | None:
     """Draw lumens within their errors and solve 0D flow in each (JCGM 101:2008).
 
@@ -129,7 +129,6 @@ def flow_intervals(
         Of the design's vessels.
     count : int
         Vessels of the design.
-    seed : int
 
     Returns
     -------
@@ -143,7 +142,7 @@ def flow_intervals(
     """
     if not errors.known:
         return None
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     alike = rng.standard_normal(DRAWS)
     apart = rng.standard_normal((DRAWS, len(part.vessel)))
     shared, own = errors.shared[part.vessel], errors.own[part.vessel]

@@ -285,21 +285,18 @@ def _lines(
     return line, writes, source
 
 
-def written_filaments(beads: Sequence[Bead], swell: Sequence[float] | None = None) -> Strands:
+def written_filaments(beads: Sequence[Bead]) -> Strands:
     """Convert the beads written by a file to filaments; without oozed threads and drops.
 
     Parameters
     ----------
     beads : sequence of Bead
         Of each head, embedded.
-    swell : sequence of float, optional
-        Of each one's diameters in the bath; 1 without.
     """
-    factors = swell or [1.0] * len(beads)
     each = []
-    for bead, factor in zip(beads, factors, strict=True):
+    for bead in beads:
         rows = np.flatnonzero(bead.writes & bead.lays)
-        area = np.pi / 4 * (bead.width_mm[rows] * factor) ** 2
+        area = np.pi / 4 * bead.width_mm[rows] ** 2
         each.append(
             Strands(
                 bead.pieces.start[rows],

@@ -138,7 +138,6 @@ def checked_mend(
     held: HeldPrint,
     gaps: Sequence[Gap],
     voids: Voids | None = None,
-    options: MendOptions | None = None,
 ) -> tuple[Mend, MendCheck | None]:
     """Return a mend that may be inserted, and its check; no check where nothing is mended.
 
@@ -146,7 +145,7 @@ def checked_mend(
 
     Parameters
     ----------
-    held, gaps, voids, options
+    held, gaps, voids
         As for `plan_mend`.
 
     Raises
@@ -154,10 +153,10 @@ def checked_mend(
     MendError
         As `plan_mend`.
     """
-    mend = plan_mend(held, gaps, voids, options)
+    mend = plan_mend(held, gaps, voids)
     if not mend.lines:
         return mend, None
-    check = check_mend(held, mend.lines, gaps, voids, options)
+    check = check_mend(held, mend.lines, gaps, voids)
     if check.passed:
         return mend, check
     why = f"the check of its insert failed ({failures(check)}); mend by hand, and report this"

@@ -401,9 +401,11 @@ def _hole_svg(insert: Insert) -> str:
 _JOIN_MM: Final = 0.005
 """Cells are wider by it on each side: those that meet at a corner alone are joined."""
 _FACETS: Final = 256
+_BLACK_MM: Final = 0.6
+"""Depth of the pockets."""
 
 
-def insert_solids(insert: Insert, black_mm: float = 0.6) -> tuple[Solid, Solid]:
+def insert_solids(insert: Insert) -> tuple[Solid, Solid]:
     """Return the white plate with pockets, and the black that fills them; z = 0 is below.
 
     Both end at the same height. A relief would shift its edges in a picture taken from aside: by
@@ -412,8 +414,6 @@ def insert_solids(insert: Insert, black_mm: float = 0.6) -> tuple[Solid, Solid]:
     Parameters
     ----------
     insert : Insert
-    black_mm : float, mm
-        Depth of the pockets.
 
     Raises
     ------
@@ -421,9 +421,9 @@ def insert_solids(insert: Insert, black_mm: float = 0.6) -> tuple[Solid, Solid]:
         When the pockets would go through the plate.
     """
     thick = insert.thickness_mm
-    if not 0 < black_mm < thick - 0.2:
+    if not 0 < _BLACK_MM < thick - 0.2:
         raise PictureError(
-            f"black of {black_mm:g} mm leaves less than 0.2 mm of a plate of {thick:g} mm; give a "
+            f"black of {_BLACK_MM:g} mm leaves less than 0.2 mm of a plate of {thick:g} mm; give a "
             "thickness of 1 mm or more"
         )
     wide, high = insert.plate_mm
@@ -432,8 +432,8 @@ def insert_solids(insert: Insert, black_mm: float = 0.6) -> tuple[Solid, Solid]:
     cells = [_rectangle(x - _JOIN_MM, y - _JOIN_MM, side, side) for x, y in insert.cells().tolist()]
     bars = [_rectangle(*bar) for bar in insert.bars()]
     black = CrossSection.batch_boolean(cells + bars, OpType.Add)
-    inlay = Manifold.extrude(black, black_mm).translate((0.0, 0.0, thick - black_mm))
-    tall = Manifold.extrude(black, black_mm + 1.0).translate((0.0, 0.0, thick - black_mm))
+    inlay = Manifold.extrude(black, _BLACK_MM).translate((0.0, 0.0, thick - _BLACK_MM))
+    tall = Manifold.extrude(black, _BLACK_MM + 1.0).translate((0.0, 0.0, thick - _BLACK_MM))
     body = Manifold.extrude(plate, thick) - tall
     return _solid(body), _solid(inlay)
 
