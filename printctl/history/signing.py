@@ -121,7 +121,7 @@ def lab_key(folder: Path | None = None) -> LabKey:
     KeyTrouble
         When others may read the file, it holds no Ed25519 key, or it can't be read or made.
     """
-    path = data_folder() / PRIVATE
+    path = (folder or data_folder()) / PRIVATE
     _, ed25519, serialization = _library()
     try:
         if not path.exists():
