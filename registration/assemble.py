@@ -11,7 +11,7 @@ from kernels.arrays import FloatArray
 from registration.alignment import Alignment, may_lie_otherwise
 from registration.alignment.uncertainty import ScanErrors
 from registration.findings import Findings
-from registration.measuring.gauging import VesselGauge, hausdorff_p95_um, summarise
+from registration.measuring.gauging import hausdorff_p95_um, summarise
 from registration.measuring.gauging.deviation import (
     CURVE_UM,
     HISTOGRAM_EDGES_UM,
@@ -133,7 +133,7 @@ def assemble(
         frame=parts.frame,
         characteristics=parts.characteristics,
         vessels=findings.vessels,
-        all_open=_all_open(findings.vessels),
+        all_open=all(vessel.open is True for vessel in findings.vessels),
         defects=listed,
         topology=findings.topology,
         agreement=parts.agreement,
@@ -159,8 +159,3 @@ def stated_um(deviation_mm: FloatArray, seen: NDArray[np.bool_], errors: ScanErr
     """Return deviations (n,), µm, NaN where not seen; all NaN where walls' errors aren't known."""
     known = seen & np.isfinite(errors.outer_mm)
     return np.where(known, 1e3 * deviation_mm, np.nan)
-
-
-def _all_open(vessels: tuple[VesselGauge, ...]) -> bool:
-    """Every vessel, end to end; what wasn't seen isn't called open."""
-    return all(vessel.open is True for vessel in vessels)

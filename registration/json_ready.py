@@ -1,9 +1,13 @@
-"""Convert nested values for JSON: string keys, None for NaN and infinity."""
+"""JSON objects of a registration: their type, and conversion of nested values."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, TypeGuard
+
+Record = Mapping[str, Any]
+"""A JSON object, as of ``registration.json``."""
 
 
 def json_ready(value: Any) -> Any:
@@ -15,3 +19,8 @@ def json_ready(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def is_number(value: Any) -> TypeGuard[float]:
+    """Whether ``value`` is a finite number (a bool isn't one)."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

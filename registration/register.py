@@ -1,8 +1,8 @@
-"""Register a scan to its design: segment, fit the pose, measure deviations, vessels and defects."""
+"""Register a scan to its design: segment, fit the pose, measure deviations and vessels."""
 
 from __future__ import annotations
 
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,32 +10,200 @@ import numpy as np
 from design.geometry.surface import Surface
 from design.network import VesselNetwork
 from design.solids.solid import Solid
-from kernels import helper_thread
+from kernels import helper_thread, keep_freed_memory
 from kernels.arrays import FloatArray
-from registration.alignment import Alignment, Fit, align, cross_check, later_doubts
+from registration.alignment import Alignment, Fit, align, cross_check, later_doubts, uncertainty
+from registration.alignment.distance import ModelSurface
+from registration.alignment.uncertainty import ScanErrors
 from registration.assemble import FitDeviations, RegistrationParts, assemble
+from registration.errors import RegistrationError
 from registration.findings import Findings, Inspection, inspect
-from registration.measuring.gauging import ScannedSurface, deviations, surface_points
+from registration.measuring.gauging import (
+    ScannedSurface,
+    VesselTrace,
+    deviations,
+    surface_points,
+    trace_vessels,
+)
+from registration.measuring.gauging.deviation import near_lumen
 from registration.measuring.gauging.face_places import LEAST_UM, FacePlace, ScannedFaces
-from registration.measuring.gauging.near_lumen import near_lumen
+from registration.measuring.gauging.vessels import outlines
 from registration.measuring.geometry import (
     Characteristic,
+    Cut,
+    Datum,
     Face,
     Frame,
     Scene,
+    best_fit,
     characteristics,
     cuts_of,
+    lay_on_datums,
     outer_faces,
 )
 from registration.measuring.geometry.faces import POINTS, RIM_BLURS, RIM_MM
 from registration.measuring.topology import agreement
-from registration.options import RegistrationOptions
-from registration.part_frame import Ground, find_frame
-from registration.prepared import PreparedScan
+from registration.options import RegistrationOptions, segmentation_options
 from registration.result import RegistrationReport
 from registration.scan import Scan
-from registration.segmentation import GelEvidence, gel_evidence
+from registration.segmentation import GelEvidence, Segmentation, gel_evidence, segment
 from registration.segmentation.evidence import are_separable
+
+# Segment a scan and prepare the model's surface for alignment; check that they match.
+
+LARGEST_FIELD = 20.0
+"""Of the part's longest edge: a field of view larger than that each way shows something else."""
+
+
+@dataclass(frozen=True)
+class PreparedScan:
+    """What every step behind the segmentation takes; build with `of`.
+
+    Attributes
+    ----------
+    scan : Scan
+    network : VesselNetwork
+    options : RegistrationOptions
+    segmentation : Segmentation
+        Of the scan.
+    surface : ModelSurface
+        The model.
+    is_lumen : bool
+        The model is the lumens, not the gel around them.
+    errors : ScanErrors
+        What all measurements of the scan share.
+    section_mm : float, mm
+        Between sections along a vessel.
+    """
+
+    scan: Scan
+    network: VesselNetwork
+    options: RegistrationOptions
+    segmentation: Segmentation
+    surface: ModelSurface
+    is_lumen: bool
+    errors: ScanErrors
+    section_mm: float
+
+    @staticmethod
+    def of(
+        scan: Scan, model: Solid, network: VesselNetwork, options: RegistrationOptions
+    ) -> PreparedScan:
+        """Segment the scan, and see what the model is.
+
+        Raises
+        ------
+        RegistrationError
+            When the scan can't be segmented, or scan, model and network don't belong together.
+        """
+        thinnest = 2 * float(network.radius.min())
+        _check_sizes(scan, model, thinnest)
+        # The surface takes one core, and the segmentation leaves one free now and then.
+        with ThreadPoolExecutor(1) as other, keep_freed_memory():
+            preparing = other.submit(ModelSurface.of, model)
+            # An OCT needn't know what the model is: its surface is prepared meanwhile.
+            whole = scan.modality != "oct" and not _model_is_lumen(preparing.result(), network)
+            how = replace(segmentation_options(scan, options, thinnest), whole_part=whole)
+            segmentation = segment(scan, how)
+        errors = uncertainty(scan, segmentation)
+        surface = preparing.result()
+        is_lumen = _model_is_lumen(surface, network)
+        section_mm = options.section_mm or thinnest / 4
+        return PreparedScan(
+            scan, network, options, segmentation, surface, is_lumen, errors, section_mm
+        )
+
+
+def _check_sizes(scan: Scan, model: Solid, thinnest_mm: float) -> None:
+    """Refuse a scan in which no lumen has room, or the part is lost: a wrong unit."""
+    if scan.volume.ndim != 3:
+        return  # no stack: the segmentation says so
+    extent = np.array(scan.volume.shape)[::-1] * np.array(scan.geometric_voxel_mm)[::-1]
+    part = np.ptp(model.vertices, axis=0)
+    if thinnest_mm <= extent.max() and extent.min() <= LARGEST_FIELD * part.max():
+        return
+    raise RegistrationError(
+        f"the scan is {_sizes(extent)} mm and the model {_sizes(part)} mm, with lumens from "
+        f"{thinnest_mm:.3g} mm: they don't fit each other; check --voxel-um (in micrometres) and "
+        "the units of model and network"
+    )
+
+
+def _sizes(size: FloatArray) -> str:
+    return " × ".join(f"{one:.3g}" for one in size)
+
+
+def _model_is_lumen(surface: ModelSurface, network: VesselNetwork) -> bool:
+    """Whether the vessels' axes lie inside the model."""
+    start, end, _, _, _ = network.pieces()
+    inside = float((surface.query((start + end) / 2).distance < 0).mean())
+    if 0.1 < inside < 0.9:
+        raise RegistrationError(
+            f"{100 * inside:.0f} % of the network's axes lie inside the model: it is neither "
+            "lumen (nearly all inside) nor construct (nearly none); give model and network of the "
+            "same design, in the same frame"
+        )
+    return inside >= 0.9
+
+
+# Find the part's reference frame in a scan: best fit, or laid on chosen datums.
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What a frame is laid on.
+
+    Attributes
+    ----------
+    network : VesselNetwork
+    segmentation : Segmentation
+    faces : tuple of Face
+    errors : ScanErrors
+    section_mm : float, mm
+        Between sections.
+    part : ModelSurface or None
+        The designed part; None where the model is the lumens alone.
+    """
+
+    network: VesselNetwork
+    segmentation: Segmentation
+    faces: tuple[Face, ...]
+    errors: ScanErrors
+    section_mm: float
+    part: ModelSurface | None
+
+
+def find_frame(datums: tuple[Datum, ...], alignment: Alignment, ground: Ground) -> Frame:
+    """Return the frame of the best fit, or of datums.
+
+    Raises
+    ------
+    DatumError
+        When datums aren't there, aren't seen, or leave the part free to move.
+    """
+    if not datums:
+        return best_fit(alignment.rigid, alignment.uncertainty, ground.errors)
+    cuts: tuple[Cut, ...] = ()
+    if any(datum.kind != "face" for datum in datums):
+        traces = trace_vessels(
+            ground.network,
+            ground.segmentation,
+            alignment.scaled,
+            ground.section_mm,
+            ground.part,
+        )
+        cuts = tuple(map(_cut, traces))
+    scene = Scene(ground.network, ground.faces, cuts, ground.errors)
+    return lay_on_datums(datums, alignment.rigid, scene)
+
+
+def _cut(trace: VesselTrace) -> Cut:
+    counted = trace.counted
+    return Cut(
+        trace.along[counted],
+        outlines(trace.planes, trace.sections, trace.diameter, counted),
+        trace.sections.noise[counted],
+    )
 
 
 def register_scan(
@@ -120,7 +288,11 @@ class _Lying:
 def _laid(case: PreparedScan) -> _Lying:
     """Find the pose, and lay the part's frame on the print."""
     alignment = _aligned(case)
-    faces = () if case.is_lumen else _faces(case, alignment)
+    faces = (
+        ()
+        if case.is_lumen
+        else outer_faces(case.surface, case.network, case.segmentation, alignment.scaled)
+    )
     part = None if case.is_lumen else case.surface
     ground = Ground(case.network, case.segmentation, faces, case.errors, case.section_mm, part)
     frame = find_frame(case.options.datums, alignment, ground)
@@ -140,10 +312,6 @@ def _aligned(case: PreparedScan) -> Alignment:
         lumens=case.is_lumen,
         lit=float(segmentation.seen.mean()),
     )
-
-
-def _faces(case: PreparedScan, alignment: Alignment) -> tuple[Face, ...]:
-    return outer_faces(case.surface, case.network, case.segmentation, alignment.scaled)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
-"""Data class of a scanned volume (OCT, micro-CT, confocal) with units, read slab by slab."""
+"""Data class of a scanned volume (OCT, micro-CT, confocal), read slab by slab."""
 
 from __future__ import annotations
 
+import mmap
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,14 +11,60 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.counts import CountLine
-from registration.memory_pages import drop_pages
-from registration.space import Space
 from registration.wall_reference import WallCalibration
+
+
+@dataclass(frozen=True)
+class CountLine:
+    """dB of a count: ``db = db_at_zero + count / counts_per_db``."""
+
+    counts_per_db: float
+    db_at_zero: float
+
+    @property
+    def plain(self) -> bool:
+        """Whether counts are dB as they stand."""
+        return (self.counts_per_db, self.db_at_zero) == (1.0, 0.0)
+
+    def decibels(self, counts: NDArray[np.generic]) -> NDArray[np.float32]:
+        """DB of counts, float32."""
+        values = counts.astype(np.float32)
+        return np.asarray(values / np.float32(self.counts_per_db) + np.float32(self.db_at_zero))
+
+    def intensities(self, kind: np.dtype[np.generic]) -> NDArray[np.float32]:
+        """Linear intensity of every count of an integer `kind`, the lowest first."""
+        bounds = np.iinfo(kind.name)
+        counts = np.arange(bounds.min, bounds.max + 1)
+        return np.asarray(np.float32(10.0) ** (self.decibels(counts) * np.float32(0.1)))
+
+
+@dataclass(frozen=True)
+class Space:
+    """The file's own right-handed space, and where the scan's frame lies in it.
+
+    Attributes
+    ----------
+    name : str
+        "LPS" for patient coordinates (x left, y posterior, z superior, as DICOM has them), else
+        words of the file's own.
+    from_scan : (4, 4) float64, mm
+        Takes a point x, y, z of the scan's frame to the space: a rotation and a shift. Depth
+        counts as in the file (`Scan.voxel_mm`, optical where `Scan.optical_depth`).
+    """
+
+    name: str
+    from_scan: NDArray[np.float64]
+
+
+def drop_pages(volume: NDArray[np.generic]) -> None:
+    """Give back what of a file was read: else a copy of it would cost its memory twice."""
+    pages = getattr(volume, "_mmap", None)
+    if pages is not None and hasattr(mmap, "MADV_DONTNEED"):
+        pages.madvise(mmap.MADV_DONTNEED)
+
 
 SLAB_BYTES = 64 << 20
 """About what a slab holds unless told otherwise."""
-
 Bins = tuple[int, int, int]
 Where = tuple[slice, slice, slice]
 

@@ -9,13 +9,18 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from printctl.calibration.backlash import Backlash, fit_backlash
     from printctl.calibration.estimate import Estimate
     from printctl.calibration.lag import Lag, LagPattern, fit_lag
-    from printctl.calibration.level import Level, fit_level, gap_between
-    from printctl.calibration.offset import fit_offset
     from printctl.calibration.paths import backlash_path, lag_path, weighing_path
     from printctl.calibration.readings import Readings, read_readings
+    from printctl.calibration.touches import (
+        Backlash,
+        Level,
+        fit_backlash,
+        fit_level,
+        fit_offset,
+        gap_between,
+    )
     from printctl.calibration.weighing import FlowWeighing, Weighing, fit_flow, fit_weighing
 
 __all__ = [

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from firmware_profiles import Printer, Syringe
-from printctl.calibration.backlash import fit_backlash
 from printctl.calibration.estimate import Estimate
-from printctl.calibration.level import fit_level, gap_between
-from printctl.calibration.offset import fit_offset
 from printctl.calibration.readings import Readings
+from printctl.calibration.touches import fit_backlash, fit_level, fit_offset, gap_between
 from printctl.calibration.weighing import Weighing, fit_weighing
 from printctl.errors import UsageError
 

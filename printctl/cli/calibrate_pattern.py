@@ -30,7 +30,7 @@ from printctl.calibration.patterns import (
     squares_pattern,
 )
 from printctl.checks.preflight import SetUp, file_checks, refuse_failed, warnings
-from printctl.checks.set_up.by_name import ProfileNames, set_up
+from printctl.checks.set_up import ProfileNames, set_up
 from printctl.cli import calibrate_pattern_options as options
 from printctl.cli import set_up_options as mounting
 from printctl.cli.calibrate_options import numbers_of

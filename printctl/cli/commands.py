@@ -6,7 +6,11 @@ for the mesh library that `printctl solid` needs.
 
 from __future__ import annotations
 
+import ast
+import inspect
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, Final
 
 import typer
@@ -15,8 +19,45 @@ from typer.core import TyperCommand, TyperGroup
 from printctl.cli.command_behaviour import with_common_behaviour
 from printctl.cli.completion import matching_words, with_profiles
 from printctl.cli.help_examples import with_manual
-from printctl.cli.summaries import summary
 from printctl.errors import PrintctlError
+
+# Extract the commands' help summaries from their source, without importing them.
+
+
+def summary(module: str, attribute: str) -> str:
+    """Return the docstring of a function, or the `help` of a group, that stands in a module.
+
+    Parameters
+    ----------
+    module : str
+        Its whole name.
+    attribute : str
+        A function's name, or one that a `typer.Typer(help=...)` is assigned to.
+
+    Raises
+    ------
+    LookupError
+        When the module has no such source.
+    """
+    spec = find_spec(module)
+    if spec is None or spec.origin is None:
+        raise LookupError(f"no source of {module}")
+    for node in ast.parse(Path(spec.origin).read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.FunctionDef) and node.name == attribute:
+            return ast.get_docstring(node) or ""
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call):
+            names = [one.id for one in node.targets if isinstance(one, ast.Name)]
+            if attribute in names:
+                return _help_of(node.value)
+    raise LookupError(f"{module} has no function or group {attribute}")
+
+
+def _help_of(call: ast.Call) -> str:
+    for keyword in call.keywords:
+        if keyword.arg == "help":
+            return inspect.cleandoc(str(ast.literal_eval(keyword.value)))
+    return ""
+
 
 COMMANDS: dict[str, str] = {
     "run": "run:run",
@@ -62,12 +103,10 @@ COMMANDS: dict[str, str] = {
     "recipe": "recipe:recipe",
 }
 """Name to module of `printctl.cli` and what stands in it: a function, or a group of commands."""
-
 CALLED_WITH: dict[str, dict[str, Any]] = {
     "sim-printer": {"allow_extra_args": True, "ignore_unknown_options": True}
 }
 """Of commands that hand on what they are given."""
-
 GO_ON: Final = frozenset({"run", "design", "search"})
 """Commands that don't do again what an interrupted one has finished."""
 

@@ -22,7 +22,7 @@ from registration.comparison import (
     gauge_csv,
     verdict,
 )
-from registration.report.comparison import comparison_figures, write_comparison_html
+from registration.report.comparison_page import comparison_figures, write_comparison_html
 from registration.report.print_page import print_page
 
 JSON: Final = "compare.json"

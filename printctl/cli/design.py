@@ -18,8 +18,8 @@ from printctl.cli.options import (
     print_note,
 )
 from printctl.errors import UsageError
-from printctl.pipeline.names import DESIGN_NAMES, names_until
 from printctl.pipeline.run import design_recipe
+from printctl.pipeline.run_options import DESIGN_NAMES, names_until
 from printctl.recipe import load_recipe
 
 UntilOption = Annotated[

@@ -29,7 +29,7 @@ from registration.dye import (
     place_rows,
     read_marks,
 )
-from registration.files.exports.tables import as_csv
+from registration.files.exports import as_csv
 from registration.report.dye_page import write_dye_html
 
 NUMBERS, PLACES, PAGE = "dye.json", "dye.csv", "dye.html"

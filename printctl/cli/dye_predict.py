@@ -13,7 +13,7 @@ from design.units import UL_S_PER_ML_MIN, LengthUnit
 from printctl.analysis.dye import CURVES, FRONT, PICTURE, VesselPlace, lumens_of, write_front
 from printctl.cli.options import messages, print_json, print_lines
 from printctl.errors import UsageError
-from registration.dye.carrying_flow import carrying_flow, solve_without_closed
+from registration.dye.flow import carrying_flow, solve_without_closed
 
 _USUAL_ML_MIN = 0.25
 

@@ -5,15 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
 import typer
 
-from printctl.analysis.film import GrowthFilm, PulseFilm, growth_frames, pulse_frames, write_film
-from printctl.analysis.film.film_file import Frame, check_suffix
-from printctl.analysis.flow.driven import recipe_of
+from printctl.analysis.film import (
+    Frame,
+    GrowthFilm,
+    PulseFilm,
+    check_suffix,
+    growth_frames,
+    pulse_frames,
+    write_film,
+)
+from printctl.analysis.flow.conditions import recipe_of
 from printctl.analysis.networks import Drive, Source, load_source
-from printctl.cli import film_options as options
 from printctl.cli.network_options import UnitOption
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.cli.view_options import FromOption
@@ -21,6 +27,49 @@ from printctl.errors import UsageError
 from printctl.recipe.growth import Growth
 from registration.report.picture import FilmScene, PictureOptions, Quantity, quantities
 
+# Typer options of `printctl film`: growth or pulse, steps, solver, colour, size, frame rate.
+
+ShowOption = Annotated[
+    Literal["growth", "pulse"], typer.Option("--show", help="How it grew, or a pulse through it.")
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        help="The film: .mp4, .mov, .avi, .gif or .webp; growth.mp4 or pulse.mp4 in the run.",
+        show_default=False,
+    ),
+]
+ByOption = Annotated[
+    Literal["terminals", "generations"],
+    typer.Option("--by", help="Of growth: one terminal after the other, or joint after joint."),
+]
+StepsOption = Annotated[
+    int, typer.Option("--steps", min=2, max=2000, help="Frames of growth by terminals.")
+]
+ColourOption = Annotated[
+    Literal["radius", "kind", "tree", "order", "flow", "pressure"] | None,
+    typer.Option(
+        "--colour",
+        "--color",
+        help="Of growth any (kind where there are several, else radius); of a pulse pressure or "
+        "flow.",
+        show_default=False,
+    ),
+]
+SolverOption = Annotated[
+    Literal["0d", "1d"], typer.Option("--solver", help="Of a pulse: lumped, or waves (1d).")
+]
+FramesOption = Annotated[int, typer.Option("--frames", min=8, max=2000, help="Of a cycle.")]
+CyclesOption = Annotated[int, typer.Option("--cycles", min=1, max=100, help="Of a pulse.")]
+FpsOption = Annotated[
+    float, typer.Option("--fps", min=1.0, max=60.0, help="Frames in 1 s of the film.")
+]
+WidthOption = Annotated[int, typer.Option("--width", min=300, max=3000, help="Pixels.")]
+TablesOption = Annotated[
+    Path,
+    typer.Option("--tables", help="Folder of the recipe's tables (a pulse's, the outlets')."),
+]
 SourceArg = Annotated[
     Path,
     typer.Argument(
@@ -28,7 +77,6 @@ SourceArg = Annotated[
         show_default=False,
     ),
 ]
-
 _OF_GROWTH: Final = ("by", "steps", "unit")
 _OF_PULSES: Final = ("solver", "frames", "cycles", "tables")
 
@@ -36,18 +84,18 @@ _OF_PULSES: Final = ("solver", "frames", "cycles", "tables")
 def film(
     context: typer.Context,
     source: SourceArg,
-    show: options.ShowOption = "growth",
-    out: options.OutOption = None,
-    by: options.ByOption = "terminals",
-    steps: options.StepsOption = 60,
-    solver: options.SolverOption = "0d",
-    frames: options.FramesOption = 50,
-    cycles: options.CyclesOption = 2,
-    tables: options.TablesOption = Path(),
-    colour: options.ColourOption = None,
+    show: ShowOption = "growth",
+    out: OutOption = None,
+    by: ByOption = "terminals",
+    steps: StepsOption = 60,
+    solver: SolverOption = "0d",
+    frames: FramesOption = 50,
+    cycles: CyclesOption = 2,
+    tables: TablesOption = Path(),
+    colour: ColourOption = None,
     seen_from: FromOption = "oblique",
-    width: options.WidthOption = 900,
-    fps: options.FpsOption = 12.0,
+    width: WidthOption = 900,
+    fps: FpsOption = 12.0,
     unit: UnitOption = None,
     as_json: JsonFlag = False,
 ) -> None:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from design.network import VesselNetwork
-from printctl.analysis.flow.driven import Driven
+from printctl.analysis.flow.conditions import Driven
 from printctl.analysis.flow.match import HISTORY, MATCHED, VESSELS, match_and_write, options_from
 from printctl.analysis.flow.three_d import SHARP
 from printctl.cli.flow_options import Match
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
 from printctl.errors import UsageError
-from printctl.recipe.space import ThreeDPart
+from printctl.recipe.parts import ThreeDPart
 
 _PERCENT = 0.5
 

@@ -3,22 +3,113 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
+import numpy as np
 import typer
 
-from printctl.analysis.flow import NPZ, CsvTables, NpzTables
-from printctl.analysis.flow.driven import Driven
+from design.hemodynamics.three_d import straighten_edges
+from design.hemodynamics.three_d.ranks import rank_conditions, write_case
+from design.network import VesselNetwork
+from design.units import PA_PER_MMHG
+from printctl.analysis.flow import NPZ, CsvTables, FlowTables, NpzTables, solve_section
+from printctl.analysis.flow.conditions import Driven
 from printctl.analysis.flow.exports import EXPORTS, write_exports
+from printctl.analysis.flow.fidelities import Case, solve_fidelities
+from printctl.analysis.flow.printed_fidelities import mesh_of
+from printctl.analysis.flow.ranks import run_on_ranks
 from printctl.analysis.networks import load_source
 from printctl.cli.flow_match import match
 from printctl.cli.flow_options import Match, OtherSolvers
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.flow_part import part_of, space_of
 from printctl.cli.flow_printed import driven_of, run_as_printed
-from printctl.cli.flow_ranks import run_other_solvers
-from printctl.cli.flow_solve import in_space, lumped_and_waves
+from printctl.cli.options import messages
 from printctl.errors import UsageError
+from printctl.recipe.parts import ThreeDPart
+
+# Solve the flow of `printctl flow` at each requested fidelity (0D, 1D, 3D); write the results.
+
+
+def lumped_and_waves(
+    network: VesselNetwork, driven: Driven, tables: FlowTables, output: FlowOutput
+) -> None:
+    """Solve 0D and 1D flow and write their tables; see `solve_section`."""
+    with messages().status("0D flow") as status:
+
+        def tell(cycle: int, change: float, _: float) -> None:
+            status.update(f"1D flow, cycle {cycle}: changed by {change:.2g} of the swing")
+
+        output.summary |= solve_section(
+            tables,
+            network,
+            driven.part,
+            tell,
+            steady=driven.steady(network),
+            folder=driven.folder,
+            print_scale=driven.print_scale,
+        )[1]
+
+
+def in_space(
+    network: VesselNetwork, driven: Driven, out: Path, fillet_ratio: float, output: FlowOutput
+) -> None:
+    """Resolve the flow in space and compare fidelities, as far as the section asks for it.
+
+    Raises
+    ------
+    FlowError, SolidError, UsageError, OSError
+        As `solve_fidelities`.
+    """
+    part = driven.part
+    if part.three_d is None and part.compare is None:
+        return
+    case = Case(network, part, driven.steady(network), driven.pulsatile(network), fillet_ratio)
+    with messages().status("3D flow") as status:
+        done = solve_fidelities(out, case, lambda _, doing: status.update(f"3D flow: {doing}"))
+    output.summary |= done.summary
+    output.files += [out / name for name in done.files]
+
+
+# Run `printctl flow` in 3D on MPI ranks.
+
+CASE = "ranks"
+
+
+def run_other_solvers(
+    network: VesselNetwork,
+    driven: Driven,
+    space: ThreeDPart,
+    out: Path,
+    fillet_ratio: float,
+    asked: OtherSolvers,
+    output: FlowOutput,
+) -> None:
+    """Do what is asked for; nothing where nothing is.
+
+    Raises
+    ------
+    FlowError, SolidError, UsageError, PrintctlError, OSError
+        As `lumen_mesh`, `run_on_ranks` and the writers.
+    """
+    if asked.ranks is None:
+        return
+    mesh = straighten_edges(mesh_of(network, space, fillet_ratio))[0]
+    folder = out / CASE
+    model: Any = "navier_stokes" if space.inertia else "stokes"
+    write_case(mesh, rank_conditions(mesh, driven.steady(network), model=model), folder)
+    output.files.append(folder)
+    output.summary["ranks"] = _solved(folder, asked.ranks, asked.ranks_python)
+
+
+def _solved(folder: Path, ranks: int, python: Path | None) -> dict[str, Any]:
+    with messages().status(f"3D flow on {ranks} ranks") as status:
+        result = run_on_ranks(folder, ranks, python, status.update)
+    return {
+        "ranks": ranks,
+        "pressure_drop_mmhg": float(np.ptp(result.port_pressure)) / PA_PER_MMHG,
+    }
+
 
 FILLET: Final = 0.5
 """Of a network that no recipe rounds."""

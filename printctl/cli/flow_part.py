@@ -16,11 +16,15 @@ from printctl.cli.section_options import (
     wrong_option,
 )
 from printctl.errors import UsageError
-from printctl.recipe.fluids import LossPart
-from printctl.recipe.parts import FlowPart
-from printctl.recipe.pulse import PulseOutlet, PulsePart
-from printctl.recipe.space import ComparePart, ThreeDPart
-from printctl.recipe.waves import OneDPart
+from printctl.recipe.parts import (
+    ComparePart,
+    FlowPart,
+    LossPart,
+    OneDPart,
+    PulseOutlet,
+    PulsePart,
+    ThreeDPart,
+)
 
 _STEADY: Final = "Fluid, inlets and outlets"
 PULSE: Final = SectionOptions(

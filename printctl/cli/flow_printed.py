@@ -7,7 +7,7 @@ from typing import Final
 
 import typer
 
-from printctl.analysis.flow.driven import Driven, driven_by_run, recipe_of
+from printctl.analysis.flow.conditions import Driven, driven_by_run, recipe_of
 from printctl.analysis.flow.printed_case import PrintedCase, solve_as_printed
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.flow_part import conditions_said, part_of

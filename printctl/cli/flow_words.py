@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from firmware_profiles.wrong_values import wording
 from firmware_profiles.yaml_file import read_yaml
 from printctl.errors import UsageError
-from printctl.recipe.fluids import FluidPart, StenosisPart
+from printctl.recipe.parts import FluidPart, StenosisPart
 
 _FLUID: Final[TypeAdapter[Any]] = TypeAdapter(FluidPart)
 _GIVE: Final = "write model: carreau and its numbers"

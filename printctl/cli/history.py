@@ -24,7 +24,7 @@ from printctl.cli.history_options import (
 from printctl.cli.history_records import bundle, key, repeat, show, verify
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.errors import UsageError
-from printctl.history.records.table import csv_lines, local_time
+from printctl.history.table import csv_lines, local_time
 from printctl.machine.link.find_link import alive
 from printctl.machine.link.history import PrintHistory
 from printctl.machine.link.history_entry import INTERRUPTED, PrintEntry

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from printctl.errors import UsageError
-from printctl.history.records.days import day_begins, day_ends
+from printctl.history.table import day_begins, day_ends
 from printctl.machine.link.history_entry import INTERRUPTED
 from printctl.machine.link.history_query import HistoryQuery, SortBy
 from printctl.machine.link.states import ENDED

@@ -11,13 +11,12 @@ import typer
 from design.files import write_bytes
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.errors import UsageError
-from printctl.history.records.bundle import filed, write_bundle
-from printctl.history.records.keys import known_lab_key, lab_key, read_public_file, signing_missing
-from printctl.history.records.repeat import RepeatPlan, entry_of_bundle, make_job, plan_repeat
-from printctl.history.records.table import local_time
-from printctl.history.records.timeline import time_line
-from printctl.history.records.verdict import outcome
-from printctl.history.records.verify import verify_bundle
+from printctl.history.bundle import filed, write_bundle
+from printctl.history.repeat import RepeatPlan, entry_of_bundle, make_job, plan_repeat
+from printctl.history.signing import known_lab_key, lab_key, read_public_file, signing_missing
+from printctl.history.table import local_time, outcome
+from printctl.history.timeline import time_line
+from printctl.history.verify import verify_bundle
 from printctl.machine.link.history import PrintHistory
 from printctl.pipeline.evidence import evidence
 

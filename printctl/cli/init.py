@@ -10,7 +10,7 @@ import typer
 from design.files import write_text
 from printctl.cli.options import print_lines
 from printctl.errors import UsageError
-from printctl.recipe.starter import STARTER
+from printctl.recipe.load import STARTER
 
 
 def init(

@@ -22,7 +22,7 @@ from printctl.checks.lumens import (
     find_place,
     writes_at,
 )
-from printctl.checks.set_up.by_name import of_each
+from printctl.checks.set_up import of_each
 from printctl.cli.options import print_note, three_numbers
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NETWORK, SURFACE

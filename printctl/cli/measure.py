@@ -10,9 +10,10 @@ import typer
 
 from design.files import write_text
 from design.measures import MeasureOptions, compare_orders, measure_network, measures_dict
+from design.network_files.by_suffix import READ
 from design.tissue import SizeLimits, Tissue, load_tissue
 from design.units import LengthUnit
-from printctl.analysis.networks import READ, Drive, load_source
+from printctl.analysis.networks import Drive, load_source
 from printctl.cli.measure_table import measure_lines
 from printctl.cli.network_options import (
     InletFlowOption,

@@ -26,10 +26,10 @@ from registration.devices.camera_frame import (
     fit_frame,
     merged,
     read_insert,
-    write_frame,
 )
 from registration.devices.lens import Lens, read_lens
-from registration.devices.lens.decode import decoded
+from registration.devices.lens.board import decoded
+from registration.devices.lens.lens import write_model
 
 _T95: Final = 1.96
 _MISFIT_PX: Final = 1.0
@@ -112,7 +112,7 @@ def frame(
         crossings = find_crossings(images[0], first.view, lines)
         ties = Ties(printed=crossings, z_mm=z, u_z_mm=u_z, at_mm=(x, y), bath=bath)
     found = fit_frame(marks, drawn, optics, ties, now)
-    write_frame(out, found)
+    write_model(out, found)
     _tell(found, marks, optics, drawn, as_json, _height_note(found, ties))
     messages().print(f"wrote {out}", markup=False)
 

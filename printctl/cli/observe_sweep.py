@@ -11,7 +11,8 @@ import typer
 from printctl.cli.observe_options import FrameFile
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from registration.devices.camera_frame import check_frame, read_frame
-from registration.devices.laser_sweep import fit_laser, trace, write_laser
+from registration.devices.laser_sweep import fit_laser, trace
+from registration.devices.lens.lens import write_model
 from registration.errors import PictureError
 
 _T95: Final = 1.96
@@ -43,7 +44,7 @@ def sweep(
         raise PictureError(f"the camera's frame doesn't hold: {'; '.join(held.why)}")
     fitted = fit_laser(traced, camera, floor_z, datetime.now(UTC))
     laser = fitted.laser
-    write_laser(out, laser)
+    write_model(out, laser)
     at, above = (_T95 * one for one in laser.u_um)
     if as_json:
         print_json({

@@ -20,7 +20,7 @@ from registration.devices.camera_frame import (
     locate_tip,
     read_frame,
 )
-from registration.devices.lens.decode import decoded
+from registration.devices.lens.board import decoded
 from registration.errors import PictureError
 
 _T95: Final = 1.96

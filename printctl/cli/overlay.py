@@ -11,8 +11,13 @@ import typer
 from printctl.cli.option_group import with_options_of
 from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
 from printctl.cli.scan_options import ScanFile, ScanOptions
-from printctl.pipeline.overlay_files import HTML, summary_lines, write_overlay
-from printctl.pipeline.overlaying import chosen_layers, overlay_scan
+from printctl.pipeline.overlaying import (
+    HTML,
+    chosen_layers,
+    overlay_scan,
+    summary_lines,
+    write_overlay,
+)
 from printctl.pipeline.written_layers import read_written
 from printctl.progress import StageBars
 from registration.corrected import corrected_scan

@@ -28,7 +28,7 @@ from printctl.cli.network_options import (
 from printctl.cli.option_group import with_options
 from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
 from printctl.cli.section_options import SectionOptions, parameters, section_values, wrong_option
-from printctl.recipe.oxygen import OxygenPart
+from printctl.recipe.parts import OxygenPart
 
 NUMBERS = "oxygen.json"
 _SECTION: Final = SectionOptions(OxygenPart)

@@ -12,8 +12,8 @@ import typer
 from firmware_profiles import Printer, load
 from firmware_profiles.tools import THINNEST_BORE
 from printctl.checks.preflight import SetUp, file_checks, refuse_failed, warnings
-from printctl.checks.preflight.shaft_file import file_shaft
-from printctl.checks.set_up.by_name import ProfileNames, loads_of, of_each, set_up
+from printctl.checks.preflight.shaft import file_shaft
+from printctl.checks.set_up import ProfileNames, loads_of, of_each, set_up
 from printctl.cli.care_options import (
     CheckpointOption,
     DeadmanOption,

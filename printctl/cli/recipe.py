@@ -12,8 +12,7 @@ from firmware_profiles.yaml_file import read_yaml
 from printctl.cli.options import RecipeArg, print_json, print_lines, print_note
 from printctl.errors import UsageError
 from printctl.recipe import SCHEMA, Recipe, parse_recipe
-from printctl.recipe.load import read_mapping
-from printctl.recipe.migrate import Step, migrated_text, steps_from
+from printctl.recipe.load import Step, migrated_text, read_mapping, steps_from
 
 recipe = typer.Typer(help="The recipe's schema, and recipes of an older one.")
 

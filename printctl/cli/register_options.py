@@ -9,7 +9,7 @@ import typer
 
 from design.units import LengthUnit
 from printctl.cli.options import folder_to_write
-from registration.measuring.judging.rule import DecisionRule
+from registration.measuring.judging.tolerance import DecisionRule
 
 ModelOption = Annotated[
     Path, typer.Option("--model", help="A run folder, or the design's STL.", show_default=False)

@@ -23,9 +23,9 @@ from printctl.cli.options import (
 from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.process_lines import process_lines
 from printctl.cli.progress_option import ProgressFileOption, message_of
-from printctl.history.records.verdict import outcome
-from printctl.pipeline.names import DESIGN_NAMES
+from printctl.history.table import outcome
 from printctl.pipeline.run import RunOptions, run_recipe
+from printctl.pipeline.run_options import DESIGN_NAMES
 from printctl.progress_file import ProgressFile
 from printctl.recipe import Recipe, load_recipe
 from printctl.recipe.growth import Growth

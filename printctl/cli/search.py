@@ -9,8 +9,7 @@ import typer
 
 from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json, print_lines
 from printctl.search import SearchResult, load_search, run_search
-from printctl.search.results import write_results
-from printctl.search.table import count_lines, table_lines
+from printctl.search.results import count_lines, table_lines, write_results
 from printctl.search.workers import WAIT_MIN, Workers
 
 

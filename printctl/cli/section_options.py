@@ -19,7 +19,7 @@ from pydantic.fields import FieldInfo
 
 from firmware_profiles.wrong_values import wording
 from printctl.errors import UsageError
-from printctl.recipe.marks import FILE
+from printctl.recipe.parts import FILE
 
 
 @dataclass(frozen=True)

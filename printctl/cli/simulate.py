@@ -10,9 +10,8 @@ import typer
 from firmware_profiles import Printer, load
 from firmware_profiles.tools import THINNEST_BORE
 from printctl.checks.preflight import file_checks, placed_failures, warnings
-from printctl.checks.preflight.shaft_file import file_shaft
-from printctl.checks.set_up.by_name import ProfileNames, set_up
-from printctl.checks.set_up.check import refusal_of
+from printctl.checks.preflight.shaft import file_shaft
+from printctl.checks.set_up import ProfileNames, refusal_of, set_up
 from printctl.cli import simulate_options as options
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (

@@ -11,8 +11,7 @@ from firmware_profiles import Dish, Printer, load
 from firmware_profiles.tools import THINNEST_BORE
 from kernels import freed_memory_returned
 from printctl.checks.preflight.bore import bore_check
-from printctl.checks.set_up import refuse_failed
-from printctl.checks.set_up.by_name import loads_of, of_each
+from printctl.checks.set_up import loads_of, of_each, refuse_failed
 from printctl.cli import slice_options as options
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (

@@ -10,7 +10,7 @@ import typer
 
 from design.solids import lumen_solid, tube_solid, validate_file, write_step
 from design.solids.read import SUFFIXES
-from printctl.analysis.flow.driven import recipe_of
+from printctl.analysis.flow.conditions import recipe_of
 from printctl.analysis.networks import load_source
 from printctl.cli.network_options import SourceArg, UnitOption
 from printctl.cli.options import (
@@ -21,7 +21,7 @@ from printctl.cli.options import (
     refuse_input_as_output,
 )
 from printctl.errors import UsageError
-from printctl.pipeline.solid_files import WRITERS
+from printctl.pipeline.solid_build import WRITERS
 
 
 def solid(

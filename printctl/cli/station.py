@@ -1,23 +1,270 @@
-"""`printctl station`: group of subcommands for a lasting printer connection between prints."""
+"""`printctl station`: subcommands for a lasting printer connection between prints."""
 
 from __future__ import annotations
 
+from typing import Annotated, Any
+
 import typer
 
-from printctl.cli.station_connect import connect
-from printctl.cli.station_disconnect import disconnect
-from printctl.cli.station_heat import heat
-from printctl.cli.station_home import home
-from printctl.cli.station_jog import jog
-from printctl.cli.station_kill import kill
-from printctl.cli.station_mount import mount
-from printctl.cli.station_push import push
-from printctl.cli.station_reconnect import reconnect
-from printctl.cli.station_send import send
-from printctl.cli.station_status import status
-from printctl.cli.station_stop import stop
-from printctl.cli.station_touch_off import touch_off
-from printctl.cli.station_where import where
+from printctl.checks.set_up import read_dish_centre
+from printctl.cli.options import JsonFlag, PrinterOption, print_json, print_lines, three_numbers
+from printctl.cli.station_options import FolderOption, folder_of, print_status, the_station
+from printctl.errors import UsageError
+from printctl.machine.link.port_detection import read_baud
+from printctl.machine.station import connect as open_station
+
+# `printctl station connect`: start a background process that holds a printer's port open.
+
+
+def connect(
+    printer: PrinterOption,
+    port: Annotated[
+        str,
+        typer.Option("--port", help="Serial port, tcp:HOST:PORT, auto, or simulated."),
+    ],
+    baud: Annotated[
+        str | None, typer.Option("--baud", help="In place of the profile's; auto tries its list.")
+    ] = None,
+    speed: Annotated[
+        float,
+        typer.Option(
+            "--speed", help="Of a simulated printer, in times real time; 0 is all it can."
+        ),
+    ] = 1.0,
+    start: Annotated[
+        str,
+        typer.Option("--start", metavar="X,Y,Z", help="Where a simulated printer's tip stands."),
+    ] = "0,0,0",
+    discard: Annotated[
+        bool,
+        typer.Option("--discard", help="Although the last print was interrupted; it is given up."),
+    ] = False,
+    folder: FolderOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Connect a printer and stand by, in a process that goes on when this command ends.
+
+    Nothing moves, but opening the port resets many boards: their position and heaters' targets
+    are gone then.
+    """
+    station = open_station(
+        printer,
+        port,
+        folder_of(folder),
+        baud=read_baud(baud),
+        sim_speed=speed,
+        start_mm=three_numbers(start, "--start"),
+        discard_interrupted=discard,
+    )
+    print_status(station.status, as_json)
+
+
+def status(folder: FolderOption = None, as_json: JsonFlag = False) -> None:
+    """Say where the tip is, how warm it is, what is mounted, and what goes on.
+
+    Only looks. Exit code 0 whatever the state is, so that a script can read it with --json.
+    """
+    print_status(the_station(folder).status, as_json)
+
+
+# `printctl station mount`: declare needle, syringe, ink, dish and bath on the printer.
+
+
+def _said(what: str) -> Any:
+    return typer.Option(help=f"{what}: a shipped profile or a .yaml file; '' for none.")
+
+
+def mount(
+    needle: Annotated[str | None, _said("Needle")] = None,
+    syringe: Annotated[str | None, _said("Syringe, full")] = None,
+    ink: Annotated[str | None, _said("Ink")] = None,
+    dish: Annotated[str | None, _said("Dish")] = None,
+    bath: Annotated[str | None, _said("Bath")] = None,
+    dish_centre: Annotated[
+        str | None, typer.Option("--dish-centre", metavar="X,Y", help="Of the dish, mm.")
+    ] = None,
+    bath_level: Annotated[
+        float | None, typer.Option("--bath-level", help="Z of the bath's surface, mm.")
+    ] = None,
+    plunger: Annotated[
+        float | None, typer.Option("--plunger-mm", help="Travel of the syringe that is used up.")
+    ] = None,
+    folder: FolderOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Say what is mounted; the soft limits go by it.
+
+    Another needle or dish must be touched off anew.
+    """
+    given = {
+        "needle": needle,
+        "syringe": syringe,
+        "ink": ink,
+        "dish": dish,
+        "bath": bath,
+        "dish_centre_mm": None if dish_centre is None else read_dish_centre(dish_centre),
+        "bath_level_mm": bath_level,
+        "plunger_mm": plunger,
+    }
+    named = {key: value for key, value in given.items() if value is not None}
+    if not named:
+        raise UsageError("nothing is named; give --needle, --dish or the like")
+    print_status(the_station(folder).mount(**named), as_json)
+
+
+ByOption = Annotated[float | None, typer.Option(help="By so many mm.")]
+
+
+def jog(
+    x: ByOption = None,
+    y: ByOption = None,
+    z: ByOption = None,
+    to: Annotated[bool, typer.Option("--to", help="The numbers are places, not steps.")] = False,
+    speed: Annotated[
+        float | None, typer.Option("--speed", help="In mm/s; 5 without, or what Z can.")
+    ] = None,
+    folder: FolderOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Move the tip in a straight line, by steps or to a place, and wait until it is there.
+
+    What might run into the dish, its floor or the end of an axis is refused.
+    """
+    given = {axis: mm for axis, mm in (("x", x), ("y", y), ("z", z)) if mm is not None}
+    if not given:
+        raise UsageError("no axis is named; give --x, --y or --z in mm")
+    station = the_station(folder)
+    if to:
+        print_status(station.move_to(**given, speed_mm_s=speed), as_json)
+    else:
+        print_status(station.jog(given, speed_mm_s=speed), as_json)
+
+
+def home(
+    axes: Annotated[str, typer.Argument(help="Which, such as xy.")] = "xyz",
+    needle_off: Annotated[
+        bool, typer.Option("--needle-off", help="The needle is off the machine.")
+    ] = False,
+    folder: FolderOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Home axes; refused as long as a needle is mounted: it would be driven into what is below.
+
+    Axes that are homed are trusted from then on; what the needle may do follows from that.
+    """
+    print_status(the_station(folder).home(list(axes), needle_off=needle_off), as_json)
+
+
+PlaceOption = Annotated[float | None, typer.Option(help="In mm, printer's frame.")]
+
+
+def where(
+    x: PlaceOption = None,
+    y: PlaceOption = None,
+    z: PlaceOption = None,
+    folder: FolderOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Tell the printer where its tip stands; nothing moves. Nobody can check it for you.
+
+    Said by a person who looked: nothing moves, and the soft limits go by it from then on.
+    """
+    print_status(the_station(folder).set_position(x, y, z), as_json)
+
+
+def touch_off(
+    foil: Annotated[
+        float, typer.Option("--foil", help="Thickness of the foil between tip and floor, mm.")
+    ] = 0.0,
+    folder: FolderOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Take the tip's height for the dish's floor, below which it isn't let from now on.
+
+    Another needle or another dish forgets the floor; touch off again.
+    """
+    print_status(the_station(folder).touch_off(foil_mm=foil), as_json)
+
+
+def push(
+    ul: Annotated[float, typer.Option("--ul", help="So much, µL; below 0 draws back.")],
+    speed: Annotated[
+        float | None, typer.Option("--speed", help="In µL/s; the ink's own without.")
+    ] = None,
+    folder: FolderOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Push ink, or draw the plunger back, within what the syringe mounted has left.
+
+    The station counts what is left; a full syringe is told it by `printctl station mount`.
+    """
+    print_status(the_station(folder).plunger(ul, speed), as_json)
+
+
+def heat(
+    name: Annotated[str, typer.Argument(help="nozzle, bed or chamber.", show_default=False)],
+    celsius: Annotated[float, typer.Argument(help="Target, °C; 0 is off.", show_default=False)],
+    folder: FolderOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Set a heater's target, within what ink and bath bear; doesn't wait until it is warm.
+
+    Heaters keep their target when this command ends, until it is set to 0 or the station is
+    disconnected.
+    """
+    print_status(the_station(folder).heat(name, celsius), as_json)
+
+
+def send(
+    command: Annotated[str, typer.Argument(help="Such as M503.", show_default=False)],
+    folder: FolderOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Send a command and print the reply; moves and heat go by the same limits as jog and heat.
+
+    While a print goes on it is sent between two of its lines.
+    """
+    lines = the_station(folder).command(command)
+    if as_json:
+        print_json({"command": command, "lines": lines})
+    elif lines:
+        print_lines(*lines)
+
+
+def stop(folder: FolderOption = None, as_json: JsonFlag = False) -> None:
+    """End the move that goes on, after at most half a second of it; the position stays known.
+
+    Sending it twice does no harm. For a halt at once there is `printctl station kill`.
+    """
+    print_status(the_station(folder).stop_motion(), as_json)
+
+
+def kill(folder: FolderOption = None) -> None:
+    """Halt the firmware at once (M112), whatever it does; its position is lost.
+
+    `printctl station reconnect` comes back from it, once the machine was looked at.
+    """
+    the_station(folder).kill()
+    print_lines("a halt is sent; `printctl station status` tells whether the printer has halted")
+
+
+def reconnect(folder: FolderOption = None, as_json: JsonFlag = False) -> None:
+    """Open the port again and check the printer; see first what its needle stands in.
+
+    After a kill or a lost port. The position isn't trusted until it is homed or said again.
+    """
+    print_status(the_station(folder).reconnect(), as_json)
+
+
+def disconnect(folder: FolderOption = None) -> None:
+    """Switch the heaters off and let go of the port; refused while something moves or prints.
+
+    A heater that the profile keeps on (safe_state_on) stays on, and is named.
+    """
+    station = the_station(folder)
+    station.close()
+    print_lines(station.status.message)
+
 
 station = typer.Typer(
     help="Connect a printer, move it by hand within soft limits, and have it ready to print.",

@@ -11,8 +11,7 @@ from printctl.cli.part_file import read_part
 from printctl.errors import UsageError
 from printctl.recipe.making import RegistrationPart
 from printctl.recipe.tolerances import TolerancesPart
-from registration.measuring.judging.rule import DecisionRule
-from registration.measuring.judging.tolerance import Tolerances
+from registration.measuring.judging.tolerance import DecisionRule, Tolerances
 
 _REMEDY: Final = "one line does: `diameter_percent: 10`"
 

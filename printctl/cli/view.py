@@ -10,7 +10,8 @@ from typing import Final
 
 import typer
 
-from printctl.analysis.networks import READ, Drive
+from design.network_files.by_suffix import READ
+from printctl.analysis.networks import Drive
 from printctl.cli import view_options as options
 from printctl.cli.gcode_options import (
     FilamentOption,

@@ -1,4 +1,4 @@
 """Past prints: records, and comparisons of runs.
 
-Goes in: journals and runs. Comes out: bundles, tables. Begin with `records/bundle.py`.
+Goes in: journals and runs. Comes out: bundles, tables. Begin with `bundle.py`.
 """

@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 
 from kernels.arrays import BoolArray
 from printctl.machine.link.marks import MarkKind, Marks
-from printctl.observe.deciding.evidence import UnseenPath
-from printctl.observe.deciding.thin import Thin
+from printctl.observe.deciding.evidence import MapCheck, Thin, UnseenPath
 from printctl.observe.expected import ExpectedInk
 from printctl.observe.look_values import Look
-from printctl.observe.map_check import MapCheck
 from printctl.observe.mending import HeldPrint
 from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.mends_again import LayerInk, mended_of

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from kernels.arrays import BoolArray
+from printctl.observe.deciding.evidence import MapCheck
 from printctl.observe.held_look import HeldLook, slab
-from printctl.observe.map_check import MapCheck
 from printctl.observe.scan_place import ScanSize
 from printctl.observe.views import View
 from registration.inspection import ExpectedLines, HeightFrame

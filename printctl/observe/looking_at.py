@@ -12,7 +12,10 @@ from typing import Any, Final
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from shapely import MultiPoint, Polygon, unary_union
+from shapely.geometry.base import BaseGeometry
 
+from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
@@ -20,11 +23,8 @@ from kernels.arrays import FloatArray
 from printctl.machine.link.job import Job, load_job
 from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.record import JOURNAL
-from printctl.observe.camera_holds import frame_holds
-from printctl.observe.deciding.evidence import UnseenPath
-from printctl.observe.deciding.thin import Thin
-from printctl.observe.devices import DeviceError
-from printctl.observe.devices.acquire import Place, Region
+from printctl.observe.deciding.evidence import Thin, UnseenPath
+from printctl.observe.devices import DeviceError, Place, Region
 from printctl.observe.expected import ExpectedInk, expected_ink
 from printctl.observe.held_look import (
     HeldLook,
@@ -45,7 +45,6 @@ from printctl.observe.judging import (
 from printctl.observe.last_map import LastMap
 from printctl.observe.learned import Learned
 from printctl.observe.look_values import Judged, Look, MendLines
-from printctl.observe.lumen_areas import lumens_at
 from printctl.observe.mending import HeldPrint, Voids, checked_mend
 from printctl.observe.mends_again import (
     MOST_TRIES,
@@ -59,11 +58,10 @@ from printctl.observe.mends_again import (
     writes_since,
 )
 from printctl.observe.order import ObserverOrder
-from printctl.observe.profiler import refuse_other_height
 from printctl.observe.records import DRAWN, read_looks
 from printctl.observe.shown_place import seen_where_ink_shows
 from printctl.observe.view_before import image_before
-from printctl.observe.views import open_view
+from printctl.observe.views import frame_holds, open_view, refuse_other_height
 from registration.errors import PictureError
 from registration.inspection import (
     Gap,
@@ -74,6 +72,75 @@ from registration.inspection import (
     better_turned,
     see_layer,
 )
+
+# Sections of a network's lumens at the height of a layer: areas where no ink may be.
+
+_STEP: Final = 0.25
+"""Distance of the spheres that a tube is made of, in radii."""
+_ROUND: Final = 24
+"""Corners of a circle."""
+
+
+def lumens_at(network: VesselNetwork, z_mm: float, least_mm: float) -> tuple[Lumen, ...]:
+    """Return the sections of all vessels at one height; narrower ones than ``least_mm`` left out.
+
+    Parameters
+    ----------
+    network : VesselNetwork
+        In the printer's frame.
+    z_mm : float, mm
+        Middle of the layer.
+    least_mm : float, mm
+    """
+    lumens = []
+    for vessel, (points, radius) in enumerate(network.polylines()):
+        near = np.abs(points[:, 2] - z_mm) - radius
+        if near.min() > np.ptp(points[:, 2]):
+            continue
+        middle, half = _discs(points, radius, z_mm)
+        for area, width in _areas(middle, half):
+            if width >= least_mm:
+                outline = np.asarray(area.exterior.coords)[:-1]
+                level = np.full((len(outline), 1), z_mm)
+                lumens.append(Lumen(str(vessel), np.hstack([outline, level]), width))
+    return tuple(lumens)
+
+
+def _discs(points: FloatArray, radius: FloatArray, z_mm: float) -> tuple[FloatArray, FloatArray]:
+    """Centres (k, 2) and radii of the spheres' sections along a polyline; 0 where they miss."""
+    way = arc_lengths(points)
+    count = max(int(np.ceil(way[-1] / (_STEP * float(radius.min())))) + 1, 2)
+    at = np.linspace(0.0, way[-1], count)
+    place = places_along(points, way, at)
+    wide = np.interp(at, way, radius)
+    half = np.sqrt(np.maximum(wide**2 - (place[:, 2] - z_mm) ** 2, 0.0))
+    return place[:, :2], half
+
+
+def _areas(middle: FloatArray, half: FloatArray) -> list[tuple[Polygon, float]]:
+    """Connected areas of the discs that there are, each with its typical width."""
+    inside = half > 0
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
+    areas = []
+    for first, last in edges.reshape(-1, 2).tolist():
+        area = _swept(middle[first:last], half[first:last])
+        width = 2.0 * float(np.median(half[first:last]))
+        areas += [(part, width) for part in _polygons(area)]
+    return areas
+
+
+def _swept(middle: FloatArray, half: FloatArray) -> BaseGeometry:
+    angle = np.linspace(0.0, 2 * np.pi, _ROUND, endpoint=False)
+    round_unit = np.column_stack([np.cos(angle), np.sin(angle)])
+    rims = middle[:, None, :] + half[:, None, None] * round_unit
+    pairs = [rims[:1]] if len(rims) == 1 else list(np.stack([rims[:-1], rims[1:]], axis=1))
+    return unary_union([MultiPoint(one.reshape(-1, 2)).convex_hull for one in pairs])
+
+
+def _polygons(area: BaseGeometry) -> list[Polygon]:
+    parts = getattr(area, "geoms", [area])
+    return [part for part in parts if isinstance(part, Polygon) and not part.is_empty]
+
 
 log = logging.getLogger(__name__)
 Image = NDArray[Any]

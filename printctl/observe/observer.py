@@ -12,18 +12,17 @@ import logging
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from printctl.machine.link.errors import LinkError, Refused
-from printctl.observe.decider_state import restore, state_of
-from printctl.observe.deciding import Decider, Decision, DecisionKind
-from printctl.observe.deciding.thin import Thin
+from printctl.observe.deciding import Decider, Decision, DecisionKind, LayersSeen
+from printctl.observe.deciding.evidence import Thin
+from printctl.observe.deciding.flow_control import Answers, Reading, SeenFlow, SeenLevel
 from printctl.observe.devices import DeviceError, picture_of
 from printctl.observe.learned import STATE
 from printctl.observe.look_values import Judged, Look, MendLines
-from printctl.observe.print_link import PrintLink
 from printctl.observe.records import (
     POSTPONED,
     Answer,
@@ -36,6 +35,72 @@ from printctl.observe.records import (
     save_look,
 )
 from registration.inspection.values import Gap
+
+# State of a decider: what it has learned so far, as each look's record keeps it.
+
+
+def state_of(decider: Decider) -> dict[str, Any]:
+    """Return what `restore` needs, ready for JSON."""
+    control = decider.control
+    return {
+        "log_flow": control.log_flow,
+        "variance": control.variance,
+        "time_s": control.time_s,
+        "common": control.common,
+        "answers": asdict(control.answers),
+        "seen_flow": asdict(control.seen),
+        "beyond_said": control.beyond_said,
+        "layers": asdict(decider.layers),
+        "last_shift_mm": decider.last_shift_mm,
+    }
+
+
+def restore(decider: Decider, state: dict[str, Any]) -> None:
+    """Set a decider to a state of `state_of`; what an older release's lacks isn't known."""
+    control = decider.control
+    control.log_flow = state["log_flow"]
+    control.variance, control.time_s = state["variance"], state["time_s"]
+    control.common = state.get("common", 0.0)
+    control.beyond_said = state.get("beyond_said", False)
+    answers = dict(state.get("answers", {}))
+    last = answers.pop("last", None)
+    control.answers = Answers(**answers, last=None if last is None else Reading(**last))
+    seen = dict(state.get("seen_flow", {}))
+    for name in ("first", "last", "asked"):
+        if seen.get(name) is not None:
+            seen[name] = SeenLevel(**seen[name])
+    control.seen = SeenFlow(**seen)
+    layers = dict(state["layers"])
+    for name in ("blank", "tail", "before_tail"):
+        layers[name] = [Gap(**one) for one in layers.get(name, ())]
+    decider.layers, decider.last_shift_mm = LayersSeen(**layers), state["last_shift_mm"]
+
+
+class PrintLink(Protocol):
+    """What the observer asks of a print's link."""
+
+    def insert(
+        self,
+        look: int,
+        lines: Sequence[str],
+        why: str,
+        flow: float | None = None,
+        again: bool = False,
+    ) -> object:
+        """Put lines into the job where it is held, and correct the flow of its rest.
+
+        With ``again`` another look is made once they are written.
+        """
+
+    def look_done(self, look: int, decision: str, why: str, again: bool = False) -> None:
+        """End a look: ``go_on``, ``pause`` or ``stop``; ``again`` where it failed."""
+
+    def resume(self) -> None:
+        """Go on after a pause."""
+
+    def stop(self) -> None:
+        """Stop the print."""
+
 
 log = logging.getLogger(__name__)
 _ANSWER_POLL_S: Final = 0.2

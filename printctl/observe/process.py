@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import os
+import shlex
+import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -23,16 +25,82 @@ from printctl.machine.link.process import hold_folder
 from printctl.machine.link.record import JOURNAL, load_record
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.printing.journal_facts import read_journal_facts
+from printctl.observe import devices
 from printctl.observe.deciding import Decider, FlowControl
-from printctl.observe.devices import acquire
-from printctl.observe.devices.settings import PICTURES
+from printctl.observe.devices import PICTURES, DeviceError, DeviceSettings
 from printctl.observe.look_values import Look
 from printctl.observe.looking_at import ObservedJob
 from printctl.observe.observer import Observer
 from printctl.observe.order import ObserverOrder
-from printctl.observe.records import OBSERVER_LOCK, READY, answer_of, read_looks
-from printctl.observe.trying import try_device
+from printctl.observe.records import (
+    OBSERVER_LOCK,
+    READY,
+    answer_of,
+    emptied_look_folder,
+    read_looks,
+)
+from printctl.observe.view_before import EMPTY
+from printctl.observe.views import camera_frame, open_view, read_oct_frame, try_laser_frame
 from printctl.system_errors import explain
+from sim.devices.camera.laser_line import load_profiler
+from sim.devices.scanner.live_oct import load_oct
+
+# Test a print's camera or scanner before the print; keep a camera's picture of the empty dish.
+
+
+def try_device(order: ObserverOrder, folder: Path) -> None:
+    """Raise where a look couldn't be made; a camera takes a picture, a scanner isn't set going.
+
+    Parameters
+    ----------
+    order : ObserverOrder
+    folder : Path
+        The print's; a camera's picture is kept as the one before the first look.
+
+    Raises
+    ------
+    DeviceError
+        When camera, folder, program or file isn't there, or the camera's marks have moved.
+    UsageError, SimError, ValueError, OSError
+        When the frame or a simulated device's file can't be read.
+    """
+    _try_frame(order)
+    device = order.device
+    if device.kind == "camera":
+        picture = devices(device, emptied_look_folder(folder, EMPTY) / "picture")
+        open_view(picture, order, 0.0, 0.0)
+    elif device.kind == "simulated" and not order.tells_heights:
+        devices(_before_any_motion(device), emptied_look_folder(folder, EMPTY) / "picture")
+    elif device.kind == "folder" and not Path(device.source).is_dir():
+        raise DeviceError(
+            f"folder {device.source} isn't there; the device's program writes into it (a command "
+            "would say {out}, the file to write)"
+        )
+    elif device.kind == "command":
+        program = shlex.split(device.source)[0]
+        if shutil.which(program) is None:
+            raise DeviceError(f"the device's program {program} isn't there, or may not be run")
+
+
+def _before_any_motion(device: DeviceSettings) -> DeviceSettings:
+    """A simulated device without the printer's record, which may still be an earlier print's."""
+    extra = {name: value for name, value in device.extra.items() if name != "record"}
+    return replace(device, extra=extra)
+
+
+def _try_frame(order: ObserverOrder) -> None:
+    if not order.tells_heights:
+        camera_frame(order)
+    elif order.frame:
+        if order.oct:
+            read_oct_frame(Path(order.frame))
+        else:
+            try_laser_frame(Path(order.frame))
+    elif order.oct:
+        load_oct(Path(order.device.extra["oct"]))
+    else:
+        load_profiler(Path(order.device.extra["laser_line"]))
+
 
 _BEGIN_LIMIT_S: Final = 120.0
 """A print for which its observer was started begins at once, or not at all."""
@@ -186,7 +254,7 @@ def _acquired(job: ObservedJob, look: Look, out: Path) -> Path:
     device = job.order.device
     left_s = max(look.until_s - time.monotonic(), _LEAST_S)
     device = replace(device, limit_s=min(device.limit_s, left_s))
-    return acquire(device, out, job.region(look) if job.order.tells_heights else None)
+    return devices(device, out, job.region(look) if job.order.tells_heights else None)
 
 
 def _look(observer: Observer, told: dict[str, Any]) -> bool:

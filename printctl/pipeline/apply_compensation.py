@@ -18,8 +18,8 @@ from printctl.corrections.compensation import (
     save_compensation,
 )
 from printctl.errors import SafetyError, UsageError
-from printctl.pipeline.built_solids import built_solids
 from printctl.pipeline.context import SIMULATED_PORT, RunContext
+from printctl.pipeline.solid_build import built_solids
 from printctl.run_folder.artefacts import NETWORK, PRINTED_WITH
 from printctl.run_folder.manifest import digest_file
 

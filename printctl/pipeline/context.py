@@ -28,10 +28,8 @@ from printctl.corrections.compensation import (
     corrections_of_file,
     load_compensation,
 )
-from printctl.pipeline.head_contents import Filled, filled_heads
-from printctl.pipeline.heads import vessel_heads
-from printctl.pipeline.plates.place import WellDish
-from printctl.pipeline.plates.sweep import varied_ink
+from printctl.pipeline.heads import Filled, filled_heads, vessel_heads
+from printctl.pipeline.plate_plan import WellDish, varied_ink
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.progress import StageBars
 from printctl.recipe import Recipe

@@ -10,16 +10,25 @@ from typing import Any
 from rich.console import Console
 
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.design_stages import DESIGN
 from printctl.pipeline.facts import run_facts
 from printctl.pipeline.lock import run_lock
-from printctl.pipeline.names import DESIGN_NAMES, names_until
-from printctl.pipeline.run_options import RunOptions
+from printctl.pipeline.run_options import DESIGN_NAMES, RunOptions, names_until
 from printctl.pipeline.stage import Stage, run_stages
+from printctl.pipeline.stages import fidelities, flow, measures, oxygen, solid, tissue, vasculature
 from printctl.pipeline.stages.collect import collect
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
 from printctl.run_folder.manifest import Manifest
+
+DESIGN: Sequence[Stage] = (
+    tissue.STAGE,
+    vasculature.STAGE,
+    flow.STAGE,
+    fidelities.STAGE,
+    measures.STAGE,
+    oxygen.STAGE,
+    solid.STAGE,
+)
 
 
 def run_design(

@@ -1,16 +1,78 @@
-"""Assign each vessel to a print head as the recipe names, and give each head's line width."""
+"""Print heads of a recipe: contents, assigned vessels, line widths, writer options."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from design.network import VesselKind, VesselNetwork
+from design.toolpath.gcode import GcodeOptions
+from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from kernels.arrays import IntArray
+from printctl.checks.set_up import HeadLoading
 from printctl.errors import UsageError
-from printctl.recipe.heads import HeadPart
-from printctl.recipe.making import Fresh
+from printctl.recipe.making import Fresh, HeadPart, PrinterPart
+
+# Load the syringe, ink and needle of each head that a recipe names.
+
+
+@dataclass(frozen=True)
+class Filled(HeadLoading):
+    """Loading of a head whose needle is known."""
+
+    needle: Needle
+
+
+def filled_heads(
+    part: PrinterPart, needle: str, printer: Printer, ink: Ink | None = None
+) -> tuple[Filled, ...]:
+    """Load what each head holds; of a printer with one the recipe's syringe, ink and needle.
+
+    Parameters
+    ----------
+    part : PrinterPart
+    needle : str
+        Profile for heads that name none.
+    printer : Printer
+    ink : Ink, optional
+        In the place of the one head's.
+
+    Raises
+    ------
+    UsageError
+        When the recipe names other heads than the printer has.
+    ProfileError
+        When a profile is missing or wrong.
+    """
+    if not part.heads:
+        held = load(Ink, part.ink) if ink is None else ink
+        one = Filled(load(Syringe, part.syringe), held, load(Needle, needle))
+        return (one,) * printer.head_count
+    if len(part.heads) != printer.head_count:
+        raise UsageError(
+            f"printer.heads names {len(part.heads)}, and {printer.name} has "
+            f"{printer.head_count}; name what each holds, or choose another profile"
+        )
+    return tuple(
+        Filled(
+            load(Syringe, head.syringe), load(Ink, head.ink), load(Needle, head.needle or needle)
+        )
+        for head in part.heads
+    )
+
+
+def needle_options(needle: Needle) -> dict[str, Any]:
+    """A needle's measures as `EmbeddedOptions` calls them, mm."""
+    return {
+        "needle_inner_mm": needle.inner_mm,
+        "needle_outer_mm": needle.outer_mm,
+        "tip_outer_mm": needle.tip_outer_mm or 0.0,
+        "cone_mm": needle.cone_mm or 0.0,
+    }
+
 
 _NOBODY = -1
 
@@ -98,3 +160,22 @@ def layer_lines_um(part: Fresh, heads: Sequence[HeadPart], count: int) -> list[f
                 "one width"
             )
     return widths
+
+
+def gcode_options(
+    ink: Ink,
+    start_mm: tuple[float, float, float],
+    travel_speed_mm_s: float,
+    flow_ul_s: float | None,
+) -> GcodeOptions:
+    """The writer's choices for an ink; ``flow_ul_s`` is a pneumatic head's, else None."""
+    span = ink.write_speed_mm_s
+    return GcodeOptions(
+        start_mm=start_mm,
+        travel_speed_mm_s=travel_speed_mm_s,
+        relieve_ul=ink.retract_ul,
+        plunger_ul_s=ink.plunger_ul_s,
+        flow_factor=ink.flow_factor,
+        flow_ul_s=flow_ul_s,
+        ink_speed_mm_s=None if span is None else (span.low, span.high),
+    )

@@ -9,7 +9,7 @@ from design.toolpath.lag import compensate_lag
 from printctl.checks.bead import lag_of
 from printctl.errors import UsageError
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.head_contents import Filled
+from printctl.pipeline.heads import Filled
 from sim.gcode.bead import nozzle_of
 
 OF_SPEED: Final = 0.5

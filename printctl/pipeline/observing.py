@@ -17,8 +17,7 @@ from printctl.machine.link.marks import MarkKind
 from printctl.machine.printing import usable_mm
 from printctl.machine.printing.executed_note import EXECUTED
 from printctl.observe.deciding import FlowLimits, GapTest, Limits
-from printctl.observe.devices import DeviceSettings
-from printctl.observe.devices.settings import PICTURES
+from printctl.observe.devices import PICTURES, DeviceSettings
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import ORDER
 from printctl.pipeline.context import RunContext

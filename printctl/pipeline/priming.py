@@ -13,10 +13,8 @@ from design.toolpath.priming import HeadPriming, PrimeLine, Purge, Surroundings,
 from printctl.checks.set_up import ABOVE_WALL_MM
 from printctl.errors import UsageError
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.head_contents import Filled
-from printctl.pipeline.heads import layer_lines_um
-from printctl.recipe.making import Fresh
-from printctl.recipe.priming import PrimePart
+from printctl.pipeline.heads import Filled, layer_lines_um
+from printctl.recipe.making import Fresh, PrimePart
 
 ABOVE_PART_MM: Final = 1.0
 

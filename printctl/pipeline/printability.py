@@ -8,7 +8,7 @@ from design.toolpath.embedded import EmbeddedOptions
 from design.toolpath.fresh import FreshOptions
 from firmware_profiles import supported_diameter_mm
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.head_contents import needle_options
+from printctl.pipeline.heads import needle_options
 from printctl.recipe.making import Fresh
 
 

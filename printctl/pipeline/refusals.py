@@ -1,8 +1,4 @@
-"""Refuse a recipe before anything is built, if its profiles or given network can't be printed.
-
-They come before anything is built, and before the libraries that build it are loaded. What passes
-here is asked again of the design and of the G-code, which know more.
-"""
+"""Refuse a recipe whose profiles, network or observation can't be printed."""
 
 from __future__ import annotations
 
@@ -19,23 +15,65 @@ from design.toolpath.fresh import FreshOptions, check_lumens
 from firmware_profiles import Bath, Dish, Printer, load
 from kernels.arrays import FloatArray
 from printctl.checks.preflight.bore import bore_check, shipped_bores
-from printctl.checks.preflight.mounted_checks import (
+from printctl.checks.preflight.dish import hub_check, wall_check
+from printctl.checks.preflight.mounted import (
     bath_checks,
     chemistry_check,
     held_check,
     needle_check,
+    profile_checks,
 )
-from printctl.checks.preflight.profile_checks import profile_checks
-from printctl.checks.preflight.wall_gaps import hub_check, wall_check
-from printctl.checks.set_up import PlacedDish
-from printctl.checks.set_up.check import Check, refuse_failed
-from printctl.pipeline.head_contents import Filled, filled_heads, needle_options
-from printctl.pipeline.heads import layer_lines_um, vessel_heads
-from printctl.pipeline.observable import refuse_unobservable
+from printctl.checks.set_up import Check, PlacedDish, refuse_failed
+from printctl.errors import UsageError
+from printctl.pipeline.context import RunContext
+from printctl.pipeline.heads import (
+    Filled,
+    filled_heads,
+    layer_lines_um,
+    needle_options,
+    vessel_heads,
+)
 from printctl.recipe import Recipe
 from printctl.recipe.growth import GivenNetwork
 from printctl.recipe.making import Embedded, Fresh
 from printctl.recipe.tissue import Annulus, Block, Cylinder
+
+# Refuse a recipe with `observe` for a plate, several heads, a valve or no named device.
+
+_SIMULATED = "simulated"
+
+
+def refuse_unobservable(recipe: Recipe, printer: Printer) -> None:
+    """Refuse what an observer can't do, before anything is made.
+
+    Raises
+    ------
+    UsageError
+        For several heads or a valve, a plate, a controller that runs files by itself, no device, or
+        a laser line over a bath.
+    """
+    part = recipe.observe
+    if part is None:
+        return
+    if printer.heads or printer.pneumatic is not None or not printer.streamed:
+        raise UsageError(
+            f"observe: {printer.name} has several heads, a valve, or runs files by itself, and "
+            "mends are put into the lines of one plunger; leave observe out"
+        )
+    if recipe.plate is not None:
+        raise UsageError("observe: prints of a plate can't be observed; leave observe out")
+    covered = isinstance(recipe.toolpath, Embedded) or recipe.printer.bath_depth_mm is not None
+    if part.device == "laser_line" and covered:
+        raise UsageError(
+            "observe.device is laser_line, and what is printed lies in a bath (vessels written "
+            "into it, or printer.bath_depth_mm above the part): of that a laser line sees the "
+            "bath's surface alone; take oct or camera, or print layers that lie bare"
+        )
+    if not part.source and recipe.printer.port != _SIMULATED:
+        raise UsageError(
+            f"observe: no source is named, which means a simulated {part.device}, but port is "
+            f"{recipe.printer.port}; name the {part.device} (source)"
+        )
 
 
 def refuse_before(recipe: Recipe, recipe_folder: Path) -> None:
@@ -213,3 +251,25 @@ def _check_filaments(
         thin = 2 * float(network.radius.min()) < options.smallest_lumen_mm
         needles = shipped_bores() if thin else None
         check_thinnest(network, options, np.flatnonzero(writer == number), needles)
+
+
+def refuse_early(context: RunContext) -> None:
+    """Refuse what the needles or the printer can't reach: an embedded network, layers of a part.
+
+    The same is asked of the G-code again, which knows of ways and overlaps too.
+
+    Raises
+    ------
+    SafetyError
+        With every check that failed.
+    """
+    bounds, checks = context.written_bounds, []
+    embedded = isinstance(context.recipe.toolpath, Embedded)
+    if embedded:
+        depth = float(np.ptp(bounds[:, 2]))
+        checks += [needle_check(depth, load.needle) for load in context.loads]
+    if not context.printer.heads:
+        # Several heads stand apart from the carriage: their reach is looked at in the G-code.
+        points, what = (context.written_network.points, "network") if embedded else (bounds, "part")
+        checks += reach_checks(points + context.place_mm, context.printer, what)
+    refuse_failed(checks)

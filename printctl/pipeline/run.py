@@ -8,14 +8,14 @@ from typing import Any, Final
 from rich.console import Console
 
 from printctl.errors import UsageError
-from printctl.pipeline.names import (
+from printctl.pipeline.run_options import (
     DESIGN_NAMES,
     JOB_NAMES,
     TOOLPATH_NAMES,
     WHOLE_NAMES,
+    RunOptions,
     names_until,
 )
-from printctl.pipeline.run_options import RunOptions
 from printctl.recipe import Recipe
 
 __all__ = ["RunOptions", "design_recipe", "run_recipe", "toolpath_recipe"]

@@ -1,10 +1,44 @@
-"""Options of a recipe's run: last stage, PDF report, print confirmation, progress listener."""
+"""Options of a recipe's run, and the names of its stages."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
+from printctl.errors import UsageError
 from printctl.progress import Listener
+
+DESIGN_NAMES: Final = (
+    "tissue",
+    "vasculature",
+    "flow",
+    "fidelities",
+    "measures",
+    "oxygen",
+    "solid",
+)
+JOB_NAMES: Final = ("toolpath", "dry run", "lumens")
+TOOLPATH_NAMES: Final = (*DESIGN_NAMES, *JOB_NAMES)
+WHOLE_NAMES: Final = (*TOOLPATH_NAMES, "print", "scan", "registration")
+
+
+def names_until(name: str) -> tuple[str, ...]:
+    """The stages of a run up to one of them.
+
+    Parameters
+    ----------
+    name : str
+        As the run shows it; ``-`` or ``_`` may stand for the space in ``dry run``.
+
+    Raises
+    ------
+    UsageError
+        When there is no such stage.
+    """
+    wanted = name.strip().lower().replace("-", " ").replace("_", " ")
+    if wanted not in WHOLE_NAMES:
+        raise UsageError(f"there is no stage {name!r}; a run has: {', '.join(WHOLE_NAMES)}")
+    return WHOLE_NAMES[: WHOLE_NAMES.index(wanted) + 1]
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,14 @@
-"""Build lumens, construct, fittings, marks and chamber from a recipe's `solid` section."""
+"""Build a recipe's solids (lumens, construct, fittings, marks), and write them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.errors import SolidError
 from design.network import VesselNetwork
@@ -22,26 +25,37 @@ from design.solids import (
     lumen_pair,
     network_genus,
     open_ends,
+    read_solid,
     solid_from_surface,
     surface_genus,
     text_solid,
     tube_outside,
     with_connectors,
     with_text,
+    write_3mf,
+    write_obj,
+    write_ply,
+    write_solid_vtp,
+    write_step,
+    write_stl,
 )
 from design.solids.connector import BORE_BEYOND_MM
 from design.solids.construct import Vector
 from design.solids.facets import FACET_TOLERANCE_MM
+from design.solids.read import SUFFIXES
+from design.solids.topology import edge_faults
 from design.tissue.parts import surface_parts
 from design.tissue.shells import shells_of
+from design.vasculature import PLANAR_DIMPLES, Dimple
 from kernels.arrays import IntArray
+from printctl.pipeline.context import RunContext
+from printctl.recipe.growth import NamedNetwork
 from printctl.recipe.solid import ChamberPart, ConnectorPart, SolidPart, TextPart
+from printctl.run_folder.artefacts import SURFACE
 
-Dimple = tuple[Vector, float]
-
+PlacedDimple = tuple[Vector, float]
 INTO_BORE_MM = 0.01
 """By how much a lumen goes on into a fitting's bore, so that no skin stays between them."""
-
 _LEAD_IN_MM = 2.0
 _NAMED = 3
 _CRUMB_MM3 = 1e-6
@@ -83,7 +97,7 @@ def build(
     network: VesselNetwork,
     tissue: Solid,
     tissue_genus: int,
-    marks: Sequence[Dimple] = (),
+    marks: Sequence[PlacedDimple] = (),
 ) -> RunSolids:
     """Make all solids that ``part`` asks for.
 
@@ -241,7 +255,7 @@ def _lumens(
     )
 
 
-def _fiducials(part: SolidPart) -> list[Dimple]:
+def _fiducials(part: SolidPart) -> list[PlacedDimple]:
     return [
         (place, mark.diameter_mm)
         for mark in part.fiducials
@@ -251,7 +265,7 @@ def _fiducials(part: SolidPart) -> list[Dimple]:
     ]
 
 
-def _dimpled(construct: Solid, dimples: list[Dimple]) -> Solid:
+def _dimpled(construct: Solid, dimples: list[PlacedDimple]) -> Solid:
     if not dimples:
         return construct
     done = construct_solid(construct, None, dimples)
@@ -330,3 +344,61 @@ def _check_height(port: Port, fitting: ConnectorPart, room: tuple[float, float])
             f"solid.chamber: the fitting at node {port.node} reaches {room[0] - z + wide:.3g} mm "
             "below the chamber's foot; raise floor_mm or lower outer_mm"
         )
+
+
+def built_solids(context: RunContext, network: VesselNetwork | None = None) -> RunSolids:
+    """All solids of the recipe; a design of ours brings its fiducial dimples.
+
+    ``network`` is put in the design's place where it is given.
+    """
+    named = isinstance(context.recipe.vasculature, NamedNetwork)
+    scale = context.recipe.print_scale
+    marks = [_scaled(mark, scale) for mark in PLANAR_DIMPLES] if named else []
+    tissue = read_solid(context.folder / SURFACE, unit="mm")
+    vessels = context.network if network is None else network
+    return build(context.recipe.solid, vessels, tissue, body_genus(tissue.faces), marks)
+
+
+def _scaled(mark: Dimple, scale: float) -> tuple[tuple[float, float, float], float]:
+    x, y, z = mark.centre_mm
+    return (x * scale, y * scale, z * scale), mark.diameter_mm * scale
+
+
+def body_genus(faces: NDArray[np.int32]) -> int:
+    """Handles of the tissue itself (a ring has one), by its faces (m, 3)."""
+    return 0 if edge_faults(faces) else surface_genus(faces)[0]
+
+
+# Export a run's solids in the formats that its recipe names.
+
+WRITERS: Final[dict[str, Callable[[Path, Solid], None]]] = {
+    "stl": write_stl,
+    "3mf": write_3mf,
+    "ply": write_ply,
+    "obj": write_obj,
+    "vtp": write_solid_vtp,
+}
+
+
+def write_solids(context: RunContext, built: RunSolids) -> tuple[list[str], dict[str, Any]]:
+    """Write all files; return their names, and what STEP holds.
+
+    STL is always written, as later stages read it; 3MF holds the construct alone, STEP the lumens.
+    """
+    part, names = context.recipe.solid, []
+    solids = {"lumen": built.lumen, "solid": built.construct, "chamber": built.chamber}
+    for kind in dict.fromkeys(("stl", *part.formats)):
+        for name, solid in solids.items():
+            if solid is None or kind == "step" or (kind, name) == ("3mf", "lumen"):
+                continue
+            names.append(f"{name}.{kind}")
+            WRITERS[kind](context.folder / names[-1], solid)
+    if "step" not in part.formats:
+        return names, {}
+    names.append("lumen.step")
+    return names, {names[-1]: write_step(context.folder / names[-1], context.network)}
+
+
+def checkable(name: str) -> bool:
+    """Whether a file can be read back as a mesh."""
+    return Path(name).suffix in SUFFIXES

@@ -17,7 +17,7 @@ from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselNetwork
 from firmware_profiles import Printer
 from kernels.arrays import FloatArray, IntArray
-from printctl.checks.lumens.strokes import plunger_strokes, valve_strokes
+from printctl.checks.lumens.lines import plunger_strokes, valve_strokes
 from registration import RegistrationReport
 from sim.gcode.deposit.strands import Strands
 from sim.gcode.heads.valve import read_with_valve

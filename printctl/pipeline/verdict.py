@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from kernels.arrays import FloatArray
+from registration.json_ready import Record
 from registration.measuring.judging import (
     Decision,
     decision_at_sure_pose,
@@ -19,7 +20,6 @@ from registration.measuring.judging import (
 from registration.measuring.topology.overlap import MAX_FOREIGN, MIN_OPEN
 from registration.report.gauging_sections import pressure_words
 
-Record = Mapping[str, Any]
 Finding = tuple[Decision, str]
 
 MOST_REASONS: Final = 10

@@ -10,8 +10,7 @@ from rich.console import Console
 
 from printctl.errors import UsageError
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.design_run import begun_run, run_all
-from printctl.pipeline.design_stages import DESIGN
+from printctl.pipeline.design_run import DESIGN, begun_run, run_all
 from printctl.pipeline.observing import order_observer
 from printctl.pipeline.plate.run import design_plate, run_plate, toolpath_plate
 from printctl.pipeline.run_options import RunOptions

@@ -1,20 +1,23 @@
-"""Read the written FRESH layers of a run folder, for comparison with scans or outlines."""
+"""Read the written FRESH layers of a run folder, and the design's outlines there."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from rich.console import Console
 
 from design.solids import Solid, read_solid
 from design.toolpath.correction import Corrections, Stretch
+from design.toolpath.fresh import Compensation
 from kernels.arrays import FloatArray
 from printctl.checks.gcode_view import Pushing, read_job, read_line_map
+from printctl.checks.gcode_view.outline import Design, PartOutlines
 from printctl.corrections.compensation import corrections_of_file, load_compensation
 from printctl.errors import UsageError
+from printctl.pipeline.apply_compensation import written_solid
 from printctl.pipeline.context import RunContext, default_place
 from printctl.progress import StageBars
 from printctl.recipe import parse_recipe
@@ -22,6 +25,8 @@ from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, LUMEN, PRINTED_WITH, SOLID, SURFACE
 from printctl.run_folder.manifest import MANIFEST, Manifest
 from registration.overlay import LayerLines, layers_of
+from registration.report.gcode import GcodeJob
+from registration.report.gcode.outline_pack import beyond_um
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,3 +161,34 @@ def _place(context: RunContext) -> FloatArray:
         return np.array(context.recipe.printer.place_mm)
     low, high = read_solid(context.folder / SURFACE, unit="mm").bounds
     return default_place(low, high, context.printer, context.bath)
+
+
+# Outlines of a run's designed part at each layer, to draw over the layers of its G-code.
+
+_FAR_UM: Final = 150.0
+
+
+def outlined_design(context: RunContext) -> Design | None:
+    """The part as it is to be written and its place; None where nothing is written in layers."""
+    part = context.recipe.toolpath
+    if not isinstance(part, Fresh):
+        return None
+    larger = Compensation(part.compensate.shrink_percent)
+    return larger.enlarged(written_solid(context)), context.place_mm
+
+
+def run_outlines(run: Path, job: GcodeJob) -> PartOutlines | None:
+    """Outlines of a run folder's layers.
+
+    None where the run has no layers or not all its files, or where its lines don't lie in its part
+    (a well of a plate, which stands elsewhere in the plate's job).
+    """
+    try:
+        design = outlined_design(run_context(run, Console(quiet=True)))
+    except UsageError:
+        return None
+    if design is None or job.layers.passes:
+        return None
+    outlines = PartOutlines(job, *design)
+    beyond = beyond_um(outlines.at((len(job.layers) - 1) // 2))
+    return outlines if beyond and abs(beyond[1]) < _FAR_UM else None

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from printctl.recipe.load import load_recipe, parse_recipe
-    from printctl.recipe.migrate import SCHEMA
+    from printctl.recipe.load import SCHEMA, load_recipe, parse_recipe
     from printctl.recipe.model import Recipe
 
 __all__ = ["SCHEMA", "Recipe", "load_recipe", "parse_recipe"]

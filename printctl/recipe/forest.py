@@ -7,8 +7,14 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from design.units import LengthUnit
-from printctl.recipe.connections import ConnectionPart
-from printctl.recipe.growth import FileName, Growth, Terminals, check_trunk, check_unit
+from printctl.recipe.growth import (
+    ConnectionPart,
+    FileName,
+    Growth,
+    Terminals,
+    check_trunk,
+    check_unit,
+)
 from printctl.recipe.parts import Part, Point, value_given
 
 Join = Literal["none", "loops", "mixing"]

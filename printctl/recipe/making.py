@@ -14,27 +14,164 @@ from pydantic import (
     model_validator,
 )
 
+from firmware_profiles.materials import check_viability
 from firmware_profiles.tools import THINNEST_BORE
-from printctl.recipe.care import CarePart
 from printctl.recipe.defects import DefectPart
-from printctl.recipe.heads import HeadPart, check_heads
-from printctl.recipe.marks import (
+from printctl.recipe.parts import (
     FILE,
     BathName,
     DishName,
     InkName,
     NeedleName,
+    Part,
     PrinterName,
+    Seed,
     SyringeName,
+    value_given,
 )
-from printctl.recipe.parts import Part, Seed, value_given
-from printctl.recipe.priming import PrimePart
 from printctl.recipe.record import RecordPart
 from printctl.recipe.regions import FillingPart, RegionPart
 from printctl.recipe.tolerances import Sides, TolerancesPart
 from registration.measuring.geometry.datum import read_datums
-from registration.measuring.judging.rule import DecisionRule, Rule
-from registration.measuring.judging.tolerance import Tolerances
+from registration.measuring.judging.tolerance import DecisionRule, Rule, Tolerances
+
+# Recipe section on print heads: ink, syringe, needle and assigned vessels of each.
+
+Kind = Literal["artery", "vein", "lymph", "connection", "channel"]
+
+
+class HeadPart(Part):
+    """One head, in the order of the printer's profile."""
+
+    syringe: SyringeName = "hamilton_1ml"
+    ink: InkName = "collagen_fresh"
+    needle: NeedleName | None = Field(default=None, description="toolpath.needle where not given.")
+    kinds: tuple[Kind, ...] = Field(
+        default=(), description="Vessels that it writes into a bath, by kind."
+    )
+    trees: tuple[Annotated[int, Field(ge=0)], ...] = Field(
+        default=(), description="Or by the number of their tree, which counts before the kind."
+    )
+
+    @property
+    def writes_the_rest(self) -> bool:
+        """Whether it writes what no other head names."""
+        return not (self.kinds or self.trees)
+
+
+def check_heads(heads: tuple[HeadPart, ...]) -> None:
+    """Refuse heads that claim the same vessels, or two that write the rest.
+
+    Raises
+    ------
+    ValueError
+        Naming what two heads claim.
+    """
+    for name in ("kinds", "trees"):
+        claimed = [one for head in heads for one in getattr(head, name)]
+        twice = {one for one in claimed if claimed.count(one) > 1}
+        if twice:
+            raise ValueError(f"heads: {name} {sorted(map(str, twice))[0]} is given to two of them")
+    if sum(head.writes_the_rest for head in heads) > 1 and any(
+        not head.writes_the_rest for head in heads
+    ):
+        raise ValueError("heads: two name neither kinds nor trees; only one can write the rest")
+
+
+# Recipe section on priming: the needle's moves before the part.
+
+_Place = Annotated[
+    tuple[float, float, float], Field(description="Of the tip: x, y, z in the printer's frame, mm")
+]
+
+
+class PrimePart(Part):
+    """Purge over a waste cup, wipe, and a line in the bath beside the part."""
+
+    line_mm: Annotated[float, Field(ge=0, le=500)] = Field(
+        default=10.0, description="Length of the line; 0 for none."
+    )
+    gap_mm: Annotated[float, Field(gt=0, le=200)] = Field(
+        default=3.0, description="How far it lies beside the part's bounds."
+    )
+    purge_ul: Annotated[float, Field(ge=0, le=10_000)] = Field(
+        default=0.0, description="Pushed out over the cup, by each head."
+    )
+    cup_mm: _Place | None = Field(default=None, description="Where the tip stands for that.")
+    wipe_mm: _Place | None = Field(
+        default=None, description="Where it goes then, straight, along a wiper."
+    )
+
+    @model_validator(mode="after")
+    def _a_purge_has_a_cup(self) -> PrimePart:
+        if (self.purge_ul > 0) != (self.cup_mm is not None):
+            raise ValueError(
+                "purge_ul and cup_mm go together: say how much ink, and where the tip stands over "
+                "the waste cup"
+            )
+        if self.wipe_mm is not None and self.cup_mm is None:
+            raise ValueError("wipe_mm is where the tip goes from cup_mm; give both, or neither")
+        if self.line_mm == 0 and self.purge_ul == 0:
+            raise ValueError("neither line_mm nor purge_ul is above 0; leave prime out")
+        return self
+
+
+# Recipe section on supervising a print: checkpoints, dead-man's time, syringes, cell lifetime.
+
+
+class CarePart(Part):
+    """What `printctl print` has options for."""
+
+    checkpoint_every_s: Annotated[float, Field(ge=0, le=86_400)] | None = Field(
+        default=30.0,
+        description="Least time between two checks of the position, which are made where a layer "
+        "or pass ends; 0 for each end, null for none.",
+    )
+    deadman_min: Annotated[float, Field(ge=0, le=1440)] = Field(
+        default=0.0,
+        description="Pause unless somebody confirms within this time (printctl alive); 0 for an "
+        "attended print.",
+    )
+    deadman_stops: bool = Field(default=False, description="Stop then, instead of pausing.")
+    reload: bool = Field(
+        default=False, description="Pause for a new syringe where one doesn't last."
+    )
+    reload_min: Annotated[float, Field(gt=0, le=600)] | None = Field(
+        default=None, description="How long one change takes you; unknown without."
+    )
+    viability_min: Annotated[float, Field(gt=0, le=100_000)] | None = Field(
+        default=None,
+        description="How long the print may take for its cells' sake, changes of syringe "
+        "included; the ink's own (viability_min) by default.",
+    )
+    viability_source: Annotated[str, Field(min_length=1)] | None = Field(
+        default=None, description="Where viability_min comes from."
+    )
+    prime_ul: Annotated[float, Field(ge=0, le=1000)] = Field(
+        default=0.0, description="Ink to push in addition after a pause."
+    )
+
+    silent_limit_s: Annotated[float, Field(ge=10, le=86_400)] | None = Field(
+        default=None,
+        description="End the print when the printer gives no usable answer for so long; 60 s by "
+        "default, 1800 s for one line of a firmware that can't be asked (Klipper, RepRapFirmware).",
+    )
+    noise_limit: Annotated[int, Field(ge=1, le=500)] = Field(
+        default=30,
+        description="Pause when more lines than this among 500 had to be sent again.",
+    )
+
+    @model_validator(mode="after")
+    def _a_budget_has_a_source(self) -> CarePart:
+        check_viability(self.viability_min, self.viability_source)
+        return self
+
+    @model_validator(mode="after")
+    def _stop_has_a_time(self) -> CarePart:
+        if self.deadman_stops and not self.deadman_min:
+            raise ValueError("deadman_stops needs a time; give deadman_min")
+        return self
+
 
 Percent = Annotated[float, Field(ge=-30, le=30, allow_inf_nan=False)]
 Speed = Annotated[float, Field(gt=0, le=1000)]
@@ -47,9 +184,7 @@ ThinnestBore = Annotated[
         "the tip outruns the ink and draws it thinner than the bore; try it on the ink first.",
     ),
 ]
-_Place = Annotated[float, Field(ge=-10_000, le=10_000)]
-
-
+_Coordinate = Annotated[float, Field(ge=-10_000, le=10_000)]
 CompensationName = Annotated[
     str | None,
     Field(
@@ -209,7 +344,7 @@ class PrinterPart(Part):
     bath_depth_mm: Annotated[float, Field(gt=0, le=500)] | None = Field(
         default=None, description="How high the dish is filled."
     )
-    place_mm: tuple[_Place, _Place, _Place] | None = Field(
+    place_mm: tuple[_Coordinate, _Coordinate, _Coordinate] | None = Field(
         default=None,
         description="Where the part's origin stands in the printer's frame; centred by default.",
     )

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from printctl.recipe.forest import Forest
-from printctl.recipe.growth import NamedNetwork
+from printctl.recipe.growth import ClosedLoop, GivenNetwork, GrownNetwork, NamedNetwork
 from printctl.recipe.making import (
     FileScan,
     Fresh,
@@ -16,14 +16,44 @@ from printctl.recipe.making import (
     ScanPart,
     ToolpathPart,
 )
-from printctl.recipe.network import NetworkPart
 from printctl.recipe.observe import ObservePart
-from printctl.recipe.oxygen import OxygenPart
-from printctl.recipe.parts import FlowPart, Part, Seed, value_given
+from printctl.recipe.parts import (
+    FlowPart,
+    LatticeShape,
+    NetworkSection,
+    OxygenPart,
+    Part,
+    Seed,
+    value_given,
+)
 from printctl.recipe.plate import PlatePart, check_plate
 from printctl.recipe.solid import SolidPart
 from printctl.recipe.tissue import Block, TissuePart
 
+
+class LatticeNetwork(NetworkSection, LatticeShape):
+    """Channels of a regular lattice clipped to the tissue, with one inlet and one outlet."""
+
+
+def _network_kind(value: Any) -> str:
+    grown = value_given(value, "grow")
+    if grown is not None:
+        return f"grow: {grown}"
+    return next(
+        (key for key in ("design", "network", "lattice") if value_given(value, key) is not None),
+        "none",
+    )
+
+
+NetworkPart = Annotated[
+    Annotated[NamedNetwork, Tag("design")]
+    | Annotated[GivenNetwork, Tag("network")]
+    | Annotated[LatticeNetwork, Tag("lattice")]
+    | Annotated[GrownNetwork, Tag("grow: tree")]
+    | Annotated[ClosedLoop, Tag("grow: closed_loop")]
+    | Annotated[Forest, Tag("grow: forest")],
+    Discriminator(_network_kind),
+]
 _PLANAR_BLOCK_MM: Final = (16.0, 8.0, 3.0)
 """`design.vasculature.PLANAR_BLOCK_MM`, whose package takes seconds to load."""
 

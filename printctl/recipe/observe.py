@@ -8,8 +8,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from printctl.recipe.marks import FILE
-from printctl.recipe.parts import Part
+from printctl.recipe.parts import FILE, Part
 
 _EVERY: Final = re.compile(r"(layer|vessel)|(\d+(?:\.\d+)?) *(mm|min|s)( +written)?")
 _HIGHEST_MM: Final = 5.0

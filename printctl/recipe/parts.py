@@ -1,33 +1,327 @@
-"""Base class of recipe sections, and the recipe section on flow in the network.
-
-Every number carries its unit in its key. Lengths of tissue are mm, of writing µm where the lab
-says µm; flows mL/min and pressures mmHg as the lab says them. They are converted once, in the
-pipeline.
-"""
+"""Base class of recipe sections; sections on flow, its fluid, pulse and oxygen."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
+from design.lattices import LatticeKind, LatticeOptions
 from design.units import BLOOD_MPA_S
 from firmware_profiles.strict_model import StrictModel
-from printctl.recipe.fluids import FluidPart, LossPart
-from printctl.recipe.marks import FILE
-from printctl.recipe.pulse import PulseOutlet, PulsePart
-from printctl.recipe.space import ComparePart, ThreeDPart
-from printctl.recipe.waves import OneDPart
+
+FILE: Final[dict[str, Any]] = {"file": True}
+"""For ``json_schema_extra`` of a path that is relative to the recipe."""
+PrinterName = Annotated[
+    str,
+    Field(
+        description="Shipped name or path of a .yaml.", json_schema_extra={"profile": "printers"}
+    ),
+]
+PlateName = Annotated[
+    str,
+    Field(description="Shipped name or path of a .yaml.", json_schema_extra={"profile": "plates"}),
+]
+NeedleName = Annotated[str, Field(json_schema_extra={"profile": "needles"})]
+SyringeName = Annotated[str, Field(json_schema_extra={"profile": "syringes"})]
+InkName = Annotated[str, Field(json_schema_extra={"profile": "inks"})]
+BathName = Annotated[str, Field(json_schema_extra={"profile": "baths"})]
+DishName = Annotated[str, Field(json_schema_extra={"profile": "dishes"})]
+
+
+# Recipe section on the fluid: viscosity law and inertial pressure losses.
+
+_MPA_S = Field(gt=0, le=1e6)
+
+
+class CarreauPart(StrictModel):
+    """Carreau-Yasuda; without numbers it is blood (Cho & Kensey 1991)."""
+
+    model: Literal["carreau"]
+    zero_shear_mpa_s: Annotated[float, _MPA_S] = 56.0
+    infinite_shear_mpa_s: Annotated[float, _MPA_S] = 3.45
+    time_s: Annotated[float, Field(gt=0, le=1e4)] = 3.313
+    index: Annotated[float, Field(ge=0.1, le=1)] = 0.3568
+    yasuda: Annotated[float, Field(ge=0.2, le=10)] = 2.0
+
+
+class PowerLawPart(StrictModel):
+    """τ = K γ̇ⁿ."""
+
+    model: Literal["power_law"]
+    consistency_mpa_sn: Annotated[float, _MPA_S]
+    index: Annotated[float, Field(ge=0.1, le=2)]
+
+
+class PriesPart(StrictModel):
+    """Blood by the diameter, in vivo (Pries et al. 1994), of one haematocrit everywhere."""
+
+    model: Literal["pries_1994"]
+    wide_mpa_s: Annotated[float, _MPA_S] = Field(
+        default=BLOOD_MPA_S, description="Viscosity in wide vessels."
+    )
+    haematocrit: Annotated[float, Field(ge=0, le=0.8)] = 0.45
+
+
+FluidPart = Annotated[CarreauPart | PowerLawPart | PriesPart, Field(discriminator="model")]
+
+
+class StenosisPart(StrictModel):
+    """A short narrow place (Young & Tsai 1973)."""
+
+    vessel: Annotated[int, Field(ge=0)]
+    diameter_share: Annotated[float, Field(ge=0.1, le=1)]
+    length_mm: Annotated[float, Field(gt=0, le=1000)]
+
+
+class LossPart(StrictModel):
+    """Pressure lost to inertia in steady flow."""
+
+    junction_k: Annotated[float, Field(ge=0, le=100)] = Field(
+        default=0.0, description="K of K ϱ u²/2 where a vessel leaves a bifurcation."
+    )
+    stenoses: tuple[StenosisPart, ...] = ()
+
+
+# Recipe section on pulsatile flow: inlet waveform, outlet Windkessels, compliant walls.
+
+Resistance = Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)]
+
+
+class PulseOutlet(StrictModel):
+    """What lies behind every outlet: a resistance, or with a compliance a Windkessel."""
+
+    resistance_mmhg_min_ml: Resistance = Field(
+        description="Behind every outlet; of a Windkessel, the distal one."
+    )
+    proximal_mmhg_min_ml: Resistance | None = Field(
+        default=None, description="Of a Windkessel, before its compliance."
+    )
+    compliance_ml_mmhg: Annotated[float, Field(gt=0, le=1e6)] | None = Field(
+        default=None, description="Of a Windkessel."
+    )
+
+    @model_validator(mode="after")
+    def _whole(self) -> PulseOutlet:
+        if (self.proximal_mmhg_min_ml is None) != (self.compliance_ml_mmhg is None):
+            raise ValueError(
+                "a Windkessel has proximal_mmhg_min_ml, compliance_ml_mmhg and "
+                "resistance_mmhg_min_ml (its distal one); give all three, or the last alone"
+            )
+        return self
+
+
+class PulsePart(StrictModel):
+    """How the flow at the inlet changes over a cycle, and what the walls give way to."""
+
+    amplitude_ml_min: Annotated[float, Field(gt=0, le=10_000)] | None = Field(
+        default=None, description="Of a sine about inlet_flow_ml_min."
+    )
+    amplitude_mmhg: Annotated[float, Field(gt=0, le=1e5)] | None = Field(
+        default=None, description="Of a sine about inlet_pressure_mmhg."
+    )
+    shape: Literal["ejection", "kassab", "roller_pump"] | None = Field(
+        default=None,
+        description="Scaled to the inlet's mean; kassab: coronary (Huo & Kassab 2006).",
+    )
+    table: str | None = Field(
+        default=None,
+        json_schema_extra=FILE,
+        description="CSV with time_s and flow_ml_min or, where the inlet's pressure is given, "
+        "pressure_mmhg over one cycle, of the inlet's mean.",
+    )
+    period_s: Annotated[float, Field(gt=0, le=1e5)] | None = Field(
+        default=None, description="Of a sine or a shape; of a table whose end isn't its begin."
+    )
+    wall_young_kpa: Annotated[float, Field(gt=0, le=1e9)] | None = Field(
+        default=None, description="Of the gel around the lumens; without it walls are rigid."
+    )
+    wall_thickness_mm: Annotated[float, Field(gt=0, le=100)] | None = Field(
+        default=None, description="Of free tubes, where the lumens aren't in thick gel."
+    )
+    profile: Literal["womersley", "poiseuille"] = Field(
+        default="womersley", description="Of the pulse's velocity."
+    )
+    outlet: PulseOutlet | None = Field(
+        default=None, description="The same as flow.outlet, for steady flow, too; one may be given."
+    )
+    steps: Annotated[int, Field(ge=8, le=10_000)] = Field(default=100, description="Of a cycle.")
+
+    @model_validator(mode="after")
+    def _one_wave(self) -> PulsePart:
+        waves = (self.amplitude_ml_min, self.amplitude_mmhg, self.shape, self.table)
+        if sum(x is not None for x in waves) != 1:
+            raise ValueError("give one of amplitude_ml_min, amplitude_mmhg, shape and table")
+        if self.table is None and self.period_s is None:
+            raise ValueError("give period_s, the length of a cycle")
+        if self.wall_thickness_mm is not None and self.wall_young_kpa is None:
+            raise ValueError("wall_thickness_mm needs wall_young_kpa")
+        return self
+
+
+# Recipe section of a lattice's shape: unit cell, channel size and ports.
+
+_Width = Annotated[float, Field(gt=0, le=100)]
+
+
+class LatticeShape(StrictModel):
+    """A regular lattice clipped to the tissue."""
+
+    lattice: LatticeKind
+    cell_mm: _Width = Field(description="Edge of the unit cell.")
+    diameter_mm: _Width = Field(description="Of the channels.")
+    manifold_diameter_mm: _Width | None = Field(
+        default=None,
+        description="Of the ports and the layers beside them; 1.5 times diameter_mm by default.",
+    )
+    axis: Literal["x", "y", "z"] = Field(
+        default="z", description="The inlet is at its lower end, the outlet at its upper."
+    )
+    clearance_mm: Annotated[float, Field(ge=0, le=10)] = 0.1
+
+    def options(self) -> LatticeOptions:
+        """In the design's words, which speak of radii."""
+        wide = self.manifold_diameter_mm
+        return LatticeOptions(
+            kind=self.lattice,
+            cell_mm=self.cell_mm,
+            radius_mm=self.diameter_mm / 2,
+            manifold_radius_mm=None if wide is None else wide / 2,
+            axis=self.axis,
+            clearance_mm=self.clearance_mm,
+        )
+
+
+class OneDPart(StrictModel):
+    """How the waves of `flow.pulse` are followed along vessels; all of it may be left out."""
+
+    cell_mm: Annotated[float, Field(gt=1e-6, le=1e6)] | None = Field(
+        default=None,
+        description="Of 1D flow, mm; without it, what a wave runs in 1/800 of a period.",
+    )
+    wall_viscosity_pa_s: Annotated[float, Field(ge=0, le=1e9)] = Field(
+        default=0.0, description="Of Kelvin-Voigt walls in 1D flow; 0 is elastic."
+    )
+    profile_exponent: Annotated[float, Field(ge=2, le=100)] = Field(
+        default=2.0,
+        description="Of 1D flow's velocity profile: 2 is a parabola, 9 blunt as in arteries.",
+    )
+    most_cycles: Annotated[int, Field(ge=1, le=100_000)] = Field(
+        default=60, description="Until the flow must be periodic."
+    )
+
+
+# Recipe sections on 3D flow, and on comparing 0D, 1D and 3D solutions of the flow.
+
+
+class ThreeDPart(StrictModel):
+    """How flow is resolved in the lumens' space; all of it may be left out.
+
+    Junctions are rounded as `solid.fillet_ratio` says: the lumen that is solved is the one that
+    is printed.
+    """
+
+    edge_ratio: Annotated[float, Field(ge=0.1, le=1.0)] = Field(
+        default=0.7, description="Of 3D: length of an element's edge over the lumen's radius."
+    )
+    order: Literal[2, 3] = Field(
+        default=2, description="Of 3D elements, for velocity; 3 is more exact, and slower."
+    )
+    steps: Annotated[int, Field(ge=8, le=10_000)] = Field(
+        default=24,
+        description="Of a cycle in 3D, where the flow pulses and fidelities are compared.",
+    )
+    most_cycles: Annotated[int, Field(ge=1, le=100_000)] = Field(
+        default=20, description="Of 3D: cycles after which it gives up."
+    )
+    inertia: bool = Field(default=True, description="Of 3D: Navier-Stokes; without it Stokes.")
+    check: bool = Field(
+        default=False,
+        description="Solve 3D steadily once more, of the other order: an error estimate.",
+    )
+    memory_gb: Annotated[float, Field(gt=0, le=10_000)] | None = Field(
+        default=None, description="3D is refused above it; without it, above what is free."
+    )
+
+
+class ComparePart(StrictModel):
+    """Where fidelities are compared: amid every vessel, and at points along one."""
+
+    along_vessel: Annotated[int, Field(ge=0)] | None = Field(
+        default=None,
+        description="Compare along this vessel, too; without it, the longest.",
+    )
+    points: Annotated[int, Field(ge=1, le=1000)] = Field(
+        default=10, description="Places along that vessel."
+    )
+    lattice: LatticeShape | None = Field(
+        default=None,
+        description="A lattice in the same tissue at the same flow, to hold the network against.",
+    )
+
+
+# Recipe section on oxygen: supply by the perfused medium, uptake by the tissue's cells.
+
+Concentration = Annotated[float, Field(ge=0, le=100)]
+Diffusivity = Annotated[float, Field(ge=1e-6, le=1)]
+
+
+class Part(StrictModel):
+    """Base of all sections."""
+
+
+class OxygenPart(Part):
+    """What the medium brings and the cells take; any solute by other numbers.
+
+    The defaults are from the literature (docs/oxygen.md), and the report says so of each.
+    """
+
+    inlet_millimolar: Annotated[float, Field(gt=0, le=100)] = Field(
+        default=0.2, description="In the medium; 0.2 is oxygen in equilibrium with air at 37 °C."
+    )
+    cells_per_ml: Annotated[float, Field(gt=0, le=1e10)] = Field(
+        default=1e7, description="Of tissue. Assumed: count yours."
+    )
+    uptake_mol_per_cell_s: Annotated[float, Field(gt=0, le=1e-12)] = Field(
+        default=5e-17, description="Greatest uptake of a cell. Assumed: measure yours."
+    )
+    half_millimolar: Annotated[float, Field(ge=1e-6, le=100)] = Field(
+        default=1e-3, description="Where uptake is half of that (Michaelis-Menten)."
+    )
+    tissue_diffusivity_mm2_s: Diffusivity = Field(
+        default=2e-3, description="Of oxygen in tissue at 37 °C."
+    )
+    medium_diffusivity_mm2_s: Diffusivity = Field(
+        default=3e-3, description="Of oxygen in the medium at 37 °C."
+    )
+    sherwood: Annotated[float, Field(ge=0.1, le=1000)] = Field(
+        default=48.0 / 11.0, description="Of what passes from the medium to the vessel's wall."
+    )
+    threshold_millimolar: Concentration = Field(
+        default=0.01, description="Tissue below it counts as hypoxic."
+    )
+    bath_millimolar: Concentration | None = Field(
+        default=None, description="At the tissue's surface; without it nothing passes there."
+    )
+    spacing_um: Annotated[float, Field(ge=1, le=10_000)] | None = Field(
+        default=None, description="Of the grid; without it, about grid_cells cells."
+    )
+    grid_cells: Annotated[int, Field(ge=1000, le=40_000_000)] = Field(
+        default=1_000_000, description="About so many, without spacing_um."
+    )
+
+    @model_validator(mode="after")
+    def _one_size(self) -> OxygenPart:
+        if self.spacing_um is not None and "grid_cells" in self.model_fields_set:
+            raise ValueError("give spacing_um or grid_cells, and not both: either sets the other")
+        return self
+
 
 Length = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
 Point = Annotated[
     tuple[float, float, float], Field(description="x, y, z in mm in the tissue's frame")
 ]
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
-
-
-class Part(StrictModel):
-    """Base of all sections."""
 
 
 class NetworkSection(Part):

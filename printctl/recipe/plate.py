@@ -7,8 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from printctl.recipe.making import Embedded, PrinterPart, ToolpathPart
-from printctl.recipe.marks import PlateName
-from printctl.recipe.parts import Part
+from printctl.recipe.parts import Part, PlateName
 
 Millimetres = Annotated[float, Field(allow_inf_nan=False)]
 WellName = Annotated[str, Field(min_length=2, max_length=8)]

@@ -11,8 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from design.units import LengthUnit
-from printctl.recipe.marks import FILE
-from printctl.recipe.parts import Length, Part, Point, value_given
+from printctl.recipe.parts import FILE, Length, Part, Point, value_given
 
 FileName = Annotated[
     str,

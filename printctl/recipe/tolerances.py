@@ -9,8 +9,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from printctl.recipe.parts import Part
-from registration.measuring.judging.rule import Rule
-from registration.measuring.judging.tolerance import Limit, Override, Tolerances, VesselLimits
+from registration.measuring.judging.tolerance import Limit, Override, Rule, Tolerances, VesselLimits
 
 _NUMBER = r"(\d+(?:\.\d*)?|\.\d+)"
 _PAIR = re.compile(rf"^\+{_NUMBER}\s*/\s*[-\u2212]{_NUMBER}$")

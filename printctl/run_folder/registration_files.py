@@ -22,7 +22,7 @@ from registration.files.exports import (
     write_surface_vtp,
     write_tables,
 )
-from registration.measuring.gauging.near_lumen import split_summary
+from registration.measuring.gauging.deviation import split_summary
 from registration.result import scaled_vertices
 
 DEVIATION = "deviation.ply"

@@ -5,8 +5,7 @@ Goes in: a search file. Comes out: ranked candidates, a page, the best as a reci
 """
 
 from printctl.search.evaluate import Task, evaluate
-from printctl.search.load import load_search
-from printctl.search.model import SearchFile
+from printctl.search.model import SearchFile, load_search
 from printctl.search.run import SearchResult, run_search
 
 __all__ = ["SearchFile", "SearchResult", "Task", "evaluate", "load_search", "run_search"]

@@ -29,7 +29,7 @@ from design.measures import measure_network, measures_dict
 from design.network_files.csv_format import write_network_csv
 from design.tissue import Tissue
 from firmware_profiles import ProfileError
-from printctl.analysis.flow.steady import shear_band
+from printctl.analysis.flow.solve import shear_band
 from printctl.errors import PrintctlError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import input_digests
@@ -38,7 +38,7 @@ from printctl.pipeline.stages import measures, vasculature
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.progress import StageBars
 from printctl.recipe import Recipe, parse_recipe
-from printctl.recipe.override import recipe_data
+from printctl.recipe.load import recipe_data
 from printctl.recipe.tissue import TissuePart
 from printctl.run_folder.artefacts import NETWORK
 from printctl.run_folder.manifest import Manifest, digest_json

@@ -1,18 +1,20 @@
-"""Schema of the search file: recipe, varied keys, goals and limits."""
+"""Schema of the search file: recipe, varied keys, goals and limits; reading it."""
 
 from __future__ import annotations
 
 from math import isfinite
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, ValidationError, model_validator
 
+from printctl.errors import RecipeError
+from printctl.recipe.load import read_mapping, refusal
 from printctl.recipe.parts import Part, Seed
 from printctl.search.quantities import QUANTITIES
 
 MOST = 100_000
 """Candidates of one search."""
-
 Draw = Literal["grid", "random", "sobol", "latin_hypercube"]
 Goal = Literal["minimise", "maximise"]
 
@@ -145,3 +147,28 @@ class SearchFile(Part):
             )
         if not self.goals:
             raise ValueError("objectives hold limits alone; minimise or maximise one of them")
+
+
+_TAGS = ("values", "range")
+
+
+def load_search(path: Path) -> SearchFile:
+    """Read and validate a YAML search file.
+
+    Raises
+    ------
+    RecipeError
+        With the path of every wrong key, its value, the limit and the remedy.
+    """
+    data = read_mapping(path, "search file", "docs/search.md shows one")
+    try:
+        return SearchFile.model_validate(data)
+    except ValidationError as exc:
+        raise RecipeError(refusal(exc, str(path), _user_path)) from exc
+
+
+def _user_path(loc: tuple[int | str, ...]) -> list[int | str]:
+    """Without pydantic's word for the kind of ``vary.KEY``."""
+    if len(loc) > 2 and loc[0] == "vary" and loc[2] in _TAGS:
+        return [*loc[:2], *loc[3:]]
+    return list(loc) or ["search file"]

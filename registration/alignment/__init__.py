@@ -9,9 +9,8 @@ from registration.alignment.cross_check import cross_check
 from registration.alignment.doubts import later_doubts
 from registration.alignment.fit import Fit
 from registration.alignment.intervals import Uncertainty
-from registration.alignment.motion import AXES
-from registration.alignment.options import AlignmentOptions
-from registration.alignment.rivals import AlternativePose, may_lie_otherwise
+from registration.alignment.rivals import AXES, AlternativePose, may_lie_otherwise
+from registration.alignment.search import AlignmentOptions
 
 __all__ = [
     "AXES",

@@ -8,18 +8,13 @@ from functools import partial
 import numpy as np
 
 from kernels.arrays import FloatArray
-from registration.alignment.choice import PosePoints, thin_points
-from registration.alignment.compare_poses import residuals
+from registration.alignment.choice import PosePoints, residuals, thin_points
 from registration.alignment.distance import ModelSurface, distance_grid
-from registration.alignment.doubts import LEAST_SEEN, pose_doubts
+from registration.alignment.doubts import LEAST_SEEN, loose_freedoms, misfits, rival_doubts
 from registration.alignment.fit import RIGID, Fit, FitFreedom, refine
-from registration.alignment.freedoms import loose_freedoms
 from registration.alignment.intervals import Uncertainty, fit_errors, uncertainty
-from registration.alignment.misfits import misfits
-from registration.alignment.motion import orientation_words
-from registration.alignment.options import AlignmentOptions
-from registration.alignment.rivals import AlternativePose
-from registration.alignment.search import Search
+from registration.alignment.rivals import AlternativePose, orientation_words
+from registration.alignment.search import AlignmentOptions, Search
 from registration.alignment.uncertainty import ScanErrors
 from registration.errors import AlignmentError
 
@@ -128,8 +123,11 @@ def align(
         surface, many[kept], _rigid(scaled), RIGID, kernel_mm=1.0, blur_mm=blur_mm, even=True
     )
     sure = fit_errors(surface, many[kept], scaled, freedom, shared, lumens=lumens)
-    loose = loose_freedoms(sure.covariance[:6, :6], surface.bounds)
-    off = misfits(surface, many, scaled, blur_mm)
+    doubts = (
+        *rival_doubts(choice.rivals, options.ambiguous_below),
+        *loose_freedoms(sure.covariance[:6, :6], surface.bounds),
+        *misfits(surface, many, scaled, blur_mm),
+    )
     depth_axis = int(np.abs(scaled.rotation[:, 2]).argmax())
     return Alignment(
         rigid,
@@ -137,7 +135,7 @@ def align(
         depth_axis,
         depth_axis in freedom.axes,
         min((r.lead for r in choice.rivals if not r.mirrored), default=float("inf")),
-        pose_doubts(choice.rivals, loose, off, options.ambiguous_below),
+        doubts,
         uncertainty(sure, scaled, freedom, shared),
         orientation_words(scaled.rotation[:, 2] * (1 if depth_down else -1)),
         choice.rivals,

@@ -1,38 +1,105 @@
-"""Put the reasons for doubting a scan's pose into sentences."""
+"""Reasons to doubt a scan's pose: free motions, misfitting walls, rivals."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import product
 
-from registration.alignment.freedoms import UNKNOWN_MM, LooseFreedom
-from registration.alignment.misfits import OFF_MM, Misfit
-from registration.alignment.rivals import AlternativePose
+import numpy as np
+
+from kernels.arrays import FloatArray
+from registration.alignment.distance import ModelSurface
+from registration.alignment.fit import Fit, evenness, facing
+from registration.alignment.rivals import AXES, AlternativePose
+
+# List the shifts and turns of the part that a scan leaves uncertain by more than 50 µm.
+
+UNKNOWN_MM = 0.05
+"""Half width of the 95 % interval from which a degree of freedom counts as not known."""
 
 
-def pose_doubts(
-    rivals: Iterable[AlternativePose],
-    loose: Iterable[LooseFreedom],
-    off: Iterable[Misfit],
-    limit: float,
-) -> tuple[str, ...]:
-    """Return a sentence for each reason to doubt a pose; `limit` is of the rivals' lead."""
-    out = [
+def loose_freedoms(covariance: FloatArray, bounds: FloatArray) -> list[str]:
+    """Return a sentence for each freedom that isn't known to `UNKNOWN_MM`, the worst first.
+
+    Eigenvalues of the covariance (6, 6) of rotation about the middle and shift, measured by how
+    far they move the corners of the part's box.
+
+    Parameters
+    ----------
+    covariance : (6, 6) float64
+        Of a rotation vector (rad) about the middle of `bounds`, and of a shift (mm).
+    bounds : (2, 3) float64, mm
+    """
+    corners = np.array(list(product(*bounds.T))) - bounds.mean(axis=0)
+    # Mean square of the corners' movement is q' metric q; with metric = L L' lengths are L' q.
+    lever = np.zeros((len(corners), 3, 6))
+    for k in range(3):
+        lever[:, :, k] = np.cross(np.eye(3)[k], corners)
+        lever[:, k, 3 + k] = 1.0
+    metric = np.einsum("cik,cil->kl", lever, lever) / len(corners)
+    root = np.linalg.cholesky(metric)
+    variance, vectors = np.linalg.eigh(root.T @ covariance @ root)
+    out = []
+    for value, vector in zip(variance[::-1], vectors.T[::-1], strict=True):
+        half = 1.96 * float(np.sqrt(max(value, 0.0)))
+        if half > UNKNOWN_MM:
+            out.append(
+                f"The scan doesn't fix {_words(vector)}: known to ± {half:.2f} mm (95 %, limit "
+                f"{UNKNOWN_MM:g} mm); scan more of the part."
+            )
+    return out
+
+
+def _words(vector: FloatArray) -> str:
+    """Name the strongest part of a movement whose six parts are lengths."""
+    strongest = int(np.abs(vector).argmax())
+    if strongest < 3:
+        return f"its turn about {AXES[strongest]}"
+    return f"its place along {AXES[strongest - 3]}"
+
+
+# List groups of walls that face one way and lie off the design by over 75 µm after the fit.
+
+OFF_MM = 0.075
+"""A side whose median is off by more contradicts the pose: faces of 3 mm of depth of which one is
+0.16 mm off pull a pose 0.1 mm away before a lumen's walls show it by this much."""
+RAGGED = 0.1
+"""A side that weighs less than this (`evenness`) says nothing of the pose."""
+LEAST_SHARE = 0.02
+"""A side counts from this share of the points on."""
+
+
+def misfits(surface: ModelSurface, points: FloatArray, fit: Fit, blur_mm: float) -> list[str]:
+    """Return a sentence for each side that is off by more than `OFF_MM`, the worst first."""
+    near = surface.query(fit.apply(points))
+    residual = near.distance - surface.blurred(near.face, blur_mm) - fit.offset_mm
+    side = facing(near.direction, surface.curvature[near.face])
+    even = evenness(residual, side)
+    out = []
+    for number in range(12):
+        here = side == number
+        if here.mean() < LEAST_SHARE or even[here][0] < RAGGED:
+            continue
+        off = float(np.median(residual[here]))
+        if abs(off) > OFF_MM:
+            what = "curved walls" if number % 2 else "flat faces"
+            end = "high" if number // 2 % 2 else "low"
+            out.append((-abs(off), off, f"{what} that face {end} {AXES[number // 4]}"))
+    return [
+        f"After the fit the {walls} are off the design by {1e3 * off:+.0f} µm (limit "
+        f"{1e3 * OFF_MM:.0f} µm), so the pose isn't known better than that; check the refractive "
+        "index and how deep light reaches, or the print."
+        for _, off, walls in sorted(out, key=lambda row: row[0])
+    ]
+
+
+def rival_doubts(rivals: Iterable[AlternativePose], limit: float) -> list[str]:
+    """Return a sentence for each rival pose whose lead is below `limit`."""
+    return [
         rival_words(rival, limit)
         for rival in rivals
         if rival.lead < limit and not (rival.mirrored and rival.same)
     ]
-    out += [
-        f"The scan doesn't fix {one.words}: known to ± {one.half_mm:.2f} mm (95 %, limit "
-        f"{UNKNOWN_MM:g} mm); scan more of the part."
-        for one in loose
-    ]
-    out += [
-        f"After the fit the {one.words} are off the design by {1e3 * one.off_mm:+.0f} µm (limit "
-        f"{1e3 * OFF_MM:.0f} µm), so the pose isn't known better than that; check the refractive "
-        "index and how deep light reaches, or the print."
-        for one in off
-    ]
-    return tuple(out)
 
 
 CROSS_UM = 20.0

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from kernels.arrays import FloatArray
-from registration.alignment.distance import ModelSurface
-from registration.alignment.distance.closest import UNKNOWN
+from registration.alignment.distance import UNKNOWN, ModelSurface
 
 FINEST_SCALE_MM = 0.01
 """Three times this is the least at which the robust loss calls a point an outlier. With twice as

@@ -5,11 +5,22 @@ Goes in: several registrations. Comes out: spread, drift, capability, findings. 
 """
 
 from registration.comparison.compare import Comparison, Print, compare
-from registration.comparison.errors import ComparisonError, GaugeStudyError
-from registration.comparison.findings import comparison_dict, notes, sentences, verdict
-from registration.comparison.gauge import GaugeStudy, gauge_csv
-from registration.comparison.scans import GaugedScan, Origin, gauged_scan
-from registration.comparison.tables import comparison_csv
+from registration.comparison.findings import (
+    comparison_csv,
+    comparison_dict,
+    notes,
+    sentences,
+    verdict,
+)
+from registration.comparison.gauge_findings import gauge_csv
+from registration.comparison.gauge_study import GaugeStudy
+from registration.comparison.scans import (
+    ComparisonError,
+    GaugedScan,
+    GaugeStudyError,
+    Origin,
+    gauged_scan,
+)
 
 __all__ = [
     "Comparison",

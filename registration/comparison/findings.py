@@ -1,4 +1,4 @@
-"""Turn a comparison of several prints into a verdict, sentences, notes and a JSON-ready dict."""
+"""Turn a comparison of several prints into a verdict, notes, JSON and CSV."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dataclasses import asdict
 from typing import Any
 
 from registration.comparison.compare import Comparison
-from registration.comparison.gauge import gauge_dict, gauge_sentences
-from registration.comparison.intervals import Interval, sd_factors
-from registration.comparison.vessels import SIGNIFICANT
+from registration.comparison.gauge_findings import gauge_dict, gauge_sentences
+from registration.comparison.statistics import Interval, sd_factors
+from registration.comparison.vessels import SIGNIFICANT, VesselSpread
+from registration.files.exports import as_csv
 from registration.json_ready import json_ready
 
 FEW = 10
@@ -178,3 +179,48 @@ def _interval_text(interval: Interval, unit: str, signed: bool = False) -> str:
 
 def _some(names: list[str]) -> str:
     return ", ".join(names[:8]) + (" …" if len(names) > 8 else "")
+
+
+# Convert a comparison of several prints to CSV text, one row per vessel.
+
+
+def comparison_csv(comparison: Comparison) -> str:
+    """CSV; unknown numbers are empty. The last columns are each scan's error, in order."""
+    return as_csv([json_ready(vessel_row(comparison, v)) for v in comparison.vessels])
+
+
+def vessel_row(comparison: Comparison, vessel: VesselSpread) -> dict[str, Any]:
+    """One vessel's numbers, flat."""
+    error = vessel.error
+    able = vessel.capability
+    return {
+        "vessel": vessel.vessel,
+        "designed_um": vessel.designed_um,
+        "prints": error.prints,
+        "open": vessel.open,
+        "known": vessel.known,
+        **_flat("mean_error", error.mean),
+        **_flat("observed_sd", error.observed_sd),
+        **_flat("scan_sd", error.scan_sd),
+        **_flat("print_sd", error.print_sd),
+        "along_sd_um": vessel.along_sd_um,
+        "profile_sd_um": vessel.profile_sd_um,
+        "p_off": vessel.p_off,
+        "p_beyond_others": vessel.p_beyond,
+        "p_varies": vessel.p_varies,
+        "drift_um_per_print": vessel.drift.slope.value if vessel.drift else None,
+        "p_drift": vessel.p_drift,
+        "off": vessel.off,
+        "varies": vessel.varies,
+        **({} if able is None else _flat("cp", able.cp, "") | _flat("cpk", able.cpk, "")),
+        **{f"error_{k + 1}_um": float(scan.error_um[vessel.vessel])
+           for k, scan in enumerate(comparison.scans)},
+    }  # fmt: skip
+
+
+def _flat(name: str, interval: Interval, unit: str = "_um") -> dict[str, float]:
+    return {
+        f"{name}{unit}": interval.value,
+        f"{name}_low{unit}": interval.low,
+        f"{name}_high{unit}": interval.high,
+    }

@@ -8,10 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kernels.arrays import FloatArray
-from registration.comparison.intervals import UNKNOWN, Interval, holm, sd_interval
 from registration.comparison.scans import AXES, GaugedScan
-from registration.comparison.trend import Trend, trend
-from registration.comparison.variance import Components, components, prints_sd
+from registration.comparison.statistics import (
+    UNKNOWN,
+    Components,
+    Interval,
+    Trend,
+    components,
+    holm,
+    prints_sd,
+    rms,
+    sd_interval,
+    trend,
+)
 from registration.comparison.vessels import VesselSpread
 
 DAY_S = 86400.0
@@ -153,7 +162,7 @@ def repeatability(vessels: Sequence[VesselSpread], prints: Sequence[int]) -> Rep
         observed_sd=observed,
         scan_sd=scan,
         print_sd=own,
-        along_sd_um=_rms([v.along_sd_um for v in vessels]),
+        along_sd_um=rms([v.along_sd_um for v in vessels]),
         gauge_percent=float(100 * scan.value / total) if total > 0 else float("nan"),
         distinct=_distinct(own.value, scan.value),
     )
@@ -169,10 +178,5 @@ def _pooled(spreads: list[Interval]) -> Interval:
     known = [s for s in spreads if s.df >= 1]
     if not known:
         return UNKNOWN
-    value = _rms([s.value for s in known])
+    value = rms([s.value for s in known])
     return sd_interval(value, min(s.df for s in known))
-
-
-def _rms(values: Sequence[float]) -> float:
-    known = np.array([v for v in values if np.isfinite(v)])
-    return float(np.sqrt((known**2).mean())) if len(known) else float("nan")

@@ -1,17 +1,33 @@
-"""Extract the numbers to compare from a registration.json; refuse scans of different designs."""
+"""Extract the numbers to compare from a registration.json; refuse different designs."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
 from kernels.arrays import FloatArray
-from registration.comparison.errors import ComparisonError
+from registration.errors import RegistrationError
+from registration.json_ready import Record
 
-Record = Mapping[str, Any]
+# Exceptions: registrations that can't be compared, or aren't a crossed gauge (R&R) study.
+#
+# ::
+#
+# RegistrationError
+# └── ComparisonError         registrations that can't be held against each other
+# └── GaugeStudyError     registrations that don't make a gauge study
+
+
+class ComparisonError(RegistrationError):
+    """Registrations that can't be compared; the message says which, why and what to do."""
+
+
+class GaugeStudyError(ComparisonError):
+    """Operators, parts and repeats that don't make a crossed study."""
+
 
 AXES: Final = ("x", "y", "z")
 _NEEDED: Final = ("vessels", "defects", "scale", "offset_um", "interval_95", "scaled", "rigid")

@@ -9,11 +9,17 @@ import numpy as np
 from scipy import stats
 
 from kernels.arrays import FloatArray
-from registration.comparison.capability import Capability, capability
-from registration.comparison.intervals import holm, mean_p
 from registration.comparison.scans import GaugedScan
-from registration.comparison.trend import Trend, trend
-from registration.comparison.variance import Components, components
+from registration.comparison.statistics import (
+    Capability,
+    Components,
+    Trend,
+    capability,
+    components,
+    holm,
+    mean_p,
+    trend,
+)
 
 SIGNIFICANT = 0.05
 

@@ -4,10 +4,15 @@ Goes in: a video, the user's marks, a network. Comes out: arrivals and the state
 Begin with `measure.py`.
 """
 
-from registration.dye.marks import Marks, read_marks
-from registration.dye.measure import DyeOptions, DyeReport, measure_dye
-from registration.dye.numbers import dye_dict, place_rows
-from registration.dye.verdict import dye_verdict
+from registration.dye.measure import (
+    DyeOptions,
+    DyeReport,
+    dye_dict,
+    dye_verdict,
+    measure_dye,
+    place_rows,
+)
+from registration.dye.view import Marks, read_marks
 
 __all__ = [
     "DyeOptions",

@@ -12,8 +12,7 @@ from design.geometry.polyline import arc_lengths
 from design.hemodynamics.dye import CarryingFlow, downstream_order, flow_ends
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
-from registration.dye.arrival_fit import Prediction, along_flow
-from registration.dye.arrivals import Arrivals
+from registration.dye.arrivals import Arrivals, Prediction, along_flow
 from registration.dye.stations import DyeStations, volume_shares
 
 Patency = Literal["open", "blocked", "not reached", "not seen", "no flow"]

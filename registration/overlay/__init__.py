@@ -5,14 +5,18 @@ Goes in: a scan, its pose and a G-code job. Comes out: the numbers of each layer
 """
 
 from registration.overlay.cut import Cutter, ScanCut
-from registration.overlay.lines import LayerLines, layers_of
-from registration.overlay.lumens import LumenSections
-from registration.overlay.measure import LayerNumbers, Limits, measure_layer
-from registration.overlay.patches import PixelPatch
+from registration.overlay.measure import (
+    LayerNumbers,
+    LayerStatus,
+    Limits,
+    measure_layer,
+    overlay_csv,
+    overlay_dict,
+    reached,
+    statuses,
+)
 from registration.overlay.pose import Pose, align_pose, read_pose
-from registration.overlay.raster import Raster
-from registration.overlay.results import overlay_csv, overlay_dict
-from registration.overlay.status import LayerStatus, reached, statuses
+from registration.overlay.raster import LayerLines, LumenSections, PixelPatch, Raster, layers_of
 
 __all__ = [
     "Cutter",

@@ -1,25 +1,21 @@
-"""Measure one layer of a scan against its G-code: gel coverage, gaps, and gel inside lumens.
-
-A segmented wall is a blur wide, and a pixel at it may fall on either side. Shares count all seen
-pixels; gaps and blobs count only what lies farther than `Limits.edge_mm` from the border between
-written and free, so that a wall off by less than that isn't called a defect.
-"""
+"""Measure each layer of a scan against its G-code: coverage, gaps, status."""
 
 from __future__ import annotations
 
+import csv
+import io
+from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, distance_transform_edt
 
-from kernels.arrays import IntArray
+from kernels.arrays import BoolArray, IntArray
 from registration.overlay.cut import ScanCut
-from registration.overlay.lines import LayerLines
-from registration.overlay.patches import PixelPatch, spots
-from registration.overlay.raster import Raster
-
-Mask = NDArray[np.bool_]
+from registration.overlay.raster import LayerLines, PixelPatch, Raster, spots
 
 LEAST_SHARE, LEAST_PIXELS = 0.02, 9
 """Of a gap; lines that cover less of it than either aren't named."""
@@ -86,7 +82,7 @@ class LayerNumbers:
 
 def measure_layer(
     layer: LayerLines,
-    lumen: Mask,
+    lumen: BoolArray,
     cut: ScanCut,
     raster: Raster,
     limits: Limits,
@@ -137,11 +133,11 @@ def measure_layer(
     )
 
 
-def _share(what: Mask, of: Mask) -> float | None:
+def _share(what: BoolArray, of: BoolArray) -> float | None:
     return float(what[of].mean()) if of.any() else None
 
 
-def _count(owner: NDArray[np.int32], where: Mask, layer: LayerLines) -> IntArray:
+def _count(owner: NDArray[np.int32], where: BoolArray, layer: LayerLines) -> IntArray:
     return np.bincount(owner[where], minlength=len(layer.line)).astype(np.int64)
 
 
@@ -149,3 +145,169 @@ def _lines(owner: NDArray[np.int32], line: IntArray) -> IntArray:
     """Lines that cover more than a corner of the gap, ascending."""
     numbers, count = np.unique(line[owner], return_counts=True)
     return np.asarray(numbers[count >= min(LEAST_SHARE * len(owner), LEAST_PIXELS)])
+
+
+# Layer status in a scan: printed, partly seen, under way, not printed, missing, not seen.
+
+LEAST_SEEN: Final = 0.1
+"""Of the written area; of a layer of which less is seen nothing is said."""
+MOSTLY_SEEN: Final = 0.9
+AGREED: Final = 0.95
+"""Of the seen written area of a layer under way: gel before its last line, none behind."""
+LEAST_REST: Final = 0.03
+"""Of a layer's seen written area; a rest smaller than this isn't told from a gap."""
+LEAST_GEL: Final = 0.1
+"""Of the seen written area; a layer that shows less isn't there."""
+
+
+class LayerStatus(StrEnum):
+    """Of one layer in one scan."""
+
+    PRINTED = "printed"
+    PARTLY_SEEN = "partly seen"
+    """Gel is there, and part of the layer is out of view or unlit."""
+    UNDER_WAY = "under way"
+    """The topmost with gel, written up to one of its lines and without gel from there on."""
+    NOT_SEEN = "not seen"
+    """Out of view or unlit: neither there nor missing."""
+    NOT_PRINTED = "not printed"
+    """In view and no gel, nor any above it: not yet printed when it was scanned."""
+    MISSING = "missing"
+    """In view and no gel, although layers above it have some."""
+
+    @property
+    def judged(self) -> bool:
+        """Whether its gaps and blobs mean anything."""
+        return self not in (LayerStatus.NOT_SEEN, LayerStatus.NOT_PRINTED)
+
+
+def statuses(numbers: Sequence[LayerNumbers]) -> list[LayerStatus]:
+    """Of all layers of a job, the lowest first."""
+    layers = []
+    gel_above = False
+    for one in reversed(numbers):
+        status = _status(one, gel_above)
+        gel_above |= status in (LayerStatus.PRINTED, LayerStatus.PARTLY_SEEN)
+        layers.append(status)
+    return layers[::-1]
+
+
+def _status(one: LayerNumbers, gel_above: bool) -> LayerStatus:
+    if one.seen < LEAST_SEEN or one.gel_in_written is None:
+        return LayerStatus.NOT_SEEN
+    if one.gel_in_written < LEAST_GEL:
+        return LayerStatus.MISSING if gel_above else LayerStatus.NOT_PRINTED
+    return LayerStatus.PRINTED if one.seen >= MOSTLY_SEEN else LayerStatus.PARTLY_SEEN
+
+
+def reached(one: LayerNumbers) -> int | None:
+    """How many of a layer's moves were made when it was scanned, if it broke off.
+
+    The count that fits best: gel in all bands before it, none from there on. None where the whole
+    layer was written, or where gel and no gel don't follow the order of writing (gaps do not).
+    """
+    seen, gel = one.move_seen, one.move_gel
+    before = np.concatenate([[0], np.cumsum(gel)])
+    behind = np.concatenate([[0], np.cumsum(seen - gel)])
+    right = before + behind[-1] - behind
+    count = int(np.argmax(right))
+    total, rest = int(seen.sum()), int(seen[count:].sum())
+    if total == 0 or right[count] < AGREED * total or rest < LEAST_REST * total:
+        return None
+    return count or None
+
+
+# Convert a scan overlay's results by layer to JSON values and CSV.
+
+MOST_LINES: Final = 20
+"""Of a gap, that are named one by one."""
+MOST_SPOTS: Final = 20
+"""Of a layer, that are listed one by one."""
+
+
+def overlay_dict(numbers: LayerNumbers, status: LayerStatus) -> dict[str, Any]:
+    """One layer's numbers, JSON-ready; what isn't known is None.
+
+    Of a layer that isn't judged gaps and blobs are None: it is neither good nor bad.
+    """
+    layer = numbers.layer
+    judged, unseen = status.judged, status == LayerStatus.NOT_SEEN
+    gaps = [
+        {**_spot(gap, layer.middle_mm), **_named(lines.tolist())}
+        for gap, lines in zip(numbers.gaps, numbers.gap_lines, strict=True)
+    ]
+    blobs = [_spot(blob, layer.middle_mm) for blob in numbers.blobs]
+    return {
+        "layer": layer.number,
+        "from_mm": round(layer.low_mm, 6),
+        "to_mm": round(layer.high_mm, 6),
+        "cut_mm": round(layer.middle_mm, 6),
+        "status": str(status),
+        "first_line": int(layer.line[0]),
+        "last_line": int(layer.line[-1]),
+        "in_view_share": numbers.in_view,
+        "seen_share": numbers.seen,
+        "written_mm2": numbers.written_mm2,
+        "free_mm2": numbers.free_mm2,
+        "gel_in_written_share": None if unseen else numbers.gel_in_written,
+        "gel_in_free_share": numbers.gel_in_free if judged else None,
+        "gap_count": len(gaps) if judged else None,
+        "gap_mm2": sum(gap.area_mm2 for gap in numbers.gaps) if judged else None,
+        "gaps": gaps[:MOST_SPOTS] if judged else None,
+        "blob_count": len(blobs) if judged else None,
+        "blob_mm2": sum(blob.area_mm2 for blob in numbers.blobs) if judged else None,
+        "blobs": blobs[:MOST_SPOTS] if judged else None,
+    }
+
+
+def _spot(spot: PixelPatch, height_mm: float) -> dict[str, Any]:
+    return {
+        "area_mm2": spot.area_mm2,
+        "width_um": 1e3 * spot.width_mm,
+        "at_mm": [round(v, 4) for v in (*spot.at_mm, height_mm)],
+        "from_mm": [round(v, 4) for v in spot.low_mm],
+        "to_mm": [round(v, 4) for v in spot.high_mm],
+    }
+
+
+def _named(lines: list[int]) -> dict[str, Any]:
+    return {
+        "lines": lines[:MOST_LINES],
+        "line_count": len(lines),
+        "first_line": lines[0],
+        "last_line": lines[-1],
+    }
+
+
+_COLUMNS: Final = (
+    "layer", "from_mm", "to_mm", "cut_mm", "status", "first_line", "last_line", "in_view_share",
+    "seen_share", "written_mm2", "free_mm2", "gel_in_written_share", "gel_in_free_share",
+    "gap_count", "gap_mm2", "blob_count", "blob_mm2",
+)  # fmt: skip
+_LARGEST: Final = ("x_mm", "y_mm", "area_mm2", "width_um")
+
+
+def overlay_csv(layers: Sequence[dict[str, Any]]) -> str:
+    """One row a layer of `overlay_dict`, with the largest gap and blob; empty where unknown."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    of_gap = [f"largest_gap_{name}" for name in _LARGEST]
+    of_blob = [f"largest_blob_{name}" for name in _LARGEST]
+    writer.writerow([*_COLUMNS, *of_gap, "largest_gap_lines", *of_blob])
+    for one in layers:
+        gap, blob = (next(iter(one[name] or []), None) for name in ("gaps", "blobs"))
+        named = " ".join(map(str, gap["lines"])) if gap else ""
+        writer.writerow([*(_cell(one[name]) for name in _COLUMNS), *_row(gap), named, *_row(blob)])
+    return stream.getvalue()
+
+
+def _row(spot: dict[str, Any] | None) -> list[str]:
+    if spot is None:
+        return [""] * len(_LARGEST)
+    return [_cell(v) for v in (*spot["at_mm"][:2], spot["area_mm2"], spot["width_um"])]
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

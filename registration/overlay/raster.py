@@ -1,23 +1,196 @@
-"""Rasterise a G-code layer: the move covering each pixel, and pixels within a design contour.
-
-A written line is a band of its width with flat ends, round where the next move goes on; so drawn,
-bands cover what the G-code's volume fills.
-"""
+"""Rasterise a G-code layer: its lines, covered pixels, lumens and patches."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt, find_objects, label
 from shapely import Polygon, contains_xy, prepare
 
-from kernels.arrays import FloatArray
-from registration.overlay.lines import LayerLines
+from design.solids.solid import Solid
+from design.toolpath.correction import Stretch
+from design.toolpath.fresh.section import manifold_of, rings
+from kernels.arrays import BoolArray, FloatArray, IntArray
+from registration.gcode_job import Act, GcodeJob
 
-Mask = NDArray[np.bool_]
+# Connected patches of a mask above a minimum area and width.
+
+
+@dataclass(frozen=True, eq=False)
+class PixelPatch:
+    """A connected patch of pixels.
+
+    Attributes
+    ----------
+    area_mm2 : float, mm²
+    width_mm : float, mm
+        Diameter of the largest circle within it.
+    at_mm : (float, float), mm
+        Middle of that circle, x and y, part frame; within the patch, however bent it is.
+    low_mm, high_mm : (float, float), mm
+        Its bounding box.
+    box : (slice, slice)
+        Rows and columns of the raster that hold it.
+    mask : bool
+        Its pixels within the box.
+    """
+
+    area_mm2: float
+    width_mm: float
+    at_mm: tuple[float, float]
+    low_mm: tuple[float, float]
+    high_mm: tuple[float, float]
+    box: tuple[slice, slice]
+    mask: BoolArray
+
+
+def spots(
+    mask: BoolArray, raster: Raster, least_mm2: float, least_width_mm: float
+) -> list[PixelPatch]:
+    """Patches of at least this area and width, the largest first; a shared corner joins pixels."""
+    labels, count = label(mask, np.ones((3, 3)))
+    if count == 0:
+        return []
+    areas = np.bincount(labels.ravel(), minlength=count + 1)[1:] * raster.pixel_mm**2
+    boxes = find_objects(labels)
+    chosen = [k for k in np.argsort(-areas, kind="stable").tolist() if areas[k] >= least_mm2]
+    patches = [_spot(labels[boxes[k]] == k + 1, boxes[k], float(areas[k]), raster) for k in chosen]
+    return [one for one in patches if one.width_mm >= least_width_mm]
+
+
+def _spot(mask: BoolArray, box: tuple[slice, slice], area: float, raster: Raster) -> PixelPatch:
+    rows, columns = box
+    deep = distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1]
+    j, i = np.unravel_index(int(np.argmax(deep)), deep.shape)
+    x, y, half = raster.x_mm, raster.y_mm, raster.pixel_mm / 2
+    return PixelPatch(
+        area_mm2=area,
+        width_mm=(2 * float(deep[j, i]) - 1) * raster.pixel_mm,
+        at_mm=(float(x[columns.start + i]), float(y[rows.start + j])),
+        low_mm=(float(x[columns.start]) - half, float(y[rows.start]) - half),
+        high_mm=(float(x[columns.stop - 1]) + half, float(y[rows.stop - 1]) + half),
+        box=box,
+        mask=mask,
+    )
+
+
+# Split a layered G-code job into layers of written lines, in the part's frame.
+
+_SAME_MM: Final = 2e-3
+"""Ends nearer than this are one place: a G-code file rounds to a micron."""
+
+
+@dataclass(frozen=True, eq=False)
+class LayerLines:
+    """What one layer writes, seen from above.
+
+    Attributes
+    ----------
+    number : int
+        From 1, the lowest.
+    low_mm, high_mm : float, mm
+        Between which heights of the part the layer lies.
+    start, end : (n, 2) float64, mm
+        Of the moves that write, in their order, part frame.
+    width_mm : (n,) float64, mm
+        Of each written line.
+    line : (n,) int64
+        Of the G-code file, from 1.
+    joined : (n,) bool
+        Whether the move goes on where the one before it ended.
+    closed : (n,) bool
+        Whether the line that the move is of comes back to where it began: a wall.
+    travel : (m, 2, 2) float64, mm
+        Ways without ink, start and end.
+    """
+
+    number: int
+    low_mm: float
+    high_mm: float
+    start: FloatArray
+    end: FloatArray
+    width_mm: FloatArray
+    line: IntArray
+    joined: BoolArray
+    closed: BoolArray
+    travel: FloatArray
+
+    @property
+    def middle_mm(self) -> float:
+        """Height at which a scan is cut to be held against the layer, mm."""
+        return (self.low_mm + self.high_mm) / 2
+
+    def upto(self, count: int) -> LayerLines:
+        """The same layer with its first so many moves, and no travels."""
+        return replace(
+            self,
+            start=self.start[:count],
+            end=self.end[:count],
+            width_mm=self.width_mm[:count],
+            line=self.line[:count],
+            joined=self.joined[:count],
+            closed=self.closed[:count],
+            travel=self.travel[:0],
+        )
+
+
+def layers_of(
+    job: GcodeJob, place_mm: FloatArray, stretch: Stretch | None = None
+) -> tuple[LayerLines, ...]:
+    """All layers of a layered job, the lowest first.
+
+    Parameters
+    ----------
+    job : GcodeJob
+        Layered, with known line widths.
+    place_mm : (3,) float64, mm
+        Part to printer.
+    stretch : Stretch or None
+        Designed to written size, taken back: what lines are laid over has the designed one.
+    """
+    stretch = stretch or Stretch()
+    order = np.argsort(job.layer, kind="stable")
+    count = len(job.layers)
+    at = np.searchsorted(job.layer[order], np.arange(count + 1))
+    return tuple(_layer(job, k, order[at[k] : at[k + 1]], place_mm, stretch) for k in range(count))
+
+
+def _layer(
+    job: GcodeJob, index: int, rows: IntArray, place_mm: FloatArray, stretch: Stretch
+) -> LayerLines:
+    start, end = (stretch.back(way[rows] - place_mm)[:, :2] for way in (job.start, job.end))
+    writes = job.writes[rows]
+    joined = np.concatenate([[False], writes[:-1] & (np.diff(rows) == 1)])[writes]
+    level = np.isin(job.act[rows], (Act.TRAVEL, Act.LIFTED, Act.WIPE))
+    written = np.array([[0.0, 0.0, float(job.layers.z_mm[index]) - float(place_mm[2])]])
+    top, height = float(stretch.back(written)[0, 2]), float(job.layers.height_mm[index])
+    return LayerLines(
+        number=index + 1,
+        low_mm=top - height / stretch.factor[2],
+        high_mm=top,
+        start=start[writes],
+        end=end[writes],
+        width_mm=job.width_mm[rows][writes],
+        line=job.line[rows][writes],
+        joined=joined,
+        closed=_closed(start[writes], end[writes], joined),
+        travel=np.stack([start[level], end[level]], axis=1),
+    )
+
+
+def _closed(start: FloatArray, end: FloatArray, joined: BoolArray) -> BoolArray:
+    """Of each move, whether its run of joined moves ends where it began."""
+    first = np.flatnonzero(~joined)
+    last = np.append(first[1:], len(joined)) - 1
+    apart = np.linalg.norm(end[last] - start[first], axis=1)
+    # There and back again on one line encloses nothing.
+    loop = (apart < _SAME_MM) & (last - first >= 2)
+    return np.repeat(loop, last - first + 1)
+
 
 PIXELS_PER_LINE: Final = 6
 MOST_PIXELS: Final = 1_000_000
@@ -111,7 +284,7 @@ class Raster:
         (x0, y0), (x1, y1) = np.maximum(first, 0), np.maximum(last, 0)
         return slice(int(y0), int(y1)), slice(int(x0), int(x1))
 
-    def inside(self, rings: Sequence[FloatArray]) -> Mask:
+    def inside(self, rings: Sequence[FloatArray]) -> BoolArray:
         """Pixels inside closed contours (k, 2), mm, by the even-odd rule, (ny, nx)."""
         inside = np.zeros(self.shape, np.bool_)
         for ring in rings:
@@ -121,3 +294,25 @@ class Raster:
             x, y = np.meshgrid(self.x_mm[where[1]], self.y_mm[where[0]])
             inside[where] ^= contains_xy(shape, x, y)
         return inside
+
+
+class LumenSections:
+    """Level sections of a design's lumens.
+
+    Parameters
+    ----------
+    lumens : Solid
+        Part frame, mm.
+
+    Raises
+    ------
+    ToolpathError
+        When they aren't a closed manifold.
+    """
+
+    def __init__(self, lumens: Solid) -> None:
+        self._body = manifold_of(lumens, "the model of the lumens")
+
+    def mask(self, raster: Raster, height_mm: float) -> NDArray[np.bool_]:
+        """Pixels inside a lumen at a height of the part, (ny, nx)."""
+        return raster.inside(rings(self._body.slice(height_mm)))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from design.geometry.surface import Surface
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
-from registration.measuring.gauging.near_lumen import near_lumen
+from registration.measuring.gauging.deviation import near_lumen
 from registration.report.surface import ReportSurface
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -14,17 +14,11 @@ from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
-from registration.report.drawing import blank, styled, to_svg
+from registration.json_ready import Record, is_number
+from registration.report.drawing import aspect, blank, draw_scaled_lines, set_limits, styled, to_svg
 from registration.report.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
-from registration.report.scaled_lines import (
-    aspect,
-    draw_scaled_lines,
-    set_limits,
-)
 from registration.report.svg import ACCENT, BAD, INK, MUTED, PAPER
-from registration.report.wording import is_number, plain
-
-Record = Mapping[str, Any]
+from registration.report.wording import plain
 
 OUTSIDE: Final = "#b85a14"
 UNDECIDED: Final = "#a97a00"

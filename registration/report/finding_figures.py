@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,6 +11,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from registration.json_ready import Record, is_number
 from registration.measuring.judging import list_findings
 from registration.report.drawing import styled, to_svg
 from registration.report.sections import mapping, records
@@ -18,9 +19,6 @@ from registration.report.svg import MUTED
 from registration.report.views import FindingView, SectionStack, Views
 from registration.report.views.findings import Panel
 from registration.report.views.mesh_cut import join_lines
-from registration.report.wording import is_number
-
-Record = Mapping[str, Any]
 
 DESIGN: Final = "#36b3ec"
 MEASURED: Final = "#ff9a1f"

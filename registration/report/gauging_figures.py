@@ -9,12 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from kernels.arrays import FloatArray
+from registration.json_ready import Record, is_number
 from registration.report.drawing import blank, broken_line, small_multiples, styled, to_svg
 from registration.report.figures import DECIDED, OUTSIDE
 from registration.report.svg import ACCENT, INK, MUTED
-from registration.report.wording import is_number
-
-Record = Mapping[str, Any]
 
 MOST_PROFILES: Final = 15
 """Vessels drawn along their length: by decision, then those with findings, then the worst."""

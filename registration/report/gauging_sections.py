@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from registration.json_ready import Record, is_number
 from registration.measuring.judging import list_findings
 from registration.report.sections import Fact, mapping, records
-from registration.report.tables import Column, Record, Table, make_table
-from registration.report.wording import MISSING, fixed, is_number, number
+from registration.report.tables import Column, Table, make_table
+from registration.report.wording import MISSING, fixed, number
 
 DEFECT_COLUMNS: Final = (
     Column("vessel", "Vessel", kind="text"),

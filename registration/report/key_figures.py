@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from registration.json_ready import is_number
 from registration.report.sections import mapping, records, surfaces
-from registration.report.wording import duration, is_number, number, plain
+from registration.report.wording import duration, number, plain
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
+from registration.json_ready import Record, is_number
 from registration.report.packing import PackedColumn, pack_points, pack_table
 from registration.report.picture import FLOW, GAUGED, Quantity, VesselQuantities, quantities
 from registration.report.sections import mapping, records
-from registration.report.tables import Record, vessel_index
-from registration.report.wording import is_number
+from registration.report.tables import vessel_index
 
 MAX_PIECES: Final = 60_000
 """Straight pieces that a page shows at most: what an office computer still turns fluently."""

@@ -12,10 +12,10 @@ from markupsafe import Markup
 
 from design.files import write_text
 from design.network import VesselNetwork
+from registration.json_ready import is_number
 from registration.measuring.judging import list_findings
 from registration.report import sections
 from registration.report.added_section import AddedSection
-from registration.report.budget_table import budget_table
 from registration.report.figures import diameter_figure, histogram_figure, network_figure
 from registration.report.finding_figures import finding_figures, views_note
 from registration.report.gauging_figures import (
@@ -32,20 +32,26 @@ from registration.report.gauging_sections import (
     two_way_rows,
 )
 from registration.report.key_figures import key_figures
+from registration.report.measurement_tables import (
+    ZONE_NOTE,
+    budget_table,
+    calibration_facts,
+    fitted_rows,
+    frame_lines,
+    print_facts,
+    record_facts,
+    zone_table,
+)
 from registration.report.network_view import columns, report_view
 from registration.report.oxygen_figures import oxygen_histogram
 from registration.report.packing import Surfaces
 from registration.report.page_frame import render, scene
-from registration.report.picture.pressures import point_pressure
-from registration.report.record import record_facts
+from registration.report.picture.quantity import point_pressure
 from registration.report.scripts import ENTRY
 from registration.report.section_view import section_view
 from registration.report.sections import mapping, records
 from registration.report.svg import inline_figure
-from registration.report.uncertainty import calibration_facts, fitted_rows, print_facts
 from registration.report.views import Views
-from registration.report.wording import is_number
-from registration.report.zones import ZONE_NOTE, frame_lines, zone_table
 
 PLACES: Final = (
     "flow",

@@ -10,11 +10,12 @@ from typing import Any, Final
 from jinja2 import ChainableUndefined, Environment, FileSystemLoader
 from markupsafe import Markup
 
+from registration.json_ready import is_number
 from registration.report import sections
 from registration.report.packing import Surfaces, pack_unpacked
 from registration.report.picture.colours import NO_DATA, samples
 from registration.report.scripts import as_script_json, content_policy, import_map
-from registration.report.wording import MISSING, is_number, label_and_unit, number, plain
+from registration.report.wording import MISSING, label_and_unit, number, plain
 
 _HERE: Final = Path(__file__).parent
 

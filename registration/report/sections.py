@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from registration.report.tables import MAX_ROWS, Column, Record, Table, make_table
+from registration.json_ready import Record, is_number
+from registration.report.tables import MAX_ROWS, Column, Table, make_table
 from registration.report.wording import (
     MISSING,
     decimals_for,
     duration,
     fixed,
-    is_number,
     label_and_unit,
     number,
     plain,

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
-from registration.report.wording import MISSING, decimals_for, fixed, is_number, plain
+from registration.json_ready import Record, is_number
+from registration.report.wording import MISSING, decimals_for, fixed, plain
 
 MAX_ROWS: Final = 1000
 """Rows a table of the page shows at most; report.json has them all."""
-
-Record = Mapping[str, Any]
 
 
 @dataclass(frozen=True)

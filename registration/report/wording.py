@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final, TypeGuard
+from typing import Any, Final
+
+from registration.json_ready import is_number
 
 MISSING: Final = "–"
 
@@ -22,13 +24,6 @@ _WORDS: Final = {
     "z": "z", "mb": "MB", "os": "OS", "cpu": "CPU", "stl": "STL", "sha256": "SHA-256", "um": "µm",
     "p5": "5th percentile",
 }  # fmt: skip
-
-
-def is_number(value: Any) -> TypeGuard[float]:
-    """Whether ``value`` is a finite number (a bool isn't one)."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return math.isfinite(value)
 
 
 def fixed(value: Any, decimals: int) -> str:

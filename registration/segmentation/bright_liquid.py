@@ -1,30 +1,135 @@
-"""Separate gel from liquid nearly as bright in OCT: find light and both levels in turns.
-
-Half of the gel's brightness is no threshold there, and what a place sends back no measure of what
-it takes from the light (`light` rests on that). Both levels and the light are found together, in
-rounds: a split of the averaged share into two classes (Ridler & Calvard 1978,
-10.1109/TSMC.1978.4310039), what the liquid above saves of the light (Beer-Lambert, regressed), and
-the slow rest of the light from both classes, as a bias field (Wells et al. 1996,
-10.1109/42.511747).
-
-The noise floor stays in both: the darkest place holds bright liquid, and is no measure of it.
-"""
+"""Separate gel from liquid nearly as bright in OCT: light and levels in turns."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
-from registration.segmentation.classes import Levels, split_classes
+from kernels.arrays import BoolArray, Float32Array, FloatArray
 from registration.segmentation.filters import bin_mean, gaussian_weights, normalise, smooth
-from registration.segmentation.first_light import LIT, REACH_MM, blocks_of, first_light
+from registration.segmentation.levels import SplitLevels as Levels
+from registration.segmentation.levels import split_classes
 from registration.segmentation.walls import Sides, smoothed
 from registration.segmentation.working import Working
 
-FloatVolume = NDArray[np.float32]
-Mask = NDArray[np.bool_]
+# First OCT light estimate if liquid is bright: fit log light and gel classes in turns.
+
+LIT = 0.02
+"""Of the strongest light: where there is less classes aren't asked for."""
+REACH_MM = (0.25, 0.4, 0.4)
+"""The light's slow rest (standard deviations), z, y, x."""
+LINEAR, BENT, EVEN = 16, 6, 4
+"""Rounds with a straight fall of the light's logarithm, a bent one, and the gel's own level."""
+STARTS, THIN = (0.9, 0.8, 0.6), 2
+"""Parts of the field's middle that first pass for gel, and of how many blocks along y and x one
+says which start is best."""
+GEL, ABOVE = 4, 5
+"""Places of gel, and of the gel above, among `_terms`."""
+BLOCK, BLOCK_BLUR = 3, 0.7
+"""Voxels each way that make a block, and how far blocks are averaged (standard deviation)."""
+
+
+def blocks_of(volume: Float32Array) -> tuple[int, int, int]:
+    """Return how many voxels make a block, along z, y, x."""
+    z, y, x = (min(BLOCK, n) for n in volume.shape)
+    return z, y, x
+
+
+def first_light(signal: Float32Array, working: Working) -> Float32Array:
+    """Light from blocks of both classes: fading with depth and with the gel above (Beer-Lambert).
+
+    Its logarithm is fitted in rounds, with what the last round took for gel; then the slow rest,
+    over shorter and shorter ways.
+    """
+    size = blocks_of(signal)
+    blocks = np.maximum(bin_mean(signal, size, False), 1e-12).astype(np.float64)
+    blocks = gaussian_filter(blocks, BLOCK_BLUR)
+    mean = blocks.mean(axis=(1, 2))
+    used = np.broadcast_to((mean > LIT * mean.max())[:, None, None], blocks.shape)
+    light = _of_two_classes(blocks, used).light
+    for _ in range(EVEN):
+        share = blocks / light
+        gel, levels = _taken(share, used)
+        sure = gaussian_filter(gel.astype(np.float64), 0.7) > 0.8
+        sigma = np.array(REACH_MM) / (working.voxel_mm[::-1] * size)
+        mass = gaussian_filter(sure.astype(np.float64), sigma) + 0.01
+        light = light * (gaussian_filter(sure * share, sigma) + 0.01 * levels.high) / mass
+    light = light.astype(np.float32)
+    scale = light.max()
+    out = np.ones_like(signal)
+    normalise(out, np.zeros_like(light), scale / np.maximum(light, 1e-6 * scale), size)
+    return out * scale
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Light and gel of blocks, what the logarithm leaves, and whether gel takes light."""
+
+    light: FloatArray
+    gel: BoolArray
+    rest: float
+    fading: bool
+
+
+def _of_two_classes(blocks: FloatArray, used: BoolArray) -> _Fit:
+    """Best of the fits from several starts.
+
+    Rounds of classes and light settle where they began: gel a millimetre down is darker than the
+    liquid beside it, and rounds that begin with a plane may end with the classes exchanged. Then
+    what is above *adds* light, which no medium does, or the fit leaves more.
+    """
+    thin = (slice(None), slice(None, None, THIN), slice(None, None, THIN))
+    few, few_used = blocks[thin], used[thin]
+    starts = [None, *(_middle(few.shape, part) for part in STARTS)]
+    orders = (*[1] * LINEAR, *[2] * BENT)
+    fits = [_fitted(few, few_used, start, orders) for start in starts]
+    best = min(fits, key=lambda fit: (not fit.fading, fit.rest))
+    gel = best.gel.repeat(THIN, axis=1).repeat(THIN, axis=2)
+    gel = gel[:, : blocks.shape[1], : blocks.shape[2]]
+    return _fitted(blocks, used, gel, (2,) * BENT)
+
+
+def _fitted(
+    blocks: FloatArray, used: BoolArray, gel: BoolArray | None, orders: tuple[int, ...]
+) -> _Fit:
+    """Fit the logarithm by classes and light together, classes anew each round."""
+    level = np.log(blocks)
+    wanted = level[used]
+    for order in orders:
+        terms = _terms(blocks.shape, gel, order)
+        chosen = np.stack([np.broadcast_to(term, blocks.shape)[used] for term in terms])
+        weight = np.linalg.lstsq(chosen @ chosen.T, chosen @ wanted, rcond=None)[0]
+        # The brightness of gel over liquid, where it is known, isn't light's.
+        kept = [k for k in range(len(terms)) if gel is None or k != GEL]
+        light = np.exp(sum(weight[k] * terms[k] for k in kept))
+        rest = float(np.std(wanted - weight @ chosen))
+        fading = gel is None or bool(weight[ABOVE] < 0)
+        gel, _ = _taken(blocks / light, used)
+    assert gel is not None
+    return _Fit(light, gel, rest, fading)
+
+
+def _middle(shape: tuple[int, ...], part: float) -> BoolArray:
+    """Return the middle of a volume, a part of it along each axis."""
+    out = np.zeros(shape, dtype=np.bool_)
+    out[tuple(slice(round(n * (1 - part) / 2), round(n * (1 + part) / 2)) for n in shape)] = True
+    return out
+
+
+def _taken(share: FloatArray, used: BoolArray) -> tuple[BoolArray, Levels]:
+    levels = split_classes(share[used])
+    return share > levels.middle, levels
+
+
+def _terms(shape: tuple[int, ...], gel: BoolArray | None, order: int) -> list[FloatArray]:
+    """What the logarithm may depend on: nothing, place, gel, gel above, depth squared."""
+    classes = [] if gel is None else [gel.astype(np.float64), np.cumsum(gel, axis=0) / len(gel)]
+    z, y, x = np.meshgrid(*(np.linspace(-1, 1, n) for n in shape), indexing="ij", sparse=True)
+    bent = [z**2] if order > 1 else []
+    return [np.ones((1, 1, 1)), z, y, x, *classes, *bent]
+
 
 BRIGHT = 0.33
 """Of the gel's brightness: of brighter liquid light and levels are found together."""
@@ -54,12 +159,12 @@ class TwoMedia:
         Brightness of liquid, of the gel's, noise and all.
     """
 
-    light: FloatVolume
+    light: Float32Array
     sides: Sides
     liquid: float
 
 
-def softly_split(ratio: FloatVolume, lit: Mask) -> tuple[FloatVolume, Levels]:
+def softly_split(ratio: Float32Array, lit: BoolArray) -> tuple[Float32Array, Levels]:
     """Return the share averaged until it has two classes, and them."""
     sigma, bounded = 1.2, np.clip(ratio, -GLARE, GLARE)
     soft = np.empty_like(ratio)
@@ -74,7 +179,7 @@ def softly_split(ratio: FloatVolume, lit: Mask) -> tuple[FloatVolume, Levels]:
         sigma = min(1.4 * sigma, SOFTEST)
 
 
-def liquid_is_dark(signal: FloatVolume, light: FloatVolume, floor: FloatVolume) -> bool:
+def liquid_is_dark(signal: Float32Array, light: Float32Array, floor: Float32Array) -> bool:
     """Whether blocks of the share are of two classes, the lower darker than `BRIGHT`.
 
     Half of the gel's brightness is a threshold then.
@@ -87,15 +192,15 @@ def liquid_is_dark(signal: FloatVolume, light: FloatVolume, floor: FloatVolume) 
         The noise floor that was taken off, in the signal's measure.
     """
     size = blocks_of(signal)
-    back, beam = (bin_mean(one, size, False, 0.0) for one in (signal, light))
-    noise = bin_mean(np.ascontiguousarray(floor), (size[0], 1, 1), False, 0.0)
+    back, beam = (bin_mean(one, size, False) for one in (signal, light))
+    noise = bin_mean(np.ascontiguousarray(floor), (size[0], 1, 1), False)
     lit = beam > np.maximum(LIT * np.float32(np.percentile(beam, 99)), 4 * noise)
     share = (back + noise)[lit] / beam[lit]
     levels = split_classes(share.astype(np.float64)) if lit.any() else Levels(0.0, 1.0, 0.0)
     return levels.two and levels.low < BRIGHT * levels.high
 
 
-def sides_of(gel: Mask) -> Sides:
+def sides_of(gel: BoolArray) -> Sides:
     """Return what is well within the gel, and well without."""
     share = np.empty(gel.shape, dtype=np.float32)
     near = gaussian_weights(1.2)
@@ -103,7 +208,7 @@ def sides_of(gel: Mask) -> Sides:
     return Sides(share > 0.97, share < 0.03)
 
 
-def two_media(signal: FloatVolume, working: Working) -> TwoMedia | None:
+def two_media(signal: Float32Array, working: Working) -> TwoMedia | None:
     """Return light and classes, or None where liquid is dark or can't be told from gel.
 
     Parameters
@@ -130,7 +235,7 @@ def two_media(signal: FloatVolume, working: Working) -> TwoMedia | None:
     return media
 
 
-def _liquid(ratio: FloatVolume, sides: Sides, lit: Mask) -> float:
+def _liquid(ratio: Float32Array, sides: Sides, lit: BoolArray) -> float:
     """Brightness of liquid over that of gel, well within both."""
     bounded = np.minimum(ratio, np.float32(4 * GLARE))
     gel, liquid = (bounded[side & lit].mean() for side in (sides.gel, sides.liquid))
@@ -138,12 +243,12 @@ def _liquid(ratio: FloatVolume, sides: Sides, lit: Mask) -> float:
 
 
 def _saved(
-    back: FloatVolume,
-    light: FloatVolume,
-    gel: Mask,
+    back: Float32Array,
+    light: Float32Array,
+    gel: BoolArray,
     sides: Sides,
     working: Working,
-) -> FloatVolume:
+) -> Float32Array:
     """Light with what liquid above a voxel saves beyond what its depth's mean has."""
     length = np.cumsum(np.maximum.accumulate(gel, axis=0) & ~gel, axis=0, dtype=np.float32)
     length *= np.float32(working.voxel_mm[2])
@@ -162,8 +267,8 @@ def _saved(
 
 
 def _evened(
-    back: FloatVolume, light: FloatVolume, sides: Sides, liquid: float, working: Working
-) -> FloatVolume:
+    back: Float32Array, light: Float32Array, sides: Sides, liquid: float, working: Working
+) -> Float32Array:
     """Light times the slow rest that both classes tell."""
     voxel = working.voxel_mm[::-1]
     z, y, x = np.minimum(np.maximum(1, np.round(COARSE_MM / voxel)).astype(int),
@@ -174,7 +279,7 @@ def _evened(
     sigma = np.array(REACH_MM) / (voxel * (z, y, x))
     deep, along, aside = (gaussian_weights(float(s)) for s in sigma)
     had, should = (
-        smoothed(bin_mean(weight * one, (z, y, x), False, 0.0), (deep, along, aside))
+        smoothed(bin_mean(weight * one, (z, y, x), False), (deep, along, aside))
         for one in (came, sent)
     )
     none = np.float32(1e-6 * float(should.max()))

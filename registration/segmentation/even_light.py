@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from kernels import jit, pjit
+from kernels.arrays import Float32Array
 from registration.segmentation.filters import bin_mean, times_level
 from registration.segmentation.light import share_of_gel
-from registration.segmentation.local_level import local_level
+from registration.segmentation.walls import local_level
 from registration.segmentation.working import Working
-
-FloatVolume = NDArray[np.float32]
 
 GLARE = 3.0
 """Times the gel around: of speckle 5 % lies above, of a flat face's line all."""
@@ -44,14 +43,14 @@ LEAST = 0.2
 may come out brighter than the rest."""
 
 
-def without_glare(signal: FloatVolume, step_mm: float) -> FloatVolume:
+def without_glare(signal: Float32Array, step_mm: float) -> Float32Array:
     """Return the signal (nz, ny, nx) with lines far brighter than the gel beside them cut off.
 
     Beside them is the brighter of what lies above and below: a line at a face has gel on one side.
     """
     _, ny, nx = signal.shape
     factor = (1, min(ACROSS_VOXELS, ny), min(ACROSS_VOXELS, nx))
-    coarse = bin_mean(signal, factor, False, 0.0)
+    coarse = bin_mean(signal, factor, False)
     half = max(2, round(DEEP_MM / step_mm / 2))
     beside = maximum_filter1d(running_median(coarse, half), 2 * half + 1, axis=0, mode="nearest")
     beside = np.maximum(beside, np.float32(0.0))
@@ -60,7 +59,7 @@ def without_glare(signal: FloatVolume, step_mm: float) -> FloatVolume:
 
 
 @pjit
-def running_median(values: FloatVolume, half: int) -> FloatVolume:
+def running_median(values: Float32Array, half: int) -> Float32Array:
     """Median over depth of each value (nz, ny, nx) and `half` above and below it.
 
     Beyond the ends lies the nearest value. The window is kept in order: of each step one value
@@ -98,7 +97,9 @@ def _replace(window: NDArray[np.float32], gone: float, new: float) -> None:
 
 
 @pjit
-def _at_most(signal: FloatVolume, most: FloatVolume, factor: tuple[int, int, int]) -> FloatVolume:
+def _at_most(
+    signal: Float32Array, most: Float32Array, factor: tuple[int, int, int]
+) -> Float32Array:
     """Lesser of a volume and a level known at every `factor`-th voxel, as `between` has it."""
     nz, ny, nx = signal.shape
     mz, my, mx = most.shape
@@ -136,7 +137,7 @@ def _between_x(count: int, size: int, factor: int) -> tuple[NDArray[np.int64], N
     return place, part
 
 
-def even_signal(signal: FloatVolume, light: FloatVolume, working: Working) -> FloatVolume:
+def even_signal(signal: Float32Array, light: Float32Array, working: Working) -> Float32Array:
     """Return the signal that gel would send back from each voxel, (nz, ny, nx).
 
     Parameters
@@ -151,7 +152,7 @@ def even_signal(signal: FloatVolume, light: FloatVolume, working: Working) -> Fl
     wanted = np.maximum(1, np.round(COARSE_MM / voxel)).astype(int)
     z, y, x = np.minimum(wanted, signal.shape).tolist()
     sigma = np.array(REACH_MM) / (voxel * (z, y, x))
-    back, sent = (bin_mean(one, (z, y, x), False, 0.0) for one in (signal, light))
+    back, sent = (bin_mean(one, (z, y, x), False) for one in (signal, light))
     level, known = np.ones_like(back), -1
     for _ in range(ROUNDS):
         share = back / (sent * level)

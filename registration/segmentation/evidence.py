@@ -1,19 +1,4 @@
-"""Compute evidence for gel at each voxel: signal over that expected of gel there (1 in gel).
-
-What gel would send back is estimated from gel nearby in three steps, each from the scan itself:
-
-- its mean at each depth (attenuation, roll-off, focus);
-- what liquid above saves of the light: a factor exp(b L) with L the length of liquid above, bath
-  and open channels included, and b the regression of the signal on L (Beer-Lambert);
-- the local mean ratio of signal to that prediction, and of what is left when bright voxels are
-  capped (`BRIGHTEST`).
-
-Unlike the light left over on its way (`light`), the estimate never rests on one A-scan alone:
-errors of single A-scans look like ways through the gel. Speckle stays as it is, so that its
-statistics hold: of fully developed speckle a voxel's value is exponential in gel, and
-sums over n independent voxels have the standard deviation 1/√n (Goodman 2007, Speckle Phenomena in
-Optics, section 4.2), less the cap's share.
-"""
+"""Evidence for gel at each voxel, from signal and glints."""
 
 from __future__ import annotations
 
@@ -22,15 +7,62 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from kernels.arrays import FloatArray
+from kernels.arrays import BoolArray, Float32Array, FloatArray
 from registration.segmentation.filters import gaussian_weights, normalise, smooth
-from registration.segmentation.glints import Glints, find_glints, no_glints
-from registration.segmentation.local_level import local_level
 from registration.segmentation.volume import GelField, Strength, Volume, sample
+from registration.segmentation.walls import local_level
 from registration.segmentation.working import probe
 
-FloatVolume = NDArray[np.float32]
-Mask = NDArray[np.bool_]
+# Find glints: voxels far brighter than gel, such as air, particles and specular walls.
+
+GLINT = 15.0
+"""Times the gel's mean. Of 3 million voxels of fully developed speckle, exponential, one lies above
+it: ln(3e6) = 15."""
+USUAL_PERCENT = 50.0
+"""Of the A-scans' brightest voxels: what walls of this part send back where they face the light, as
+its top does in nearly all A-scans. Air along a drained lumen fills many, but not half of them."""
+
+
+@dataclass(frozen=True)
+class Glints:
+    """Glints of a scan.
+
+    Attributes
+    ----------
+    place : (n, 3) float64, mm
+        In the scan.
+    share : (n,) float64
+        Brightness, of the gel's mean.
+    usual : float
+        Brightness that half of the A-scans exceed somewhere.
+    down : int
+        1 where light runs towards larger z, else -1.
+    """
+
+    place: FloatArray
+    share: FloatArray
+    usual: float
+    down: int
+
+
+def find_glints(
+    share: Float32Array, voxel_mm: FloatArray, origin_mm: FloatArray, depth_down: bool
+) -> Glints:
+    """Return the glints of a signal in units of the gel's mean, (nz, ny, nx), uncapped."""
+    index = np.argwhere(share > GLINT)
+    brightest = share.max(axis=0)
+    return Glints(
+        origin_mm + index[:, ::-1] * voxel_mm,
+        share[tuple(index.T)].astype(np.float64),
+        float(np.percentile(brightest, USUAL_PERCENT)),
+        1 if depth_down else -1,
+    )
+
+
+def no_glints() -> Glints:
+    """Return the glints of a volume that no light went through."""
+    return Glints(np.empty((0, 3)), np.empty(0), 0.0, 1)
+
 
 SURE_GEL = 0.7
 """Share of gel in the field above which a voxel tells what gel is like."""
@@ -50,7 +82,6 @@ SIGMA_MM = 0.055
 """Standard deviation of the averages: matched to a way 0.15 mm wide, of which it keeps 0.6."""
 DECISIVE = 4.0
 """Gel and liquid are told apart where they lie this many standard deviations from each other."""
-
 _MOST_STEPS = 30
 _FINE = 1e-3
 """1/mm, of the regression on the liquid above: far below what moves an average."""
@@ -173,8 +204,8 @@ def _of_grey_values(field: GelField) -> GelEvidence:
 
 
 def _predicted(
-    signal: FloatVolume, values: FloatVolume, gel: Mask, voxel: FloatArray
-) -> FloatVolume:
+    signal: Float32Array, values: Float32Array, gel: BoolArray, voxel: FloatArray
+) -> Float32Array:
     """Signal of gel at each voxel; sizes (3,) mm, as z, y, x."""
     liquid = _liquid_above(values, float(voxel[0]))
     count = np.maximum(gel.sum(axis=(1, 2)), 1)
@@ -192,7 +223,7 @@ def _predicted(
     return base
 
 
-def _depth_means(signal: FloatVolume, gel: Mask) -> FloatArray:
+def _depth_means(signal: Float32Array, gel: BoolArray) -> FloatArray:
     """Mean of gel at each depth, (nz,), without glare; 0 where there is no gel.
 
     What counts as glare goes by the median, which of an exponential variable is ln 2 of the mean.
@@ -205,7 +236,7 @@ def _depth_means(signal: FloatVolume, gel: Mask) -> FloatArray:
     return out
 
 
-def _even(share: FloatVolume, values: FloatVolume, gel: Mask, voxel: FloatArray) -> None:
+def _even(share: Float32Array, values: Float32Array, gel: BoolArray, voxel: FloatArray) -> None:
     """Divide in place by the mean of `values` over sure gel around; far from any, of all gel."""
     around = np.array(AROUND_MM) / voxel
     z, y, x = np.clip(np.round(around / 3), 1, gel.shape).astype(int).tolist()
@@ -214,7 +245,7 @@ def _even(share: FloatVolume, values: FloatVolume, gel: Mask, voxel: FloatArray)
     normalise(share, np.zeros_like(level), level, (z, y, x))
 
 
-def _liquid_above(values: FloatVolume, step: float) -> FloatVolume:
+def _liquid_above(values: Float32Array, step: float) -> Float32Array:
     """Length of liquid above each voxel, mm: what of its depth isn't gel.
 
     The bath counts: a channel that opens towards the light saves as much of it as one with gel
@@ -224,7 +255,7 @@ def _liquid_above(values: FloatVolume, step: float) -> FloatVolume:
     return np.cumsum(free, axis=0, dtype=np.float32) * np.float32(step)
 
 
-def _saved(signal: FloatVolume, mean: FloatArray, liquid: FloatVolume, gel: Mask) -> float:
+def _saved(signal: Float32Array, mean: FloatArray, liquid: Float32Array, gel: BoolArray) -> float:
     """Regression of the signal on exp(b (L - mean L)), 1/mm, at least 0.
 
     Solves the sum of l (r exp(-b l) - 1) = 0 over gel by Newton, r the ratio signal/mean and l the
@@ -248,7 +279,7 @@ def _saved(signal: FloatVolume, mean: FloatArray, liquid: FloatVolume, gel: Mask
     return saved
 
 
-def _scatter(mean: FloatVolume, gel: Mask) -> FloatArray:
+def _scatter(mean: Float32Array, gel: BoolArray) -> FloatArray:
     """Robust standard deviation over sure gel at each depth."""
     out = np.full(len(mean), np.nan)
     for z in range(len(mean)):

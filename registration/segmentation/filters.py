@@ -9,21 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit, pjit
-from kernels.arrays import IntArray
+from kernels.arrays import Float32Array, IntArray
 from registration.scan import Scan
 from registration.segmentation.volume import Volume
 
-FloatVolume = NDArray[np.float32]
 Weights = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 
 _PER_DB = np.float32(math.log(10.0) / 10.0)
 
 
 @pjit
-def bin_mean(
-    raw: NDArray[np.generic], bins: tuple[int, int, int], decibel: bool, offset: float
-) -> FloatVolume:
-    """Mean linear intensity of blocks of ``bins`` (z, y, x) voxels, less `offset`.
+def bin_mean(raw: NDArray[np.generic], bins: tuple[int, int, int], decibel: bool) -> Float32Array:
+    """Mean linear intensity of blocks of ``bins`` (z, y, x) voxels.
 
     Intensities in dB become linear before they are averaged; a rest at the end is dropped.
     """
@@ -44,7 +41,7 @@ def bin_mean(
                                 value = np.exp(value * _PER_DB)
                             row[x] += value
             for x in range(nx):
-                out[z, y, x] = row[x] * share - np.float32(offset)
+                out[z, y, x] = row[x] * share
     return out
 
 
@@ -54,7 +51,7 @@ def bin_counts(
     bins: tuple[int, int, int],
     intensities: NDArray[np.float32],
     first: int,
-) -> FloatVolume:
+) -> Float32Array:
     """Mean of what counts stand for, over blocks of ``bins`` (z, y, x) voxels.
 
     ``intensities[count - first]`` is that of a count.
@@ -79,7 +76,7 @@ def bin_counts(
     return out
 
 
-def binned(scan: Scan, bins: tuple[int, int, int]) -> FloatVolume:
+def binned(scan: Scan, bins: tuple[int, int, int]) -> Float32Array:
     """Mean linear intensity of blocks of ``bins`` (z, y, x) voxels, read slab by slab."""
     counts = [size // of for size, of in zip(scan.volume.shape, bins, strict=True)]
     out = np.empty(counts, dtype=np.float32)
@@ -87,7 +84,7 @@ def binned(scan: Scan, bins: tuple[int, int, int]) -> FloatVolume:
     least = int(np.iinfo(scan.volume.dtype.name).min) if table is not None else 0
     for slab in scan.slabs(bins):
         if table is None:
-            out[slab.where] = bin_mean(slab.voxels, bins, scan.scale == "db", 0.0)
+            out[slab.where] = bin_mean(slab.voxels, bins, scan.scale == "db")
         else:
             out[slab.where] = bin_counts(slab.voxels, bins, table, least)
     return out
@@ -95,8 +92,8 @@ def binned(scan: Scan, bins: tuple[int, int, int]) -> FloatVolume:
 
 @pjit
 def mean_where(
-    values: FloatVolume, mask: NDArray[np.bool_], bins: tuple[int, int, int]
-) -> FloatVolume:
+    values: Float32Array, mask: NDArray[np.bool_], bins: tuple[int, int, int]
+) -> Float32Array:
     """Sum of `values` where `mask` holds, over blocks of ``bins`` voxels, by the block's size."""
     bz, by, bx = bins
     nz, ny, nx = values.shape[0] // bz, values.shape[1] // by, values.shape[2] // bx
@@ -157,7 +154,7 @@ def _row(plane: NDArray[np.generic], y: int) -> NDArray[np.generic]:
 @jit
 def _smooth_plane(
     plane: NDArray[np.generic],
-    out: FloatVolume,
+    out: Float32Array,
     weights: tuple[NDArray[np.float32], NDArray[np.float32]],
     row: NDArray[np.float32],
 ) -> None:
@@ -233,7 +230,7 @@ def _smooth(
 
 @jit
 def interpolate_coarse(
-    field: FloatVolume, factor: tuple[int, int, int], z: int, y: int, x: int
+    field: Float32Array, factor: tuple[int, int, int], z: int, y: int, x: int
 ) -> float:
     """A coarse field (block centres at every `factor`-th voxel) at a voxel, trilinear."""
     mz, my, mx = field.shape
@@ -252,7 +249,7 @@ def interpolate_coarse(
 
 
 @jit
-def _steps(count: int, size: int, factor: int) -> tuple[IntArray, FloatVolume]:
+def _steps(count: int, size: int, factor: int) -> tuple[IntArray, Float32Array]:
     """Along an axis of `size` voxels: the coarse one below each, and how far it is to the next.
 
     `count` coarse ones, block centres at every `factor`-th voxel, as in `interpolate_coarse`.
@@ -267,7 +264,7 @@ def _steps(count: int, size: int, factor: int) -> tuple[IntArray, FloatVolume]:
 
 @jit
 def _row_between(
-    field: FloatVolume, k: int, w: np.float32, j: int, v: np.float32, out: FloatVolume
+    field: Float32Array, k: int, w: np.float32, j: int, v: np.float32, out: Float32Array
 ) -> None:
     """A coarse field's row between its layers `k`, and between its rows `j`, into `out`."""
     up, ahead = min(k + 1, field.shape[0] - 1), min(j + 1, field.shape[1] - 1)
@@ -280,7 +277,7 @@ def _row_between(
 
 @pjit
 def normalise(
-    values: FloatVolume, low: FloatVolume, high: FloatVolume, factor: tuple[int, int, int]
+    values: Float32Array, low: Float32Array, high: Float32Array, factor: tuple[int, int, int]
 ) -> None:
     """Map in place what is `low` to 0 and `high` to 1; both at every `factor`-th voxel."""
     nz, ny, nx = values.shape
@@ -303,8 +300,8 @@ def normalise(
 
 @pjit
 def times_level(
-    values: FloatVolume, level: FloatVolume, factor: tuple[int, int, int]
-) -> FloatVolume:
+    values: Float32Array, level: Float32Array, factor: tuple[int, int, int]
+) -> Float32Array:
     """Product of a volume and a level, at least 0.1, known at every `factor`-th voxel."""
     nz, ny, nx = values.shape
     mz, my, mx = level.shape

@@ -23,10 +23,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from kernels import pjit
-from kernels.arrays import FloatArray
+from kernels.arrays import Float32Array, FloatArray
 from registration.segmentation.filters import gaussian_weights, smooth
-
-FloatVolume = NDArray[np.float32]
 
 LOWEST_MM = 0.36
 """So much of the gel's lowest part tells the light from below. Of fewer voxels it would be noisy,
@@ -42,8 +40,8 @@ EVEN_MM = 0.5
 
 
 def remaining_light(
-    signal: FloatVolume, step_mm: float, floor: float, pixel_mm: FloatArray, depth_down: bool
-) -> tuple[FloatVolume, float]:
+    signal: Float32Array, step_mm: float, floor: float, pixel_mm: FloatArray, depth_down: bool
+) -> tuple[Float32Array, float]:
     """Light at every voxel of an OCT volume whose noise floor has been taken off.
 
     Parameters
@@ -80,7 +78,9 @@ def remaining_light(
     return (light if depth_down else light[::-1]), typical
 
 
-def _first_beyond(down: FloatVolume, step_mm: float, floor: float, sigma: FloatArray) -> FloatArray:
+def _first_beyond(
+    down: Float32Array, step_mm: float, floor: float, sigma: FloatArray
+) -> FloatArray:
     """Light beyond each A-scan, (ny, nx), while nothing is known of the gel.
 
     As much enters everywhere as comes back where most does, and what doesn't come back goes on: an
@@ -91,7 +91,7 @@ def _first_beyond(down: FloatVolume, step_mm: float, floor: float, sigma: FloatA
     return np.asarray(np.maximum(entering - back, floor))  # at least as if μ were 1/mm there
 
 
-def share_of_gel(ratio: FloatVolume, typical: float, speckle: float = 1.2) -> FloatVolume:
+def share_of_gel(ratio: Float32Array, typical: float, speckle: float = 1.2) -> Float32Array:
     """How much of what is around each voxel is gel: 0.5 at walls, 1 two voxels from any.
 
     Speckle is smoothed over `speckle` voxels (standard deviation) before anything is decided.
@@ -103,7 +103,7 @@ def share_of_gel(ratio: FloatVolume, typical: float, speckle: float = 1.2) -> Fl
     return share
 
 
-def _brightest(signal: FloatVolume) -> NDArray[np.int64]:
+def _brightest(signal: Float32Array) -> NDArray[np.int64]:
     """Flat places of the brightest 10 dB among about a million.
 
     There the light is strong, and what is unknown beyond the lower end weighs little.
@@ -113,7 +113,7 @@ def _brightest(signal: FloatVolume) -> NDArray[np.int64]:
     return np.flatnonzero(probed > 0.1 * np.percentile(probed, 99)) * every
 
 
-def _typical(bright: NDArray[np.int64], signal: FloatVolume, light: FloatVolume) -> float:
+def _typical(bright: NDArray[np.int64], signal: Float32Array, light: Float32Array) -> float:
     """Attenuation of the gel, 1/mm, from these places."""
     return float(np.median(signal.ravel()[bright] / light.ravel()[bright]))
 
@@ -138,7 +138,7 @@ def _weighted(
 
 
 @pjit
-def accumulate(down: FloatVolume, step_mm: float, beyond: FloatArray) -> FloatVolume:
+def accumulate(down: Float32Array, step_mm: float, beyond: FloatArray) -> Float32Array:
     """Sum from below: the light at each voxel, given what lies beyond each A-scan."""
     nz, ny, nx = down.shape
     out = np.empty((nz, ny, nx), dtype=np.float32)
@@ -156,7 +156,7 @@ def accumulate(down: FloatVolume, step_mm: float, beyond: FloatArray) -> FloatVo
 
 @pjit
 def from_below(
-    down: FloatVolume, within: NDArray[np.bool_], step_mm: float, typical: float, lowest: int
+    down: Float32Array, within: NDArray[np.bool_], step_mm: float, typical: float, lowest: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """What the `lowest` voxels within the gel say of each A-scan.
 

@@ -16,28 +16,133 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
 
+from kernels.arrays import BoolArray, Float32Array
 from registration.errors import SegmentationError
 from registration.scan import Scan
-from registration.segmentation.bright_liquid import (
-    TwoMedia,
-    liquid_is_dark,
-    sides_of,
-    two_media,
-)
+from registration.segmentation.bright_liquid import TwoMedia, liquid_is_dark, sides_of, two_media
 from registration.segmentation.even_light import even_signal, without_glare
-from registration.segmentation.filters import bin_mean, normalise
+from registration.segmentation.filters import (
+    bin_mean,
+    gaussian_weights,
+    near_in_depth,
+    normalise,
+    smooth,
+)
 from registration.segmentation.light import remaining_light, share_of_gel
-from registration.segmentation.local_level import local_level
-from registration.segmentation.reflections import without_lines
 from registration.segmentation.response import depth_response
-from registration.segmentation.unevenness import unevenness
 from registration.segmentation.volume import GelField, Strength
-from registration.segmentation.walls import Sides, share_of_volume
+from registration.segmentation.walls import Sides, local_level, share_of_volume
 from registration.segmentation.working import Working, probe
 
-FloatVolume = NDArray[np.float32]
-Mask = NDArray[np.bool_]
+# Measure how unevenly bright the gel remains after segmentation's corrections of light.
+#
+# Inside gel a segmented field is 1 but for speckle. Gel in layers (birefringent collagen under
+# light of one polarisation, prints of two inks), shadows and haze leave it brighter here and darker
+# there, over lengths that local levels don't follow; a wall there is held against a level that
+# isn't its gel's.
+
+BLOCK_MM = (0.06, 0.3, 0.3)
+"""Averaged, z, y, x: layers lie across the light, and speckle is averaged along them."""
+DARKEST, SHARE = 0.25, 0.97
+"""A block is gel where this share of it lies above that level: dark layers do, liquid doesn't."""
+WITHIN = (5, 3, 3)
+"""So many blocks about one are gel: 0.12 mm and more from any wall."""
+FEWEST = 30
+"""Such blocks tell a spread."""
+
+
+def unevenness(values: Float32Array, working: Working) -> float:
+    """Return the standard deviation of the gel's level beyond speckle, of the step to liquid.
+
+    The spread of blocks, less that between neighbours at the same depth, which is speckle's (and
+    robust: layers of one depth make no such difference). 0 where too little gel is thick enough.
+
+    Parameters
+    ----------
+    values : (nz, ny, nx) float32
+        Gel 1, liquid 0.
+    working : Working
+    """
+    wanted = np.maximum(1, np.round(np.array(BLOCK_MM) / working.voxel_mm[::-1])).astype(int)
+    block = tuple(np.minimum(wanted, values.shape).tolist())
+    full = bin_mean(values > np.float32(DARKEST), block, False) > SHARE
+    inside = minimum_filter(full.astype(np.uint8), WITHIN, mode="constant") > 0
+    level = bin_mean(values, block, False)
+    if np.count_nonzero(inside) < FEWEST:
+        return 0.0
+    both = inside[:, :, 1:] & inside[:, :, :-1]
+    speckle = _spread(np.diff(level, axis=2)[both]) / np.sqrt(2) if both.any() else 0.0
+    return float(np.sqrt(max(_spread(level[inside]) ** 2 - speckle**2, 0.0)))
+
+
+def _spread(values: NDArray[np.float32]) -> float:
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+
+
+# Distinguish bright wall reflections from gel, and count them as half gel.
+#
+# An index step sends back many times what gel does, from a line one or two voxels deep where the
+# wall is smooth, from a band of glints where it is rough. Counted as gel it moves the half level
+# into the liquid by its width. What outshines the gel's own speckle belongs to a wall, which by
+# definition has as much gel before as behind: its voxels count as half gel, and the wall comes out
+# at their middle.
+#
+# How bright speckle gets is asked of gel far from any wall, in averages of several sizes: level
+# walls show in averages along the wall, glints in single voxels, rough walls in averages of depth
+# too. Whatever is taken for a line without being one moves walls into the gel.
+
+CHANCE = 1e-3
+"""Of the peaks within gel, so many stand out as far as what is taken for a line."""
+SCALES = ((0.0, 0.0), (0.8, 0.0), (1.2, 1.0))
+"""Standard deviations of the averages along the wall and in depth, voxels."""
+MAX_REFLECTION = 4.0
+"""Times the gel: no voxel counts for more in averages, or a line would spill."""
+LEAST = 1.2
+"""Times the gel: a line is never fainter."""
+INSIDE = 6
+"""With gel so many voxels above and below a place has no wall's light: there gel is asked for its
+own peaks, and what is bright is a particle."""
+
+
+def without_lines(share: Float32Array, gel: BoolArray, brightest: float) -> Float32Array:
+    """Return shares of gel (nz, ny, nx) with reflections of walls taken for half gel.
+
+    Parameters
+    ----------
+    share : (nz, ny, nx) float32
+        1 for gel, speckle and all; changed in place.
+    gel : (nz, ny, nx) bool
+        Well within the gel: how far speckle stands out there is no sign of a line.
+    brightest : float
+        No voxel will count for more than this.
+    """
+    inside = ~near_in_depth(~gel, INSIDE)
+    lines = np.zeros(share.shape, dtype=np.bool_)
+    dazzled = np.minimum(share, np.float32(MAX_REFLECTION))
+    for along, deep in SCALES:
+        bright = _smoothed(dazzled, along, deep) if along else share
+        lines |= bright >= _stands_out(bright, inside)
+    lines &= ~inside
+    usual = np.minimum(share[inside], np.float32(brightest))
+    share[lines] = 0.5 * float(usual.mean(dtype=np.float64)) if len(usual) else 0.5
+    return share
+
+
+def _smoothed(share: Float32Array, along: float, deep: float) -> Float32Array:
+    out = np.empty_like(share)
+    weights = gaussian_weights(along)
+    smooth(share, out, (gaussian_weights(deep), weights, weights), 0.0)
+    return out
+
+
+def _stands_out(bright: Float32Array, gel: BoolArray) -> np.float32:
+    """Brightness that of gel's own peaks along depth only `CHANCE` exceed, at least `LEAST`."""
+    here = bright[1:-1]
+    peaks = here[gel[1:-1] & (here > bright[:-2]) & (here > bright[2:])]
+    return np.float32(max(float(np.quantile(peaks, 1 - CHANCE)) if len(peaks) else 0.0, LEAST))
+
 
 GEL_MM, LIQUID_MM = 0.25, 0.15
 """Levels are averaged over about this distance; the liquid's changes faster outside the gel."""
@@ -132,7 +237,7 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     return field, contrast, Strength(signal, noise, uncapped, bright or dark)
 
 
-def _two_media(signal: FloatVolume, working: Working, depth_down: bool) -> TwoMedia | None:
+def _two_media(signal: Float32Array, working: Working, depth_down: bool) -> TwoMedia | None:
     if depth_down:
         return two_media(signal, working)
     media = two_media(np.ascontiguousarray(signal[::-1]), working)
@@ -142,7 +247,7 @@ def _two_media(signal: FloatVolume, working: Working, depth_down: bool) -> TwoMe
     return replace(media, light=media.light[::-1], sides=sides)
 
 
-def _share_of_step(signal: FloatVolume, both: TwoMedia) -> FloatVolume:
+def _share_of_step(signal: Float32Array, both: TwoMedia) -> Float32Array:
     """Share of gel by the step from liquid to gel."""
     share = signal / both.light
     share -= np.float32(both.liquid)
@@ -150,7 +255,7 @@ def _share_of_step(signal: FloatVolume, both: TwoMedia) -> FloatVolume:
     return share
 
 
-def _normalised(values: FloatVolume, sides: Sides, known: Mask, working: Working) -> float:
+def _normalised(values: Float32Array, sides: Sides, known: BoolArray, working: Working) -> float:
     """Map liquid to 0 and gel to 1, in place, by their local levels; return liquid over gel."""
     liquid, gel, factor = _levels(values, sides, known, working)
     normalise(values, liquid, gel, factor)
@@ -158,8 +263,8 @@ def _normalised(values: FloatVolume, sides: Sides, known: Mask, working: Working
 
 
 def _softened(
-    values: FloatVolume, sides: Sides, contrast: float, working: Working
-) -> tuple[FloatVolume, float, float]:
+    values: Float32Array, sides: Sides, contrast: float, working: Working
+) -> tuple[Float32Array, float, float]:
     """Smooth further until speckle leaves `QUIET`; return values, contrast and blur, mm.
 
     Speckle falls as the 1.5th power of the blur. Levels are told anew from what is gel and liquid
@@ -176,24 +281,24 @@ def _softened(
     return soft, _contrast(soft, sides), blur
 
 
-def _noise_floor(signal: FloatVolume, bins: tuple[int, int, int]) -> float:
+def _noise_floor(signal: Float32Array, bins: tuple[int, int, int]) -> float:
     """Return the mean noise, from the darkest of blocks that hold `FLOOR_BLOCK` voxels each way.
 
     A block's mean scatters by its noise (whose standard deviation is its mean, over the root of
     the voxels averaged): the darkest in a thousand lies 3.09 standard deviations below the mean.
     """
     block = _within(signal, (FLOOR_BLOCK,) * 3)
-    darkest = float(np.percentile(bin_mean(signal, block, False, 0.0), 0.1))
+    darkest = float(np.percentile(bin_mean(signal, block, False), 0.1))
     looks = float(np.prod(block) * np.prod(bins))
     return darkest / (1.0 - min(3.09 / np.sqrt(looks), 0.8))
 
 
-def _sides(signal: FloatVolume, light: FloatVolume) -> Sides:
+def _sides(signal: Float32Array, light: Float32Array) -> Sides:
     share = share_of_gel(signal / light, 1.0)
     return Sides(share > 0.97, share < 0.03)
 
 
-def _refuse_upside_down(signal: FloatVolume, step_mm: float, depth_down: bool) -> None:
+def _refuse_upside_down(signal: Float32Array, step_mm: float, depth_down: bool) -> None:
     """What is bright must fade along the light's way."""
     bright = signal > BRIGHT * np.percentile(probe(signal), 99.5)
     apart = min(max(1, round(GROWTH_MM / step_mm)), len(signal) - 1)
@@ -211,8 +316,8 @@ def _refuse_upside_down(signal: FloatVolume, step_mm: float, depth_down: bool) -
 
 
 def _levels(
-    values: FloatVolume, sides: Sides, known: Mask, working: Working
-) -> tuple[FloatVolume, FloatVolume, tuple[int, int, int]]:
+    values: Float32Array, sides: Sides, known: BoolArray, working: Working
+) -> tuple[Float32Array, Float32Array, tuple[int, int, int]]:
     """Local brightness of liquid and gel on a coarse grid, and the grid's factor."""
     factor = _coarse(working, values)
     voxel = working.voxel_mm[::-1] * factor
@@ -223,7 +328,7 @@ def _levels(
     return liquid, gel, factor
 
 
-def _contrast(values: FloatVolume, sides: Sides) -> float:
+def _contrast(values: Float32Array, sides: Sides) -> float:
     """Distance of the two levels over the spread of the gel."""
     every = max(1, values.size // 1_000_000)
     chosen = values.ravel()[::every]
@@ -242,12 +347,12 @@ def _refuse_flat(contrast: float) -> None:
         )
 
 
-def _coarse(working: Working, values: FloatVolume) -> tuple[int, int, int]:
+def _coarse(working: Working, values: Float32Array) -> tuple[int, int, int]:
     """Voxels that make about `COARSE_MM`, along z, y, x."""
     fz, fy, fx = np.maximum(1, np.round(COARSE_MM / working.voxel_mm[::-1])).astype(int).tolist()
     return _within(values, (fz, fy, fx))
 
 
-def _within(values: FloatVolume, factor: tuple[int, int, int]) -> tuple[int, int, int]:
+def _within(values: Float32Array, factor: tuple[int, int, int]) -> tuple[int, int, int]:
     z, y, x = (min(f, n) for f, n in zip(factor, values.shape, strict=True))
     return z, y, x

@@ -25,13 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from kernels.arrays import FloatArray
+from kernels.arrays import BoolArray, Float32Array, FloatArray
 from registration.segmentation.filters import bin_mean
 from registration.segmentation.light import remaining_light, share_of_gel
 from registration.segmentation.working import Working
-
-FloatVolume = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 COARSE_MM = (0.045, 0.09, 0.09)
 """Blocks that are averaged, z, y, x."""
@@ -63,12 +60,12 @@ class Gel:
         Length of gel above each.
     """
 
-    sure: Mask
+    sure: BoolArray
     above: FloatArray
 
 
 def depth_response(
-    signal: FloatVolume, noise: float, working: Working, depth_down: bool
+    signal: Float32Array, noise: float, working: Working, depth_down: bool
 ) -> NDArray[np.float32]:
     """Return what the instrument shows of each depth, (nz,), 1 where it shows most.
 
@@ -85,7 +82,7 @@ def depth_response(
     voxel = working.voxel_mm[::-1]
     wanted = np.maximum(1, np.round(np.array(COARSE_MM) / voxel)).astype(int)
     fz, fy, fx = np.minimum(wanted, signal.shape).tolist()
-    coarse = bin_mean(signal, (fz, fy, fx), False, 0.0)
+    coarse = bin_mean(signal, (fz, fy, fx), False)
     down = coarse if depth_down else coarse[::-1]
     size = voxel * (fz, fy, fx)
     fades, response = 0.0, np.ones(len(down))
@@ -101,7 +98,7 @@ def depth_response(
     return np.interp(rows, np.arange(len(response)), response).astype(np.float32)
 
 
-def _gel(down: FloatVolume, response: FloatArray, noise: float, size: FloatArray) -> Gel:
+def _gel(down: Float32Array, response: FloatArray, noise: float, size: FloatArray) -> Gel:
     """Blocks of gel by the model of light, with a response; `noise` is a block's."""
     even = (down / response[:, None, None]).astype(np.float32)
     light, typical = remaining_light(even, float(size[0]), 6 * noise, size[:0:-1], True)
@@ -111,7 +108,7 @@ def _gel(down: FloatVolume, response: FloatArray, noise: float, size: FloatArray
     return Gel(share_of_gel(share, 1.0) > SURE, above)
 
 
-def _known(down: FloatVolume, sure: Mask, noise: float, reach: int) -> Mask:
+def _known(down: Float32Array, sure: BoolArray, noise: float, reach: int) -> BoolArray:
     """Depths with enough gel that outshines the noise, (nz,), down to its foot."""
     count = np.maximum(sure.sum(axis=(1, 2)), 1)
     mean = np.where(sure, down, 0).sum(axis=(1, 2), dtype=np.float64) / count
@@ -125,7 +122,7 @@ def _known(down: FloatVolume, sure: Mask, noise: float, reach: int) -> Mask:
 
 
 def _regressed(
-    down: FloatVolume, gel: Gel, known: Mask, fades: float, size: FloatArray
+    down: Float32Array, gel: Gel, known: BoolArray, fades: float, size: FloatArray
 ) -> tuple[float, float]:
     """Regression of ln I on G, 1/mm, a Gauss-Newton step on from `fades`, and the likeliest value.
 
@@ -164,13 +161,15 @@ def _without_instrument(mean: FloatArray, usual: FloatArray, count: NDArray[np.i
     return max(-float((count * away * np.log(mean)).sum()) / max(square, 1e-12), 1e-3)
 
 
-def _level(back: FloatVolume, sure: Mask, above: FloatArray, fades: float) -> FloatArray:
+def _level(back: Float32Array, sure: BoolArray, above: FloatArray, fades: float) -> FloatArray:
     """R of each depth, (nz,), where gel fades so."""
     left = np.where(sure, np.exp(-fades * above), 0).sum(axis=(1, 2))
     return np.asarray(np.where(sure, back, 0).sum(axis=(1, 2), dtype=np.float64) / left)
 
 
-def _response(down: FloatVolume, gel: Gel, known: Mask, fades: float, step_mm: float) -> FloatArray:
+def _response(
+    down: Float32Array, gel: Gel, known: BoolArray, fades: float, step_mm: float
+) -> FloatArray:
     """Response at every depth, (nz,); beyond the gel as at its last."""
     rows = np.flatnonzero(known)
     level = np.log(_level(down[known], gel.sure[known], gel.above[known], fades))

@@ -20,9 +20,9 @@ from design.geometry.surface import Surface
 from kernels.arrays import FloatArray
 from registration.errors import SegmentationError
 from registration.scan import Scan
+from registration.segmentation.levels import plain_field
 from registration.segmentation.mesh import surface_mesh
 from registration.segmentation.oct_field import oct_field
-from registration.segmentation.plain_field import plain_field
 from registration.segmentation.volume import GelField, Strength
 from registration.segmentation.working import Working
 

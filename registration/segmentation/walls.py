@@ -1,22 +1,4 @@
-"""Estimate each OCT voxel's gel share from signal and light, corrected at steep walls.
-
-Light on its way down (`light`) is the sum over rays; G of it runs in gel, N in liquid, which
-scatters by a part q of what gel does. A voxel sends back G + q N, so both are known, and
-G / (G + N) is the share of its light that is in gel. Where all its rays have come the same way, at
-a wall that lies across the light, that is the share of its volume.
-
-Along a steep wall they haven't. A wall that faces the light lets rays in from the side, less faded
-than those beside them; under a wall that faces away some have faded in gel before they left it. A
-wall a millimetre down that leans by a degree comes out 10 um off by that. Two bounds hold for any
-mixture:
-
-- gel's rays are at least as bright as those that came through gel all the way: share <= G / gel;
-- liquid's are at most as bright as those that came through liquid: share <= 1 - N / liquid,
-
-with the light beside the wall, in gel and in liquid. The first is exact where the wall faces away,
-the second where it faces the light, both where it stands upright. Which is less is asked of
-averages along the wall: the lesser of two values with speckle in them would always be too small.
-"""
+"""Gel share of each OCT voxel at walls, and its smooth local mean."""
 
 from __future__ import annotations
 
@@ -27,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import pjit
+from kernels.arrays import BoolArray, Float32Array
 from registration.segmentation.filters import (
     Weights,
     bin_mean,
@@ -38,10 +21,7 @@ from registration.segmentation.filters import (
 )
 from registration.segmentation.working import Working
 
-FloatVolume = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 Factor = tuple[int, int, int]
-
 BESIDE_MM = 0.12
 """How far about beside a wall light is looked for: standard deviation, level."""
 ALONG_MM = 0.15
@@ -63,29 +43,29 @@ _DARKEST, _BRIGHTEST = -3.0, 30.0
 class Sides:
     """Voxels well within the gel, and well without, (nz, ny, nx) each."""
 
-    gel: Mask
-    liquid: Mask
+    gel: BoolArray
+    liquid: BoolArray
 
 
 @dataclass(frozen=True)
 class SideLevels:
     """Light in gel or in liquid beside each place, on a coarse grid: times its weight, and that."""
 
-    light: FloatVolume
-    weight: FloatVolume
+    light: Float32Array
+    weight: Float32Array
 
     @staticmethod
-    def of(light: FloatVolume, where: Mask, factor: Factor, weights: Weights) -> SideLevels:
+    def of(light: Float32Array, where: BoolArray, factor: Factor, weights: Weights) -> SideLevels:
         """Look around level."""
         return SideLevels(
             smoothed(mean_where(light, where, factor), weights),
-            smoothed(bin_mean(where, factor, False, 0.0), weights),
+            smoothed(bin_mean(where, factor, False), weights),
         )
 
 
 def share_of_volume(
-    signal: FloatVolume, light: FloatVolume, sides: Sides, working: Working, factor: Factor
-) -> tuple[FloatVolume, Mask]:
+    signal: Float32Array, light: Float32Array, sides: Sides, working: Working, factor: Factor
+) -> tuple[Float32Array, BoolArray]:
     """Share of gel of every voxel, speckle and all, and where that is known.
 
     Parameters
@@ -115,7 +95,7 @@ def share_of_volume(
     )  # fmt: skip
 
 
-def scatter_of_liquid(signal: FloatVolume, light: FloatVolume, liquid: Mask) -> float:
+def scatter_of_liquid(signal: Float32Array, light: Float32Array, liquid: BoolArray) -> float:
     """Part of what gel sends back that liquid does, by the same light."""
     every = max(1, signal.size // 1_000_000)
     beam, back = light.ravel()[::every], signal.ravel()[::every]
@@ -125,7 +105,7 @@ def scatter_of_liquid(signal: FloatVolume, light: FloatVolume, liquid: Mask) -> 
     return float(np.clip(np.minimum(back[known] / beam[known], 1.0).mean(), 0.0, 0.5))
 
 
-def smoothed(values: FloatVolume, weights: Weights) -> FloatVolume:
+def smoothed(values: Float32Array, weights: Weights) -> Float32Array:
     """Gaussian-smoothed copy of a coarse field."""
     out = np.empty_like(values)
     smooth(values, out, weights, 0.0)
@@ -133,39 +113,37 @@ def smoothed(values: FloatVolume, weights: Weights) -> FloatVolume:
 
 
 def _lesser(
-    signal: FloatVolume,
-    light: FloatVolume,
-    steep: Mask,
+    signal: Float32Array,
+    light: Float32Array,
+    steep: BoolArray,
     gel: SideLevels,
     liquid: SideLevels,
     scatter: float,
     factor: Factor,
-) -> FloatVolume:
+) -> Float32Array:
     """The second bound less the first, summed over steep walls, on the coarse grid."""
     back, beam = (mean_where(values, steep, factor) for values in (signal, light))
     in_gel = (back - scatter * beam) / (1.0 - scatter)
     both = np.minimum(gel.weight, liquid.weight) > LEAST_WEIGHT
     with np.errstate(divide="ignore", invalid="ignore"):
         first = in_gel * gel.weight / gel.light
-        second = (
-            bin_mean(steep, factor, False, 0.0) - (beam - in_gel) * liquid.weight / liquid.light
-        )
+        second = bin_mean(steep, factor, False) - (beam - in_gel) * liquid.weight / liquid.light
     return np.where(both, second - first, 0.0).astype(np.float32)
 
 
 @pjit
 def _shares(
-    signal: FloatVolume,
-    light: FloatVolume,
-    own: Mask,
-    gel_light: FloatVolume,
-    gel_weight: FloatVolume,
-    liquid_light: FloatVolume,
-    liquid_weight: FloatVolume,
-    lesser: FloatVolume,
+    signal: Float32Array,
+    light: Float32Array,
+    own: BoolArray,
+    gel_light: Float32Array,
+    gel_weight: Float32Array,
+    liquid_light: Float32Array,
+    liquid_weight: Float32Array,
+    lesser: Float32Array,
     factor: Factor,
     scatter: float,
-) -> tuple[FloatVolume, Mask]:
+) -> tuple[Float32Array, BoolArray]:
     """Shares, and where they are known: where there is no gel beside, there is none: 0."""
     nz, ny, nx = signal.shape
     out = np.zeros((nz, ny, nx), dtype=np.float32)
@@ -196,3 +174,50 @@ def _shares(
                 known[z, y, x] = has_share
                 out[z, y, x] = np.float32(min(max(share, _DARKEST), _BRIGHTEST))
     return out, known
+
+
+# Smooth local mean of selected voxels' values everywhere in a scan, on a coarse grid.
+
+TREND_RIDGE = 0.05
+"""Holds a slope down where all voxels lie in a small part of the neighbourhood's depth."""
+FEW = 1e-4
+"""Of a neighbourhood: so much weight the usual level has."""
+
+
+def local_level(
+    values: Float32Array,
+    where: BoolArray,
+    factor: Factor,
+    sigma: NDArray[np.float64],
+    usual: float,
+    trend: bool,
+) -> Float32Array:
+    """Level of `values` over the voxels `where`, around each place; far from any of them `usual`.
+
+    Parameters
+    ----------
+    values : (nz, ny, nx) float32
+    where : (nz, ny, nx) bool
+    factor : (fz, fy, fx)
+        Voxels of the coarse grid that the level is given on.
+    sigma : (3,) float64
+        Of the Gaussian neighbourhood along z, y, x, in coarse voxels.
+    usual : float
+    trend : bool
+        Take the level of a straight line along depth, fitted locally (a local linear regression,
+        Fan & Gijbels 1996): at the gel's top and bottom all that is known of it lies to one side,
+        and a mean would be the level of a place further in.
+    """
+    z, y, x = (gaussian_weights(s) for s in sigma)
+    weight = bin_mean(where, factor, False)
+    total = mean_where(values, where, factor) - np.float32(usual) * weight
+    offset = (np.arange(len(z)) - len(z) // 2).astype(np.float32)
+    mass, pull = (smoothed(v, (z, y, x)) for v in (weight, total))
+    if not trend:
+        return np.asarray(usual + pull / (mass + FEW), dtype=np.float32)
+    lever, spread = (smoothed(weight, (z * offset**k, y, x)) for k in (1, 2))
+    slope = smoothed(total, (z * offset, y, x))
+    mass += np.float32(FEW)
+    spread += np.float32(TREND_RIDGE * sigma[0] ** 2) * mass
+    level = (spread * pull - lever * slope) / (spread * mass - lever**2)
+    return np.asarray(usual + level, dtype=np.float32)

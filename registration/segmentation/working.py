@@ -7,12 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kernels.arrays import FloatArray
+from kernels.arrays import Float32Array, FloatArray
 from registration.scan import Scan
 from registration.segmentation.filters import Weights, binned, gaussian_weights, smooth
 from registration.segmentation.volume import Volume
-
-FloatVolume = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -53,11 +51,11 @@ class Working:
         """Standard deviation of the Gaussian, mm."""
         return float(self.sigma[0] * self.voxel_mm[2])
 
-    def binned(self, scan: Scan) -> FloatVolume:
+    def binned(self, scan: Scan) -> Float32Array:
         """Mean linear intensity on the working grid, read slab by slab."""
         return binned(scan, self.bins)
 
-    def smoothed(self, values: FloatVolume, part: float = 1.0) -> FloatVolume:
+    def smoothed(self, values: Float32Array, part: float = 1.0) -> Float32Array:
         """Gaussian-smoothed copy, by a `part` of the standard deviation."""
         out = np.empty(values.shape, np.float32)
         smooth(values, out, self._weights(part), 0.0)

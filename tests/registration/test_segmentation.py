@@ -16,8 +16,8 @@ from registration.segmentation.filters import (
 )
 from registration.segmentation.levels import part_levels, sparse_levels
 from registration.segmentation.light import remaining_light
-from registration.segmentation.local_level import local_level
-from registration.segmentation.nets import surface
+from registration.segmentation.mesh import surface
+from registration.segmentation.walls import local_level
 
 
 def ball(radius: float, centre: FloatArray, n: int = 40) -> NDArray[np.float32]:
@@ -66,8 +66,8 @@ def test_binning_averages_linear_intensity_of_decibels() -> None:
     linear = np.random.default_rng(0).uniform(1, 100, (4, 6, 9)).astype(np.float32)
     expected = linear[:, :6, :9].reshape(2, 2, 3, 2, 3, 3).mean(axis=(1, 3, 5))
     decibel = (10 * np.log10(linear)).astype(np.float32)
-    np.testing.assert_allclose(bin_mean(linear, (2, 2, 3), False, 0.0), expected, rtol=1e-5)
-    np.testing.assert_allclose(bin_mean(decibel, (2, 2, 3), True, 0.0), expected, rtol=1e-4)
+    np.testing.assert_allclose(bin_mean(linear, (2, 2, 3), False), expected, rtol=1e-5)
+    np.testing.assert_allclose(bin_mean(decibel, (2, 2, 3), True), expected, rtol=1e-4)
 
 
 @pytest.mark.slow

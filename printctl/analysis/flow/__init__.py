@@ -5,10 +5,16 @@ with `solve.py`.
 """
 
 from printctl.analysis.flow.conditions import pulsatile_conditions, steady_conditions
-from printctl.analysis.flow.one_d import ONE_D, ONE_D_WAVES, one_d_options
-from printctl.analysis.flow.outputs import PULSES, WAVES, read_waves
-from printctl.analysis.flow.solve import solve_section
-from printctl.analysis.flow.steady import TABLE
+from printctl.analysis.flow.solve import (
+    ONE_D,
+    ONE_D_WAVES,
+    PULSES,
+    TABLE,
+    WAVES,
+    one_d_options,
+    read_waves,
+    solve_section,
+)
 from printctl.analysis.flow.tables import NPZ, CsvTables, FlowTables, NpzTables
 
 __all__ = [

@@ -24,7 +24,7 @@ from registration.measuring.gauging import (
     network_of_lumens,
     sub_network,
 )
-from registration.measuring.gauging.planes import stations
+from registration.measuring.gauging.trace import stations
 
 _FEW: Final = 0.5
 """Of a vessel without a section: spacing of its stations over its length."""
@@ -223,8 +223,8 @@ def _turned(network: VesselNetwork, which: np.ndarray[Any, np.dtype[np.bool_]]) 
     )
 
 
-def even_radii(network: VesselNetwork, apart: float = 2.0) -> VesselNetwork:
-    """The same with a point every ``apart`` radii, whose radii conduct as those around it did.
+def even_radii(network: VesselNetwork) -> VesselNetwork:
+    """The same with a point every two radii, whose radii conduct as those around it did.
 
     Sections lie closer than a lumen is wide, and their noise would be steps of its wall in 3D.
     The radius at a point is (mean of r⁻⁴)^-¼ over half an interval to each side.
@@ -233,7 +233,7 @@ def even_radii(network: VesselNetwork, apart: float = 2.0) -> VesselNetwork:
     for vessel in range(network.vessel_count):
         way, radius = network.polyline(vessel)
         path = arc_lengths(way)
-        count = max(1, int(path[-1] / (apart * radius.mean())))
+        count = max(1, int(path[-1] / (2.0 * radius.mean())))
         fine = np.linspace(0.0, path[-1], 40 * count + 1)
         law = np.interp(fine, path, radius) ** -4.0
         at = np.linspace(0.0, path[-1], count + 1)

@@ -1,10 +1,15 @@
-"""Convert a recipe's flow section to the solvers' boundary conditions, fluid and units."""
+"""Boundary conditions, fluid and units of a recipe's flow section, for the solvers."""
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
+
+import numpy as np
+from pydantic import ValidationError
 
 from design.hemodynamics import (
     Carreau,
@@ -12,23 +17,157 @@ from design.hemodynamics import (
     Fluid,
     GelWall,
     Losses,
+    OutletLoad,
     PowerLaw,
+    PressureOutlet,
     Pries1994,
     PulsatileConditions,
+    ResistanceOutlet,
     RigidWall,
     Stenosis,
     Supply,
     ThinWall,
+    WindkesselOutlet,
+    same_shear_conditions,
+    scaled_network,
 )
 from design.hemodynamics.waveforms import Constant, Sine, Tabulated, Waveform, read_waveform, shape
 from design.hemodynamics.waveforms.waveform import cycle_times
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, PA_S2_MM2_PER_G_CM3, UL_S_PER_ML_MIN
-from printctl.analysis.flow.outlets import Outlet, outlet_of, read_outlets, steady_of
 from printctl.errors import UsageError
-from printctl.recipe.fluids import CarreauPart, FluidPart, LossPart, PowerLawPart
-from printctl.recipe.parts import FlowPart
-from printctl.recipe.pulse import PulsePart
+from printctl.recipe import Recipe
+from printctl.recipe.parts import (
+    CarreauPart,
+    FlowPart,
+    FluidPart,
+    LossPart,
+    PowerLawPart,
+    PulseOutlet,
+    PulsePart,
+)
+from printctl.run_folder.artefacts import NETWORK
+from printctl.run_folder.manifest import Manifest, digest_file
+
+# Outlet boundary conditions (pressure, resistance, Windkessel) from a recipe or a CSV file.
+
+Outlet = PressureOutlet | ResistanceOutlet | WindkesselOutlet
+_RESISTANCE: Final = PA_PER_MMHG / UL_S_PER_ML_MIN
+_COMPLIANCE: Final = 1000.0 / PA_PER_MMHG
+_VALUES: Final = (
+    "pressure_mmhg", "resistance_mmhg_min_ml", "proximal_mmhg_min_ml", "compliance_ml_mmhg",
+)  # fmt: skip
+
+
+def outlet_of(given: PulseOutlet | None, distal_pa: float, volume: float = 1.0) -> Outlet:
+    """Outlet condition in the design's units, of a print ``volume`` times the size."""
+    if given is None:
+        return PressureOutlet(Constant(distal_pa))
+    resistance = given.resistance_mmhg_min_ml * _RESISTANCE / volume
+    if given.proximal_mmhg_min_ml is None or given.compliance_ml_mmhg is None:
+        return ResistanceOutlet(resistance, distal_pa)
+    proximal = given.proximal_mmhg_min_ml * _RESISTANCE / volume
+    compliance = given.compliance_ml_mmhg * _COMPLIANCE * volume
+    return WindkesselOutlet(proximal, compliance, resistance, distal_pa)
+
+
+def steady_of(outlet: Outlet) -> OutletLoad:
+    """The same in steady flow."""
+    if isinstance(outlet, ResistanceOutlet):
+        return OutletLoad(outlet.resistance, outlet.distal_pa)
+    if isinstance(outlet, WindkesselOutlet):
+        return OutletLoad(outlet.proximal + outlet.distal, outlet.distal_pa)
+    return OutletLoad(0.0, float(outlet.waveform.at(np.zeros(1))[0]))
+
+
+def read_outlets(path: Path, network: VesselNetwork, volume: float = 1.0) -> dict[int, Outlet]:
+    """Read a row for each outlet of ``network``, whose other numbers are those of a recipe.
+
+    Raises
+    ------
+    UsageError
+        For a missing or unknown column, a cell that is no number, a row that isn't an outlet's or
+        is its second, an outlet without a row.
+    OSError
+        When the file can't be read.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as handle:
+            reader = csv.DictReader(handle)
+            rows, names = list(reader), reader.fieldnames or []
+    except (UnicodeDecodeError, csv.Error) as exc:
+        raise UsageError(f"{path} isn't a CSV file: {exc}") from exc
+    key = next((name for name in ("node", "vessel") if name in names), None)
+    strange = [name for name in names if name not in ("node", "vessel", *_VALUES)]
+    if key is None or strange:
+        wrong = f"has a column {strange[0]!r}" if strange else "has no column node or vessel"
+        raise UsageError(f"{path} {wrong}; its first line names node,{','.join(_VALUES)}")
+    ends = network.outlets()
+    outlets: dict[int, Outlet] = {}
+    for line, row in enumerate(rows, 2):
+        place = f"{path}, line {line}"
+        node = _node(place, key, row, network)
+        if node not in ends or node in outlets:
+            wrong = "has a row already" if node in outlets else "isn't one of the outlets"
+            raise UsageError(f"{place}: {key} {row[key]} {wrong}; outlets are the nodes "
+                             f"{', '.join(map(str, ends[:8]))}")  # fmt: skip
+        outlets[node] = _row(place, row, volume)
+    bare = [int(node) for node in ends if node not in outlets]
+    if bare:
+        raise UsageError(
+            f"{path}: outlet {bare[0]} has no condition ({len(bare)} of {len(ends)} such); give it "
+            "a row with its pressure or resistance"
+        )
+    return outlets
+
+
+def _node(place: str, key: str, row: Mapping[str, str], network: VesselNetwork) -> int:
+    number = _number(place, key, row)
+    if number is None or number != int(number) or number < 0:
+        raise UsageError(f"{place}: {key} {row[key]!r} is no number of a {key}")
+    if key == "node":
+        return int(number)
+    if number >= network.vessel_count:
+        raise UsageError(
+            f"{place}: there is no vessel {int(number)}; the network has 0 to "
+            f"{network.vessel_count - 1}"
+        )
+    return int(network.vessel_nodes[int(number), 1])
+
+
+def _row(place: str, row: Mapping[str, str], volume: float) -> Outlet:
+    pressure, *rest = (_number(place, name, row) for name in _VALUES)
+    resistance, proximal, compliance = rest
+    if resistance is None:
+        if pressure is None or proximal is not None or compliance is not None:
+            raise UsageError(f"{place}: give pressure_mmhg or resistance_mmhg_min_ml")
+        return PressureOutlet(Constant(pressure * PA_PER_MMHG))
+    if (proximal is None) != (compliance is None):
+        raise UsageError(f"{place}: a Windkessel has proximal_mmhg_min_ml, compliance_ml_mmhg and "
+                         "resistance_mmhg_min_ml; give all three, or the last alone")  # fmt: skip
+    for name, value in zip(_VALUES[1:], rest, strict=True):
+        if value is not None and value <= 0.0:
+            raise UsageError(f"{place}: {name} is {value:g}; give a number above 0")
+    given = PulseOutlet(
+        resistance_mmhg_min_ml=resistance,
+        proximal_mmhg_min_ml=proximal,
+        compliance_ml_mmhg=compliance,
+    )
+    return outlet_of(given, (pressure or 0.0) * PA_PER_MMHG, volume)
+
+
+def _number(place: str, name: str, row: Mapping[str, str]) -> float | None:
+    text = (row.get(name) or "").strip()
+    if not text:
+        return None
+    try:
+        value = float(text)
+    except ValueError as exc:
+        raise UsageError(f"{place}: {name} {text!r} is no number") from exc
+    if not np.isfinite(value):
+        raise UsageError(f"{place}: {name} is {text}; give a number")
+    return value
+
 
 _MEAN: Final = 0.01
 
@@ -217,3 +356,108 @@ def _wall(pulse: PulsePart, scale: float) -> RigidWall | GelWall | ThinWall:
     if pulse.wall_thickness_mm is None:
         return GelWall(young)
     return ThinWall(young, pulse.wall_thickness_mm * scale)
+
+
+# Flow section that drives a network: a run's own, in the print's size, and its tables' folder.
+
+
+@dataclass(frozen=True)
+class Driven:
+    """A flow section, and what its numbers are relative to.
+
+    Attributes
+    ----------
+    part : FlowPart
+    folder : Path
+        That its tables' names are relative to.
+    print_scale : float
+        Of the networks that are solved over the section's design.
+    """
+
+    part: FlowPart
+    folder: Path = Path()
+    print_scale: float = 1.0
+
+    def steady(self, network: VesselNetwork) -> FlowConditions:
+        """Conditions of the print's size, at the wall shear of the design's.
+
+        Raises
+        ------
+        UsageError, OSError
+            As `steady_conditions`.
+        """
+        small = scaled_network(network, 1.0 / self.print_scale)
+        made = steady_conditions(self.part, self.folder, small)
+        return same_shear_conditions(made, self.print_scale)
+
+    def pulsatile(self, network: VesselNetwork) -> PulsatileConditions | None:
+        """The same of the section's pulse; None without one.
+
+        Raises
+        ------
+        UsageError, FlowInputError, OSError
+            As `pulsatile_conditions`.
+        """
+        return None if self.part.pulse is None else self.problem(network)
+
+    def problem(self, network: VesselNetwork) -> PulsatileConditions:
+        """The pulse's conditions, or a constant inlet's, as files of other solvers hold them.
+
+        Raises
+        ------
+        UsageError, FlowInputError, OSError
+            As `pulsatile_conditions`, and for a fluid or losses that these files don't know.
+        """
+        if self.part.viscosity is not None or self.part.losses != LossPart():
+            raise UsageError(
+                "files of other solvers hold one viscosity and no losses; leave viscosity and "
+                "losses out (--viscosity-mpa-s takes their place), or the file"
+            )
+        return pulsatile_conditions(
+            self.part, self.part.pulse, self.folder, self.print_scale, network
+        )
+
+
+def recipe_of(folder: Path, what: str = "--as-printed") -> Recipe:
+    """The recipe of a run, for ``what`` needs it.
+
+    Raises
+    ------
+    UsageError
+        When the folder is no run's.
+    """
+    if not (folder / NETWORK).is_file():
+        raise UsageError(
+            f"{what} wants a run folder, and {folder} holds no {NETWORK}; `printctl run` makes one"
+        )
+    try:
+        return Recipe.model_validate(Manifest.load(folder).facts["recipe"])
+    except (KeyError, ValidationError) as exc:
+        raise UsageError(
+            f"the manifest in {folder} has no recipe of this version, which {what} needs; run the "
+            f"recipe again, or give {folder / NETWORK} and options"
+        ) from exc
+
+
+def driven_by_run(run: Path, part: FlowPart, print_scale: float) -> Driven:
+    """A run's section with the folder of its tables: the one where it was run, or near the run.
+
+    Raises
+    ------
+    UsageError
+        For a table that is in none of them as the run has read it.
+    """
+    tables = [part.outlets, None if part.pulse is None else part.pulse.table]
+    named = [name for name in tables if name is not None and not Path(name).is_absolute()]
+    if not named:
+        return Driven(part, Path(), print_scale)
+    digests = Manifest.load(run).facts.get("inputs", {})
+    places = [Path(), *run.resolve().parents[:2]]
+    for folder in places:
+        files = [(folder / name, digests.get(name)) for name in named]
+        if all(file.is_file() and known in (None, digest_file(file)) for file, known in files):
+            return Driven(part, folder, print_scale)
+    raise UsageError(
+        f"{named[0]}, a table of the run's recipe, isn't there as the run has read it (looked in "
+        f"{', '.join(map(str, places))}); start the command in the recipe's folder"
+    )

@@ -9,11 +9,9 @@ from typing import Final
 from design.hemodynamics import write_svoned
 from design.hemodynamics.zero_d.svzerod_input import write_svzerod
 from design.network import VesselNetwork
-from printctl.analysis.flow.driven import Driven
-from printctl.analysis.flow.one_d import one_d_options
-from printctl.recipe.parts import Export
-from printctl.recipe.space import ThreeDPart
-from printctl.recipe.waves import OneDPart
+from printctl.analysis.flow.conditions import Driven
+from printctl.analysis.flow.solve import one_d_options
+from printctl.recipe.parts import Export, OneDPart, ThreeDPart
 
 EXPORTS: Final[Mapping[Export, str]] = {
     "svzerod": "svzerod.json",

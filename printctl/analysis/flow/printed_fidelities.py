@@ -30,7 +30,7 @@ from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
 from kernels.arrays import FloatArray
 from printctl.analysis.flow.as_printed import OpenPart, PrintedNetwork
 from printctl.analysis.flow.three_d import SHARP, options_of, wall_shear_of_vessels
-from printctl.recipe.space import ThreeDPart
+from printctl.recipe.parts import ThreeDPart
 
 _MOST_CLEAR: Final = 0.4
 _NO_FLOW: Final = 1e-3

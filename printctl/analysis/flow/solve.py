@@ -1,20 +1,197 @@
-"""Solve steady, pulsatile and 1D flow as a recipe's flow section asks; write the tables of each."""
+"""Solve steady, pulsatile and 1D flow as a recipe asks; write their tables."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import csv
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from design.hemodynamics import FlowConditions, FlowSolution
+import numpy as np
+
+from design.hemodynamics import (
+    FlowConditions,
+    FlowSolution,
+    OneDOptions,
+    PulsatileConditions,
+    ShearBand,
+    band_summary,
+    end_waves,
+    flow_summary,
+    flow_table,
+    one_d_summary,
+    one_d_table,
+    one_d_waves,
+    pulsatile_summary,
+    pulsatile_table,
+    question_pressure,
+    solve_flow,
+    solve_one_d,
+    solve_pulsatile,
+)
+from design.hemodynamics.zero_d.boundary import boundary_nodes
+from design.hemodynamics.zero_d.steady import node_inflow
 from design.network import VesselNetwork
-from printctl.analysis.flow.backflow import pulse_notes, steady_notes
+from design.units import DYN_CM2_PER_PA, PA_PER_MMHG
+from kernels.arrays import FloatArray, IntArray
 from printctl.analysis.flow.conditions import pulsatile_conditions, steady_conditions
-from printctl.analysis.flow.one_d import one_d_options, solve_and_write_one_d
-from printctl.analysis.flow.outputs import solve_and_write
-from printctl.analysis.flow.steady import solve_steady
 from printctl.analysis.flow.tables import FlowTables
-from printctl.recipe.parts import FlowPart
+from printctl.recipe.parts import FlowPart, OneDPart
+
+# Solve a network's steady 0D flow as a recipe asks; write a table row per vessel.
+
+TABLE: Final = "flow.csv"
+
+
+def shear_band(part: FlowPart) -> ShearBand | None:
+    """The band of wall shear that the section asks for."""
+    band = part.shear_band_dyn_cm2
+    return None if band is None else ShearBand(*(value / DYN_CM2_PER_PA for value in band))
+
+
+def solve_steady(
+    tables: FlowTables, network: VesselNetwork, conditions: FlowConditions, part: FlowPart
+) -> tuple[FlowSolution, dict[str, Any]]:
+    """Solve, write `TABLE`, and return the solution and its summary.
+
+    Raises
+    ------
+    FlowError
+        As `solve_flow`, or for an absurd pressure.
+    OSError
+        When the file can't be written.
+    """
+    solution = solve_flow(network, conditions)
+    summary: dict[str, Any] = flow_summary(network, solution, conditions)
+    question_pressure(summary["pressure_drop_pa"])
+    band = shear_band(part)
+    if band is not None:
+        summary["shear_band"] = band_summary(network, solution, band)
+    tables.put(TABLE, flow_table(network, solution, conditions.density, band))
+    return solution, summary
+
+
+# Solve pulsatile 0D flow (periodic state); write a row per vessel and waves at the ends.
+
+PULSES, WAVES = "flow_pulsatile.csv", "flow_waves.csv"
+
+
+def solve_and_write(
+    tables: FlowTables, network: VesselNetwork, conditions: PulsatileConditions, steps: int
+) -> tuple[dict[str, Any], dict[str, FloatArray]]:
+    """Find the periodic state, write `PULSES` and `WAVES`; return the summary and the waves.
+
+    Raises
+    ------
+    FlowError
+        As `solve_pulsatile`, or for an absurd pressure.
+    OSError
+        When a file can't be written.
+    """
+    solution = solve_pulsatile(network, conditions, steps)
+    summary = pulsatile_summary(network, solution, conditions)
+    question_pressure(summary["pressure_max_mmhg"] * PA_PER_MMHG)
+    tables.put(PULSES, pulsatile_table(network, solution, conditions))
+    waves = end_waves(network, solution, conditions, steps)
+    tables.put(WAVES, waves)
+    return summary, waves
+
+
+def read_waves(path: Path) -> dict[str, FloatArray]:
+    """Columns of `WAVES`."""
+    with path.open(encoding="utf-8", newline="") as handle:
+        rows = list(csv.DictReader(handle))
+    return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+
+
+# Solve 1D pulse waves along vessels; write a row per vessel and waves at the network's ends.
+
+ONE_D, ONE_D_WAVES = "flow_1d.csv", "flow_1d_waves.csv"
+
+
+def one_d_options(part: OneDPart, samples: int) -> OneDOptions:
+    """A recipe's words as options."""
+    return OneDOptions(
+        cell_mm=part.cell_mm,
+        wall_viscosity_pa_s=part.wall_viscosity_pa_s,
+        profile_exponent=part.profile_exponent,
+        most_cycles=part.most_cycles,
+        samples=samples,
+    )
+
+
+def solve_and_write_one_d(
+    tables: FlowTables,
+    network: VesselNetwork,
+    conditions: PulsatileConditions,
+    options: OneDOptions,
+    progress: Callable[[int, float], None] | None = None,
+) -> dict[str, Any]:
+    """Find the periodic state, write `ONE_D` and `ONE_D_WAVES`, return the summary.
+
+    Raises
+    ------
+    FlowError
+        As `solve_one_d`, or for an absurd pressure.
+    OSError
+        When a file can't be written.
+    """
+    solution = solve_one_d(network, conditions, options, progress)
+    summary = one_d_summary(network, solution, conditions)
+    question_pressure(summary["pressure_max_mmhg"] * PA_PER_MMHG)
+    tables.put(ONE_D, one_d_table(network, solution, conditions))
+    tables.put(ONE_D_WAVES, one_d_waves(network, solution, conditions))
+    return summary
+
+
+# Notes on flow that runs backwards at inlets or outlets, steady or in a cycle.
+
+_LITTLE: Final = 1e-6
+"""Of what enters, below which flow at an end counts as none."""
+_SHOWN: Final = 5
+
+
+def steady_notes(
+    network: VesselNetwork, solution: FlowSolution, conditions: FlowConditions
+) -> list[str]:
+    """What is said of inlets that flow leaves by, and outlets that it enters by."""
+    inlets, outlets = boundary_nodes(network, conditions)
+    into = node_inflow(network, solution.flow)
+    little = _LITTLE * float(np.maximum(into, 0.0).sum())
+    leaving, entering = inlets[into[inlets] < -little], outlets[into[outlets] > little]
+    if len(inlets) == len(leaving):
+        return [
+            "the flow goes backwards, in at outlets and out at the inlets: pressure at the outlets "
+            "is above that at the inlets; raise --inlet-pressure-mmhg (inlet_pressure_mmhg), or "
+            "lower the outlets'"
+        ]
+    return [
+        f"flow {does} {len(nodes)} of {len(ends)} {what} ({_named(nodes)}): the pressure there is "
+        f"{than} that in the network; see whether that is meant"
+        for does, nodes, ends, what, than in (
+            ("leaves by", leaving, inlets, "inlets", "below"),
+            ("enters by", entering, outlets, "outlets", "above"),
+        )
+        if len(nodes)
+    ]
+
+
+def pulse_notes(waves: Mapping[str, FloatArray]) -> list[str]:
+    """What is said of a cycle in whose course the inlets' flow turns round; see `end_waves`."""
+    flow = waves["inlet_flow_ml_min"]
+    back = flow < -_LITTLE * float(np.abs(flow).max())
+    if not back.any() or back.all():
+        return []
+    return [
+        f"the flow goes back out of the inlets for {back.mean():.0%} of the cycle, by up to "
+        f"{-flow.min():.3g} mL/min; a higher mean or a smaller amplitude keeps it forward"
+    ]
+
+
+def _named(nodes: IntArray) -> str:
+    shown = ", ".join(map(str, nodes[:_SHOWN].tolist()))
+    return f"node {shown}" + (f" and {len(nodes) - _SHOWN} more" if len(nodes) > _SHOWN else "")
+
 
 Cycle = Callable[[int, float, float], None]
 """Takes a 1D cycle's number, its change over the swing, and the change that counts as periodic."""

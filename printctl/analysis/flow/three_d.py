@@ -40,7 +40,7 @@ from design.network import VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
 from kernels.arrays import FloatArray
 from printctl.analysis.flow.tables import write_columns
-from printctl.recipe.space import ThreeDPart
+from printctl.recipe.parts import ThreeDPart
 
 THREE_D, FIELD = "flow_3d.csv", "flow_3d.vtu"
 SHARP: Final = 0.1

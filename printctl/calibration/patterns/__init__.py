@@ -4,21 +4,35 @@ Goes in: printer, ink, needle and speeds. Comes out: a test print, its drawing, 
 Begin with `plan.py`.
 """
 
-from printctl.calibration.patterns.files import PatternSetUp, WrittenPattern, read_pattern
-from printctl.calibration.patterns.lines import LineSeries, lines_pattern, spiral_pattern
-from printctl.calibration.patterns.meetings import bridge_pattern, comb_pattern, joint_pattern
-from printctl.calibration.patterns.plan import Bead, Pattern, PatternName, Question, Stroke
-from printctl.calibration.patterns.sheet import sheet_svg
-from printctl.calibration.patterns.squares import squares_pattern
-from printctl.calibration.patterns.table import (
+from printctl.calibration.patterns.files import (
     CLEAR,
     COLUMNS,
+    PatternSetUp,
+    WrittenPattern,
     filled_text,
+    read_pattern,
+    sheet_svg,
     sheet_text,
     speed_at,
     width_row,
 )
-from printctl.calibration.patterns.toolpath import pattern_path
+from printctl.calibration.patterns.kinds import (
+    LineSeries,
+    bridge_pattern,
+    comb_pattern,
+    joint_pattern,
+    lines_pattern,
+    spiral_pattern,
+    squares_pattern,
+)
+from printctl.calibration.patterns.plan import (
+    Bead,
+    Pattern,
+    PatternName,
+    Question,
+    Stroke,
+    pattern_path,
+)
 
 __all__ = [
     "CLEAR",

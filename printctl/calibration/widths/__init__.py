@@ -3,15 +3,20 @@
 Goes in: a pattern and its measured widths. Comes out: properties of the ink. Begin with `fit.py`.
 """
 
-from printctl.calibration.widths.factors import GivenValues
-from printctl.calibration.widths.fit import fit_replies, fit_widths
+from printctl.calibration.widths.fit import GivenValues, fit_replies, fit_widths
 from printctl.calibration.widths.picture_widths import (
     MeasuredPicture,
     PictureFacts,
     measure_picture,
 )
-from printctl.calibration.widths.result import Answer, Change, Replies, Widths
-from printctl.calibration.widths.typed_sheet import typed_replies, typed_widths
+from printctl.calibration.widths.result import (
+    Answer,
+    Change,
+    Replies,
+    Widths,
+    typed_replies,
+    typed_widths,
+)
 
 __all__ = [
     "Answer",

@@ -1,17 +1,488 @@
-"""Choose and run the fit for a calibration pattern: lines, spiral, comb, joints or bridges."""
+"""Fit flow factor, swelling and lag to a calibration print's line widths."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Final
 
-from printctl.calibration.patterns import WrittenPattern
-from printctl.calibration.widths.factors import GivenValues
-from printctl.calibration.widths.lines import fit_lines
-from printctl.calibration.widths.meetings import fit_bridge, fit_comb, fit_joint
-from printctl.calibration.widths.result import Answer, Replies, Widths
-from printctl.calibration.widths.spiral import fit_spiral
+import numpy as np
+from scipy.optimize import least_squares
 
+from firmware_profiles import Needle, Syringe, load
+from kernels.arrays import FloatArray
+from printctl.calibration.estimate import Estimate, fit_line, quantile
+from printctl.calibration.lag import Lag, LagPattern, expected_width, fit_lag
+from printctl.calibration.patterns import CLEAR, Pattern, Stroke, WrittenPattern
+from printctl.calibration.widths.meetings import fit_bridge, fit_comb, fit_joint
+from printctl.calibration.widths.result import END, Answer, Change, Replies, Widths
+from printctl.errors import UsageError
+
+# Derive flow factor, filament swelling or line bead model from a measured cross-section.
+
+_FLOW = (0.2, 5.0)
+_SWELL = (0.3, 3.0)
+_MOST_EXCESS_UM = 500.0
+
+
+@dataclass(frozen=True)
+class GivenValues:
+    """Values that the user supplies to the fit.
+
+    Attributes
+    ----------
+    flow_factor : float or None
+        Weighed: what comes out over what is pushed.
+    """
+
+    flow_factor: float | None = None
+
+
+def factors(
+    share: Estimate, written: WrittenPattern, known: GivenValues
+) -> tuple[dict[str, Estimate], dict[str, Change], list[str]]:
+    """Flow factor; where that is known, a filament's swelling or a line's bead.
+
+    Raises
+    ------
+    UsageError
+        For a factor or a bead that no ink has.
+    """
+    mounted, bead = written.mounted, written.pattern.bead
+    total = share.times(mounted.flow_factor, "")
+    if known.flow_factor is None:
+        swell = mounted.swell_factor or 1.0
+        flow = total.times(1 / swell**2 if bead.round_bead else 1 / swell, "")
+        _within(flow.value, _FLOW, "flow factor")
+        taken = "isn't in the profile and is taken as 1"
+        if mounted.swell_factor is not None:
+            taken = f"is taken as the profile's {swell:g}"
+        notes = [
+            f"widths can't tell the flow factor from swelling: the swelling {taken}. Weigh what "
+            "comes out (printctl calibrate weigh), give --flow-factor, and the swelling (of lines "
+            "on a plate their bead) is told instead"
+        ]
+        change = {"flow_factor": Change(flow.value, f"{flow.text()}, 95 %")}
+        return {"flow factor": flow}, change, notes
+    if not bead.round_bead:
+        return _bead(share, written, known.flow_factor)
+    ratio = total.times(1 / known.flow_factor, "")
+    value, low, high = (math.sqrt(x) for x in (ratio.value, ratio.low, ratio.high))
+    swelling = Estimate(value, low, high)
+    _within(value, _SWELL, "swelling")
+    note = (
+        f"the flow factor {known.flow_factor:g} is taken as exact: its error isn't in the swelling"
+    )
+    change = {
+        "swell_factor": Change(value, f"{swelling.text()}, 95 %"),
+        "flow_factor": Change(known.flow_factor, f"{known.flow_factor:g}, as given"),
+    }
+    return {"swelling (diameter over that written)": swelling}, change, [note]
+
+
+def _bead(
+    share: Estimate, written: WrittenPattern, flow_factor: float
+) -> tuple[dict[str, Estimate], dict[str, Change], list[str]]:
+    """How much wider lines on a plate are than their area over their height, µm."""
+    line = written.pattern.bead
+    mean = line.area_mm2 / line.layer_mm * flow_factor / written.mounted.flow_factor
+    value, low, high = (
+        1e3 * (line.width_at(x) - mean) for x in (share.value, share.low, share.high)
+    )
+    excess = Estimate(value, low, high, "µm")
+    if not 0 <= value <= _MOST_EXCESS_UM:
+        raise UsageError(
+            f"lines are {value:.3g} µm wider than their area over their height, beyond 0 to "
+            f"{_MOST_EXCESS_UM:g}: are the widths in mm, is --flow-factor weighed, and are lines "
+            f"{line.layer_mm:g} mm high?"
+        )
+    note = (
+        f"the flow factor {flow_factor:g} and the height {line.layer_mm:g} mm are taken as exact: "
+        "their error isn't in the bead"
+    )
+    change = {
+        "bead": Change(round(value, 2), f"{excess.text()}, 95 %"),
+        "flow_factor": Change(flow_factor, f"{flow_factor:g}, as given"),
+    }
+    return {"width over area / height (bead)": excess}, change, [note]
+
+
+def _within(value: float, span: tuple[float, float], name: str) -> None:
+    if not span[0] < value < span[1]:
+        raise UsageError(
+            f"the widths give a {name} of {value:.3g}, beyond {span[0]:g} to {span[1]:g}: are they "
+            "in mm, and of this pattern (--pattern)? Was the pattern written with this needle?"
+        )
+
+
+# Fit the lag to a pattern's slow-fast-slow lines; propose the ink profile's `lag` key.
+
+
+def step_lag(pattern: Pattern, widths: Widths) -> tuple[Lag | None, str]:
+    """The lag, from lines written slow, fast, slow; or why there is none."""
+    steps = pattern.of_role("step")
+    if not steps:
+        return None, "no line changes its speed, so nothing says the lag (--steps, two speeds)"
+    measured = [widths.of(stroke.number) for stroke in steps]
+    x, width = (np.concatenate([one[k] for one in measured]) for k in (0, 1))
+    slow, fast, _ = steps[0].speed_mm_s.tolist()
+    length = steps[0].length_mm / 3
+    bead = pattern.bead
+    shape = LagPattern(
+        slow, fast, length, bead.width_mm, bead.layer_mm, "round" if bead.round_bead else "flat"
+    )
+    # Thick ink is round at its end, and covers what lies beside it.
+    clear = CLEAR * bead.width_mm
+    kept = (
+        (x <= (2 + END) * length)
+        & (np.abs(x - length) >= clear)
+        & (np.abs(x - 2 * length) >= clear)
+    )
+    try:
+        lag = fit_lag(x[kept], width[kept], shape, widths.last_digit_mm)
+    except UsageError as exc:
+        return None, f"no lag from the lines with steps: {exc}"
+    return _together(lag, x[kept], width[kept], shape), ""
+
+
+def _together(lag: Lag, x: FloatArray, width: FloatArray, shape: LagPattern) -> Lag:
+    """Widen the intervals where neighbouring places aren't independent, as in a picture.
+
+    A line's roughness is longer than the way between two places. With a correlation ρ from one to
+    the next (a first-order autoregression) n places are worth n (1 − ρ)/(1 + ρ).
+    """
+    rise, fall, factor = lag.rise_s, lag.fall_s, lag.flow_factor
+    off = width - expected_width(x, factor.value, rise.value, fall.value, shape)
+    follows = np.diff(x) > 0  # the next line begins at 0 again
+    rho = float((off[1:] * off[:-1])[follows].sum() / max(float((off**2).sum()), 1e-30))
+    wider = math.sqrt((1 + rho) / (1 - rho)) if 0 < rho < 1 else 1.0
+    rise, fall, factor = (_widened(one, wider) for one in (rise, fall, factor))
+    apart = abs(math.log(rise.value / fall.value))
+    half = math.hypot(*(math.log(one.high / one.low) / 2 for one in (rise, fall)))
+    return replace(
+        lag, rise_s=rise, fall_s=fall, flow_factor=factor, advance_s=rise, linear=apart <= half
+    )
+
+
+def _widened(one: Estimate, times: float) -> Estimate:
+    """An interval of a logarithm, widened."""
+    low, high = (one.value * (end / one.value) ** times for end in (one.low, one.high))
+    return Estimate(one.value, low, high, one.unit)
+
+
+def lag_estimates(lag: Lag | None) -> dict[str, Estimate]:
+    """Return τ up and down, and K; nothing where there is none."""
+    if lag is None:
+        return {}
+    return {
+        "τ, flow going up": lag.rise_s,
+        "τ, flow going down": lag.fall_s,
+        "K (advance)": lag.advance_s,
+    }
+
+
+def lag_notes(lag: Lag) -> list[str]:
+    """Say whether one K holds."""
+    if lag.linear:
+        return ["rise and fall agree: the ink is linear here, and K = τ"]
+    return [
+        "rise and fall differ: the ink holds pressure by its yield stress, so no single K is "
+        "right, and no lag is written"
+    ]
+
+
+def lag_change(lag: Lag, written: WrittenPattern) -> Mapping[str, Change]:
+    """Return the ink's ``lag`` for the print's needle and syringe, where one number says it."""
+    if not lag.linear:
+        return {}
+    needle, syringe = load(Needle, written.mounted.needle), load(Syringe, written.mounted.syringe)
+    value = {"lag_s": lag.rise_s.value, "needle": needle.name, "syringe": syringe.name}
+    return {"lag": Change(value, f"{lag.rise_s.text()}, 95 %, with {needle.name}")}
+
+
+# Fit flow factor, swelling and lag from lines printed at several speeds and flows.
+#
+# A plunger's flow is known, so a line's cross-section is f m A: A the commanded one, m the line's
+# own multiple, f the flow factor. A filament that then swells s-fold is √(f m A 4/π) s wide: widths
+# tell f s², never f and s apart. Whether the cross-section follows Q/v is asked of the data:
+# ln(area/mA) = ln f s² + b ln v + c ln m, with b = c = 0 if it does.
+
+_BEGIN: Final = 0.5
+"""Where a line is taken as steady when its lag isn't known; without need never before 0.3."""
+_LAGS: Final = 5.0
+"""Ways v τ after which a line is steady: e^-5 is 0.7 %."""
+_LATEST: Final = 0.8
+HELD: Final = 0.97
+"""Of its length, a line that holds together."""
+
+
+@dataclass(frozen=True)
+class LineWidth:
+    """One line's steady width.
+
+    Attributes
+    ----------
+    stroke : Stroke
+    width_mm, spread_mm : float, mm
+        Median, and 1.48 times the median deviation; NaN where none was measured.
+    count : int
+        Places.
+    """
+
+    stroke: Stroke
+    width_mm: float
+    spread_mm: float
+    count: int
+
+    @property
+    def speed_mm_s(self) -> float:
+        """Of writing."""
+        return float(self.stroke.speed_mm_s[0])
+
+
+def fit_lines(written: WrittenPattern, widths: Widths, known: GivenValues) -> Answer:
+    """Fit all that lines tell.
+
+    Raises
+    ------
+    UsageError
+        With fewer than two lines to go by.
+    """
+    pattern = written.pattern
+    lag, why = step_lag(pattern, widths)
+    tau = None if lag is None else max(lag.rise_s.value, lag.fall_s.value)
+    lines = [steady(stroke, widths, tau) for stroke in pattern.of_role("line")]
+    table = _table(pattern, lines, widths)
+    good = [one for one in lines if one.count and widths.found.get(one.stroke.number, 1) >= HELD]
+    if len(good) < 2:
+        raise UsageError(
+            f"{len(good)} of {len(lines)} lines have widths in their steady part; two are needed, "
+            "better six\n" + "\n".join(table)
+        )
+    share, notes = _share(pattern, good, widths)
+    factor_estimates, changes, more = factors(share, written, known)
+    speeds, speed_notes = _speeds(lines, widths)
+    estimates = {
+        "cross-section over the commanded one": share,
+        **factor_estimates,
+        **lag_estimates(lag),
+    }
+    if lag is not None:
+        notes += lag_notes(lag)
+        changes = {**changes, **lag_change(lag, written)}
+    missing = [why] if why else []
+    return Answer(
+        estimates,
+        table,
+        [*more, *notes, *missing, *speed_notes, *_RHEOLOGY_UNKNOWN_NOTES],
+        {**changes, **speeds},
+    )
+
+
+_RHEOLOGY_UNKNOWN_NOTES: Final = (
+    "a plunger sets the flow, so these widths say nothing of the ink's viscosity, power law or "
+    "yield stress (viscosity_pa_s, flow_index, yield_stress_pa): these take pressures, a rheometer",
+)
+
+
+def steady(stroke: Stroke, widths: Widths, lag_s: float | None) -> LineWidth:
+    """Median width where the flow has settled; none where the line ends before."""
+    x, width = widths.of(stroke.number)
+    length = stroke.length_mm
+    begin = _BEGIN * length
+    if lag_s is not None:
+        begin = max(0.3 * length, _LAGS * float(stroke.speed_mm_s[0]) * lag_s)
+    kept = width[(x >= begin) & (x <= END * length)]
+    if not len(kept) or begin > _LATEST * length:
+        return LineWidth(stroke, math.nan, math.nan, 0)
+    middle = float(np.median(kept))
+    return LineWidth(stroke, middle, 1.4826 * float(np.median(np.abs(kept - middle))), len(kept))
+
+
+def _share(pattern: Pattern, lines: list[LineWidth], widths: Widths) -> tuple[Estimate, list[str]]:
+    """Cross-section over what was commanded, of all lines; and whether it follows Q/v."""
+    speed = np.array([one.speed_mm_s for one in lines])
+    flow = np.array([one.stroke.flow for one in lines])
+    width = np.array([one.width_mm for one in lines])
+    y = np.log(pattern.bead.share(width) / flow)
+    power = 2.0 if pattern.bead.round_bead else 1.0
+    # A median of a line's places is finer than one reading, as long as they scatter.
+    digit = power * widths.last_digit_mm / float(np.median(width))
+    alone = fit_line(np.ones((len(y), 1)), y, "widths", digit).estimate(0, "")
+    notes = []
+    columns, names = [np.ones(len(y))], []
+    for name, values in (("speed", speed), ("flow", flow)):
+        if np.ptp(np.log(values)) > 0.05:
+            columns.append(np.log(values / np.exp(np.log(values).mean())))
+            names.append(name)
+    if names and len(y) <= len(columns) + 1:
+        notes.append(
+            f"{len(y)} lines are too few to ask whether the cross-section follows the "
+            f"{' and the '.join(names)} (--repeats)"
+        )
+    elif names:
+        whole = fit_line(np.column_stack(columns), y, "widths", digit)
+        for k, name in enumerate(names, start=1):
+            notes.append(_follows(name, whole.estimate(k, "")))
+        if any("doesn't follow" in text for text in notes):
+            alone = whole.estimate(0, "")
+            notes.append(
+                "the factor holds in the middle of these speeds and flows; take it from lines at "
+                "those of your print"
+            )
+    half = math.hypot((alone.high - alone.low) / 2, power * widths.optics)
+    value, low, high = (math.exp(alone.value + side * half) for side in (0, -1, 1))
+    return Estimate(value, low, high), notes
+
+
+def _follows(name: str, slope: Estimate) -> str:
+    if slope.holds(0.0):
+        return f"the cross-section follows the {name} (power of {name} beyond it: {slope.text()})"
+    why = {
+        "speed": "drag, slip or threads that stretch at the fast end, a lag not over",
+        "flow": "edges are read wider or narrower than they are, or a steady leak",
+    }[name]
+    return f"the cross-section doesn't follow the {name} (power beyond it: {slope.text()}): {why}"
+
+
+def _speeds(lines: list[LineWidth], widths: Widths) -> tuple[dict[str, Change], list[str]]:
+    """Speeds at which every line of at least the commanded flow holds together."""
+    if not widths.found:
+        return {}, ["typed widths don't say whether a line is whole (write_speed_mm_s): look"]
+    whole: dict[float, bool] = {}
+    for one in lines:
+        if one.stroke.flow >= 1:
+            good = widths.found.get(one.stroke.number, 0.0) >= HELD
+            whole[one.speed_mm_s] = whole.get(one.speed_mm_s, True) and good
+    held = sorted(speed for speed, good in whole.items() if good)
+    broken = sorted(speed for speed, good in whole.items() if not good)
+    notes = [f"lines break or are missing at {', '.join(f'{v:g}' for v in broken)} mm/s"] * bool(
+        broken
+    )
+    if len(held) < 2 or any(held[0] < speed < held[-1] for speed in broken):
+        return {}, notes
+    text = f"lines hold together from {held[0]:g} to {held[-1]:g} mm/s, all that was tried"
+    if broken:
+        text = f"lines hold together from {held[0]:g} to {held[-1]:g} mm/s"
+    value = {"low": held[0], "high": held[-1]}
+    change = Change(value, f"{held[0]:g} to {held[-1]:g} mm/s hold together")
+    return {"write_speed_mm_s": change}, [*notes, text]
+
+
+def _table(pattern: Pattern, lines: list[LineWidth], widths: Widths) -> list[str]:
+    rows = ["line  mm/s  flow  commanded   width  spread  (µm)"]
+    for one in lines:
+        aim = pattern.bead.width_at(one.stroke.flow) * 1e3
+        begin = f"{one.stroke.number:4}  {one.speed_mm_s:4g}  {one.stroke.flow:4g}  {aim:9.1f}"
+        share = widths.found.get(one.stroke.number)
+        part = "" if share is None or share >= HELD else f"  ink at {share:.0%} of its length"
+        if one.count:
+            rows.append(f"{begin}  {one.width_mm * 1e3:6.1f}  {one.spread_mm * 1e3:6.1f}{part}")
+        else:
+            why = part or "  no width in its steady part: its lag isn't over, or none was given"
+            rows.append(f"{begin}       -       -{why}")
+    return rows
+
+
+def shares_along(pattern: Pattern, stroke: Stroke, widths: Widths) -> tuple[FloatArray, FloatArray]:
+    """Time since a stroke's begin, s, and cross-section over the commanded one, both (n,)."""
+    x, width = widths.of(stroke.number)
+    kept = x <= END * stroke.length_mm
+    return x[kept] / float(stroke.speed_mm_s[0]), pattern.bead.share(width[kept]) / stroke.flow
+
+
+# Fit flow factor, drift and starting lag of a spiral printed without a stop.
+#
+# Cross-section over the commanded one, t seconds after the begin:
+#
+# G (1 + k t) (1 − c e^(−t/τ))
+#
+# with G = f s², k the drift, c what is missing at the begin: the prime fills some of it, so c is
+# free.
+
+_FEWEST: Final = 8
+_BLOB: Final = 3.0
+"""Widths from its begin in which a line has a shape of its own: the tip starts to move."""
+_STARTS: Final = (0.1, 0.5, 2.0)
+_UNRESOLVED: Final = 3.0
+
+
+def fit_spiral(written: WrittenPattern, widths: Widths, known: GivenValues) -> Answer:
+    """Fit flow factor, drift and, where its begin is thin, the lag.
+
+    Raises
+    ------
+    UsageError
+        With too few widths.
+    """
+    pattern = written.pattern
+    (stroke,) = pattern.of_role("spiral")
+    time, share = shares_along(pattern, stroke, widths)
+    if len(time) < _FEWEST:
+        raise UsageError(f"{len(time)} widths along the spiral; measure {_FEWEST} or more")
+    blob = _BLOB * pattern.bead.width_mm / float(stroke.speed_mm_s[0])
+    tau, notes = _begin(time[time > blob], share[time > blob])
+    settled = time >= (0.1 * time[-1] if tau is None else _LAGS * tau.value)
+    if settled.sum() < _FEWEST:
+        raise UsageError("the spiral's flow hasn't settled before it ends; print more turns")
+    late, area = time[settled], share[settled]
+    middle = float(late.mean())
+    digit = 2 * widths.last_digit_mm / pattern.bead.width_mm * float(np.median(area))
+    fit = fit_line(np.column_stack([np.ones(len(late)), late - middle]), area, "spiral", digit)
+    level, slope = fit.estimate(0, ""), fit.estimate(1, "")
+    half = math.hypot((level.high - level.low) / 2, 2 * widths.optics * level.value)
+    total = Estimate(level.value, level.value - half, level.value + half)
+    drift = slope.times(60 * 100 / level.value, "% a minute")
+    factor_estimates, changes, more = factors(total, written, known)
+    estimates = {"cross-section over the commanded one": total, **factor_estimates, "drift": drift}
+    if tau is not None:
+        estimates["τ, from its begin"] = tau
+    if not drift.holds(0.0):
+        notes.append("the flow drifts: warmth, a syringe that gives way, ink that settles or sets")
+    return Answer(estimates, (), [*more, *notes], changes)
+
+
+def _begin(time: FloatArray, share: FloatArray) -> tuple[Estimate | None, list[str]]:
+    """τ from the line's thin begin; None where it isn't thin enough to tell."""
+    if len(time) < _FEWEST:
+        return None, [_NO_THIN_BEGIN_NOTE]
+
+    def model(p: FloatArray) -> FloatArray:
+        return np.asarray(p[0] * (1 + p[1] * time) * (1 - p[2] * np.exp(-time / np.exp(p[3]))))
+
+    level = float(np.median(share))
+    tries = [
+        least_squares(
+            lambda p: model(p) - share,
+            [level, 0.0, 0.5, math.log(start)],
+            bounds=([0, -1, -2, math.log(1e-3)], [10 * level, 1, 1, math.log(max(time[-1], 1))]),
+            x_scale=[level, 0.01, 0.5, 1.0],
+        )
+        for start in _STARTS
+    ]
+    best = min(tries, key=lambda one: float(one.cost))
+    dof = len(time) - 4
+    try:
+        inverse = np.linalg.inv(best.jac.T @ best.jac)
+    except np.linalg.LinAlgError:
+        return None, [_NO_THIN_BEGIN_NOTE]
+    half = quantile(dof) * np.sqrt(np.maximum(np.diag(inverse), 0) * 2 * best.cost / dof)
+    missing, log_tau = float(best.x[2]), float(best.x[3])
+    if not np.isfinite(half).all() or missing <= half[2] or half[3] > math.log(_UNRESOLVED):
+        return None, [_NO_THIN_BEGIN_NOTE]
+    value, low, high = (math.exp(log_tau + side * half[3]) for side in (0, -1, 1))
+    note = (
+        f"the spiral begins with {missing:.0%} of its flow missing; the lag of a begin takes the "
+        "prime's place with it, so it isn't written (lines with --steps give one that is)"
+    )
+    return Estimate(value, low, high, "s"), [note]
+
+
+_NO_THIN_BEGIN_NOTE: Final = (
+    "the spiral's begin isn't thin enough to tell a lag: the prime fills it, or it is shorter than "
+    "the places lie apart"
+)
 VAGUE: Final = 0.05
 """Half of a picture's relative 95 % interval of widths beyond which no factor is written."""
 _BY_WIDTH: Final = ("bead", "flow_factor", "swell_factor")

@@ -1,9 +1,10 @@
-"""Data types of a calibration fit: measured widths and answers; values and profile changes."""
+"""Measured widths, the sheet they are typed into, and the values fitted to them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -11,6 +12,9 @@ from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
 from printctl.calibration.estimate import Estimate
+from printctl.calibration.patterns import COLUMNS, Pattern, WrittenPattern
+from printctl.calibration.readings import Readings, read_readings
+from printctl.errors import UsageError
 
 END: Final = 0.93
 """Of a line's length: beyond lies what its end does."""
@@ -102,3 +106,100 @@ class Replies:
     reply: FloatArray
     part: FloatArray
     least_mm: float = 0.0
+
+
+# Read the CSV sheet of widths, gaps or bridge results typed in for a calibration pattern.
+
+_FAR: Final = 5.0
+"""Times wider or narrower than commanded: questioned."""
+_MICRONS: Final = 100.0
+"""Times wider: typed in µm."""
+
+
+def typed_widths(path: Path, written: WrittenPattern) -> Widths:
+    """Read the sheet of lines or a spiral.
+
+    Raises
+    ------
+    UsageError
+        For another print's sheet, a width that isn't above 0 or can't be one in mm.
+    """
+    data = _read(path, written, ("line", "x_mm", "width_mm"))
+    strokes = {stroke.number: stroke for stroke in written.pattern.strokes if stroke.number}
+    number, x = data.numbers["line"], data.numbers["x_mm"]
+    width = data.numbers["width_mm"]
+    for line, at, wide in zip(number.tolist(), x.tolist(), width.tolist(), strict=True):
+        where = f"{path}, line {line:g} at {at:g} mm"
+        if line not in strokes:
+            raise UsageError(f"{where}: the pattern has no such line")
+        if not 0 <= at <= strokes[int(line)].length_mm + 1e-6:
+            raise UsageError(f"{where}: it is {strokes[int(line)].length_mm:g} mm long (x_mm)")
+        _check_width(where, wide, written.pattern.bead.width_at(strokes[int(line)].flow))
+    return Widths(number.astype(np.int64), x, width, data.last_digit["width_mm"])
+
+
+def typed_replies(path: Path, written: WrittenPattern) -> Replies:
+    """Read the sheet of a comb, joints or bridges.
+
+    Raises
+    ------
+    UsageError
+        For another print's sheet, a gap below 0 or in µm, an answer that is neither 0 nor 1.
+    """
+    pattern = written.pattern
+    first, last = COLUMNS[pattern.name][0], COLUMNS[pattern.name][-1]
+    data = _read(path, written, (first, last))
+    number, reply = data.numbers[first], data.numbers[last]
+    known = {one.number for one in pattern.questions}
+    for one, value in zip(number.tolist(), reply.tolist(), strict=True):
+        where = f"{path}, {first} {one:g}"
+        if one not in known:
+            raise UsageError(f"{where}: the pattern has no such {first}")
+        _check_reply(where, pattern, last, value)
+    if len(set(number.tolist())) < len(number):
+        raise UsageError(f"{path}: a {first} is answered twice; one row each")
+    return Replies(number.astype(np.int64), reply, (reply > 0).astype(np.float64))
+
+
+def _read(path: Path, written: WrittenPattern, columns: tuple[str, ...]) -> Readings:
+    data = read_readings(path, columns)
+    number = data.facts.get("pattern")
+    if number is not None and int(number) != written.number:
+        raise UsageError(
+            f"{path} is the sheet of pattern no. {number:.0f}, and the pattern's file is of no. "
+            f"{written.number}; give the one that belongs to it (--pattern)"
+        )
+    return data
+
+
+def _check_width(where: str, wide: float, commanded: float) -> None:
+    if wide <= 0:
+        raise UsageError(
+            f"{where}: width_mm {wide:g} isn't above 0; leave it blank where there is no line"
+        )
+    if wide > _MICRONS * commanded:
+        raise UsageError(
+            f"{where}: width_mm {wide:g}, of a line commanded {commanded:g} mm wide; that looks "
+            f"like µm: write {wide / 1e3:g}"
+        )
+    if not commanded / _FAR < wide < commanded * _FAR:
+        raise UsageError(
+            f"{where}: width_mm {wide:g} is more than {_FAR:g} times off the {commanded:g} mm "
+            "commanded; if it is so, leave it blank: nothing could be fitted to such a line"
+        )
+
+
+def _check_reply(where: str, pattern: Pattern, column: str, value: float) -> None:
+    if column == "held":
+        if value not in (0, 1):
+            raise UsageError(f"{where}: held is {value:g}; write 1 where it held, 0 where not")
+        return
+    if value < 0:
+        raise UsageError(f"{where}: gap_mm {value:g} is below 0; write 0 where it closed")
+    widest = max(abs(one.value) for one in pattern.questions) + 4 * pattern.bead.width_mm
+    if value > _MICRONS / 10 * widest:
+        raise UsageError(f"{where}: gap_mm {value:g} looks like µm: write {value / 1e3:g}")
+    if value > 2 * widest:
+        raise UsageError(
+            f"{where}: gap_mm {value:g} is wider than anything in this pattern ({widest:g} mm)"
+        )

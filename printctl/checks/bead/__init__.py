@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from printctl.checks.bead.bundles import merge_bundles
-    from printctl.checks.bead.filaments import written_filaments
     from printctl.checks.bead.files import PLAYED, OutputFiles, write_prediction
-    from printctl.checks.bead.lag import ChosenLag, lag_of
-    from printctl.checks.bead.predict import InkPrediction, predict_job
-    from printctl.checks.bead.summary import prediction_facts, prediction_lines
-    from printctl.checks.bead.vessels import VesselDiameters, vessel_diameters
-    from printctl.checks.bead.warn import bead_warnings
+    from printctl.checks.bead.predict import (
+        ChosenLag,
+        InkPrediction,
+        lag_of,
+        predict_job,
+        written_filaments,
+    )
+    from printctl.checks.bead.vessels import VesselDiameters, merge_bundles, vessel_diameters
+    from printctl.checks.bead.warn import bead_warnings, prediction_facts, prediction_lines
 
 __all__ = [
     "PLAYED",

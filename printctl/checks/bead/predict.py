@@ -5,25 +5,72 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
 from design.toolpath import MoveKind
-from firmware_profiles import Printer, steady_flow
+from firmware_profiles import Ink, Needle, Printer, Syringe, steady_flow
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from printctl.checks.bead.lag import ChosenLag, lag_of
 from printctl.checks.gcode_view.line_map import LineMap
-from printctl.checks.gcode_view.widths import cross_sections
-from printctl.checks.lumens.heads import split_by_head
+from printctl.checks.gcode_view.read import cross_sections
+from printctl.checks.lumens.read import split_by_head
 from printctl.checks.set_up import HeadLoading
 from printctl.errors import UsageError
 from sim.gcode.bead import Bead, advance_of, cut, nozzle_of, predict_bead
 from sim.gcode.bead.pieces import median_flow
 from sim.gcode.deposit.laid import Style
+from sim.gcode.deposit.strands import Strands
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.heads.valve import as_plunger, flowing
 from sim.gcode.motion.executed import ExecutedMotion
+
+# Choose the pressure lag: the user's, or the ink's for this syringe and needle, or 0 s.
+
+How = Literal["measured", "given", "unknown"]
+
+
+@dataclass(frozen=True)
+class ChosenLag:
+    """Chosen pressure lag and its origin.
+
+    Attributes
+    ----------
+    seconds : float, s
+        0 where it isn't known.
+    how : "measured", "given" or "unknown"
+        By `printctl calibrate lag`, by the user for this once, or not at all.
+    note : str
+        What to tell about it; empty for a measured one.
+    """
+
+    seconds: float
+    how: How
+    note: str = ""
+
+
+def lag_of(ink: Ink, syringe: Syringe, needle: Needle | None, given_s: float | None) -> ChosenLag:
+    """Take the user's lag, else the ink's own if it was measured with this syringe and needle."""
+    if given_s is not None:
+        return ChosenLag(given_s, "given", f"the lag of {given_s:g} s was given, not measured here")
+    own = ink.lag
+    if own is None:
+        return ChosenLag(
+            0.0,
+            "unknown",
+            f"nobody measured how {ink.name}'s flow lags (printctl calibrate lag): predicted "
+            "without a lag; --lag-s tries one",
+        )
+    mounted = (syringe.name, needle.name if needle else "no needle named")
+    if (own.syringe, own.needle) != mounted:
+        return ChosenLag(
+            0.0,
+            "unknown",
+            f"the lag of {ink.name} was measured with {own.syringe} and {own.needle}, and "
+            f"{mounted[0]} and {mounted[1]} are mounted: predicted without a lag; measure it again",
+        )
+    return ChosenLag(own.lag_s, "measured")
+
 
 SMOOTHING_MM: Final = 1.0
 """As the simulated deposit has it, where no lag is known."""
@@ -236,3 +283,28 @@ def _lines(
         # A compensated stroke may go on for a while with a standing plunger.
         writes = (line > 0) & (line_map.kind[at] == int(MoveKind.WRITE))
     return line, writes, source
+
+
+def written_filaments(beads: Sequence[Bead]) -> Strands:
+    """Convert the beads written by a file to filaments; without oozed threads and drops.
+
+    Parameters
+    ----------
+    beads : sequence of Bead
+        Of each head, embedded.
+    """
+    each = []
+    for bead in beads:
+        rows = np.flatnonzero(bead.writes & bead.lays)
+        area = np.pi / 4 * bead.width_mm[rows] ** 2
+        each.append(
+            Strands(
+                bead.pieces.start[rows],
+                bead.pieces.end[rows],
+                area * bead.pieces.length[rows],
+                area,
+                bead.stroke[rows],
+                bead.line[rows],
+            )
+        )
+    return Strands.joined(each)

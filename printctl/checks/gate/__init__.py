@@ -7,19 +7,31 @@ Goes in: a line, its origin, the printer's state. Comes out: a verdict. Begin wi
 """
 
 from printctl.checks.gate.heat import check_heat
-from printctl.checks.gate.inputs import UNNAMED_C, Limit, LineOrigin, Phase, PrinterSituation
-from printctl.checks.gate.job_file import changed_settings, refused_lines
-from printctl.checks.gate.judge import judge, judge_line, judge_stored_line
-from printctl.checks.gate.limits import RIM_MARGIN_MM, Bounds, reach, speed_limit
-from printctl.checks.gate.motion import DEFAULT_MM_S, check_homing, check_step
-from printctl.checks.gate.verdict import (
+from printctl.checks.gate.inputs import (
+    RIM_MARGIN_MM,
+    UNNAMED_C,
     AllowedLine,
+    Bounds,
+    Limit,
     LineAction,
+    LineOrigin,
     NotAllowed,
+    Phase,
     Place,
+    PrinterSituation,
     Refusal,
     Verdict,
+    reach,
+    speed_limit,
 )
+from printctl.checks.gate.judge import (
+    changed_settings,
+    judge,
+    judge_line,
+    judge_stored_line,
+    refused_lines,
+)
+from printctl.checks.gate.motion import DEFAULT_MM_S, check_homing, check_step
 
 __all__ = [
     "DEFAULT_MM_S",

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_profiles.families.gate_facts import CheckNamedHeater
-from printctl.checks.gate.inputs import PrinterSituation
-from printctl.checks.gate.verdict import AllowedLine, LineAction, NotAllowed
+from printctl.checks.gate.inputs import AllowedLine, LineAction, NotAllowed, PrinterSituation
 from sim.gcode.reading import GcodeLine
 
 HEATERS: Final = {

@@ -1,21 +1,25 @@
-"""Judge one G-code line: allowed or refused, given the printer's state and the line's origin.
-
-Every line that a person or a file wants sent passes here. What leaves is rendered from what was
-understood (`sim.gcode.reading`); a code that isn't on the list (`printctl.checks.gate.rules`) is
-refused.
-"""
+"""Judge G-code lines, one or a job's: allowed or refused, with the reason."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from functools import cache
 from typing import Final
 
 from firmware_profiles import Printer
-from printctl.checks.gate.inputs import LineOrigin, Phase, PrinterSituation
-from printctl.checks.gate.limits import Bounds
-from printctl.checks.gate.reasons import reason
+from printctl.checks.gate.inputs import (
+    NOT_BY_HAND,
+    AllowedLine,
+    Bounds,
+    LineOrigin,
+    NotAllowed,
+    Phase,
+    PrinterSituation,
+    Refusal,
+    Verdict,
+)
+from printctl.checks.gate.rule_makers import reason
 from printctl.checks.gate.rules import of_the_moment, rule, rules
-from printctl.checks.gate.verdict import NOT_BY_HAND, AllowedLine, NotAllowed, Refusal, Verdict
 from sim.errors import GcodeError
 from sim.gcode.reading import BLANK, GcodeLine, read_line
 from sim.gcode.reading.firmware_codes import is_known_line
@@ -145,3 +149,37 @@ def _of_text(text: str, printer: Printer) -> GcodeLine:
         return read_line(text.encode("ascii"), printer)
     except GcodeError:
         return BLANK
+
+
+# List the lines of a G-code job that the gate refuses, and the firmware settings it changes.
+
+
+def refused_lines(
+    lines: Iterable[tuple[int, GcodeLine]], printer: Printer
+) -> list[tuple[int, str, str]]:
+    """Lines of a job that may not leave: the line, its code, and why.
+
+    Parameters
+    ----------
+    lines : iterable of (int, GcodeLine)
+        Line of the file, and what stands there.
+    printer : Printer
+    """
+    refused, known, kept = [], PrinterSituation.of_job(printer), dict[bytes, Verdict]()
+    for number, line in lines:
+        if line.text not in kept:
+            kept[line.text] = judge_line(line, LineOrigin.JOB, known)
+        verdict = kept[line.text]
+        if isinstance(verdict, Refusal):
+            refused.append((number, line.code, verdict.message))
+    return refused
+
+
+def changed_settings(lines: Sequence[GcodeLine], printer: Printer) -> tuple[str, ...]:
+    """Settings of the firmware (codes) that a job changes, in its order; undone at its end."""
+    known, settings = PrinterSituation.of_job(printer), dict[str, None]()
+    for line in lines:
+        verdict = judge_line(line, LineOrigin.JOB, known)
+        if not isinstance(verdict, Refusal):
+            settings.update(dict.fromkeys(verdict.undo))
+    return tuple(settings)

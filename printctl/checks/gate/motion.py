@@ -5,9 +5,17 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from printctl.checks.gate.inputs import Phase, PrinterSituation
-from printctl.checks.gate.limits import check_move, check_speed, speed_limit
-from printctl.checks.gate.verdict import AllowedLine, LineAction, NotAllowed, Place
+from printctl.checks.gate.inputs import (
+    AllowedLine,
+    LineAction,
+    NotAllowed,
+    Phase,
+    Place,
+    PrinterSituation,
+    check_move,
+    check_speed,
+    speed_limit,
+)
 from sim.gcode.reading import GcodeLine
 
 AXES: Final = "xyz"

@@ -12,7 +12,7 @@ from typing import Final
 
 from firmware_profiles.families import family_of, find_family, gate_facts
 from printctl.checks.gate.heat import NamedTarget, set_target, wait_for
-from printctl.checks.gate.inputs import LineOrigin, Phase, PrinterSituation
+from printctl.checks.gate.inputs import AllowedLine, LineOrigin, NotAllowed, Phase, PrinterSituation
 from printctl.checks.gate.motion import home, move
 from printctl.checks.gate.rule_makers import (
     Judge,
@@ -27,7 +27,6 @@ from printctl.checks.gate.rule_makers import (
     only_with,
     timeout,
 )
-from printctl.checks.gate.verdict import AllowedLine, NotAllowed
 from sim.gcode.reading import GcodeLine
 
 Rules = dict[str, Judge]

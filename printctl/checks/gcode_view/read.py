@@ -1,4 +1,4 @@
-"""Parse a G-code file of any slicer into moves with layer, width and ink volume, for display."""
+"""Parse a G-code file of any slicer into moves with layer, width and ink volume."""
 
 from __future__ import annotations
 
@@ -12,22 +12,191 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles.bead import BeadSection
-from kernels.arrays import FloatArray, IntArray
-from printctl.checks.gcode_view.doses import plunger_doses, valve_doses
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.checks.gcode_view.levels import fill_rows, is_flat, make_layers
 from printctl.checks.gcode_view.line_map import KINDS, LineMap
 from printctl.checks.gcode_view.pushing import Pushing
-from printctl.checks.gcode_view.rows import Rows, written_rows
-from printctl.checks.gcode_view.widths import cross_sections, widths
 from printctl.errors import UsageError
-from printctl.rounding import window_mm
+from printctl.rounding import last_digit_mm, window_mm
 from registration.report.gcode import Act, GcodeJob, Layers
 from sim.errors import GcodeError, LineError
 from sim.gcode.heads.valve import Valve, read_valve, refuse_unread
 from sim.gcode.program.gcode import Program, code
-from sim.gcode.program.modal import BAD, MOVE
+from sim.gcode.program.modal import BAD, DWELL, HOME, MOVE
 from sim.gcode.program.read_program import read_written
 from sim.gcode.reading.comments import Comments, declared_start, plain_lines, read_comments
+
+# Select the rows of a G-code file that move or extrude, with the kind of each.
+
+_STILL_MM: Final = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The program's rows that move or push.
+
+    Attributes
+    ----------
+    row : (n,) int64
+        In the program.
+    start, end : (n, 3) float64, mm
+    plunger : (n,) float64, mm
+        How far it goes.
+    time : (n,) float64, s
+        From the feeds, with the dwells until the next row.
+    act : (n,) uint8
+        `Act`; a travel's height isn't looked at yet.
+    """
+
+    row: IntArray
+    start: FloatArray
+    end: FloatArray
+    plunger: FloatArray
+    time: FloatArray
+    act: NDArray[np.uint8]
+
+    @property
+    def way(self) -> FloatArray:
+        """Length of each, (n,), mm."""
+        return np.asarray(np.linalg.norm(self.end - self.start, axis=1))
+
+
+def written_rows(program: Program, valve: Valve | None, start_known: bool) -> Rows:
+    """Take the rows that move or push.
+
+    Parameters
+    ----------
+    program : Program
+    valve : Valve or None
+        Open, it makes a way a written one; without a valve a rising E does.
+    start_known : bool
+        Whether the program begins where the tip really stands.
+    """
+    begin = program.before[:, :3]
+    end = program.target[:, :3]
+    push = np.diff(program.plunger, prepend=0.0)
+    way = np.linalg.norm(end - begin, axis=1)
+    moving, homing = program.kind == MOVE, program.kind == HOME
+    goes, pushes = moving & (way > _STILL_MM), moving & (np.abs(push) > _STILL_MM)
+    kept = np.flatnonzero(goes | pushes | homing)
+    act = np.full(len(program), Act.TRAVEL, np.uint8)
+    act[goes & (push < -_STILL_MM)] = Act.WIPE
+    act[pushes & ~goes] = np.where(push[pushes & ~goes] > 0, Act.PRIME, Act.RETRACT)
+    act[goes & ((push > _STILL_MM) if valve is None else valve.is_open)] = Act.WRITE
+    act[homing] = Act.JUMP
+    if not start_known and len(kept):
+        _forget_the_way_there(act, begin, end, goes)
+    asked = np.where(goes, way, np.abs(push)) / np.maximum(program.feed, 1e-9)
+    time = np.where(moving, asked, 0.0)
+    time += np.where(program.kind == DWELL, np.nan_to_num(program.value), 0.0)
+    if len(kept):
+        whose = np.maximum(np.searchsorted(kept, np.arange(len(program)), side="right") - 1, 0)
+        time = np.bincount(whose, weights=time, minlength=len(kept))
+    return Rows(kept, begin[kept], end[kept], push[kept], time, act[kept])
+
+
+def _forget_the_way_there(
+    act: NDArray[np.uint8], begin: FloatArray, end: FloatArray, goes: BoolArray
+) -> None:
+    """Mark what comes before x, y and z have all been said once: its place isn't known."""
+    moved = [np.flatnonzero(goes & (begin[:, axis] != end[:, axis])) for axis in range(3)]
+    known = max((int(rows[0]) for rows in moved if len(rows)), default=-1)
+    writes = np.flatnonzero(act == Act.WRITE)
+    early = np.arange(len(act)) <= (min(known, int(writes[0])) if len(writes) else known)
+    act[early & goes & (act != Act.WRITE)] = Act.JUMP
+
+
+# Ink volume of each move: from E and the syringe bore, or from valve time and flow.
+
+
+def plunger_doses(
+    rows: Rows, program: Program, comments: Comments, pushing: Pushing
+) -> tuple[FloatArray, float, str]:
+    """Doses of a plunger.
+
+    Returns
+    -------
+    dose : (n,) float64, µL
+        Below 0 where it goes back.
+    digit_ul : float, µL
+        What E's last digit stands for.
+    note : str
+        Where the bore comes from.
+    """
+    bore, whence = pushing.bore_mm, pushing.bore_said
+    if bore is None and comments.filament_mm is not None:
+        bore, whence = comments.filament_mm, "filament_diameter in the file"
+    if bore is None:
+        bore, whence = pushing.syringe_mm, pushing.syringe_said
+    area = math.pi * bore**2 / 4
+    note = f"1 mm of E is {area:.4g} µL (bore {bore:g} mm: {whence})."
+    return rows.plunger * area, last_digit_mm(program.plunger) * area, note
+
+
+def valve_doses(rows: Rows, program: Program, pushing: Pushing) -> tuple[FloatArray, str]:
+    """Doses of a pneumatic head, (n,), µL, NaN where its flow isn't known; and a note on it."""
+    head = pushing.printer.pneumatic
+    measured = head.measured.flow_ul_s if head and head.measured else None
+    flow = pushing.flow_ul_s or measured
+    open_for = np.where(rows.act == Act.WRITE, rows.way / program.feed[rows.row], 0.0)
+    if flow is None:
+        unknown = np.where(rows.act == Act.WRITE, np.nan, 0.0)
+        return unknown, (
+            f"Nobody measured the flow of {pushing.printer.name}, so widths and volumes aren't "
+            "known; --flow-ul-s says it."
+        )  # fmt: skip
+    whose = "--flow-ul-s" if pushing.flow_ul_s else "measured, printer's profile"
+    return open_for * flow, (
+        f"While the valve is open {flow:.4g} µL/s flow ({whose}), at the speed that is fed: "
+        "lag, corners and delays aren't in it."
+    )  # fmt: skip
+
+
+# Compute printed line widths from extruded volume per length.
+
+
+def cross_sections(
+    way: FloatArray, dose: FloatArray, begins: BoolArray, window: float
+) -> FloatArray:
+    """Cross-section of each written move, mm², as the mean over at least ``window`` mm of its run.
+
+    Parameters
+    ----------
+    way, dose : (n,) float64, mm and µL
+        Of the moves that write, in order.
+    begins : (n,) bool
+        Where a new run begins.
+    window : float, mm
+        Shortened at the ends of a run.
+    """
+    if not len(way):
+        return np.zeros(0)
+    at = np.concatenate([[0.0], np.cumsum(way)])
+    pushed = np.concatenate([[0.0], np.cumsum(dose)])
+    first = np.flatnonzero(begins)
+    run = np.cumsum(begins) - 1
+    low, high = at[first][run], at[np.append(first[1:], len(way))][run]
+    middle, half = (at[:-1] + at[1:]) / 2, np.maximum(way, window) / 2
+    begin, end = np.maximum(middle - half, low), np.minimum(middle + half, high)
+    there = np.interp(end, at, pushed) - np.interp(begin, at, pushed)
+    return np.asarray(np.where(way >= window, dose / way, there / (end - begin)))
+
+
+def widths(area: FloatArray, height: FloatArray, bead: BeadSection) -> FloatArray:
+    """Width of lines of a cross-section, mm.
+
+    Parameters
+    ----------
+    area : (n,) float64, mm²
+    height : (n,) float64, mm
+        NaN for a round filament.
+    bead : BeadSection
+    """
+    with np.errstate(invalid="ignore"):
+        flat = bead.width(area, height)
+    round_one = 2.0 * np.sqrt(np.maximum(area, 0.0) / math.pi)
+    return np.where(np.isnan(height), round_one, flat)
+
 
 _LIFT_MM: Final = 1e-3
 _SHOWN_UNREAD: Final = 3

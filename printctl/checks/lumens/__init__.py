@@ -5,21 +5,26 @@ Goes in: G-code and a network or a part. Comes out: each lumen's open diameter, 
 """
 
 from printctl.checks.lumens.check import LumenCheck, check_model, check_network
-from printctl.checks.lumens.filament_check import FilamentCheck, check_filaments
-from printctl.checks.lumens.filament_sections import measure_filaments
-from printctl.checks.lumens.filaments import filaments
-from printctl.checks.lumens.leaks import DesignedLumens, Leak, find_leaks
-from printctl.checks.lumens.lines import WrittenLines, read_lines, rounded_to_steps
-from printctl.checks.lumens.measure import Openings, measure
-from printctl.checks.lumens.merges import Merge, find_merges
+from printctl.checks.lumens.filament_check import (
+    FilamentCheck,
+    Merge,
+    check_filaments,
+    find_merges,
+    measure_filaments,
+)
+from printctl.checks.lumens.leaks import DesignedLumens, Leak, find_leaks, network_trees
+from printctl.checks.lumens.lines import WrittenLines, filaments, read_lines, rounded_to_steps
 from printctl.checks.lumens.model import model_lumens
-from printctl.checks.lumens.network import network_lumens
-from printctl.checks.lumens.place import find_filament_place, find_place
-from printctl.checks.lumens.read import Writing, read_filaments, read_layers, writes_at
-from printctl.checks.lumens.report import LumenReport, report_dict, report_lumens
-from printctl.checks.lumens.stations import SectionStations
-from printctl.checks.lumens.trees import network_trees
-from printctl.checks.lumens.wording import list_names
+from printctl.checks.lumens.read import (
+    Writing,
+    find_filament_place,
+    find_place,
+    read_filaments,
+    read_layers,
+    writes_at,
+)
+from printctl.checks.lumens.report import LumenReport, list_names, report_dict, report_lumens
+from printctl.checks.lumens.stations import Openings, SectionStations, measure, network_lumens
 
 __all__ = [
     "DesignedLumens",

@@ -10,15 +10,11 @@ import numpy as np
 from design.network import VesselNetwork
 from design.solids import Solid
 from kernels.arrays import FloatArray
-from printctl.checks.lumens.leaks import DesignedLumens, Leak, find_leaks
+from printctl.checks.lumens.leaks import DesignedLumens, Leak, find_leaks, network_trees
 from printctl.checks.lumens.lines import WrittenLines
-from printctl.checks.lumens.measure import measure
 from printctl.checks.lumens.model import model_lumens
-from printctl.checks.lumens.network import network_lumens
-from printctl.checks.lumens.report import LumenReport, report_dict, report_lumens
-from printctl.checks.lumens.stations import SectionStations
-from printctl.checks.lumens.trees import network_trees
-from printctl.checks.lumens.wording import list_names
+from printctl.checks.lumens.report import LumenReport, list_names, report_dict, report_lumens
+from printctl.checks.lumens.stations import SectionStations, measure, network_lumens
 
 
 @dataclass(frozen=True)

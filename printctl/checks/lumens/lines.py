@@ -1,4 +1,4 @@
-"""Read layered G-code as printed lines with width and height, each a rounded strip from above."""
+"""Printed lines and filaments of a G-code file, from its writing moves."""
 
 from __future__ import annotations
 
@@ -8,22 +8,275 @@ from typing import Final
 
 import numpy as np
 
+from firmware_profiles import Printer
 from firmware_profiles.bead import BeadSection
 from kernels.arrays import FloatArray, IntArray
-from printctl.checks.lumens.line_widths import (
-    LayerHeightComments,
-    check_level,
-    check_width,
-    comment_heights,
-    dose_per_mm,
-    dots,
-    slabs,
-)
-from printctl.checks.lumens.strokes import origin, plunger_strokes
 from printctl.errors import UsageError
 from printctl.rounding import last_digit_mm, window_mm
 from sim.gcode.deposit.strands import Strands
-from sim.gcode.program.gcode import read_gcode
+from sim.gcode.dry_run.run import DryRun
+from sim.gcode.heads.valve import Valve, as_plunger, flowing
+from sim.gcode.program.gcode import Program, code, parse_line, read_gcode
+from sim.gcode.program.modal import MOVE
+from sim.gcode.reading.comments import plain_lines, read_comments
+
+# Extract the writing moves of a G-code file (plunger or valve), as commanded or as executed.
+
+LEAST_MM: Final = 1e-6
+"""A shorter way is none."""
+
+
+def plunger_strokes(program: Program, ul_per_e: float, *, level: bool = True) -> Strands:
+    """Moves that push ink on their way; sideways where they must be ``level``."""
+    begin = program.before[:, :3]
+    pushed = np.diff(program.plunger, prepend=0.0)
+    length = np.linalg.norm((program.target[:, :3] - begin)[:, : 2 if level else 3], axis=1)
+    moves = program.kind == MOVE
+    wrote = moves & (pushed > 0) & (length > LEAST_MM)
+    chosen = np.flatnonzero(wrote)
+    return Strands.dosed(
+        begin[chosen],
+        program.target[chosen, :3],
+        pushed[chosen] * ul_per_e,
+        np.cumsum(~wrote & moves)[chosen],
+        program.line[chosen],
+    )
+
+
+def valve_strokes(
+    program: Program, valve: Valve, flow_ul_s: float, *, level: bool = True
+) -> Strands:
+    """Moves with the valve open, as fed: each gets the flow for as long as its feed asks."""
+    begin = program.before[:, :3]
+    way = program.target[:, :3] - begin
+    length = np.linalg.norm(way[:, : 2 if level else 3], axis=1)
+    wrote = (program.kind == MOVE) & valve.is_open & (length > LEAST_MM)
+    chosen = np.flatnonzero(wrote)
+    took = np.linalg.norm(way[chosen], axis=1) / np.maximum(program.feed[chosen], LEAST_MM)
+    return Strands.dosed(
+        begin[chosen],
+        program.target[chosen, :3],
+        took * flow_ul_s,
+        np.cumsum(~wrote)[chosen],
+        program.line[chosen],
+    )
+
+
+def run_strokes(
+    run: DryRun,
+    printer: Printer,
+    ul_per_mm: float,
+    flow_ul_s: float | None,
+    *,
+    level: bool = True,
+) -> Strands:
+    """What the dry run's motors do: between whole steps, in the planner's own time.
+
+    Parameters
+    ----------
+    run : DryRun
+    printer : Printer
+    ul_per_mm : float, µL/mm
+        Of the plunger; of no account where a valve writes.
+    flow_ul_s : float or None, µL/s
+        Of a pneumatic head while its valve is open: a block that slows down for a corner gets
+        more.
+    level : bool
+        Whether only ways sideways count.
+    """
+    motion, row = run.executed, _rows(run)
+    if run.valve is not None and printer.pneumatic is not None and flow_ul_s is not None:
+        spans = flowing(motion, run.program, run.valve, printer.pneumatic)
+        motion = as_plunger(motion, spans, flow_ul_s)
+        dose = motion.plunger_end - motion.plunger_start
+        writes = dose > 0
+        # A line that waits for the wire with the valve open stays one line.
+        unbroken = writes
+    else:
+        dose = (motion.plunger_end - motion.plunger_start) * ul_per_mm
+        # A move too short for a step of the plunger writes all the same.
+        writes = np.append(run.doses, False)[row[motion.line]]
+        unbroken = np.zeros(len(writes), dtype=bool)
+    length = np.linalg.norm((motion.end - motion.start)[:, : 2 if level else 3], axis=1)
+    wrote = writes & (length > LEAST_MM)
+    chosen = np.flatnonzero(wrote)
+    lines = np.append(run.program.line, 0)
+    return Strands.dosed(
+        motion.start[chosen],
+        motion.end[chosen],
+        np.maximum(dose[chosen], 0.0),
+        np.cumsum(~(wrote | unbroken))[chosen],
+        lines[row[motion.line[chosen]]],
+    )
+
+
+def _rows(run: DryRun) -> IntArray:
+    """Row of the program of each command, and behind them (and for -1) one past the last row."""
+    program = run.program
+    count = int(program.command.max()) + 1 if len(program) else 0
+    row = np.full(count + 1, len(program), dtype=np.int64)
+    # Of an arc's rows the first: what a command does is the same in all of them.
+    row[program.command[::-1]] = np.arange(len(program))[::-1]
+    return row
+
+
+def origin(program: Program, gcode: bytes) -> FloatArray:
+    """What to add to the reader's positions for those that the file writes, (3,), mm.
+
+    A job may begin by saying with G92 where the tip stands; the reader, which knows no place for
+    it, begins at zero.
+    """
+    moves = np.flatnonzero(program.kind == MOVE)
+    before = np.flatnonzero(program.code[: moves[0] if len(moves) else 0] == code("G92"))
+    added = np.zeros(3)
+    for row in before:
+        text = gcode.split(b"\n", int(program.line[row]))[int(program.line[row]) - 1]
+        values = parse_line(text).values
+        for axis, letter in enumerate("XYZ"):
+            if letter in values:
+                added[axis] = values[letter] - program.target[row, axis]
+    return added
+
+
+# Heights and widths of a layered file's printed lines, from their positions and ink.
+
+LEVEL_TOLERANCE_MM: Final = 5e-3
+FLAT_MM: Final = 1e-3
+
+
+def check_level(begin: FloatArray, end: FloatArray, line: IntArray) -> None:
+    """Refuse lines (n, 3) that aren't level."""
+    tilted = np.flatnonzero(np.abs(end[:, 2] - begin[:, 2]) > FLAT_MM)
+    if len(tilted):
+        k = tilted[0]
+        raise UsageError(
+            f"line {line[k]} writes from z {begin[k, 2]:g} to {end[k, 2]:g} mm "
+            f"({len(tilted)} such lines): these are no level layers; of an embedded print say "
+            "--embedded, a spiral can't be read"
+        )
+
+
+def check_width(width: FloatArray, line: IntArray) -> None:
+    """Refuse widths of a wrong unit or bore: every lumen would be wrong with them."""
+    middle = float(np.median(width))
+    if not 5e-3 <= middle <= 10.0:
+        k = int(np.argmin(np.abs(width - middle)))
+        raise UsageError(
+            f"lines would be {1e3 * middle:.3g} µm wide (median; so line {line[k]}), which is "
+            "outside 5 to 10000 µm; check what E means: the syringe or the filament's diameter, "
+            "of a pneumatic head its flow"
+        )
+
+
+@dataclass(frozen=True)
+class LayerHeightComments:
+    """Heights of layers that a file's comments say (``;HEIGHT:0.06``).
+
+    Attributes
+    ----------
+    line : (h,) int64
+        Of each comment, ascending.
+    mm : (h,) float64, mm
+        From there on.
+    """
+
+    line: IntArray
+    mm: FloatArray
+
+    def of(self, lines: IntArray) -> FloatArray:
+        """What is said of each line of the file, (n,), mm; NaN before the first comment."""
+        if not len(self.line):
+            return np.full(len(lines), np.nan)
+        at = np.searchsorted(self.line, lines) - 1
+        return np.where(at >= 0, self.mm[np.maximum(at, 0)], np.nan)
+
+
+def comment_heights(gcode: bytes) -> LayerHeightComments:
+    """Read a file's comments."""
+    comments = read_comments(plain_lines(gcode))
+    return LayerHeightComments(comments.height_lines, comments.height_mm)
+
+
+def slabs(
+    height: FloatArray, layer_mm: float | None, said_mm: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Slab of each level, and each line's level.
+
+    A slab reaches down to the level below. The lowest, and one that hangs above the last, is as
+    thick as ``layer_mm``, as the file says of it, or as the most frequent one.
+
+    Parameters
+    ----------
+    height : (n,) float64, mm
+        Of each line.
+    layer_mm : float or None, mm
+        What the user says; it counts above what the file says.
+    said_mm : (n,) float64 or None, mm
+        What the file says of each line; NaN for nothing.
+    """
+    ordered = np.unique(np.round(height, 4))
+    new = np.concatenate([[True], np.diff(ordered) > LEVEL_TOLERANCE_MM])
+    high = ordered[new]
+    gaps = np.diff(high)
+    layer = np.searchsorted(high, height + LEVEL_TOLERANCE_MM, side="right") - 1
+    if layer_mm is None and said_mm is not None and not np.isnan(said_mm).any():
+        commented = np.array([np.median(own) for own in _of_each(said_mm, layer, len(high))])
+        below = np.concatenate([[np.inf], gaps])
+        thick = np.where(below > commented + LEVEL_TOLERANCE_MM, commented, below)
+        return high - thick, high, layer.astype(np.int64)
+    if layer_mm is None and len(gaps) == 0:
+        raise UsageError("the G-code has one layer, whose thickness is unknown; give --layer-um")
+    if layer_mm is None:
+        values, counts = np.unique(np.round(gaps, 3), return_counts=True)
+        layer_mm = float(values[counts.argmax()])
+    thick = np.concatenate([[layer_mm], np.where(gaps > 1.5 * layer_mm, layer_mm, gaps)])
+    return high - thick, high, layer.astype(np.int64)
+
+
+def _of_each(values: FloatArray, group: IntArray, count: int) -> list[FloatArray]:
+    """Values of each group, of which none is empty."""
+    order = np.argsort(group, kind="stable")
+    return np.split(values[order], np.searchsorted(group[order], np.arange(1, count)))
+
+
+def dose_per_mm(
+    length: FloatArray, dose: FloatArray, stroke: IntArray, window_mm: float
+) -> FloatArray:
+    """Dose per mm of way, (n,), over ``window_mm`` about each move's middle, within its stroke.
+
+    Parameters
+    ----------
+    length, dose : (n,) float64
+        Of each move, mm and any unit.
+    stroke : (n,) int64
+        Ascending: which unbroken line each move is of.
+    window_mm : float, mm
+        A longer move is a window of its own.
+    """
+    way = np.concatenate([[0.0], np.cumsum(length)])
+    dosed = np.concatenate([[0.0], np.cumsum(dose)])
+    opens = way[np.searchsorted(stroke, stroke, side="left")]
+    shuts = way[np.searchsorted(stroke, stroke, side="right")]
+    half = np.maximum(window_mm, length) / 2
+    middle = (way[:-1] + way[1:]) / 2
+    # A window that leaves its stroke is moved back into it.
+    low = np.maximum(np.minimum(middle - half, shuts - 2 * half), opens)
+    high = np.minimum(low + 2 * half, shuts)
+    doses: FloatArray = (np.interp(high, way, dosed) - np.interp(low, way, dosed)) / (high - low)
+    return doses
+
+
+def dots(dose: FloatArray, stroke: IntArray) -> FloatArray:
+    """√(4 V / π) of each move's whole stroke: width of a dot of all its ink, times √thickness.
+
+    A stroke shorter than it is wide is a dot: no line is wider than that.
+    """
+    dosed = np.concatenate([[0.0], np.cumsum(dose)])
+    opens = dosed[np.searchsorted(stroke, stroke, side="left")]
+    shuts = dosed[np.searchsorted(stroke, stroke, side="right")]
+    widths: FloatArray = np.sqrt(4.0 / np.pi * (shuts - opens))
+    return widths
+
 
 ROUNDED: Final = BeadSection()
 MOST_WINDOW_MM: Final = 1.0
@@ -230,3 +483,61 @@ def _doubt(
     wider = float(np.median(BeadSection("ellipse").width(area, thick) - width))
     narrower = float(np.median(BeadSection("rectangle").width(area, thick) - width))
     return max(wider, 0.0), min(narrower, 0.0)
+
+
+# Convert embedded writing moves to round filaments, their diameter from extruded ink.
+
+THREAD_MM: Final = 1e-3
+"""Thinner filaments are none."""
+PIECE_DIAMETERS: Final = 1.0
+LEAST_PIECE_MM: Final = 0.1
+
+
+def filaments(strokes: Strands, window_mm: float) -> Strands:
+    """Strokes as filaments: π d² / 4 is the dose over the way.
+
+    Parameters
+    ----------
+    strokes : Strands
+        Level or not.
+    window_mm : float, mm
+        Way over which a dose is taken, within its stroke.
+
+    Raises
+    ------
+    UsageError
+        When nothing is written, or the diameters are impossible.
+    """
+    if not len(strokes.line):
+        raise UsageError("no move of the G-code pushes ink on its way; is E, or the valve, in it?")
+    length = strokes.length
+    area = dose_per_mm(length, strokes.dose_ul, strokes.stroke, window_mm)
+    diameter = np.sqrt(4 / np.pi * np.maximum(area, 0.0))
+    check_width(diameter, strokes.line)
+    kept = diameter > THREAD_MM
+    return Strands(
+        strokes.start[kept],
+        strokes.end[kept],
+        strokes.dose_ul[kept],
+        area[kept],
+        strokes.stroke[kept],
+        strokes.line[kept],
+    )
+
+
+def in_short_pieces(strands: Strands) -> Strands:
+    """The same in pieces about as long as they are thick, to be found by their middles."""
+    length = strands.length
+    most = np.maximum(2 * PIECE_DIAMETERS * strands.radius, LEAST_PIECE_MM)
+    count = np.maximum(np.ceil(length / most), 1).astype(np.int64)
+    of = np.repeat(np.arange(len(strands)), count)
+    within = np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)
+    way = (strands.end - strands.start)[of]
+    return Strands(
+        strands.start[of] + (within / count[of])[:, None] * way,
+        strands.start[of] + ((within + 1) / count[of])[:, None] * way,
+        (strands.dose_ul / count)[of],
+        strands.area_mm2[of],
+        strands.stroke[of],
+        strands.line[of],
+    )

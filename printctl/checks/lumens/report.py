@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final
@@ -11,8 +12,17 @@ import numpy as np
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.checks.lumens.leaks import Leak
 from printctl.checks.lumens.lines import WrittenLines
-from printctl.checks.lumens.measure import Openings
-from printctl.checks.lumens.stations import SectionStations
+from printctl.checks.lumens.stations import Openings, SectionStations
+
+NAMED: Final = 5
+"""Lumens named in a refusal; the others are counted."""
+
+
+def list_names(names: Sequence[str]) -> str:
+    """The first few, and how many more."""
+    more = len(names) - NAMED
+    return ", ".join(names[:NAMED]) + (f" and {more} more" if more > 0 else "")
+
 
 CLOSED_MM: Final = 0.02
 """Ink doesn't leave so thin a hole open."""

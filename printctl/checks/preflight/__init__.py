@@ -18,37 +18,42 @@ if TYPE_CHECKING:
     from printctl.checks.preflight.force import force_checks, hardest_push
     from printctl.checks.preflight.gcode import gcode_checks
     from printctl.checks.preflight.heads import check_each_head, head_checks
-    from printctl.checks.preflight.ink_needed import InkUse, ink_use
-    from printctl.checks.preflight.ink_volumes import volumes, written_ul
-    from printctl.checks.preflight.material_checks import temperature_checks
-    from printctl.checks.preflight.mounted_checks import (
+    from printctl.checks.preflight.ink import (
+        InkUse,
+        PrintTime,
+        ink_use,
+        temperature_checks,
+        viability_checks,
+        viability_facts,
+        volumes,
+        written_ul,
+    )
+    from printctl.checks.preflight.mounted import (
         bath_checks,
         chemistry_check,
         held_check,
         needle_check,
-    )
-    from printctl.checks.preflight.set_up import file_checks
-    from printctl.checks.preflight.setup_checks import (
         syringe_check,
         syringe_checks,
     )
+    from printctl.checks.preflight.set_up import file_checks
     from printctl.checks.preflight.shaft import (
         accepted_text,
+        read_written,
         shaft_checks,
+        shaft_clearance,
         shaft_lines,
         unmapped_check,
+        written_arrays,
     )
-    from printctl.checks.preflight.shaft_map import read_written, written_arrays
-    from printctl.checks.preflight.shaft_run import shaft_clearance
     from printctl.checks.preflight.steps import step_checks
-    from printctl.checks.preflight.viability import (
-        PrintTime,
-        viability_checks,
-        viability_facts,
+    from printctl.checks.preflight.wells import (
+        Wells,
+        compare_well_moves,
+        read_wells,
+        well_arrays,
+        well_checks,
     )
-    from printctl.checks.preflight.well_comparison import compare_well_moves
-    from printctl.checks.preflight.well_map import read_wells, well_arrays
-    from printctl.checks.preflight.wells import Wells, well_checks
     from printctl.checks.set_up import (
         WALL_CLEARANCE_MM,
         Budget,

@@ -14,7 +14,7 @@ import numpy as np
 from firmware_profiles import Needle, Printer, load, shipped
 from firmware_profiles.tools import THINNEST_BORE
 from kernels.arrays import FloatArray, IntArray
-from printctl.checks.preflight.ink_volumes import volumes
+from printctl.checks.preflight.ink import volumes
 from printctl.checks.set_up import Check, HeadLoading
 from sim.gcode.deposit.levels import level_areas, level_heights, written_levels
 from sim.gcode.dry_run.run import DryRun

@@ -1,23 +1,281 @@
-"""Run the checks that need only G-code and printer: travel, speed, plunger, firmware limits."""
+"""Checks that need only G-code and printer: travel, speed, limits, waits, origin."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Final
 
 import numpy as np
 
 from firmware_profiles import Printer
-from firmware_profiles.families import family_of
+from firmware_profiles.families import family_of, meanings
+from firmware_profiles.families.grammar import Meaning
+from printctl.checks.gate import refused_lines
 from printctl.checks.preflight.firmware import firmware_checks
-from printctl.checks.preflight.gate_checks import gate_checks, motor_checks
 from printctl.checks.preflight.heads import ABOUT_HEADS, check_each_head
-from printctl.checks.preflight.place_checks import place_checks
+from printctl.checks.preflight.mounted import profile_checks
 from printctl.checks.preflight.pneumatic_checks import valve_checks
-from printctl.checks.preflight.profile_checks import profile_checks
-from printctl.checks.preflight.wait_checks import wait_checks
-from printctl.checks.set_up.check import Check
+from printctl.checks.set_up import Check
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.program.finding import Finding
 from sim.gcode.program.gcode import code
+from sim.gcode.program.modal import MOVE
+from sim.gcode.reading import GcodeLine
 from sim.gcode.reading.faults import SORTS
+from sim.gcode.reading.firmware_codes import is_known_line
+from sim.gcode.reading.outputs import SETS_ARRAY, SETS_CALL, output_of
+
+# Check that a job doesn't redefine its X, Y or Z coordinates (G92) after its first move.
+#
+# A later place with other numbers renames all places: the firmware's own limits, and what a person
+# reads from its display, are then off by as much. E is free: it counts a plunger.
+
+_SAME_MM: Final = 1e-3
+_AXES: Final = "XYZ"
+
+
+def place_checks(run: DryRun, printer: Printer) -> list[Check]:
+    """A row for the first place that the job tells anew with other numbers."""
+    for number, axis, stated, stands in _told_anew(run):
+        return [
+            Check(
+                f"place of {axis} told anew",
+                stated,
+                stands,
+                "mm",
+                False,
+                f"line {number}",
+                f"{axis} stands at {stands:g} mm there, by {printer.name}'s count of the start; "
+                "tell X, Y and Z once, before the first move, and take this out (E may be counted "
+                "anew)",
+            )
+        ]
+    return []
+
+
+def _told_anew(run: DryRun) -> Iterator[tuple[int, str, float, float]]:
+    """Yield line, axis, what is told, and where it stands by the job's own count."""
+    program = run.program
+    moves = program.line[program.kind == MOVE]
+    first = int(moves.min()) if moves.size else 0
+    shift, by_g92 = dict[str, float](), set[str]()
+    for number, line in run.others:
+        stated = _places(line)
+        row = int(np.searchsorted(program.line, number)) if stated else 0
+        for axis, value in stated.items():
+            at = _stood(run, row)[_AXES.index(axis)]
+            by_name = line.code != "G92"
+            stands = at + shift.setdefault(axis, value - at if number < first or not first else 0.0)
+            if by_name and axis in by_g92 and abs(shift[axis]) > _SAME_MM:
+                stands = at  # G92's shift comes on top of what the command tells
+            by_g92 |= set() if by_name else {axis}
+            if abs(value - stands) > _SAME_MM:
+                yield number, axis, value, stands
+
+
+def _stood(run: DryRun, row: int) -> list[float]:
+    """Where the tip stands before a row, mm, by the count of the start."""
+    before = run.program.target[row - 1] if row > 0 else run.program.start
+    return [float(mm) for mm in before[:3]]
+
+
+def _places(line: GcodeLine) -> dict[str, float]:
+    """Axes that a line says the tip stands at, mm."""
+    if line.code == "G92":
+        return {axis: mm for axis in _AXES if (mm := line.number(axis)) is not None}
+    if meanings().get(line.code) is not Meaning.PLACES:
+        return {}
+    return {axis: float(line.parameters[axis]) for axis in _AXES if axis in line.parameters}
+
+
+# Check a job for commands the gate refuses, unknown outputs switched, and motors off too early.
+
+_OUTPUTS: Final = "outputs set other than the valve's"
+
+
+def motor_checks(run: DryRun, printer: Printer) -> list[Check]:
+    """A row where motors lose their power before the last move: their place is lost with it.
+
+    Klipper refuses the next move, and the needle stays where it is; others go on from wherever
+    the axes came to rest.
+    """
+    if not printer.streamed:
+        return []
+    lines = run.program.line[run.program.kind == MOVE]
+    off = (number for number, line in run.others if line.code in ("M18", "M84"))
+    first = min(off, default=0)
+    if not first or not lines.size or first > lines.max():
+        return []
+    return [
+        Check(
+            "motors without power before the last move",
+            1,
+            0,
+            "",
+            False,
+            f"line {first}",
+            "move M84 or M18 to the end of the file: an axis without power loses its place",
+        )
+    ]
+
+
+def _output_checks(run: DryRun, printer: Printer) -> list[Check]:
+    """A row for the first output that is set and isn't the profile's valve.
+
+    What hangs on another output of a controller (a lamp, a heater, a brake, another valve) no
+    profile tells.
+    """
+    head = printer.pneumatic
+    own = [] if head is None else [output_of(head.opens), output_of(head.closes)]
+    others = [
+        named
+        for named in run.named
+        if named.name in (SETS_ARRAY, SETS_CALL) and (named.name, named.words) not in own
+    ]
+    if not others:
+        return [Check(_OUTPUTS, 0, 0, "", True)]
+    dispenser = "none" if head is None else f"{head.opens}, {head.closes}"
+    return [
+        Check(
+            _OUTPUTS,
+            len(others),
+            0,
+            "",
+            False,
+            f"line {others[0].line}",
+            f"{_setting(others[0].words)}, and the profile's valve alone may be switched "
+            f"(dispenser: {dispenser}); take it out, or name the valve in a copy of the profile",
+        )
+    ]
+
+
+def _setting(words: Mapping[str, str]) -> str:
+    if "NUMBER" not in words:
+        return f"{words.get('TEXT', '')!r} can't be read"
+    return f"output {words['NUMBER']} of {words['AXIS']} is set to {words['VALUE']}"
+
+
+def gate_checks(run: DryRun, printer: Printer) -> list[Check]:
+    """Rows for the codes that may not be sent; one that passed where all may be.
+
+    What the firmware doesn't know at all has a row of its own (unknown commands).
+    """
+    if not printer.streamed:
+        return _output_checks(run, printer)
+    known = [(number, line) for number, line in run.others if is_known_line(printer, line)]
+    by_code: dict[str, list[tuple[int, str]]] = {}
+    for number, refused, why in refused_lines(known, printer):
+        by_code.setdefault(refused, []).append((number, why))
+    if not by_code:
+        return [Check("commands that may not be sent", 0, 0, "", True)]
+    return [
+        Check(
+            f"{code}: may not be sent by a job",
+            len(those),
+            0,
+            "",
+            False,
+            f"line {those[0][0]}",
+            those[0][1],
+        )
+        for code, those in by_code.items()
+    ]
+
+
+# Find a job's first temperature wait that may never end.
+#
+# No profile knows of a cooler. A room is taken to be between 15 and 30 °C: what must cool below 30
+# °C may never get there, and what must warm up without a target may not either. M109 and M190 with
+# S wait for warming alone, but on some families (`GateFacts.awaits_cooling`).
+
+COLDEST_ROOM_C: Final = 15.0
+WARMEST_ROOM_C: Final = 30.0
+_SETS: Final = {
+    **dict.fromkeys(("M104", "M109"), "extruder"),
+    **dict.fromkeys(("M140", "M190"), "heater_bed"),
+    **dict.fromkeys(("M141", "M191"), "chamber"),
+}
+_WAITS: Final = ("M109", "M190", "M191")
+
+
+def wait_checks(run: DryRun, printer: Printer) -> list[Check]:
+    """A row for the first wait that may never end; none where all end."""
+    if not printer.streamed:
+        return []
+    targets: dict[str, float] = {}
+    for number, line in run.others:
+        failed = next(_endless(line, targets, printer), None)
+        if failed is not None:
+            value, limit, why = failed
+            name = "wait for a temperature that may never come"
+            return [Check(name, value, limit, "°C", False, f"line {number}", why)]
+    return []
+
+
+def _endless(
+    line: GcodeLine, targets: dict[str, float], printer: Printer
+) -> Iterator[tuple[float, float, str]]:
+    """Temperature, limit and reason of a wait that may not end; ``targets`` follow the line."""
+    meaning = meanings().get(line.code)
+    if line.code in _SETS:
+        yield from _by_code(line, targets, printer)
+    elif meaning is Meaning.HEATS:
+        target = _number(line, "TARGET")
+        targets[line.parameters.get("HEATER", "")] = 0.0 if target is None else target
+    elif meaning is Meaning.AWAITS:
+        yield from _by_name(line, targets)
+
+
+def _by_code(
+    line: GcodeLine, targets: dict[str, float], printer: Printer
+) -> Iterator[tuple[float, float, str]]:
+    head = int(line.number("T") or 0)
+    kept, given = line.number("R"), line.number("S")
+    target = given if given is not None else kept
+    if target is None:
+        return
+    targets[_SETS[line.code] + (f"{head}" if head else "")] = target
+    if line.code not in _WAITS:
+        return
+    cools = line.code in family_of(printer).gate.awaits_cooling and target > 0
+    coldest = COLDEST_ROOM_C if line.code == "M191" else 0.0
+    if target < (WARMEST_ROOM_C if kept is not None or cools else coldest):
+        yield _too_cold(line, target)
+
+
+def _by_name(line: GcodeLine, targets: dict[str, float]) -> Iterator[tuple[float, float, str]]:
+    target = targets.get(line.parameters.get("SENSOR", ""), 0.0)
+    least, most = _number(line, "MINIMUM"), _number(line, "MAXIMUM")
+    if most is not None and most < max(WARMEST_ROOM_C, target):
+        if most < WARMEST_ROOM_C:
+            yield _too_cold(line, most)
+        else:
+            yield most, target, f"the job's target is {target:g} °C; wait for that, or lower it"
+    if least is not None and least > target:
+        yield (
+            least,
+            target,
+            f"the job sets no target of {least:g} °C or more for this heater before; set one "
+            "(SET_HEATER_TEMPERATURE, M104, M140), or take the wait out",
+        )
+
+
+def _too_cold(line: GcodeLine, celsius: float) -> tuple[float, float, str]:
+    return (
+        celsius,
+        WARMEST_ROOM_C,
+        f"{line.code} waits until it is as cold as {celsius:g} °C, and heaters cool nothing below "
+        f"a room of {COLDEST_ROOM_C:g} to {WARMEST_ROOM_C:g} °C; cool before the start and take "
+        "the wait out",
+    )
+
+
+def _number(line: GcodeLine, key: str) -> float | None:
+    try:
+        return float(line.parameters[key])
+    except (KeyError, ValueError):
+        return None
+
 
 _COUNTED = {
     "unknown_command": "commands unknown to the firmware",
@@ -27,7 +285,6 @@ _COUNTED = {
     "bad_arc": "arcs without a centre",
 }
 """Findings of which none is allowed, and their names."""
-
 _TINY_MM = 1e-6
 _PROBES = ("G29", "G30", "G32", "G34")
 _NAMED_PROBES = ("BED_MESH_CALIBRATE", "PROBE_ACCURACY", "PROBE_CALIBRATE", "Z_TILT_ADJUST")

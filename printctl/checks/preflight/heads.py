@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Needle, Printer
-from printctl.checks.preflight.wall_gaps import wall_gap
-from printctl.checks.set_up.check import Check
-from printctl.checks.set_up.placed_dish import WALL_CLEARANCE_MM, PlacedDish
+from printctl.checks.preflight.dish import wall_gap
+from printctl.checks.preflight.pneumatic_checks import none_check
+from printctl.checks.set_up import WALL_CLEARANCE_MM, Check, PlacedDish
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.program.modal import DWELL, MOVE, SYNC
 
@@ -99,7 +99,7 @@ def _states(run: DryRun, printer: Printer) -> list[Check]:
             "it would push ink into the air; lower it before (heads: lowers)",
         ),
     )
-    checks = [_none(run, *row) for row in rows]
+    checks = [none_check(run, *row) for row in rows]
     switched = np.flatnonzero((np.diff(heads.raised, axis=0, append=heads.raised[-1:])).any(axis=1))
     begun = np.flatnonzero(moves)
     first = int(begun[0]) if len(begun) else len(program)
@@ -109,7 +109,7 @@ def _states(run: DryRun, printer: Printer) -> list[Check]:
         True
     )
     checks.append(
-        _none(
+        none_check(
             run,
             "heads raised or lowered while the carriage may still move",
             late,
@@ -121,7 +121,7 @@ def _states(run: DryRun, printer: Printer) -> list[Check]:
     short[[row for row in switched.tolist() if _waits(run, row) < least - 1e-9]] = True
     checks.append(
         replace(
-            _none(
+            none_check(
                 run,
                 "heads raised or lowered without their time waited for",
                 short,
@@ -256,9 +256,3 @@ def _asked(printer: Printer) -> Check:
         "after every change of a needle (`printctl calibrate offset`)"
     )
     return Check("asked of you", 0, 0, "", False, f"{printer.name}: heads", remedy, "warns")
-
-
-def _none(run: DryRun, name: str, where: NDArray[np.bool_], remedy: str) -> Check:
-    first = int(where.argmax()) if where.any() else -1
-    place = f"line {int(run.program.line[first])}" if first >= 0 else ""
-    return Check(name, int(where.sum()), 0, "", first < 0, place, remedy)

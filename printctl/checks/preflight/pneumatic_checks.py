@@ -18,14 +18,13 @@ from firmware_profiles import (
     Syringe,
     steady_flow,
 )
-from printctl.checks.preflight.profile_checks import profile_checks
-from printctl.checks.set_up.check import Check
+from printctl.checks.preflight.mounted import profile_checks
+from printctl.checks.set_up import Check
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.heads.valve import BETWEEN, CLOSED, OPEN, UNKNOWN, Valve, flowing_s
 from sim.gcode.program.gcode import code
 from sim.gcode.program.modal import DWELL, MOVE, SYNC
 
-_NONE: Final = -1
 _FEED_ROUNDING: Final = 1e-4
 _DROP_BORES: Final = 2.0
 """A drop of two bores across stands one half bore out of a line on either side."""
@@ -66,17 +65,17 @@ def valve_checks(run: DryRun, printer: Printer) -> list[Check]:
         ),
     )
     return [
-        *(_none(run, name, where, remedy) for name, where, remedy in rows),
+        *(none_check(run, name, where, remedy) for name, where, remedy in rows),
         _left_closed(run, valve, head),
         *([_asked_to_watch(head)] if printer.streamed else []),
         *_timing(run, valve, head),
     ]
 
 
-def _none(run: DryRun, name: str, where: NDArray[np.bool_], remedy: str) -> Check:
-    first = int(where.argmax()) if where.any() else _NONE
-    place = f"line {int(run.program.line[first])}" if first != _NONE else ""
-    return Check(name, int(where.sum()), 0, "", first == _NONE, place, remedy)
+def none_check(run: DryRun, name: str, where: NDArray[np.bool_], remedy: str) -> Check:
+    """Check that no row of the program (n,) is marked; names the first line that is."""
+    place = f"line {int(run.program.line[int(where.argmax())])}" if where.any() else ""
+    return Check(name, int(where.sum()), 0, "", not place, place, remedy)
 
 
 def _left_closed(run: DryRun, valve: Valve, head: Pneumatic) -> Check:

@@ -12,14 +12,16 @@ from printctl.checks.preflight.dish import dish_checks, floor_check, unknown_dis
 from printctl.checks.preflight.force import force_checks
 from printctl.checks.preflight.gcode import gcode_checks
 from printctl.checks.preflight.heads import check_each_head, head_checks
-from printctl.checks.preflight.ink_volumes import volumes, written_ul
-from printctl.checks.preflight.material_checks import temperature_checks
-from printctl.checks.preflight.mounted_checks import bath_checks, chemistry_check
-from printctl.checks.preflight.setup_checks import syringe_checks
+from printctl.checks.preflight.ink import (
+    PrintTime,
+    temperature_checks,
+    viability_checks,
+    volumes,
+    written_ul,
+)
+from printctl.checks.preflight.mounted import bath_checks, chemistry_check, syringe_checks
 from printctl.checks.preflight.steps import step_checks
-from printctl.checks.preflight.viability import PrintTime, viability_checks
-from printctl.checks.preflight.well_map import read_wells
-from printctl.checks.preflight.wells import Wells, well_checks
+from printctl.checks.preflight.wells import Wells, read_wells, well_checks
 from printctl.checks.set_up import Check, HeadLoading, SetUp, budget_of
 from printctl.errors import UsageError
 from sim.gcode.dry_run.run import DryRun

@@ -1,14 +1,35 @@
-"""Convert collisions of the needle's shaft with written ink to preflight check results and text."""
+"""Check a G-code file for collisions of the needle's shaft with written ink."""
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from printctl.checks.set_up.check import Check
+import numpy as np
+from numpy.typing import NDArray
+
+from design.network import VesselNetwork
+from design.toolpath import MoveKind
+from firmware_profiles import Needle, Printer
+from kernels.arrays import FloatArray
+from printctl.checks.preflight.ink import volumes
+from printctl.checks.set_up import Check, HeadLoading, SetUp
+from printctl.errors import UsageError
+from sim.gcode.clearance import (
+    Clearance,
+    LineSources,
+    NeedleBody,
+    WrittenNetwork,
+    check_clearance,
+    motion_of,
+)
+from sim.gcode.dry_run.run import DryRun
 
 if TYPE_CHECKING:
-    from sim.gcode.clearance import Clearance, ShaftContact
+    from sim.gcode.clearance import ShaftContact
 
 
 _REMEDY: Final = (
@@ -102,3 +123,221 @@ def accepted_text(clearance: Clearance) -> str:
         f"{len(clearance.crossings)} moves that cross {clearance.pairs} pairs of vessels; worst: "
         f"{clearance.crossings[0].sentence()}"
     )
+
+
+# Read or make the map (G-code lines to vessels, network) that the needle shaft check needs.
+
+_NETWORK = ("nodes", "vessel_nodes", "offset", "points", "radius")
+
+
+@dataclass(frozen=True)
+class ShaftMap:
+    """What an embedded job's map says besides its lines.
+
+    Attributes
+    ----------
+    sources : LineSources
+    network : WrittenNetwork
+        In the printer's frame.
+    overlap_radii : float
+        Of joints.
+    clearance_mm : float, mm
+        That the plan keeps.
+    needles_mm : (heads, 3) float64, mm
+        For which it was planned: outer diameter of the shaft and of the tip, height of the cone
+        between them.
+    """
+
+    sources: LineSources
+    network: WrittenNetwork
+    overlap_radii: float
+    clearance_mm: float
+    needles_mm: FloatArray
+
+
+def written_arrays(
+    network: VesselNetwork,
+    place_mm: FloatArray,
+    overlap_radii: float,
+    clearance_mm: float,
+    needles_mm: Sequence[tuple[float, float, float]],
+    bundled: NDArray[np.bool_] | None = None,
+) -> dict[str, NDArray[Any]]:
+    """What the map of an embedded job is to hold, so that its file can be checked by itself.
+
+    Parameters
+    ----------
+    network : VesselNetwork
+        As it is written, in the part's frame.
+    place_mm : (3,) float64, mm
+        From there to the printer's.
+    overlap_radii, clearance_mm, needles_mm
+        As in `ShaftMap`.
+    bundled : (v,) bool or None
+        Vessels written as several strands.
+    """
+    return {
+        **({} if bundled is None else {"bundled": bundled}),
+        **{f"network_{name}": getattr(network, name) for name in _NETWORK},
+        "place_mm": np.asarray(place_mm, dtype=np.float64),
+        "overlap_radii": np.array(overlap_radii),
+        "clearance_mm": np.array(clearance_mm),
+        "needles_mm": np.asarray(needles_mm, dtype=np.float64),
+    }
+
+
+def read_written(path: Path) -> ShaftMap | None:
+    """Read the map of an embedded job; None where it is of layers, or there is none.
+
+    Raises
+    ------
+    UsageError
+        When the file can't be read, or is of vessels and doesn't say which network they are of.
+    """
+    if not path.is_file():
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as arrays_file:
+            data = {name: arrays_file[name] for name in arrays_file.files}
+        if str(data["source_kind"]) != "vessel":
+            return None
+        return read_written_arrays(data)
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as exc:
+        raise UsageError(
+            f"{path} doesn't say what the job writes ({exc}), so the needle's shaft can't be "
+            "checked; write the G-code and its map anew with `printctl toolpath`"
+        ) from exc
+
+
+def read_written_arrays(data: Mapping[str, NDArray[Any]]) -> ShaftMap:
+    """What the arrays of a map say: ``source`` and ``kind`` of each line, and `written_arrays`."""
+    arrays = {name: data[f"network_{name}"] for name in _NETWORK}
+    network = WrittenNetwork(**arrays, bundled=data.get("bundled"))
+    writes = data["kind"] == MoveKind.WRITE
+    return ShaftMap(
+        LineSources(data["source"].astype(np.int64), writes),
+        network.moved(data["place_mm"]),
+        float(data["overlap_radii"]),
+        float(data["clearance_mm"]),
+        data["needles_mm"].astype(np.float64),
+    )
+
+
+# Run the needle shaft check on a simulated embedded job, with its map and mounted needles.
+
+
+def shaft_clearance(
+    run: DryRun, printer: Printer, loads: Sequence[HeadLoading], written: ShaftMap
+) -> Clearance:
+    """Check every move of a run; a head whose needle nobody named has the one planned for.
+
+    Raises
+    ------
+    ClearanceError
+        When map and G-code aren't of one job.
+    """
+    planned = written.needles_mm
+    bodies = [
+        _body(load.needle, planned[min(k, len(planned) - 1)], written.clearance_mm)
+        for k, load in enumerate(loads)
+    ]
+    motion = motion_of(run, written.sources, volumes(run, printer, loads))
+    return check_clearance(motion, written.network, bodies, written.overlap_radii)
+
+
+def _body(needle: Needle | None, planned_mm: FloatArray, clearance_mm: float) -> NeedleBody:
+    """The mounted needle, or the planned one: its outer diameter, its tip's, its cone's height."""
+    if needle is None:
+        outer, tip, cone = planned_mm.tolist()
+        return NeedleBody(outer / 2, tip / 2, cone, clearance_mm=clearance_mm)
+    return NeedleBody(
+        needle.outer_mm / 2,
+        (needle.tip_outer_mm or needle.outer_mm) / 2,
+        needle.cone_mm or 0.0,
+        needle.length_mm,
+        needle.hub_outer_mm / 2 if needle.hub_outer_mm else None,
+        clearance_mm=clearance_mm,
+    )
+
+
+# Check a G-code file for needle shaft collisions with ink, by the map of its lines to vessels.
+
+_LEVEL_MM = 1e-3
+
+
+@dataclass(frozen=True)
+class FileShaft:
+    """What the checker says of a file.
+
+    Attributes
+    ----------
+    checks : list of Check
+        None for a file of layers.
+    found : Clearance or None
+        None where it wasn't looked at.
+    accepted : tuple of str
+        What the user took, for the journal.
+    """
+
+    checks: list[Check]
+    found: Clearance | None = None
+    accepted: tuple[str, ...] = ()
+
+    def facts(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return {} if self.found is None else {"clearance": self.found.as_dict()}
+
+    def lines(self) -> list[str]:
+        """For people."""
+        return [] if self.found is None else shaft_lines(self.found.as_dict())
+
+
+def file_shaft(file: Path, run: DryRun, mounted: SetUp, *, accepted: bool = False) -> FileShaft:
+    """Check a file's shaft.
+
+    Parameters
+    ----------
+    file : Path
+        Its map, ``FILE.map.npz``, stands beside it.
+    run : DryRun
+    mounted : SetUp
+    accepted : bool
+        Whether the user prints with crossings.
+
+    Raises
+    ------
+    UsageError
+        For a map that can't be read, or of another file.
+    """
+    path = file.with_suffix(".map.npz")
+    if not path.is_file():
+        return FileShaft([unmapped_check()] if _climbs(run) else [])
+    written = read_written(path)
+    if written is None:
+        return FileShaft([])
+    _check_lines(file, path, len(written.sources.vessel))
+    loads = [mounted.load_of(number) for number in range(mounted.printer.head_count)]
+    clearance = shaft_clearance(run, mounted.printer, loads, written)
+    text = accepted_text(clearance)
+    return FileShaft(
+        shaft_checks(clearance, 0, accepted=accepted),
+        clearance,
+        (text,) if accepted and text else (),
+    )
+
+
+def _check_lines(file: Path, path: Path, mapped: int) -> None:
+    data = file.read_bytes()
+    lines = data.count(b"\n") + (not data.endswith(b"\n"))
+    if lines != mapped:
+        raise UsageError(
+            f"{path.name} is of a file of {mapped} lines, and {file.name} has {lines}: it belongs "
+            "to another job, so the needle's shaft can't be checked; write both anew with "
+            "`printctl toolpath`, or move the map away"
+        )
+
+
+def _climbs(run: DryRun) -> bool:
+    """Whether ink is pushed on the way up or down, as no layer does it."""
+    height = np.diff(run.program.target[:, 2], prepend=run.program.start[2])
+    return bool((run.doses & (np.abs(height) > _LEVEL_MM)).any())

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from firmware_profiles import Printer, Syringe
-from printctl.checks.set_up.check import Check
+from printctl.checks.set_up import Check
 from printctl.rounding import last_digit_mm
 from sim.gcode.deposit.strands import Strands
 from sim.gcode.dry_run.run import DryRun

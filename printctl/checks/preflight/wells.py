@@ -1,21 +1,150 @@
-"""Checks of a plate job: each well's walls, floor and bath, and travels over the rims."""
+"""Checks of a plate job: map of wells, walls, rims, and equality of wells."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles import Dish, Needle
+from design.toolpath.gcode.numbers import decimals_for
+from firmware_profiles import Dish, Needle, Printer
 from kernels.arrays import FloatArray, IntArray
-from printctl.checks.preflight.dish import tips_of
-from printctl.checks.preflight.wall_gaps import hub_gap, hub_remedy, wall_gap
+from printctl.checks.preflight.dish import hub_gap, hub_remedy, tips_of, wall_gap
 from printctl.checks.set_up import WALL_CLEARANCE_MM, Check, PlacedDish
 from sim.gcode.dry_run.run import DryRun
+from sim.gcode.program.gcode import Program
 from sim.gcode.program.modal import MOVE
+
+# Read, or make, a plate job's map of wells: their positions, and the G-code lines of each.
+
+
+def well_arrays(
+    names: Sequence[str],
+    centre_mm: FloatArray,
+    dish: Dish,
+    floor_mm: float,
+    bath_mm: float | None,
+    safe_z_mm: float,
+) -> dict[str, NDArray[Any]]:
+    """Return the map's arrays of all wells in one frame; parameters as in `Wells`."""
+    return {
+        "plate_wells": np.array(list(names)),
+        "plate_centre_mm": np.asarray(centre_mm, dtype=np.float64),
+        "plate_shape": np.array(dish.shape),
+        "plate_name": np.array(dish.name),
+        "plate_inner_mm": np.array([dish.inner_x_mm, dish.inner_y_mm, dish.wall_mm]),
+        "plate_floor_mm": np.array(floor_mm),
+        "plate_bath_mm": np.array(np.nan if bath_mm is None else bath_mm),
+        "plate_safe_z_mm": np.array(safe_z_mm),
+    }
+
+
+def read_wells(path: Path, line: NDArray[np.int64], volume_ul: FloatArray) -> Wells | None:
+    """Wells of a job, and what is written into each; None where the map is of no plate.
+
+    Parameters
+    ----------
+    path : Path
+        The map.
+    line : (rows,) int64
+        Line of the file that each row of its program is on, from 1.
+    volume_ul : (rows,) float64, µL
+        What comes out in each.
+    """
+    if not path.is_file():
+        return None
+    with np.load(path, allow_pickle=False) as arrays_file:
+        if "plate_wells" not in arrays_file.files or len(arrays_file["well"]) < line.max(initial=0):
+            return None
+        data = {name: arrays_file[name] for name in arrays_file.files}
+    well = data["well"][line - 1]
+    ink = {str(name): float(volume_ul[well == k].sum()) for k, name in enumerate(data["wells"])}
+    return _wells(data, ink)
+
+
+def _wells(data: Mapping[str, NDArray[Any]], ink_ul: Mapping[str, float]) -> Wells:
+    x, y, wall = data["plate_inner_mm"].tolist()
+    bath = float(data["plate_bath_mm"])
+    dish = Dish.model_validate(
+        {
+            "name": str(data["plate_name"]),
+            "source": "map of the job",
+            "licence": "facts, no licence needed",
+            "shape": str(data["plate_shape"]),
+            "inner_x_mm": x,
+            "inner_y_mm": y,
+            "wall_mm": wall,
+        }
+    )
+    return Wells(
+        [str(name) for name in data["plate_wells"]],
+        data["plate_centre_mm"],
+        dish,
+        float(data["plate_floor_mm"]),
+        None if np.isnan(bath) else bath,
+        float(data["plate_safe_z_mm"]),
+        ink_ul,
+    )
+
+
+# Check that a well's moves in a plate job equal those of the same part printed alone.
+
+_ROUNDINGS: Final = 2.5
+"""Units of a text's last decimal by which a way may differ: either end, in either file."""
+
+
+def compare_well_moves(
+    well: str,
+    plate: tuple[Program, NDArray[np.bool_]],
+    alone: tuple[Program, NDArray[np.bool_]],
+    moved_mm: FloatArray,
+    printer: Printer,
+) -> Check:
+    """Compare the moves of some lines of one job with those of another.
+
+    Parameters
+    ----------
+    well : str
+    plate, alone : Program and (rows,) bool
+        Each with the rows that are the part's own.
+    moved_mm : (3,) float64, mm
+        From the job by itself to the plate's.
+    printer : Printer
+        Which says how many decimals a file has.
+    """
+    digits = decimals_for(printer)
+    allowed = _ROUNDINGS * 10.0 ** -min(digits.x, digits.y, digits.z)
+    here, there = _moves(*plate), _moves(*alone)
+    same = len(here[0]) == len(there[0])
+    off = float(np.abs(here[0] - there[0] - moved_mm).max(initial=0.0)) if same else np.inf
+    pushed = float(np.abs(here[1] - there[1]).max(initial=0.0)) if same else np.inf
+    differences = {
+        "mm": (off, allowed),
+        "mm of the plunger": (pushed, _ROUNDINGS * 10.0**-digits.e),
+    }
+    if not same:
+        differences = {"moves": (float(abs(len(here[0]) - len(there[0]))), 0.0)}
+    unit, (value, limit) = max(differences.items(), key=lambda one: one[1][0] - one[1][1])
+    return Check(
+        "wells against the same part alone, whose needle and lumens were looked at",
+        value,
+        limit,
+        unit,
+        value <= limit,
+        f"well {well}",
+        "the plate's job isn't what was checked, which is a fault of ours: don't print it, and "
+        "tell us with the recipe",
+    )
+
+
+def _moves(program: Program, rows: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+    chosen = rows & (program.kind == MOVE)
+    return program.target[chosen, :3], program.pushed[chosen]
+
 
 _TINY_MM: Final = 1e-6
 

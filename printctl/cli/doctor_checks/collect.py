@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import platform
+import re
 import sys
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -13,7 +14,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from kernels import cache_dir
-from printctl.cli.doctor_checks.extras import extras
 from printctl.cli.doctor_checks.finding import Finding
 from printctl.cli.doctor_checks.places import (
     PAGE_PORT,
@@ -27,6 +27,43 @@ from printctl.cli.doctor_checks.ports import check_ports, group_of, permission_f
 from printctl.machine.link.history import data_folder
 from printctl.machine.link.ports import list_ports
 
+# List printctl's optional installs: present, or missing packages and the pip command.
+
+DEVELOPMENT: Final = {"test", "release", "docs"}
+"""Extras for those who work on printctl."""
+_NAME: Final = re.compile(r"^[A-Za-z0-9._-]+")
+_EXTRA: Final = re.compile(r"extra *== *['\"]([^'\"]+)['\"]")
+
+
+def extras() -> dict[str, str]:
+    """Each extra: "present", or what is missing and the command that installs it."""
+    try:
+        wanted = metadata.requires("printctl") or []
+    except metadata.PackageNotFoundError:
+        return {}
+    parts: dict[str, list[str]] = {}
+    for line in wanted:
+        name, extra = _NAME.match(line), _EXTRA.search(line)
+        if name and extra and extra[1] not in DEVELOPMENT:
+            parts.setdefault(extra[1], []).append(name[0])
+    return {extra: _said(extra, names) for extra, names in sorted(parts.items())}
+
+
+def _said(extra: str, names: list[str]) -> str:
+    missing = sorted(name for name in names if not _is_there(name))
+    if not missing:
+        return "present"
+    return f"missing {', '.join(missing)}; pip install 'printctl[{extra}]'"
+
+
+def _is_there(name: str) -> bool:
+    try:
+        metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return False
+    return True
+
+
 OURS: Final = ("kernels", "firmware_profiles", "design", "sim", "registration", "printctl")
 LEAST_PYTHON: Final = (3, 11)
 LIBRARIES: Final = (
@@ -39,7 +76,6 @@ LIBRARIES: Final = (
     "pydantic",
     "typer",
 )
-
 Facts = dict[str, dict[str, Any]]
 
 

@@ -21,20 +21,74 @@ from printctl.corrections.compensation import (
     VesselPart,
     corrections_of_file,
 )
-from printctl.corrections.feedback.depth import Depth, depth_of
-from printctl.corrections.feedback.evidence import Print
+from printctl.corrections.feedback.evidence import Print, Reading, readings, rebase_reading
 from printctl.corrections.feedback.local import Local, NodeOffset, local_excess, node_offsets
-from printctl.corrections.feedback.readings import Reading, readings, rebase_reading
-from printctl.corrections.feedback.size import Size, size_of, without_size
 from printctl.corrections.feedback.whole_part import (
     BIAS_VOXELS,
     NORMAL_95,
     Mean,
     Radial,
+    Size,
     pool_prints,
     radial,
+    size_of,
+    without_size,
 )
 from printctl.errors import UsageError
+
+# Decide if a compensation may correct z: only with a depth standard and a fitted depth scale.
+
+
+@dataclass(frozen=True)
+class Depth:
+    """Decision on correcting z, with its reason.
+
+    Attributes
+    ----------
+    corrected : bool
+    said : str
+        A sentence for the file and the report.
+    """
+
+    corrected: bool
+    said: str
+
+
+def depth_of(prints: Sequence[Print], standard: str | None) -> Depth:
+    """Decide for prints that are pooled.
+
+    In OCT, shrinkage in depth and an error of the refractive index look the same, however much
+    depth there is to fit. That a scale was fitted is therefore no reason to correct it.
+
+    Parameters
+    ----------
+    prints : sequence of Print
+    standard : str or None
+        The user's own word for what stands behind the depth, of scans that don't say.
+    """
+    bare = [p.name for p in prints if not p.found["measured_by"]["depth_standard"]]
+    unfitted = [p.name for p in prints if not p.found["depth_scale_fitted"]]
+    if bare and standard is None:
+        return Depth(
+            False,
+            f"Depth (z) is left as it was: no depth standard stands behind the scan of {bare[0]}"
+            f"{_more(bare)}, so its scale in depth may be the refractive index' or the scanner's. "
+            "Calibrate with a step of known height (printctl calibrate oct, then register "
+            "--oct-calibration), or name the standard (compensate --depth-standard).",
+        )
+    if unfitted:
+        return Depth(
+            False,
+            f"Depth (z) is left as it was: too little depth was in view to fit its scale "
+            f"({unfitted[0]}{_more(unfitted)}).",
+        )
+    what = "the scans' calibration" if not bare else f"the user's word: {standard}"
+    return Depth(True, f"Depth (z) is corrected; its standard: {what}.")
+
+
+def _more(names: Sequence[str]) -> str:
+    return f" and {len(names) - 1} more" if len(names) > 1 else ""
+
 
 LEAST_UM = 1.0
 """Smaller local corrections aren't written: a tenth of a usual printer's step."""

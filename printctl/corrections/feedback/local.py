@@ -11,16 +11,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtrc, stdtrit
 
 from design.network import VesselNetwork
-from kernels.arrays import FloatArray, IntArray
-from printctl.corrections.feedback.readings import LEAST_SECTIONS, Reading
-from printctl.corrections.feedback.size import OFFSET_VOXELS, projector_across
-from printctl.corrections.feedback.whole_part import NORMAL_95, VESSEL_VOXELS, Radial
-
-Mask = NDArray[np.bool_]
+from kernels.arrays import BoolArray, FloatArray, IntArray
+from printctl.corrections.feedback.evidence import LEAST_SECTIONS, Reading
+from printctl.corrections.feedback.whole_part import (
+    NORMAL_95,
+    OFFSET_VOXELS,
+    VESSEL_VOXELS,
+    Radial,
+    projector_across,
+)
 
 _STEPS = 50
 
@@ -115,7 +117,7 @@ def _errors(rows: Sequence[Sequence[tuple[float, float]]]) -> tuple[FloatArray, 
     return np.maximum(own, spread), -float(stdtrit(free, 0.025))
 
 
-def repeating(variance: FloatArray, free: IntArray) -> Mask:
+def repeating(variance: FloatArray, free: IntArray) -> BoolArray:
     """Which vessels vary from print to print as the others do; the rest had accidents.
 
     Cochran's test of the largest variance, repeated, in its form for unequal counts (the largest

@@ -14,18 +14,51 @@ from typing import Final
 from firmware_profiles import Printer
 from printctl.machine.link.errors import LinkError
 from printctl.machine.link.firmware import mode_lines
-from printctl.machine.link.grown_text import grown_text
+from printctl.machine.link.grown_text import GrownText, grown_text
 from printctl.machine.link.heads import all_raised, choose, head_at, is_about_heads, lowered
 from printctl.machine.link.job import Job
-from printctl.machine.link.job_frame import JobFrame, frame_at
+from printctl.machine.link.job_frame import JobFrame, Place, frame_at
 from printctl.machine.link.journalled_print import JournalledPrint
 from printctl.machine.link.modal import HOMING, Modal, declared_axes
 from printctl.machine.link.recovery_begin import RestStart, beginning
 from printctl.machine.link.recovery_steps import describe_rest, manual_steps
-from printctl.machine.link.rest_lines import rest_lines
 from printctl.machine.link.retreat import Retreat, count_from
 from printctl.machine.link.valve import is_about_valve, reopen, shut
-from sim.gcode.reading import code_of
+from sim.gcode.reading import code_of, is_motion
+
+# G-code of a job from a given line on, its coordinates counted from the touch-off point.
+
+
+def rest_lines(job: Job, text: GrownText, begin: int, frame: JobFrame) -> bytes:
+    """Return the job's text from command line ``begin``, after what it last said of its height.
+
+    What a line adds to the count of the touch-off is taken off its places, so that a line that
+    calls a place otherwise (G92) names the place where the tip stands anyway.
+    """
+    lines, first = list(text.lines), text.row_of[begin]
+    said = (line for line in reversed(lines[:first]) if line.startswith(b";HEIGHT:"))
+    for index in range(begin, len(job)) if frame.renamed else ():
+        shift, row = frame.shift_at(index), text.row_of[index]
+        if any(shift) and (is_motion(job.lines[index]) or declared_axes(job.lines[index])):
+            _, semicolon, comment = lines[row].rstrip(b"\r\n").partition(b";")
+            lines[row] = _moved(job.lines[index], shift) + semicolon + comment + b"\n"
+    return b"".join([next(said, b""), *lines[first:]])
+
+
+def _moved(line: bytes, shift: Place) -> bytes:
+    """Take ``shift`` off the places that a line names as it is sent."""
+    by = dict(zip((b"X", b"Y", b"Z"), shift, strict=True))
+    code, *words = line.split(b" ")
+    return b" ".join([code, *(_word(word, by.get(word[:1], 0.0)) for word in words)])
+
+
+def _word(word: bytes, shift_mm: float) -> bytes:
+    if not shift_mm:
+        return word
+    letter = word[:2] if word[1:2] == b"=" else word[:1]
+    value = b"%.5f" % (float(word[len(letter) :]) - shift_mm)
+    return letter + value.rstrip(b"0").rstrip(b".")
+
 
 CLEARANCE_MM: Final = 5.0
 TRAVEL_MM_S: Final = 20.0

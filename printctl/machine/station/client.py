@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -28,7 +28,6 @@ from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.ports import SIMULATED
 from printctl.machine.link.record import JOURNAL as PRINT_JOURNAL
 from printctl.machine.link.resuming import resumable
-from printctl.machine.station.order_json import order_to_json
 from printctl.machine.station.record import JOURNAL, LOCK, LOG, journalled_down, load_station
 from printctl.machine.station.single_request import (
     messages,
@@ -38,8 +37,20 @@ from printctl.machine.station.single_request import (
 )
 from printctl.machine.station.status import StationState, StationStatus
 
-if TYPE_CHECKING:  # its package knows meshes, and a kill shouldn't wait for their libraries
+if TYPE_CHECKING:
     from printctl.machine.printing.find import Order
+
+
+def order_to_json(order: Order) -> dict[str, Any]:
+    """An order as a JSON object."""
+    return {
+        "job": str(order.job.resolve()),
+        "printer": order.printer,
+        "folder": str(order.folder.resolve()),
+        "retreat": asdict(order.retreat),
+        "care": order.care.to_dict(),
+    }
+
 
 SOON_S: Final = 10.0
 MOVE_S: Final = 600.0

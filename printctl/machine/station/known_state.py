@@ -7,12 +7,30 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 from firmware_profiles import Printer
-from printctl.checks.gate import Bounds, PrinterSituation
+from printctl.checks.gate import Bounds, Limit, PrinterSituation
 from printctl.machine.link.errors import Refused
 from printctl.machine.printing.syringes import usable_mm
-from printctl.machine.station.heat_limits import heat_limits
 from printctl.machine.station.mounted_profiles import MountedProfiles, read_mounted_profiles
 from printctl.machine.station.status import MountedParts, Place
+
+
+def heat_limits(profiles: MountedProfiles, part_in_dish: bool) -> dict[str, Limit]:
+    """Hottest targets that what is mounted bears, by heater."""
+    limits = {}
+    if profiles.ink is not None:
+        limits["nozzle"] = Limit(
+            profiles.ink.temperature_c.high, f"temperature_c of {profiles.ink.name}"
+        )
+    bath = profiles.bath
+    if bath is None:
+        return limits
+    if part_in_dish and bath.melt_out_c is not None:
+        hottest = Limit(max(bath.melt_out_c, bath.max_printing_c), f"melt_out_c of {bath.name}")
+    else:
+        why = f"max_printing_c of {bath.name}, as long as nothing is printed"
+        hottest = Limit(bath.max_printing_c, why)
+    return {**limits, "bed": hottest, "chamber": hottest}
+
 
 _NAMES: Final = ("needle", "syringe", "ink", "dish", "bath")
 _UNKNOWN: Final = (False, False, False)

@@ -24,7 +24,7 @@ ASIDE_MM: Final = 0.05
 
 
 def read_order(request: dict[str, Any], socket: Socket) -> LinkOrder:
-    """Read what `printctl.machine.station.order_json` made.
+    """Read what `printctl.machine.station.client` made.
 
     Raises
     ------

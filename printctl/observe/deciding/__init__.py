@@ -5,10 +5,15 @@ Begin with `decide.py`.
 """
 
 from printctl.observe.deciding.decide import Decider
-from printctl.observe.deciding.decision import Decision, DecisionKind, Limits
+from printctl.observe.deciding.decision import (
+    Decision,
+    DecisionKind,
+    GapTest,
+    Limits,
+    confirmed_gaps,
+)
 from printctl.observe.deciding.evidence import Evidence, Narrowed
 from printctl.observe.deciding.flow_control import FlowBlocks, FlowControl, FlowLimits
-from printctl.observe.deciding.gap_test import GapTest, confirmed_gaps
 from printctl.observe.deciding.ink_supply import InkSupply, SupplyState, judge_supply
 from printctl.observe.deciding.layers_seen import LayersSeen
 

@@ -1,34 +1,4 @@
-"""Rules from an inspection's evidence to a decision: go on, correct flow, mend, pause or stop.
-
-Rules, in their order; the first that holds decides:
-
-0. the picture fits the layer better turned, mirrored or far moved: pause; nothing in it lies where
-   it seems;
-   whatever a map shows as missing or moved that lacks rows or columns: ask;
-1. the layer lies beside its place by more than tolerance (skipped steps): stop where the shift grew
-   since the last look, else pause; no ink laid later could lie right;
-2. no ink comes out any more (clog, empty syringe): pause;
-3. a lumen is closed, or narrowed beyond tolerance: pause; no ink can be taken away;
-4. in a bath a whole vessel isn't seen: pause, and ask whether it is to be written again;
-   gaps that another place of the layer explains, that one of two pictures hardly sees, or of a
-   map of which nothing tells that it is whole: ask;
-5. gaps and thin lines that two pictures show (one, where there is no second): mend, fill up, and
-   correct the flow;
-   where ink lies on less than a third of what was seen, yet no gap is sure, or where none was seen
-   yet since the print began, or older ink doesn't change any more as it did: pause;
-   where the picture changed near a line's middle alone, so that its ink may be thin: ask;
-6. corrections of the flow that the amount seen doesn't answer: take them back and pause, once; a
-   flow beyond the bounds of the correction: pause; within them: correct it; one that is likely
-   off, though not surely: ask once;
-7. lines of which nothing is told for long, and after a clog a layer of which nothing can be: pause,
-   once;
-8. too little was seen of several layers in a row: pause.
-
-What is unsure is told, and the print goes on. By `Limits.mend` the operator is only told
-(``tell``), asked before anything is written (``ask``), or not (``mend``). A picture that shows more
-missing than ink is likely to lack, or little at all, is never mended by unasked: it may be turned,
-of another place, or spoilt.
-"""
+"""Rules from an inspection's evidence to a decision: go on, correct, mend, pause, stop."""
 
 from __future__ import annotations
 
@@ -36,25 +6,117 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from printctl.observe.deciding.asked import (
+from printctl.observe.deciding.decision import Decision, DecisionKind, Limits, confirmed_gaps
+from printctl.observe.deciding.evidence import SURE, Evidence, Thin
+from printctl.observe.deciding.flow_control import FlowControl
+from printctl.observe.deciding.ink_supply import SupplyState
+from printctl.observe.deciding.layers_seen import LayersSeen, where
+from printctl.observe.deciding.questions import (
     asked_with_beside,
+    cause_of_turn,
     doubted,
+    doubts,
     low_words,
+    of_whole_map,
     places_of,
     thin_words,
     unchanged,
+    unconfirmed_words,
     with_untold,
 )
-from printctl.observe.deciding.decision import Decision, DecisionKind, Limits
-from printctl.observe.deciding.doubts import cause_of_turn, doubts, of_whole_map, unconfirmed_words
-from printctl.observe.deciding.evidence import SURE, Evidence
-from printctl.observe.deciding.flow_control import FlowControl
-from printctl.observe.deciding.flow_rule import corrected_words, flow_decision, uncorrected_words
-from printctl.observe.deciding.gap_test import confirmed_gaps
-from printctl.observe.deciding.ink_supply import SupplyState
-from printctl.observe.deciding.layers_seen import LayersSeen, where
-from printctl.observe.deciding.thin import Thin
 from registration.inspection.values import Gap
+
+# Decision about the flow, and what is said of it.
+
+
+def flow_decision(
+    control: FlowControl,
+    tolerance: float,
+    seem_thin: tuple[Thin, ...] = (),
+    told: bool = True,
+) -> Decision | None:
+    """Return what a flow calls for; None where it is as it should be.
+
+    Parameters
+    ----------
+    control : FlowControl
+    tolerance : float
+        Share by which it may be off.
+    seem_thin : tuple of Thin
+        Lines that seem to have too little ink.
+    told : bool
+        Whether the look has told any width: without, a flow beyond all bounds is told once more.
+    """
+    if control.answers.failed:
+        return _unanswered(control)
+    flows = f"the ink flows at {control.flow:.0%} ± {2 * control.u_flow:.0%} of what is asked for"
+    if control.out_of_bounds:
+        low, high = control.limits.low, control.limits.high
+        why = f"{flows}: beyond a correction by {low:g} to {high:g}"
+        said, control.beyond_said = control.beyond_said, not told
+        if told or not said:
+            why += "; this look tells no width, so whether it still is isn't known" * (not told)
+            return Decision(DecisionKind.PAUSE, why)
+        return None
+    factor = control.proposal()
+    if factor is None:
+        return _likely_off(control, tolerance, seem_thin)
+    return Decision(DecisionKind.FLOW, f"{flows}: factor {factor:.2f}", factor=factor)
+
+
+def _likely_off(
+    control: FlowControl, tolerance: float, seem_thin: tuple[Thin, ...]
+) -> Decision | None:
+    """Ask about a flow that is likely off, though not surely."""
+    seen, factor = control.seen, control.by_last_picture()
+    if seen.last is None or factor is None or factor == control.factor:
+        return None
+    if not seen.likely_off(control.factor, tolerance):
+        return None
+    seen.asked = seen.last
+    share = control.factor * math.exp(seen.last.level)
+    thin = seem_thin if factor > control.factor else ()
+    way_mm = math.fsum(one.length_mm for one in thin)
+    then = f"corrects the flow to {factor:.2f}" + f" and fills {way_mm:.1f} mm up" * bool(thin)
+    return Decision(
+        DecisionKind.PAUSE,
+        f"lines seem to have {share:.0%} ± {2 * share * seen.last.u:.0%} of the ink asked for: "
+        "the flow is off, or light makes their edges look so; look at a line or weigh the ink; "
+        f"approve {then}, go on leaves it",
+        factor=factor, ask=DecisionKind.FLOW, thin=thin,
+    )  # fmt: skip
+
+
+def _unanswered(control: FlowControl) -> Decision | None:
+    """Take corrections back that weren't answered, and say so, once."""
+    if control.answers.told:
+        return None
+    control.answers.told = True
+    factor = control.proposal()
+    back = "" if factor is None else f"; the factor is {factor:.2f} again"
+    return Decision(
+        DecisionKind.PAUSE,
+        f"the flow was corrected to {control.factor:.2f}, and the width of lines hardly changed: "
+        "widths are misread (a halo, blur, light or rims beside the lines), or the flow changed "
+        f"again meanwhile{back}, and is corrected no more in this print: look at the lines, then "
+        "resume or stop",
+        factor=factor,
+    )
+
+
+def corrected_words(control: FlowControl, factor: float | None) -> str:
+    """Which correction goes with a mend, in words; empty for none."""
+    if factor is None:
+        return ""
+    if control.answers.failed:
+        return f"; widths didn't answer corrections of the flow: factor {factor:.2f} again"
+    return f"; flow {control.flow:.0%}: factor {factor:.2f}"
+
+
+def uncorrected_words(control: FlowControl) -> str:
+    """Say that the flow isn't corrected; empty where it is."""
+    return "; the flow isn't corrected: widths didn't answer it" * control.answers.failed
+
 
 _STOPPING: Final = (SupplyState.CLOGGED, SupplyState.EMPTY)
 _MOST_MISSING: Final = 1 / 3

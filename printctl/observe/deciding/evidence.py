@@ -3,15 +3,80 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
 from printctl.observe.deciding.flow_control import FlowBlocks
 from printctl.observe.deciding.ink_supply import InkSupply
-from printctl.observe.deciding.thin import Thin
-from printctl.observe.map_check import MapCheck
 from registration.inspection.findings import ToldOfInk
 from registration.inspection.values import Blob, Gap
+
+# Data class of a line's thin stretch; keep those that a second picture confirms.
+
+
+@dataclass(frozen=True)
+class Thin:
+    """Stretch of a path with too little ink.
+
+    Attributes
+    ----------
+    stroke : int
+        Number of the path.
+    from_mm, to_mm : float, mm
+        Along it.
+    missing : float
+        Share of the ink that was asked for, 0 to 1.
+    """
+
+    stroke: int
+    from_mm: float
+    to_mm: float
+    missing: float
+
+    @property
+    def length_mm(self) -> float:
+        """Along the path."""
+        return self.to_mm - self.from_mm
+
+
+def seen_twice(first: Sequence[Thin], second: Sequence[Thin]) -> tuple[Thin, ...]:
+    """Return those of the first picture of which the second shows half at least."""
+    return tuple(one for one in first if 2 * _common_mm(one, second) >= one.length_mm)
+
+
+def _common_mm(one: Thin, others: Sequence[Thin]) -> float:
+    own = [other for other in others if other.stroke == one.stroke]
+    each = (min(one.to_mm, other.to_mm) - max(one.from_mm, other.from_mm) for other in own)
+    return sum(max(0.0, length) for length in each)
+
+
+@dataclass(frozen=True)
+class MapCheck:
+    """What tells whether a height map is whole.
+
+    Attributes
+    ----------
+    lacks : str
+        What it lacks, and against what, in words; empty for nothing.
+    unsized : bool
+        Whether nothing tells how many rows and columns it should have.
+    sunk_mm : float, mm
+        By how much the ground of the layer's ink has sunk at most, since it was designed.
+    """
+
+    lacks: str = ""
+    unsized: bool = False
+    sunk_mm: float = 0.0
+
+    def worse(self, other: MapCheck) -> MapCheck:
+        """Return what is to be said of two maps of one look."""
+        return MapCheck(
+            self.lacks or other.lacks,
+            self.unsized or other.unsized,
+            max(self.sunk_mm, other.sunk_mm),
+        )
+
 
 SURE: Final = 3.29
 """Standard uncertainties beyond the tolerance: one in 2,000 by chance, one-sided."""

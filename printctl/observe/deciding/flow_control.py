@@ -1,44 +1,228 @@
-"""Estimate ink flow from seen line widths (Kalman filter); propose a bounded correction factor.
-
-The estimate is that of the flow *without* correction, over the flow that was asked for: what the
-factor in force added is taken out of each reading first. The factor is its inverse within bounds.
-So nothing integrates while the factor stands at a bound (no wind-up), and a reading of lines that
-were written under an older factor does no harm.
-
-Estimator: Kalman filter of the logarithm of that ratio, a random walk (Kalman 1960, J. Basic Eng.
-82, 35, doi 10.1115/1.3662552). Two readings in a row far from it, on one side, are a step: the
-filter then forgets what it knew.
-
-A calibrated ink flows as asked, until a deviation is seen beyond doubt: corrected is first what
-exceeds the deadband by so many standard uncertainties that noise does it once in 2,000 looks.
-From then on nothing speaks for the factor in force any more, and the best estimate is followed, but
-for changes that are smaller than a quarter of its own uncertainty. What a picture misreads of all
-lines alike the next one misreads in part, too: so a picture that is less sure than what is known
-hardly moves the estimate, and many together know no better than the best.
-"""
+"""Estimate ink flow from seen line widths (Kalman filter); propose a bounded correction."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray
-from printctl.observe.deciding.answers import Answers
-from printctl.observe.deciding.seen_flow import SeenFlow
 
-_STEP_SIGMAS: Final = 3.5
-"""Deviation of a reading that may be a step; two in a row by chance: 1 in 4 million pairs."""
-_SURE: Final = 3.29
-"""Standard uncertainties beyond the deadband: one in 2,000 by chance, one-sided."""
-_WORTH: Final = 0.25
-"""Of its standard uncertainty: a smaller change of a factor that corrects already isn't made."""
+# Test whether the amount of ink that is seen answers corrections of the flow.
+#
+# After a correction by a factor the logarithm of the amount seen moves by the factor's. What a
+# picture misreads of all lines alike (halo, blur, level of an edge) hardly changes from look to
+# look, so in that difference random uncertainty counts alone. Seen amounts that stay where they
+# were are no flow's: what was corrected was how ink looks.
+#
+# A flow that itself goes on changing mustn't pass for that. So the last blocks before a correction
+# are held against the first behind it, each side by the reading that speaks more for an answer.
+# Answers to small corrections are added up until they tell.
+
+_PART: Final = 0.5
+"""Of what a real change of flow moves the seen amount by: less is no answer."""
+_ANSWER_SIGMAS: Final = 2.0
+"""Standard uncertainties, on one side."""
 _SAME: Final = 1e-3
 """Factors that differ by less are one."""
 _PICTURE: Final = 0.015
-"""What widths of a picture may be off by, relative, beyond what it says itself: other ink below."""
+"""Relative: by which pictures misread the amount differently from each other."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Logarithms of the amount seen over the one asked for, at one factor.
+
+    Attributes
+    ----------
+    factor : float
+    levels : sequence of float
+        Two readings of it: any may be right.
+    variance : float
+        Of either, without what readings of all pictures share.
+    """
+
+    factor: float
+    levels: Sequence[float]
+    variance: float
+
+
+@dataclass
+class Answers:
+    """Corrections since the last one that was surely answered, and what was seen of them.
+
+    Attributes
+    ----------
+    wanted, seen : float
+        Sum of the corrections' logarithms, without sign, and by how much the amount seen moved
+        their way.
+    variance : float
+        Of ``seen``.
+    answered : float
+        Factor that was in force when corrections were answered last; 1 before any was.
+    failed : bool
+        Whether corrections weren't answered: widths tell nothing of the flow then.
+    told : bool
+        Whether the operator knows.
+    last : Reading or None
+        End of the last look.
+    """
+
+    wanted: float = 0.0
+    seen: float = 0.0
+    variance: float = 0.0
+    answered: float = 1.0
+    failed: bool = False
+    told: bool = False
+    last: Reading | None = None
+
+    def learn(
+        self, log_ratio: FloatArray, variance: FloatArray, factor: FloatArray, estimate: float
+    ) -> None:
+        """Take in a look's readings in their order.
+
+        Parameters
+        ----------
+        log_ratio : (n,) float64
+            Logarithm of the amount seen over the one asked for, at factor 1.
+        variance : (n,) float64
+            Of it, without what all share.
+        factor : (n,) float64
+            In force.
+        estimate : float
+            Logarithm of the uncorrected flow, as known before the look.
+        """
+        for own in np.split(
+            np.arange(len(factor)), np.flatnonzero(np.abs(np.diff(factor)) > _SAME) + 1
+        ):
+            if not len(own):
+                continue
+            first, last = own[: (len(own) + 1) // 2], own[len(own) // 2 :]
+            levels, now = log_ratio[own], float(factor[own[0]])
+            if self.last is not None and abs(self.last.factor - now) > _SAME:
+                begin = (float(log_ratio[first].mean()), float(levels.mean()))
+                self._add(self.last, Reading(now, begin, _of_mean(variance[first])), estimate)
+            end = (float(log_ratio[last].mean()), float(log_ratio[last[-1]]))
+            self.last = Reading(now, end, _of_mean(variance[last]))
+
+    def _add(self, before: Reading, after: Reading, estimate: float) -> None:
+        change = math.log(after.factor / before.factor)
+        was = (*before.levels, estimate + math.log(before.factor))
+        way = math.copysign(1.0, change)
+        moved = max(way * (new - old) for new in after.levels for old in was)
+        self.wanted += abs(change)
+        self.seen += moved
+        self.variance += before.variance + after.variance + 2 * _PICTURE**2
+        sure = _ANSWER_SIGMAS * math.sqrt(self.variance)
+        if self.seen - _PART * self.wanted > sure:
+            self.answered = after.factor
+        elif abs(self.seen) > _PART * self.wanted + sure:  # the other way: the flow itself changed
+            pass
+        elif self.seen - _PART * self.wanted > -sure:
+            return  # not told yet
+        else:
+            self.failed = True
+        self.wanted = self.seen = self.variance = 0.0
+
+
+def _of_mean(variance: FloatArray) -> float:
+    return float(variance.mean()) / len(variance)
+
+
+# Flow by the widths of the last picture alone, and whether it is likely to be off.
+#
+# What surely is off is corrected (`flow_control`). Widths that light, rims or dim flanks make
+# unsure tell less: a flow that is likely off is asked about. Likely is what exceeds the tolerance
+# and either the picture's own uncertainty or, since pictures misread alike, that of the change
+# since the print's first picture. Once it was asked about, only such a change since then is asked
+# about again.
+
+_LIKELY: Final = 2.0
+"""Standard uncertainties of a level: one print in twenty that is known no better is asked about (of
+a stranger's 26 sound ones 3, by 1.5 it were 5)."""
+_KNOWN: Final = 0.075
+"""Uncertainty of a level, below which a flow that is 30 % off is corrected without being asked."""
+_CHANGED: Final = 3.0
+"""The same of a change."""
+_OWN: Final = 0.1
+"""Of what a picture misreads of all lines alike, as a variance: the next one doesn't."""
+
+
+@dataclass(frozen=True)
+class SeenLevel:
+    """Logarithm of delivered over asked flow, without correction.
+
+    Attributes
+    ----------
+    level : float
+    variance : float
+        Of it, without what all readings of a picture share.
+    common : float
+        What they share, relative.
+    """
+
+    level: float
+    variance: float
+    common: float
+
+    @property
+    def u(self) -> float:
+        """Standard uncertainty."""
+        return math.hypot(math.sqrt(self.variance), self.common)
+
+    def u_change(self, other: SeenLevel) -> float:
+        """Standard uncertainty of the difference to another picture's."""
+        own = _OWN * (self.common**2 + other.common**2) + (self.common - other.common) ** 2
+        return math.sqrt(self.variance + other.variance + own + 2 * _PICTURE**2)
+
+
+@dataclass
+class SeenFlow:
+    """What pictures alone say of the flow.
+
+    Attributes
+    ----------
+    first, last : SeenLevel or None
+        Of the print's first and last picture that told any width.
+    asked : SeenLevel or None
+        Of the picture that the operator was asked about last.
+    """
+
+    first: SeenLevel | None = None
+    last: SeenLevel | None = None
+    asked: SeenLevel | None = None
+
+    def learn(self, readings: FloatArray, variance: FloatArray, common: float) -> None:
+        """Take in a picture's readings, (n,), in their order: the later half tells what flows."""
+        if not len(readings):
+            return
+        late = slice(len(readings) // 2, None)
+        count = len(readings[late])
+        level, random = float(readings[late].mean()), float(variance[late].mean()) / count
+        self.last = SeenLevel(level, random, common)
+        self.first = self.first or self.last
+
+    def likely_off(self, factor: float, tolerance: float) -> bool:
+        """Whether the flow by a factor in force is likely off by more than a share."""
+        if self.first is None or self.last is None or self.last.u < _KNOWN:
+            return False
+        least, left = math.log1p(tolerance), abs(self.last.level + math.log(factor))
+        before = self.asked or self.first
+        changed = abs(self.last.level - before.level)
+        surely = changed > max(least, _CHANGED * self.last.u_change(before))
+        likely = self.asked is None and left > _LIKELY * self.last.u
+        return left > least and (likely or surely)
+
+
+_STEP_SIGMAS: Final = 3.5
+"""Deviation of a reading that may be a step; two in a row by chance: 1 in 4 million pairs."""
+_CORRECTION_SIGMAS: Final = 3.29
+"""Standard uncertainties beyond the deadband: one in 2,000 by chance, one-sided."""
+_WORTH: Final = 0.25
+"""Of its standard uncertainty: a smaller change of a factor that corrects already isn't made."""
 _ALIKE: Final = 0.7
 """Of what a picture misreads of all lines alike, as a variance: the next one does so, too."""
 _LEAST_U: Final = 0.005
@@ -205,7 +389,7 @@ class FlowControl:
             answered = round(self.answers.answered, 4)
             return None if abs(self.factor - answered) < _SAME else answered
         left = self.log_flow + math.log(self.factor)
-        sigmas = _SURE if self.factor == 1.0 else _WORTH
+        sigmas = _CORRECTION_SIGMAS if self.factor == 1.0 else _WORTH
         doubt = sigmas * math.hypot(math.sqrt(self.variance), _PICTURE)
         if abs(left) <= self.limits.deadband + doubt:
             return None

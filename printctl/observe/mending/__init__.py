@@ -5,16 +5,11 @@ to insert, what they lay, and what stays unmended. Begin with `plan.py`.
 """
 
 from printctl.observe.mending.check import MendCheck, check_mend
-from printctl.observe.mending.errors import MendError
 from printctl.observe.mending.gap import Gap, NotMended, gap_between
-from printctl.observe.mending.held_print import HeldPrint
-from printctl.observe.mending.mend import Mend
-from printctl.observe.mending.options import MendOptions
-from printctl.observe.mending.patch import Patch
-from printctl.observe.mending.plan import plan_mend
-from printctl.observe.mending.plan_and_check import checked_mend
+from printctl.observe.mending.held_print import HeldPrint, MendError, WrittenPath, written_paths
+from printctl.observe.mending.mend import Mend, MendOptions, Patch
+from printctl.observe.mending.plan import checked_mend, plan_mend
 from printctl.observe.mending.voids import Voids
-from printctl.observe.mending.written_paths import WrittenPath, written_paths
 
 __all__ = [
     "Gap",

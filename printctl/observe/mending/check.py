@@ -15,8 +15,8 @@ from kernels.arrays import FloatArray
 from printctl.checks.gate import refused_lines
 from printctl.machine.link.modal import modal_state
 from printctl.observe.mending.gap import Gap
-from printctl.observe.mending.held_print import HeldPrint
-from printctl.observe.mending.insert_run import InsertRun, needle_rows, run_insert, sections
+from printctl.observe.mending.held_print import HeldPrint, WrittenPath, written_paths
+from printctl.observe.mending.insert import InsertRun, needle_rows, run_insert, sections
 from printctl.observe.mending.laid_ink import (
     LaidInk,
     laid_ink,
@@ -24,11 +24,9 @@ from printctl.observe.mending.laid_ink import (
     section_mm2,
     width_with_more,
 )
+from printctl.observe.mending.mend import MendOptions
 from printctl.observe.mending.needle_way import shaft_contacts, under_higher_ink
-from printctl.observe.mending.open_voids import open_voids
-from printctl.observe.mending.options import MendOptions
-from printctl.observe.mending.voids import Voids, ink_in_voids_mm
-from printctl.observe.mending.written_paths import WrittenPath, written_paths
+from printctl.observe.mending.voids import Voids, ink_in_voids_mm, open_voids
 from sim.gcode.dry_run.run import DryRun, dry_run
 from sim.gcode.reading.other_lines import other_lines
 

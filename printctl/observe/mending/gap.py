@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kernels.arrays import FloatArray
-from printctl.observe.mending.errors import MendError
-from printctl.observe.mending.written_paths import WrittenPath, path_between
+from printctl.observe.mending.held_print import MendError, WrittenPath, path_between
 
 _SEAM_MM = 0.02
 

@@ -1,4 +1,4 @@
-"""Data class of a held print: job, lines done, mounted profiles; position and modes there."""
+"""A held print and its written paths: job, lines done, position, points, widths."""
 
 from __future__ import annotations
 
@@ -10,19 +10,31 @@ from typing import Final, Literal
 
 import numpy as np
 
+from design.geometry.polyline import arc_lengths, places_along
 from firmware_profiles import Ink, Needle, Printer, Syringe
-from kernels.arrays import BoolArray, FloatArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.checks.bead import lag_of
+from printctl.errors import PrintctlError
 from printctl.machine.link.modal import Modal, modal_state, relieved_mm
-from printctl.observe.mending.errors import MendError
-from sim.gcode.deposit.levels import written_levels
+from sim.gcode.deposit.levels import level_areas, level_heights, written_levels
 from sim.gcode.program.gcode import Program
 from sim.gcode.program.modal import MOVE
 from sim.gcode.program.read_program import read_written
 from sim.gcode.reading.comments import declared_start
 
-Style = Literal["layered", "embedded"]
+# Exception class for a print for which no mend can be planned.
+#
+# ::
+#
+# PrintctlError
+# └── MendError   no mend can be planned for this print at all
 
+
+class MendError(PrintctlError):
+    """No mend can be planned; the message says why, and what to do."""
+
+
+Style = Literal["layered", "embedded"]
 WAY_MM: Final = 1e-6
 """A shorter way is none."""
 _LEVEL_MM: Final = 1e-3
@@ -193,3 +205,176 @@ class HeldPrint:
     def top_mm(self) -> float:
         """Highest that the job itself takes the tip, mm: above dish and part."""
         return float(self.program.target[self.program.kind == MOVE, 2].max())
+
+
+# Data class of an unbroken written path (points, E, feed, width); list a held print's paths.
+
+LEAST_MM: Final = 0.1
+"""Shorter moves at a patch's ends aren't made: firmware adds them to the next one."""
+_ROUNDING_MM: Final = 1e-9
+"""A corner as far away as `LEAST_MM`, but for rounding, isn't nearer."""
+_NO: Final = (0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenPath:
+    """One path that is written without a travel in between.
+
+    Attributes
+    ----------
+    number : int
+        From 0, in the job's order.
+    points : (k + 1, 3) float64, mm
+    e_per_mm : (k,) float64
+        Plunger over way of each piece, as the job's text counts E.
+    feed_mm_s : (k,) float64, mm/s
+    command : (k,) int64
+        Of the job, from 0.
+    width_mm : (k,) float64, mm
+        Width of a line in a layer, or diameter of a filament.
+    height_mm : (k,) float64, mm
+        Of the line, which hangs below the tip; or the diameter.
+    """
+
+    number: int
+    points: FloatArray
+    e_per_mm: FloatArray
+    feed_mm_s: FloatArray
+    command: IntArray
+    width_mm: FloatArray
+    height_mm: FloatArray
+
+    @cached_property
+    def arc(self) -> FloatArray:
+        """Way before each point, (k + 1,), mm."""
+        return arc_lengths(self.points)
+
+    @property
+    def length_mm(self) -> float:
+        """Of the whole path."""
+        return float(self.arc[-1])
+
+    def at(self, along: FloatArray) -> FloatArray:
+        """Places at ways along the path (m,), mm: (m, 3)."""
+        return places_along(self.points, self.arc, along)
+
+    def piece(self, along: FloatArray) -> IntArray:
+        """Piece at ways along the path, (m,); at a corner the one behind it."""
+        piece = np.searchsorted(self.arc, along, side="right") - 1
+        return np.clip(piece, 0, len(self.command) - 1)
+
+    def usual_width(self, from_mm: float, to_mm: float) -> float:
+        """Mean width between two places along it, mm."""
+        middle = np.linspace(from_mm, to_mm, 9)
+        return float(self.width_mm[self.piece(middle)].mean())
+
+    def cuts(
+        self, from_mm: float, to_mm: float, least_mm: float = 0.0, spare: tuple[float, float] = _NO
+    ) -> FloatArray:
+        """Ways at which a stretch begins, turns and ends, (m + 1,), mm; corners are kept.
+
+        Where a corner within the stretch is nearer than ``least_mm`` to an end, that end is moved
+        to it by up to ``spare`` (mm at the begin, at the end); else the corner is left out.
+        """
+        corners = self.arc[(self.arc > from_mm) & (self.arc < to_mm)]
+        near = least_mm - _ROUNDING_MM
+        inner = corners[(corners > from_mm + near) & (corners < to_mm - near)]
+        first = corners[corners <= from_mm + min(least_mm, spare[0])].max(initial=from_mm)
+        last = corners[corners >= to_mm - min(least_mm, spare[1])].min(initial=to_mm)
+        if first >= last:
+            return np.array([from_mm, to_mm])
+        return np.concatenate([[first], inner[(inner > first) & (inner < last)], [last]])
+
+    def clear_of_corners(self, from_mm: float, to_mm: float) -> tuple[float, float]:
+        """Make a stretch longer where its ends are nearer than `LEAST_MM` to a corner within it."""
+        corners = self.arc[(self.arc > from_mm) & (self.arc < to_mm)]
+        first = corners[corners < from_mm + LEAST_MM] - LEAST_MM
+        last = corners[corners > to_mm - LEAST_MM] + LEAST_MM
+        low, high = first.min(initial=from_mm), last.max(initial=to_mm)
+        return max(0.0, float(low)), min(self.length_mm, float(high))
+
+    def nearest_mm(self, place: FloatArray) -> tuple[float, float]:
+        """Way along the path of the point nearest to a place, and its distance, mm."""
+        begin, step = self.points[:-1], np.diff(self.points, axis=0)
+        square = (step**2).sum(axis=1)
+        share = np.clip(((place - begin) * step).sum(axis=1) / square, 0.0, 1.0)
+        away = np.linalg.norm(begin + share[:, None] * step - place, axis=1)
+        k = int(away.argmin())
+        return float(self.arc[k] + share[k] * np.sqrt(square[k])), float(away[k])
+
+
+def written_paths(held: HeldPrint, until: int | None = None) -> tuple[WrittenPath, ...]:
+    """Return the paths that the job has written where it is held.
+
+    Parameters
+    ----------
+    held : HeldPrint
+    until : int or None
+        Lines to look at; those done where None. Paths to come are cut there.
+    """
+    program = held.program
+    taken = program.command < (held.done if until is None else until)
+    chosen = np.flatnonzero(held.writes & taken)
+    if not len(chosen):
+        return ()
+    breaks = (program.kind == MOVE) & ~held.writes & (held.way > WAY_MM)
+    number = np.cumsum(breaks)[chosen]
+    width, height = _sections(held, chosen)
+    e_per_mm = program.pushed[chosen] / held.way[chosen]
+    paths: list[WrittenPath] = []
+    for own in np.split(np.arange(len(chosen)), np.flatnonzero(np.diff(number)) + 1):
+        row = chosen[own]
+        points = np.vstack([program.before[row[:1], :3], program.target[row, :3]])
+        paths.append(
+            WrittenPath(
+                len(paths),
+                points,
+                e_per_mm[own],
+                program.feed[row],
+                program.command[row],
+                width[own],
+                height[own],
+            )
+        )
+    return tuple(paths)
+
+
+def _sections(held: HeldPrint, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Width and height of written rows, (n,) each, mm."""
+    every = np.flatnonzero(held.writes)
+    area = held.program.pushed[every] / held.way[every] * held.ul_per_e
+    if held.style == "embedded":
+        swell = held.ink.swell_factor or 1.0
+        wide = np.sqrt(4 / np.pi * area)[np.searchsorted(every, rows)] * swell
+        return wide, wide
+    height = layer_heights(held, every, area)
+    width = held.ink.bead_section.width(area, height)
+    own = np.searchsorted(every, rows)
+    return width[own], height[own]
+
+
+def layer_heights(held: HeldPrint, rows: IntArray, area_mm2: FloatArray) -> FloatArray:
+    """Height of each written row's layer, (n,), mm; round lines where there is but one layer."""
+    from_z = held.program.target[rows, 2]
+    levels = written_levels(from_z)
+    round_mm = float(np.median(np.sqrt(4 / np.pi * area_mm2)))
+    height = level_heights(levels, level_areas(levels, from_z, area_mm2), single_mm=round_mm)
+    at = np.searchsorted(levels, from_z + 1e-6, side="right") - 1
+    return height[np.clip(at, 0, None)]
+
+
+def path_between(
+    paths: Sequence[WrittenPath], places: FloatArray, command: int | None = None
+) -> WrittenPath:
+    """Return the path nearest to all of several places (k, 3), mm; of equal ones the last.
+
+    Parameters
+    ----------
+    paths : sequence of WrittenPath
+    places : (k, 3) float64, mm
+    command : int or None
+        Of the job, from 0: only paths that it wrote, if there are any.
+    """
+    own = [one for one in paths if command is None or command in one.command] or list(paths)
+    off = [max(one.nearest_mm(place)[1] for place in places) for one in reversed(own)]
+    return own[len(own) - 1 - int(np.argmin(off))]

@@ -9,8 +9,7 @@ import numpy as np
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.observe.mending.gap import Gap
-from printctl.observe.mending.held_print import HeldPrint
-from printctl.observe.mending.written_paths import WrittenPath
+from printctl.observe.mending.held_print import HeldPrint, WrittenPath
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,8 @@ import numpy as np
 
 from firmware_profiles import Needle
 from kernels.arrays import BoolArray, FloatArray, IntArray
+from printctl.observe.mending.held_print import WrittenPath
 from printctl.observe.mending.laid_ink import LaidInk
-from printctl.observe.mending.written_paths import WrittenPath
 from sim.gcode.clearance import (
     NeedleBody,
     NeedleMotion,

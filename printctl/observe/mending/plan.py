@@ -1,26 +1,28 @@
-"""Plan a mend: order patches of the gaps, drop blocked ones, write them as one insert."""
+"""Plan a mend of a held print's gaps, and return it if it passes the check."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
+from printctl.observe.mending.check import MendCheck, check_mend
 from printctl.observe.mending.gap import Gap, NotMended, check_gaps, merged
-from printctl.observe.mending.held_print import HeldPrint
-from printctl.observe.mending.insert_lines import InsertWriter
-from printctl.observe.mending.insert_run import run_insert
+from printctl.observe.mending.held_print import HeldPrint, written_paths
+from printctl.observe.mending.insert import InsertWriter, run_insert
 from printctl.observe.mending.laid_ink import laid_ink
-from printctl.observe.mending.mend import Mend
-from printctl.observe.mending.open_voids import open_voids
-from printctl.observe.mending.options import MendOptions
-from printctl.observe.mending.patch import Patch
-from printctl.observe.mending.stretches import Site, patches_of
-from printctl.observe.mending.voids import Voids
-from printctl.observe.mending.whole_way import Spans, cut_out, first_crossing
-from printctl.observe.mending.wipe import wipe_way
-from printctl.observe.mending.written_paths import written_paths
+from printctl.observe.mending.mend import Mend, MendOptions, Patch
+from printctl.observe.mending.stretches import (
+    Site,
+    Spans,
+    cut_out,
+    first_crossing,
+    patches_of,
+    wipe_way,
+)
+from printctl.observe.mending.voids import Voids, open_voids
 
 _SAME_DEPTH_MM: Final = 0.05
 """Patches that lie no deeper than this are ordered by their travel."""
@@ -127,3 +129,51 @@ def _mend(
     volume += 0.0 if purge is None else purge.volume_ul
     lasts = run_insert(held, lines).duration_s
     return Mend(tuple(lines), tuple(patches), tuple(spans), tuple(left), volume, lasts)
+
+
+# Plan a mend, dry-run it, and return it only if it passes the check.
+
+
+def checked_mend(
+    held: HeldPrint,
+    gaps: Sequence[Gap],
+    voids: Voids | None = None,
+) -> tuple[Mend, MendCheck | None]:
+    """Return a mend that may be inserted, and its check; no check where nothing is mended.
+
+    A mend that fails its check has no lines: all of its patches are left, with the reason.
+
+    Parameters
+    ----------
+    held, gaps, voids
+        As for `plan_mend`.
+
+    Raises
+    ------
+    MendError
+        As `plan_mend`.
+    """
+    mend = plan_mend(held, gaps, voids)
+    if not mend.lines:
+        return mend, None
+    check = check_mend(held, mend.lines, gaps, voids)
+    if check.passed:
+        return mend, check
+    why = f"the check of its insert failed ({failures(check)}); mend by hand, and report this"
+    own = [NotMended(one.path.number, one.gap.from_mm, one.gap.to_mm, why) for one in mend.patches]
+    refused = replace(
+        mend, lines=(), patches=(), spans=(), left=(*mend.left, *own), volume_ul=0.0, duration_s=0.0
+    )
+    return refused, check
+
+
+def failures(check: MendCheck) -> str:
+    """Return what an insert fails its check by, in words."""
+    said = [
+        f"{check.lumens_entered} pieces of ink in lumens" if check.lumens_entered else "",
+        f"{check.ink_crossed} moves through written ink" if check.ink_crossed else "",
+        "" if check.returns else f"it ends {check.off_mm:.4f} mm off, or at another feed",
+        *check.refused,
+        *check.beyond_limits,
+    ]
+    return "; ".join(one for one in said if one)

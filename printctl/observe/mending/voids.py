@@ -1,15 +1,17 @@
-"""Voids that the design keeps open, as tapered capsules, and how deep ink would reach into them."""
+"""Designed voids that must stay open: depth of ink in them, those near a mend."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
-from printctl.observe.mending.errors import MendError
+from printctl.observe.mending.held_print import HeldPrint, MendError, written_paths
+from printctl.observe.mending.laid_ink import laid_ink, nearest_pieces
 
 _AROUND = 16
 """Places on the rim of a line that are looked at."""
@@ -122,3 +124,24 @@ def ink_in_voids_mm(
         side = np.array([np.cos(angle), np.sin(angle), 0.0])
         np.maximum(deepest, close.depth_mm(middle + width_mm[:, None] / 2 * side), out=deepest)
     return deepest
+
+
+_ON_AXIS: Final = 0.5
+"""Share of a void's radius within which a written axis is the void's own."""
+
+
+def open_voids(voids: Voids, held: HeldPrint, places: FloatArray, reach_mm: float) -> Voids:
+    """Return the voids near places (m, 3), mm, that ink must keep out of.
+
+    An embedded print writes sacrificial ink where its lumens are to be, so a network's vessels are
+    voids to it only where no path of the job, written or to come, goes along them.
+    """
+    if held.style == "layered" or not len(voids) or not len(places):
+        return voids
+    close = voids.near(places.min(axis=0) - reach_mm, places.max(axis=0) + reach_mm)
+    planned = laid_ink(written_paths(held, len(held.lines)))
+    own = np.ones(len(close), dtype=bool)
+    for share in (0.1, 0.5, 0.9):
+        axis = close.start + share * (close.end - close.start)
+        own &= nearest_pieces(axis, planned)[1] <= _ON_AXIS * close.radius.mean(axis=1)
+    return close.where(~own)

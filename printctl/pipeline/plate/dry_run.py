@@ -34,7 +34,7 @@ from printctl.machine.printing import usable_mm, with_reloads_of
 from printctl.pipeline.context import SIMULATED_PORT, RunContext
 from printctl.pipeline.plate.job import NOWHERE
 from printctl.pipeline.plate.wells import PlateRun, relative
-from printctl.pipeline.plates import Well
+from printctl.pipeline.plate_plan import Well
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import dry_run as alone
 from printctl.progress import Report

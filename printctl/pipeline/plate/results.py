@@ -12,8 +12,7 @@ from design.files import write_bytes, write_text
 from printctl.pipeline.plate.wells import WELLS, PlateRun
 from printctl.pipeline.stages.collect import collect
 from printctl.run_folder.artefacts import HTML, JSON, PLATE_PICTURE, PLATE_TABLE
-from registration.report.plate_figure import plate_figure
-from registration.report.plate_page import write_plate_html
+from registration.report.plate_page import plate_figure, write_plate_html
 
 _COLUMNS: Final = (
     "well", "variant", "copy", "x_mm", "y_mm", "first_line", "last_line", "ink_ul", "begins_s",

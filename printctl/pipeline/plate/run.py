@@ -4,24 +4,108 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from dataclasses import fields, replace
 from typing import Any
 
-from printctl.errors import SafetyError
-from printctl.pipeline.context import RunContext
-from printctl.pipeline.design_stages import DESIGN
+import numpy as np
+
+from printctl.errors import PrinterFailedError, SafetyError
+from printctl.machine.link.job import load_job
+from printctl.pipeline.context import SIMULATED_PORT, RunContext
+from printctl.pipeline.design_run import DESIGN
 from printctl.pipeline.facts import run_facts
-from printctl.pipeline.plate.cut import cut_stage
 from printctl.pipeline.plate.dry_run import dry_run_stage
-from printctl.pipeline.plate.fit import check_fit
-from printctl.pipeline.plate.job import job_stage
-from printctl.pipeline.plate.printing import print_stage
+from printctl.pipeline.plate.job import NOWHERE, job_stage
 from printctl.pipeline.plate.results import collect_plate, write_results, write_table
-from printctl.pipeline.plate.wells import PlateRun, make_folders, plate_run
+from printctl.pipeline.plate.wells import PlateRun, check_fit, make_folders, plate_run
+from printctl.pipeline.plate_plan import StandingPlate
 from printctl.pipeline.sequences import JOB
 from printctl.pipeline.stage import Stage, run_stages, run_under_one_bar
-from printctl.pipeline.stages import registration, report, scan
+from printctl.pipeline.stages import printing, registration, report, scan
 from printctl.pipeline.stages.collect import collect
+from printctl.pipeline.stages.printing import EXECUTED
 from printctl.pipeline.stages.toolpath import PATH
+from printctl.progress import Report
+from printctl.run_folder.artefacts import GCODE, LINE_MAP
+from sim.gcode.motion.executed import ExecutedMotion
+
+# Cut one well's moves out of the executed motion of a simulated plate print.
+
+
+def cut_stage(run: PlateRun) -> Stage:
+    """The stage that stands in a well's run for its print."""
+
+    def depends(context: RunContext) -> Any:
+        record = run.whole.manifest.stages["print"]
+        assert context.stand is not None
+        return [context.stand.well, record.outputs, record.summary["state"]]
+
+    def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
+        whole = run.whole.manifest.stages["print"].summary
+        if run.whole.recipe.printer.port != SIMULATED_PORT or not run.whole.printer.streamed:
+            return dict(whole), []
+        assert context.stand is not None
+        motion = ExecutedMotion.load(run.whole.folder / EXECUTED)
+        cut = motion_in_well(motion, run.standing, context.stand.well)
+        # The way down to the part: a file is held against a motion from where both begin.
+        cut.start[0] = context.start_mm
+        cut.save(context.folder / EXECUTED)
+        lasted = float(cut.time_end[-1] - cut.time_start[0])
+        return {**whole, "blocks": len(cut), "duration_s": lasted}, [EXECUTED]
+
+    return Stage("print", depends, (), ("sim",), work)
+
+
+def motion_in_well(motion: ExecutedMotion, standing: StandingPlate, well: str) -> ExecutedMotion:
+    """Blocks that begin and end nearer to a well's middle than half a pitch along each axis.
+
+    Raises
+    ------
+    PrinterFailedError
+        When there are none.
+    """
+    plate = standing.plate
+    half = np.abs(standing.turned(plate.pitch_x_mm / 2, plate.pitch_y_mm / 2))
+    centre = np.array(standing.centre_mm(well))
+    inside = np.all(
+        [(np.abs(at[:, :2] - centre) < half).all(axis=1) for at in (motion.start, motion.end)],
+        axis=0,
+    )
+    if not inside.any():
+        raise PrinterFailedError(
+            f"the simulated printer's record has no motion in well {well}; see print/sim.log"
+        )
+    return ExecutedMotion(
+        **{item.name: getattr(motion, item.name)[inside] for item in fields(motion)}
+    )
+
+
+# Print stage of a plate: a single part's print stage, its progress naming the current well.
+
+
+def print_stage(run: PlateRun) -> Stage:
+    """The stage of a single part's print, its progress told by wells."""
+
+    def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
+        return printing.work(context, _naming(run, report))
+
+    return replace(printing.STAGE, work=work)
+
+
+def _naming(run: PlateRun, report: Report) -> Report:
+    """The same report with the well that is being printed in its note."""
+    job = load_job(run.whole.folder / GCODE, run.whole.printer)
+    with np.load(run.whole.folder / LINE_MAP, allow_pickle=False) as data:
+        well = data["well"][np.array(job.file_lines) - 1]
+
+    def told(fraction: float, note: str = "") -> None:
+        at = int(well[min(round(fraction * len(well)), len(well) - 1)])
+        if at != NOWHERE:
+            one = run.wells[at]
+            note = f"{one.name} ({one.label}), {note}"
+        report(fraction, note)
+
+    return told
 
 
 def design_plate(whole: RunContext) -> dict[str, Any]:

@@ -10,12 +10,12 @@ import numpy as np
 from design.hemodynamics import scaled_flow
 from design.network_files.vtp import write_network_vtp
 from printctl.analysis.flow import CsvTables, solve_section
-from printctl.analysis.flow.driven import Driven
+from printctl.analysis.flow.conditions import Driven
 from printctl.analysis.flow.exports import EXPORTS, write_exports
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
-from printctl.recipe.space import ThreeDPart
+from printctl.recipe.parts import ThreeDPart
 from printctl.run_folder.artefacts import NETWORK
 
 PICTURE = "network.vtp"

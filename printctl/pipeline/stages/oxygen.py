@@ -10,7 +10,7 @@ from printctl.analysis.oxygen import FIELD, SLICE, TABLE, hypoxia, solve_and_wri
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
-from printctl.recipe.oxygen import OxygenPart
+from printctl.recipe.parts import OxygenPart
 from printctl.run_folder.artefacts import NETWORK, SURFACE
 
 

@@ -41,7 +41,7 @@ def predicting(
     line_map, _ = read_line_map(context.folder / GCODE, lines)
     heads = _predicted(context, run, gcode, line_map)
     held = []
-    if _embedded(context):
+    if isinstance(context.recipe.toolpath, Embedded):
         bundles = written_bundles(context)
         strand = None if line_map is None else line_map.strand
         held = [(one.head, *_both(context, bundles, one, strand)) for one in heads]
@@ -79,10 +79,6 @@ def predicted_of_motion(
     if line_map is not None and file_row is not None:
         line_map = line_map.at_rows(file_row)
     return _predicted(context, run, gcode, line_map)[0]
-
-
-def _embedded(context: RunContext) -> bool:
-    return isinstance(context.recipe.toolpath, Embedded)
 
 
 def _predicted(

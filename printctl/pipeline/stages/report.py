@@ -24,10 +24,10 @@ from printctl.observe.records import read_looks
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.layer_pictures import layer_pictures
 from printctl.pipeline.look_pictures import look_pictures
-from printctl.pipeline.outlines import outlined_design
 from printctl.pipeline.stages.collect import collect
 from printctl.pipeline.verdict import verdict
 from printctl.pipeline.written_in_scan import WRITTEN, looks_and_scan
+from printctl.pipeline.written_layers import outlined_design
 from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, HTML, JOURNAL_FOLDER, JSON, PDF
 from printctl.run_folder.registration_files import DEVIATION, VIEWS, load_deviation

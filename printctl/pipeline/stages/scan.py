@@ -11,8 +11,11 @@ from typing import Any
 import numpy as np
 
 from design.files import write_text
+from design.geometry.polyline import arc_lengths, places_along
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
+from printctl.errors import RecipeError
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.scan_defects import scan_defects
 from printctl.pipeline.simulated_scan import (
     PrintedInk,
     deposit_voxel_mm,
@@ -25,6 +28,14 @@ from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.predicting import compensates, predicted_of_motion
 from printctl.pipeline.stages.printing import EXECUTED, printed_text
 from printctl.progress import Report
+from printctl.recipe.defects import (
+    BulgePart,
+    DefectPart,
+    LeakPart,
+    MissingPart,
+    OcclusionPart,
+    StenosisPart,
+)
 from printctl.recipe.making import FileScan, Fresh, SimulatedScan
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
 from printctl.run_folder.manifest import digest_file, of_simulator
@@ -34,17 +45,72 @@ from registration.errors import RegistrationError
 from registration.files.readers import is_mosaic, listed_files
 from registration.files.writers import write_scan
 from sim.devices.faults.fault_file import load_faults
-from sim.devices.scanner import ScannerOutput, with_defects
+from sim.devices.scanner import Defect, ScannerOutput, with_defects
 from sim.gcode.bead import bead_deposit
 from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults
 from sim.gcode.deposit.lay import Deposit
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.motion.executed import ExecutedMotion
 
+# Locate a recipe's planted defects on their vessels, printer's frame, for a simulated scan.
+
+_WIDER = 1.25
+"""Gel fills a lumen to so much of its designed radius: lines may have left it wider."""
+
+
+def scan_defects(
+    parts: Sequence[DefectPart], network: VesselNetwork, place_mm: FloatArray
+) -> list[Defect]:
+    """Defects in the printer's frame.
+
+    Parameters
+    ----------
+    parts : sequence of DefectPart
+        As the recipe gives them.
+    network : VesselNetwork
+        The design, part frame.
+    place_mm : (3,) mm
+        Part to printer.
+
+    Raises
+    ------
+    RecipeError
+        When there is no such vessel.
+    """
+    return [_defect(part, network, place_mm) for part in parts]
+
+
+def _defect(part: DefectPart, network: VesselNetwork, place: FloatArray) -> Defect:
+    if part.vessel >= network.vessel_count:
+        raise RecipeError(
+            f"scan.defects: a {part.defect} is ordered in vessel {part.vessel}, but the network "
+            f"has vessels 0 to {network.vessel_count - 1}; give one of those"
+        )
+    points, radii = network.polyline(part.vessel)
+    path = points + place
+    upto = arc_lengths(points)
+    if isinstance(part, MissingPart):
+        return Defect("missing", path, _WIDER * float(radii.max()))
+    at = part.at * float(upto[-1])
+    radius = float(np.interp(at, upto, radii))
+    match part:
+        case BulgePart():
+            side = None if part.towards is None else np.array(part.towards)
+            height = part.height_um * 1e-3
+            return Defect("bulge", path, radius, at, part.length_mm, height, side=side)
+        case StenosisPart():
+            left = 1 - part.percent / 100
+            return Defect("stenosis", path, radius, at, part.length_mm, left=left)
+        case OcclusionPart():
+            return Defect("occlusion", path, _WIDER * radius, at, part.length_mm)
+        case LeakPart():
+            begin = places_along(path, upto, np.array(at))
+            way = np.stack([begin, np.array(part.to) + place])
+            return Defect("leak", way, part.diameter_um * 5e-4)
+
+
 TRUTH = "scan_truth.json"
-
 _NAMES = {"oct": "OCT", "microct": "micro-CT"}
-
 FIELD_MM = 1.5
 """A scanner looks at the part and so far around it, not at the line that primed the needle."""
 FIELD_SIDES = np.array([[-1.0], [1.0]])

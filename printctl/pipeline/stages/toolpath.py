@@ -11,6 +11,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from design.network import VesselNetwork
+from design.solids import Solid, lumen_solid, solid_from_surface
+from design.tissue import zone_surface
 from design.toolpath import Toolpath, join_toolpaths
 from design.toolpath.embedded import (
     Bundles,
@@ -24,6 +27,7 @@ from design.toolpath.file import save_toolpath
 from design.toolpath.fresh import (
     Adaptive,
     Compensation,
+    Filling,
     FreshLayers,
     FreshOptions,
     FreshReport,
@@ -52,19 +56,53 @@ from printctl.pipeline.apply_compensation import (
     written_solid,
 )
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.early_refusals import refuse_early
 from printctl.pipeline.facts import heads_dump
-from printctl.pipeline.head_contents import Filled, needle_options
-from printctl.pipeline.heads import layer_lines_um
+from printctl.pipeline.heads import Filled, gcode_options, layer_lines_um, needle_options
 from printctl.pipeline.lag import ahead_of_lag, measured_lag_s, relief_ul
 from printctl.pipeline.priming import primed
-from printctl.pipeline.regions import make_filling, make_region
+from printctl.pipeline.refusals import refuse_early
 from printctl.pipeline.stage import Stage
-from printctl.pipeline.writer_options import gcode_options
+from printctl.pipeline.tissue_source import make_zones
 from printctl.progress import Report
 from printctl.recipe.making import Embedded, Fresh
 from printctl.recipe.observe import look_interval
+from printctl.recipe.regions import FillingPart, RegionPart
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK, SOLID, SURFACE
+
+# Build a FRESH part's infill, and its regions with their own infill or head, from a recipe.
+
+
+def make_filling(part: FillingPart) -> Filling:
+    """The recipe's infill."""
+    return Filling(part.infill, part.infill_percent * 1e-2, part.infill_angles_deg)
+
+
+def make_region(
+    part: RegionPart, number: int, folder: Path, network: VesselNetwork, scale: float = 1.0
+) -> Region:
+    """Region ``number`` (0 first) of a recipe in ``folder``, for the part's ``network``.
+
+    The network has the print's size; places, said in the design's, come ``scale`` times as large.
+
+    Raises
+    ------
+    DesignError
+        When its mesh can't be read or isn't closed, or it has no volume.
+    """
+    solid = _solid(part, f"toolpath.regions.{number}", folder, network, scale)
+    return Region(solid, make_filling(part), part.head)
+
+
+def _solid(
+    part: RegionPart, name: str, folder: Path, network: VesselNetwork, scale: float
+) -> Solid:
+    if part.where is None:
+        wider = replace(network, radius=network.radius + (part.around_vessels_mm or 0.0))
+        return lumen_solid(wider)
+    (zone,), _ = make_zones([part.where], folder)
+    surface = zone_surface(zone, name)
+    return solid_from_surface(surface.vertices * scale, surface.faces)
+
 
 PATH: Final = "toolpath.npz"
 """Kept of a well, to be laid into the plate's job."""

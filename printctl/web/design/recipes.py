@@ -11,7 +11,7 @@ from pathlib import Path, PurePath
 from typing import Final
 
 from design.files import write_bytes, write_text
-from printctl.recipe.starter import STARTER
+from printctl.recipe.load import STARTER
 from printctl.web.design.checking import CheckedRecipe, check_text
 from printctl.web.design.yaml_text import read_text, rewrite_yaml
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError

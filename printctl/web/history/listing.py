@@ -9,7 +9,7 @@ from typing import Any, Final
 from nicegui import ui
 
 from printctl.errors import UsageError
-from printctl.history.records.table import local_time
+from printctl.history.table import local_time
 from printctl.machine.link.history_entry import PrintEntry
 from printctl.machine.link.history_query import PAGE, HistoryPage, SortBy
 from printctl.web.history.layout import STYLE, cell, download, head

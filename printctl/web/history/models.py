@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, Field
 
-from printctl.history.records.repeat import RepeatPlan
-from printctl.history.records.verdict import outcome
-from printctl.history.records.verify import BundleCheck
+from printctl.history.repeat import RepeatPlan
+from printctl.history.table import outcome
+from printctl.history.verify import BundleCheck
 from printctl.machine.link.history_entry import PrintEntry
 from printctl.web.history.service import PastPrintDetails
 

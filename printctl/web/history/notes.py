@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from nicegui import ui
 
-from printctl.history.records.table import local_time
+from printctl.history.table import local_time
 from printctl.web.history.layout import card, facts
 
 NAMES: Final = {

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from printctl.history.records.table import local_time
-from printctl.history.records.verdict import outcome
+from printctl.history.table import local_time, outcome
 from printctl.pipeline.evidence import PHOTOS
 from printctl.web.api.answers import API
 from printctl.web.history.layout import STYLE, card, cell, download, facts, head, heading

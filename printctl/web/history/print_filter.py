@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from urllib.parse import urlencode
 
 from printctl.errors import UsageError
-from printctl.history.records.days import day_begins, day_ends
+from printctl.history.table import day_begins, day_ends
 from printctl.machine.link.history_query import PAGE, HistoryQuery, SortBy
 from printctl.web.api.answers import API
 

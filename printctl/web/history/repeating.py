@@ -6,7 +6,7 @@ from urllib.parse import quote
 
 from nicegui import ui
 
-from printctl.history.records.repeat import RepeatPlan
+from printctl.history.repeat import RepeatPlan
 from printctl.web.history.layout import card
 from printctl.web.history.service import HistoryService, PastPrintDetails
 from printctl.web.shell.run_or_notify import run_or_notify

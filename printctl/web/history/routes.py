@@ -11,8 +11,8 @@ from fastapi.responses import FileResponse, PlainTextResponse, StreamingResponse
 from starlette.background import BackgroundTask
 
 from printctl.errors import UsageError
-from printctl.history.records.days import day_begins, day_ends
-from printctl.history.records.errors import BundleError
+from printctl.history.signing import BundleError
+from printctl.history.table import day_begins, day_ends
 from printctl.machine.link.history_query import MOST, PAGE, HistoryQuery, SortBy
 from printctl.web.api.answers import API, REFUSALS
 from printctl.web.errors import BadRequestError, ConflictError

@@ -8,19 +8,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO, Final, Literal
 
-from printctl.history.records.bundle import write_bundle
-from printctl.history.records.errors import KeyTrouble
-from printctl.history.records.keys import (
+from printctl.history.bundle import write_bundle
+from printctl.history.repeat import RepeatPlan, make_job, plan_repeat
+from printctl.history.signing import (
+    KeyTrouble,
     PublicKey,
     known_lab_key,
     lab_key,
     read_public,
     signing_missing,
 )
-from printctl.history.records.repeat import RepeatPlan, make_job, plan_repeat
-from printctl.history.records.table import csv_lines
-from printctl.history.records.timeline import TimeLine, time_line
-from printctl.history.records.verify import BundleCheck, verify_stream
+from printctl.history.table import csv_lines
+from printctl.history.timeline import TimeLine, time_line
+from printctl.history.verify import BundleCheck, verify_stream
 from printctl.machine.link.errors import NoSuchPrint
 from printctl.machine.link.find_link import alive
 from printctl.machine.link.history import PrintHistory

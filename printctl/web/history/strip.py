@@ -6,7 +6,7 @@ from typing import Final
 
 from nicegui import ui
 
-from printctl.history.records.timeline import TimeLine
+from printctl.history.timeline import TimeLine
 from printctl.web.history.wording import duration
 
 COLOURS: Final = {

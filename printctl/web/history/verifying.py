@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from nicegui import ui
 
-from printctl.history.records.verify import BundleCheck
+from printctl.history.verify import BundleCheck
 from printctl.web.history.layout import card
 from printctl.web.history.service import HistoryService
 from printctl.web.shell.run_or_notify import run_or_notify

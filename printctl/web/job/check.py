@@ -24,7 +24,7 @@ from printctl.checks.preflight import (
     viability_facts,
     volumes,
 )
-from printctl.checks.preflight.shaft_file import file_shaft
+from printctl.checks.preflight.shaft import file_shaft
 from printctl.errors import PrintctlError, UsageError
 from printctl.failures import message_and_code
 from printctl.machine.link.job import Job, parse_job

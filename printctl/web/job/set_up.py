@@ -9,11 +9,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from firmware_profiles import Printer, load
 from firmware_profiles.tools import THINNEST_BORE
-from printctl.checks.set_up import Budget, SetUp, budget_of
-from printctl.checks.set_up.by_name import ProfileNames, of_each, set_up
+from printctl.checks.set_up import Budget, ProfileNames, SetUp, budget_of, of_each, set_up
 from printctl.machine.link.care import Care
 from printctl.machine.printing import usable_mm
-from printctl.recipe.care import CarePart
+from printctl.recipe.making import CarePart
 from printctl.web.errors import BadRequestError
 
 Millimetre = Annotated[float, Field(ge=-5000, le=5000, allow_inf_nan=False)]

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from printctl.history.records.verdict import Outcome, outcome
+from printctl.history.table import Outcome, outcome
 from printctl.web.errors import NotFoundError
 
 

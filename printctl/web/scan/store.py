@@ -22,7 +22,7 @@ from printctl.web.scan.unpacking import is_stack, unpack_stack
 from printctl.web.security.uploads import save_upload
 from printctl.web.workspace import Workspace, checked_name, is_name
 from registration.files.readers import ScanOverrides
-from registration.files.readers.sidecar import find_sidecar
+from registration.files.readers.metadata import find_sidecar
 
 UPLOADS: Final = ".arriving"
 _RUN_SCANS: Final = ("scan.tif", "scan.oct")

@@ -5,23 +5,23 @@ Goes in: a lens, pictures of a dish insert, crosses touched or lines printed. Co
 needle's tip is. Begin with `fit.py`.
 """
 
+from registration.devices.camera_frame.bundle import PrintedPoints, Touch
 from registration.devices.camera_frame.check import FrameCheck, check_frame
-from registration.devices.camera_frame.evidence import PrintedPoints, Touch
 from registration.devices.camera_frame.fit import Ties, fit_frame, merged
-from registration.devices.camera_frame.frame import Bath, CameraFrame, read_frame, write_frame
+from registration.devices.camera_frame.frame import Bath, CameraFrame, read_frame
 from registration.devices.camera_frame.insert import (
     Insert,
     design_insert,
+    insert_solids,
     read_insert,
+    write_dots,
     write_insert,
+    write_svg,
 )
-from registration.devices.camera_frame.insert_drawing import write_dots, write_svg
-from registration.devices.camera_frame.insert_solid import insert_solids
 from registration.devices.camera_frame.marks import SeenMarks, find_marks
 from registration.devices.camera_frame.printed_lines import PrintedLine, find_crossings
 from registration.devices.camera_frame.tip import SeenTip, find_tip
-from registration.devices.camera_frame.tip_grounds import grounds
-from registration.devices.camera_frame.tip_place import Tip, TipView, locate_tip
+from registration.devices.camera_frame.tip_place import Tip, TipView, grounds, locate_tip
 
 __all__ = [
     "Bath",
@@ -49,7 +49,6 @@ __all__ = [
     "read_frame",
     "read_insert",
     "write_dots",
-    "write_frame",
     "write_insert",
     "write_svg",
 ]

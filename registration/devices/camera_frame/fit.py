@@ -11,13 +11,25 @@ import cv2
 import numpy as np
 
 from kernels.arrays import FloatArray
-from registration.devices.camera_frame.bundle import Bundle, Fitted, Start, fit_bundle
-from registration.devices.camera_frame.evidence import Placement, PrintedPoints, Touch
-from registration.devices.camera_frame.frame import Bath, CameraFrame, SeenAtFit
+from registration.devices.camera_frame.bundle import (
+    Bundle,
+    Fitted,
+    Placement,
+    PrintedPoints,
+    Start,
+    Touch,
+    fit_bundle,
+)
+from registration.devices.camera_frame.frame import (
+    Bath,
+    CameraFrame,
+    SeenAtFit,
+    View,
+    meet,
+    turn_vector,
+)
 from registration.devices.camera_frame.insert import Insert
 from registration.devices.camera_frame.marks import FEWEST, SeenMarks
-from registration.devices.camera_frame.projection import View, meet
-from registration.devices.camera_frame.rotations import turn_vector
 from registration.devices.lens import Lens
 from registration.errors import PictureError
 

@@ -1,4 +1,4 @@
-"""Dish insert: a flat plate around a dish with ArUco marks and crosses at known places."""
+"""Dish insert with marks at known places, its drawing and its solid."""
 
 from __future__ import annotations
 
@@ -8,19 +8,21 @@ from typing import Annotated, Final, Literal, NamedTuple
 import cv2
 import numpy as np
 import yaml
+from manifold3d import CrossSection, FillRule, Manifold, OpType
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw
 from pydantic import BaseModel, ConfigDict, Field
 
-from design.files import write_text
+from design.files import atomic_replacement, write_text
+from design.solids.solid import Solid
 from firmware_profiles.dishes import Dish
 from kernels.arrays import FloatArray
-from registration.devices.lens.model_file import read_model
+from registration.devices.lens.lens import read_model
 from registration.errors import PictureError
 
 Process = Literal["fdm", "resin", "paper", "engraved"]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-
 DICTIONARY: Final = "4X4_50"
 CELLS: Final = 6
 """Of a mark's side, its black border included."""
@@ -303,3 +305,152 @@ def read_insert(path: Path) -> Insert:
         When the file is missing, or isn't one.
     """
     return read_model(path, Insert, "--insert", "printctl observe insert")
+
+
+# Draw a dish insert at true size: as vectors (SVG), and in dots (PNG, PDF).
+
+_LINE_MM: Final = 0.2
+_TILES_MM: Final = 0.02
+"""Cells are drawn wider by it, so that no hair of white shows between neighbours."""
+
+
+def write_svg(path: Path, insert: Insert) -> None:
+    """Write the insert as SVG, one unit a mm.
+
+    Raises
+    ------
+    OSError
+        When the file can't be written.
+    """
+    wide, high = insert.plate_mm
+    rows = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide:.4f}mm" height="{high:.4f}mm" '
+        f'viewBox="0 0 {wide:.4f} {high:.4f}">',
+        f'<rect width="{wide:.4f}" height="{high:.4f}" fill="#fff"/>',
+        '<path fill="#000" d="',
+        *(
+            f"M{x + wide / 2:.4f} {high / 2 - y - h:.4f}h{w:.4f}v{h:.4f}h{-w:.4f}z"
+            for x, y, w, h in _black(insert)
+        ),
+        '"/>',
+        _hole_svg(insert),
+        "</svg>",
+    ]
+    write_text(path, "\n".join(rows) + "\n")
+
+
+def write_dots(path: Path, insert: Insert, dots_per_inch: int) -> None:
+    """Write the insert as PNG or PDF (by the name's end), true size.
+
+    Raises
+    ------
+    OSError
+        When the file can't be written.
+    """
+    image = Image.fromarray(drawn(insert, dots_per_inch / 25.4)).convert(
+        "1", dither=Image.Dither.NONE
+    )
+    with atomic_replacement(path) as draft:
+        if path.suffix.lower() == ".pdf":
+            image.save(draft, "PDF", resolution=float(dots_per_inch))
+        else:
+            image.save(draft, "PNG", dpi=(dots_per_inch, dots_per_inch))
+
+
+def drawn(insert: Insert, dots_per_mm: float) -> NDArray[np.uint8]:
+    """Picture of the insert, (h, w), black 0 on white 255; its middle is the dish's."""
+    wide, high = (round(side * dots_per_mm) for side in insert.plate_mm)
+    image = Image.new("L", (wide, high), 255)
+    pen = ImageDraw.Draw(image)
+    hx, hy = insert.hole_mm[0] / 2 * dots_per_mm, insert.hole_mm[1] / 2 * dots_per_mm
+    box = (wide / 2 - hx, high / 2 - hy, wide / 2 + hx, high / 2 + hy)
+    line = max(1, round(_LINE_MM * dots_per_mm))
+    (pen.ellipse if insert.shape == "round" else pen.rectangle)(box, outline=0, width=line)
+    for x, y, w, h in _black(insert, 0.0):
+        left, right = wide / 2 + x * dots_per_mm, wide / 2 + (x + w) * dots_per_mm
+        top, bottom = high / 2 - (y + h) * dots_per_mm, high / 2 - y * dots_per_mm
+        # A rectangle's last dot is drawn.
+        pen.rectangle((round(left), round(top), round(right) - 1, round(bottom) - 1), fill=0)
+    return np.asarray(image)
+
+
+def _black(insert: Insert, wider: float = _TILES_MM) -> list[tuple[float, float, float, float]]:
+    """Rectangles: left, bottom, width, height; mm."""
+    side = insert.cell_mm
+    cells = [
+        (x - wider / 2, y - wider / 2, side + wider, side + wider)
+        for x, y in insert.cells().tolist()
+    ]
+    return [*cells, *insert.bars()]
+
+
+def _hole_svg(insert: Insert) -> str:
+    wide, high = insert.plate_mm
+    x, y = insert.hole_mm
+    look = f'fill="none" stroke="#000" stroke-width="{_LINE_MM}"'
+    if insert.shape == "round":
+        return f'<circle cx="{wide / 2:.4f}" cy="{high / 2:.4f}" r="{x / 2:.4f}" {look}/>'
+    return (
+        f'<rect x="{(wide - x) / 2:.4f}" y="{(high - y) / 2:.4f}" width="{x:.4f}" '
+        f'height="{y:.4f}" {look}/>'
+    )
+
+
+# Build a dish insert as two flush bodies: the white plate, and the black of its marks.
+
+_JOIN_MM: Final = 0.005
+"""Cells are wider by it on each side: those that meet at a corner alone are joined."""
+_FACETS: Final = 256
+_BLACK_MM: Final = 0.6
+"""Depth of the pockets."""
+
+
+def insert_solids(insert: Insert) -> tuple[Solid, Solid]:
+    """Return the white plate with pockets, and the black that fills them; z = 0 is below.
+
+    Both end at the same height. A relief would shift its edges in a picture taken from aside: by
+    its height times the tangent of the angle.
+
+    Parameters
+    ----------
+    insert : Insert
+
+    Raises
+    ------
+    PictureError
+        When the pockets would go through the plate.
+    """
+    thick = insert.thickness_mm
+    if not 0 < _BLACK_MM < thick - 0.2:
+        raise PictureError(
+            f"black of {_BLACK_MM:g} mm leaves less than 0.2 mm of a plate of {thick:g} mm; give a "
+            "thickness of 1 mm or more"
+        )
+    wide, high = insert.plate_mm
+    plate = _rectangle(-wide / 2, -high / 2, wide, high) - _hole(insert)
+    side = insert.cell_mm + 2 * _JOIN_MM
+    cells = [_rectangle(x - _JOIN_MM, y - _JOIN_MM, side, side) for x, y in insert.cells().tolist()]
+    bars = [_rectangle(*bar) for bar in insert.bars()]
+    black = CrossSection.batch_boolean(cells + bars, OpType.Add)
+    inlay = Manifold.extrude(black, _BLACK_MM).translate((0.0, 0.0, thick - _BLACK_MM))
+    tall = Manifold.extrude(black, _BLACK_MM + 1.0).translate((0.0, 0.0, thick - _BLACK_MM))
+    body = Manifold.extrude(plate, thick) - tall
+    return _solid(body), _solid(inlay)
+
+
+def _rectangle(x: float, y: float, wide: float, high: float) -> CrossSection:
+    corners = np.array([[x, y], [x + wide, y], [x + wide, y + high], [x, y + high]])
+    return CrossSection([corners], FillRule.Positive)
+
+
+def _hole(insert: Insert) -> CrossSection:
+    x, y = insert.hole_mm
+    if insert.shape == "round":
+        return CrossSection.circle(x / 2, _FACETS)
+    return _rectangle(-x / 2, -y / 2, x, y)
+
+
+def _solid(body: Manifold) -> Solid:
+    mesh = body.to_mesh64()
+    vertices = np.asarray(mesh.vert_properties)[:, :3].astype(np.float32).astype(np.float64)
+    return Solid(vertices, np.asarray(mesh.tri_verts, dtype=np.int32))

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from kernels.arrays import FloatArray
-from registration.devices.camera_frame.evidence import PrintedPoints
+from registration.devices.camera_frame.bundle import PrintedPoints
+from registration.devices.camera_frame.frame import View, bend, project, unbend
 from registration.devices.camera_frame.marks import grey_picture
-from registration.devices.camera_frame.projection import View, bend, project, unbend
 from registration.errors import PictureError
 
 _ROWS: Final = 160

@@ -6,13 +6,13 @@ x, y, z of later sweeps. Begin with `profiles.py`.
 """
 
 from registration.devices.laser_sweep.heights import sweep_heights
-from registration.devices.laser_sweep.laser_file import (
+from registration.devices.laser_sweep.planes import (
+    FittedSweep,
     LaserSweep,
+    fit_laser,
     is_laser_file,
     read_laser,
-    write_laser,
 )
-from registration.devices.laser_sweep.planes import FittedSweep, fit_laser
 from registration.devices.laser_sweep.profiles import Profile, Traced, trace
 
 __all__ = [
@@ -25,5 +25,4 @@ __all__ = [
     "read_laser",
     "sweep_heights",
     "trace",
-    "write_laser",
 ]

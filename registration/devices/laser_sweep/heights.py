@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from kernels.arrays import FloatArray
-from registration.devices.laser_sweep.laser_file import LaserSweep
+from registration.devices.laser_sweep.planes import LaserSweep
 from registration.devices.laser_sweep.profiles import Profile, Traced
 from registration.errors import PictureError
 from registration.files.readers.heights import HeightMap

@@ -15,7 +15,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from registration.errors import PictureError, ScanFileError
-from registration.files.readers.broken_files import scan_file_errors
+from registration.files.readers.common import scan_file_errors
 
 Image = NDArray[Any]
 Reader = Callable[[], Image]

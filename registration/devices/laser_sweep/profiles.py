@@ -1,4 +1,4 @@
-"""Trace the laser's line through a sweep's pictures: its rays, and where it crosses the insert."""
+"""Trace a laser's line through a sweep's pictures, to rays."""
 
 from __future__ import annotations
 
@@ -7,22 +7,194 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit
-from kernels.arrays import BoolArray, FloatArray
-from registration.devices.camera_frame.frame import CameraFrame
-from registration.devices.camera_frame.projection import rays
-from registration.devices.laser_sweep.middles import line_middles
+from kernels.arrays import BoolArray, Float32Array, FloatArray
+from registration.devices.camera_frame.frame import CameraFrame, rays
 from registration.devices.laser_sweep.pictures import Image, Reader, sweep_pictures
-from registration.devices.laser_sweep.straight import straight_line
 from registration.errors import PictureError
 
-FloatImage = NDArray[np.float32]
+# Fit a straight line to places of which some are others'.
+
+_NEAR_MM: Final = 0.12
+_TRIES: Final = 10
+"""Places of either side that are joined, evenly spread."""
+_JUDGES: Final = 300
+"""Places that lines are tried by."""
+_CLOSEST_MM: Final = 0.015
+_ROUNDS: Final = 4
+
+
+@dataclass(frozen=True)
+class Straight:
+    """A line through places.
+
+    Attributes
+    ----------
+    ends : (2, 2) float64, mm
+        Its outermost places.
+    off_mm : float, mm
+        RMS of the places about it.
+    """
+
+    ends: FloatArray
+    off_mm: float
+
+
+def straight_line(at: FloatArray, first: NDArray[np.bool_], fewest: int) -> Straight | None:
+    """Return the line that most places are on; None where either part has fewer than ``fewest``.
+
+    Parameters
+    ----------
+    at : (n, 2) float64, mm
+    first : (n,) bool
+        One of two parts, both of which it must run through.
+    fewest : int
+    """
+    ends, off_mm, found = _straight(at, first, fewest)
+    return Straight(ends, off_mm) if found else None
+
+
+@jit
+def _straight(
+    at: FloatArray, first: NDArray[np.bool_], fewest: int
+) -> tuple[FloatArray, float, bool]:
+    """Ends of the line, RMS of its places about it, and whether there is one."""
+    ends = np.zeros((2, 2))
+    one, other = np.flatnonzero(first), np.flatnonzero(~first)
+    if min(len(one), len(other)) < fewest:
+        return ends, 0.0, False
+    near = _most_joined(at, one, other)
+    middle, along, off = np.zeros(2), np.zeros(2), np.zeros(len(at))
+    for _ in range(_ROUNDS):
+        count = near.sum()
+        if min((near & first).sum(), count - (near & first).sum()) < fewest:
+            return ends, 0.0, False
+        x, y = at[:, 0], at[:, 1]
+        middle[0], middle[1] = x[near].mean(), y[near].mean()
+        dx, dy = x - middle[0], y - middle[1]
+        u, v = dx[near], dy[near]
+        turn = 0.5 * np.arctan2(2.0 * (u * v).sum(), (u * u).sum() - (v * v).sum())
+        along[0], along[1] = np.cos(turn), np.sin(turn)
+        off = dy * along[0] - dx * along[1]
+        spread = 1.4826 * np.median(np.abs(off[near]))
+        near = np.abs(off) < min(_NEAR_MM, max(3 * spread, _CLOSEST_MM))
+    reach = ((at[:, 0] - middle[0]) * along[0] + (at[:, 1] - middle[1]) * along[1])[near]
+    ends[0], ends[1] = middle + reach.min() * along, middle + reach.max() * along
+    return ends, np.sqrt(np.mean(off[near] ** 2)), True
+
+
+@jit
+def _most_joined(
+    at: FloatArray, one: NDArray[np.int64], other: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Which places are near the best of the lines that join two of them, (n,)."""
+    step = max(1, len(at) // _JUDGES)
+    most, normal_x, normal_y, offset = -1, 0.0, 0.0, 0.0
+    for i in range(_TRIES):
+        a = at[one[i * (len(one) - 1) // (_TRIES - 1)]]
+        for j in range(_TRIES):
+            b = at[other[j * (len(other) - 1) // (_TRIES - 1)]]
+            size = max(np.hypot(b[0] - a[0], b[1] - a[1]), 1e-9)
+            x, y = (a[1] - b[1]) / size, (b[0] - a[0]) / size
+            level = x * a[0] + y * a[1]
+            count = 0
+            for k in range(0, len(at), step):
+                count += abs(x * at[k, 0] + y * at[k, 1] - level) < _NEAR_MM
+            if count > most:
+                most, normal_x, normal_y, offset = count, x, y, level
+    return np.abs(at[:, 0] * normal_x + at[:, 1] * normal_y - offset) < _NEAR_MM
+
+
+# Find the middle of a laser's line in each column of a picture.
+
+_TOGETHER: Final = 32
+"""Columns that are looked at together."""
+
+
+@jit
+def line_middles(
+    image: NDArray[Any],
+    ground: NDArray[Any],
+    gain: float,
+    least: float,
+    widest: int,
+    upright: bool = False,
+) -> NDArray[np.float64]:
+    """Return the row of the line's middle in each column, (columns,); NaN where lost.
+
+    The middle is the centroid of what lies above half of the peak: a saturated line has a flat top,
+    and light scattered below the surface a long foot, which neither moves it.
+
+    Parameters
+    ----------
+    image, ground : (rows, columns)
+        The picture, and the same view without the laser.
+    gain : float
+        Of the picture's light against the ground's.
+    least : float
+        Least height of a peak over the ground.
+    widest : int, px
+        A wider line is lost; a second peak so far from the first is another one.
+    upright : bool
+        Whether the line runs from top to bottom: rows count as columns, and columns as rows.
+    """
+    high, wide = image.shape
+    rows, columns = (wide, high) if upright else (high, wide)
+    share = np.float32(gain)
+    # A second peak matters above half of the first: darker places are passed by many at once.
+    dark = np.float32(0.49 * least)
+    best = np.zeros(columns, np.float32)
+    second = np.zeros(columns, np.float32)
+    at = np.zeros(columns, np.int64)
+    for i in range(high):
+        for first in range(0, wide, _TOGETHER):
+            last = min(first + _TOGETHER, wide)
+            light, view = image[i, first:last], ground[i, first:last]
+            bright = 0
+            for k in range(last - first):
+                bright += int(np.float32(light[k]) - share * np.float32(view[k]) > dark)
+            if bright == 0:
+                continue
+            for j in range(first, last):
+                over = np.float32(image[i, j]) - share * np.float32(ground[i, j])
+                if over <= dark:
+                    continue
+                row, column = (j, i) if upright else (i, j)
+                if over > best[column]:
+                    if row - at[column] > widest:
+                        second[column] = max(second[column], best[column])
+                    best[column] = over
+                    at[column] = row
+                elif over > second[column] and row - at[column] > widest:
+                    second[column] = over
+    middle = np.full(columns, np.nan)
+    for column in range(columns):
+        if best[column] < least or second[column] > 0.5 * best[column]:
+            continue
+        half = 0.5 * best[column]
+        total, moment, count = 0.0, 0.0, 0
+        for way in (-1, 1):
+            row = at[column] if way == 1 else at[column] - 1
+            while 0 <= row < rows and count <= widest:
+                i, j = (column, row) if upright else (row, column)
+                over = np.float32(image[i, j]) - share * np.float32(ground[i, j]) - half
+                if over <= 0:
+                    break
+                total += over
+                moment += over * row
+                count += 1
+                row += way
+        if count > widest or at[column] < 2 or at[column] > rows - 3:
+            continue
+        middle[column] = moment / total
+    return middle
+
 
 FEWEST: Final = 12
 """Pictures with the line on the insert, and places of the line on either side of the dish."""
@@ -233,11 +405,11 @@ def _gain(image: Image, ground: Image) -> float:
     return float(image[some].mean() / max(ground[some].mean(), 1.0))
 
 
-def _over(image: Image, ground: Image) -> FloatImage:
+def _over(image: Image, ground: Image) -> Float32Array:
     return np.asarray(image - np.float32(_gain(image, ground)) * ground, dtype=np.float32)
 
 
-def _is_upright(over: list[FloatImage], bright: float) -> bool:
+def _is_upright(over: list[Float32Array], bright: float) -> bool:
     """Whether the line runs from top to bottom rather than from left to right."""
     votes = 0
     for one in over:

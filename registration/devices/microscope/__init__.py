@@ -4,12 +4,17 @@ Goes in: a picture and a pattern. Comes out: widths and gaps, mm. Begin with `vi
 """
 
 from registration.devices.microscope.annotate import annotated
-from registration.devices.microscope.gaps import Crossing, GapWidth, measure_gaps
 from registration.devices.microscope.ink_absorption import Shade, shade_profile
-from registration.devices.microscope.picture import Picture, read_picture
-from registration.devices.microscope.target import Target, View
+from registration.devices.microscope.picture import Picture, Target, View, read_picture
 from registration.devices.microscope.view import find_view, marked_view
-from registration.devices.microscope.widths import Line, LineWidths, measure_lines
+from registration.devices.microscope.widths import (
+    Crossing,
+    GapWidth,
+    Line,
+    LineWidths,
+    measure_gaps,
+    measure_lines,
+)
 
 __all__ = [
     "Crossing",

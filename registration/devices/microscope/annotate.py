@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
 from registration.devices.lens.perspective import mapped
-from registration.devices.microscope.gaps import Crossing, GapWidth
-from registration.devices.microscope.picture import Picture
-from registration.devices.microscope.target import Target, View
-from registration.devices.microscope.widths import LineWidths
+from registration.devices.microscope.picture import Picture, Target, View
+from registration.devices.microscope.widths import Crossing, GapWidth, LineWidths
 
 _FRAME: Final = (200, 120, 0)
 _EDGE: Final = (0, 160, 0)

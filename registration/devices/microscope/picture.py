@@ -1,4 +1,4 @@
-"""Read a picture of a print, choose the channel with most contrast, and mask the ink."""
+"""Read a picture of a print and mask the ink; records of the calibration pattern."""
 
 from __future__ import annotations
 
@@ -10,12 +10,67 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.devices.lens.decode import decoded
+from kernels.arrays import BoolArray, Float32Array, FloatArray
+from registration.devices.lens.board import decoded
 from registration.devices.lens.lens import Lens
 from registration.errors import PictureError
 
-FloatImage = NDArray[np.float32]
-BoolImage = NDArray[np.bool_]
+# Records of the calibration pattern to find in a picture, and of its found position.
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is looked for, in the pattern's own frame, y up.
+
+    Attributes
+    ----------
+    size_mm : (x, y), mm
+        Of the frame.
+    width_mm : float, mm
+        Of its lines, about.
+    margin_mm : float, mm
+        Between the frame and all else.
+    points : (n, 2) float64, mm
+        Along everything that is written.
+    """
+
+    size_mm: tuple[float, float]
+    width_mm: float
+    margin_mm: float
+    points: FloatArray
+
+    @property
+    def sides(self) -> list[FloatArray]:
+        """Left, bottom, right half, top half: begin and end, (2, 2) each, mm."""
+        x, y = self.size_mm
+        ends = [((0, y), (0, 0)), ((0, 0), (x, 0)), ((x, y / 2), (x, y)), ((x, y), (x / 2, y))]
+        return [np.array(side, dtype=np.float64) for side in ends]
+
+
+@dataclass(frozen=True)
+class View:
+    """Position of the pattern in the picture.
+
+    Attributes
+    ----------
+    matrix : (3, 3) float64
+        From mm to pixels.
+    mirrored : bool
+        Whether it is seen from below, or the picture is flipped.
+    um_per_px : float
+        In the frame's middle.
+    off_mm : float, mm
+        Root mean square distance of the frame's ink from its straight sides.
+    on_ink : float
+        Share of the pattern that lies on ink.
+    """
+
+    matrix: FloatArray
+    mirrored: bool
+    um_per_px: float
+    off_mm: float
+    on_ink: float
+
 
 COARSE_PX: Final = 900
 """Longest side of the small copy in which the pattern is looked for."""
@@ -40,9 +95,9 @@ class Picture:
     shrunk : float
     """
 
-    ink: FloatImage
+    ink: Float32Array
     seen: NDArray[np.uint8]
-    small: BoolImage
+    small: BoolArray
     shrunk: float
 
 
@@ -66,7 +121,7 @@ def _chosen(pixels: NDArray[Any], path: Path) -> Picture:
     shrunk = min(1.0, COARSE_PX / max(pixels.shape[:2]))
     size = [max(1, round(side * shrunk)) for side in pixels.shape[1::-1]]
     small = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA).astype(np.float32)
-    best: tuple[float, int, float, BoolImage] = (0.0, 0, 1.0, np.zeros((1, 1), bool))
+    best: tuple[float, int, float, BoolArray] = (0.0, 0, 1.0, np.zeros((1, 1), bool))
     grey = all(np.array_equal(small[:, :, 0], small[:, :, other]) for other in (1, 2))
     for channel in range(1 if grey else 3):
         plain = np.ascontiguousarray(small[:, :, channel])
@@ -85,7 +140,7 @@ def _chosen(pixels: NDArray[Any], path: Path) -> Picture:
     return Picture(ink, _eight_bit(pixels), mask, shrunk)
 
 
-def _ground(plain: FloatImage) -> FloatImage:
+def _ground(plain: Float32Array) -> Float32Array:
     """Light without ink: a wide median, at a quarter of the size for its speed."""
     low, high = float(plain.min()), float(plain.max())
     scaled = ((plain - low) / max(high - low, 1e-9) * 255).astype(np.uint8)
@@ -97,7 +152,7 @@ def _ground(plain: FloatImage) -> FloatImage:
     return np.asarray(back / 255 * (high - low) + low)
 
 
-def _split(flat: FloatImage) -> tuple[float, BoolImage]:
+def _split(flat: Float32Array) -> tuple[float, BoolArray]:
     """Contrast in deviations of the noise, and the ink's mask, by Otsu's threshold."""
     noise = 1.4826 * float(np.median(np.abs(flat - np.median(flat))))
     high = float(np.percentile(flat, 99.5))

@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
-from kernels.arrays import FloatArray
+from kernels.arrays import BoolArray, Float32Array, FloatArray
 from registration.devices.lens.perspective import mapped, slopes
-from registration.devices.microscope.picture import BoolImage, FloatImage
 from registration.errors import PictureError
 
 OUTER: Final = 0.25
@@ -77,7 +76,7 @@ class Profiles:
 
     across_mm: FloatArray
     values: FloatArray
-    inside: BoolImage
+    inside: BoolArray
 
     @property
     def step_mm(self) -> float:
@@ -91,7 +90,7 @@ class Profiles:
 
 
 def profiles_along(
-    image: FloatImage,
+    image: Float32Array,
     matrix: FloatArray,
     way: ScanLine,
     reach_mm: float,
@@ -154,7 +153,7 @@ def usual_height(seen: Profiles, width_mm: float) -> float:
     return float(np.percentile(peaks(seen, width_mm).max(axis=1), 75))
 
 
-def middles(seen: Profiles, width_mm: float, least: float = 0.0) -> tuple[FloatArray, BoolImage]:
+def middles(seen: Profiles, width_mm: float, least: float = 0.0) -> tuple[FloatArray, BoolArray]:
     """Middle of the ink at each place, (n,), mm across, and whether there is some, (n,).
 
     The centre of gravity of what is above half of the peak around it. Ink is what reaches a part of

@@ -1,12 +1,4 @@
-"""Find a printed calibration pattern in a picture by its frame, and fit perspective and scale.
-
-The frame (`Target`) is two sides of a rectangle whole, left and bottom, and the halves of the other
-two that meet. Its L is the largest thing in the picture: its two ends are farthest apart, its
-corner farthest from the line between them. Three points give an affine view, mirrored or not; that
-one is taken in which most of the pattern lies on ink. Then the middles of the ink along all four
-sides are measured, and the homography is fitted that lays them on the rectangle's sides: four
-straight lines, eight numbers.
-"""
+"""Find a printed calibration pattern in a picture by its frame, and check it."""
 
 from __future__ import annotations
 
@@ -15,15 +7,115 @@ from typing import Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from kernels.arrays import FloatArray
+from kernels.arrays import BoolArray, FloatArray
 from registration.devices.lens.perspective import mapped, slopes
-from registration.devices.microscope.first_views import THINNEST_PX, first_views
-from registration.devices.microscope.picture import Picture
+from registration.devices.microscope.picture import Picture, Target, View
 from registration.devices.microscope.profiles import ScanLine, middles, profiles_along
-from registration.devices.microscope.target import Target, View
-from registration.devices.microscope.view_checks import check_foreign, check_scales
 from registration.errors import PictureError
+
+# Propose first positions of a printed pattern: its L-shaped corner laid on the largest objects.
+
+_CANDIDATES: Final = 4
+_CLOSINGS: Final = (0.004, 0.015)
+"""Of the picture's side: a frame may be broken."""
+THINNEST_PX: Final = 3.0
+"""Width of the frame's lines, full size; thinner ones can't be measured."""
+
+
+def first_views(picture: Picture, target: Target) -> Iterator[FloatArray]:
+    """Affine views that lay the L on each of the largest things, both ways round."""
+    x, y = target.size_mm
+    model = np.array([[0, y, 1], [0, 0, 1], [x, 0, 1]], dtype=np.float64)
+    for closing in _CLOSINGS:
+        for pixels in _largest(picture.small.astype(np.uint8), closing):
+            ends = _ell(pixels)
+            if ends is None:
+                continue
+            for order in ((0, 1, 2), (2, 1, 0)):
+                seen = (ends[list(order)] + 0.5) / picture.shrunk - 0.5
+                view = np.vstack([np.linalg.solve(model, seen).T, [0, 0, 1]])
+                # A speck would hold all of a pattern that is small enough.
+                if target.width_mm * np.sqrt(abs(np.linalg.det(view))) >= THINNEST_PX:
+                    yield view
+
+
+def _largest(mask: NDArray[np.uint8], closing: float) -> Iterator[FloatArray]:
+    """Pixels (n, 2) of the largest things, breaks up to a part of the picture closed."""
+    side = max(3, round(max(mask.shape) * closing) | 1)
+    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
+    extent = np.hypot(stats[1:, cv2.CC_STAT_WIDTH], stats[1:, cv2.CC_STAT_HEIGHT])
+    for label in (np.argsort(-extent)[:_CANDIDATES] + 1).tolist():
+        yield np.argwhere(labels == label)[:, ::-1].astype(np.float64)
+
+
+def _ell(pixels: FloatArray) -> FloatArray | None:
+    """End, corner and other end of an L, (3, 2) px; None of something too small or straight."""
+    if len(pixels) < 20:
+        return None
+    begin = pixels[np.argmax(np.hypot(*(pixels - pixels.mean(axis=0)).T))]
+    for _ in range(3):
+        end = pixels[np.argmax(np.hypot(*(pixels - begin).T))]
+        begin, end = end, begin
+    way = end - begin
+    length = float(np.hypot(*way))
+    if length < 10:
+        return None
+    across = np.abs((pixels - begin) @ np.array([-way[1], way[0]])) / length
+    if across.max() < 0.1 * length:
+        return None
+    return np.array([begin, pixels[np.argmax(across)], end])
+
+
+# Refuse a found pattern position with very uneven scale, or with foreign ink in its frame.
+
+_MOST_FOREIGN: Final = 0.4
+"""Of the ink in the frame that may lie beside the pattern."""
+_UNEVEN: Final = 0.08
+"""Difference of the scales along x and y, or cosine between them: a camera tilted by more."""
+
+
+def check_scales(target: Target, matrix: FloatArray) -> None:
+    """A camera looks down nearly straight; a very uneven view is of another rectangle."""
+    x, y = target.size_mm
+    slope = slopes(matrix, np.array([[x, y]]) / 2)[0]
+    along = np.hypot(*slope)
+    uneven = abs(float(along[0] / along[1]) - 1.0)
+    skew = abs(float(slope[:, 0] @ slope[:, 1] / (along[0] * along[1])))
+    if max(uneven, skew) > _UNEVEN:
+        raise PictureError(
+            f"the frame that is found isn't {x:g} by {y:g} mm seen from above (scales along its "
+            f"sides differ by {uneven:.0%}, its angle is off by {np.degrees(skew):.0f} degrees): "
+            "is it another pattern's picture (--pattern)? Else hold the camera straight"
+        )
+
+
+def check_foreign(picture: Picture, target: Target, matrix: FloatArray) -> None:
+    """Ink within the frame that isn't this pattern's."""
+    high, wide = picture.small.shape
+    x, y = target.size_mm
+    corners = np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float64)
+
+    def small(places: FloatArray) -> FloatArray:
+        return (mapped(matrix, places) + 0.5) * picture.shrunk - 0.5
+
+    inside = np.zeros((high, wide), np.uint8)
+    cv2.fillPoly(inside, [np.round(small(corners)).astype(np.int32)], 1)
+    own = np.zeros((high, wide), np.uint8)
+    px = picture.shrunk * float(np.sqrt(abs(np.linalg.det(slopes(matrix, corners[:1])[0]))))
+    radius = max(2, round(1.6 * target.width_mm * px))
+    for u, v in np.round(small(target.points)).astype(np.int64).tolist():
+        cv2.circle(own, (u, v), radius, 1, -1)
+    ink: BoolArray = picture.small & (inside > 0)
+    foreign = float((ink & (own == 0)).sum()) / max(float(ink.sum()), 1.0)
+    if foreign > _MOST_FOREIGN:
+        raise PictureError(
+            f"{foreign:.0%} of the ink within the frame isn't where this pattern has lines "
+            f"({_MOST_FOREIGN:.0%} at most): is it another pattern's picture (--pattern)?"
+        )
+
 
 LEAST_ON_INK: Final = 0.6
 """Of the pattern's points that must lie on ink in the first view."""

@@ -4,13 +4,11 @@ Goes in: scans of a dot grid and a step. Comes out: a calibration file, and corr
 with `beam.py`.
 """
 
-from registration.devices.optics.beam import Beam, OctCalibration
+from registration.devices.optics.beam import Beam, OctCalibration, refract, refraction_bound
 from registration.devices.optics.file import read_calibration, write_calibration
 from registration.devices.optics.fit import GridFit, fit_grid, with_step
-from registration.devices.optics.grid_target import GridView, find_grid
-from registration.devices.optics.refraction import refract, refraction_bound
-from registration.devices.optics.step import Step, measure_step
 from registration.devices.optics.surface import SampleSurface, find_surface, fit_surface
+from registration.devices.optics.targets import GridView, Step, find_grid, measure_step
 from registration.devices.optics.undistort import is_resampled, undistort
 
 __all__ = [

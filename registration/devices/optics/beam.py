@@ -1,31 +1,80 @@
-"""Correct OCT voxel positions for beam fan, field curvature (bow), depth scale and refraction.
-
-A beam that scans a field doesn't stay parallel: it fans out from a pivot, and points of equal
-path lie on a bowl, not on a plane (Westphal et al. 2002, Opt. Express 10, 397). With u = (x, y)
-from the middle of the field, a point at the optical path z lies at the path
-
-    s = k z + q_xx u_x² + q_xy u_x u_y + q_yy u_y²
-
-along the beam that leaves M u in the direction (f_x u_x, f_y u_y, 1). Where air lies above the
-sample, the beam runs so to the surface, is bent there by Snell's law, and goes on by the rest of
-the path over the group index. Where liquid fills the view, all of the path is over the index, and
-the fan is narrower by it (Snell at a flat window, small angles).
-
-Valid for fans and slopes that are small against 1 (checked: 0.3).
-"""
+"""Correct OCT voxel positions for beam fan, bow, depth scale and refraction."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from kernels.arrays import FloatArray
-from registration.devices.optics.refraction import refract
 from registration.devices.optics.surface import SampleSurface
 from registration.errors import RegistrationError
 from registration.scan import Scan
 from registration.wall_reference import WallCalibration
+
+# Refraction at the sample's surface by Snell's law, and the error of a straight ray.
+
+
+def refract(direction: FloatArray, normal: FloatArray, index: float) -> FloatArray:
+    """Unit directions of light that enters a medium from air.
+
+    Vector form of Snell's law: with c = -n·d, r = 1/index, d' = r d + (r c - √(1 - r²(1 - c²))) n.
+
+    Parameters
+    ----------
+    direction : (..., 3) float64
+        Unit directions in air.
+    normal : (..., 3) float64
+        Unit normals of the surface, towards the air.
+    index : float
+        Of the medium over that of air.
+
+    Returns
+    -------
+    (..., 3) float64
+        Unit directions in the medium.
+    """
+    ratio = 1 / index
+    cosine = -np.sum(direction * normal, axis=-1, keepdims=True)
+    inside = np.sqrt(1 - ratio**2 * (1 - cosine**2))
+    bent: FloatArray = ratio * direction + (ratio * cosine - inside) * normal
+    return bent
+
+
+def refraction_bound(tilt_deg: float, depth_mm: float, index: float) -> tuple[float, float]:
+    """How far a point lies from where a straight vertical ray would put it.
+
+    Below a flat surface tilted by θ light runs at δ = θ - asin(sin θ / n) from the vertical, so
+    that a geometric path ℓ ends ℓ sin δ aside and ℓ (1 - cos δ) too high (Westphal et al. 2002,
+    Opt. Express 10, 397).
+
+    Parameters
+    ----------
+    tilt_deg : float, degrees
+        Of the surface, below 90.
+    depth_mm : float, mm
+        Geometric path below the surface.
+    index : float
+        Of the sample.
+
+    Returns
+    -------
+    aside, up : float, mm
+
+    Raises
+    ------
+    RegistrationError
+        When tilt or index is impossible.
+    """
+    if not (0 <= tilt_deg < 90 and index >= 1):
+        raise RegistrationError(
+            f"tilt {tilt_deg:g}° must lie in 0 to 90 and index {index:g} be at least 1"
+        )
+    tilt = math.radians(tilt_deg)
+    turned = tilt - math.asin(math.sin(tilt) / index)
+    return depth_mm * math.sin(turned), depth_mm * (1 - math.cos(turned))
+
 
 COVERAGE = 1.96
 """Standard uncertainties in half of a 95 % interval."""

@@ -12,8 +12,7 @@ from scipy.special import stdtrit
 
 from kernels.arrays import FloatArray
 from registration.devices.optics.beam import COVERAGE, Beam, OctCalibration
-from registration.devices.optics.grid_target import GridView
-from registration.devices.optics.step import Step
+from registration.devices.optics.targets import GridView, Step
 from registration.errors import SegmentationError
 
 _NAMES = ("scale_x", "shear", "scale_y", "bow_xx", "bow_xy", "bow_yy", "fan_x", "fan_y")

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from kernels.arrays import FloatArray
-from registration.devices.optics.columns import in_decibels, path_per_depth
+from registration.devices.optics.targets import in_decibels, path_per_depth
 from registration.errors import SegmentationError
 from registration.scan import Scan
 

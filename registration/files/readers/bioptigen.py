@@ -20,9 +20,7 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.files.readers.limits import check_available
-from registration.files.readers.raw_result import Array, FileVolume
-from registration.files.readers.storage import fill_volume
+from registration.files.readers.common import Array, FileVolume, check_available, fill_volume
 
 _MARK = b"FRAMEHEADER"
 _FIRST_RECORD = 6

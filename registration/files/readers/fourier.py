@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Floats = NDArray[np.float64]
+from kernels.arrays import FloatArray
+
 WINDOWS = ("hann", "none")
 
 
@@ -34,7 +35,7 @@ class Spectrometer:
         Over the band.
     """
 
-    place: Floats
+    place: FloatArray
     dispersion: tuple[float, float] = (0.0, 0.0)
     window: str = "hann"
 
@@ -61,7 +62,7 @@ def profiles(spectra: NDArray[np.generic], kernel: NDArray[np.float32]) -> NDArr
     return np.asarray(parts[:, :half] + parts[:, half:], dtype=np.float32)
 
 
-def place_of_wavelengths(wavelength_nm: ArrayLike) -> tuple[Floats, float]:
+def place_of_wavelengths(wavelength_nm: ArrayLike) -> tuple[FloatArray, float]:
     """Places on an even scale of wavenumber and the depth step, mm of one-way optical path.
 
     Raises

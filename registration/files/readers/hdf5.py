@@ -8,12 +8,17 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.files.readers.broken_files import scan_file_errors
-from registration.files.readers.extras import import_extra
-from registration.files.readers.limits import ANY_RATIO, bytes_of, check_available
+from registration.files.readers.common import (
+    ANY_RATIO,
+    Array,
+    FileVolume,
+    bytes_of,
+    check_available,
+    empty,
+    import_extra,
+    scan_file_errors,
+)
 from registration.files.readers.metadata import NAMES
-from registration.files.readers.raw_result import Array, FileVolume
-from registration.files.readers.storage import empty
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 _MOST_OBJECTS = 10_000

@@ -19,10 +19,13 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.files.readers.limits import check_available
-from registration.files.readers.raw_result import Array, FileVolume
-from registration.files.readers.space import FileSpace
-from registration.files.readers.storage import fill_volume
+from registration.files.readers.common import (
+    Array,
+    FileSpace,
+    FileVolume,
+    check_available,
+    fill_volume,
+)
 
 MAGIC = b"HSF-OCT-"
 _SCAN_MARK = b"HSF-BS-"

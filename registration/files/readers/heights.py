@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from kernels.arrays import FloatArray
+from kernels.arrays import Float32Array, FloatArray
 from registration.errors import ScanFileError
-from registration.files.readers.broken_files import scan_file_errors
+from registration.files.readers.common import scan_file_errors
 
 TEXTS: Final = frozenset({".csv", ".txt", ".xyz", ".asc"})
 _PICTURES: Final = frozenset({".tif", ".tiff", ".png"})
@@ -31,8 +31,6 @@ _FAR_MM: Final = 1e4
 """No profiler measures so far: what lies beyond stands for "not measured"."""
 
 _WITHIN: Final = re.compile(r"(?<=\d),(?=\d)")
-
-HeightArray = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -53,7 +51,7 @@ class HeightMap:
         Whether each height's place was measured, so that none can lie aside for one that was lost.
     """
 
-    height_mm: HeightArray
+    height_mm: Float32Array
     pixel_mm: tuple[float, float]
     origin_mm: tuple[float, float] = (0.0, 0.0)
     to_map: FloatArray | None = None
@@ -188,7 +186,7 @@ def _numbers(line: str) -> bool:
         return False
 
 
-def _heights(path: Path, table: NDArray[Any], count_mm: float, lost: float | None) -> HeightArray:
+def _heights(path: Path, table: NDArray[Any], count_mm: float, lost: float | None) -> Float32Array:
     """Heights in mm, NaN where not measured."""
     good = table.dtype.kind in "fiu" and table.dtype != np.uint8
     if table.ndim != 2 or min(table.shape) < 16 or not good:

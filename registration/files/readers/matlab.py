@@ -12,10 +12,13 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.files.readers.broken_files import scan_file_errors
-from registration.files.readers.limits import DEFLATE_RATIO, check_available
+from registration.files.readers.common import (
+    DEFLATE_RATIO,
+    FileVolume,
+    check_available,
+    scan_file_errors,
+)
 from registration.files.readers.metadata import NAMES
-from registration.files.readers.raw_result import FileVolume
 
 MAGIC = b"MATLAB 5.0 MAT-file"
 

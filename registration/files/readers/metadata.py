@@ -1,4 +1,4 @@
-"""Merge a scan's metadata from file, sidecar and user, check it, and build the scan."""
+"""Merge a scan's metadata from file, sidecar and user; orient and check the scan."""
 
 from __future__ import annotations
 
@@ -9,18 +9,102 @@ from pathlib import Path
 from typing import Any, Literal, TypeGuard
 
 import numpy as np
+import yaml
 
+from firmware_profiles.yaml_file import read_yaml
 from registration.errors import ScanFileError
-from registration.files.readers.decibels import COUNT_KEYS, in_decibels, layered, with_scale
-from registration.files.readers.intensity_checks import light_notes
-from registration.files.readers.orient import is_axes, rename_axes, to_scan_axes, unmirrored
-from registration.files.readers.raw_result import Array, FileVolume
-from registration.files.readers.storage import native
-from registration.scan import Scan
-from registration.space import Space
+from registration.files.readers.common import Array, FileVolume, native
+from registration.files.readers.decibels import (
+    COUNT_KEYS,
+    in_decibels,
+    layered,
+    light_notes,
+    with_scale,
+)
+from registration.scan import Scan, Space
+
+# Reorder a scan file's axes to z, y, x and make them right-handed; check sizes for swaps.
+
+ORDER = "zyx"
+
+
+def to_scan_axes(volume: Array, axes: str, path: Path) -> Array:
+    """A view with the axes z, y, x, from a volume whose axes are named slowest to fastest.
+
+    Raises
+    ------
+    ScanFileError
+        When `axes` isn't an order of x, y, z.
+    """
+    named = axes.lower()
+    if not is_axes(axes):
+        raise ScanFileError(
+            f"{path}: axes are {axes!r}; give an order of x, y and z, slowest first, like zyx for "
+            "a stack of depth slices or yxz where depth runs fastest; give --axes"
+        )
+    return volume.transpose([named.index(name) for name in ORDER])
+
+
+def rename_axes(sizes: Sequence[float], old: str, new: str) -> list[float]:
+    """Sizes along z, y, x of a file's axes that are called otherwise from now on."""
+    by_new = {
+        after: sizes[ORDER.index(before)]
+        for before, after in zip(old.lower(), new.lower(), strict=True)
+    }
+    return [by_new[name] for name in ORDER]
+
+
+def is_axes(axes: object) -> bool:
+    """Whether something is an order of x, y and z."""
+    return isinstance(axes, str) and sorted(axes.lower()) == sorted(ORDER)
+
+
+def unmirrored(volume: Array) -> Array:
+    """The same voxels with y reversed: a left-handed order of axes becomes right-handed."""
+    return volume[:, ::-1, :]
+
+
+def check_aspect(
+    shape: Sequence[int], voxel: Sequence[float], extent: Sequence[float], path: Path
+) -> None:
+    """Hold sizes against the extent that the file gives apart from them; all as z, y, x in mm.
+
+    Raises
+    ------
+    ScanFileError
+        When they contradict each other; the message says if axes were swapped.
+    """
+    sizes = [count * step for count, step in zip(shape, voxel, strict=True)]
+    if _agree(shape, voxel, extent):
+        return
+    for first, second in ((1, 2), (0, 2), (0, 1)):
+        swapped = list(voxel)
+        swapped[first], swapped[second] = swapped[second], swapped[first]
+        if _agree(shape, swapped, extent):
+            raise ScanFileError(
+                f"{path}: axes {ORDER[first]} and {ORDER[second]} are swapped: voxels of "
+                f"{_mm(voxel)} mm make {_mm(sizes)} mm, but the field is said to be "
+                f"{_mm(extent)} mm (z, y, x); export it again, or give --voxel-um"
+            )
+    raise ScanFileError(
+        f"{path}: voxels of {_mm(voxel)} mm make {_mm(sizes)} mm, but the field is said to be "
+        f"{_mm(extent)} mm (z, y, x); the header contradicts itself, give --voxel-um"
+    )
+
+
+def _agree(shape: Sequence[int], voxel: Sequence[float], extent: Sequence[float]) -> bool:
+    # Some programs count the steps between voxels, others the voxels: one voxel is forgiven.
+    return all(
+        abs(count * step - size) <= max(0.02 * size, 1.01 * step)
+        for count, step, size in zip(shape, voxel, extent, strict=True)
+    )
+
+
+def _mm(values: Sequence[float]) -> str:
+    return " × ".join(f"{value:.4g}" for value in values)
+
 
 SCHEMA = "printctl-scan-1"
-
 _CHOICES = {"scale": ("linear", "db"), "modality": ("oct", "microct", "confocal")}
 _LONGEST_VOXEL_MM = 5.0
 _SHORTEST_VOXEL_MM = 1e-5
@@ -314,3 +398,41 @@ def _index(value: Any, path: Path) -> float:
             "give --refractive-index"
         )
     return float(value)
+
+
+# Read a scan's sidecar metadata (``NAME.json`` or ``NAME.yaml``).
+
+RAW_KEYS = ("shape", "dtype", "offset_bytes", "byte_order", "spectra")
+"""What a raw file's sidecar says besides: how its numbers lie, and what spectra are."""
+_SUFFIXES = (".json", ".yaml", ".yml")
+
+
+def sidecar(path: Path, more: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Metadata in a JSON or YAML file of the scan's name, if there is one.
+
+    Raises
+    ------
+    ScanFileError
+        When it can't be parsed, or holds a key that isn't known.
+    """
+    beside = find_sidecar(path)
+    if beside is None:
+        return {}
+    text = beside.read_text(encoding="utf-8")
+    if beside.suffix == ".json" and not more:
+        return parse(text, str(beside))
+    try:
+        # JSON is YAML.
+        plain = read_yaml(text)
+    except yaml.YAMLError as exc:
+        raise ScanFileError(f"{beside}: not YAML ({exc}); mend or remove it") from exc
+    return known_keys(plain, str(beside), more)
+
+
+def find_sidecar(path: Path) -> Path | None:
+    """The sidecar file of a scan, or None."""
+    for suffix in _SUFFIXES:
+        place = path.with_suffix(suffix)
+        if place != path and place.is_file():
+            return place
+    return None

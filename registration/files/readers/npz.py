@@ -10,12 +10,16 @@ import numpy as np
 from numpy.lib import format as npy
 
 from registration.errors import ScanFileError
-from registration.files.readers.broken_files import scan_file_errors
-from registration.files.readers.limits import check_available
+from registration.files.readers.common import (
+    Array,
+    FileVolume,
+    available_bytes,
+    check_available,
+    empty,
+    read_into,
+    scan_file_errors,
+)
 from registration.files.readers.metadata import NAMES
-from registration.files.readers.raw_result import Array, FileVolume
-from registration.files.readers.storage import empty
-from registration.files.readers.zipped import available_bytes, read_into
 
 
 def read_npz(path: Path) -> FileVolume:

@@ -10,12 +10,18 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.files.readers.broken_files import scan_file_errors
-from registration.files.readers.limits import DEFLATE_RATIO, check_available
-from registration.files.readers.raw_result import Array, FileVolume
-from registration.files.readers.space import LPS, FileSpace, file_space
-from registration.files.readers.storage import mapped
-from registration.files.readers.units import millimetres
+from registration.files.readers.common import (
+    DEFLATE_RATIO,
+    LPS,
+    Array,
+    FileSpace,
+    FileVolume,
+    check_available,
+    file_space,
+    mapped,
+    millimetres,
+    scan_file_errors,
+)
 
 MAGIC = b"NRRD"
 

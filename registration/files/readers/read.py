@@ -23,9 +23,14 @@ from registration.files.readers import (
     tiff,
     zarr,
 )
-from registration.files.readers.metadata import ScanOverrides, build_scan
-from registration.files.readers.raw_result import FileVolume
-from registration.files.readers.sidecar import RAW_KEYS, find_sidecar, sidecar
+from registration.files.readers.common import FileVolume
+from registration.files.readers.metadata import (
+    RAW_KEYS,
+    ScanOverrides,
+    build_scan,
+    find_sidecar,
+    sidecar,
+)
 from registration.scan import Scan
 
 Reader = Callable[[Path], FileVolume]

@@ -1,7 +1,4 @@
-"""Read TIFF stacks (our own, OME-TIFF, ImageJ's, plain), and write scans as TIFF.
-
-Ours carry the scan's metadata as JSON in the first ImageDescription.
-"""
+"""Read TIFF stacks (our own, OME-TIFF, ImageJ's, plain), and write scans as TIFF."""
 
 from __future__ import annotations
 
@@ -18,24 +15,54 @@ import tifffile
 
 from design.files import atomic_replacement
 from registration.errors import ScanFileError
-from registration.files.readers.broken_files import scan_file_errors
-from registration.files.readers.limits import (
+from registration.files.readers.common import (
     ANY_RATIO,
     DEFLATE_RATIO,
     IN_MEMORY_BYTES,
+    Array,
+    FileVolume,
     bytes_of,
     check_available,
+    fill_volume,
+    mapped,
+    millimetres,
+    parse_xml,
+    scan_file_errors,
 )
 from registration.files.readers.metadata import SCHEMA, describe, parse
-from registration.files.readers.ome import read_ome_xml
-from registration.files.readers.raw_result import Array, FileVolume
-from registration.files.readers.storage import fill_volume, mapped
-from registration.files.readers.units import millimetres
 from registration.scan import Scan
+
+
+def read_ome_xml(text: str, path: Path) -> dict[str, Any]:
+    """Read the first image's ``Pixels`` (OME schema 2016-06: sizes in µm by default).
+
+    Raises
+    ------
+    ScanFileError
+        When there are several channels or time points.
+    """
+    pixels = parse_xml(text, path).find(".//{*}Pixels")
+    if pixels is None:
+        return {}
+    for name, what in (("SizeC", "channels"), ("SizeT", "time points")):
+        if pixels.get(name, "1") != "1":
+            raise ScanFileError(f"{path}: has {pixels.get(name)} {what}; export one")
+    order = pixels.get("DimensionOrder", "XYZCT")
+    axes = "".join(name for name in reversed(order) if name in "XYZ").lower()
+    known: dict[str, Any] = {"axes": axes}
+    voxel = []
+    for name in "ZYX":
+        size = pixels.get(f"PhysicalSize{name}")
+        unit = millimetres(pixels.get(f"PhysicalSize{name}Unit", "µm"), path)
+        if size and unit:
+            voxel.append(float(size) * unit)
+    if len(voxel) == 3:
+        known["voxel_mm"] = voxel
+    return known
+
 
 MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 """TIFF and BigTIFF, little and big endian."""
-
 _MOST_PAGES = 100_000
 _DEFLATE = (8, 32946)
 _READ = (1, *_DEFLATE, 32773)

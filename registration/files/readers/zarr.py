@@ -1,29 +1,106 @@
-"""Read OME-Zarr (NGFF 0.4 on Zarr 2, 0.5 on Zarr 3), finest level, by zarr (extra ``scans``).
-
-Source: OME-NGFF 0.4 and 0.5 (ngff.openmicroscopy.org).
-
-Not read: transformations other than scale and translation, Zarr in a zip file, remote stores.
-"""
+"""Read OME-Zarr (NGFF 0.4 and 0.5), finest level, with its orientation (RFC-4)."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from registration.errors import ScanFileError
-from registration.files.readers.broken_files import scan_file_errors
-from registration.files.readers.extras import import_extra
-from registration.files.readers.limits import bytes_of
+from registration.files.readers.common import (
+    LPS,
+    Array,
+    FileSpace,
+    FileVolume,
+    bytes_of,
+    empty,
+    file_space,
+    import_extra,
+    millimetres,
+    scan_file_errors,
+)
 from registration.files.readers.metadata import SCHEMA, known_keys
-from registration.files.readers.raw_result import Array, FileVolume
-from registration.files.readers.storage import empty
-from registration.files.readers.units import millimetres
-from registration.files.readers.zarr_orientation import anatomical, transformed
+
+# Read axis scale, translation and anatomical orientation (NGFF RFC-4) from OME-Zarr metadata.
+
+_SPACE = ("x", "y", "z")
+_PLACES = {
+    "left": (1.0, 0.0, 0.0), "right": (-1.0, 0.0, 0.0),
+    "posterior": (0.0, 1.0, 0.0), "anterior": (0.0, -1.0, 0.0),
+    "superior": (0.0, 0.0, 1.0), "inferior": (0.0, 0.0, -1.0),
+}  # fmt: skip
+"""Towards which an axis runs, in LPS."""
+
+
+def transformed(image: Mapping[str, Any], path: Path) -> tuple[list[float], list[float]]:
+    """Scale and translation of each axis, of the finest level and then of the whole image.
+
+    Raises
+    ------
+    ScanFileError
+        When an axis of space runs backwards, or another kind of transformation is asked for.
+    """
+    axes = [str(axis["name"]) for axis in image["axes"]]
+    factors, shifts = [1.0] * len(axes), [0.0] * len(axes)
+    for source in (image["datasets"][0], image):
+        for step in source.get("coordinateTransformations", ()):
+            kind = step.get("type")
+            if kind not in ("identity", "scale", "translation"):
+                raise ScanFileError(
+                    f"{path}: its coordinateTransformations hold {kind!r}; only scale and "
+                    "translation are read: resample it, or export it as OME-Zarr 0.4 or 0.5"
+                )
+            if kind == "scale":
+                factors = [a * float(b) for a, b in zip(factors, step["scale"], strict=True)]
+                shifts = [a * float(b) for a, b in zip(shifts, step["scale"], strict=True)]
+            elif kind == "translation":
+                shifts = [a + float(b) for a, b in zip(shifts, step["translation"], strict=True)]
+    for name, factor in zip(axes, factors, strict=True):
+        if name in _SPACE and not factor > 0:
+            raise ScanFileError(
+                f"{path}: its axis {name} has the scale {factor:g}, so that it runs backwards; "
+                "reverse the array along it and write a scale above 0"
+            )
+    return factors, shifts
+
+
+def anatomical(image: Mapping[str, Any], path: Path) -> FileSpace | None:
+    """How the spatial axes run, from "left-to-right" and its like; None where nothing is said.
+
+    Raises
+    ------
+    ScanFileError
+        When only some axes say it, or by words that aren't the patient's six.
+    """
+    spatial = [axis for axis in image["axes"] if axis["name"] in _SPACE]
+    orientations = [axis.get("orientation") for axis in spatial]
+    if not any(orientations):
+        return None
+    steps = []
+    for axis, orientation in zip(spatial, orientations, strict=True):
+        value = orientation.get("value", "") if isinstance(orientation, dict) else ""
+        start, _, end = str(value).partition("-to-")
+        if end not in _PLACES or _PLACES.get(start) != tuple(-v for v in _PLACES[end]):
+            raise ScanFileError(
+                f"{path}: axis {axis['name']} has the orientation {value!r}; known are two of "
+                f"{', '.join(_PLACES)} opposite each other, like left-to-right"
+            )
+        steps.append(_PLACES[end])
+    _, shifts = transformed(image, path)
+    origin = np.zeros(3)
+    for axis, shift in zip(image["axes"], shifts, strict=True):
+        if axis["name"] in _SPACE:
+            unit = millimetres(axis.get("unit"), path) or 1.0
+            origin += shift * unit * np.array(steps[spatial.index(axis)])
+    return file_space(LPS, steps, origin, path)
+
 
 MAX_CHUNK_BYTES = 2 << 30
 MAX_CHUNKS = 4_000_000
 MIN_STORED_FRACTION = 0.01
-_SPACE = "zyx"
+_AXIS_ORDER = "zyx"
 
 
 def is_zarr(path: Path) -> bool:
@@ -94,14 +171,14 @@ def _missing(array: Any, path: Path) -> tuple[str, ...]:
 
 def _known(image: dict[str, Any], axes: list[str], path: Path) -> dict[str, Any]:
     """Return order and sizes of the spatial axes."""
-    named = "".join(name for name in axes if name in _SPACE)
-    if sorted(named) != sorted(_SPACE):
+    named = "".join(name for name in axes if name in _AXIS_ORDER)
+    if sorted(named) != sorted(_AXIS_ORDER):
         raise ScanFileError(f"{path}: has the axes {axes}; three of space (z, y, x) are needed")
     known: dict[str, Any] = {"axes": named}
     factors, _ = transformed(image, path)
     units = {str(axis["name"]): axis.get("unit") for axis in image["axes"]}
     voxel = []
-    for name in _SPACE:
+    for name in _AXIS_ORDER:
         unit = millimetres(units.get(name), path)
         if name in axes and unit:
             voxel.append(factors[axes.index(name)] * unit)
@@ -114,7 +191,7 @@ def _volume(array: Any, axes: list[str], path: Path) -> Array:
     """Read slab by slab of whole chunks; an axis that isn't of space must be of length 1."""
     if len(axes) != array.ndim:
         raise ScanFileError(f"{path}: {len(axes)} axes for an array of {array.ndim}")
-    space = [at for at, name in enumerate(axes) if name in _SPACE]
+    space = [at for at, name in enumerate(axes) if name in _AXIS_ORDER]
     if any(size != 1 for at, size in enumerate(array.shape) if at not in space):
         raise ScanFileError(f"{path}: has the axes {axes} of {array.shape}; export one volume")
     out = empty([array.shape[at] for at in space], array.dtype.newbyteorder("="), path)

@@ -11,13 +11,8 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from registration.measuring.gauging.changes import find_changes
+    from registration.measuring.gauging.changes import drop_edge_changes, find_changes
     from registration.measuring.gauging.closures import Ends, find_closures
-    from registration.measuring.gauging.contrast import (
-        ContrastGauge,
-        liquid_level,
-        withdraw_sections,
-    )
     from registration.measuring.gauging.defect import Defect, DefectKind
     from registration.measuring.gauging.design_to_scan import ScannedSurface, surface_points
     from registration.measuring.gauging.deviation import (
@@ -28,22 +23,25 @@ if TYPE_CHECKING:
         share_within,
         summarise,
     )
-    from registration.measuring.gauging.edge_changes import drop_edge_changes
-    from registration.measuring.gauging.gel_like import without_gel_like
+    from registration.measuring.gauging.gel_like import (
+        ContrastGauge,
+        liquid_level,
+        withdraw_sections,
+        without_gel_like,
+    )
     from registration.measuring.gauging.junctions import find_junction_changes
     from registration.measuring.gauging.mouths import with_mouths
     from registration.measuring.gauging.own_levels import with_own_levels
-    from registration.measuring.gauging.perfusion import Perfusion, with_interval
-    from registration.measuring.gauging.printed import (
+    from registration.measuring.gauging.perfusion import (
         MeasuredLumen,
-        network_of_lumens,
-        printed_network,
-        with_printed_lengths,
-    )
-    from registration.measuring.gauging.through_vessels import (
+        Perfusion,
         connected_vessels,
         drop_dead_ends,
+        network_of_lumens,
+        printed_network,
         sub_network,
+        with_interval,
+        with_printed_lengths,
     )
     from registration.measuring.gauging.trace import VesselTrace, trace_vessels
     from registration.measuring.gauging.vessels import (

@@ -1,43 +1,162 @@
-"""Find bulges and stenoses: runs of sections wider or narrower than the rest of their vessel.
-
-A print as a whole may be off (shrinkage, spread beads, the segmentation's bias): that is the
-vessel's mean error, which `registration.measuring.judging` holds against its tolerance. Here each
-section is held against the rest of its own vessel, and the whole vessel against the others.
-
-The noise of a section is the scatter of its rays about a smooth outline. What that misses (grain
-of the print, drift of the light) is measured too, from what a change can't touch: differences of
-sections three apart, in units of that noise; never the spread about the vessel's own median, which
-a change over a quarter of the sections widens until it hides. The threshold follows from both,
-from how many sections the scatter is known by (Student's t), and from how many places are looked
-at, so that a clean scan raises a false alarm with a given small probability.
-"""
+"""Find bulges and stenoses: runs of sections wider or narrower than their vessel."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import erf, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from kernels.arrays import BoolArray, FloatArray
+from registration.alignment.uncertainty import rectangular
 from registration.measuring.gauging.defect import Defect
-from registration.measuring.gauging.peak import peak_of
-from registration.measuring.gauging.scatter import scatter
 from registration.measuring.gauging.sections import RAYS
 from registration.measuring.gauging.trace import VesselTrace
 
+_MAD = 1.4826
+"""Standard deviation over median absolute deviation, of normal noise."""
+_SECOND = np.sqrt(1.5)
+"""Standard deviation of x_i - (x_(i-1) + x_(i+1))/2 over that of x, of independent noise."""
+_LEAST = 8
+"""Differences from which a vessel's own scatter is told; with fewer, all vessels' counts."""
+
+
+def second_differences(values: FloatArray, lag: int = 1) -> FloatArray:
+    """Return x_i - (x_(i-lag) + x_(i+lag)) / 2 along the first axis, scaled to the noise of x."""
+    inner = values[lag:-lag] - (values[: -2 * lag] + values[2 * lag :]) / 2
+    return np.asarray(inner / _SECOND)
+
+
+def scatter(values: FloatArray, lag: int = 1) -> float:
+    """Standard deviation of independent noise, by second differences; NaN where too few."""
+    if len(values) < 2 * lag + 1:
+        return float("nan")
+    fine = second_differences(values, lag)
+    fine = fine[np.isfinite(fine)]
+    return float(_MAD * np.median(np.abs(fine))) if len(fine) >= _LEAST else float("nan")
+
+
+# Estimate a diameter change's peak height and position between sections, corrected for blur.
+
+_LEAST_KEPT = 0.5
+"""Part of its height that a change keeps at least: of one narrower than 1.6 times the blur nothing
+tells how high it was."""
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Where a change is largest, and by how much.
+
+    Attributes
+    ----------
+    height : float, mm
+        Signed, before the blur.
+    along : float, mm
+        From the vessel's first node.
+    standard : float, mm
+        Standard uncertainty of the height by the change's unknown shape, noise apart.
+    """
+
+    height: float
+    along: float
+    standard: float
+
+
+def peak_of(change: FloatArray, along: FloatArray, worst: int, blur_mm: float) -> Peak:
+    """Return the peak at a station.
+
+    A Gaussian blur σ along a vessel lowers a change of the width w at half height to
+    erf(w / (2 √2 σ)) of its height where its top is flat and its ends are steep, to
+    1 - √(2 / π) σ / w where it is pointed with straight flanks (the mean of |x| is √(2 / π) σ);
+    bells lie between. A flat top is as high as the highest station, another as the parabola
+    through three or as where the flanks meet. What is in between is as likely as the ends
+    (GUM 4.3.7).
+
+    Parameters
+    ----------
+    change, along : (n,) float64, mm
+        Evenly spaced; NaN where not measured.
+    worst : int
+        The station.
+    blur_mm : float, mm
+        Standard deviation of the field's blur.
+    """
+    here = float(change[worst])
+    top, place = _parabola(change, along, worst)
+    width = _width(change / top if top else change, along, worst)
+    flat, pointed = _kept(width, blur_mm)
+    tip = max(top, _tip(change, along, worst, width), key=abs) if blur_mm > 0 else top
+    ends = here / flat, tip / pointed
+    return Peak(sum(ends) / 2, place, rectangular(abs(ends[1] - ends[0]) / 2))
+
+
+def _parabola(change: FloatArray, along: FloatArray, worst: int) -> tuple[float, float]:
+    """Height and place of the vertex through three stations; beside a gap the station itself."""
+    here = float(change[worst]), float(along[worst])
+    if not 0 < worst < len(change) - 1:
+        return here
+    before, top, after = change[worst - 1 : worst + 2].tolist()
+    bend = before - 2 * top + after
+    # NaN compares false.
+    if not (abs(top) >= max(abs(before), abs(after)) and bend * top < 0):
+        return here
+    shift = 0.5 * (before - after) / bend
+    return top - 0.25 * (before - after) * shift, here[1] + shift * float(along[1] - along[0])
+
+
+def _tip(change: FloatArray, along: FloatArray, worst: int, width: float) -> float:
+    """Height where straight flanks through a station's neighbours meet.
+
+    A tip δ beside the station makes its neighbours differ by 2 δ of the flanks' slope; δ is no more
+    than half a spacing, the slope the height over the width at half height.
+    """
+    here = float(change[worst])
+    if not (0 < worst < len(change) - 1 and np.isfinite(width)):
+        return here
+    apart = abs(float(change[worst + 1] - change[worst - 1])) / 2
+    most = abs(here) * float(along[1] - along[0]) / (2 * width)
+    return here + float(np.copysign(min(apart, most), here)) if np.isfinite(apart) else here
+
+
+def _width(part: FloatArray, along: FloatArray, worst: int) -> float:
+    """Full width at half height of parts of a height, mm; inf where no end was measured."""
+    step = float(along[1] - along[0])
+    return step * (_half_way(part[worst:]) + _half_way(part[worst::-1]))
+
+
+def _half_way(part: FloatArray) -> float:
+    """Stations to where parts of the height fall below a half; inf where they don't.
+
+    Two in a row must lie below: one alone may be noise within a long change.
+    """
+    low = part < 0.5
+    ends = np.flatnonzero(low[:-1] & (low[1:] | np.isnan(part[1:])))
+    if len(ends) == 0:
+        return float("inf")
+    end = int(ends[0])
+    return float(end - 1 + (part[end - 1] - 0.5) / (part[end - 1] - part[end]))
+
+
+def _kept(width: float, blur_mm: float) -> tuple[float, float]:
+    """Parts of their height that a flat-topped and a pointed change of a measured width keep."""
+    if blur_mm <= 0 or not np.isfinite(width):
+        return 1.0, 1.0
+    flat = erf(width / (2 * sqrt(2) * blur_mm))
+    pointed = 1 - sqrt(2 / pi) * blur_mm / width
+    return max(flat, _LEAST_KEPT), max(pointed, _LEAST_KEPT)
+
+
 FALSE_ALARM = 1e-3
 """Probability that a scan without defects shows one."""
-
 _POOLED_WEIGHT = 20
 """A vessel's own scatter counts as much as that of all vessels when it has so many sections."""
 _SECTOR = 5
 """Rays averaged where one side of the wall is looked at: 37 degrees."""
-_LEAST = 5
+_MIN_SECTIONS = 5
 """Sections below which a vessel has no median of its own to be held against."""
-_MAD = 1.4826
-"""Standard deviation over median absolute deviation, of normal noise ..."""
 _MAD_WORTH = 0.37
 """... and how many sections' worth of a standard deviation each section is in it."""
 _LAG = 3
@@ -107,7 +226,7 @@ def _series(traces: tuple[VesselTrace, ...], scale: float, false_alarm: float) -
     usable = [
         (trace, offset)
         for trace, offset in zip(traces, offsets, strict=True)
-        if not trace.short and np.isfinite(offset).sum() >= _LEAST
+        if not trace.short and np.isfinite(offset).sum() >= _MIN_SECTIONS
     ]
     if not usable:
         return []
@@ -312,3 +431,30 @@ def bordered(trace: VesselTrace, extent: tuple[float, float]) -> bool:
     reach = 1.5 * trace.spacing
     around = (trace.along > extent[0] - reach) & (trace.along < extent[1] + reach)
     return bool(trace.seen[around].all())
+
+
+def drop_edge_changes(
+    changes: Sequence[Defect], others: Sequence[Defect], traces: Sequence[VesselTrace]
+) -> list[Defect]:
+    """Return the changes that lie beside none of the other defects, within two sections."""
+    return [
+        change
+        for change in changes
+        if not any(_beside(change, other, traces[change.vessel]) for other in others)
+    ]
+
+
+def _beside(change: Defect, other: Defect, trace: VesselTrace) -> bool:
+    if change.vessel not in (other.vessel, other.other):
+        return False
+    (low, high), reach = _extent(other, trace), 2 * trace.spacing
+    return change.from_mm < high + reach and change.to_mm > low - reach
+
+
+def _extent(defect: Defect, trace: VesselTrace) -> tuple[float, float]:
+    """Where a defect lies along a vessel, mm; a bridge's other end about the nearest place."""
+    if trace.vessel == defect.vessel:
+        return defect.from_mm, defect.to_mm
+    away = np.linalg.norm(trace.centre - np.array(defect.point_mm), axis=1)
+    at, half = float(trace.along[np.argmin(away)]), 0.5e-3 * defect.size_um
+    return at - half, at + half

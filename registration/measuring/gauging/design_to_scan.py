@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from design.geometry import boxes_of, build_hierarchy
 from kernels.arrays import FloatArray, IntArray
 from registration.alignment import Fit
-from registration.alignment.distance import ModelSurface
-from registration.alignment.distance.closest import UNKNOWN, nearest
+from registration.alignment.distance import UNKNOWN, ModelSurface, nearest
 from registration.segmentation import Segmentation
 
 SAMPLES = 40_000

@@ -6,19 +6,200 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from design.network import VesselKind, VesselNetwork
 from kernels.arrays import BoolArray, FloatArray
 from registration.alignment import Fit, Uncertainty
-from registration.alignment.uncertainty import Budget, ScanErrors, SectionErrors, section_errors
+from registration.alignment.uncertainty import (
+    Budget,
+    ScanErrors,
+    SectionErrors,
+    coverage_factor,
+    section_errors,
+)
 from registration.measuring.gauging.defect import Defect
-from registration.measuring.gauging.near_walls import near_walls
-from registration.measuring.gauging.outlines import Outlines, outlines
-from registration.measuring.gauging.ovality import ovality
-from registration.measuring.gauging.planes import stations
-from registration.measuring.gauging.sections import oval_conductance
-from registration.measuring.gauging.trace import VesselTrace
+from registration.measuring.gauging.sections import RAYS, Planes, Sections, oval_conductance
+from registration.measuring.gauging.trace import VesselTrace, stations
 from registration.segmentation import Segmentation
+
+# Assign scanned surface points to the vessel cross-section on whose wall they lie, if any.
+
+LEAST_MM = 0.1
+"""A wall is looked for within half a radius of the design's, and at least this."""
+CLASS = 1.25
+"""Radii of stations within which the nearest axis is that of the nearest wall."""
+
+
+def near_walls(
+    centre: FloatArray, radius: FloatArray, points: FloatArray
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return the station whose lumen each point is deepest in, and whether the point is its wall.
+
+    Where lumens meet, the design's wall is that of the lumen which reaches farther: beside a thin
+    vessel's mouth in a wide one the wall is the wide one's, though the thin one's axis is nearer.
+
+    Parameters
+    ----------
+    centre, radius : (s, 3), (s,) float64, mm
+        Stations on vessels' axes.
+    points : (n, 3) float64, mm
+
+    Returns
+    -------
+    which : (n,) int64
+        Some station where none is so near that the point could be a wall.
+    wall : (n,) bool
+    """
+    reach = np.maximum(0.5 * radius, LEAST_MM)
+    # Most of a part's surface is far from any vessel: nobody asks how far.
+    farthest = float((radius + reach).max()) * (1 + 1e-9)
+    away, which = cKDTree(centre).query(points, workers=1, distance_upper_bound=farthest)
+    close = np.flatnonzero(np.isfinite(away))
+    which = np.where(np.isfinite(away), which, 0).astype(np.int64)
+    outside = away - radius[which]
+    for members in _classes(radius):
+        bound = float((radius + reach)[members].max()) * (1 + 1e-9)
+        tree = cKDTree(centre[members])
+        far, nearest = tree.query(points[close], workers=1, distance_upper_bound=bound)
+        chosen = members[np.minimum(nearest, len(members) - 1)]
+        deeper = far - radius[chosen] < outside[close]
+        outside[close[deeper]] = (far - radius[chosen])[deeper]
+        which[close[deeper]] = chosen[deeper]
+    return which, np.abs(outside) < reach[which]
+
+
+def _classes(radius: FloatArray) -> list[NDArray[np.int64]]:
+    """Stations of about one radius together; none where all are alike."""
+    step = np.floor(np.log(radius / radius.min()) / np.log(CLASS)).astype(np.int64)
+    classes = [np.flatnonzero(step == one) for one in np.unique(step)]
+    return classes if len(classes) > 1 else []
+
+
+# Wall outlines of a vessel's measured sections, scaled to the reported diameter.
+
+
+@dataclass(frozen=True)
+class Outlines:
+    """Where n sections were cut, and the wall found there.
+
+    Attributes
+    ----------
+    planes : Planes
+        The cuts, in the scan's frame.
+    wall : (n, `RAYS`, 2) float64, mm
+        The wall from the designed axis, in each plane's own directions. Its circle of equal area
+        has the section's diameter: blur and walls' corrections are added all round. NaN where no
+        wall was met, and all round where the lumen is closed.
+    middle : (n, 2) float64, mm
+        Centroid of the wall as it was met, in the same directions.
+    """
+
+    planes: Planes
+    wall: FloatArray
+    middle: FloatArray
+
+
+def outlines(
+    planes: Planes, sections: Sections, diameter: FloatArray, chosen: NDArray[np.bool_]
+) -> Outlines:
+    """Return the outlines of some sections.
+
+    Parameters
+    ----------
+    planes : Planes
+        n of them.
+    sections : Sections
+        What was found in them.
+    diameter : (n,) float64, mm
+        As reported; 0 where closed.
+    chosen : (n,) bool
+    """
+    rays, shift = sections.rays[chosen], sections.shift[chosen]
+    met = np.isfinite(rays)
+    squares = np.where(met, rays, 0.0) ** 2
+    drawn = np.sqrt(squares.sum(axis=1) / np.maximum(met.sum(axis=1), 1))
+    reported = np.where(diameter[chosen] > 0, diameter[chosen] / 2, np.nan)
+    angle = 2 * np.pi * np.arange(RAYS) / RAYS
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    wall = shift[:, None] + (rays + (reported - drawn)[:, None])[..., None] * circle
+    cut = replace(
+        planes,
+        centre=planes.centre[chosen],
+        across=planes.across[chosen],
+        radius=planes.radius[chosen],
+    )
+    return Outlines(cut, wall, shift)
+
+
+# Measure how oval a lumen is: its longest less its shortest width, where that is greatest.
+#
+# A wall r₀ + Re(c e^{2iφ}) is 2 (r₀ + |c|) by 2 (r₀ - |c|) wide. One section's c is mostly noise,
+# and the length of noise isn't zero: c is averaged, as a vector, over `WINDOW` diameters.
+
+WINDOW = 2.0
+"""Diameters: of an oval of 2 : 1 over a third of them 0.24 diameters are left, beyond the 0.2 of a
+± 10 % limit; the noise of single sections would pass for as much in lumens of 0.4 mm."""
+_TWICE = np.exp(-4j * np.pi * np.arange(RAYS) / RAYS)
+
+
+@dataclass(frozen=True)
+class Oval:
+    """Where a lumen is most oval; NaN where no section is whole.
+
+    Attributes
+    ----------
+    widths_um, u_um : float, µm
+        Longest less shortest width, and half width of its 95 % interval.
+    at_mm : float, mm
+        From the first node.
+    """
+
+    widths_um: float
+    u_um: float
+    at_mm: float
+
+
+def ovality(trace: VesselTrace, own: SectionErrors, errors: ScanErrors) -> Oval:
+    """Return where a lumen is most oval.
+
+    Each component of c has half the variance of the diameter, and the widths differ by 4 |c|.
+    Walls across the light err by reflections and index as those along it don't.
+
+    Parameters
+    ----------
+    trace : VesselTrace
+    own : SectionErrors
+        Of its counted sections.
+    errors : ScanErrors
+    """
+    counted = np.flatnonzero(trace.counted)
+    whole = trace.sections.closed_outline[counted] & own.open
+    best = Oval(np.nan, np.nan, np.nan)
+    if trace.short or not whole.any():
+        return best
+    rays = trace.sections.rays[counted]
+    mean = np.nanmean(np.where(whole[:, None], rays, 1.0), axis=1, keepdims=True)
+    vector = 2 / RAYS * (np.where(np.isfinite(rays), rays, mean) @ _TWICE)
+    along, radius = trace.along[counted], trace.radius[counted]
+    first, last = along[whole][[0, -1]]
+    # Reflections may be of the walls alone that face the light, both of them. A line's place is the
+    # mean over walls of three directions, which the difference of two exceeds √(3 · 3/2) times.
+    walls = 2 * (errors.faint_mm + errors.facing_mm), 2 * np.sqrt(4.5) * errors.line_mm
+    for k in np.flatnonzero(whole).tolist():
+        # The window stays within the vessel: fewer sections at its ends would be noisier.
+        reach = min(WINDOW * radius[k], (last - first) / 2)
+        middle = float(np.clip(along[k], first + reach, last - reach))
+        near = whole & (np.abs(along - middle) <= reach + 1e-9)
+        weights = near / near.sum()
+        noise = np.sqrt(8) * own.averaged(weights)
+        widths = np.sqrt(max((4 * abs(weights[near] @ vector[near])) ** 2 - 2 * noise**2, 0.0))
+        if not 1e3 * widths <= best.widths_um:
+            terms = [noise, 2 * radius[k] * errors.depth, *walls]
+            half = coverage_factor(np.inf) * float(np.linalg.norm(terms))
+            best = Oval(1e3 * float(widths), 1e3 * half, middle)
+    return best
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 Names are loaded when first asked for: a recipe needs the datums' names alone.
 
 Goes in: scanned faces and sections. Comes out: a frame, and zones of vessels and faces. Begin with
-`measure.py`.
+`zones.py`.
 """
 
 from typing import TYPE_CHECKING
@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from registration.measuring.geometry.characteristic import Characteristic
     from registration.measuring.geometry.datum import Datum, read_datums
-    from registration.measuring.geometry.designed import check_designed
     from registration.measuring.geometry.faces import Face, outer_faces
     from registration.measuring.geometry.frame import Frame, best_fit
     from registration.measuring.geometry.lay_frame import lay_on_datums
-    from registration.measuring.geometry.measure import characteristics, cuts_of
-    from registration.measuring.geometry.scene import Cut, Scene
+    from registration.measuring.geometry.scene import Cut, Scene, check_designed
+    from registration.measuring.geometry.zones import Characteristic, characteristics, cuts_of
 
 __all__ = [
     "Characteristic",

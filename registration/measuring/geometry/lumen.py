@@ -3,20 +3,166 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from design.network import VesselNetwork
 from kernels.arrays import FloatArray
 from registration.alignment import Fit
-from registration.measuring.gauging.outlines import Outlines
-from registration.measuring.geometry.filters import (
-    closed_filtered,
-    closed_transmission,
-    open_filter,
-)
-from registration.measuring.geometry.line import Line
-from registration.measuring.geometry.section_noise import middle_noise, wall_spectrum
+from registration.measuring.gauging.vessels import Outlines
+
+# Gaussian profile filters (ISO 16610-21, -28).
+
+ALPHA = float(np.sqrt(np.log(2) / np.pi))
+"""A wave of the cut-off's length keeps half of its amplitude (ISO 16610-21:2011, 4.2)."""
+
+
+def closed_transmission(rays: int, cut_off: float) -> FloatArray:
+    """Amplitude that each harmonic of a closed profile keeps, (rays // 2 + 1,).
+
+    exp(-π (α k / k_c)²), k undulations per revolution, cut-off k_c (ISO 16610-21:2011, 4.3).
+    """
+    order = np.arange(rays // 2 + 1)
+    return np.asarray(np.exp(-np.pi * (ALPHA * order / cut_off) ** 2))
+
+
+def closed_filtered(profile: FloatArray, cut_off: float) -> FloatArray:
+    """Return closed profiles (..., rays) without waves beyond the cut-off."""
+    rays = profile.shape[-1]
+    keep = closed_transmission(rays, cut_off)
+    return np.fft.irfft(np.fft.rfft(profile, axis=-1) * keep, rays, axis=-1)
+
+
+def cells(places: FloatArray, edge_mm: float) -> NDArray[np.int64]:
+    """Number of the cube of `edge_mm` that each place (n, 3) lies in, from 0 without gaps."""
+    index = np.floor(places / edge_mm).astype(np.int64)
+    index -= index.min(axis=0)
+    size = index.max(axis=0) + 1
+    flat = (index[:, 0] * size[1] + index[:, 1]) * size[2] + index[:, 2]
+    return np.asarray(np.unique(flat, return_inverse=True)[1]).reshape(-1)
+
+
+def open_filter(along: FloatArray, cut_off: float, at: FloatArray | None = None) -> FloatArray:
+    """Matrix (m, n) that filters values at n places `along` a line, for places `at` (its own).
+
+    Weights exp(-π (x / (α λ))²) about a straight line fitted there: a slope passes whole, to the
+    ends (ISO 16610-28:2016, moment criterion of first order). Where fewer than two places weigh
+    the nearest counts.
+    """
+    at = along if at is None else at
+    off = along - at[:, None]
+    weight = np.exp(-np.pi * np.minimum((off / (ALPHA * cut_off)) ** 2, 200.0))
+    weight = np.maximum(weight, 1e-12 * np.exp(-np.abs(off) / cut_off))
+    s0, s1, s2 = ((weight * off**k).sum(axis=1)[:, None] for k in (0, 1, 2))
+    det = s0 * s2 - s1**2
+    line = weight * (s2 - s1 * off) / np.where(det > 1e-9 * s0 * s2, det, np.inf)
+    return np.asarray(np.where(det > 1e-9 * s0 * s2, line, weight / s0))
+
+
+_LAG = 3
+"""Sections between differences, fewer in a short vessel: closer ones share noise by the blur."""
+
+
+def middle_noise(middle: FloatArray) -> float:
+    """Standard deviation of one coordinate (n, 2), by differences along the vessel."""
+    # Of two normal coordinates the squares' sum is exponential: its median is 2 ln 2 variances.
+    return float(np.sqrt(np.median((_differences(middle) ** 2).sum(axis=1)) / (2 * np.log(2))))
+
+
+def wall_spectrum(rays: FloatArray, middle: FloatArray) -> FloatArray:
+    """Noise of each harmonic of the wall (n, rays), by differences along the vessel.
+
+    Rays start at the centroid, so that the first harmonic is the centroid's own noise.
+    """
+    power = np.median(np.abs(_differences(np.fft.rfft(rays, axis=1))) ** 2, axis=0)
+    # Real and imaginary part have equal variance: exponential; the mean has one part alone.
+    spread = np.sqrt(power / (2 * np.log(2)))
+    spread[0] = np.sqrt(power[0] / 0.455)
+    spread[1] = middle_noise(middle) * rays.shape[1] / 2
+    return np.asarray(spread)
+
+
+def _differences(values: NDArray[Any]) -> NDArray[Any]:
+    """Second differences over (n, k), with the variance of one value: a slope has none."""
+    lag = min(_LAG, (len(values) - 1) // 3)
+    differences = values[: -2 * lag] - 2 * values[lag:-lag] + values[2 * lag :]
+    return np.asarray(differences / np.sqrt(6))
+
+
+# Designed axis of one vessel: polyline, straightness, ends, nearest points.
+
+_STRAIGHT_MM = 0.002
+"""A design that leaves a straight line, or one radius, by less has none but rounding."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A designed axis.
+
+    Attributes
+    ----------
+    points : (k, 3) float64, mm
+        Polyline, its ends carried on by a millimetre.
+    radius : (k,) float64, mm
+    length : float, mm
+        Without what was carried on.
+    straight, even : bool
+        Straight from end to end; of one radius.
+    """
+
+    points: FloatArray
+    radius: FloatArray
+    length: float
+    straight: bool
+    even: bool
+
+    @staticmethod
+    def of(network: VesselNetwork, vessel: int) -> Line:
+        """Return a vessel's designed axis."""
+        points, radius = network.polyline(vessel)
+        chord = unit(points[-1] - points[0])
+        off = points - points[0] - ((points - points[0]) @ chord)[:, None] * chord
+        length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        before = points[0] - unit(points[1] - points[0])
+        after = points[-1] - unit(points[-2] - points[-1])
+        return Line(
+            np.vstack([before, points, after]),
+            np.concatenate([radius[:1], radius, radius[-1:]]),
+            length,
+            bool(np.linalg.norm(off, axis=1).max() < _STRAIGHT_MM),
+            bool(np.ptp(radius) < _STRAIGHT_MM),
+        )
+
+    def end(self, last: bool) -> tuple[FloatArray, FloatArray, float]:
+        """First or last node, the unit way there along the axis, and the radius."""
+        if last:
+            way = self.points[-1] - self.points[-2]
+            return self.points[-2], unit(way), float(self.radius[-1])
+        return self.points[1], unit(self.points[0] - self.points[1]), float(self.radius[0])
+
+    def nearest(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Nearest points (n, 3) of the axis to places (n, 3), and the radii there (n,), mm."""
+        best = np.full(len(places), np.inf)
+        foot, radius = np.empty_like(places), np.empty(len(places))
+        for a, b, ra, rb in zip(
+            self.points, self.points[1:], self.radius, self.radius[1:], strict=False
+        ):
+            way = b - a
+            t = np.clip((places - a) @ way / max(way @ way, 1e-18), 0.0, 1.0)
+            here = a + t[:, None] * way
+            away = ((places - here) ** 2).sum(axis=1)
+            nearer = away < best
+            best = np.where(nearer, away, best)
+            foot[nearer], radius[nearer] = here[nearer], (ra + t * (rb - ra))[nearer]
+        return foot, radius
+
+
+def unit(vector: FloatArray) -> FloatArray:
+    """Return a vector's direction."""
+    return np.asarray(vector / np.linalg.norm(vector))
+
 
 UNDULATIONS = 7.0
 """Cut-off round a section, undulations per revolution."""

@@ -13,16 +13,18 @@ from design.on_demand import on_demand
 if TYPE_CHECKING:
     from registration.measuring.judging.decisions import Decision, worst_decision
     from registration.measuring.judging.judge_registration import (
+        decision_at_sure_pose,
         judge,
         judge_plain,
+        list_findings,
+        pose_in_doubt,
         withhold_unsure,
     )
-    from registration.measuring.judging.listing import list_findings
-    from registration.measuring.judging.pose import decision_at_sure_pose, pose_in_doubt
-    from registration.measuring.judging.rule import DecisionRule, Rule
     from registration.measuring.judging.tolerance import (
+        DecisionRule,
         Limit,
         Override,
+        Rule,
         ToleranceError,
         Tolerances,
         VesselLimits,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from kernels.arrays import FloatArray
-from registration.measuring.judging.rule import DecisionRule, Rule
+from registration.measuring.judging.tolerance import DecisionRule, Rule
 
 Decision = Literal["pass", "undecided", "fail"]
 ORDER: tuple[Decision, ...] = ("pass", "undecided", "fail")

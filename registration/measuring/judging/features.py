@@ -1,4 +1,4 @@
-"""Compare quantities of a vessel or a whole print with their tolerance limits."""
+"""Compare quantities and tolerance zones of a vessel or print with their limits."""
 
 from __future__ import annotations
 
@@ -11,12 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
+from registration.json_ready import Record
 from registration.measuring.judging.decisions import COVERAGE, ORDER, Decision, decide, single_width
-from registration.measuring.judging.rule import DecisionRule, Rule
 from registration.measuring.judging.series import Series
-from registration.measuring.judging.tolerance import Limit, VesselLimits
-
-Record = Mapping[str, Any]
+from registration.measuring.judging.tolerance import (
+    DecisionRule,
+    Limit,
+    Rule,
+    Tolerances,
+    VesselLimits,
+)
 
 FeatureName = Literal[
     "section", "narrowest", "mean", "change", "oval", "offset", "open", "seen", "gel_like",
@@ -401,3 +405,75 @@ def rms_feature(rule: Rule, rms_um: float | None, u_um: float | None, limit_um: 
         upper_um=limit_um,
         limit=_upto(limit_um),
     )
+
+
+# Judge geometric characteristics (ISO 1101) against their tolerances: pass, fail, undecided.
+
+FACE_SEEN = 0.95
+"""Share of a face that must be seen for a pass."""
+_LIMITS = {
+    "axis": "position_um",
+    "port": "port_position_um",
+    "cylindricity": "cylindricity_um",
+    "lumen": "profile_um",
+}
+
+
+def judged_zones(
+    rows: Sequence[Record], kinds: Mapping[int, str], tolerances: Tolerances
+) -> tuple[list[dict[str, Any]], list[Feature]]:
+    """Return characteristics with limit and decision, and the features of those that have one.
+
+    Parameters
+    ----------
+    rows : sequence of mappings
+        ``characteristics`` of a registration.
+    kinds : mapping of int to str
+        Of the vessels.
+    tolerances : Tolerances
+    """
+    judged, features = [], []
+    for row in rows:
+        limit = _limit(row, kinds, tolerances)
+        plain: dict[str, Any] = {**row, "limit_um": None, "decision": None}
+        if math.isfinite(limit) and not str(row.get("note", "")).startswith("not defined"):
+            feature = _feature(row, limit, tolerances.limits.rule)
+            features.append(feature)
+            plain |= {"limit_um": limit, "decision": feature.decision}
+        judged.append(plain)
+    return judged, features
+
+
+def _limit(row: Record, kinds: Mapping[int, str], tolerances: Tolerances) -> float:
+    if row["name"] == "face":
+        return tolerances.face_profile_um
+    vessel = int(row["vessel"])
+    return float(getattr(tolerances.of(vessel, kinds[vessel]), _LIMITS[row["name"]]))
+
+
+def _feature(row: Record, limit: float, rule: Rule) -> Feature:
+    low, high = row["interval_95_um"]
+    known = row["zone_um"] is not None and low is not None and high is not None
+    return Feature(
+        name="zone",
+        decision=_decision(row, float(low), float(high), limit, rule) if known else "undecided",
+        vessel=row["vessel"],
+        value_um=row["zone_um"],
+        upper_um=limit,
+        limit=f"at most {limit:g} µm",
+        words=str(row["characteristic"]),
+        of=str(row["feature"]),
+        interval_um=(low, high) if known else (),
+    )
+
+
+def _decision(row: Record, low: float, high: float, limit: float, rule: Rule) -> Decision:
+    """Decide by the interval; of a face that wasn't all seen no pass is proven."""
+    middle, half = (low + high) / 2, (high - low) / 2
+    code = decide(
+        rule, np.array([middle]), np.array([half]), np.array([single_width(half)]),
+        np.array([math.inf]), np.array([limit]),
+    )  # fmt: skip
+    decision = ORDER[int(code[0])]
+    unseen = row["name"] == "face" and row["seen_fraction"] < FACE_SEEN
+    return "undecided" if decision == "pass" and unseen else decision

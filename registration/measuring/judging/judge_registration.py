@@ -6,13 +6,14 @@ One source for all that is shown: plot, tables, files, verdict and page read wha
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, fields
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
-from registration.json_ready import json_ready
+from registration.alignment.search import AlignmentOptions
+from registration.json_ready import Record, json_ready
 from registration.measuring.judging.decisions import (
     ORDER,
     RISK,
@@ -27,6 +28,7 @@ from registration.measuring.judging.features import (
     Band,
     Feature,
     change_feature,
+    judged_zones,
     leak_feature,
     mean_feature,
     narrowest_feature,
@@ -36,14 +38,79 @@ from registration.measuring.judging.features import (
     rms_feature,
     section_feature,
 )
-from registration.measuring.judging.pose import fails_withdrawn, pose_in_doubt
-from registration.measuring.judging.rule import DecisionRule, Rule
 from registration.measuring.judging.runs import BARE, apart_from_sections, findings
 from registration.measuring.judging.series import Series, series_of
-from registration.measuring.judging.tolerance import Limit, Tolerances, VesselLimits
-from registration.measuring.judging.zones import judged_zones
+from registration.measuring.judging.tolerance import (
+    DecisionRule,
+    Limit,
+    Rule,
+    Tolerances,
+    VesselLimits,
+)
 
-Record = Mapping[str, Any]
+# Turn judged fails into undecided if the part's pose is ambiguous.
+
+POSE_LEAD: Final = AlignmentOptions().ambiguous_below
+POSE_RULE: Final = "The pose is ambiguous, so what would fail is undecided."
+_FAIL_FROM_POSE: Final = {"decision": "undecided", "doubt": "pose"}
+
+
+def pose_in_doubt(ambiguity: Record) -> bool:
+    """Return whether the part may lie so that other places are compared.
+
+    A symmetry of the part changes none of them.
+
+    Parameters
+    ----------
+    ambiguity : mapping
+        Of a registration: ``flag``; ``rivals`` with ``lead`` and ``same``, where they are known.
+    """
+    close = [one for one in ambiguity.get("rivals", ()) if one["lead"] < POSE_LEAD]
+    symmetric = bool(close) and all(one["same"] for one in close)
+    return bool(ambiguity.get("flag")) and not symmetric
+
+
+def fails_withdrawn(judged: Record) -> dict[str, Any]:
+    """Return judged numbers in which each fail is undecided; passes stay.
+
+    Features so changed have the ``doubt`` ``pose``.
+    """
+    judging = judged["judging"]
+    return {
+        **judged,
+        "vessels": [_row(row) for row in judged["vessels"]],
+        **{
+            key: [{**one, "decision": _withdrawn(one["decision"])} for one in judged[key]]
+            for key in ("characteristics", "findings", "defects")
+        },
+        "judging": {
+            **judging,
+            "rule": f"{judging['rule']} {POSE_RULE}",
+            "decision": "undecided",
+            "features": [
+                {**one, **(_FAIL_FROM_POSE if one["decision"] == "fail" else {})}
+                for one in judging["features"]
+            ],
+        },
+    }
+
+
+def decision_at_sure_pose(feature: Record) -> Record:
+    """Return a feature with the decision that it has if the pose is right."""
+    return {**feature, "decision": "fail"} if feature.get("doubt") == "pose" else feature
+
+
+def _row(row: Record) -> dict[str, Any]:
+    return {
+        **row,
+        "decision": _withdrawn(row["decision"]),
+        "decision_along": [_withdrawn(one) for one in row["decision_along"]],
+    }
+
+
+def _withdrawn(decision: Any) -> Any:
+    return "undecided" if decision == "fail" else decision
+
 
 _WAYS = ("leak", "bridge")
 _ALONG = (
@@ -320,3 +387,9 @@ def _value(value: Any) -> Any:
     if isinstance(value, Limit):
         return {key: v for key, v in asdict(value).items() if math.isfinite(v)}
     return None if isinstance(value, float) and math.isinf(value) else value
+
+
+def list_findings(numbers: Record) -> Sequence[Record]:
+    """Return all findings of a registration; the defects of one that wasn't judged."""
+    findings = numbers.get("findings", numbers.get("defects", ()))
+    return findings if isinstance(findings, Sequence) else ()

@@ -1,10 +1,11 @@
-"""Tolerances of a print: limits for all vessels, with overrides by vessel or kind."""
+"""Tolerances of a print, and the decision rules that they are judged by."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,52 @@ import numpy as np
 from design.network import VesselKind, VesselNetwork
 from kernels.arrays import FloatArray
 from registration.errors import RegistrationError
-from registration.measuring.judging.rule import Rule
+
+# Decision rules by name: how limits count a value's uncertainty (JCGM 106, ISO 14253-1).
+
+
+class DecisionRule(StrEnum):
+    """How a measured value with its uncertainty is held against limits."""
+
+    GUARDED = "guarded"
+    CONFORMANCE = "conformance"
+    SHARED_RISK = "shared_risk"
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A decision rule with its level.
+
+    Attributes
+    ----------
+    name : DecisionRule
+    level : float
+        Of ``conformance``: probability from which on a quantity passes; it fails from the same
+        probability of the contrary on.
+    """
+
+    name: DecisionRule = DecisionRule.GUARDED
+    level: float = 0.95
+
+    @property
+    def words(self) -> str:
+        """Say the rule in a sentence."""
+        if self.name is DecisionRule.GUARDED:
+            return (
+                "ISO 14253-1, guard bands: a pass is proven where value ± U (95 %) lies within the "
+                "limits, a fail where it lies beyond them by more than any section of a sound "
+                "vessel does in 99 of 100 vessels; else undecided."
+            )
+        if self.name is DecisionRule.SHARED_RISK:
+            return (
+                "JCGM 106, shared risk (simple acceptance): a value within its limits passes, one "
+                "beyond them fails, whatever its uncertainty."
+            )
+        return (
+            f"JCGM 106, conformance probability: a vessel passes where all of its sections lie "
+            f"within the limits with a probability of {100 * self.level:g} % or more, and fails "
+            f"where it is {100 * (1 - self.level):g} % or less; else undecided."
+        )
 
 
 class ToleranceError(RegistrationError):
@@ -52,6 +98,16 @@ class Limit:
 def symmetric(percent: float) -> Limit:
     """Return ± `percent` of the designed diameter."""
     return Limit(minus_percent=percent, plus_percent=percent)
+
+
+def _pair(minus: float, plus: float, unit: str) -> str:
+    if minus == plus:
+        return f"±{plus:g} {unit}"
+    if math.isinf(plus):
+        return f"not below \N{MINUS SIGN}{minus:g} {unit}"
+    if math.isinf(minus):
+        return f"not above +{plus:g} {unit}"
+    return f"+{plus:g}/\N{MINUS SIGN}{minus:g} {unit}"
 
 
 @dataclass(frozen=True)
@@ -180,13 +236,3 @@ def _tighter(limit: Limit, narrowest: Limit) -> Limit:
         minus_percent=min(limit.minus_percent, narrowest.minus_percent),
         minus_um=min(limit.minus_um, narrowest.minus_um),
     )
-
-
-def _pair(minus: float, plus: float, unit: str) -> str:
-    if minus == plus:
-        return f"±{plus:g} {unit}"
-    if math.isinf(plus):
-        return f"not below \N{MINUS SIGN}{minus:g} {unit}"
-    if math.isinf(minus):
-        return f"not above +{plus:g} {unit}"
-    return f"+{plus:g}/\N{MINUS SIGN}{minus:g} {unit}"

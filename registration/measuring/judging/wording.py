@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
-Record = Mapping[str, Any]
+from registration.json_ready import Record
 
 _NAMES = {
     "section": "diameter",

@@ -4,8 +4,14 @@ Goes in: a segmented scan and the design. Comes out: Betti numbers, leaks, overl
 `compare.py`.
 """
 
-from registration.measuring.topology.compare import Faults, Topology, compare_topology, graph_betti
-from registration.measuring.topology.euler import Betti, betti_numbers
+from registration.measuring.topology.compare import (
+    Betti,
+    Faults,
+    Topology,
+    betti_numbers,
+    compare_topology,
+    graph_betti,
+)
 from registration.measuring.topology.grid import LumenGrid, lay_grid, scanned_with
 from registration.measuring.topology.leaks import Leaks, LeakSearch, find_leaks
 from registration.measuring.topology.overlap import Agreement, Overlap, agreement, overlap

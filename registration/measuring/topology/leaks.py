@@ -1,19 +1,24 @@
-"""Find leaks to the outside and bridges between vessels: paths through the gel, with widths."""
+"""Find leaks and bridges: paths through the gel, their widths, shadows, swollen joints."""
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
+from scipy.special import stdtrit
 
+from design.geometry.polyline import arc_lengths
 from design.network import VesselNetwork
-from kernels.arrays import IntArray
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.alignment import Fit
 from registration.alignment.distance import ModelSurface
 from registration.measuring.gauging.changes import bordered
 from registration.measuring.gauging.defect import Defect, Doubt
-from registration.measuring.gauging.trace import VesselTrace
+from registration.measuring.gauging.sections import cut_sections
+from registration.measuring.gauging.trace import VesselTrace, across_tangents, to_scan
+from registration.measuring.topology.compare import betti_numbers, without_specks
 from registration.measuring.topology.gel_paths import (
     LEAST_MM,
     OUTSIDE,
@@ -23,13 +28,312 @@ from registration.measuring.topology.gel_paths import (
     averaged,
     designed_gel,
     find_gel_paths,
+    mid_evidence,
 )
-from registration.measuring.topology.grid import LumenGrid
-from registration.measuring.topology.path_width import outline_width, width
-from registration.measuring.topology.shadow_test import may_be_shade
-from registration.measuring.topology.swollen_joints import SwollenJoint, swelling
+from registration.measuring.topology.grid import LumenGrid, lay_grid
 from registration.segmentation import GelField
-from registration.segmentation.evidence import SIGMA_MM, GelEvidence, are_separable
+from registration.segmentation.evidence import GLARE, SIGMA_MM, GelEvidence, Glints, are_separable
+
+# Measure a leak path's width, with 95 % interval, from the gel signal missing across it.
+#
+# The area of a cut is the integral of what evidence lacks there, over what it lacks in liquid; blur
+# changes it little (`EDGE`), so that a way as narrow as the resolution is measured too.
+
+_REACH_MM = (0.16, 0.5)
+"""Discs are at least and at most so large in radius."""
+_BEYOND_MM = 0.06
+"""And reach so far beyond the way: blur and a crooked path. Not farther: below a way gel is
+brighter than beside it, by what liquid saves of the light."""
+_RING_MM = 0.15
+"""Of the gel in a ring so wide around the disc a way must stand out."""
+EDGE = 0.3
+"""Of the scan's coarsest voxel a way is wider than its evidence says. Evidence is capped at gel's
+mean (`evidence.BRIGHTEST`): of speckle of mean power p it holds p (1 - exp(-1/p)) / (1 - 1/e), more
+than p says, so that the blurred edge of a way (blur σ, about half a voxel) comes out 0.4 σ further
+in on each side."""
+RELATIVE = 0.06
+"""Standard uncertainty of a width, of itself: reflections of the way's walls, and brighter gel
+below, hide some of it. Chosen while looking at ways of both generators of the bench."""
+_ROUNDS = 4
+_STEP_MM = 0.02
+
+
+def width(
+    path: FloatArray, scene: Scene, evidence: GelEvidence, fit: Fit
+) -> tuple[float, float, FloatArray]:
+    """Return the diameter of a way, half its 95 % interval, and how far its axis lies off the path.
+
+    mm; NaN where no cut is in gel. The cheapest path through a wide way runs along a side of it:
+    cuts are laid about the middle of what gel lacks there.
+
+    Parameters
+    ----------
+    path : (n, 3) float64, mm
+        From wall to wall, part frame.
+    scene : Scene
+        Design on a grid: only what is gel by design counts.
+    evidence : GelEvidence
+    fit : Fit
+        Scan to part.
+    """
+    centre, tangent = _cuts(path)
+    radius, area, shift = 0.25, np.zeros(0), np.zeros(3)
+    for _ in range(_ROUNDS):
+        area, middle = _areas(centre + shift, tangent, radius, scene, evidence, fit)
+        known = np.isfinite(area)
+        area = area[known]
+        if not len(area):
+            return float("nan"), float("nan"), np.zeros(3)
+        half = np.sqrt(max(float(np.median(area)), 0.0) / np.pi)
+        radius = float(np.clip(half + _BEYOND_MM, *_REACH_MM))
+        shift = shift + np.median(middle[known], axis=0)
+    return *_with_interval(area, scene.grid.step_mm, float(evidence.voxel_mm.max())), shift
+
+
+def _with_interval(area: FloatArray, step: float, voxel: float) -> tuple[float, float]:
+    """Return diameter and half its 95 % interval, mm, from areas of cuts (n,), mm²."""
+    # The median: at its ends a way widens into what it joins.
+    middle = max(float(np.median(area)), np.pi * (step / 2) ** 2)
+    spread = float(np.std(area, ddof=1)) if len(area) > 2 else middle
+    bare, edge = 2 * float(np.sqrt(middle / np.pi)), EDGE * voxel
+    # d = 2 √(A/π), so that its relative error is half the area's; of a median π/2 more variance.
+    error = np.sqrt(np.pi / 2 / len(area)) * spread * bare / (2 * middle)
+    speckle = float(stdtrit(max(len(area) - 1, 1), 0.975)) * error
+    shared = 1.96 * np.hypot(RELATIVE * (bare + edge), edge / 2)
+    return bare + edge, float(np.hypot(speckle, shared))
+
+
+def outline_width(path: FloatArray, field: GelField, fit: Fit) -> tuple[float, float]:
+    """Return the same by outlines at the field's level, where voxels have no speckle; or NaN."""
+    centre, tangent = _cuts(path)
+    middle = slice(len(centre) // 7, len(centre) - len(centre) // 7)
+    reach = np.full(len(centre[middle]), 0.2)
+    sections = cut_sections(field, to_scan(centre[middle], tangent[middle], reach, fit))
+    diameters = sections.diameter[sections.closed_outline & sections.open]
+    if len(diameters) < 3:
+        return float("nan"), float("nan")
+    scatter = 1.4826 * float(np.median(np.abs(diameters - np.median(diameters))))
+    noise = float(np.median(sections.noise[sections.closed_outline & sections.open]))
+    return float(np.median(diameters)), 1.96 * float(
+        np.hypot(noise, scatter / np.sqrt(len(diameters)))
+    )
+
+
+def _cuts(path: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Places along a smoothed path and its direction there: 0.1 mm apart, in a short one 0.05."""
+    along = arc_lengths(path)
+    count = max(min(6, int(along[-1] / 0.05)), int(along[-1] / 0.1) + 1, 2)
+    even = np.linspace(along[0], along[-1], count)
+    # A voxel path zigzags: a parabola through all of it doesn't.
+    order = min(2, len(path) - 1)
+    fits = [np.polynomial.Polynomial.fit(along, path[:, k], order) for k in range(3)]
+    centre = np.stack([f(even) for f in fits], axis=1)
+    tangent = np.stack([f.deriv()(even) for f in fits], axis=1)
+    return centre, tangent / np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
+
+
+def _areas(
+    centre: FloatArray,
+    tangent: FloatArray,
+    radius: float,
+    scene: Scene,
+    evidence: GelEvidence,
+    fit: Fit,
+) -> tuple[FloatArray, FloatArray]:
+    """Area free of gel in discs across a way, (n,), mm², and its middle from theirs, (n, 3), mm.
+
+    NaN where less than half is gel.
+    """
+    reach = radius + _RING_MM
+    side = np.arange(-reach, reach + _STEP_MM / 2, _STEP_MM)
+    flat = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    flat = flat[(flat**2).sum(axis=1) <= reach**2]
+    disc = (flat**2).sum(axis=1) <= radius**2
+    first, second = across_tangents(tangent).swapaxes(0, 1)
+    places = centre[:, None] + flat[:, :1] * first[:, None] + flat[:, 1:] * second[:, None]
+    share = evidence.fine_at(fit.invert(places.reshape(-1, 3))).reshape(places.shape[:2])
+    grid = scene.grid
+    index = np.round((places - grid.origin_mm) / grid.step_mm).astype(np.int64)[..., ::-1]
+    index = np.clip(index, 0, np.array(grid.free.shape) - 1)
+    counts = scene.gel[tuple(np.moveaxis(index, -1, 0))] & np.isfinite(share)
+    known = np.where(counts, share, np.nan)
+    with np.errstate(invalid="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        gel = float(np.nanmean(known[:, ~disc]))
+    lacking = (gel - known[:, disc]) / max(gel - scene.liquid, 0.1)
+    inside = counts[:, disc].mean(axis=1)
+    area = np.nansum(lacking, axis=1) * _STEP_MM**2
+    weight = np.nan_to_num(lacking)
+    total = np.maximum(weight.sum(axis=1), 1e-9)
+    u, v = (weight @ flat[disc] / total[:, None]).T
+    reached = np.clip(np.stack([u, v], axis=1), -radius, radius)
+    middle = reached[:, :1] * first + reached[:, 1:] * second
+    return np.where((inside >= 0.5) & np.isfinite(gel), area, np.nan), middle
+
+
+# Test for leak paths that may be only the shadow of a bubble or particle in OCT.
+#
+# Air in water sends back some thirty decibels more than gel's walls do (Fresnel: 2 % at an index of
+# 1 against 1.33, 0.001 % at 1.34 against 1.33), and little light passes it. Gel below it looks like
+# liquid down to the end of the A-scan, and no value there can tell. So a way is held again against
+# its limit with all that is shaded taken for gel.
+
+
+def may_be_shade(
+    way: LeakPath, width_mm: float, scene: Scene, glints: Glints, surface: ModelSurface, fit: Fit
+) -> bool:
+    """Return whether a way is none once what lies in the shade of a glint is taken for gel.
+
+    Parameters
+    ----------
+    way : LeakPath
+    width_mm : float, mm
+        Of the way: a shadow is as wide as what throws it, and a glint lies anywhere on that.
+    scene : Scene
+    glints : Glints
+    surface : ModelSurface
+        Its walls send light back too: a glint near one counts only where it outshines the walls
+        of this part `GLARE` times.
+    fit : Fit
+        Scan to part.
+    """
+    reach = width_mm / 2 + SIGMA_MM
+    path = fit.invert(way.path)
+    low, high = path[:, :2].min(axis=0) - reach, path[:, :2].max(axis=0) + reach
+    around = ((glints.place[:, :2] > low) & (glints.place[:, :2] < high)).all(axis=1)
+    place, share = glints.place[around], glints.share[around]
+    away = np.abs(surface.query(fit.apply(place)).distance) if len(place) else np.empty(0)
+    counts = (away > scene.clear_mm) | (share > GLARE * glints.usual)
+    shaded = _below(path, place[counts], reach, glints.down)
+    if not shaded.any():
+        return False
+    grid = scene.grid
+    index = np.round((way.path - grid.origin_mm) / grid.step_mm).astype(np.int64)[:, ::-1]
+    index = np.clip(index, 0, np.array(scene.mean.shape) - 1)
+    mean = np.nan_to_num(scene.mean[tuple(index.T)].astype(np.float64), nan=1.0)
+    return bool(np.where(shaded, 1.0, mean).mean() >= mid_evidence(scene.liquid))
+
+
+def _below(path: FloatArray, glints: FloatArray, reach: float, down: int) -> BoolArray:
+    """Return which places (n, 3) of a path lie below a glint (m, 3) within `reach`; mm, (n,).
+
+    Nearer than twice that it may be the way's own ceiling, which faces the light.
+    """
+    apart = np.linalg.norm(path[:, None, :2] - glints[None, :, :2], axis=2)
+    above = down * (path[:, None, 2] - glints[None, :, 2]) > 2 * reach
+    return np.asarray(((apart <= reach) & above).any(axis=1))
+
+
+# Distinguish a junction printed too wide at its fork from a bridge between the vessels.
+#
+# Two vessels that meet at a node are one lumen there. Liquid between them is a bridge only where it
+# goes round gel; where it doesn't, the joint itself reaches farther out than designed, as
+# overlapping beads make it. Which of the two it is the Betti number of loops says.
+
+_ROUND = 1.25
+"""Loops are looked for in a ball about the node, so much larger than the way's farthest place."""
+_NEAR_MM = 0.3
+"""What is free so near to the way belongs to it."""
+_RESOLVED = 1.5
+"""Voxels of the scan from liquid that a place on a way may lie: gel between would be seen."""
+_SPECK = 8
+"""Voxels; fewer that hang together are noise."""
+
+
+@dataclass(frozen=True)
+class SwollenJoint:
+    """A joint that reaches into designed gel.
+
+    Attributes
+    ----------
+    node : int
+        In the network.
+    out_mm : float, mm
+        How far it reaches beyond the designed wall, seen from the node.
+    tip_mm : (3,) float64, mm
+        Where it reaches farthest, part frame.
+    """
+
+    node: int
+    out_mm: float
+    tip_mm: FloatArray
+
+
+def swelling(
+    way: LeakPath, network: VesselNetwork, field: GelField, fit: Fit, clear_mm: float
+) -> SwollenJoint | None:
+    """Return the swelling of a joint that a way is part of.
+
+    None where the way goes round gel, and where the scan doesn't resolve it as liquid.
+
+    Parameters
+    ----------
+    way : LeakPath
+    network : VesselNetwork
+        The design.
+    field : GelField
+        The scan's gel.
+    fit : Fit
+        Scan to part.
+    clear_mm : float, mm
+        What is free nearer to a designed wall is no swelling.
+    """
+    first, second = way.ends
+    if second == OUTSIDE:
+        return None
+    for node in np.intersect1d(network.vessel_nodes[first], network.vessel_nodes[second]):
+        middle = network.nodes[node]
+        reach = _ROUND * float(np.linalg.norm(way.path - middle, axis=1).max())
+        voxel = float(field.voxel_mm.max())
+        bounds = np.stack([middle - reach, middle + reach])
+        # Finer than the whole part's grid, whose voxels may be as wide as a way.
+        grid = lay_grid(network, field, fit, bounds, float(field.voxel_mm.min()) / 2, reach)
+        joint = _about(int(node), middle, way.path, grid, (clear_mm, voxel, reach))
+        if joint is not None:
+            return joint
+    return None
+
+
+def _about(
+    node: int,
+    middle: FloatArray,
+    path: FloatArray,
+    grid: LumenGrid,
+    sizes: tuple[float, float, float],
+) -> SwollenJoint | None:
+    """Swelling about a node at `middle`; `sizes`: wall's rim, scan's voxel, ball's radius, mm."""
+    clear, voxel, ball = sizes
+    places = grid.places(np.argwhere(np.ones(grid.free.shape, dtype=np.bool_)))
+    away = np.linalg.norm(places - middle, axis=1).reshape(grid.free.shape)
+    lumen = (grid.wall_mm <= 0) | (grid.free & grid.known)
+    lumen = _connected(without_specks(lumen, _SPECK) & (away <= ball), away)
+    open_ = places[lumen.ravel()]
+    apart = np.array([np.linalg.norm(open_ - place, axis=1).min() for place in path])
+    if apart.max() > _RESOLVED * voxel or betti_numbers(lumen).loops:
+        return None
+    free = places[(lumen & (grid.wall_mm > clear)).ravel()]
+    near = np.array([np.linalg.norm(path - p, axis=1).min() <= _NEAR_MM for p in free], dtype=bool)
+    # Where nothing is free so far from the walls, the way itself is all there is of it.
+    return _farthest(node, middle, free[near] if near.any() else path, grid)
+
+
+def _connected(lumen: BoolArray, away: FloatArray) -> BoolArray:
+    """What hangs together with the place nearest to the node."""
+    label, _ = ndimage.label(lumen)
+    return np.asarray(lumen & (label == label.ravel()[int(np.argmin(away))]))
+
+
+def _farthest(node: int, middle: FloatArray, swollen: FloatArray, grid: LumenGrid) -> SwollenJoint:
+    """Find the place of (n, 3), mm, before which the most designed gel lies, from the node."""
+    reach = np.linalg.norm(swollen - middle, axis=1)
+    share = np.linspace(0.0, 1.0, int(np.ceil(2 * reach.max() / grid.step_mm)) + 1)
+    places = middle + share[:, None, None] * (swollen - middle)
+    index = np.round((places - grid.origin_mm) / grid.step_mm).astype(np.int64)[..., ::-1]
+    gel = grid.wall_mm[tuple(np.moveaxis(index, -1, 0))] > 0
+    out = gel.mean(axis=0) * reach
+    worst = int(np.argmax(out))
+    return SwollenJoint(node, float(out[worst]), swollen[worst])
+
 
 THINNEST_MM = LEAST_MM / 3
 """No way is thinner, nor a faint one by the lower end of its interval."""

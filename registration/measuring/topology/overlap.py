@@ -10,7 +10,7 @@ import numpy as np
 from design.network import VesselNetwork
 from registration.alignment import Fit
 from registration.alignment.distance import ModelSurface
-from registration.measuring.gauging.near_lumen import near_lumen
+from registration.measuring.gauging.deviation import near_lumen
 from registration.measuring.topology.grid import LumenGrid
 from registration.segmentation import Segmentation
 

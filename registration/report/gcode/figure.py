@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import Normalize, to_rgba
@@ -17,17 +15,23 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
-from PIL import Image
 
 from kernels.arrays import FloatArray, IntArray
 from registration.gcode_job import Act, GcodeJob
-from registration.report.drawing import blank, styled, to_svg
+from registration.report.drawing import (
+    VECTOR_PIECES,
+    aspect,
+    blank,
+    set_limits,
+    styled,
+    to_png,
+    to_svg,
+)
 from registration.report.gcode.bands import band_outlines
 from registration.report.gcode.colouring import PLAIN, Colouring
 from registration.report.gcode.outline_pack import SCALE_UM
 from registration.report.gcode.part_outline import DesignOutline
 from registration.report.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
-from registration.report.scaled_lines import VECTOR_PIECES, aspect, set_limits
 from registration.report.svg import MUTED
 from registration.report.wording import number
 
@@ -76,7 +80,7 @@ def draw_layer(
     with styled():
         drawn = _figure(job, layer, colouring, _WIDTH_IN, _title, dpi, outline)
         drawn.set_facecolor("white")
-        return _png(drawn, dpi, palette)
+        return to_png(drawn, dpi, palette)
 
 
 def layer_figure(
@@ -245,14 +249,3 @@ def _explain(
         bar.set_label(colouring.name + (unit or ", first to last"))
         bar.outline.set_visible(False)
     return []
-
-
-def _png(figure: Figure, dpi: float, palette: bool) -> bytes:
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    drawn = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-    if palette:
-        drawn = drawn.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    stream = io.BytesIO()
-    drawn.save(stream, format="png", optimize=True, dpi=(dpi, dpi))
-    return stream.getvalue()

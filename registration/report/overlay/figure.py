@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -10,22 +9,17 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
-from PIL import Image
 
 from registration.overlay.cut import ScanCut
-from registration.overlay.lines import LayerLines
-from registration.overlay.measure import LayerNumbers
-from registration.overlay.patches import PixelPatch
-from registration.overlay.raster import Raster
-from registration.overlay.status import LayerStatus
-from registration.report.drawing import styled
+from registration.overlay.measure import LayerNumbers, LayerStatus
+from registration.overlay.raster import LayerLines, PixelPatch, Raster
+from registration.report.drawing import styled, to_png
 from registration.report.gcode.bands import band_outlines
 from registration.report.svg import INK, MUTED
 from registration.report.wording import number
@@ -78,7 +72,7 @@ class PictureOf:
 def draw_overlay(what: PictureOf) -> bytes:
     """Draw a layer from above, y upwards, in mm of the part; a PNG of at most 256 colours."""
     with styled():
-        return _png(_figure(what))
+        return to_png(_figure(what), _DPI, palette=True)
 
 
 def _figure(what: PictureOf) -> Figure:
@@ -226,13 +220,3 @@ def _handles() -> list[Artist]:
         patch(BLOB, "blob: free, but gel"),
         Line2D([], [], color=INK, marker="o", mfc="none", ls="", ms=7, label="largest of its kind"),
     ]
-
-
-def _png(figure: Figure) -> bytes:
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    drawn = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-    small = drawn.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    stream = io.BytesIO()
-    small.save(stream, format="png", optimize=True, dpi=(_DPI, _DPI))
-    return stream.getvalue()

@@ -11,16 +11,21 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from registration.report.picture.camera import DIRECTIONS, Camera, View, fitted_camera
-    from registration.report.picture.compose import PictureOptions, draw_picture
-    from registration.report.picture.frames import DrivingWave, FilmScene
-    from registration.report.picture.known_quantities import (
+    from registration.report.picture.compose import (
+        DrivingWave,
+        FilmScene,
+        PictureOptions,
+        draw_picture,
+    )
+    from registration.report.picture.quantity import (
         FLOW,
         GAUGED,
         Colour,
+        Quantity,
         VesselQuantities,
+        magnitude,
         quantities,
     )
-    from registration.report.picture.quantity import Quantity, magnitude
 
 __all__ = [
     "DIRECTIONS",

@@ -14,11 +14,10 @@ from PIL import Image
 
 from kernels.arrays import FloatArray, IntArray
 from registration.gcode_job import Act
-from registration.report.drawing import blank, styled
+from registration.report.drawing import aspect, blank, draw_scaled_lines, set_limits, styled
 from registration.report.picture.colours import SEQUENTIAL
 from registration.report.play.playback import Playback, PlayRows
 from registration.report.play.serialise import NOT_HELD, OFF, colourings
-from registration.report.scaled_lines import aspect, draw_scaled_lines, set_limits
 
 _WIDTH_IN: Final = 6.0
 _DPI: Final = 130

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from design.geometry.surface import Surface
 from kernels.arrays import FloatArray
-from registration.overlay.sampling import Shades
+from registration.overlay.cut import Shades
 from registration.report.views.mesh_cut import cut_mesh, lines_within
 from registration.scan import Scan
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray
-from registration.overlay.sampling import Shades, trilinear
+from registration.overlay.cut import Shades, trilinear
 from registration.scan import Scan
 
 if TYPE_CHECKING:

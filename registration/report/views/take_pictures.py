@@ -11,7 +11,7 @@ import numpy as np
 from design.geometry.surface import Surface
 from kernels.arrays import FloatArray
 from registration.measuring.judging import list_findings
-from registration.overlay.sampling import Shades
+from registration.overlay.cut import Shades
 from registration.report.views.findings import Contours, FindingView, half_window, panel
 from registration.report.views.stack import SectionStack, section_stack
 from registration.scan import Scan

@@ -17,8 +17,9 @@ from firmware_profiles import Printer, load
 from printctl.calibration.patterns import Pattern, PatternSetUp, WrittenPattern, read_pattern
 from printctl.cli.main import app
 from printctl.errors import UsageError
-from registration.devices.camera_frame import read_frame, write_frame, write_insert
+from registration.devices.camera_frame import read_frame, write_insert
 from registration.devices.lens import write_lens
+from registration.devices.lens.lens import write_model
 from registration.errors import PictureError
 from sim.gcode.dry_run.run import dry_run
 from tests.registration.devices.camera_frame import scene
@@ -116,7 +117,7 @@ def _parts(path: Path) -> tuple[Pattern, PatternSetUp]:
 def test_a_tip_that_isnt_there_is_not_found(tmp_path: Path) -> None:
     seen, frame = tmp_path / "s.png", tmp_path / "f.yaml"
     assert cv2.imwrite(str(seen), scene.picture())
-    write_frame(frame, scene.frame())
+    write_model(frame, scene.frame())
     words = ("tip", seen, "--frame", frame, "--needle", "18g", "--reach-mm", "1")
     with pytest.raises(PictureError, match="tip is not found in any picture"):
         observe(*words, "--at", "100,90,12")

@@ -10,13 +10,11 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from printctl.observe.devices import DeviceError, DeviceSettings, acquire, picture_of
-from printctl.observe.devices.files import files_in
-from printctl.observe.profiler import try_laser_frame
+from printctl.observe import devices
+from printctl.observe.devices import DeviceError, DeviceSettings, files_in, picture_of
 from printctl.observe.records import emptied_look_folder
-from printctl.observe.views import open_view
-from registration.devices.camera_frame import write_frame
-from registration.devices.laser_sweep import write_laser
+from printctl.observe.views import open_view, try_laser_frame
+from registration.devices.lens.lens import write_model
 from registration.errors import PictureError
 from registration.inspection import ExpectedLines
 from tests.printctl.cli.test_observe import observe
@@ -37,7 +35,7 @@ def lines_on_blocks() -> ExpectedLines:
 
 def test_pictures_of_a_look_become_heights_of_its_layer(tmp_path: Path) -> None:
     file = tmp_path / "laser.yaml"
-    write_laser(file, sweeps.fitted(tmp_path / "flat").laser)
+    write_model(file, sweeps.fitted(tmp_path / "flat").laser)
     try_laser_frame(file)
     order = cast(Any, SimpleNamespace(oct=False, laser=True, frame=str(file)))
     look = sweeps.written(sweeps.over_blocks(), tmp_path / "picture")
@@ -59,7 +57,7 @@ def test_pictures_of_a_look_become_heights_of_its_layer(tmp_path: Path) -> None:
 
 
 def test_the_command_fits_a_laser(tmp_path: Path) -> None:
-    write_frame(tmp_path / "frame.yaml", scene.frame())
+    write_model(tmp_path / "frame.yaml", scene.frame())
     flat = sweeps.written(sweeps.flat(), tmp_path / "flat")
     out = tmp_path / "laser.yaml"
     done = observe("sweep", flat, "--frame", tmp_path / "frame.yaml", "--floor-z", "1", "-o", out)
@@ -82,8 +80,8 @@ def test_a_new_folder_of_pictures_is_kept_with_the_look(
         (source / "new" / "0.png").write_bytes(b"new")
         return listed
 
-    monkeypatch.setattr(sys.modules[acquire.__module__], "files_in", listed_then_written)
-    found = acquire(DeviceSettings("folder", str(source), tables=True), look / "picture")
+    monkeypatch.setattr(sys.modules[devices.__module__], "files_in", listed_then_written)
+    found = devices(DeviceSettings("folder", str(source), tables=True), look / "picture")
     assert found == look / "picture"
     assert (found / "0.png").read_bytes() == b"new"
     assert picture_of(look, "picture") == found
@@ -92,5 +90,5 @@ def test_a_new_folder_of_pictures_is_kept_with_the_look(
 
 def test_a_command_may_write_a_folder(tmp_path: Path) -> None:
     words = f'{sys.executable} -c \'import os; os.mkdir(r"{{out}}"); open(r"{{out}}/0.png", "w")\''
-    found = acquire(DeviceSettings("command", words, tables=True), tmp_path / "picture")
+    found = devices(DeviceSettings("command", words, tables=True), tmp_path / "picture")
     assert [one.name for one in found.iterdir()] == ["0.png"]

@@ -14,7 +14,7 @@ from typing import Final
 from printctl.machine.link.client import attach
 from printctl.machine.link.errors import LinkError
 from printctl.machine.link.states import ENDED
-from printctl.pipeline.names import TOOLPATH_NAMES, names_until
+from printctl.pipeline.run_options import TOOLPATH_NAMES, names_until
 from printctl.run_folder.manifest import MANIFEST
 from printctl.web.design.recipes import Recipes
 from printctl.web.design.run_processes.detached import DetachedProcesses

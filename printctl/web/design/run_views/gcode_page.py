@@ -7,7 +7,7 @@ from pathlib import Path
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.checks.gcode_view import Pushing, read_job, read_line_map
 from printctl.errors import UsageError
-from printctl.pipeline.outlines import run_outlines
+from printctl.pipeline.written_layers import run_outlines
 from printctl.run_folder.artefacts import GCODE
 from printctl.run_folder.manifest import Manifest
 from registration.report.gcode import GcodePage, write_gcode_html

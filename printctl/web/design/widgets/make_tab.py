@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from printctl.pipeline.names import TOOLPATH_NAMES
+from printctl.pipeline.run_options import TOOLPATH_NAMES
 from printctl.web.design.run_processes import RunProgress
 from printctl.web.design.run_processes.runs import LAST_STAGE
 from printctl.web.design.service import DesignService

@@ -25,10 +25,10 @@ from registration.devices.camera_frame import (
     find_marks,
     fit_frame,
     read_frame,
-    write_frame,
 )
+from registration.devices.camera_frame.frame import project
 from registration.devices.camera_frame.insert import Process
-from registration.devices.camera_frame.projection import project
+from registration.devices.lens.lens import write_model
 from registration.errors import PictureError
 from tests.registration.devices.camera_frame import scene
 from tests.slower import first_rows
@@ -115,7 +115,7 @@ def test_touches_that_dont_fit_are_refused() -> None:
 
 def test_the_file_comes_back_and_a_wrong_one_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "frame.yaml"
-    write_frame(path, scene.frame())
+    write_model(path, scene.frame())
     assert read_frame(path) == scene.frame()
     path.write_text(path.read_text().replace("tied: touched", "tied: guessed"))
     with pytest.raises(PictureError, match=r"frame .*: tied: .*printctl observe frame"):

@@ -17,11 +17,10 @@ from registration.devices.laser_sweep import (
     read_laser,
     sweep_heights,
     trace,
-    write_laser,
 )
-from registration.devices.laser_sweep.middles import line_middles
 from registration.devices.laser_sweep.pictures import sweep_pictures
-from registration.devices.laser_sweep.straight import straight_line
+from registration.devices.laser_sweep.profiles import line_middles, straight_line
+from registration.devices.lens.lens import write_model
 from registration.errors import PictureError
 from tests.registration.devices.camera_frame import scene
 from tests.registration.devices.laser_sweep import sweeps
@@ -32,7 +31,7 @@ NOW = datetime(2026, 11, 27, tzinfo=UTC)
 @pytest.mark.parametrize("kind", ["turns", "moves"])
 def test_blocks_have_their_height_whatever_way_the_laser_sweeps(kind: str, tmp_path: Path) -> None:
     found = sweeps.fitted(tmp_path / "flat", kind)
-    write_laser(tmp_path / "laser.yaml", found.laser)
+    write_model(tmp_path / "laser.yaml", found.laser)
     laser = read_laser(tmp_path / "laser.yaml")
     assert laser == found.laser
     assert found.pictures >= 20

@@ -1,0 +1,373 @@
+"""Print set-up data: mounted printer, needle, syringe, ink, dish, bath; and check results.
+
+The checks themselves, which look at G-code, are in `printctl.checks.preflight`.
+
+Goes in: names of profiles. Comes out: a `SetUp`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Final, Literal
+
+from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load
+from firmware_profiles.tools import THINNEST_BORE
+from printctl.errors import SafetyError, UsageError
+
+# Record of a preflight check (limit, value, passed); raise an exception for failed ones.
+
+
+@dataclass(frozen=True)
+class Check:
+    """A question asked of the G-code or the set-up, and its answer.
+
+    Attributes
+    ----------
+    check : str
+        What was looked at.
+    value, limit : float
+        What was found and what is allowed, in `unit`.
+    unit : str
+        Of both.
+    passed : bool
+        Whether the print may go on.
+    place : str
+        Line of the G-code or key of the profile; empty when it has none.
+    remedy : str
+        What to do when it didn't pass.
+    weight : "refuses" or "warns"
+        Whether a print may go on that didn't pass: ``warns`` where no machine can know, or where
+        the number it rests on was never measured.
+    """
+
+    check: str
+    value: float
+    limit: float
+    unit: str
+    passed: bool
+    place: str = ""
+    remedy: str = ""
+    weight: Literal["refuses", "warns"] = "refuses"
+
+    @property
+    def refuses(self) -> bool:
+        """Whether no print may begin."""
+        return not self.passed and self.weight == "refuses"
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return asdict(self)
+
+    def sentence(self) -> str:
+        """For the user, when it didn't pass."""
+        where = f" ({self.place})" if self.place else ""
+        if self.value == self.limit == 0:  # asked of a person; there is nothing to compare
+            return f"{self.check}{where}: {self.remedy}"
+        value = f"{self.value:g} {self.unit}".rstrip()
+        return f"{self.check}: {value}, limit {self.limit:g}{where}; {self.remedy}"
+
+    def row(self) -> str:
+        """One line of a table for people."""
+        mark = "ok  " if self.passed else "FAIL" if self.refuses else "WARN"
+        return f"{mark} {self.check:<52} {self.value:10.4g} {self.unit:<6} limit {self.limit:g}"
+
+
+def warnings(checks: list[Check]) -> list[str]:
+    """What a person must know before the print begins."""
+    return [check.sentence() for check in checks if not check.passed and not check.refuses]
+
+
+def placed_failures(checks: list[Check]) -> tuple[tuple[int, str], ...]:
+    """Line of the G-code (0 for none) and sentence of each check that didn't pass."""
+    failed = [check for check in checks if not check.passed]
+    lines = [re.search(r"\bline (\d+)", check.place) for check in failed]
+    return tuple(
+        (int(line[1]) if line else 0, check.sentence())
+        for line, check in zip(lines, failed, strict=True)
+    )
+
+
+def refusal_of(checks: list[Check]) -> SafetyError | None:
+    """Return the error that names every check that didn't pass; None where all did."""
+    failed = [check.sentence() for check in checks if check.refuses]
+    if not failed:
+        return None
+    return SafetyError("\n".join(["refused before the first byte was sent:", *failed]))
+
+
+def refuse_failed(checks: list[Check]) -> None:
+    """Raise `SafetyError` naming every check that didn't pass."""
+    if (refusal := refusal_of(checks)) is not None:
+        raise refusal
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Time limit of the cells.
+
+    Attributes
+    ----------
+    minutes : float, min
+    source : str
+        Where the number comes from.
+    key : str
+        Where it was said.
+    refuses : bool
+        Whether a longer print is refused: where the user said it for this print, or the ink was
+        measured.
+    """
+
+    minutes: float
+    source: str
+    key: str
+    refuses: bool
+
+
+def budget_of(ink: Ink, minutes: float | None = None, source: str | None = None) -> Budget | None:
+    """The recipe's budget where it says one, else the ink's; None where nobody knows."""
+    if minutes is not None and source is not None:
+        return Budget(minutes, source, "printer.care.viability_min", True)
+    if ink.viability_min is None or ink.viability_source is None:
+        return None
+    key = f"{ink.name}: viability_min"
+    return Budget(ink.viability_min, ink.viability_source, key, ink.calibrated)
+
+
+# Dish at its position on the printer; distance of needle and hub to its wall in one move.
+
+Point = tuple[float, float, float]
+WALL_CLEARANCE_MM: Final = 1.0
+"""Kept between needle and wall: a touch-off by eye is no better."""
+ABOVE_WALL_MM: Final = 2.0
+"""Between the dish's wall and the tips that cross it."""
+HUB_MM: Final = 12.0
+"""Taken for a hub that nobody measured: a Luer lock's outside, and some."""
+
+
+@dataclass(frozen=True)
+class PlacedDish:
+    """Dish at its position on the printer.
+
+    Attributes
+    ----------
+    dish : Dish
+    centre_mm : (x, y), mm
+        Printer's frame.
+    floor_mm : float, mm
+        Height of its floor, printer's frame.
+    bath_mm : float or None, mm
+        Depth of the bath; None where nobody said it.
+    bath_key : str
+        Where that is said, for messages.
+    """
+
+    dish: Dish
+    centre_mm: tuple[float, float]
+    floor_mm: float
+    bath_mm: float | None = None
+    bath_key: str = "printer.bath_depth_mm"
+
+    @property
+    def area_mm2(self) -> float:
+        """Of the bath's surface, mm²."""
+        box = self.dish.inner_x_mm * self.dish.inner_y_mm
+        return math.pi / 4 * box if self.dish.shape == "round" else box
+
+    def risen_mm(self, needle: Needle, deepest_mm: float, ink_ul: float) -> float:
+        """Depth of the bath when ink and needle are in it, mm; of one that nobody said, 0.
+
+        Parameters
+        ----------
+        needle : Needle
+        deepest_mm : float, mm
+            How far it dips in.
+        ink_ul : float, µL
+        """
+        if self.bath_mm is None:
+            return 0.0
+        dipped_ul = math.pi / 4 * needle.outer_mm**2 * max(deepest_mm, 0.0)
+        return self.bath_mm + (max(ink_ul, 0.0) + dipped_ul) / self.area_mm2
+
+
+def wall_gap_of(ends: Sequence[Point], standing: PlacedDish, outer_mm: float) -> float:
+    """Return the distance of a needle to the wall in one straight move, mm; above it infinite.
+
+    As `printctl.checks.preflight.dish.wall_gap` of many moves, without NumPy, which a
+    station's and a link's process don't load.
+
+    Parameters
+    ----------
+    ends : two (x, y, z), mm
+        Before and after, printer's frame.
+    standing : PlacedDish
+    outer_mm : float, mm
+        The needle's.
+    """
+    dish = standing.dish
+    if min(z for _, _, z in ends) >= standing.floor_mm + dish.wall_mm:
+        return math.inf
+    aside = [(abs(x - standing.centre_mm[0]), abs(y - standing.centre_mm[1])) for x, y, _ in ends]
+    if dish.shape == "round":
+        gap = min(dish.inner_x_mm / 2 - math.hypot(x, y) for x, y in aside)
+    else:
+        gap = min(min(dish.inner_x_mm / 2 - x, dish.inner_y_mm / 2 - y) for x, y in aside)
+    return gap - outer_mm / 2
+
+
+def hub_gap_of(ends: Sequence[Point], standing: PlacedDish, needle: Needle) -> float:
+    """Return the distance of the needle's hub to the wall in one move, as `wall_gap_of`."""
+    hubs = [(x, y, z + needle.length_mm) for x, y, z in ends]
+    return wall_gap_of(hubs, standing, needle.hub_outer_mm or HUB_MM)
+
+
+# Data types of a print's set-up: printer, needle, syringe, ink, dish, bath; heads' contents.
+
+
+@dataclass(frozen=True)
+class HeadLoading:
+    """Syringe, ink and needle of a head; None for an unknown needle."""
+
+    syringe: Syringe
+    ink: Ink
+    needle: Needle | None
+
+
+@dataclass(frozen=True)
+class SetUp:
+    """Mounted parts and filled syringes of a print.
+
+    Attributes
+    ----------
+    printer : Printer
+    syringe : Syringe
+    ink : Ink
+    needle, bath : Needle, Bath or None
+        None where nobody said it.
+    standing : PlacedDish or None
+        The dish, where it stands and how high it is filled.
+    heads : tuple of HeadLoading
+        What each of several heads holds; syringe, ink and needle are then the first one's.
+    thinnest_bore : float
+        Narrowest line allowed, as a part of the needle's bore.
+    """
+
+    printer: Printer
+    syringe: Syringe
+    ink: Ink
+    needle: Needle | None = None
+    bath: Bath | None = None
+    standing: PlacedDish | None = None
+    heads: tuple[HeadLoading, ...] = ()
+    thinnest_bore: float = THINNEST_BORE
+
+    def load_of(self, number: int) -> HeadLoading:
+        """What a head holds; the same in each where nobody said it of each."""
+        if number < len(self.heads):
+            return self.heads[number]
+        return HeadLoading(self.syringe, self.ink, self.needle)
+
+
+# Load a print set-up (printer, needle, ink, dish, bath) from the names of its profiles.
+
+
+@dataclass(frozen=True)
+class ProfileNames:
+    """Names of what is mounted; None for what wasn't given.
+
+    Attributes
+    ----------
+    needle, bath, dish : str or None
+        Profiles.
+    dish_centre : str or None
+        Two numbers, mm.
+    bath_depth : float or None, mm
+    thinnest_bore : float
+        As of `SetUp`.
+    """
+
+    needle: str | None
+    bath: str | None
+    dish: str | None
+    dish_centre: str | None
+    bath_depth: float | None
+    thinnest_bore: float = THINNEST_BORE
+
+
+def set_up(
+    printer: Printer,
+    syringe: str,
+    ink: str,
+    tip: tuple[float, float, float],
+    mounted: ProfileNames,
+) -> SetUp:
+    """Set-up of named profiles; of several heads syringe, ink and needle may be one for each.
+
+    Raises
+    ------
+    UsageError, ProfileError
+        For a centre that isn't two numbers; for a profile that there isn't.
+    """
+    bath, dish = mounted.bath, mounted.dish
+    standing = None
+    if dish is not None:
+        centre = read_dish_centre(mounted.dish_centre) if mounted.dish_centre else tip[:2]
+        standing = PlacedDish(load(Dish, dish), centre, printer.z_mm.low, mounted.bath_depth)
+    elif mounted.dish_centre is not None or mounted.bath_depth is not None:
+        raise UsageError("--dish-centre and --bath-depth belong to a dish; give --dish")
+    loads = loads_of(printer, syringe, ink, mounted.needle)
+    return SetUp(
+        printer,
+        loads[0].syringe,
+        loads[0].ink,
+        loads[0].needle,
+        None if bath is None else load(Bath, bath),
+        standing,
+        loads if printer.heads else (),
+        mounted.thinnest_bore,
+    )
+
+
+def of_each(printer: Printer, text: str, option: str) -> list[str]:
+    """Names of one thing in each head: ``left,right``, or one for all.
+
+    Raises
+    ------
+    UsageError
+        For another number of names than there are heads.
+    """
+    names = text.split(",")
+    if len(names) not in (1, printer.head_count):
+        raise UsageError(
+            f"{option} {text!r} names {len(names)}, and {printer.name} has {printer.head_count} "
+            "heads; name one of each, with a comma between, or one for all"
+        )
+    return names * (printer.head_count // len(names))
+
+
+def syringes_of(printer: Printer, syringe: str) -> list[Syringe]:
+    """The syringe in each head."""
+    return [load(Syringe, name) for name in of_each(printer, syringe, "--syringe")]
+
+
+def loads_of(
+    printer: Printer, syringe: str, ink: str, needle: str | None
+) -> tuple[HeadLoading, ...]:
+    """What each head holds."""
+    inks = [load(Ink, name) for name in of_each(printer, ink, "--ink")]
+    needles: list[Needle | None] = [None] * printer.head_count
+    if needle is not None:
+        needles = [load(Needle, name) for name in of_each(printer, needle, "--needle")]
+    parts = zip(syringes_of(printer, syringe), inks, needles, strict=True)
+    return tuple(HeadLoading(*part) for part in parts)
+
+
+def read_dish_centre(text: str) -> tuple[float, float]:
+    """Read the option --dish-centre, X,Y in mm."""
+    try:
+        x, y = (float(word) for word in text.split(","))
+    except ValueError as exc:
+        raise UsageError(f"--dish-centre {text!r} isn't X,Y in mm; write it like 100,100") from exc
+    return x, y

@@ -1,0 +1,396 @@
+"""Acquire a picture or volume from a camera, folder, command or simulated printer.
+
+`python -m printctl.observe.devices SETTINGS OUT` acquires one picture and prints its path; what a
+folder held before is read from standard input. It ends with the process that started it, and so
+does the device's own program.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from printctl.errors import PrintctlError
+
+# Data class of a camera's or scanner's settings: kind, source, size, time limit; as JSON.
+
+PICTURES: Final = 0.8
+"""Share of a look's time limit in which its pictures are taken: the rest is judgement's."""
+Kind = Literal["camera", "folder", "command", "simulated"]
+
+
+@dataclass(frozen=True)
+class DeviceSettings:
+    """What is needed to acquire one picture or volume.
+
+    Attributes
+    ----------
+    kind : "camera", "folder", "command" or "simulated"
+    source : str
+        Of a camera its number or address; of a folder its path; of a command its words.
+    size_px : tuple of int or None
+        Width and height asked of a camera; None for its own.
+    limit_s : float, s
+        After which it counts as hung.
+    extra : dict
+        What one kind alone needs: of ``simulated`` the ``record``, ``faults`` and ``camera`` files.
+    tables : bool
+        Whether its files may be tables of numbers (`.csv`, `.txt`), as a laser profiler's, or
+        folders of pictures, as a laser line's with a camera.
+    """
+
+    kind: Kind
+    source: str = ""
+    size_px: tuple[int, int] | None = None
+    limit_s: float = 20.0
+    extra: dict[str, Any] = field(default_factory=dict)
+    tables: bool = False
+
+    def to_json(self) -> str:
+        """As JSON text."""
+        return json.dumps(asdict(self))
+
+    @staticmethod
+    def from_json(text: str) -> DeviceSettings:
+        """Read `to_json`."""
+        data = json.loads(text)
+        size = data["size_px"]
+        return DeviceSettings(**{**data, "size_px": tuple(size) if size else None})
+
+
+# Take a picture with a camera that the system knows (UVC, or an address), through OpenCV.
+
+_SETTLING: Final = 8
+"""First pictures are dropped: exposure and white balance settle, and buffers hold old ones."""
+
+
+def take_picture(settings: DeviceSettings, out: Path) -> Path:
+    """Take a picture and write it as PNG.
+
+    Raises
+    ------
+    ValueError
+        When the camera can't be opened, gives nothing, or another size than asked for.
+    """
+    import cv2  # only the process that takes a picture needs it
+
+    source = settings.source or "0"
+    camera = cv2.VideoCapture(int(source) if source.isdigit() else source)
+    try:
+        if not camera.isOpened():
+            raise ValueError(f"camera {source} can't be opened; is it connected, and free?")
+        if settings.size_px is not None:
+            camera.set(cv2.CAP_PROP_FRAME_WIDTH, settings.size_px[0])
+            camera.set(cv2.CAP_PROP_FRAME_HEIGHT, settings.size_px[1])
+        read = False
+        for _ in range(_SETTLING):
+            read, image = camera.read()
+    finally:
+        camera.release()
+    if not read or image is None:
+        raise ValueError(f"camera {source} gave no picture; is another program using it?")
+    size = (image.shape[1], image.shape[0])
+    if settings.size_px is not None and size != settings.size_px:
+        raise ValueError(
+            f"camera {source} gives {size[0]} x {size[1]} px, and its lens was calibrated at "
+            f"{settings.size_px[0]} x {settings.size_px[1]}; calibrate it at a size that it gives"
+        )
+    path = out.with_suffix(".png")
+    if not cv2.imwrite(str(path), image):
+        raise ValueError(f"{path} can't be written; is the disk full?")
+    return path
+
+
+# Get a picture from a watched folder, an external command or the simulated camera; copy it.
+
+_STILL_S: Final = 0.5
+"""A file that hasn't grown for so long is whole."""
+_LOOK_S: Final = 0.1
+Listing = dict[str, tuple[int, int]]
+"""Names of files, with the time of each (ns, by whatever clock) and its size."""
+_SIDECARS: Final = (".json", ".yaml", ".yml")
+"""Endings of what a scan's file is described by (`registration.files.readers.metadata`)."""
+_BESIDE: Final = frozenset({*_SIDECARS, ".txt", ".xml", ".log", ".csv", ".tmp", ".part"})
+"""Endings of files that devices' programs write beside a picture or volume."""
+_TABLES: Final = frozenset({".txt", ".csv"})
+"""Those of them that a laser profiler's points or heights may have."""
+
+
+def picture_of(folder: Path, name: str) -> Path | None:
+    """Return the picture or volume ``NAME.*``, not what lies beside it; None where there is none.
+
+    A raw volume may lack an ending, and a laser's sweep may be a folder of pictures. A table counts
+    where there is nothing else.
+    """
+    each = sorted(one for one in folder.glob(f"{name}*") if one.is_file() or _holds_files(one))
+    named = [one for one in each if one.name == name or one.name.startswith(f"{name}.")]
+    for beside in (_BESIDE, _BESIDE - _TABLES):
+        if found := [one for one in named if one.suffix.lower() not in beside]:
+            return found[0]
+    return None
+
+
+def keep_file(taken: Path, out: Path) -> Path:
+    """Copy a device's file or folder into a look's folder, with its sidecar; its ending stays.
+
+    The device's program may write the next one over it.
+
+    Parameters
+    ----------
+    taken : Path
+    out : Path
+        Without suffix.
+    """
+    for ending in _SIDECARS:
+        beside = taken.with_suffix(ending)
+        if beside.is_file():
+            shutil.copyfile(beside, out.with_suffix(ending))
+    if taken.is_dir():
+        return Path(shutil.copytree(taken, out, dirs_exist_ok=True))
+    return Path(shutil.copyfile(taken, out.with_suffix(taken.suffix)))
+
+
+def files_in(folder: Path, tables: bool = False) -> Listing:
+    """List a folder's pictures and volumes with the time and size of each.
+
+    With ``tables`` also a laser line's tables of numbers, and folders of a sweep's pictures.
+
+    Raises
+    ------
+    ValueError
+        When the folder isn't there.
+    """
+    if not folder.is_dir():
+        raise ValueError(f"folder {folder} isn't there; let the device's program write into it")
+    listed: Listing = {}
+    beside = _BESIDE - _TABLES if tables else _BESIDE
+    for one in folder.iterdir():
+        if one.name.startswith(".") or one.suffix.lower() in beside:
+            continue
+        if one.is_file():
+            known = one.stat()
+            listed[one.name] = (known.st_mtime_ns, known.st_size)
+        elif tables and _holds_files(one):
+            each = [file.stat() for file in one.iterdir()]
+            latest = max(known.st_mtime_ns for known in each)
+            listed[one.name] = (latest, sum(known.st_size for known in each))
+    return listed
+
+
+def _holds_files(folder: Path) -> bool:
+    return folder.is_dir() and any(one.is_file() for one in folder.iterdir())
+
+
+def await_file(folder: Path, before: Listing, tables: bool = False) -> Path:
+    """Wait for a new file in a folder, until it grows no more; the caller limits the time.
+
+    Parameters
+    ----------
+    folder : Path
+    before : dict
+        What was there before, of `files_in`: the clock that dates the files may be another
+        computer's.
+    tables : bool
+        Whether a `.csv` or `.txt`, or a folder of pictures, may be what is waited for.
+
+    Raises
+    ------
+    ValueError
+        When the folder isn't there.
+    """
+    found, at = ("", (0, 0)), time.monotonic()
+    while True:
+        new = files_in(folder, tables).items() - before.items()
+        latest = max(new, key=lambda one: (one[1], one[0]), default=("", (0, 0)))
+        if latest != found:
+            found, at = latest, time.monotonic()
+        elif found[1][1] > 0 and time.monotonic() - at >= _STILL_S:
+            return folder / found[0]
+        time.sleep(_LOOK_S)
+
+
+def run_command(words: str, out: Path) -> Path:
+    """Run a device's own program, which writes the file that ``{out}`` names.
+
+    Raises
+    ------
+    ValueError
+        When it fails, or writes nothing.
+    """
+    if "{out}" not in words:
+        raise ValueError("the device's command doesn't say {out}, the file that it is to write")
+    command = [word.replace("{out}", str(out)) for word in shlex.split(words)]
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)
+    if done.returncode:
+        last = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["no message"]
+        raise ValueError(f"{command[0]} failed ({done.returncode}): {last[0]}")
+    written = picture_of(out.parent, out.name)
+    if written is None:
+        raise ValueError(f"{command[0]} wrote no file {out}")
+    return written
+
+
+def simulated_picture(settings: DeviceSettings, out: Path) -> Path:
+    """Paint what lies in the simulated dish.
+
+    Raises
+    ------
+    ValueError
+        When nothing was recorded yet.
+    """
+    device = next(one for one in ("oct", "laser_line", "camera") if one in settings.extra)
+    path = out.with_suffix(".png" if device == "camera" else ".npz")
+    look = 2 * int(out.parent.name) + (out.name != "picture")  # another noise in each picture
+    command = [sys.executable, "-m", "sim", device, "--out", str(path), "--look", str(look)]
+    for name, value in settings.extra.items():
+        command += [f"--{name}={value}"]  # a place may begin with a minus
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)
+    if done.returncode:
+        last = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["no message"]
+        raise ValueError(f"the simulated {device} failed: {last[0]}")
+    return path
+
+
+# Acquire one picture or volume in a subprocess, ended at its time limit.
+
+Place = tuple[float, float, float]
+Region = tuple[Place, Place]
+
+
+class DeviceError(PrintctlError):
+    """A device gave no picture: it is missing, refuses, or hangs."""
+
+
+def acquire(settings: DeviceSettings, out: Path, region: Region | None = None) -> Path:
+    """Take one picture or volume; of a folder a file that isn't in it yet.
+
+    Parameters
+    ----------
+    settings : DeviceSettings
+    out : Path
+        File to write, without suffix: the device's own format decides.
+    region : (low, high), each (x, y, z), mm, optional
+        Box of the printer's frame that is looked at: a simulated OCT or laser line scans no more.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    DeviceError
+        When there is none within the limit; the message says why and what to do.
+    """
+    if region is not None and settings.kind == "simulated":
+        low, high = (",".join(f"{value:.4f}" for value in corner) for corner in region)
+        settings = replace(settings, extra={**settings.extra, "low": low, "high": high})
+    before = _files_before(settings)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "printctl.observe.devices", settings.to_json(), str(out)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+        start_new_session=True,
+    )
+    try:
+        said, why = process.communicate(before, timeout=settings.limit_s)
+    except subprocess.TimeoutExpired as exc:
+        raise DeviceError(_late(settings)) from exc
+    finally:
+        _end(process)
+    if process.returncode or not said.strip():
+        last = why.strip().splitlines()
+        raise DeviceError(last[-1] if last else f"the {settings.kind} failed without a word")
+    return Path(said.strip().splitlines()[-1])
+
+
+def _late(settings: DeviceSettings) -> str:
+    """Say that there was no picture within the limit."""
+    if settings.kind == "folder":
+        return (
+            f"no new picture came into {settings.source} within {settings.limit_s:.3g} s; the "
+            "device's program writes one at each look, and another where something is missing in "
+            "it: is it running?"
+        )
+    return (
+        f"the {settings.kind} gave no picture within {settings.limit_s:.3g} s; is it connected, "
+        "switched on and free (no other program)?"
+    )
+
+
+def _files_before(settings: DeviceSettings) -> str:
+    """What is in a device's folder before its picture is waited for, as JSON."""
+    if settings.kind != "folder":
+        return ""
+    try:
+        return json.dumps(files_in(Path(settings.source), settings.tables))
+    except (OSError, ValueError) as exc:
+        raise DeviceError(str(exc)) from exc
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    """End a process, and a device's own program that it has started."""
+    if process.poll() is not None:
+        return
+    if hasattr(os, "killpg"):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.kill()
+    process.communicate()  # closes its pipes
+
+
+# Acquire one picture: `python -m printctl.observe.devices SETTINGS OUT`; prints its path.
+#
+# Of a folder the files that were there before are told on standard input. It ends with the process
+# that started it, and so does the device's own program.
+
+_WATCH_S: Final = 0.2
+
+
+def main() -> int:
+    """Acquire; 1 and one line on stderr where it can't."""
+    if hasattr(os, "killpg"):  # elsewhere a process isn't told that its parent is gone
+        threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    settings, out = DeviceSettings.from_json(sys.argv[1]), Path(sys.argv[2])
+    try:
+        if settings.kind == "camera":
+            picture = take_picture(settings, out)
+        elif settings.kind == "folder":
+            told = json.load(sys.stdin).items()
+            before = {name: (int(at), int(size)) for name, (at, size) in told}
+            taken = await_file(Path(settings.source), before, settings.tables)
+            picture = keep_file(taken, out)
+        elif settings.kind == "command":
+            picture = run_command(settings.source, out)
+        else:
+            picture = simulated_picture(settings, out)
+    except (OSError, ValueError) as exc:
+        print(" ".join(str(exc).split()), file=sys.stderr)
+        return 1
+    print(picture)
+    return 0
+
+
+def _end_with(parent: int) -> None:
+    """End this process group once its parent is gone: a scan of nobody's would disturb the next."""
+    while os.getppid() == parent:
+        time.sleep(_WATCH_S)
+    if os.getpgrp() == os.getpid():
+        os.killpg(os.getpid(), signal.SIGKILL)
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
