@@ -1,4 +1,4 @@
-"""Run time and peak memory per stage of the two example recipes: ``make bench``.
+"""Run time and peak memory per stage of the two example recipes.
 
 Measured through the command line, each recipe in a process and folder of its own, kernels already
 compiled; per-stage figures are those that the run's manifest states, the whole is measured here.
@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from benchmarks.machine import ROOT, print_rows, row
+from benchmarks.common import ROOT, Row, limited, row
 
 RECIPES = {"planar_fresh": 120.0, "cortex_embedded": None}
 
@@ -31,32 +31,16 @@ def run(recipe: str, folder: Path) -> tuple[float, dict[str, Any]]:
     return seconds, json.loads((folder / "manifest.json").read_text())
 
 
-def rows_of(recipe: str, goal_s: float | None) -> list[dict[str, Any]]:
+def rows_of(recipe: str, goal_s: float | None) -> Iterator[Row]:
     """Rows of one recipe."""
     with tempfile.TemporaryDirectory() as folder:
         seconds, manifest = run(recipe, Path(folder) / recipe)
-    rows = [
-        row(
-            f"{recipe}: whole run",
-            round(seconds, 1),
-            "s",
-            f"<= {goal_s:g}" if goal_s else "",
-            seconds <= goal_s if goal_s else None,
-        )
-    ]
+    yield limited(f"{recipe}: whole run", seconds, "s", goal_s)
     for name, stage in manifest["stages"].items():
-        rows.append(row(f"{recipe}: {name}", stage["seconds"], "s"))
-        rows.append(row(f"{recipe}: {name}, peak", stage["peak_mb"], "MB"))
-    return rows
+        yield row(f"{recipe}: {name}", stage["seconds"], "s") | {"peak_mb": stage["peak_mb"]}
 
 
-def main() -> None:
-    """Run both recipes and print the rows."""
-    rows = [found for recipe, goal in RECIPES.items() for found in rows_of(recipe, goal)]
-    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024 / 1e6
-    rows.append(row("largest process of either run, peak", round(peak, 1), "MB"))
-    print_rows(rows)
-
-
-if __name__ == "__main__":
-    main()
+def rows(quick: bool) -> Iterator[Row]:
+    """Yield both recipes; quick has the planar one."""
+    for recipe, goal in list(RECIPES.items())[: 1 if quick else None]:
+        yield from rows_of(recipe, goal)

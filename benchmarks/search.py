@@ -1,8 +1,7 @@
-"""Design searches by the command line: rate, overhead, reproducibility: ``make bench-search``.
+"""Design searches by the command line: rate, overhead, reproducibility.
 
 The shipped search is run in one process and on two workers, each as a user would. When results
 came is read from their files' times; fronts are held against a sort of this file's own.
-``--quick`` takes eight candidates.
 """
 
 from __future__ import annotations
@@ -19,8 +18,7 @@ from pathlib import Path
 
 import yaml
 
-from benchmarks.command import Job, Row, run
-from benchmarks.machine import ROOT, row
+from benchmarks.common import ROOT, Row, row
 from design.vasculature import grow_tree
 from printctl.pipeline.growth_source import growth_options
 from printctl.pipeline.tissue_source import make_tissue
@@ -32,7 +30,7 @@ SHIPPED = ROOT / "examples" / "searches" / "planar.yaml"
 QUICK = 8
 
 
-def search_rows(quick: bool) -> Iterator[Row]:
+def rows(quick: bool) -> Iterator[Row]:
     """Rates and overheads of one search."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
@@ -118,10 +116,3 @@ def _checked(folder: Path) -> Iterator[Row]:
 
 def _beats(one: tuple[float, float], other: tuple[float, float]) -> bool:
     return one[0] <= other[0] and one[1] <= other[1] and one != other
-
-
-JOBS: dict[str, Job] = {"search": search_rows}
-
-
-if __name__ == "__main__":
-    run(JOBS, __doc__)

@@ -1,12 +1,7 @@
-"""Judge an embedded print by its G-code alone. Shares no code with the product.
-
-Call `judge`, or ``python -m benchmarks.checkers.embedded_judge print.gcode network.csv 0.31``.
-"""
+"""Judge an embedded print by its G-code alone. Shares no code with the product."""
 
 from __future__ import annotations
 
-import argparse
-import json
 from pathlib import Path
 from typing import Any
 
@@ -166,30 +161,3 @@ def _times(moves: Moves) -> dict[str, float]:
         "dwell_s": moves.dwell_s,
     }
     return found | {"total_s": sum(found.values())}
-
-
-def main() -> None:
-    """Judge a file from the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("gcode", type=Path)
-    parser.add_argument("network", type=Path, help="network.csv, mm")
-    parser.add_argument("needle_outer_mm", type=float)
-    parser.add_argument("--place-mm", type=float, nargs=3, default=(0.0, 0.0, 0.0))
-    parser.add_argument("--syringe-bore-mm", type=float, default=SYRINGE_MM)
-    parser.add_argument("--flow-factor", type=float, default=1.0)
-    parser.add_argument("--scale", type=float, default=1.0)
-    asked = parser.parse_args()
-    found = judge(
-        asked.gcode,
-        asked.network,
-        asked.needle_outer_mm,
-        place_mm=tuple(asked.place_mm),
-        syringe_bore_mm=asked.syringe_bore_mm,
-        flow_factor=asked.flow_factor,
-        scale=asked.scale,
-    )
-    print(json.dumps(found, indent=1))
-
-
-if __name__ == "__main__":
-    main()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.checkers.read_network import FloatArray, IntArray, Pieces
-from benchmarks.machine import ROOT
+from benchmarks.common import ROOT
 
 Measures = dict[str, float]
 
