@@ -64,14 +64,16 @@ SUBJECTS: dict[str, dict[str, str]] = {
         name: f"observe.{name}:rows"
         for name in ("seeing", "laser", "bath", "frames", "mends", "prints", "steps", "faults")
     },
-    "firmware": {"firmware": "firmware.rows:rows"},
+    "firmware": {
+        name: f"firmware.rows:{name}"
+        for name in ("noise", "faults", "stop", "looks", "speed", "dry_run")
+    },
     "registration": {
         "whole": "registration.vessels:whole_rows",
         "landing": "registration.pose:landing_rows",
-        "intervals": "registration.pose:interval_rows",
         "diameters": "registration.vessels:diameter_rows",
         "dye": "registration.dye:rows",
-        "count": "scans.bench:rows",
+        "count": "scans.rows:rows",
     },
     "paper": {
         "trees": "paper.trees:rows",
@@ -80,8 +82,8 @@ SUBJECTS: dict[str, dict[str, str]] = {
     },
     "search": {"search": "search:rows"},
 }
-NAMED_ONLY = {"million", "ten_million"}
-"""Parts of many minutes or gigabytes, which run where ``--only`` names them."""
+NAMED_ONLY = {"million", "ten_million", "count"}
+"""Parts of hours or gigabytes, whose full form runs where ``--only`` names them."""
 
 QUICK_CPU_S = 60.0
 
@@ -107,7 +109,7 @@ def measure(parts: dict[str, str], only: str | None, quick: bool) -> int:
     rows: list[Row] = []
     failed = False
     for name, place in parts.items():
-        if only != name and (only is not None or name in NAMED_ONLY):
+        if only != name and (only is not None or (name in NAMED_ONLY and not quick)):
             continue
         module, _, function = place.partition(":")
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import pty
@@ -18,6 +17,8 @@ from termios import TIOCSCTTY
 from typing import Any
 
 from benchmarks.common import ROOT
+from benchmarks.firmware.board import AvrBoard
+from benchmarks.firmware.files import MARLIN_STEPS, MotionFile
 
 COMMAND = [sys.executable, "-m", "printctl"]
 POLL_S = 0.02
@@ -131,27 +132,13 @@ def _watch(
     return pauses
 
 
-def dry_run(job: Path, profile: str = "marlin_avr", out: Path | None = None) -> dict[str, Any]:
-    """Run ``simulate --json``; add ``exit_code`` and, with ``out``, ``places`` (see `places`)."""
+def dry_run_s(job: Path, profile: str) -> float:
+    """Return the duration that ``simulate --json`` predicts, s; NaN where it refuses."""
     asked = [*COMMAND, "simulate", str(job), "--printer", profile, "--json"]
-    asked += ["--out", str(out)] if out else []
     done = subprocess.run(
         asked, capture_output=True, text=True, check=False, env=environment(job.parent)
     )
-    found: dict[str, Any] = json.loads(done.stdout) if done.stdout.startswith("{") else {}
-    found |= {"exit_code": done.returncode, "text": done.stderr[-400:]}
-    if out and done.returncode == 0:
-        found["places"] = places(out / "predicted_bead.csv")
-    return found
-
-
-def places(table: Path) -> dict[int, dict[str, float]]:
-    """Return by line of the file where its last written or travelled piece ends, mm."""
-    with table.open() as file:
-        return {
-            int(piece["line"]): {axis: float(piece[f"{axis.lower()}_mm"]) for axis in "XYZ"}
-            for piece in csv.DictReader(file)
-        }
+    return float(json.loads(done.stdout)["duration_s"]) if not done.returncode else float("nan")
 
 
 @dataclass
@@ -202,3 +189,44 @@ def attend(job: Path, port: Path, profile: str = "marlin_avr") -> Attended:
     )  # fmt: skip
     os.close(inside)
     return Attended(process, host)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One print against its motors.
+
+    Attributes
+    ----------
+    ended : Ended
+    margin_s : float, s
+        From the last step edge to the product's report of the end; negative is too early.
+    wrong_axes : list of str
+        Whose motor stands elsewhere than the file says.
+    surplus : int
+        Step edges beyond those of the file, all axes; negative: too few.
+    """
+
+    ended: Ended
+    margin_s: float
+    wrong_axes: list[str]
+    surplus: int
+
+
+def stand_still(board: AvrBoard, still_s: float = 4.0, within_s: float = 60.0) -> None:
+    """Wait until no motor has stepped for a while."""
+    begun = time.monotonic()
+    while time.monotonic() < begun + within_s:
+        last = max(begun, board.state()["last_ns"] / 1e9)
+        if time.monotonic() - last > still_s:
+            return
+        time.sleep(0.1)
+
+
+def judge(file: MotionFile, ended: Ended, board: AvrBoard) -> Judged:
+    """Compare the product's report with the motors once they stand still."""
+    stand_still(board)
+    state, wanted = board.state(), file.end_steps(MARLIN_STEPS)
+    wrong = [axis for axis, found in board.positions().items() if found != wanted[axis]]
+    made = sum(found["edges"] for found in state["axes"].values())
+    surplus = made - sum(file.edges(MARLIN_STEPS).values())
+    return Judged(ended, ended.ended_s - state["last_ns"] / 1e9, wrong, surplus)

@@ -1,4 +1,4 @@
-"""Benchmark rows: disturbed prints on a real Marlin; each move made once, or loss reported.
+"""Prints on a real Marlin through noise and faults: each move made once, or loss reported.
 
 Judged by the places at which the motors of X and Y turned round, which pauses and lifts leave as
 they are: a line that is lost, doubled or swapped changes them.
@@ -19,19 +19,55 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common import Row, row
-from benchmarks.firmware.avr_board import AvrBoard
-from benchmarks.firmware.gcode_files import MARLIN_STEPS, MotionFile, random_moves
+from benchmarks.firmware.board import AvrBoard, StepLog
+from benchmarks.firmware.files import MARLIN_STEPS, MotionFile, random_moves
 from benchmarks.firmware.product import (
     COMMAND,
     Attended,
+    Judged,
     attend,
     end_of,
     environment,
+    judge,
+    print_file,
     records,
     run_folder,
+    stand_still,
 )
-from benchmarks.firmware.rows_done import stand_still
-from benchmarks.firmware.step_log import StepLog
+
+LOST_OKS = 0.01
+
+
+def one_noisy(image: Path, folder: Path, seed: int, rate: float) -> Judged:
+    """Print a file of random moves through noise."""
+    folder.mkdir(parents=True, exist_ok=True)
+    file = random_moves(1000 + seed, 40)
+    job = file.write(folder / f"noise-{rate:g}-{seed}.gcode")
+    with AvrBoard(image, folder / f"noisy-{rate:g}-{seed}") as board:
+        board.tell(f"noise both {rate} {seed + 1}")
+        board.tell(f"lostok {LOST_OKS}")
+        ended = print_file(job, board.port, within_s=300)
+        return judge(file, ended, board)
+
+
+def noise_rows(image: Path, folder: Path, rate: float, runs: int) -> Iterator[Row]:
+    """Measure how prints end, and whether those called done have the file's steps."""
+    found = [one_noisy(image, folder, seed, rate) for seed in range(runs)]
+    done = [one for one in found if one.ended.state == "done"]
+    name = f"real Marlin, {runs} prints, {100 * rate:g} % of bytes garbled, 1 % of oks lost: "
+    wrong = sum(bool(one.wrong_axes) for one in done)
+    yield row(name + "done, but the motors stand elsewhere", wrong, "prints", "0", wrong == 0)
+    smooth = [one for one in done if one.ended.pauses == 0]
+    doubled = sum(one.surplus != 0 for one in smooth)
+    yield row(
+        name + "done without a pause, but with other steps", doubled, "prints", "0", not doubled
+    )
+    early = sum(one.margin_s <= 0 for one in done)
+    yield row(name + "done before the last step", early, "prints", "0", early == 0)
+    others = len(found) - len(done)
+    goal = ("0", others == 0) if rate < 0.001 else ("", None)
+    yield row(name + "not done", others, "prints", *goal)
+
 
 MOVES = 25
 LIMIT_S = 240.0
@@ -190,7 +226,6 @@ def one(image: Path, folder: Path, seed: int, event: str, rate: float) -> tuple[
         made, meant = turns_made(log, axis), turns_wanted(file, axis)
         right.append(made == meant if wanted == "done" else made[:-1] == meant[: len(made) - 1])
     state = str(ended.get("state", "none"))
-    print(f"{event}, seed {seed}: {state}, turns {right}, {margin:.2f} s", file=sys.stderr)
     return state, all(right), margin
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -12,11 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from benchmarks.common import Row, row
-from benchmarks.firmware.avr_board import AvrBoard
-from benchmarks.firmware.look_files import LayeredFile
-from benchmarks.firmware.product import environment
-from benchmarks.firmware.rows_done import stand_still
-from benchmarks.firmware.way_points import Followed, follow, way_points
+from benchmarks.firmware.board import AvrBoard
+from benchmarks.firmware.files import Followed, LayeredFile, follow, way_points
+from benchmarks.firmware.product import environment, stand_still
 from printctl.machine.link import (
     LinkState,
     MarkKind,
@@ -184,7 +181,6 @@ def one(image: Path, folder: Path, seed: int, event: str) -> tuple[LinkState, Fo
     ns = log.steps()["ns"]
     moved = sum(int(((ns > begin) & (ns < end)).sum()) for begin, end in held.watched)
     found = follow(log, way_points(file.grown()))
-    print(f"{event}, seed {seed}: {state}, {found}, {moved}", file=sys.stderr, flush=True)
     return state, found, moved
 
 

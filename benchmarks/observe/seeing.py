@@ -40,9 +40,7 @@ def seen(
     gaps = painter.plant_gaps(plan, lengths, rng)
     ink = painter.lay(plan, rng, gaps=gaps)
     x, y = rng.uniform(-0.06, 0.06, 2)
-    painted = painter.paint(
-        plan, ink, gaps, size, um_per_px, look, rng, tilt=15, shift=(x, y)
-    )
+    painted = painter.paint(plan, ink, gaps, size, um_per_px, look, rng, tilt=15, shift=(x, y))
     return painted, see_layer(painted.picture, painted.frame, expected(plan))
 
 

@@ -1,28 +1,195 @@
 """Phantom block with vessels of exactly known walls, and its scan, without product code.
 
 The design is a network of straight pieces in a block with three marks on its face; the print is
-that, stretched, with walls moved where a defect is asked for; the scan samples the print's signed
+that, stretched; the scan samples the print's signed
 distance voxel by voxel, lets light fade on its way down and adds speckle.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import manifold3d
+import numba
 import numpy as np
 from numpy.typing import NDArray
-
-from benchmarks.registration.light import Light, cells_of, render
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+#: Edge of a cell that knows which pieces are near, mm.
+CELL_MM = 0.25
+
+
+@dataclass(frozen=True)
+class Light:
+    """An instrument and a gel.
+
+    Attributes
+    ----------
+    counts : float
+        Gel at the surface.
+    attenuation_mm : float, 1/mm
+    liquid : float
+        Scattering of the liquid over the gel's.
+    noise : float
+        Counts of the floor.
+    looks : int
+        Speckle patterns averaged.
+    """
+
+    counts: float = 12_000.0
+    attenuation_mm: float = 0.6
+    liquid: float = 0.03
+    noise: float = 8.0
+    looks: int = 3
+
+
+def cells_of(
+    size: FloatArray, pieces: FloatArray, radius: FloatArray, balls: FloatArray
+) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+    """A grid over the block: origin, counts, offsets and the pieces near each cell.
+
+    Balls are numbered after the pieces.
+    """
+    reach = CELL_MM * math.sqrt(3) / 2 + 0.1
+    origin = np.full(3, -2 * CELL_MM)
+    count = np.ceil((size + 4 * CELL_MM) / CELL_MM).astype(np.int64)
+    index = np.indices(count).reshape(3, -1).T
+    centre = origin + (index + 0.5) * CELL_MM
+    near: list[IntArray] = []
+    for k in range(len(pieces)):
+        a, b = pieces[k, :3], pieces[k, 3:]
+        t = np.clip((centre - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+        away = np.linalg.norm(centre - a - t[:, None] * (b - a), axis=1)
+        near.append(np.flatnonzero(away < radius[k].max() + reach))
+    for ball in balls:
+        near.append(np.flatnonzero(np.linalg.norm(centre - ball[:3], axis=1) < ball[3] + reach))
+    owner = np.repeat(np.arange(len(near)), [len(n) for n in near])
+    cell = np.concatenate(near)
+    order = np.argsort(cell, kind="stable")
+    offset = np.searchsorted(cell[order], np.arange(len(centre) + 1))
+    return origin, count, offset, owner[order]
+
+
+def render(
+    shape: tuple[int, int, int],
+    voxel_mm: tuple[float, float, float],
+    to_part: FloatArray,
+    size: FloatArray,
+    pieces: FloatArray,
+    radius: FloatArray,
+    balls: FloatArray,
+    cells: tuple[FloatArray, IntArray, IntArray, IntArray],
+    light: Light,
+    seed: int,
+) -> NDArray[np.uint16]:
+    """The scan, (nz, ny, nx)."""
+    nx, ny, nz = shape
+    numbers = np.array([light.counts, light.attenuation_mm, light.liquid, light.noise])
+    return _render(
+        nx, ny, nz, np.array(voxel_mm), np.ascontiguousarray(to_part), size, pieces, radius,
+        balls, *cells, numbers, light.looks, np.uint64(seed + 1),
+    )  # fmt: skip
+
+
+@numba.njit(inline="always")
+def _mixed(state: Any) -> Any:
+    """SplitMix64 (Steele, Lea & Flood 2014)."""
+    z = state * np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+@numba.njit
+def _gel(
+    x: float, y: float, z: float, size: Any, pieces: Any, radius: Any, balls: Any,
+    origin: Any, count: Any, offset: Any, owner: Any,
+) -> float:  # fmt: skip
+    """Signed distance to the gel's surface, mm: below 0 in the gel, within 0.1 mm right."""
+    half = 0.5 * size
+    box = max(abs(x - half[0]) - half[0], abs(y - half[1]) - half[1], abs(z - half[2]) - half[2])
+    if box > 0.1:
+        return box
+    i = int((x - origin[0]) / CELL_MM)
+    j = int((y - origin[1]) / CELL_MM)
+    k = int((z - origin[2]) / CELL_MM)
+    if not (0 <= i < count[0] and 0 <= j < count[1] and 0 <= k < count[2]):
+        return box
+    cell = (i * count[1] + j) * count[2] + k
+    lumen = 0.1
+    for n in range(offset[cell], offset[cell + 1]):
+        p = owner[n]
+        if p >= len(pieces):
+            ball = balls[p - len(pieces)]
+            away = math.sqrt((x - ball[0]) ** 2 + (y - ball[1]) ** 2 + (z - ball[2]) ** 2)
+            lumen = min(lumen, away - ball[3])
+            continue
+        ax, ay, az = pieces[p, 0], pieces[p, 1], pieces[p, 2]
+        dx, dy, dz = pieces[p, 3] - ax, pieces[p, 4] - ay, pieces[p, 5] - az
+        t = ((x - ax) * dx + (y - ay) * dy + (z - az) * dz) / (dx * dx + dy * dy + dz * dz)
+        t = min(1.0, max(0.0, t))
+        away = math.sqrt((x - ax - t * dx) ** 2 + (y - ay - t * dy) ** 2 + (z - az - t * dz) ** 2)
+        lumen = min(lumen, away - radius[p, 0] - t * (radius[p, 1] - radius[p, 0]))
+    return max(box, -lumen)
+
+
+@numba.njit
+def _share(above: float, below: float) -> float:
+    """Share of a straight way on which a distance, linear between its ends, is below 0."""
+    if above < 0.0 and below < 0.0:
+        return 1.0
+    if above >= 0.0 and below >= 0.0:
+        return 0.0
+    return min(above, below) / (min(above, below) - max(above, below))
+
+
+@numba.njit(parallel=True)
+def _render(
+    nx: int, ny: int, nz: int, voxel: Any, to_part: Any, size: Any, pieces: Any, radius: Any,
+    balls: Any, origin: Any, count: Any, offset: Any, owner: Any, numbers: Any,
+    looks: int,
+    seed: Any,
+) -> Any:  # fmt: skip
+    out = np.empty((nz, ny, nx), np.uint16)
+    counts, attenuation, liquid, noise = numbers
+    for row in numba.prange(ny):
+        for column in range(nx):
+            passed = 1.0
+            state = _mixed(seed * np.uint64(0x2545F4914F6CDD1D) + np.uint64(row * nx + column))
+            above = 0.0
+            for level in range(nz + 1):
+                # A beam is thin; along it a voxel counts with its share of gel.
+                sx, sy, sz = column * voxel[0], row * voxel[1], (level - 0.5) * voxel[2]
+                x = to_part[0, 0] * sx + to_part[0, 1] * sy + to_part[0, 2] * sz + to_part[0, 3]
+                y = to_part[1, 0] * sx + to_part[1, 1] * sy + to_part[1, 2] * sz + to_part[1, 3]
+                z = to_part[2, 0] * sx + to_part[2, 1] * sy + to_part[2, 2] * sz + to_part[2, 3]
+                below = _gel(
+                    x, y, z, size, pieces, radius, balls, origin, count, offset, owner
+                )  # fmt: skip
+                upper, above = above, below
+                if level == 0:
+                    continue
+                gel = _share(upper, below)
+                scatter = gel + (1.0 - gel) * liquid
+                lost = math.exp(-attenuation * scatter * voxel[2])
+                mean = noise + counts * scatter * passed * lost
+                passed *= lost * lost
+                product = 1.0
+                for _ in range(looks):
+                    state += np.uint64(1)
+                    product *= ((_mixed(state) >> np.uint64(11)) + np.uint64(1)) * 2.0**-53
+                out[level - 1, row, column] = np.uint16(
+                    min(65535.0, -mean * math.log(product) / looks + 0.5)
+                )
+    return out
+
+
 #: Sides of a vessel's polygon; of the circle's area.
 SIDES = 96
-#: Pieces that a vessel is cut into where its radius changes.
-CUTS = 24
 
 
 @dataclass(frozen=True)
@@ -82,26 +249,6 @@ class Design:
 
 
 @dataclass(frozen=True)
-class Defect:
-    """What went wrong in one vessel.
-
-    Attributes
-    ----------
-    kind : "bulge", "stenosis", "occlusion", "leak" or "missing"
-    vessel : int
-    at : float
-        Share of the vessel's length.
-    size_mm : float
-        How far a bulge's or stenosis' wall stands off; length of an occlusion; radius of a leak.
-    """
-
-    kind: str
-    vessel: int
-    at: float = 0.5
-    size_mm: float = 0.06
-
-
-@dataclass(frozen=True)
 class Truth:
     """What the scan was made from; only checkers read it.
 
@@ -129,10 +276,7 @@ class Setting:
     shift_mm : (3,) float
         Of the part's middle from the field's.
     stretch : (3,) float
-    wall_mm : float
-        By how much every lumen's radius came out larger.
     light : Light
-    defects : tuple of Defect
     """
 
     shape: tuple[int, int, int] = (1000, 500, 250)
@@ -142,9 +286,7 @@ class Setting:
     tilt_y_deg: float = 0.0
     shift_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     stretch: tuple[float, float, float] = (0.98, 0.978, 0.975)
-    wall_mm: float = 0.0
     light: Light = field(default_factory=Light)
-    defects: tuple[Defect, ...] = ()
 
 
 def planar(*, marked: bool = True) -> Design:
@@ -209,13 +351,13 @@ def branched() -> Design:
 def scan_of(design: Design, setting: Setting, seed: int) -> tuple[NDArray[np.uint16], Truth]:
     """The scan, (nz, ny, nx), depth downwards, and what it was made from."""
     truth = _truth(design, setting)
-    pieces, radius = _pieces(design, setting)
+    pieces, radius = _pieces(design)
     balls = np.column_stack([design.marks, np.full(len(design.marks), design.mark_mm)])
     cells = cells_of(design.size, pieces, radius, balls)
     to_part = np.linalg.inv(truth.scan_from_part)
     volume = render(
         setting.shape, setting.voxel_mm, to_part, design.size, pieces, radius, balls,
-        _plugs(design, setting), cells, setting.light, seed,
+        cells, setting.light, seed,
     )  # fmt: skip
     return volume, truth
 
@@ -238,55 +380,10 @@ def _truth(design: Design, setting: Setting) -> Truth:
     return Truth(matrix, stretch)
 
 
-def _pieces(design: Design, setting: Setting) -> tuple[FloatArray, FloatArray]:
-    """Straight pieces (n, 6) with a radius at either end (n, 2), defects in them."""
-    pieces, radii = [], []
-    wrong: dict[int, list[Defect]] = {}
-    for defect in setting.defects:
-        wrong.setdefault(defect.vessel, []).append(defect)
-    for number, ((a, b), r) in enumerate(
-        zip(design.node[design.vessel], design.radius, strict=True)
-    ):
-        here = wrong.get(number, [])
-        if any(defect.kind == "missing" for defect in here):
-            continue
-        share, radius = _profile(float(np.linalg.norm(b - a)), float(r) + setting.wall_mm, here)
-        point = a + share[:, None] * (b - a)
-        for k in range(len(share) - 1):
-            pieces.append(np.concatenate([point[k], point[k + 1]]))
-            radii.append((radius[k], radius[k + 1]))
-        for defect in here:
-            if defect.kind == "leak":
-                at = a + defect.at * (b - a)
-                pieces.append(np.concatenate([at, [at[0], at[1], design.size[2] + 1]]))
-                radii.append((defect.size_mm, defect.size_mm))
-    return np.array(pieces), np.array(radii)
-
-
-def _plugs(design: Design, setting: Setting) -> FloatArray:
-    """Occlusions as rows of middle, direction, half length and reach, (k, 8)."""
-    found = [np.zeros((0, 8))]
-    for defect in setting.defects:
-        if defect.kind == "occlusion":
-            a, b = design.node[design.vessel[defect.vessel]]
-            way, half = (b - a) / np.linalg.norm(b - a), defect.size_mm / 2
-            reach = half + 2 * float(design.radius[defect.vessel])
-            found.append(np.array([[*(a + defect.at * (b - a)), *way, half, reach]]))
-    return np.concatenate(found)
-
-
-def _profile(length: float, r: float, defects: list[Defect]) -> tuple[FloatArray, FloatArray]:
-    """Places along a vessel and the radius there."""
-    bumps = [d for d in defects if d.kind in ("bulge", "stenosis")]
-    if not bumps:
-        return np.array([0.0, 1.0]), np.array([r, r])
-    share = np.linspace(0, 1, 8 * CUTS + 1)
-    radius = np.full(len(share), r)
-    for d in bumps:
-        sign = 1.0 if d.kind == "bulge" else -1.0
-        width = max(0.35, 1.5 * r) / length
-        radius += sign * d.size_mm * np.exp(-(((share - d.at) / width) ** 2))
-    return share, radius
+def _pieces(design: Design) -> tuple[FloatArray, FloatArray]:
+    """Straight pieces (n, 6) with a radius at either end (n, 2)."""
+    ends = design.node[design.vessel].reshape(-1, 6)
+    return ends, np.column_stack([design.radius, design.radius])
 
 
 def moved(setting: Setting, **changes: Any) -> Setting:

@@ -1,8 +1,11 @@
-"""Scan cases of each benchmark family, drawn from a seed."""
+"""Random scans over all conditions that `printctl register` has to stand, drawn from a seed.
+
+Each scan has a part (clean, changed, or broken), a pose and a light of its own. Every other scan
+is in usual light, so that the hard end of the range doesn't hide what happens at the other.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +28,16 @@ WIDEST_MM = 0.4
 TOLERANCE_PERCENT = 10.0
 
 
+KINDS = ("local", "clean", "whole", "local", "way", "local", "clean", "way", "local", "clean")
+WAYS = ("leak", "bridge", "plug", "missing")
+SYMMETRIC = {
+    "shared": ("symmetric",),
+    "spectral": ("half_turns", "quarter_turns", "mirrored_pair"),
+}
+PITCH_UM = 60
+DEPTHS_UM = (12, 16, 20, 25)
+
+
 @dataclass(frozen=True)
 class Case:
     """A scan to make and register.
@@ -37,15 +50,12 @@ class Case:
     seed : int
     options : tuple of str
         Of the generator, but for the seed.
-    register : tuple of str
-        More options of `printctl register`.
     """
 
     generator: str
     design: str
     seed: int
     options: tuple[str, ...] = ()
-    register: tuple[str, ...] = ()
 
 
 def joined(*values: float) -> str:
@@ -56,13 +66,6 @@ def joined(*values: float) -> str:
 def designs(generator: str) -> dict[str, int]:
     """Return a generator's designs for general use and their numbers of vessels."""
     return SHARED if generator == "shared" else SPECTRAL
-
-
-def pick(generator: str, seed: int, rng: np.random.Generator) -> tuple[str, int]:
-    """Return a design, each in turn, and one of its vessels."""
-    names = sorted(designs(generator))
-    name = names[seed % len(names)]
-    return name, int(rng.integers(designs(generator)[name]))
 
 
 def radius_mm(generator: str, design: str, vessel: int) -> float:
@@ -79,149 +82,85 @@ def radius_mm(generator: str, design: str, vessel: int) -> float:
     return known[design][vessel]
 
 
-def changes(generator: str, seed: int) -> Case:
-    """Return a change of 10 to 30 %, 0.2 to 3 mm or a vessel long; each fourth scan is clean."""
-    rng = np.random.default_rng([seed, 1])
-    design, vessel = pick(generator, seed // 2 if generator == "shared" else seed, rng)
-    amount = rng.uniform(0.10, 0.30) * rng.choice([-1, 1]) * radius_mm(generator, design, vessel)
-    kind = seed % 4
-    if kind == 0:
-        return Case(generator, design, seed)
-    if kind == 1:
-        return Case(generator, design, seed, ("--radius-change=" + joined(vessel, amount),))
-    sigma = np.exp(rng.uniform(np.log(0.2), np.log(3.0))) / 4
-    return Case(
-        generator,
-        design,
-        seed,
-        ("--bulge=" + joined(vessel, rng.uniform(0.35, 0.65), sigma, amount),),
-    )
-
-
-def poses(generator: str, seed: int) -> Case:
-    """Return a part turned over, mirrored, half in view, symmetric, or on any of 24 sides."""
-    rng = np.random.default_rng([seed, 2])
+def draw_case(generator: str, seed: int) -> Case:
+    """Return a scan drawn over contrast, noise, index, roughness, pose and what is printed."""
+    rng = np.random.default_rng([seed, 7, len(generator)])
     names = sorted(designs(generator))
-    design, kind = names[(seed // 6) % len(names)], seed % 6
-    yaw = "--yaw=" + joined(rng.choice([0, 90, 180, 270]) + rng.uniform(-12, 12))
-    if kind == 0:
-        return Case(generator, design, seed, ("--turned-over", yaw))
-    if kind == 1:
-        return Case(generator, design, seed, ("--mirror", "xyz"[seed // 6 % 3]))
-    if kind == 2:
-        return Case(generator, design, seed, ("--half-field",))
-    if kind == 3:
-        return Case(generator, design, seed, (yaw,))
-    if generator == "spectral" and kind == 4:
-        names = ["half_turns", "quarter_turns", "mirrored_pair"]
-        return Case(generator, names[seed // 6 % 3], seed, (yaw,))
-    if generator == "spectral":
-        return Case(generator, "compact", seed, ("--orientation", str(int(rng.integers(24))), yaw))
-    return Case(
-        generator,
-        "symmetric" if kind == 4 else design,
-        seed,
-        (yaw, *(("--turned-over",) if kind == 5 else ())),
-    )
-
-
-def intervals(generator: str, seed: int) -> Case:
-    """Return light and part over the whole range that intervals must hold in."""
-    rng = np.random.default_rng([seed, 3])
-    design, _ = pick(generator, seed, rng)
-    options = [
-        "--snr-db=" + joined(rng.uniform(20, 35)),
-        "--index=" + joined(1.333 * rng.uniform(0.98, 1.02)),
-        "--roughness-um=" + joined(rng.uniform(0, 40)),
-    ]
-    if seed % 2:
-        options.append("--contrast=" + joined(np.exp(rng.uniform(np.log(1.2), np.log(50)))))
+    design = str(rng.choice(names))
+    kind = KINDS[seed % len(KINDS)]
+    made: tuple[str, ...] = ()
+    if kind == "clean" and rng.random() < 0.5:
+        design, made = special(generator, design, rng)
     else:
-        options += ["--bath=" + joined(rng.uniform(0, 10)), "--lumen=" + joined(rng.uniform(1, 15))]
-    return Case(generator, design, seed, tuple(options))
+        made = (*planted(generator, design, kind, rng), *turned(generator, design, rng))
+    voxels = "--voxel-um=" + joined(PITCH_UM, PITCH_UM, float(rng.choice(DEPTHS_UM)))
+    return Case(generator, design, seed, (*made, *light(bool(seed // 10 % 2), rng), voxels))
 
 
-def ways(generator: str, seed: int) -> Case:
+def planted(generator: str, design: str, kind: str, rng: np.random.Generator) -> tuple[str, ...]:
+    """Return a change of 10 to 30 %, 0.2 to 3 mm or a vessel long, or a broken vessel."""
+    vessel = int(rng.integers(designs(generator)[design]))
+    amount = rng.uniform(0.10, 0.30) * rng.choice([-1, 1]) * radius_mm(generator, design, vessel)
+    place = rng.uniform(0.35, 0.65)
+    if kind == "whole":
+        return ("--radius-change=" + joined(vessel, amount),)
+    if kind == "local":
+        sigma = np.exp(rng.uniform(np.log(0.2), np.log(3.0))) / 4
+        return ("--bulge=" + joined(vessel, place, sigma, amount),)
+    return broken(design, vessel, place, rng) if kind == "way" else ()
+
+
+def broken(design: str, vessel: int, place: float, rng: np.random.Generator) -> tuple[str, ...]:
     """Return a leak, bridge, plug or missing vessel of at least 150 um."""
-    rng = np.random.default_rng([seed, 4])
-    design, vessel = pick(generator, seed // 4, rng)
-    width, place = rng.uniform(0.15, WIDEST_MM), rng.uniform(0.35, 0.65)
-    kind = ("leak", "bridge", "plug", "missing")[seed % 4]
-    if kind == "leak":
-        return Case(generator, design, seed, ("--leak=" + joined(vessel, place, width),))
-    if kind == "bridge":
+    way, width = str(rng.choice(WAYS)), rng.uniform(0.15, WIDEST_MM)
+    if way == "leak":
+        return ("--leak=" + joined(vessel, place, width),)
+    if way == "bridge":
         one, other = BRIDGES[design]
-        place = rng.uniform(*BRIDGED_AT)
-        return Case(generator, design, seed, ("--leak=" + joined(one, place, width, other),))
-    if kind == "plug":
-        return Case(
-            generator, design, seed, ("--plug=" + joined(vessel, place, rng.uniform(0.15, 0.8)),)
-        )
-    return Case(generator, design, seed, ("--missing", str(vessel)))
+        return ("--leak=" + joined(one, rng.uniform(*BRIDGED_AT), width, other),)
+    if way == "plug":
+        return ("--plug=" + joined(vessel, place, rng.uniform(0.15, 0.8)),)
+    return ("--missing", str(vessel))
 
 
-def diameters(generator: str, seed: int) -> Case:
-    """Return clean parts, roughness to 30 um; of `spectral` one with fifteen vessels."""
-    rng = np.random.default_rng([seed, 5])
-    rough = "--roughness-um=" + joined(rng.uniform(0, 30))
-    if generator == "spectral":
-        return Case(generator, "fifteen", seed, (rough, "--yaw=" + joined(rng.uniform(-3, 3))))
-    return Case(generator, sorted(SHARED)[seed % 3], seed, (rough,))
+def turned(generator: str, design: str, rng: np.random.Generator) -> tuple[str, ...]:
+    """Return a pose: half of them upright, half turned by any right angle or turned over.
+
+    Only a part no deeper than light goes stands on any side.
+    """
+    if rng.random() < 0.5:
+        return ()
+    yaw = "--yaw=" + joined(rng.choice([0, 90, 180, 270]) + rng.uniform(-12, 12))
+    if design == "compact" and rng.random() < 0.5:
+        return ("--orientation", str(int(rng.integers(24))), yaw)
+    return (yaw, *(("--turned-over",) if rng.random() < 0.6 else ()))
 
 
-def faces(generator: str, seed: int) -> Case:
-    """Return scans whose deep faces are dim."""
-    rng = np.random.default_rng([seed, 6])
-    design, _ = pick(generator, seed, rng)
-    options = (
-        "--snr-db=" + joined(rng.uniform(20, 28)),
-        "--rolloff-db-mm=" + joined(rng.uniform(0.5, 3)),
-        "--bath=" + joined(rng.uniform(0, 8)),
-    )
-    return Case(generator, design, seed, options)
+def special(generator: str, design: str, rng: np.random.Generator) -> tuple[str, tuple[str, ...]]:
+    """Return a mirrored scan, half a part, or a symmetric design."""
+    draw = rng.random()
+    if draw < 0.45:
+        return design, ("--mirror", str(rng.choice(list("xyz"))))
+    if draw < 0.7:
+        return design, ("--half-field",)
+    symmetric = str(rng.choice(SYMMETRIC[generator]))
+    return symmetric, turned(generator, symmetric, rng)
 
 
-def formats(generator: str, seed: int) -> Case:
-    """Return stored forms (bits, dB, axes, depth), and faults of the instrument."""
-    forms = {
-        "shared": [
-            ("--db",),
-            ("--dtype", "uint16"),
-            ("--dtype", "uint8"),
-            ("--db", "--dtype", "uint16"),
-            ("--db", "--dtype", "uint8"),
-        ]
-    }
-    forms["spectral"] = [
-        ("--axes", "yzx"),
-        ("--axes", "yxz", "--db"),
-        ("--depth-up",),
-        ("--db", "--dtype", "uint8"),
-        ("--dtype", "uint8", "--axes", "yzx"),
-        ("--stripes", "0.3"),
-        ("--saturation", "3"),
-        ("--jitter-um", "15"),
-        ("--looks", "4"),
-        ("--gel-index", "1.345"),
+def light(usual: bool, rng: np.random.Generator) -> tuple[str, ...]:
+    """Return options of light and roughness, over the whole range or in usual light."""
+    noise, index, rough = (28, 35), 0.003, 15
+    if not usual:
+        noise, index, rough = (20, 35), 0.02, 40
+    options = [
+        "--snr-db=" + joined(rng.uniform(*noise)),
+        "--index=" + joined(1.333 * rng.uniform(1 - index, 1 + index)),
+        "--roughness-um=" + joined(rng.uniform(0, rough)),
     ]
-    own = forms[generator]
-    return Case(
-        generator, "block" if generator == "shared" else "compact", seed, own[seed % len(own)]
-    )
-
-
-def time(generator: str, seed: int) -> Case:
-    """Return one scan of 1000 x 500 x 250 voxels."""
-    if generator == "spectral":
-        return Case(
-            generator,
-            "curved",
-            seed,
-            ("--voxel-um", "12,18.5,16", "--field-mm", "11.99,9.24,3.99", "--yaw", "2"),
-        )
-    return Case(generator, "tree", seed, ("--voxel-um", "11,17.5,14", "--yaw", "2"))
-
-
-FAMILIES: dict[str, Callable[[str, int], Case]] = {
-    f.__name__: f for f in (changes, poses, intervals, ways, diameters, faces, formats, time)
-}
+    if rng.random() < 0.5:
+        lowest = 8 if usual else 1.2
+        contrast = np.exp(rng.uniform(np.log(lowest), np.log(50)))
+        return (*options, "--contrast=" + joined(contrast))
+    bath, lumen = (3, 6) if usual else (10, 15)
+    bath, lumen = rng.uniform(0, bath), rng.uniform(1, lumen)
+    return (*options, "--bath=" + joined(bath), "--lumen=" + joined(lumen))

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import tifffile
 
-from benchmarks.scan_bench import geometry, scatter, truth
+from benchmarks.scans import geometry, scatter, truth
 from benchmarks.scans.defects import Lumens, plant
 from benchmarks.scans.designs import DESIGNS, Design
 from benchmarks.scans.options import parser

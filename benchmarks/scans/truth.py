@@ -8,7 +8,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from benchmarks.scan_bench import geometry
+from benchmarks.scans import geometry
 from benchmarks.scans.defects import Lumens
 from benchmarks.scans.designs import Design
 from benchmarks.scans.pose import Pose

@@ -4,19 +4,20 @@ import numpy as np
 import pytest
 import trimesh
 
-from benchmarks.scan_bench.bodies import block
-from benchmarks.scan_bench.cases import BRIDGED_AT, BRIDGES, SHARED, WIDEST_MM
-from benchmarks.scan_bench.defects import plant
-from benchmarks.scan_bench.designs import DESIGNS, Design
-from benchmarks.scan_bench.geometry import bscan
-from benchmarks.scan_bench.judge_faces import off_lumens
-from benchmarks.scan_bench.make import image, piece_boxes
-from benchmarks.scan_bench.options import parser
-from benchmarks.scan_bench.part_files import write_design
-from benchmarks.scan_bench.pose import draw
-from benchmarks.scan_bench.runs import present, shared_designs
-from benchmarks.scan_bench.symmetry import symmetries
-from benchmarks.scan_bench.truth import sections
+from benchmarks.scans.bodies import block
+from benchmarks.scans.cases import BRIDGED_AT, BRIDGES, SHARED, WIDEST_MM
+from benchmarks.scans.defects import plant
+from benchmarks.scans.designs import DESIGNS, Design
+from benchmarks.scans.geometry import bscan
+from benchmarks.scans.judge import off_lumens
+from benchmarks.scans.make import image, piece_boxes
+from benchmarks.scans.options import parser
+from benchmarks.scans.part_files import write_design
+from benchmarks.scans.pose import draw
+from benchmarks.scans.rows import SHARED as SHARED_PROGRAM
+from benchmarks.scans.rows import shared_designs
+from benchmarks.scans.symmetry import symmetries
+from benchmarks.scans.truth import sections
 from tests.slower import first_of
 
 STILL = [
@@ -209,9 +210,9 @@ def bridge(vessels, one, other, place):
 @pytest.mark.parametrize("name", first_of(sorted(BRIDGES)))
 def test_no_bridge_runs_through_a_third_vessel_or_outside(name, tmp_path):
     if name in SHARED:
-        if not present("shared"):
+        if not SHARED_PROGRAM.exists():
             pytest.skip("the shared generator isn't there")
-        shared_designs(tmp_path)
+        shared_designs(tmp_path / "shared_designs")
         network = tmp_path / "shared_designs" / name / "network.csv"
     else:
         write_design(DESIGNS[name](), tmp_path)

@@ -10,10 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.supply_bench import worker
-from benchmarks.supply_bench.cases import make, true_volume
-from benchmarks.supply_bench.judge import welded_volumes
-from benchmarks.supply_bench.run import judged, write_stl
+from benchmarks.tissue import worker
+from benchmarks.tissue.cases import make, true_volume
+from benchmarks.tissue.run import judged, welded_volumes, write_stl
 from tests.slower import first_of
 
 KINDS = ("point", "inverted", "shells", "sheets", "edge", "face", "flat", "joints", "voxels")

@@ -1,13 +1,12 @@
 """Accuracy of the chosen bifurcation by tree depth, as in the paper's figure 2C.
 
-Cases, costs and optima are those of `benchmarks.paper_places`, by traversals of the whole tree.
+Cases, costs and optima are those of `benchmarks.paper.places`, by traversals of the whole tree.
 """
 
 import numpy as np
 import pytest
 
-from benchmarks.paper_places import cases_of, compare
-from benchmarks.paper_plain import order_down, traversed_cost
+from benchmarks.paper.places import cases_of, compare, order_down, traversed_cost
 from design.tissue import block
 from design.vasculature import GrowthOptions, grow_tree
 from tests.design.tissue.kept import kept_tissue
