@@ -25,7 +25,7 @@ M85_S = 600.0
 
 def noise_rows(quick: bool) -> Iterator[Row]:
     """Yield noisy prints whose cable is pulled out now and then, judged line by line."""
-    lines, seeds = (2000, 2) if quick else (20_000, 50)
+    lines, seeds = (1000, 1) if quick else (20_000, 50)
     with tempfile.TemporaryDirectory() as folder:
         yield from _noisy("0.04 % noise", lines, seeds, MILD, Path(folder), 10.0)
         hard = max(1, 2 * seeds // 5)
@@ -109,7 +109,7 @@ def kill_rows(quick: bool) -> Iterator[Row]:
     """Yield hosts that die at random moments, half of them soon after they were started again."""
     with tempfile.TemporaryDirectory() as folder:
         for protocol in (MarlinProtocol, reckless_pairs):
-            yield _killed(20 if quick else 100, Path(folder), protocol)
+            yield _killed(8 if quick else 100, Path(folder), protocol)
 
 
 def _killed(prints: int, folder: Path, protocol: Callable[[], MarlinProtocol]) -> Row:

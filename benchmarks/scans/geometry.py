@@ -20,11 +20,8 @@ SLOPE_MM = 0.002
 
 
 @nb.njit(cache=True)
-def wall(p, pieces, k, radius, plugs, sag, out):
-    """Distance (mm) from p to the wall of piece k; its gradient goes to out[:3].
-
-    A sagging lumen's upper half (towards +z) is flattened by `sag`.
-    """
+def wall(p, pieces, k, radius, plugs, out):
+    """Distance (mm) from p to the wall of piece k; its gradient goes to out[:3]."""
     ex, ey, ez = (
         pieces[k, 3] - pieces[k, 0],
         pieces[k, 4] - pieces[k, 1],
@@ -46,8 +43,7 @@ def wall(p, pieces, k, radius, plugs, sag, out):
     place = max(along, 0.0) / STEP_MM
     i = min(int(place), radius.shape[1] - 2)
     r = radius[row, i] + min(place - i, 1.0) * (radius[row, i + 1] - radius[row, i])
-    up = max(dz / gap, 0.0)
-    distance = gap - r + sag * up * up
+    distance = gap - r
     out[0], out[1], out[2] = dx / gap, dy / gap, dz / gap
     # A piece's rounded end reaches into a plug of the next piece: its own length goes on there.
     going_on = pieces[k, 6] + beyond * (pieces[k, 7] - pieces[k, 6])
@@ -60,16 +56,6 @@ def wall(p, pieces, k, radius, plugs, sag, out):
                 length = math.sqrt(squared)
                 out[0], out[1], out[2] = side * ex / length, side * ey / length, side * ez / length
     return distance
-
-
-@nb.njit(cache=True)
-def swelling(p, size, amount, out):
-    """Take an uneven swelling (mm; barrel-shaped, none at the bottom, most at two thirds) off p."""
-    w = p[2] / size[2]
-    lift = amount * 2.6 * w * w * (1.5 - w) if 0 < w < 1.4 else 0.0
-    out[0] = p[0] - lift * (2 * p[0] / size[0] - 1)
-    out[1] = p[1] - lift * (2 * p[1] / size[1] - 1)
-    out[2] = p[2] - 0.5 * lift
 
 
 @nb.njit(cache=True)
@@ -119,11 +105,11 @@ def outside(p, planes, cylinder, out):
 def bscan(y, nx, pitch, nz, dz, to_part, boxes, shape, lumens, rough, seed, field):
     """Fill field (2, 3, nx, nz) with distances and lateral gradients: lumen, then body.
 
-    shape: planes, cylinder, size, swelling; lumens: pieces, radius, plugs, sag; rough: amplitude
-    of walls (mm), cell (mm); boxes (n, 6): low and high x, y, z of each piece in the scan, mm.
+    shape: planes, cylinder; lumens: pieces, radius, plugs; rough: amplitude of walls (mm), cell
+    (mm); boxes (n, 6): low and high x, y, z of each piece in the scan, mm.
     """
-    planes, cylinder, size, swell = shape
-    pieces, radius, plugs, sag = lumens
+    planes, cylinder = shape
+    pieces, radius, plugs = lumens
     p, q, g = np.zeros(3), np.zeros(3), np.zeros(3)
     m = to_part
     field[0, 0] = FAR
@@ -132,8 +118,7 @@ def bscan(y, nx, pitch, nz, dz, to_part, boxes, shape, lumens, rough, seed, fiel
         for k in range(nz):
             for a in range(3):
                 p[a] = m[a, 0] * i * pitch + m[a, 1] * y + m[a, 2] * k * dz + m[a, 3]
-            swelling(p, size, swell, q)
-            d = outside(q, planes, cylinder, g)
+            d = outside(p, planes, cylinder, g)
             field[1, 1, i, k] = g[0] * m[0, 0] + g[1] * m[1, 0] + g[2] * m[2, 0]
             field[1, 2, i, k] = g[0] * m[0, 1] + g[1] * m[1, 1] + g[2] * m[2, 1]
             if rough[0] > 0 and abs(d) < 0.15:
@@ -152,8 +137,7 @@ def bscan(y, nx, pitch, nz, dz, to_part, boxes, shape, lumens, rough, seed, fiel
             for k in range(max(int(boxes[c, 2] / dz), 0), min(int(boxes[c, 5] / dz) + 2, nz)):
                 for a in range(3):
                     p[a] = m[a, 0] * i * pitch + m[a, 1] * y + m[a, 2] * k * dz + m[a, 3]
-                swelling(p, size, swell, q)
-                d = wall(q, pieces, c, radius, plugs, sag, g)
+                d = wall(p, pieces, c, radius, plugs, g)
                 if d < field[0, 0, i, k] and d < 0.2:
                     field[0, 0, i, k] = d
                     field[0, 1, i, k] = g[0] * m[0, 0] + g[1] * m[1, 0] + g[2] * m[2, 0]
@@ -184,23 +168,3 @@ def roughen(y, nx, pitch, nz, dz, m, rough, seed, field):
                     for b in range(3):
                         q[b] = p[b] + SLOPE_MM * m[b, a]
                     field[0, 1 + a, i, k] += (roughness(q, rough, seed) - rise) / SLOPE_MM
-
-
-@nb.njit(cache=True)
-def strew(y, nx, pitch, nz, dz, m, balls, field):
-    """Fill balls (n, 4; part, mm) in the lumens with gel."""
-    if len(balls) == 0:
-        return
-    p = np.zeros(3)
-    for i in range(nx):
-        for k in range(nz):
-            if field[0, 0, i, k] < 0:
-                for a in range(3):
-                    p[a] = m[a, 0] * i * pitch + m[a, 1] * y + m[a, 2] * k * dz + m[a, 3]
-                for b in range(len(balls)):
-                    gap = math.sqrt(
-                        (p[0] - balls[b, 0]) ** 2
-                        + (p[1] - balls[b, 1]) ** 2
-                        + (p[2] - balls[b, 2]) ** 2
-                    )
-                    field[0, 0, i, k] = max(field[0, 0, i, k], balls[b, 3] - gap)

@@ -4,7 +4,7 @@ Writes PREFIX.tif, PREFIX.json (sidecar by docs/scans.md), PREFIX_truth.json, PR
 
 Modelled: discrete scatterers (see `scatter`), spectrometer (see `spectrometer`), confocal beam with
 defocus, attenuation by each path's own media (lumens leave brighter stripes below them), multiple
-scattering, reflections at gel's surfaces by slope, a group index per medium, B-scans that jitter.
+scattering, reflections at gel's surfaces by slope.
 Not modelled: bending of light at surfaces, fan and bow of the field, birefringence, bubbles.
 """
 
@@ -20,14 +20,12 @@ import tifffile
 
 from benchmarks.scans import geometry, scatter, truth
 from benchmarks.scans.defects import Lumens, plant
-from benchmarks.scans.designs import DESIGNS, Design
+from benchmarks.scans.designs import DESIGNS, Design, write_design
 from benchmarks.scans.options import parser
-from benchmarks.scans.part_files import write_design
 from benchmarks.scans.pose import Pose, draw
 from benchmarks.scans.spectrometer import FINE, Spectrometer, overlap
 
 FILE_INDEX = 1.333
-DB_LOW, DB_SPAN = -40.0, 60.0
 CARRIER_PER_MM = 2 * 2 * np.pi * 1.333 / 1.3e-3
 
 
@@ -59,45 +57,21 @@ def image(
         asked.resolution_um / 1e3,
         asked.rolloff_db_mm,
         asked.snr_db,
-        asked.saturation,
-        asked.stripes,
     )
     to_part = np.linalg.inv(pose.transform)
     boxes = piece_boxes(lumens, pose)
-    balls = debris(design, asked, rng)
     media = optics(asked, detector)
-    shape = (
-        design.body.planes,
-        np.array(design.body.cylinder),
-        design.body.size,
-        asked.swelling_um / 1e3,
-    )
+    shape = (design.body.planes, np.array(design.body.cylinder))
     rough = np.array([asked.roughness_um / 1e3, asked.grain_um / 1e3])
-    parts = (lumens.pieces, lumens.radius, lumens.plugs, asked.sag_um / 1e3)
+    parts = (lumens.pieces, lumens.radius, lumens.plugs)
     field = np.empty((2, 3, nx, 2 * nz + 2), np.float32)
     out = np.zeros((nz, ny, nx), np.float32)
     beam = np.array([asked.beam_um / 1e3, asked.focus_mm, asked.rayleigh_mm])
     for j in range(ny):
-        moved = to_part.copy()
-        moved[:, 3] += to_part @ [
-            *(asked.jitter_um / 1e3 * rng.standard_normal(3) * [1, 0, 0.5]),
-            0,
-        ]
+        y, fine = j * pitch_y, 2 * nz + 2
         geometry.bscan(
-            j * pitch_y,
-            nx,
-            pitch,
-            2 * nz + 2,
-            dz / 2,
-            moved,
-            boxes,
-            shape,
-            parts,
-            rough,
-            asked.seed,
-            field,
+            y, nx, pitch, fine, dz / 2, to_part, boxes, shape, parts, rough, asked.seed, field
         )
-        geometry.strew(j * pitch_y, nx, pitch, 2 * nz + 2, dz / 2, moved, balls, field)
         for _ in range(asked.looks):
             light = back_scattered(field, dz / 2, pitch, detector, media, beam, asked, rng)
             shot = detector.image(overlap(light, beam, pitch, detector.delta), rng, 1.0)
@@ -125,7 +99,7 @@ def back_scattered(
         asked.per_cell,
         *media,
         beam,
-        relative_index(asked),
+        np.ones(3),
         specular(asked, detector),
         CARRIER_PER_MM,
         int(rng.integers(2**31)),
@@ -151,12 +125,6 @@ def optics(
     return np.sqrt(power), power, asked.attenuation_per_mm * power
 
 
-def relative_index(asked: argparse.Namespace) -> np.ndarray:
-    """Return group indices of gel, lumen and bath over the liquid's."""
-    gel = asked.gel_index or asked.index
-    return np.array([gel / asked.index, 1.0, 1.0])
-
-
 def specular(asked: argparse.Namespace, detector: Spectrometer) -> np.ndarray:
     """Return amplitude, width in slope (lens: 3 degrees) and diffuse share of reflections."""
     return np.array([detector.reflection(1.0, asked.reflection_db), np.tan(np.radians(3.0)), 0.2])
@@ -170,55 +138,22 @@ def piece_boxes(lumens: Lumens, pose: Pose) -> np.ndarray:
     return np.hstack([ends.min(axis=0) - spare, ends.max(axis=0) + spare])
 
 
-def debris(design: Design, asked: argparse.Namespace, rng: np.random.Generator) -> np.ndarray:
-    """Return grains of gel in the lumens: place (part, mm) and radius, (n, 4)."""
-    out = []
-    for _ in range(asked.debris):
-        vessel = design.vessels[rng.integers(len(design.vessels))]
-        along = rng.uniform(0.1, 0.9) * vessel.along[-1]
-        aside = rng.uniform(-0.5, 0.5, 3) * float(vessel.radius_at(along))
-        out.append([*(vessel.at(along) + aside), rng.uniform(0.03, 0.07)])
-    return np.array(out).reshape(-1, 4)
-
-
 def store(intensity: np.ndarray, asked: argparse.Namespace) -> None:
     """Write the TIFF and its sidecar."""
     if asked.mirror:
         intensity = np.flip(intensity, "zyx".index(asked.mirror))
-    if asked.depth_up:
-        intensity = intensity[::-1]
-    values, meaning = grey_values(intensity.transpose(["zyx".index(a) for a in asked.axes]), asked)
-    tifffile.imwrite(
-        asked.out + ".tif", values, photometric="minisblack", metadata=None, description=meaning
-    )
+    tifffile.imwrite(asked.out + ".tif", intensity, photometric="minisblack", metadata=None)
     x, y, z = (v / 1e3 for v in asked.voxel_um)
     said = {
         "voxel_mm": [z * asked.index / FILE_INDEX, y, x],
-        "axes": asked.axes,
+        "axes": "zyx",
         "modality": "oct",
-        "scale": "db" if asked.db else "linear",
-        "depth_down": not asked.depth_up,
+        "scale": "linear",
+        "depth_down": True,
         "refractive_index": FILE_INDEX,
         "optical_depth": False,
     }
     Path(asked.out + ".json").write_text(json.dumps(said))
-
-
-def grey_values(intensity: np.ndarray, asked: argparse.Namespace) -> tuple[np.ndarray, str]:
-    """Return the stored array and a line that says what it holds."""
-    values = 10 * np.log10(np.maximum(intensity, 1e-9)) if asked.db else intensity
-    if asked.dtype == "float32":
-        return values.astype(np.float32), "dB" if asked.db else "linear intensity"
-    top = np.iinfo(asked.dtype).max
-    if asked.db:
-        counts = (values - DB_LOW) / DB_SPAN * top
-        return np.clip(counts, 0, top).round().astype(
-            asked.dtype
-        ), f"dB = {DB_LOW:g} + {DB_SPAN:g} * value / {top}"
-    full = float(np.percentile(values, 99.99))
-    return np.clip(values / full * top, 0, top).round().astype(
-        asked.dtype
-    ), f"linear intensity, {top} = {full:.4g} of the gel"
 
 
 if __name__ == "__main__":

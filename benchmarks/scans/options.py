@@ -1,4 +1,4 @@
-"""Command-line options of the scan generator; compatible with /work/shared/scans/make_scan.py."""
+"""Command-line options of the scan generator; those of the shared generator among them."""
 
 from __future__ import annotations
 
@@ -38,8 +38,6 @@ def add_pose(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--shrink", type=numbers, metavar="X,Y,Z", help="scale; default 0.965 to 1.005"
     )
-    group.add_argument("--swelling-um", type=float, default=0)
-    group.add_argument("--sag-um", type=float, default=0)
     group.add_argument("--roughness-um", type=float, default=8)
     group.add_argument("--grain-um", type=float, default=110, help="size of the roughness's cells")
 
@@ -55,7 +53,6 @@ def add_defects(group: argparse._ArgumentGroup) -> None:
     many("--plug", "VESSEL,AT,LENGTH_MM")
     many("--leak", "VESSEL,AT,DIAMETER_MM[,OTHER]")
     group.add_argument("--missing", metavar="VESSEL", type=int, action="append", default=[])
-    group.add_argument("--debris", type=int, default=0)
 
 
 def add_light(group: argparse._ArgumentGroup) -> None:
@@ -68,7 +65,6 @@ def add_light(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--index", type=float, default=1.333, help="true group index; the file says 1.333"
     )
-    group.add_argument("--gel-index", type=float, help="of the gel, where it differs from --index")
     group.add_argument("--attenuation-per-mm", type=float, default=0.25, help="of the gel, one way")
     group.add_argument(
         "--tail", type=float, default=0.05, help="multiply scattered over single scattered power"
@@ -84,22 +80,12 @@ def add_light(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--beam-um", type=float, default=22, help="1/e2 radius at the waist")
     group.add_argument("--focus-mm", type=float, default=1.3)
     group.add_argument("--rayleigh-mm", type=float, default=1.6)
-    group.add_argument("--jitter-um", type=float, default=0, help="of each B-scan, x and z")
-    group.add_argument("--stripes", type=float, default=0)
-    group.add_argument("--saturation", type=float, default=0)
 
 
 def add_file(group: argparse._ArgumentGroup) -> None:
     """Add how the scan is stored."""
     group.add_argument("--voxel-um", type=numbers, default=[50.0, 50.0, 25.0], metavar="X,Y,Z")
-    group.add_argument("--dtype", choices=("uint8", "uint16", "float32"), default="float32")
-    group.add_argument("--db", action="store_true", help="integers hold -40 to 20 dB")
-    group.add_argument("--axes", choices=("zyx", "yzx", "yxz"), default="zyx")
-    group.add_argument("--depth-up", action="store_true")
     group.add_argument(
         "--mirror", choices=("x", "y", "z"), help="reverse this axis and don't say so"
     )
     group.add_argument("--half-field", action="store_true", help="lower half of x only")
-    group.add_argument(
-        "--field-mm", type=numbers, metavar="X,Y,Z", help="size of the field, part in its middle"
-    )

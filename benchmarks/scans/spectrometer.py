@@ -1,7 +1,7 @@
 """Simulate a spectral-domain OCT detector: interferogram to image.
 
 Modelled: Gaussian source spectrum, finite resolution of the spectrometer (roll-off), shot and read
-noise, saturation, fixed pattern (stripes), the transform back. Overlap of beams of neighbouring
+noise, the transform back. Overlap of beams of neighbouring
 A-scans out of focus is modelled along x. Not modelled: autocorrelation of the sample's light,
 dispersion left over, errors of the wavenumber's scale, jitter of the trigger.
 """
@@ -30,8 +30,6 @@ class Spectrometer:
         FWHM of the intensity of a single reflector.
     rolloff_db_mm, snr_db : float
         Loss of sensitivity; gel at focus over noise.
-    saturation, stripes : float
-        Full scale over the gel's rms fringe (0: none); fixed pattern over the gel, amplitude.
     """
 
     cells: int
@@ -39,8 +37,6 @@ class Spectrometer:
     resolution: float
     rolloff_db_mm: float = 0.5
     snr_db: float = 32.0
-    saturation: float = 0.0
-    stripes: float = 0.0
     pixel: int = 4
 
     @property
@@ -65,16 +61,11 @@ class Spectrometer:
         whole = fft.fft(light * self.rolloff(), 2 * self.cells, axis=1)[:, : self.samples]
         # Parseval: of a medium's light by depth, the rms fringe and the mean of a pixel.
         fringe = source * whole.real
-        level = np.sqrt(power * self.cells / 2)
         gel = power * self.cells / 2 * (source**2).sum()
         noise = np.sqrt(gel * 10 ** (-self.snr_db / 10) / self.samples)
         # four fifths of the noise's power are shot noise, which follows the source's spectrum
         share = np.sqrt(0.8 * source / source.mean() + 0.2)
         fringe = fringe + noise * share * rng.standard_normal(fringe.shape)
-        if self.stripes:
-            fringe = fringe + self.pattern(level) * source
-        if self.saturation:
-            fringe = np.clip(fringe, -self.saturation * level, self.saturation * level)
         image = np.abs(fft.fft(fringe, axis=1)[:, : self.samples // 2]) ** 2
         return image / gel  # type: ignore[no-any-return]
 
@@ -83,14 +74,6 @@ class Spectrometer:
         source = self.source()
         gel = power * self.cells / 2 * (source**2).sum()
         return float(2 / source.sum() * np.sqrt(gel * 10 ** (decibels / 10)))
-
-    def pattern(self, level: float) -> np.ndarray:
-        """Return fringes of five fixed reflections, alike in all A-scans."""
-        rng = np.random.default_rng(3)
-        n = np.arange(self.samples)
-        places, phases = rng.uniform(0.05, 0.45, 5), rng.uniform(0, 2 * np.pi, 5)
-        waves = np.cos(2 * np.pi * places[:, None] * n + phases[:, None]).sum(axis=0)
-        return np.asarray(self.stripes * level * np.sqrt(2 / self.samples) * 4 * waves)
 
 
 def overlap(light: np.ndarray, beam: np.ndarray, pitch: float, delta: float) -> np.ndarray:

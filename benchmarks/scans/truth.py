@@ -11,8 +11,7 @@ import numpy as np
 from benchmarks.scans import geometry
 from benchmarks.scans.defects import Lumens
 from benchmarks.scans.designs import Design
-from benchmarks.scans.pose import Pose
-from benchmarks.scans.symmetry import letters, symmetries
+from benchmarks.scans.pose import Pose, letters, symmetries
 
 SECTION_STEP_MM = 0.05
 RAYS = 90
@@ -20,23 +19,23 @@ ROUGH_STEP_MM = 0.0025
 
 
 @nb.njit(cache=True)
-def lumen(p, pieces, radius, plugs, sag, only, but, scratch):
+def lumen(p, pieces, radius, plugs, only, but, scratch):
     """Return the distance to the wall of one vessel (`only`), or of all but one (`but`)."""
     best = geometry.FAR
     for c in range(len(pieces)):
         if (only < 0 or int(pieces[c, 8]) == only) and int(pieces[c, 8]) != but:
-            best = min(best, geometry.wall(p, pieces, c, radius, plugs, sag, scratch))
+            best = min(best, geometry.wall(p, pieces, c, radius, plugs, scratch))
     return best
 
 
 @nb.njit(cache=True)
-def section(at, first, second, pieces, radius, plugs, sag, swell, size, only, reach, rough, seed):
+def section(at, first, second, pieces, radius, plugs, only, reach, rough, seed):
     """Return the areas (mm2) of a vessel's section through a point: smooth, and walls as rough.
 
     The smooth wall by bisection along rays; rough ones, which may overhang, by what is free of
     gel along each ray in steps.
     """
-    p, q, scratch, smooth, free = np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0
+    p, scratch, smooth, free = np.zeros(3), np.zeros(3), 0.0, 0.0
     for ray in range(RAYS):
         c, s = np.cos(2 * np.pi * ray / RAYS), np.sin(2 * np.pi * ray / RAYS)
         low, high = 0.0, reach
@@ -44,8 +43,7 @@ def section(at, first, second, pieces, radius, plugs, sag, swell, size, only, re
             middle = (low + high) / 2
             for a in range(3):
                 p[a] = at[a] + middle * (c * first[a] + s * second[a])
-            geometry.swelling(p, size, swell, q)
-            if lumen(q, pieces, radius, plugs, sag, only, -1, scratch) < 0:
+            if lumen(p, pieces, radius, plugs, only, -1, scratch) < 0:
                 low = middle
             else:
                 high = middle
@@ -59,20 +57,10 @@ def section(at, first, second, pieces, radius, plugs, sag, swell, size, only, re
             there = inner + (step + 0.5) * ROUGH_STEP_MM
             for a in range(3):
                 p[a] = at[a] + there * (c * first[a] + s * second[a])
-            geometry.swelling(p, size, swell, q)
-            away = lumen(q, pieces, radius, plugs, sag, only, -1, scratch)
+            away = lumen(p, pieces, radius, plugs, only, -1, scratch)
             if away + geometry.roughness(p, rough, seed) < 0:
                 free += there * ROUGH_STEP_MM * 2 * np.pi / RAYS
     return smooth, free
-
-
-def moved_by_swelling(point: np.ndarray, size: np.ndarray, swell: float) -> np.ndarray:
-    """Return where a point of the design lies once the part has swollen, mm."""
-    out, back = point.copy(), np.zeros(3)
-    for _ in range(4):
-        geometry.swelling(out, size, swell, back)
-        out = out + point - back
-    return out
 
 
 def sections(
@@ -83,7 +71,6 @@ def sections(
     `diameter_um` is that of smooth walls, `rough_diameter_um` that of the walls as they are.
     """
     rough = np.array([asked.roughness_um / 1e3, asked.grain_um / 1e3])
-    size, sag, swell = design.body.size, asked.sag_um / 1e3, asked.swelling_um / 1e3
     none, scratch, out = np.zeros((0, 3)), np.zeros(3), []
     ways = lumens.pieces[lumens.pieces[:, 8] < len(design.vessels)]
     for number, vessel in enumerate(design.vessels):
@@ -96,16 +83,15 @@ def sections(
             axis /= np.linalg.norm(axis)
             first, second = np.linalg.svd(axis[None])[2][1:]
             wide = float(vessel.radius_at(s))
-            printed = moved_by_swelling(point, size, swell)
-            args = (ways, lumens.radius, lumens.plugs, sag, swell, size, number, 3 * wide)
+            args = (ways, lumens.radius, lumens.plugs, number, 3 * wide)
             areas = np.zeros(2)
             if number not in asked.missing:
-                areas[:] = section(printed, first, second, *args, rough, asked.seed)
+                areas[:] = section(point, first, second, *args, rough, asked.seed)
             enlarge = pose.scale.prod() / np.linalg.norm(pose.scale * axis)
             both = (2e3 * np.sqrt(areas * enlarge / np.pi)).round(2).tolist()
             diameter.append(both[0])
             made.append(both[1])
-            others = lumen(point, lumens.pieces, lumens.radius, none, 0.0, -1, number, scratch)
+            others = lumen(point, lumens.pieces, lumens.radius, none, -1, number, scratch)
             clear.append(bool(others > 1.3 * wide and design.body.depth(point[None])[0] < -0.15))
             seen = pose.transform[:3, :3] @ point + pose.transform[:3, 3]
             in_view.append(bool(((seen > 0) & (seen < pose.extent)).all()))

@@ -4,19 +4,16 @@ import numpy as np
 import pytest
 import trimesh
 
-from benchmarks.scans.bodies import block
 from benchmarks.scans.cases import BRIDGED_AT, BRIDGES, SHARED, WIDEST_MM
 from benchmarks.scans.defects import plant
-from benchmarks.scans.designs import DESIGNS, Design
+from benchmarks.scans.designs import DESIGNS, Design, block, write_design
 from benchmarks.scans.geometry import bscan
 from benchmarks.scans.judge import off_lumens
 from benchmarks.scans.make import image, piece_boxes
 from benchmarks.scans.options import parser
-from benchmarks.scans.part_files import write_design
-from benchmarks.scans.pose import draw
+from benchmarks.scans.pose import draw, symmetries
 from benchmarks.scans.rows import SHARED as SHARED_PROGRAM
 from benchmarks.scans.rows import shared_designs
-from benchmarks.scans.symmetry import symmetries
 from benchmarks.scans.truth import sections
 from tests.slower import first_of
 
@@ -118,8 +115,8 @@ def test_true_rough_diameters_are_those_of_the_field_that_is_scanned():
     given = asked("compact", *FLAT, "--shrink", "1,1,1", "--roughness-um", "30")
     lumens, pose = plant(design, given), draw(design, given, np.random.default_rng(0))
     (row,) = sections(design, lumens, pose, given)
-    shape = (design.body.planes, np.array(design.body.cylinder), design.body.size, 0.0)
-    parts = (lumens.pieces, lumens.radius, lumens.plugs, 0.0)
+    shape = (design.body.planes, np.array(design.body.cylinder))
+    parts = (lumens.pieces, lumens.radius, lumens.plugs)
     nx, nz = (int(pose.extent[k] / 0.005) for k in (0, 2))
     field = np.empty((2, 3, nx, nz), np.float32)
     counted = []
