@@ -50,7 +50,6 @@ SUBJECTS: dict[str, dict[str, str]] = {
     "embedded": {"networks": "embedded.write:rows"},
     "link": {
         "speed": "link.real:speed_rows",
-        "faults": "link.virtual:fault_rows",
         "noise": "link.virtual:noise_rows",
         "kills": "link.virtual:kill_rows",
     },
@@ -80,7 +79,6 @@ SUBJECTS: dict[str, dict[str, str]] = {
         "places": "paper.places:rows",
         "regions": "paper.regions:rows",
     },
-    "search": {"search": "search:rows"},
 }
 NAMED_ONLY = {"million", "ten_million", "count"}
 """Parts of hours or gigabytes, whose full form runs where ``--only`` names them."""

@@ -148,12 +148,6 @@ def one_kind(net: Pieces, kind: str) -> Pieces:
     return _part(net, net.kind == kind, kind)
 
 
-def one_tree(net: Pieces, number: int) -> Pieces:
-    """The pieces of one tree, from its root as in `one_kind`."""
-    mine = net.tree == number
-    return _part(net, mine, str(net.kind[mine][0]))
-
-
 def _part(net: Pieces, mine: NDArray[np.bool_], kind: str) -> Pieces:
     found = Pieces(*(getattr(net, name)[mine] for name in Pieces.__dataclass_fields__))
     if kind == "vein":

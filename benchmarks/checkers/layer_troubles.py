@@ -65,29 +65,6 @@ class Troubles:
         return out
 
 
-def random_bar(size: float, rng: np.random.Generator) -> Bar:
-    """A shadow of 15 to 20 %, edges of 0.5 to 3 mm, over the square of ``size`` mm at (10, 20)."""
-    at = (10 + size * rng.uniform(0.2, 0.8), 20 + size * rng.uniform(0.2, 0.8))
-    soft = float(np.exp(rng.uniform(np.log(0.5), np.log(3.0))))
-    return Bar(at, rng.uniform(0, np.pi), rng.uniform(0.1, 1.5), soft, rng.uniform(0.15, 0.2))
-
-
-def random_crumbs(
-    ink: tuple[np.ndarray, ...], count: int, most_tint: float, rng: np.random.Generator
-) -> list[Crumb]:
-    """Crumbs of 0.2 to 1 line widths on or beside the lines' middles."""
-    at, _, _, width = ink
-    found = []
-    for k in rng.choice(len(at), count):
-        wide = max(float(width[k]), 0.2)
-        middle = at[k] + rng.normal(0, 0.2 * wide, 2)
-        angle = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(4, 9))))
-        radius = 0.5 * wide * rng.uniform(0.2, 1.0) * rng.uniform(0.7, 1.0, len(angle))
-        corners = middle + radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-        found.append(Crumb(corners, rng.uniform(0.05, most_tint) * rng.uniform(0.9, 1.1, 3)))
-    return found
-
-
 def grid(size: float, width: float, rng: np.random.Generator) -> Plan:
     """Lines both ways over the square of ``size`` mm at (10, 20), and a frame around them."""
     half, turn = 0.33 * size, rng.uniform(0, np.pi)

@@ -137,19 +137,3 @@ def _flow(length: FloatArray, pushed: FloatArray, stroke: NDArray[np.int64]) -> 
         high - low
     )
     return found
-
-
-def trips(moves: Moves) -> list[FloatArray]:
-    """Travels between two lines: runs of moves without ink, each as points (k, 3)."""
-    still = moves.pushed <= 0
-    goes = np.linalg.norm(moves.end[:, :2] - moves.start[:, :2], axis=1) > 1e-9
-    found, run = [], []
-    for k in range(len(still)):
-        if moves.pushed[k] > 0 and goes[k]:
-            if run:
-                found.append(np.array(run))
-            run = []
-        elif still[k] or not goes[k]:
-            run = run or [moves.start[k]]
-            run.append(moves.end[k])
-    return found

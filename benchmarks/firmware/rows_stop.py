@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.common import Row, row
-from benchmarks.firmware.board import AvrBoard, SerialHost, StepLog
+from benchmarks.firmware.board import AvrBoard, StepLog
 from benchmarks.firmware.files import MARLIN_STEPS, raster
 from benchmarks.firmware.product import attend, command, environment, records, run_folder
 
@@ -165,20 +165,6 @@ def stop_ms(image: Path, folder: Path, turn: int, letter: str, axes: str = "XYZE
     return 1000 * (last - asked)
 
 
-def bare_stop_ms(image: Path, folder: Path) -> float:
-    """Return the firmware's own time from the bytes of M112 to the last step edge, ms."""
-    with AvrBoard(image, folder) as board:
-        host = SerialHost(board.port)
-        time.sleep(2.5)
-        for line in ("G91", "M302 P1", *["G1 X5 F1800", "G1 X-5"] * 8):
-            host.ask(line)
-        asked = time.monotonic()
-        host.write("M112")
-        time.sleep(4.0)
-        host.close()
-        return 1000 * (board.log().last_edge_s() - asked)
-
-
 def stop_rows(image: Path, folder: Path, tries: int, build: str) -> Iterator[Row]:
     """Measure kills by Ctrl-C and k, stops by Ctrl-C and s."""
     found = [stop_ms(image, folder, turn, "k") for turn in range(tries)]
@@ -188,8 +174,6 @@ def stop_rows(image: Path, folder: Path, tries: int, build: str) -> Iterator[Row
         yield row(name + "median", float("nan"), "ms", f"{GOAL_MS:g}", False)
         return
     yield row(name + "median", round(statistics.median(known), 1), "ms")
-    bare = round(bare_stop_ms(image, folder / "bare"), 1)
-    yield row(f"real Marlin, {build}, M112 written by a plain host: to last step edge", bare, "ms")
     yield row(name + "longest", round(max(known), 1), "ms", f"{GOAL_MS:g}", max(known) <= GOAL_MS)
     stops = [stop_ms(image, folder, turn, "s", "XY") for turn in range(tries)]
     longest = max((took for took in stops if took is not None), default=float("nan"))

@@ -90,7 +90,6 @@ class Tap:
         tty.setraw(self._slave)
         self.name = os.ttyname(self._slave)
         self._down: list[tuple[float, bytes]] = []
-        self._up: list[tuple[float, bytes]] = []
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._relay, daemon=True)
 
@@ -116,16 +115,11 @@ class Tap:
                 data = self._printer.recv(65536)
                 if not data:
                     return
-                self._up.append((time.monotonic(), data))
                 os.write(self._master, data)
 
     def down_at(self, word: bytes) -> float:
         """When the host's ``word`` had passed whole, s; infinite for never."""
         return _passed(self._down, word)
-
-    def up_at(self, word: bytes) -> float:
-        """When the printer's ``word`` had passed whole, s; infinite for never."""
-        return _passed(self._up, word)
 
 
 def _passed(chunks: list[tuple[float, bytes]], word: bytes) -> float:

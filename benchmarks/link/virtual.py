@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.common import Row, row
 from benchmarks.link.files import zigzag
-from benchmarks.link.runs import BreakingTroubles, Ledger, Run, Wire, new_printer, run
+from benchmarks.link.runs import BreakingTroubles, Ledger, Run, Wire, run
 from firmware_profiles.families.link_timing import Timing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.pairing import Pairing
@@ -19,8 +19,6 @@ from printctl.machine.link.clock import VirtualClock
 VIRTUAL = {"clock": "virtual"}
 MILD = BreakingTroubles(noise=0.0004, drop_ok=0.001, delay=0.001, breaks=0.0002)
 HARD = BreakingTroubles(noise=0.003, drop_ok=0.001, delay=0.001, breaks=0.0002)
-M85_S = 600.0
-"""The firmware's own switch-off after its last move, as the file sets it."""
 
 
 def noise_rows(quick: bool) -> Iterator[Row]:
@@ -131,52 +129,3 @@ def _killed(prints: int, folder: Path, protocol: Callable[[], MarlinProtocol]) -
     two = "" if protocol is MarlinProtocol else ", two lines in flight"
     name = f"host killed at random moments and resumed{two}: prints exact"
     return row(name, exact, f"of {prints}", "all", exact == prints) | VIRTUAL | {"deaths": deaths}
-
-
-FAULTS = {
-    "reset": ("position_unknown", 0.5),
-    "kill": ("killed", 0.5),
-    "unplug": ("failed", 0.5),
-    "runaway": ("killed", 0.5),
-}
-"""Fault, documented state, and the limit from the printer's stop to the host's knowing it, s."""
-
-
-def fault_rows(quick: bool) -> Iterator[Row]:
-    """Yield each fault's end: the state of `docs/link_reference.md`, in time, heaters off."""
-    with tempfile.TemporaryDirectory() as folder:
-        yield from _faults(Path(folder))
-
-
-def _faults(folder: Path) -> Iterator[Row]:
-    file = zigzag(1500, 1800, b"M140 S37", b"M109 S40")
-    for kind, (state, limit_s) in FAULTS.items():
-        ledger = new_printer(f"{kind}@200")
-        found = run(file, folder, ledger=ledger)
-        stopped = _stopped_at(kind, found)
-        late = found.ended_s - stopped
-        right = found.status.state == state and late <= limit_s
-        made = row(f"{kind} in mid-print: ends as", late, "s until known", f"{state}", right)
-        yield made | VIRTUAL | {"state": str(found.status.state), "message": found.status.message}
-        off_s = _heaters_off_after(found, stopped)
-        limit = M85_S + 30.0 if kind == "unplug" else 0.0
-        made = row(f"{kind}: heaters off after", off_s, "s", f"<= {limit:g}", off_s <= limit)
-        yield made | VIRTUAL | ({"by": "M85, after the last move"} if kind == "unplug" else {})
-
-
-def _stopped_at(kind: str, found: Run) -> float:
-    ledger = found.ledger
-    if kind == "unplug":
-        return ledger.taken[-1].time_s
-    return (ledger.resets if kind == "reset" else ledger.kills)[-1]
-
-
-def _heaters_off_after(found: Run, since: float) -> float:
-    """Let time pass until both heaters are off; from the fault on, s (infinite for never)."""
-    printer = found.ledger.printer
-    printer.finish()
-    while printer.machine.heat.hotend.target_c or printer.machine.heat.bed.target_c:
-        printer.advance(1.0)
-        if printer.now - since > 2 * M85_S:
-            return float("inf")
-    return max(found.ledger.kills[-1] - since, 0.0) if found.ledger.kills else 0.0

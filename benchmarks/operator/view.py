@@ -13,7 +13,6 @@ processes, less that of the same browser with an empty page.
 from __future__ import annotations
 
 import io
-import json
 import shutil
 import statistics
 import time
@@ -23,21 +22,16 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import psutil
 from PIL import Image
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, sync_playwright
 
 from benchmarks.common import Row, row
-from benchmarks.link.printers import PeerFailedError, profile, simulated
 from benchmarks.operator.server import chromium_path, page_server, workspace
-from printctl.machine.link import start_print
 
 MOVES: Final = 1_000_000
 ARGUMENTS: Final = ("--no-sandbox", "--enable-unsafe-swiftshader")
 READY_S: Final = 10.0
 """So long after its start a server has made ready what it will."""
-COLD: Final = b"M302 P1\n"
-"""Ink is pushed cold."""
 OPEN_S: Final = 2.0
 """So long before the navigation the browser was opened: its own start isn't the page's."""
 COLOURED, LEAST_SHARE = 60, 0.1
@@ -58,18 +52,6 @@ def write_job(path: Path, moves: int) -> None:
     path.write_text(
         head + "".join(f"G1 X{x:.3f} Y{y:.3f} Z{z:.3f} E{e:.5f} F1200\n" for x, y, z, e in ends)
     )
-
-
-def processor_s(process: psutil.Process, named: str = "") -> float:
-    """Processor time of a process's children (and theirs) with this in their name, s."""
-    total = 0.0
-    for each in process.children(recursive=True):
-        try:
-            if named in each.name():
-                total += sum(each.cpu_times()[:2])
-        except psutil.Error:
-            continue
-    return total
 
 
 def first_picture_s(browser: Browser, url: str) -> float:
@@ -143,61 +125,11 @@ def launched(started: Any) -> Iterator[Browser]:
         browser.close()
 
 
-def update_rows(folder: Path, seconds: float) -> Iterator[Row]:
-    """What the page Job costs while its job is printed at 20 mm/s, as a share of one core."""
-    run = folder / "updated" / "runs" / "million"
-    run.mkdir(parents=True)
-    (run / "part.gcode").write_bytes(COLD + (folder / "million.gcode").read_bytes())
-    facts = profile(folder, "updates", resets_on_connect=False)
-    with page_server(run.parents[1]) as url, simulated(facts, "--speed", "1") as port:
-        said = json.loads((run.parents[1] / ".printctl" / "serve.json").read_text())
-        server = psutil.Process(said["pid"])
-        with start_print(run / "part.gcode", facts, port, run / "print") as client:
-            with sync_playwright() as started, launched(started) as browser:
-                page = browser.new_page(viewport={"width": 1280, "height": 800})
-                page.goto(f"{url.rstrip('/')}/job?job=run~million")
-                page.wait_for_selector("[data-drawn]", timeout=60_000)
-                time.sleep(READY_S)
-                before = _written(page)
-                printing = _shares(server, seconds)
-                if _written(page) <= before:
-                    raise PeerFailedError("the page doesn't draw what is printed")
-                page.goto("about:blank")
-                time.sleep(OPEN_S)
-                nothing = _shares(server, seconds)
-            client.kill()
-            client.wait(60)
-    for who, limit in (("chrom", 5.0), ("server", None)):
-        share = round(100 * (printing[who] - nothing[who]), 2)
-        name = f"page Job in a print, {'browser' if who == 'chrom' else who}"
-        goal = () if limit is None else (f"<= {limit:g}", share <= limit)
-        yield row(name, share, "% of a core", *goal) | {"clock": "wall"}
-
-
-def _written(page: Page) -> int:
-    """Moves that the view has drawn as written, as its element tells scripts."""
-    return int(page.locator(".live-view").get_attribute("data-written") or 0)
-
-
-def _shares(server: psutil.Process, seconds: float) -> dict[str, float]:
-    """Processor time by time of the browser, all its processes, and of the server."""
-
-    def spent() -> dict[str, float]:
-        own = sum(server.cpu_times()[:2])
-        return {"chrom": processor_s(psutil.Process(), "chrom"), "server": own}
-
-    first, begin = spent(), time.monotonic()
-    time.sleep(seconds)
-    last, took = spent(), time.monotonic() - begin
-    return {who: (last[who] - first[who]) / took for who in first}
-
-
 def rows(quick: bool) -> Iterator[Row]:
-    """Yield first pictures and updates; quick has a tenth of the moves and one try."""
+    """Yield first pictures; quick has a tenth of the moves and one try."""
     chromium_path()
     moves = MOVES // 10 if quick else MOVES
     with workspace() as place:
         folder = place.parent
         write_job(folder / "million.gcode", moves)
         yield from picture_rows(folder, moves, 1 if quick else 5)
-        yield from update_rows(folder, 5.0 if quick else 20.0)

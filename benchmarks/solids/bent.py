@@ -7,7 +7,6 @@ Parts are built with manifold3d alone.
 from __future__ import annotations
 
 import shutil
-import struct
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 from benchmarks.checkers.bead_lumens import Axis, free_sections
 from benchmarks.checkers.layer_sections import compare_layers
 from benchmarks.checkers.read_gcode import Lines, Moves, own_lines, read_moves, rounded_to_steps
+from benchmarks.checkers.read_stl import write_stl
 from benchmarks.common import Row, printctl, row, timed
 from benchmarks.solids.slicing import PRUSA_INI
 
@@ -54,9 +54,7 @@ class BentPart:
         """Binary STL."""
         mesh = self.body.to_mesh()
         corner = np.asarray(mesh.vert_properties[:, :3], np.float32)[np.asarray(mesh.tri_verts)]
-        rows = np.zeros(len(corner), dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
-        rows["v"] = corner
-        path.write_bytes(b"\0" * 80 + struct.pack("<I", len(corner)) + rows.tobytes())
+        write_stl(path, corner)
 
 
 def tube(path: FloatArray, radius: float) -> m3.Manifold:

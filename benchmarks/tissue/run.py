@@ -7,7 +7,6 @@ tissues whose parts don't touch and whose file isn't spoilt: a test compares the
 from __future__ import annotations
 
 import json
-import struct
 import subprocess
 import sys
 import tempfile
@@ -19,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.checkers import outlet_flows, read_network
+from benchmarks.checkers import outlet_flows, read_network, write_stl
 from benchmarks.common import ROOT, Row, limited
 from benchmarks.tissue.cases import KINDS, SEEDS, Case, make, true_volume
 from benchmarks.tissue.solids import FloatArray, IntArray, Solid, groups, volume_of
@@ -114,12 +113,9 @@ _DROP_PA, _VISCOSITY_PA_S = 5332.9, 4e-3
 _WRONG = ("silent", "refused", "crashed", "outside", "uneven")
 
 
-def write_stl(path: Path, solid: Solid) -> None:
-    """A binary STL, as most programs write it: float32, normals zero."""
-    corners = solid.points[solid.faces].astype("<f4")
-    records = np.zeros(len(corners), dtype=[("n", "<f4", 3), ("c", "<f4", (3, 3)), ("a", "<u2")])
-    records["c"] = corners
-    path.write_bytes(b"\0" * 80 + struct.pack("<I", len(corners)) + records.tobytes())
+def corners_of(solid: Solid) -> NDArray[np.float64]:
+    """Return the corners of a solid's triangles, (f, 3, 3), mm."""
+    return solid.points[solid.faces]
 
 
 def grown(paths: list[Path]) -> Iterator[dict[str, Any]]:
@@ -182,7 +178,7 @@ def rows(quick: bool) -> Iterator[Row]:
             cases = {f"{kind}-{seed}": make(kind, seed) for seed in range(1 if quick else SEEDS)}
             paths = [Path(folder) / f"{name}.stl" for name in cases]
             for path in paths:
-                write_stl(path, cases[path.stem].mesh)
+                write_stl(path, corners_of(cases[path.stem].mesh))
             for said in grown(paths):
                 path = Path(folder) / f"{said['done']}.stl"
                 results.append(judged(cases[path.stem], said, path))

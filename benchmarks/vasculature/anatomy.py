@@ -1,4 +1,4 @@
-"""Rows on anatomic templates: heart, kidney, liver, on real meshes and shapes made up here."""
+"""Rows on anatomic templates: heart and kidney, on real meshes and shapes made up here."""
 
 from __future__ import annotations
 
@@ -25,7 +25,6 @@ from benchmarks.checkers.anatomy import (
     kinks,
     length_beside,
     one_kind,
-    one_tree,
     outer_triangles,
     strahler_from_root,
     triangle_distance,
@@ -43,7 +42,6 @@ import json, sys, time
 from pathlib import Path
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
-from design.anatomy.liver import grow_liver
 from design.anatomy.network import curved_network
 from design.anatomy.presets import PRESETS
 from design.network_files.csv_format import write_network_csv
@@ -58,8 +56,7 @@ drop = preset.pressure_drop_mmhg * PA_PER_MMHG
 options = GrowthOptions(terminals=int(terminals), seed=1, clearance_mm=0.1,
     murray_exponent=preset.murray_exponent, pressure_drop_pa=drop)
 begin = time.process_time()
-grow = {"liver": grow_liver,
-    "heart": lambda *given: grow_heart(*given, HeartAnatomy(published_radii=True)),
+grow = {"heart": lambda *given: grow_heart(*given, HeartAnatomy(published_radii=True)),
     "kidney": lambda *given: grow_kidney(*given, KidneyAnatomy(vein="beside"))}
 found = grow[organ](tissue, options)
 network = curved_network(found.trees, found.kinds)
@@ -80,8 +77,6 @@ def organ_rows(name: str, stl: Path, organ: str, terminals: int, folder: Path) -
     net, tissue = read_network(out), read_stl(stl)
     yield row(f"{name}: growth, CPU", round(known["cpu_s"], 1), "s")
     trees = [one_kind(net, kind) for kind in np.unique(net.kind)]
-    if organ == "liver":
-        trees = [one_tree(net, number) for number in range(3)]
     bent = sum(kinks(tree, 30.0, 0.05) for tree in trees)
     yield limited(f"{name}: kinks over 30 degrees, above 5 % of the root", bent, "", 0)
     near = near_pairs(net, _CLEARANCE, 0.1)
@@ -96,12 +91,11 @@ def organ_rows(name: str, stl: Path, organ: str, terminals: int, folder: Path) -
     yield limited(
         f"{name}: terminal flow spread", max(spread(one) for one in flow), "relative", 1e-9
     )
-    into = flow[0].sum() + (flow[1].sum() if organ == "liver" else 0.0)
-    total = abs(flow[-1].sum() / into - 1.0)
+    total = abs(flow[-1].sum() / flow[0].sum() - 1.0)
     yield limited(f"{name}: flow of the vein and of what comes in apart", total, "relative", 1e-9)
     ends = [len(tree.outlets()) for tree in trees]
     yield row(f"{name}: terminals", ends[-1], "1", str(terminals), set(ends) == {terminals})
-    rows = {"heart": _heart, "kidney": _kidney, "liver": _liver}
+    rows = {"heart": _heart, "kidney": _kidney}
     yield from rows[organ](name, net, tissue, known)
 
 
@@ -201,20 +195,6 @@ def _kidney(name: str, net: Any, tissue: Any, known: dict[str, Any]) -> Iterator
     yield from _beside(name, artery, vein)
 
 
-def _liver(name: str, net: Any, tissue: Any, known: dict[str, Any]) -> Iterator[Row]:
-    portal, artery, veins = (one_tree(net, number) for number in range(3))
-    length, near = length_beside(artery, portal, 3.0)
-    above = above_terminals(artery)
-    share = float(near[above].sum() / length[above].sum())
-    what = "artery above its terminals, with the portal vein within three diameters"
-    yield row(f"{name}: {what}", share, "of length", ">= 0.7", share >= 0.7)
-    length, near = length_beside(veins, portal, 3.0)
-    wide = strahler_from_root(veins) >= strahler_from_root(veins).max() - 2
-    share = float(near[wide].sum() / length[wide].sum())
-    what = "hepatic veins' three widest orders, with the portal vein within three diameters"
-    yield row(f"{name}: {what}", share, "of length") | {"notes": known["notes"]}
-
-
 def _beside(name: str, artery: Any, vein: Any) -> Iterator[Row]:
     """Shares of length with the other within three of its own diameters, axis from axis.
 
@@ -254,17 +234,6 @@ def ellipsoid_ventricle(out: Path, length_mm: float = 78.0, wall_mm: float = 9.0
     return out
 
 
-def liver_phantom(out: Path) -> Path:
-    """Write the shipped phantom of a liver, 150 mm wide."""
-    import trimesh
-
-    from design.tissue import liver
-
-    made = liver(150.0)
-    trimesh.Trimesh(made.vertices, made.faces).export(out)
-    return out
-
-
 def rows(quick: bool) -> Iterator[Row]:
     """Yield organs on meshes that the templates were tuned on, and on others."""
     heart, kidney = (
@@ -281,7 +250,6 @@ def rows(quick: bool) -> Iterator[Row]:
             ("another heart", "heart", other, 8000),
             ("ellipsoid ventricle", "heart", ellipsoid_ventricle(folder / "e.stl"), 8000),
             ("kidney", "kidney", kidney, 8000),
-            ("liver phantom", "liver", liver_phantom(folder / "l.stl"), 1000),
         )
         for name, organ, stl, count in cases:
             yield from organ_rows(f"{name} {count:,}", stl, organ, count, folder)
