@@ -110,6 +110,7 @@ def measure(parts: dict[str, str], only: str | None, quick: bool) -> int:
         if only != name and (only is not None or (name in NAMED_ONLY and not quick)):
             continue
         module, _, function = place.partition(":")
+        before = cpu_s()
         try:
             for found in getattr(import_module(f"benchmarks.{module}"), function)(quick):
                 print(json.dumps(found, ensure_ascii=False), file=sys.stderr, flush=True)
@@ -120,6 +121,7 @@ def measure(parts: dict[str, str], only: str | None, quick: bool) -> int:
             traceback.print_exc()
             failed = True
             rows.append({"measure": name, "error": f"{type(error).__name__}: {error}"})
+        print(f"{name}: {cpu_s() - before:.1f} CPU s", file=sys.stderr, flush=True)
     print(json.dumps(about | {"cpu_s": cpu_s(), "rows": rows}, indent=1, ensure_ascii=False))
     return int(failed)
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.checkers.read_network import FloatArray, IntArray, Pieces
+from benchmarks.checkers.networks import FloatArray, IntArray, Pieces
 
 
 def main_line_turns(net: Pieces) -> tuple[FloatArray, FloatArray]:

@@ -9,13 +9,7 @@ that was pending is dropped: over hundreds of G92 this walks away from the sum o
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
-
-_WORD = re.compile(r"([A-Z])(-?[0-9.]+)")
-_MOVES = frozenset({"G0", "G1", "G2", "G3"})
-
 
 _TENTHS = tuple((power, np.float32(f"1e-{power}")) for power in (32, 16, 8, 4, 2, 1))
 """Powers of ten that a fraction is multiplied by, the largest first."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.checkers.read_network import FloatArray, IntArray, Pieces
+from benchmarks.checkers.networks import FloatArray, IntArray, Pieces
 from benchmarks.common import ROOT
 
 Measures = dict[str, float]

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.checkers.read_network import Pieces, read_network
+from benchmarks.checkers.networks import Pieces, read_network
 from benchmarks.checkers.vtu_sections import VtuFlow, entrance_length_mm
 from benchmarks.common import ROOT, Row, limited, printctl, row, timed
 

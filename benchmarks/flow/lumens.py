@@ -16,8 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.checkers.poiseuille import graph_flows, resistances
-from benchmarks.checkers.read_network import read_network
+from benchmarks.checkers.networks import graph_flows, read_network, resistances
 from benchmarks.checkers.vtu_sections import VtuFlow
 from benchmarks.common import ROOT, Row, limited, printctl, row, timed
 from design.network import VesselNetwork

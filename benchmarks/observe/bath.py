@@ -211,7 +211,7 @@ def _shared(gap: Gap, bare: painter.Gap | None) -> float:
 
 def rows(quick: bool) -> Iterator[Row]:
     """Yield sound prints and prints with one fault each."""
-    count = 12 if quick else 300
+    count = 4 if quick else 300
     planted = [(FIRST_FAULTY + k, FAULTS[(k // 3) % len(FAULTS)]) for k in range(count)]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         sound = list(pool.map(outcome, range(count), [None] * count, chunksize=3))

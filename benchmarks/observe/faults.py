@@ -247,7 +247,7 @@ def one_print(seed: int, folder: Path, kills: int) -> tuple[Run, LinkState, Comp
 
 def rows(quick: bool) -> Iterator[Row]:
     """Yield 200 kills, 20 if quick."""
-    kills, total, exact, prints, inserts = (20 if quick else 200), 0, 0, 0, 0
+    kills, total, exact, prints, inserts = (10 if quick else 200), 0, 0, 0, 0
     by_moment, wrong = dict.fromkeys(MOMENTS, 0), []
     with tempfile.TemporaryDirectory() as folder:
         os.environ["PRINTCTL_DATA"] = folder  # these prints aren't the user's

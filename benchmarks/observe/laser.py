@@ -121,7 +121,7 @@ def seconds_of_a_look() -> float:
 def rows(quick: bool) -> Iterator[Row]:
     """Yield the time of a look, then sound layers and gaps of each kind of layer."""
     yield limited("20 x 20 mm at 20 µm judged", seconds_of_a_look(), "s", 2.0)
-    layers, planted_each = (4, 3) if quick else (60, PLANTED)
+    layers, planted_each = (2, 1) if quick else (60, PLANTED)
     for kind in KINDS:
         yield from sound_rows(kind, layers)
         for length in LENGTHS_MM[-1:] if quick else LENGTHS_MM:

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.checkers.mended_ink import Case, Judged, Stroke, judge, place_on, strokes_of
+from benchmarks.checkers.networks import read_network
 from benchmarks.checkers.read_gcode import Moves, read_moves
-from benchmarks.checkers.read_network import read_network
 from benchmarks.common import ROOT, Row, limited, printctl, row, timed
 from design.network_files.csv_format import read_network_csv
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
@@ -92,7 +92,7 @@ JOBS = (
 def rows(quick: bool) -> Iterator[Row]:
     """Yield all jobs; quick has the layered one, and few gaps."""
     for planned in JOBS[: 1 if quick else None]:
-        yield from mend_rows(planned, 4 if quick else 60)
+        yield from mend_rows(planned, 2 if quick else 60)
 
 
 def mend_rows(planned: Planned, count: int) -> Iterator[Row]:

@@ -312,7 +312,7 @@ def rows(quick: bool) -> Iterator[Row]:
     """Yield prints with and without an observer, each fifth of them sound."""
     rng = np.random.default_rng(1)
     pairs, seconds, wrong, looks = list[tuple[float, float]](), list[float](), 0, 0
-    for k in range(2 if quick else 30):
+    for k in (1,) if quick else range(30):
         with tempfile.TemporaryDirectory() as place:
             folder = Path(place)
             path = folder / "job.gcode"

@@ -71,7 +71,7 @@ def faulty(job: tuple[int, str]) -> tuple[int, int, int]:
 
 def rows(quick: bool) -> Iterator[Row]:
     """Yield sound layers of all painters, then gaps of opaque ink and of ridges lit aslant."""
-    layers, each = (24, 8) if quick else (5000, 144)
+    layers, each = (12, 4) if quick else (5000, 144)
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         seeds = range(FIRST_SOUND, FIRST_SOUND + layers)
         shown, acted = np.array(list(pool.map(sound, seeds, chunksize=4))).T

@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.checkers.dye_carried import Tubes, dyed
-from benchmarks.checkers.dye_film import Pinhole, Spoilt, write_film
+from benchmarks.checkers.dye_film import Pinhole, Spoilt, Tubes, dyed, write_film
 from benchmarks.common import Row, limited, row
 from benchmarks.registration.phantom import Design, branched, planar
 

@@ -18,10 +18,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from benchmarks.checkers.bead_lumens import Axis, free_sections
-from benchmarks.checkers.layer_sections import compare_layers
+from benchmarks.checkers.lumens import Axis, compare_layers, free_sections
+from benchmarks.checkers.meshes import write_stl
 from benchmarks.checkers.read_gcode import Lines, Moves, own_lines, read_moves, rounded_to_steps
-from benchmarks.checkers.read_stl import write_stl
 from benchmarks.common import Row, printctl, row, timed
 from benchmarks.solids.slicing import PRUSA_INI
 

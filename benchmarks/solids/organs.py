@@ -12,9 +12,13 @@ import trimesh
 from manifold3d import Error, Manifold, Mesh
 
 from benchmarks.checkers.crossing_triangles import crossing_triangles
-from benchmarks.checkers.read_network import Pieces, read_network
-from benchmarks.checkers.solid_file import capsule_union_volume, check_file, read_corners
-from benchmarks.checkers.tube_facets import facet_deviations
+from benchmarks.checkers.networks import Pieces, read_network
+from benchmarks.checkers.solid_file import (
+    capsule_union_volume,
+    check_file,
+    facet_deviations,
+    read_corners,
+)
 from benchmarks.common import DATA, Row, limited, needed, printctl, row, timed
 
 SHARE: Final = 0.05

@@ -16,6 +16,8 @@ import numpy as np
 from manifold3d import CrossSection, Manifold, OpType
 from numpy.typing import NDArray
 
+from benchmarks.checkers.lumens import openings
+from benchmarks.checkers.meshes import write_stl
 from benchmarks.checkers.read_gcode import (
     Lines,
     Moves,
@@ -23,8 +25,6 @@ from benchmarks.checkers.read_gcode import (
     rounded_to_steps,
     written_lines,
 )
-from benchmarks.checkers.read_stl import write_stl
-from benchmarks.checkers.round_lumens import openings
 from benchmarks.common import ROOT, Row, limited, printctl, row, timed
 
 LAYER_MM, LINE_MM, STEPS_PER_MM = 0.06, 0.15, 80.0

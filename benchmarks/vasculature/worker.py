@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.checkers.read_stl import box_triangles, write_stl
+from benchmarks.checkers.meshes import box_triangles, write_stl
 from benchmarks.common import peak_mb
 from design.errors import DesignError
 from design.hemodynamics import FlowConditions, balance

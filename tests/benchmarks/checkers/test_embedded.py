@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.checkers.embedded_ink import read_embedded
 from benchmarks.checkers.embedded_judge import judge
-from benchmarks.checkers.embedded_moves import read_embedded
 
 Points = NDArray[np.float64]
 

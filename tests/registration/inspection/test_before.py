@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.checkers.stacked_layers import Layer, Stack, stack
 from registration.errors import PictureError
 from registration.inspection import ExpectedLines, LayerFindings, Unseen, see_layer
 from registration.inspection.pictures.earlier_view import camera_move
+from tests.registration.inspection.stacked_layers import Layer, Stack, stack
 from tests.slower import first_of
 
 SEEN = 4

@@ -1,4 +1,4 @@
-"""Free cross-section of lumens among printed lines; widths from each line's own extrusion.
+"""Free cross-section of lumens among printed lines, and a layer's ink against its section.
 
 Shares no code with the product. A line is a slab as high as its layer, as wide as the crest of its
 round-sided bead (`flat`), or that bead itself (`rounded`). Rays go out from a lumen's axis, in the
@@ -7,15 +7,49 @@ plane across it, to the nearest ink. Lengths are mm.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from benchmarks.checkers.compiled import compiled
 from benchmarks.checkers.read_gcode import Lines
 
 FloatArray = NDArray[np.float64]
+
+
+def openings(lines: Lines, centre: FloatArray, reach_mm: float) -> FloatArray:
+    """Return the largest circle about each lumen's axis that no line enters, (layers, lumens), mm.
+
+    ``reach_mm`` is beyond the widest lumen's radius; 0 where a line crosses the axis.
+    """
+    rows = []
+    for z in np.unique(np.round(lines.z, 4)):
+        here = np.flatnonzero(np.abs(lines.z - z) < 1e-3)
+        rows.append(_layer(lines, here, centre, reach_mm))
+    return np.array(rows)
+
+
+def _layer(lines: Lines, here: NDArray[np.int64], centre: FloatArray, reach: float) -> FloatArray:
+    start, end, half = lines.start[here], lines.end[here], lines.width[here] / 2
+    boxes = shapely.STRtree(shapely.linestrings(np.stack([start, end], axis=1)))
+    clear = np.full(len(centre), np.inf)
+    lumen, line = boxes.query(shapely.points(centre), predicate="dwithin", distance=reach)
+    distance = _to_segment(centre[lumen], start[line], end[line]) - half[line]
+    np.minimum.at(clear, lumen, distance)
+    return 2 * np.maximum(clear, 0.0)
+
+
+def _to_segment(point: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
+    way = end - start
+    share = ((point - start) * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-30)
+    near = start + np.clip(share, 0, 1)[:, None] * way
+    found: FloatArray = np.linalg.norm(point - near, axis=1)
+    return found
+
+
 RAYS = 64
 CLOSE = 1e-5
 
@@ -140,3 +174,43 @@ def _trace(
                 break
         found[k] = t
     return found
+
+
+LEAST_MM = 0.12
+"""Narrower holes of a section aren't counted as holes."""
+EVERY = 12
+
+
+@dataclass(frozen=True)
+class LayerSections:
+    """Of every twelfth layer.
+
+    Attributes
+    ----------
+    holes, closed : int
+        Free places of the sections, within their bounds; those where less than 20 µm stays free.
+    bare_percent : float, %
+        Material that no line covers.
+    """
+
+    holes: int
+    closed: int
+    bare_percent: float
+
+
+def compare_layers(lines: Lines, material: Callable[[float], shapely.Geometry]) -> LayerSections:
+    """Hold lines against ``material`` (tip's height -> section at mid-layer, lines' frame)."""
+    holes = closed = 0
+    bare: list[float] = []
+    for z in np.unique(np.round(lines.z, 4))[4:-4:EVERY]:
+        section = material(float(z))
+        here = np.abs(lines.z - z) < 1e-3
+        ways = shapely.linestrings(np.stack([lines.start[here], lines.end[here]], axis=1))
+        ink = shapely.union_all(shapely.buffer(ways, lines.width[here] / 2, quad_segs=8))
+        for free in shapely.get_parts(shapely.difference(section.envelope, section)):
+            if shapely.buffer(free, -LEAST_MM / 2).is_empty:
+                continue
+            holes += 1
+            closed += shapely.buffer(shapely.difference(free, ink), -0.01).is_empty
+        bare.append(shapely.difference(section, ink).area / section.area)
+    return LayerSections(holes, closed, 100 * float(np.mean(bare)))
