@@ -33,9 +33,7 @@ class MotionFile:
     """
 
     lines: list[str] = field(default_factory=lambda: list(HEAD))
-    targets: list[dict[str, float]] = field(
-        default_factory=lambda: [dict.fromkeys("XYZE", 0.0)],
-    )
+    targets: list[dict[str, float]] = field(default_factory=lambda: [dict.fromkeys("XYZE", 0.0)])
 
     def move(self, feed_mm_min: float | None = None, **to: float) -> None:
         """Add a move to a place, mm."""

@@ -13,11 +13,7 @@ import numpy as np
 from benchmarks.checkers.link_order import body_of
 from benchmarks.common import Row, row
 from benchmarks.link.files import zigzag
-from benchmarks.link.printers import (
-    answerer,
-    profile,
-    read_record,
-)
+from benchmarks.link.printers import answerer, profile, read_record
 from printctl.machine.link import LinkState, start_print
 
 REAL = {"clock": "wall"}

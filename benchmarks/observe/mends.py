@@ -28,14 +28,7 @@ from design.network_files.csv_format import read_network_csv
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.machine.link.job import Job, load_job
 from printctl.machine.link.marks import MarkKind
-from printctl.observe.mending import (
-    HeldPrint,
-    Mend,
-    Voids,
-    gap_between,
-    plan_mend,
-    written_paths,
-)
+from printctl.observe.mending import HeldPrint, Mend, Voids, gap_between, plan_mend, written_paths
 
 COVERED = 0.95
 """Share of a gap's missing voxels from which it counts as mended."""

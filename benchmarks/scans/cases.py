@@ -30,10 +30,6 @@ TOLERANCE_PERCENT = 10.0
 
 KINDS = ("local", "clean", "whole", "local", "way", "local", "clean", "way", "local", "clean")
 WAYS = ("leak", "bridge", "plug", "missing")
-SYMMETRIC = {
-    "shared": ("symmetric",),
-    "spectral": ("half_turns", "quarter_turns", "mirrored_pair"),
-}
 PITCH_UM = 60
 DEPTHS_UM = (12, 16, 20, 25)
 
@@ -90,9 +86,11 @@ def draw_case(generator: str, seed: int) -> Case:
     kind = KINDS[seed % len(KINDS)]
     made: tuple[str, ...] = ()
     if kind == "clean" and rng.random() < 0.5:
-        design, made = special(generator, design, rng)
+        made = (
+            ("--half-field",) if rng.random() < 0.4 else ("--mirror", str(rng.choice(list("xyz"))))
+        )
     else:
-        made = (*planted(generator, design, kind, rng), *turned(generator, design, rng))
+        made = (*planted(generator, design, kind, rng), *turned(design, rng))
     voxels = "--voxel-um=" + joined(PITCH_UM, PITCH_UM, float(rng.choice(DEPTHS_UM)))
     return Case(generator, design, seed, (*made, *light(bool(seed // 10 % 2), rng), voxels))
 
@@ -123,7 +121,7 @@ def broken(design: str, vessel: int, place: float, rng: np.random.Generator) -> 
     return ("--missing", str(vessel))
 
 
-def turned(generator: str, design: str, rng: np.random.Generator) -> tuple[str, ...]:
+def turned(design: str, rng: np.random.Generator) -> tuple[str, ...]:
     """Return a pose: half of them upright, half turned by any right angle or turned over.
 
     Only a part no deeper than light goes stands on any side.
@@ -134,17 +132,6 @@ def turned(generator: str, design: str, rng: np.random.Generator) -> tuple[str, 
     if design == "compact" and rng.random() < 0.5:
         return ("--orientation", str(int(rng.integers(24))), yaw)
     return (yaw, *(("--turned-over",) if rng.random() < 0.6 else ()))
-
-
-def special(generator: str, design: str, rng: np.random.Generator) -> tuple[str, tuple[str, ...]]:
-    """Return a mirrored scan, half a part, or a symmetric design."""
-    draw = rng.random()
-    if draw < 0.45:
-        return design, ("--mirror", str(rng.choice(list("xyz"))))
-    if draw < 0.7:
-        return design, ("--half-field",)
-    symmetric = str(rng.choice(SYMMETRIC[generator]))
-    return symmetric, turned(generator, symmetric, rng)
 
 
 def light(usual: bool, rng: np.random.Generator) -> tuple[str, ...]:

@@ -259,37 +259,7 @@ def drum() -> Design:
     return d
 
 
-def half_turns() -> Design:
-    """Return a block that half turns about x, y and z, and mirrors, leave as it is."""
-    d = Design(block(9, 8, 2.6))
-    for y in (2.5, 5.5):
-        d.add(d.node(0, y, 1.3), d.node(9, y, 1.3), (0.6,))
-    return d
-
-
-def quarter_turns() -> Design:
-    """Return a cylinder with a cross of four equal channels, unchanged by quarter turns about z."""
-    d = Design(cylinder(7.5, 2.6))
-    middle = d.node(3.75, 3.75, 1.1)
-    for x, y in ((7.5, 3.75), (3.75, 7.5), (0, 3.75), (3.75, 0)):
-        d.add(d.node(x, y, 1.1), middle, (0.55,))
-    return d
-
-
-def mirrored_pair() -> Design:
-    """Return a block that a mirror (y) leaves as it is, and no turn."""
-    d = Design(block(9, 8, 2.6))
-    fork = d.node(3.2, 4, 1.1)
-    d.add(d.node(0, 4, 1.1), fork, (0.8,))
-    for y in (2.0, 6.0):
-        d.add(fork, d.node(9, y, 1.4), (0.5, 0.4))
-    return d
-
-
-DESIGNS = {
-    f.__name__: f
-    for f in (curved, slanted, compact, drum, half_turns, quarter_turns, mirrored_pair)
-}
+DESIGNS = {f.__name__: f for f in (curved, slanted, compact, drum)}
 
 
 HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree"

@@ -1,7 +1,4 @@
-"""Judge a `printctl register` report against a synthetic scan's truth.
-
-Poses are held against the truth up to the design's symmetries.
-"""
+"""Judge a `printctl register` report against a synthetic scan's truth."""
 
 from __future__ import annotations
 
@@ -40,15 +37,14 @@ def judge(folder: Path, truth: Row, tolerance: float) -> Row:
     """Return the judgement; diameters and faces only where the pose is near the truth."""
     whole = json.loads((folder / "registration.json").read_text())
     report = whole["registration"]
-    pose, (turn, _) = judge_pose(report, truth), best_equivalent(report, truth)
+    pose = judge_pose(report, truth)
     placed = pose["tre_rms_um"] < 300
-    own = placed and not pose["turned"]
     return {
         "pose": pose,
         "verdict": judge_verdict(whole, truth, tolerance),
-        "planted": judge_defects(report, truth, turn, tolerance),
-        "sections": judge_sections(report, truth) if own else [],
-        "vessels": judge_vessels(report, truth, tolerance) if own else [],
+        "planted": judge_defects(report, truth, tolerance),
+        "sections": judge_sections(report, truth) if placed else [],
+        "vessels": judge_vessels(report, truth, tolerance) if placed else [],
         "faces": judge_faces(folder / "deviation.ply", report, truth) if placed else [],
     }
 
@@ -58,25 +54,6 @@ def apply(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])
 
 
-def matrices(truth: Row) -> list[np.ndarray]:
-    """Return the turns that leave the design as it is, the identity first."""
-    own = [np.array(m) for m in truth.get("symmetry_matrices", [])]
-    if not own:
-        for letter in truth["design_symmetries"]:
-            signs = -np.ones(3)
-            signs["xyz".index(letter)] = 1
-            own.append(np.diag(signs))
-    return [np.eye(3), *own]
-
-
-def about_middle(truth: Row, matrix: np.ndarray) -> np.ndarray:
-    """Return a turn about the middle of the part's box as a 4x4 matrix."""
-    middle = np.mean(truth["block_mm"], axis=0)
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = matrix, middle - matrix @ middle
-    return out
-
-
 def lattice(truth: Row) -> np.ndarray:
     """Return the 98 points of a lattice on the faces of the part's box, mm."""
     low, high = np.array(truth["block_mm"], float)
@@ -84,35 +61,18 @@ def lattice(truth: Row) -> np.ndarray:
     return np.asarray(low + share[((share == 0) | (share == 1)).any(axis=1)] * (high - low))
 
 
-def best_equivalent(report: Row, truth: Row) -> tuple[np.ndarray, np.ndarray]:
-    """Return the symmetry's turn (4x4) nearest to the reported pose, and the errors there, um."""
-    found = np.linalg.inv(np.array(report["scaled_scan_to_part"], float))
-    true = np.array(truth["transform_model_to_scan_mm"])
-    points, best = lattice(truth), None
-    for matrix in matrices(truth):
-        turn = about_middle(truth, matrix)
-        error = 1e3 * np.linalg.norm(apply(found, points) - apply(true @ turn, points), axis=1)
-        if best is None or (error**2).mean() < (best[1] ** 2).mean():
-            best = (turn, error)
-    assert best is not None
-    return best
-
-
 def judge_pose(report: Row, truth: Row, landed_um: float = 50.0, wrong_um: float = 100.0) -> Row:
     """Return the target registration error; whether landed, flagged, or silently wrong."""
-    turn, error = best_equivalent(report, truth)
-    rms = float(np.sqrt((error**2).mean()))
+    found = np.linalg.inv(np.array(report["scaled_scan_to_part"], float))
+    true, points = np.array(truth["transform_model_to_scan_mm"]), lattice(truth)
+    error = 1e3 * np.linalg.norm(apply(found, points) - apply(true, points), axis=1)
+    rms, mirrored = float(np.sqrt((error**2).mean())), bool(truth["mirrored"])
     flagged = bool(report["ambiguity"]["flag"])
-    mirrored = bool(truth["mirrored"]) and not truth.get("mirror_symmetric", False)
-    wrong = rms > wrong_um or mirrored
-    symmetric = len(matrices(truth)) > 1
     return {
         "tre_rms_um": rms,
-        "tre_max_um": float(error.max()),
         "landed": rms <= landed_um and not mirrored,
         "flagged": flagged,
-        "silently_wrong": not flagged and (wrong or symmetric),
-        "turned": not np.allclose(turn, np.eye(4)),
+        "silently_wrong": not flagged and (rms > wrong_um or mirrored),
     }
 
 
@@ -144,35 +104,27 @@ def visible(planted: Row, truth: Row) -> bool:
     )
 
 
-def place_error(planted: Row, listed: Row, truth: Row, turn: np.ndarray) -> float:
+def place_error(planted: Row, listed: Row) -> float:
     """Return the distance (mm) of a listed defect from the planted one."""
     out = np.inf
     if listed.get("point_mm"):
-        there = apply(turn, np.array([listed["point_mm"]]))[0]
-        out = float(np.linalg.norm(there - planted["center_mm"]))
-    if (
-        listed.get("at_mm") is not None
-        and listed["vessel"] == planted["vessel"]
-        and np.allclose(turn, np.eye(4))
-    ):
+        out = float(np.linalg.norm(np.subtract(listed["point_mm"], planted["center_mm"])))
+    if listed.get("at_mm") is not None and listed["vessel"] == planted["vessel"]:
         below, above = planted["from_mm"] - listed["at_mm"], listed["at_mm"] - planted["to_mm"]
         out = min(out, max(below, above, 0.0))
     return out
 
 
-def is_found(planted: Row, listed: Row, reach: float, truth: Row, turn: np.ndarray) -> bool:
+def is_found(planted: Row, listed: Row, reach: float) -> bool:
     """Whether a listed defect is the planted one by kind and place."""
     if listed["kind"] not in MATCHING.get(planted["kind"], (planted["kind"],)):
         return False
-    same_vessel = listed["vessel"] == planted["vessel"] or not np.allclose(turn, np.eye(4))
     if planted.get("whole_vessel") or planted["kind"] == "missing":
-        return bool(same_vessel)
-    return place_error(planted, listed, truth, turn) <= reach
+        return bool(listed["vessel"] == planted["vessel"])
+    return place_error(planted, listed) <= reach
 
 
-def judge_defects(
-    report: Row, truth: Row, turn: np.ndarray, tolerance: float, reach: float = 0.7
-) -> list[Row]:
+def judge_defects(report: Row, truth: Row, tolerance: float, reach: float = 0.7) -> list[Row]:
     """Return what was planted in view, and whether it was found.
 
     A change of a whole vessel counts as found too where the vessel's mean is beyond tolerance.
@@ -183,7 +135,7 @@ def judge_defects(
     for planted in truth["defects"]:
         if not visible(planted, truth):
             continue
-        hits = [d for d in listed if is_found(planted, d, reach, truth, turn)]
+        hits = [d for d in listed if is_found(planted, d, reach)]
         by_mean = bool(planted.get("whole_vessel")) and planted["vessel"] in off
         kept: Row = {"kind": planted["kind"], "vessel": planted["vessel"]}
         worst = true_errors(truth["vessels"][planted["vessel"]])

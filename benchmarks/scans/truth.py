@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.scans import geometry
 from benchmarks.scans.defects import Lumens
 from benchmarks.scans.designs import Design
-from benchmarks.scans.pose import Pose, letters, symmetries
+from benchmarks.scans.pose import Pose
 
 SECTION_STEP_MM = 0.05
 RAYS = 90
@@ -110,8 +110,7 @@ def stretch(points: np.ndarray, scale: np.ndarray) -> float:
 
 
 def truth(design: Design, lumens: Lumens, pose: Pose, asked: argparse.Namespace) -> dict[str, Any]:
-    """Return the truth in make_scan.py's form, with more about symmetry and body."""
-    matrices, mirror = symmetries(design)
+    """Return the truth in make_scan.py's form, with more about the body."""
     in_file = np.diag([1, 1, asked.index / 1.333, 1]) @ pose.transform
     body = design.body
     return {
@@ -120,9 +119,6 @@ def truth(design: Design, lumens: Lumens, pose: Pose, asked: argparse.Namespace)
         "rotation": pose.rotation.tolist(),
         "scale": pose.scale.tolist(),
         "block_mm": [[0.0, 0.0, 0.0], body.size.tolist()],
-        "design_symmetries": letters(matrices),
-        "symmetry_matrices": [m.tolist() for m in matrices],
-        "mirror_symmetric": mirror,
         "planes": body.planes.tolist(),
         "cylinder": list(body.cylinder),
         "mirrored": bool(asked.mirror),

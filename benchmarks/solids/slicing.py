@@ -18,13 +18,7 @@ from numpy.typing import NDArray
 
 from benchmarks.checkers.lumens import openings
 from benchmarks.checkers.meshes import write_stl
-from benchmarks.checkers.read_gcode import (
-    Lines,
-    Moves,
-    read_moves,
-    rounded_to_steps,
-    written_lines,
-)
+from benchmarks.checkers.read_gcode import Lines, Moves, read_moves, rounded_to_steps, written_lines
 from benchmarks.common import ROOT, Row, limited, printctl, row, timed
 
 LAYER_MM, LINE_MM, STEPS_PER_MM = 0.06, 0.15, 80.0

@@ -26,13 +26,7 @@ from benchmarks.checkers import (
     write_stl,
 )
 from benchmarks.common import DATA, Row, SkippedError, limited, needed, row, run_module
-from benchmarks.vasculature.checks import (
-    CLEARANCE_RATIO,
-    DROP_PA,
-    VISCOSITY_PA_S,
-    check,
-    rows_of,
-)
+from benchmarks.vasculature.checks import CLEARANCE_RATIO, DROP_PA, VISCOSITY_PA_S, check, rows_of
 from benchmarks.vasculature.peer import grow_svv
 from benchmarks.vasculature.worker import LUMEN_MM, WALL_MM
 

@@ -11,7 +11,7 @@ from benchmarks.scans.geometry import bscan
 from benchmarks.scans.judge import off_lumens
 from benchmarks.scans.make import image, piece_boxes
 from benchmarks.scans.options import parser
-from benchmarks.scans.pose import draw, symmetries
+from benchmarks.scans.pose import draw
 from benchmarks.scans.rows import SHARED as SHARED_PROGRAM
 from benchmarks.scans.rows import shared_designs
 from benchmarks.scans.truth import sections
@@ -155,20 +155,6 @@ class closed:  # noqa: N801
         """Whether the outline goes round a point, by its winding."""
         angle = np.unwrap(np.arctan2(*(self.corners - point).T[::-1]))
         return abs(angle[-1] - angle[0]) > 6
-
-
-@pytest.mark.parametrize(
-    ("name", "turns", "mirror"),
-    [
-        ("half_turns", 3, True),
-        ("quarter_turns", 3, True),
-        ("mirrored_pair", 0, True),
-        ("curved", 0, False),
-    ],
-)
-def test_symmetries_are_the_ones_drawn(name, turns, mirror):
-    found, mirrors = symmetries(DESIGNS[name]())
-    assert (len(found), mirrors) == (turns, mirror)
 
 
 def pieces(network):
