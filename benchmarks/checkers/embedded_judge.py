@@ -164,7 +164,7 @@ def bad_moves(
     """
     shaft = needle_outer_mm / 2
     tips = tips_of(moves, ink, shaft / 3)
-    grid = _grid(ink, shaft)
+    grid: Any = _grid(ink, shaft)
     offset = np.zeros(len(axes.ends) + 1, dtype=np.int64)
     by_vessel = sorted(cuts, key=lambda cut: cut[0])
     np.add.at(offset, np.array([cut[0] for cut in by_vessel], dtype=np.int64) + 1, 1)
@@ -364,7 +364,7 @@ def _crossings(
         overlaps_near(axes, int(vessel), int(through), way, needle_outer_mm)
         for vessel, through, way in zip(ink.vessel[at], bad.through, ways, strict=True)
     ]
-    deepest = np.lexsort((-bad.depth_mm, own))[:named]
+    deepest = np.lexsort((-bad.depth_mm, np.array(own)))[:named]
     return {
         "bad_moves": len(bad.move),
         "bad_moves_elsewhere": len(own) - sum(own),

@@ -20,7 +20,7 @@ def elements_by_diameter(net: Pieces, bounds_mm: FloatArray) -> dict[int, Measur
     branches have their parent's order the wider one goes on with it.
     """
     count = int(net.vessel.max()) + 1
-    long = np.bincount(net.vessel, net.length, count)
+    long: FloatArray = np.asarray(np.bincount(net.vessel, net.length, count), np.float64)
     wide = np.bincount(net.vessel, net.length * net.radius.sum(axis=1), count) / long
     order = 1 + np.searchsorted(bounds_mm, wide, side="right")
     first, last = (
@@ -75,7 +75,7 @@ def _by_order(
     }
 
 
-def _arteries() -> list[dict[str, Any]]:
+def _arteries() -> list[list[dict[str, Any]]]:
     path = ROOT / "design" / "measures" / "published" / "coronary.json"
     return list(json.loads(path.read_text())["arteries"].values())
 

@@ -10,6 +10,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,8 @@ from design.hemodynamics import (
     solve_pulsatile,
 )
 from design.hemodynamics.waveforms import Sine, shape
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 
 REPEATS = 7
 DRIVEN = FlowConditions(4e-3, inlet_flow_ul_s=1000.0)
@@ -43,9 +45,9 @@ def steady_rows(quick: bool) -> Iterator[Row]:
     ):
         what = f"steady, {network.vessel_count:,} vessels, {name}"
         known = flow_structure(network, DRIVEN)
-        cpu = median_cpu_s(lambda network=network, known=known: solve_flow(network, DRIVEN, known))
+        cpu = median_cpu_s(partial(solve_flow, network, DRIVEN, known))
         yield limited(f"{what}, structure known", cpu, "CPU s", goal)
-        cpu = median_cpu_s(lambda network=network: solve_flow(network, DRIVEN))
+        cpu = median_cpu_s(partial(solve_flow, network, DRIVEN))
         yield limited(f"{what}, whole", cpu, "CPU s", goal)
         left = mass(network, solve_flow(network, DRIVEN, known).flow)
         yield limited(f"{what}: mass at a node", left, "", 1e-12)
@@ -62,7 +64,7 @@ def pulsatile_rows(quick: bool) -> Iterator[Row]:
         ("ejection, 199 harmonics", shape("ejection", 1000.0, 1.0)),
     ):
         given = PulsatileConditions(4e-3, inlet, outlet=WINDKESSEL, wall=GelWall(10e3))
-        spent = median_cpu_s(lambda given=given: solve_pulsatile(network, given))
+        spent = median_cpu_s(partial(solve_pulsatile, network, given))
         yield row(f"pulsatile, periodic state solved for, {name}", spent, "CPU s")
 
 

@@ -24,7 +24,8 @@ from design.hemodynamics.oxygen import (
     solve_refined,
     spacing_for,
 )
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 
 OUTER, LENGTH, FLOW = 0.3, 3.0, 0.05
 ZEROTH = OxygenConditions(cells_per_ml=3e7, half_millimolar=1e-7)

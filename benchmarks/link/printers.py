@@ -14,6 +14,7 @@ import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -106,7 +107,8 @@ class Tap:
 
     def _relay(self) -> None:
         while not self._over.is_set():
-            ready, _, _ = select.select([self._master, self._printer], [], [], 0.05)
+            ends: list[Any] = [self._master, self._printer]
+            ready, _, _ = select.select(ends, [], [], 0.05)
             if self._master in ready:
                 data = os.read(self._master, 65536)
                 self._down.append((time.monotonic(), data))

@@ -211,7 +211,8 @@ def run(
     ledger = ledger or new_printer()
     job, path = parse_job(file.data, "bench.gcode", facts()), folder / f"journal-{seed}.log"
     path.unlink(missing_ok=True)
-    pauses, again, begun, streamer = 0, 0, 0, None
+    pauses, again, begun = 0, 0, 0
+    streamer: Streamer | None = None
 
     def on_status(status: Status) -> None:
         nonlocal pauses

@@ -108,8 +108,9 @@ def expected(case: Case) -> tuple[ExpectedLines, ExpectedInk]:
     count = np.arange(len(stroke))
     fresh = ~np.isin(stroke, list(case.older))
     one = np.ones(len(count))
+    area: np.ndarray[Any, np.dtype[np.float64]] = np.pi / 4 * width**2
     ink = ExpectedInk(
-        paths, start, end, width, width, np.pi / 4 * width**2, count, stroke,
+        paths, start, end, width, width, area, count, stroke,
         0.1 * count, one, "embedded", np.zeros(len(count), dtype=np.bool_),
     )  # fmt: skip
     return ExpectedLines(start, end, width, count, stroke, fresh), ink
@@ -222,7 +223,7 @@ def rows(quick: bool) -> Iterator[Row]:
     beside = sum(one.false_mm > 0 for one in faulty)
     yield row("faulty prints with a false gap beside", beside, f"of {count}")
     repairs = [one.seed for one in sound if one.told == "repair"]
-    told = {"told": Counter(one.told for one in sound), "seeds": repairs}
-    yield limited("sound prints with a false repair", len(repairs), f"of {count}", 0) | told
+    kinds = {"told": Counter(one.told for one in sound), "seeds": repairs}
+    yield limited("sound prints with a false repair", len(repairs), f"of {count}", 0) | kinds
     cpu = float(np.mean([one.cpu_s for one in (*sound, *faulty)]))
     yield row("a print, painting included", cpu, "CPU s")

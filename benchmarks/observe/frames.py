@@ -71,7 +71,7 @@ class Rig:
     target: np.ndarray
 
 
-def random_rig(rng: np.random.Generator, process: str) -> Rig:
+def random_rig(rng: np.random.Generator, process: Any) -> Rig:
     """Tilt up to 35°, any turn, distortion, axis off the middle; light, blur, noise at random."""
     insert = design_insert(load(Dish, "petri_60mm"), process=process)
     focal = rng.uniform(1400, 3200)
@@ -138,7 +138,7 @@ def framed(rig: Rig, lens: Lens, by: str, rng: np.random.Generator, seed: int) -
         there = rig.made.world(np.array([[c.x_mm, c.y_mm] for c in crosses]))
         there = there + rng.normal(0, 0.02, there.shape)
         touches = [
-            Touch(c.name, *place, u_mm=0.02) for c, place in zip(crosses, there, strict=True)
+            Touch(c.name, x, y, z, u_mm=0.02) for c, (x, y, z) in zip(crosses, there, strict=True)
         ]
         return fit_frame(marks, rig.insert, lens, Ties(touches=touches), now)
     guess = rig.target[:2] + rng.uniform(-0.7, 0.7, 2)
@@ -282,11 +282,13 @@ def _known(optics: Optics, rng: np.random.Generator) -> CameraFrame:
         distortion=(*optics.k, *optics.p, 0.0), um_per_px=30.0, um_per_px_95=(29.0, 31.0),
         off_px=0.05,
     )  # fmt: skip
+    eye: Any = (optics.centre + rng.normal(0, 5e-3, 3)).tolist()
+    turn: Any = tuple(map(float, turn_vector(optics.rotation)))
     spread = np.diag([1e-7] * 3 + [5e-3] * 3 + [1e-9] * 8) ** 2
     return CameraFrame(
         made=datetime(2026, 11, 25, tzinfo=UTC), tied="touched", lens=lens,
-        turn_vector=tuple(map(float, turn_vector(optics.rotation))),
-        eye_mm=tuple(map(float, optics.centre + rng.normal(0, 5e-3, 3))),
+        turn_vector=turn,
+        eye_mm=tuple(eye),
         covariance=tuple(tuple(map(float, one)) for one in spread),
         middle_mm=(100.0, 100.0, 10.0), insert=design_insert(load(Dish, "petri_60mm")),
         marks_z_slope=(0.0, 0.0), off_px=0.0, insert_scale=1.0,

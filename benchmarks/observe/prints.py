@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -100,7 +100,7 @@ def random_faults(rng: np.random.Generator) -> InkFaults:
     def where() -> float:
         return float(rng.uniform(0, 0.95 * way))
 
-    kinds = {
+    kinds: dict[str, Callable[[], InkFault]] = {
         "clog": lambda: Clog(
             fault="clog",
             written_mm=where(),

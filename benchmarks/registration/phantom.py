@@ -57,7 +57,7 @@ def cells_of(
     reach = CELL_MM * math.sqrt(3) / 2 + 0.1
     origin = np.full(3, -2 * CELL_MM)
     count = np.ceil((size + 4 * CELL_MM) / CELL_MM).astype(np.int64)
-    index = np.indices(count).reshape(3, -1).T
+    index = np.indices(tuple(count.tolist())).reshape(3, -1).T
     centre = origin + (index + 0.5) * CELL_MM
     near: list[IntArray] = []
     for k in range(len(pieces)):
@@ -354,7 +354,7 @@ def scan_of(design: Design, setting: Setting, seed: int) -> tuple[NDArray[np.uin
     pieces, radius = _pieces(design)
     balls = np.column_stack([design.marks, np.full(len(design.marks), design.mark_mm)])
     cells = cells_of(design.size, pieces, radius, balls)
-    to_part = np.linalg.inv(truth.scan_from_part)
+    to_part: FloatArray = np.linalg.inv(truth.scan_from_part).astype(np.float64)
     volume = render(
         setting.shape, setting.voxel_mm, to_part, design.size, pieces, radius, balls,
         cells, setting.light, seed,

@@ -105,8 +105,8 @@ def landing_rows(quick: bool) -> Iterator[Row]:
         part = 100 * found.landed / found.starts
         about = {"starts": found.starts, "design": design.name}
         yield row(f"{design.name}: starts that land", part, "%", ">= 99", part >= 99) | about
-        value = found.missed_unflagged
-        yield row(f"{design.name}: misses not flagged", value, "", "0", value == 0)
+        missed = found.missed_unflagged
+        yield row(f"{design.name}: misses not flagged", missed, "", "0", missed == 0)
         value = 100 * found.flagged_good / max(found.landed, 1)
         yield row(f"{design.name}: good poses flagged", value, "%", "<= 2", value <= 2)
         mean, high = float(np.mean(found.mean_um)), float(np.max(found.p95_um))

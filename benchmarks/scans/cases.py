@@ -148,6 +148,6 @@ def light(usual: bool, rng: np.random.Generator) -> tuple[str, ...]:
         lowest = 8 if usual else 1.2
         contrast = np.exp(rng.uniform(np.log(lowest), np.log(50)))
         return (*options, "--contrast=" + joined(contrast))
-    bath, lumen = (3, 6) if usual else (10, 15)
-    bath, lumen = rng.uniform(0, bath), rng.uniform(1, lumen)
-    return (*options, "--bath=" + joined(bath), "--lumen=" + joined(lumen))
+    most = (3, 6) if usual else (10, 15)
+    bath, lumen = joined(rng.uniform(0, most[0])), joined(rng.uniform(1, most[1]))
+    return (*options, f"--bath={bath}", f"--lumen={lumen}")

@@ -67,7 +67,7 @@ class Spectrometer:
         share = np.sqrt(0.8 * source / source.mean() + 0.2)
         fringe = fringe + noise * share * rng.standard_normal(fringe.shape)
         image = np.abs(fft.fft(fringe, axis=1)[:, : self.samples // 2]) ** 2
-        return image / gel  # type: ignore[no-any-return]
+        return np.asarray(image / gel)
 
     def reflection(self, power: float, decibels: float) -> float:
         """Return the amplitude in one cell whose image stands `decibels` over gel of `power`."""

@@ -107,8 +107,10 @@ def _heart(name: str, net: Any, tissue: Any, known: dict[str, Any]) -> Iterator[
     measure = f"{name}: vessels above {_TRUNK:g} of the root, within 1 mm of the epicardium"
     yield row(f"{measure}: axes", axes, "of length", ">= 0.8", axes >= 0.8)
     yield row(f"{measure}: lumens", walls, "of length", ">= 0.8", walls >= 0.8)
-    planned = (np.concatenate([np.array(one[k]) for one in known["trunks"]]) for k in range(3))
-    axes, walls = _shallow(*planned, tissue)
+    begin, end, radius = (
+        np.concatenate([np.array(one[k]) for one in known["trunks"]]) for k in range(3)
+    )
+    axes, walls = _shallow(begin, end, radius, tissue)
     measure = f"{name}: trunks by the template's own list, within 1 mm of the epicardium"
     yield row(f"{measure}: axes", axes, "of length")
     yield row(f"{measure}: lumens", walls, "of length")

@@ -43,8 +43,8 @@ def tree(tissue: Tissue, options: GrowthOptions) -> tuple[Any, dict[str, Any]]:
 
 def loops(tissue: Tissue, options: GrowthOptions) -> tuple[Any, dict[str, Any]]:
     """Return artery and vein joined, and how many terminals were; balanced if some were pruned."""
-    trees = grow_forest(tissue, [RootSpec(options), RootSpec(options, VesselKind.VEIN)])
-    closed = close_loops(tissue, *trees)
+    artery, vein = grow_forest(tissue, [RootSpec(options), RootSpec(options, VesselKind.VEIN)])
+    closed = close_loops(tissue, artery, vein)
     network = closed.network
     if closed.pruned:
         flow = options.flow_ul_s(tissue.volume_mm3)
