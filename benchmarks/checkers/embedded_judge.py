@@ -164,15 +164,15 @@ def bad_moves(
     """
     shaft = needle_outer_mm / 2
     tips = tips_of(moves, ink, shaft / 3)
-    grid: Any = _grid(ink, shaft)
+    member, begin, shape, low, pitch = _grid(ink, shaft)
     offset = np.zeros(len(axes.ends) + 1, dtype=np.int64)
     by_vessel = sorted(cuts, key=lambda cut: cut[0])
     np.add.at(offset, np.array([cut[0] for cut in by_vessel], dtype=np.int64) + 1, 1)
     places = np.array([cut[1] for cut in by_vessel]).reshape(-1, 3)
     depth, through = _enter(
         tips.point, tips.before, tips.last, tips.next, ink.point, ink.radius, ink.vessel,
-        ink.stroke, ink.arc, axes.ends, axes.node, np.cumsum(offset), places, *grid,
-        shaft, graze_mm,
+        ink.stroke, ink.arc, axes.ends, axes.node, np.cumsum(offset), places, member, begin,
+        shape, low, pitch, shaft, graze_mm,
     )  # fmt: skip
     hit = np.flatnonzero(depth > 0)
     move, first, samples = np.unique(tips.move[hit], return_index=True, return_counts=True)

@@ -111,7 +111,7 @@ def expected(case: Case) -> tuple[ExpectedLines, ExpectedInk]:
     area: np.ndarray[Any, np.dtype[np.float64]] = np.pi / 4 * width**2
     ink = ExpectedInk(
         paths, start, end, width, width, area, count, stroke,
-        0.1 * count, one, "embedded", np.zeros(len(count), dtype=np.bool_),
+        0.1 * one * count, one, "embedded", np.zeros(len(count), dtype=np.bool_),
     )  # fmt: skip
     return ExpectedLines(start, end, width, count, stroke, fresh), ink
 
@@ -212,7 +212,7 @@ def _shared(gap: Gap, bare: painter.Gap | None) -> float:
 
 def rows(quick: bool) -> Iterator[Row]:
     """Yield sound prints and prints with one fault each."""
-    count = 4 if quick else 300
+    count = 2 if quick else 300
     planted = [(FIRST_FAULTY + k, FAULTS[(k // 3) % len(FAULTS)]) for k in range(count)]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         sound = list(pool.map(outcome, range(count), [None] * count, chunksize=3))

@@ -322,7 +322,8 @@ def rows(quick: bool) -> Iterator[Row]:
             plain = World(folder, load_job(path, load(Printer, PRINTER)), faults)
             design = plain.lies(faults=InkFaults())
             begun = time.process_time()
-            world = observed(folder, faults, camera, path, EVERY)
+            every = "layer" if quick else EVERY
+            world = observed(folder, faults, camera, path, every)
             seconds.append((time.process_time() - begun) / world.looks)
             if faults.each:
                 pairs.append((fidelity(plain.lies(), design), fidelity(world.lies(), design)))
