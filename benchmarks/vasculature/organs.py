@@ -40,11 +40,6 @@ def _mesh(name: str) -> Path:
     return needed(DATA / name)
 
 
-def _not_if(quick: bool) -> None:
-    if quick:
-        raise SkippedError("needs minutes: not in the quick form")
-
-
 def _run(way: str, stl: Path, terminals: int, out: Path, *root: float, seed: int = 1) -> Row:
     return run_module("benchmarks.vasculature.worker", way, stl, terminals, seed, out, *root)
 
@@ -90,13 +85,11 @@ def biventricle_rows(quick: bool) -> Iterator[Row]:
 
 def million_rows(quick: bool) -> Iterator[Row]:
     """Yield a million terminals."""
-    _not_if(quick)
     return _tree_rows("biventricle 1,000,000", _mesh("biventricle_svv.stl"), 1_000_000, 45.0)
 
 
 def ten_million_rows(quick: bool) -> Iterator[Row]:
     """Yield ten million terminals."""
-    _not_if(quick)
     stl = _mesh("biventricle_svv.stl")
     return _tree_rows("biventricle 10,000,000", stl, 10_000_000, 480.0, 5.0)
 
