@@ -77,7 +77,6 @@ SUBJECTS: dict[str, dict[str, str]] = {
     "scans": {"count": "scans.rows:rows"},
     "paper": {
         "trees": "paper.trees:rows",
-        "places": "paper.places:rows",
         "regions": "paper.regions:rows",
     },
 }

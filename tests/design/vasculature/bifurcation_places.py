@@ -1,15 +1,12 @@
-"""Accuracy and time of a bifurcation's optimum, figures 2C and S3.
+"""Oracle of a bifurcation's optimum: costs of the whole tree, by traversals.
 
 Accuracy is the part of what can be gained over the vessel's middle that the chosen place gains.
 Costs are `traversed_cost` of the whole tree, the optimum is Nelder and Mead's of it: neither
-shares code with growth. It is compiled as the product is, so that its time differs by the work
-alone. Growth has no seam for an optimiser, so that others are compared here alone.
+shares code with growth.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator
 from typing import Any
 
 import numba
@@ -17,11 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from benchmarks.common import Row, row
-from design.tissue import block, tissue_from_surface
-from design.vasculature import GrowthOptions, VesselTree, grow_tree
-from design.vasculature.growth.bifurcation import split_value
-from design.vasculature.growth.cost import Sprout, climb
+from design.vasculature import VesselTree
+from design.vasculature.growth.cost import Sprout
 from design.vasculature.growth.propose import estimate
 from design.vasculature.growth.state import SEGMENT, refresh_all, spread_down
 from design.vasculature.options import Law
@@ -111,9 +105,6 @@ def best_of_15(children: Any, length: Any, count: int, i: int, ends: Any, gamma:
 
 FloatArray = NDArray[np.float64]
 
-BANDS = ((1, 5, 60), (6, 11, 60), (12, 20, 60), (21, 999, 95))
-"""Depths and the paper's least median, %: 60 at all, 95 deep, which begins beyond 20 there."""
-
 LEVELS = 3  # depths drawn as one
 
 
@@ -183,31 +174,6 @@ def cases_of(tree: VesselTree, each: int) -> tuple[list[Case], NDArray[np.int64]
 
 
 @numba.njit
-def bound_cost(segments: Any, i: int, ends: Any, u: float, v: float, one: Any, law: Any) -> float:
-    """Return the exact rise of the cost by growth's partial binding, at a point of the plane."""
-    place = ends[0] + u * (ends[1] - ends[0]) + v * (ends[2] - ends[0])
-    up, low, new = gap(place, ends[0]), gap(place, ends[1]), gap(place, ends[2])
-    parted = split_value(segments[i], up, low, new, one, law)
-    return climb(segments, i, parted[0], parted[1], one.flow, 10**9, law)[0]
-
-
-@numba.njit
-def by_grid(segments: Any, chosen: Any, ends: Any, one: Any, law: Any) -> Any:
-    """Return the best of 78 points of each case's plane, (n, 2)."""
-    found = np.empty((len(chosen), 2))
-    for n in range(len(chosen)):
-        best = np.inf
-        for a in range(12):
-            for b in range(12 - a):
-                u, v = (a + 1 / 3) / 12, (b + 1 / 3) / 12
-                cost = bound_cost(segments, chosen[n], ends[n], u, v, one, law)
-                if cost < best:
-                    best = cost
-                    found[n] = u, v
-    return found
-
-
-@numba.njit
 def by_growth(segments: Any, chosen: Any, ends: Any, one: Any, law: Any, free: Any) -> Any:
     """Return the places that growth chooses, (n, 3), mm."""
     found, slopes = np.empty((len(chosen), 3)), np.empty(3)
@@ -216,46 +182,11 @@ def by_growth(segments: Any, chosen: Any, ends: Any, one: Any, law: Any, free: A
     return found
 
 
-def compare(tree: VesselTree, cases: list[Case]) -> Iterator[tuple[str, FloatArray, float]]:
-    """Yield each optimiser's name, accuracies (%) and CPU time of a case (µs)."""
-    law, one, free = law_of(tree), Sprout(1.0, 1.0), no_penalty()
-    segments = segments_of(tree, law)
+def accuracies(tree: VesselTree, cases: list[Case]) -> FloatArray:
+    """Return the part of what can be gained that growth's choice gains, %, of each case."""
+    law, one = law_of(tree), Sprout(1.0, 1.0)
     chosen, ends = np.array([c.i for c in cases]), np.stack([c.ends for c in cases])
-
-    def simplex(case: Case) -> Any:
-        def cost(x: Any) -> Any:
-            return bound_cost(segments, case.i, case.ends, x[0], x[1], one, law)
-
-        return minimize(cost, (1 / 3, 1 / 3), method="Nelder-Mead").x
-
-    for name, task in (
-        ("printctl", lambda: by_growth(segments, chosen, ends, one, law, free)),
-        ("grid of 78 places", lambda: by_grid(segments, chosen, ends, one, law)),
-        ("Nelder–Mead (SciPy)", lambda: np.array(list(map(simplex, cases)))),
-    ):
-        task()
-        begin = time.process_time()
-        found = task()
-        took = (time.process_time() - begin) / len(cases) * 1e6
-        places = found if found.shape[1] == 3 else map(Case.at, cases, found)
-        costs = np.array(list(map(Case.cost, cases, places)))
-        middle, best = np.array([(case.middle, case.best) for case in cases]).T
-        yield name, 100 * (middle - costs) / (middle - best), took
-
-
-def rows(quick: bool) -> Iterator[Row]:
-    """Yield each optimiser's accuracy and time, and ours by the depth of the bifurcation."""
-    shape = block((10.0, 10.0, 10.0))
-    tissue = tissue_from_surface(shape.vertices, shape.faces)
-    tree = grow_tree(tissue, GrowthOptions(terminals=500 if quick else 4000))
-    cases, depth = cases_of(tree, 6 if quick else 40)
-    found = list(compare(tree, cases))
-    for name, accuracy, took in found:
-        median = {"accuracy_median": float(np.median(accuracy))}
-        yield row(f"{name}: one bifurcation", took, "CPU µs") | median
-    for first, last, least in BANDS:
-        there = (depth >= first) & (depth <= last)
-        if there.any():
-            value = float(np.median(found[0][1][there]))
-            name = f"median accuracy, depths {first} to {min(last, depth.max())}"
-            yield row(name, value, "%", f">= {least}", value >= least) | {"cases": int(there.sum())}
+    places = by_growth(segments_of(tree, law), chosen, ends, one, law, no_penalty())
+    costs = np.array(list(map(Case.cost, cases, places)))
+    middle, best = np.array([(case.middle, case.best) for case in cases]).T
+    return np.asarray(100 * (middle - costs) / (middle - best))
