@@ -16,7 +16,7 @@ itself where that happens further apart along it than J.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,13 +29,12 @@ from benchmarks.checkers.embedded_ink import (
     BIN_MM,
     Axes,
     Ink,
-    Moves,
     overlap_ul,
     read_axes,
-    read_embedded,
     written_ink,
 )
 from benchmarks.checkers.embedded_joints import cuts_of, joints_of, open_joints, pass_ends
+from benchmarks.checkers.read_gcode import Moves, read_moves
 
 FloatArray = NDArray[np.float64]
 
@@ -322,7 +321,7 @@ def judge(
         in the network's frame).
     """
     axes = read_axes(Path(network_csv_path), scale)
-    moves = _moved(read_embedded(Path(gcode_path).read_text()), np.array(place_mm))
+    moves = _moved(read_moves(Path(gcode_path).read_text()), np.array(place_mm))
     ul_per_e = np.pi / 4 * syringe_bore_mm**2 * flow_factor
     ink = written_ink(moves, axes, ul_per_e)
     if not len(ink.point):
@@ -344,9 +343,7 @@ def judge(
 
 
 def _moved(moves: Moves, place: FloatArray) -> Moves:
-    return Moves(
-        moves.line, moves.start - place, moves.end - place, moves.pushed, moves.speed, moves.dwell_s
-    )
+    return replace(moves, start=moves.start - place, end=moves.end - place)
 
 
 def _crossings(
