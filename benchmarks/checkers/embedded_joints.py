@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from benchmarks.checkers.embedded_ink import Axes, Ink, Moves
+from benchmarks.checkers.embedded_ink import Axes, Ink
+from benchmarks.checkers.read_gcode import Moves
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
