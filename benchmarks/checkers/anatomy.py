@@ -120,29 +120,6 @@ def outer_triangles(triangles: FloatArray, rays: int = 24) -> FloatArray:
     return kept
 
 
-def strahler_from_root(net: Pieces) -> IntArray:
-    """Strahler's order of each piece, 1 at terminals; one child alone keeps its order."""
-    children: dict[int, list[int]] = {}
-    for piece in range(net.count):
-        children.setdefault(int(net.node[piece, 0]), []).append(piece)
-    order = np.zeros(net.count, dtype=np.int64)
-    for root in [p for p in range(net.count) if not (net.node[:, 1] == net.node[p, 0]).any()]:
-        stack = [(root, False)]
-        while stack:
-            piece, back = stack.pop()
-            below = children.get(int(net.node[piece, 1]), [])
-            if not back:
-                stack.append((piece, True))
-                stack.extend((child, False) for child in below)
-                continue
-            own = sorted((int(order[child]) for child in below), reverse=True)
-            if not own:
-                order[piece] = 1
-            else:
-                order[piece] = own[0] + (len(own) > 1 and own[1] == own[0])
-    return order
-
-
 def one_kind(net: Pieces, kind: str) -> Pieces:
     """The pieces of one kind; of veins turned round, so that all run from the root."""
     return _part(net, net.kind == kind, kind)

@@ -103,16 +103,3 @@ def _mixture(pairs: FloatArray) -> tuple[float, float]:
     if not len(both):
         return float(np.nanmean(pairs[:, 0])) if np.isfinite(pairs[:, 0]).any() else np.nan, np.nan
     return float(both[:, 0].mean()), float(np.sqrt((both[:, 1] ** 2).mean() + both[:, 0].var()))
-
-
-def published_steps(key: str, orders: IntArray) -> list[float]:
-    """Published ratios from each order to the next, of each artery; above 1 as they grow."""
-    name = {"elements": "elements", "diameter_mm": "diameter_um", "length_mm": "length_mm"}[key]
-    found = []
-    for lines in _arteries():
-        values = {line["order"]: line.get(name) for line in lines}
-        for one in orders[:-1].tolist():
-            low, high = values.get(one), values.get(one + 1)
-            if low and high:
-                found.append(low / high if key == "elements" else high / low)
-    return found
