@@ -95,7 +95,7 @@ def render(
     )  # fmt: skip
 
 
-@numba.njit(inline="always")
+@numba.njit(cache=True, inline="always")
 def _mixed(state: Any) -> Any:
     """SplitMix64 (Steele, Lea & Flood 2014)."""
     z = state * np.uint64(0x9E3779B97F4A7C15)
@@ -104,7 +104,7 @@ def _mixed(state: Any) -> Any:
     return z ^ (z >> np.uint64(31))
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _gel(
     x: float, y: float, z: float, size: Any, pieces: Any, radius: Any, balls: Any,
     origin: Any, count: Any, offset: Any, owner: Any,
@@ -137,7 +137,7 @@ def _gel(
     return max(box, -lumen)
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _share(above: float, below: float) -> float:
     """Share of a straight way on which a distance, linear between its ends, is below 0."""
     if above < 0.0 and below < 0.0:
@@ -147,7 +147,7 @@ def _share(above: float, below: float) -> float:
     return min(above, below) / (min(above, below) - max(above, below))
 
 
-@numba.njit(parallel=True)
+@numba.njit(cache=True, parallel=True)
 def _render(
     nx: int, ny: int, nz: int, voxel: Any, to_part: Any, size: Any, pieces: Any, radius: Any,
     balls: Any, origin: Any, count: Any, offset: Any, owner: Any, numbers: Any,
