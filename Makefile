@@ -51,8 +51,8 @@ lint: $(VENV)/.ready-test
 # Each measures one subject's promises (docs/benchmarks.md); SUBJECTS in benchmarks/__main__.py names the
 # parts. BENCH="--quick" takes at most 60 CPU s, BENCH="--only PART" one part, both together work.
 # Other programs come by the environment: MARLIN=, MARLIN_WITHOUT_PARSER=, MARLIN_FAST= (ELF files),
-# OPENBF_CHECKOUT=, SHARED_SCANS= (folder of a generator), SCANS= (how many of each), PRINTCTL_SHARED_DATA= (meshes); a part that
-# needs what isn't there is skipped by name.
+# OPENBF_CHECKOUT=, SHARED_SCANS= (folder of a generator), SCANS= (how many of each),
+# PRINTCTL_SHARED_DATA= (meshes); a part that needs what isn't there is skipped by name.
 $(BENCHES): bench-%: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks $* $(BENCH)
 
