@@ -13,7 +13,7 @@ from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Printer, Syringe, load
 from firmware_profiles.families import family_names
 from printctl.checks.gate import Bounds, LineOrigin, PrinterSituation, judge
-from printctl.checks.gate.verdict import AllowedLine
+from printctl.checks.gate.inputs import AllowedLine
 from printctl.checks.preflight.firmware import firmware_checks
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.families import protocol_for

@@ -274,8 +274,7 @@ def tip_error(rng: np.random.Generator, cameras: int) -> tuple[np.ndarray, np.nd
 
 def _known(optics: Optics, rng: np.random.Generator) -> CameraFrame:
     """The checker's own camera as a frame that is told to be, and is, good to 5 µm."""
-    from registration.devices.camera_frame.frame import SeenAtFit
-    from registration.devices.camera_frame.rotations import turn_vector
+    from registration.devices.camera_frame.frame import SeenAtFit, turn_vector
 
     lens = Lens(
         size_px=optics.size, focal_px=optics.focal, centre_px=optics.axis,

@@ -25,10 +25,10 @@ from registration.devices.camera_frame import (
     find_marks,
     fit_frame,
     read_frame,
-    write_frame,
 )
+from registration.devices.camera_frame.frame import project
 from registration.devices.camera_frame.insert import Process
-from registration.devices.camera_frame.projection import project
+from registration.devices.lens.lens import write_model as write_frame
 from registration.errors import PictureError
 from tests.registration.devices.camera_frame import scene
 from tests.slower import first_rows

@@ -18,7 +18,7 @@ from registration.devices.camera_frame import (
     write_insert,
     write_svg,
 )
-from registration.devices.camera_frame.insert_drawing import drawn
+from registration.devices.camera_frame.insert import drawn
 from registration.errors import PictureError
 
 

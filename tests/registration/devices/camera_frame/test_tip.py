@@ -17,7 +17,7 @@ from benchmarks.checkers.dish_camera import (
     with_needle,
 )
 from registration.devices.camera_frame import CameraFrame, TipView, find_tip, grounds, locate_tip
-from registration.devices.camera_frame.rotations import turn_vector
+from registration.devices.camera_frame.frame import turn_vector
 from registration.errors import PictureError
 from tests.registration.devices.camera_frame import scene
 
