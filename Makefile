@@ -9,7 +9,9 @@ PAGES = -m "browser and not slow" $$(grep -rlw browser tests --include='test_*.p
 PYTEST = $(BIN)/python -m pytest -p tests.forks
 # Without kept bytecode each process compiles all that it imports: three CPU seconds for SciPy and numba.
 unexport PYTHONDONTWRITEBYTECODE
-.PHONY: serve demo test pytest pytest-all kernels ci-environment test-slow test-browser lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-paper bench-search bench-operator bench-firmware bench-observe docs gallery dist test-dist audit clean
+BENCHES = bench-vasculature bench-tissue bench-flow bench-solids bench-embedded bench-link bench-operator \
+  bench-observe bench-firmware bench-registration bench-scans bench-paper
+.PHONY: serve demo test pytest pytest-all kernels ci-environment test-slow test-browser lint bench bench-nightly $(BENCHES) docs gallery dist test-dist audit clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
@@ -46,58 +48,21 @@ lint: $(VENV)/.ready-test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# Each measures one subject's promises (docs/benchmarks.md); SUBJECTS in benchmarks/__main__.py names the
+# parts. BENCH="--quick" takes at most 60 CPU s, BENCH="--only PART" one part, both together work.
+# Other programs come by the environment: MARLIN=, MARLIN_WITHOUT_PARSER=, MARLIN_FAST= (ELF files),
+# OPENBF_CHECKOUT=, SHARED_SCANS= (folder of a generator), SCANS= (how many of each),
+# PRINTCTL_SHARED_DATA= (meshes); a part that needs what isn't there is skipped by name.
+$(BENCHES): bench-%: $(VENV)/.ready-test
+	@$(BIN)/python -m benchmarks $* $(BENCH)
+
+# Stages of the two example recipes.
 bench: $(VENV)/.ready-test
-	@$(BIN)/python -m benchmarks.pipeline
+	@$(BIN)/python -m benchmarks pipeline $(BENCH)
 
-# Minutes; with svv beside it where it installs. BENCH="--large" adds a million terminals.
-bench-vasculature: $(VENV)/.ready-test
-	@$(BIN)/python -m benchmarks.vasculature $(BENCH)
-
-# Minutes: how exact and fast tissues answer, and a battery of them.
-bench-tissue: $(VENV)/.ready-test
-	@$(BIN)/python -m benchmarks.tissue
-
-# Minutes: every promise of the printer link, on the simulated printer; BENCH="--quick" for one or two.
-bench-link: $(VENV)/.ready-test
-	@$(BIN)/python -m benchmarks.link $(BENCH)
-
-# Minutes, most of them PrusaSlicer's where it is installed; BENCH="--quick" without the large part.
-bench-solids: $(VENV)/.ready-test
-	@$(BIN)/python -m benchmarks.solids $(BENCH)
-
-# Scan to report; BENCH="--quick" for a tenth of the cases. Then scans of two generators that share no code
-# with us, hours in full: SCANS="--count 4 --keep DIR" for fewer. BENCH="--only ..." leaves these out.
-bench-registration: $(VENV)/.ready-test
-	@$(BIN)/python -m benchmarks.registration $(BENCH)
-	@$(if $(findstring --only,$(BENCH)),:,$(BIN)/python -m benchmarks.scan_bench $(if $(findstring --quick,$(BENCH)),--quick) $(SCANS))
-
-# Vessels written into soft matter, judged by a checker of its own; BENCH="--quick" without the 2,000.
-bench-embedded: $(VENV)/.ready-test
-	@$(BIN)/python -m benchmarks.embedded $(BENCH)
-
-# Lumped flow, steady and pulsatile; BENCH="--quick" without the million vessels.
-bench-flow: $(VENV)/.ready-test
-	@$(BIN)/python -m benchmarks.flow $(BENCH)
-
-# The paper's cases (docs/paper.md): ten minutes, where nilearn is installed 24; BENCH=--quick two.
-# The figures as measured here are drawn into build/paper_panels.png.
-bench-paper: $(VENV)/.ready-test
-	@$(BIN)/python -m benchmarks.paper $(BENCH)
-
-# A design search in one process and on two workers; BENCH="--quick" for eight candidates.
-bench-search: $(VENV)/.ready-test
-	@$(BIN)/python -m benchmarks.search $(BENCH)
-
-# Real firmware, built elsewhere, in simulated boards, judged by step edges; each path may be left out.
-# MARLIN=ep.elf MARLIN_WITHOUT_PARSER=noep.elf MARLIN_FAST=250k.elf KLIPPER=folder BENCH="--quick"
-bench-firmware: $(VENV)/.ready-test
-	@$(BIN)/python -m benchmarks.firmware_bench $(if $(MARLIN),--marlin $(MARLIN)) \
-	  $(if $(MARLIN_WITHOUT_PARSER),--marlin-without-parser $(MARLIN_WITHOUT_PARSER)) \
-	  $(if $(MARLIN_FAST),--marlin-fast $(MARLIN_FAST)) $(if $(KLIPPER),--klipper $(KLIPPER)) $(BENCH)
-
-# Observed prints: what is seen, frames, mends, whole prints, kills; half an hour.
-bench-observe: $(VENV)/.ready-test
-	@for name in seeing bath camera frames mends prints faults; do $(BIN)/python -m benchmarks.observe_$$name; done
+# The quick forms of all, one after the other, a quarter of an hour; fails and names those that broke.
+bench-nightly: $(VENV)/.ready-test
+	@$(BIN)/python -m benchmarks nightly
 
 # The user guide, in site/: opens without a network. Fails on a dead link, as CI does.
 docs: $(VENV)/.ready-docs
@@ -119,15 +84,6 @@ test-dist: $(VENV)/.ready-release
 # Known vulnerabilities of what constraints.txt pins; says so where no service answers.
 audit: $(VENV)/.ready-release
 	$(BIN)/python .ci/audit.py
-
-# The page while it prints: the stop's way to the wire, what browsers cost, how soon a picture is seen;
-# and the way from a clone to a first print. BENCH="--quick" for few tries.
-bench-operator: $(VENV)/.ready-test
-	@$(BIN)/python -m benchmarks.operator $(BENCH)
-	@$(BIN)/python -m benchmarks.operator_view $(BENCH)
-	@$(BIN)/python -m benchmarks.operator_stop_door $(BENCH)
-	@$(BIN)/python -m benchmarks.operator_kills $(BENCH)
-	@$(BIN)/python -m benchmarks.operator_first_print
 
 $(VENV)/.ready-pip: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'

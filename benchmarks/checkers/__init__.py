@@ -1,28 +1,29 @@
 """Independent checkers of exported networks and G-code; they share no code with the product."""
 
-from benchmarks.checkers.collisions import Near, near_pairs
 from benchmarks.checkers.containment import Outside, pieces_outside, winding_numbers
-from benchmarks.checkers.coverage import Coverage, coverage
-from benchmarks.checkers.murray import (
+from benchmarks.checkers.meshes import box_triangles, enclosed_volume, read_stl, write_stl
+from benchmarks.checkers.networks import (
+    Near,
     Perfusion,
+    Pieces,
     consistent_radii,
+    loop_flows,
     murray_ratios,
     murray_residual,
+    near_pairs,
+    outlet_flows,
+    pieces_of,
+    read_network,
+    spread,
 )
-from benchmarks.checkers.poiseuille import loop_flows, outlet_flows, spread
-from benchmarks.checkers.read_network import Pieces, pieces_of, read_network
-from benchmarks.checkers.read_stl import box_triangles, enclosed_volume, read_stl, write_stl
-from benchmarks.checkers.volume import total_volume
 
 __all__ = [
-    "Coverage",
     "Near",
     "Outside",
     "Perfusion",
     "Pieces",
     "box_triangles",
     "consistent_radii",
-    "coverage",
     "enclosed_volume",
     "loop_flows",
     "murray_ratios",
@@ -34,7 +35,6 @@ __all__ = [
     "read_network",
     "read_stl",
     "spread",
-    "total_volume",
     "winding_numbers",
     "write_stl",
 ]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.checkers.read_network import FloatArray, IntArray, Pieces
+from benchmarks.checkers.networks import FloatArray, IntArray, Pieces
 
 
 def main_line_turns(net: Pieces) -> tuple[FloatArray, FloatArray]:
@@ -120,38 +120,9 @@ def outer_triangles(triangles: FloatArray, rays: int = 24) -> FloatArray:
     return kept
 
 
-def strahler_from_root(net: Pieces) -> IntArray:
-    """Strahler's order of each piece, 1 at terminals; one child alone keeps its order."""
-    children: dict[int, list[int]] = {}
-    for piece in range(net.count):
-        children.setdefault(int(net.node[piece, 0]), []).append(piece)
-    order = np.zeros(net.count, dtype=np.int64)
-    for root in [p for p in range(net.count) if not (net.node[:, 1] == net.node[p, 0]).any()]:
-        stack = [(root, False)]
-        while stack:
-            piece, back = stack.pop()
-            below = children.get(int(net.node[piece, 1]), [])
-            if not back:
-                stack.append((piece, True))
-                stack.extend((child, False) for child in below)
-                continue
-            own = sorted((int(order[child]) for child in below), reverse=True)
-            if not own:
-                order[piece] = 1
-            else:
-                order[piece] = own[0] + (len(own) > 1 and own[1] == own[0])
-    return order
-
-
 def one_kind(net: Pieces, kind: str) -> Pieces:
     """The pieces of one kind; of veins turned round, so that all run from the root."""
     return _part(net, net.kind == kind, kind)
-
-
-def one_tree(net: Pieces, number: int) -> Pieces:
-    """The pieces of one tree, from its root as in `one_kind`."""
-    mine = net.tree == number
-    return _part(net, mine, str(net.kind[mine][0]))
 
 
 def _part(net: Pieces, mine: NDArray[np.bool_], kind: str) -> Pieces:

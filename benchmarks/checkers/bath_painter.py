@@ -190,7 +190,7 @@ class Canvas:
         for (gx, gy, gr), by in zip(self.glare, drift, strict=True):
             far = np.hypot(x - gx - by[0], y - gy - by[1]) / gr
             plane = plane + 400 * np.exp(-(far**2))[..., None]
-        tremor = np.float32([[1, 0, rng.normal(0, 0.3)], [0, 1, rng.normal(0, 0.3)]])
+        tremor = np.array([[1, 0, rng.normal(0, 0.3)], [0, 1, rng.normal(0, 0.3)]], np.float32)
         plane = cv2.GaussianBlur(plane, (0, 0), scene.blur) * rng.uniform(0.98, 1.02)
         plane = cv2.warpAffine(plane, tremor, (wide, high), borderMode=cv2.BORDER_REFLECT)
         spread = np.sqrt(scene.noise**2 + 0.015 * np.clip(plane, 0, 255))
@@ -295,9 +295,9 @@ def bath_texture(scene: Scene, shape: tuple[int, int], rng: np.random.Generator)
             cv2.circle(
                 rough, at, int(rng.integers(1, 4)), float(rng.normal(0, 30)), -1, cv2.LINE_AA
             )
-    rough = rough - np.median(rough)
-    spread = rough.std() if scene.bath != "clear" else 1.0
-    return scene.texture * rough / max(float(spread), 1e-9)
+    even = np.asarray(rough - np.median(rough))
+    spread = float(even.std()) if scene.bath != "clear" else 1.0
+    return np.asarray(scene.texture * even / max(spread, 1e-9))
 
 
 def _soft(shape: tuple[int, int], sigma: float, rng: np.random.Generator) -> np.ndarray:

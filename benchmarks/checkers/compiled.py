@@ -26,7 +26,7 @@ def _folder() -> str:
     return str(Path.home() / ".cache" / "printctl-bench" / "checkers" / digest.hexdigest()[:16])
 
 
-class OneFolder(UserProvidedCacheLocator):  # type: ignore[misc]
+class OneFolder(UserProvidedCacheLocator):
     """Numba's cache in `_folder`, not in a folder below it that is named by the clone's path."""
 
     def get_cache_path(self) -> str:

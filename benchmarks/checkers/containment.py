@@ -8,10 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.checkers.boxes import BoxTree, box_tree, first_in, meets
 from benchmarks.checkers.compiled import compiled
-from benchmarks.checkers.distance import cross, dot, less, segment_triangle
-from benchmarks.checkers.read_network import Pieces
+from benchmarks.checkers.meshes import (
+    BoxTree,
+    box_tree,
+    cross,
+    dot,
+    first_in,
+    less,
+    meets,
+    segment_triangle,
+)
+from benchmarks.checkers.networks import Pieces
 
 ROUNDING_MM = 1e-9
 

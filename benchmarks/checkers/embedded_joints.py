@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from benchmarks.checkers.embedded_axes import Axes
-from benchmarks.checkers.embedded_ink import Ink
-from benchmarks.checkers.embedded_moves import Moves
+from benchmarks.checkers.embedded_ink import Axes, Ink
+from benchmarks.checkers.read_gcode import Moves
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -1,26 +1,283 @@
-"""Judge an embedded print by its G-code alone. Shares no code with the product.
+"""Judge an embedded print by its G-code alone; shares no code with the product.
 
-Call `judge`, or ``python -m benchmarks.checkers.embedded_judge print.gcode network.csv 0.31``.
+The shaft is a cylinder of the needle's outer radius R, without clearance, from the tip upward
+without end. It may touch what a joint means it to touch, within
+
+    J = sqrt(2) (R + r) + r / 2, r the larger radius of the two that meet:
+
+- ink of the same pass, written within J of way before;
+- ink within J of a node that its vessel shares with the vessel being written, the tip within J too;
+- ink of the vessel being written within J of a place where that was cut, the tip within J too.
+
+Two vessels overlap, and count as one body, where their axes come nearer than the sum of their
+radii, one of the two places further than J from every node that they share; a vessel overlaps
+itself where that happens further apart along it than J.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
-from benchmarks.checkers.embedded_axes import Axes, read_axes
-from benchmarks.checkers.embedded_ink import BIN_MM, Ink, overlap_ul, written_ink
+from benchmarks.checkers.compiled import compiled
+from benchmarks.checkers.embedded_ink import (
+    BIN_MM,
+    Axes,
+    Ink,
+    overlap_ul,
+    read_axes,
+    written_ink,
+)
 from benchmarks.checkers.embedded_joints import cuts_of, joints_of, open_joints, pass_ends
-from benchmarks.checkers.embedded_moves import Moves, read_embedded
-from benchmarks.checkers.embedded_overlaps import overlaps_near
-from benchmarks.checkers.embedded_shaft import Bad, bad_moves
+from benchmarks.checkers.read_gcode import Moves, read_moves
 
 FloatArray = NDArray[np.float64]
+
+
+def overlaps_near(
+    axes: Axes, one: int, other: int, places: FloatArray, needle_outer_mm: float
+) -> bool:
+    """Whether two vessels overlap, away from their nodes, within J of one of the places (k, 3)."""
+    if one < 0 or other < 0:
+        return False
+    a, b = _dense(axes, one), _dense(axes, other)
+    thick = max(a[:, 3].max(), b[:, 3].max())
+    reach = np.sqrt(2.0) * (needle_outer_mm / 2 + thick) + thick / 2
+    a, b = _near(a, places, reach), _near(b, places, reach)
+    if not len(a) or not len(b):
+        return False
+    gap = np.linalg.norm(a[:, None, :3] - b[None, :, :3], axis=2)
+    touch = gap < a[:, None, 3] + b[None, :, 3]
+    if one == other:
+        return bool((touch & (np.abs(a[:, None, 4] - b[None, :, 4]) > reach)).any())
+    for node in set(axes.ends[one].tolist()) & set(axes.ends[other].tolist()):
+        far = [np.linalg.norm(part[:, :3] - axes.node[node], axis=1) > reach for part in (a, b)]
+        touch &= far[0][:, None] | far[1][None, :]
+    return bool(touch.any())
+
+
+def _dense(axes: Axes, vessel: int) -> FloatArray:
+    """Points, radius and arc length along a vessel, (n, 5)."""
+    own = np.flatnonzero(axes.vessel == vessel)
+    return np.column_stack([np.asarray(axes.tree.data)[own], axes.radius[own], axes.arc[own]])
+
+
+def _near(dense: FloatArray, places: FloatArray, reach: float) -> FloatArray:
+    gap, _ = KDTree(places).query(dense[:, :3])
+    return dense[gap <= reach]
+
+
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Tips:
+    """Places of the tip in order of time.
+
+    Attributes
+    ----------
+    point : (n, 3) float64, mm
+    move : (n,) int64
+    before : (n,) int64
+        How many stretches of ink are there by then.
+    last, next : (n,) int64
+        Stretch of ink whose vessel the needle is at: while writing both that being written; on a
+        travel the one just written and the one that follows; -1 where there is none.
+    """
+
+    point: FloatArray
+    move: IntArray
+    before: IntArray
+    last: IntArray
+    next: IntArray
+
+
+@dataclass(frozen=True)
+class Bad:
+    """Moves of which the shaft enters ink.
+
+    Attributes
+    ----------
+    move : (n,) int64
+        Without repeats, in order.
+    through : (n,) int64
+        Vessel that is entered deepest; -1 beside the network.
+    depth_mm : (n,) float64, mm
+        How deep, radially, at most.
+    samples : (n,) int64
+        Places at which it happens.
+    """
+
+    move: IntArray
+    through: IntArray
+    depth_mm: FloatArray
+    samples: IntArray
+
+
+def tips_of(moves: Moves, ink: Ink, step_mm: float) -> Tips:
+    """Places to look at; a move straight up or down counts at its lowest point, which holds all."""
+    goes = ~moves.stands
+    travels = np.flatnonzero(goes & ~moves.writes)
+    way = moves.end[travels] - moves.start[travels]
+    flat = np.linalg.norm(way[:, :2], axis=1)
+    count = np.where(flat < 1e-9, 1, np.ceil(moves.length[travels] / step_mm) + 1).astype(np.int64)
+    of = np.repeat(np.arange(len(travels)), count)
+    nth = np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)
+    part = nth / np.maximum(count[of] - 1, 1)
+    point = moves.start[travels][of] + part[:, None] * way[of]
+    upright = flat[of] < 1e-9
+    lowest = np.where(way[:, 2] < 0, moves.end[travels, 2], moves.start[travels, 2])
+    point[upright, 2] = lowest[of][upright]
+    before = np.searchsorted(ink.move, travels)[of]
+    writing = np.arange(len(ink.point))
+    move = np.concatenate([ink.move, travels[of]])
+    order = np.argsort(move, kind="stable")
+    return Tips(
+        np.concatenate([ink.tip, point])[order],
+        move[order],
+        np.concatenate([writing + 1, before])[order],
+        np.concatenate([writing, before - 1])[order],
+        np.concatenate([writing, np.where(before < len(writing), before, -1)])[order],
+    )
+
+
+def bad_moves(
+    moves: Moves,
+    ink: Ink,
+    axes: Axes,
+    cuts: list[tuple[int, FloatArray]],
+    needle_outer_mm: float,
+    graze_mm: float = 0.005,
+) -> Bad:
+    """Every move that drives the shaft deeper than ``graze_mm`` into ink that no joint excuses.
+
+    Parameters
+    ----------
+    cuts : list of (vessel, (3,) point)
+        Places off a vessel's nodes where a pass begins or ends.
+    """
+    shaft = needle_outer_mm / 2
+    tips = tips_of(moves, ink, shaft / 3)
+    member, begin, shape, low, pitch = _grid(ink, shaft)
+    offset = np.zeros(len(axes.ends) + 1, dtype=np.int64)
+    by_vessel = sorted(cuts, key=lambda cut: cut[0])
+    np.add.at(offset, np.array([cut[0] for cut in by_vessel], dtype=np.int64) + 1, 1)
+    places = np.array([cut[1] for cut in by_vessel]).reshape(-1, 3)
+    depth, through = _enter(
+        tips.point, tips.before, tips.last, tips.next, ink.point, ink.radius, ink.vessel,
+        ink.stroke, ink.arc, axes.ends, axes.node, np.cumsum(offset), places, member, begin,
+        shape, low, pitch, shaft, graze_mm,
+    )  # fmt: skip
+    hit = np.flatnonzero(depth > 0)
+    move, first, samples = np.unique(tips.move[hit], return_index=True, return_counts=True)
+    deepest = [
+        hit[low : low + n][np.argmax(depth[hit[low : low + n]])]
+        for low, n in zip(first, samples, strict=True)
+    ]
+    at = np.array(deepest, dtype=np.int64)
+    return Bad(move, ink.vessel[through[at]], depth[at], samples)
+
+
+def _grid(ink: Ink, shaft: float) -> tuple[Any, ...]:
+    """Ink by squares of the plan, in order of writing within each."""
+    low = ink.point[:, :2].min(axis=0)
+    size = np.ptp(ink.point[:, :2], axis=0)
+    pitch = max(shaft + float(ink.radius.max()), float(np.sqrt(size.prod() / 1e6)), 1e-3)
+    place = np.floor((ink.point[:, :2] - low) / pitch).astype(np.int64)
+    shape = place.max(axis=0) + 1
+    square = place[:, 0] * shape[1] + place[:, 1]
+    begin = np.concatenate([[0], np.cumsum(np.bincount(square, minlength=int(shape.prod())))])
+    return np.argsort(square, kind="stable"), begin, shape, low, pitch
+
+
+@compiled
+def _apart(a: Any, b: Any) -> Any:
+    return np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
+
+
+@compiled
+def _excused(
+    tip: Any, at: Any, other: Any, point: Any, radius: Any, vessel: Any, stroke: Any, arc: Any,
+    ends: Any, node: Any, offset: Any, places: Any, shaft: float,
+) -> Any:  # fmt: skip
+    """Whether ink ``other`` is meant to be touched by a needle at the ink ``at``."""
+    r = max(radius[at], radius[other])
+    reach = np.sqrt(2.0) * (shaft + r) + 0.5 * r
+    if (
+        stroke[at] == stroke[other]
+        and abs(arc[at] - arc[other]) <= reach
+        and _apart(tip, point[at]) <= reach
+    ):
+        return True
+    u, v = vessel[at], vessel[other]
+    if u < 0 or v < 0:
+        return False
+    for i in range(2):
+        for j in range(2):
+            if ends[u, i] == ends[v, j]:
+                corner = node[ends[u, i]]
+                if _apart(point[other], corner) <= reach and _apart(tip, corner) <= reach:
+                    return True
+    if u == v:
+        for k in range(offset[u], offset[u + 1]):
+            if _apart(point[other], places[k]) <= reach and _apart(tip, places[k]) <= reach:
+                return True
+    return False
+
+
+@compiled
+def _enter(
+    tip: Any, before: Any, last: Any, following: Any, point: Any, radius: Any, vessel: Any,
+    stroke: Any, arc: Any, ends: Any, node: Any, offset: Any, places: Any, member: Any, begin: Any,
+    shape: Any, low: Any, pitch: float, shaft: float, graze: float,
+) -> Any:  # fmt: skip
+    """Deepest entry at each place of the tip, mm, and the ink that is entered."""
+    n = len(tip)
+    depth, through = np.zeros(n), np.zeros(n, np.int64)
+    top, seen = -1e30, 0
+    for t in range(n):
+        while seen < before[t]:
+            top = max(top, point[seen, 2] + radius[seen])
+            seen += 1
+        if tip[t, 2] >= top:
+            continue
+        column = int(np.floor((tip[t, 0] - low[0]) / pitch))
+        row = int(np.floor((tip[t, 1] - low[1]) / pitch))
+        for x in range(max(0, column - 1), min(shape[0], column + 2)):
+            for y in range(max(0, row - 1), min(shape[1], row + 2)):
+                square = x * shape[1] + y
+                for m in range(begin[square], begin[square + 1]):
+                    i = member[m]
+                    if i >= before[t]:
+                        break
+                    across = np.sqrt(
+                        (point[i, 0] - tip[t, 0]) ** 2 + (point[i, 1] - tip[t, 1]) ** 2
+                    )
+                    below = max(0.0, tip[t, 2] - point[i, 2])
+                    gap = np.sqrt(max(0.0, across - shaft) ** 2 + below**2)
+                    entered = radius[i] - gap
+                    if entered <= max(graze, depth[t]):
+                        continue
+                    at, to = last[t], following[t]
+                    if at >= 0 and _excused(
+                        tip[t], at, i, point, radius, vessel, stroke, arc, ends, node, offset,
+                        places, shaft,
+                    ):  # fmt: skip
+                        continue
+                    if to >= 0 and to != at and _excused(
+                        tip[t], to, i, point, radius, vessel, stroke, arc, ends, node, offset,
+                        places, shaft,
+                    ):  # fmt: skip
+                        continue
+                    depth[t], through[t] = entered, i
+    return depth, through
+
+
 SYRINGE_MM = 4.61
 """Bore of the product's default syringe, which says what E pushes."""
 
@@ -64,7 +321,7 @@ def judge(
         in the network's frame).
     """
     axes = read_axes(Path(network_csv_path), scale)
-    moves = _moved(read_embedded(Path(gcode_path).read_text()), np.array(place_mm))
+    moves = _moved(read_moves(Path(gcode_path).read_text()), np.array(place_mm))
     ul_per_e = np.pi / 4 * syringe_bore_mm**2 * flow_factor
     ink = written_ink(moves, axes, ul_per_e)
     if not len(ink.point):
@@ -86,9 +343,7 @@ def judge(
 
 
 def _moved(moves: Moves, place: FloatArray) -> Moves:
-    return Moves(
-        moves.line, moves.start - place, moves.end - place, moves.pushed, moves.speed, moves.dwell_s
-    )
+    return replace(moves, start=moves.start - place, end=moves.end - place)
 
 
 def _crossings(
@@ -106,7 +361,7 @@ def _crossings(
         overlaps_near(axes, int(vessel), int(through), way, needle_outer_mm)
         for vessel, through, way in zip(ink.vessel[at], bad.through, ways, strict=True)
     ]
-    deepest = np.lexsort((-bad.depth_mm, own))[:named]
+    deepest = np.lexsort((-bad.depth_mm, np.array(own)))[:named]
     return {
         "bad_moves": len(bad.move),
         "bad_moves_elsewhere": len(own) - sum(own),
@@ -166,30 +421,3 @@ def _times(moves: Moves) -> dict[str, float]:
         "dwell_s": moves.dwell_s,
     }
     return found | {"total_s": sum(found.values())}
-
-
-def main() -> None:
-    """Judge a file from the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("gcode", type=Path)
-    parser.add_argument("network", type=Path, help="network.csv, mm")
-    parser.add_argument("needle_outer_mm", type=float)
-    parser.add_argument("--place-mm", type=float, nargs=3, default=(0.0, 0.0, 0.0))
-    parser.add_argument("--syringe-bore-mm", type=float, default=SYRINGE_MM)
-    parser.add_argument("--flow-factor", type=float, default=1.0)
-    parser.add_argument("--scale", type=float, default=1.0)
-    asked = parser.parse_args()
-    found = judge(
-        asked.gcode,
-        asked.network,
-        asked.needle_outer_mm,
-        place_mm=tuple(asked.place_mm),
-        syringe_bore_mm=asked.syringe_bore_mm,
-        flow_factor=asked.flow_factor,
-        scale=asked.scale,
-    )
-    print(json.dumps(found, indent=1))
-
-
-if __name__ == "__main__":
-    main()

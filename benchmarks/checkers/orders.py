@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.checkers.read_network import FloatArray, IntArray, Pieces
-from benchmarks.machine import ROOT
+from benchmarks.checkers.networks import FloatArray, IntArray, Pieces
+from benchmarks.common import ROOT
 
 Measures = dict[str, float]
 
@@ -20,7 +20,7 @@ def elements_by_diameter(net: Pieces, bounds_mm: FloatArray) -> dict[int, Measur
     branches have their parent's order the wider one goes on with it.
     """
     count = int(net.vessel.max()) + 1
-    long = np.bincount(net.vessel, net.length, count)
+    long: FloatArray = np.asarray(np.bincount(net.vessel, net.length, count), np.float64)
     wide = np.bincount(net.vessel, net.length * net.radius.sum(axis=1), count) / long
     order = 1 + np.searchsorted(bounds_mm, wide, side="right")
     first, last = (
@@ -75,7 +75,7 @@ def _by_order(
     }
 
 
-def _arteries() -> list[dict[str, Any]]:
+def _arteries() -> list[list[dict[str, Any]]]:
     path = ROOT / "design" / "measures" / "published" / "coronary.json"
     return list(json.loads(path.read_text())["arteries"].values())
 
@@ -103,16 +103,3 @@ def _mixture(pairs: FloatArray) -> tuple[float, float]:
     if not len(both):
         return float(np.nanmean(pairs[:, 0])) if np.isfinite(pairs[:, 0]).any() else np.nan, np.nan
     return float(both[:, 0].mean()), float(np.sqrt((both[:, 1] ** 2).mean() + both[:, 0].var()))
-
-
-def published_steps(key: str, orders: IntArray) -> list[float]:
-    """Published ratios from each order to the next, of each artery; above 1 as they grow."""
-    name = {"elements": "elements", "diameter_mm": "diameter_um", "length_mm": "length_mm"}[key]
-    found = []
-    for lines in _arteries():
-        values = {line["order"]: line.get(name) for line in lines}
-        for one in orders[:-1].tolist():
-            low, high = values.get(one), values.get(one + 1)
-            if low and high:
-                found.append(low / high if key == "elements" else high / low)
-    return found

@@ -1,19 +1,20 @@
 """Read any slicer's G-code as lines with a width, without product code.
 
-Read are G0, G1 (X, Y, Z, E), G92 and M82 or M83; anything that would move the needle otherwise is
-refused. Lengths are mm, volumes µL.
+Read are G0, G1 (X, Y, Z, E, F), G4, G90, G91, G92, M82 and M83; anything that would move the needle
+otherwise is refused. Lengths are mm, speeds mm/s, volumes µL, times s.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 WINDOW_MM = 1.0
-_HARMLESS = ("G4", "G21", "G90", "M", "T", "SET_", "F")
+_HARMLESS = ("G21", "M", "T", "SET_", "F")
+_STILL = 1e-9
 
 
 @dataclass(frozen=True)
@@ -22,14 +23,45 @@ class Moves:
 
     Attributes
     ----------
+    line : (n,) int64
+        In the file, from 1.
     start, end : (n, 3) float64, mm
     pushed : (n,) float64
         Change of E.
+    speed : (n,) float64, mm/s
+        Of the tip; of E alone where the tip stands; NaN where no F was said yet.
+    dwell_s : float
+        All G4 together.
     """
 
+    line: NDArray[np.int64]
     start: FloatArray
     end: FloatArray
     pushed: FloatArray
+    speed: FloatArray
+    dwell_s: float
+
+    @property
+    def length(self) -> FloatArray:
+        """Of each move, (n,), mm."""
+        length: FloatArray = np.linalg.norm(self.end - self.start, axis=1)
+        return length
+
+    @property
+    def writes(self) -> NDArray[np.bool_]:
+        """Whether ink is laid: the tip goes and E grows."""
+        return (self.length > _STILL) & (self.pushed > 0)
+
+    @property
+    def stands(self) -> NDArray[np.bool_]:
+        """Whether only the plunger moves."""
+        return self.length <= _STILL
+
+    @property
+    def duration(self) -> FloatArray:
+        """Of each move at constant speed, (n,), s."""
+        way = np.where(self.stands, np.abs(self.pushed), self.length)
+        return way / self.speed
 
 
 @dataclass(frozen=True)
@@ -49,32 +81,47 @@ class Lines:
 
 
 def read_moves(text: str, begin: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Moves:
-    """Every move of a file; where an axis stands before it is first named comes from ``begin``."""
-    at, relative = [*begin, 0.0], False
+    """Read a file; where an axis stands before it is first named comes from ``begin``.
+
+    Raises
+    ------
+    ValueError
+        For a line that would move the needle in a way this reader doesn't know; with its number.
+    """
+    at, feed, dwell = [*begin, 0.0], float("nan"), 0.0
+    relative, relative_e = False, False
     rows: list[list[float]] = []
     for number, raw in enumerate(text.splitlines(), 1):
         words = raw.split(";", 1)[0].split()
         if not words:
             continue
-        if words[0] in ("G0", "G1"):
+        code, rest = words[0], words[1:]
+        if code in ("G0", "G1"):
             to = list(at)
-            for word in words[1:]:
-                axis = "XYZE".find(word[0])
-                if axis == 3 and relative:
-                    to[3] += float(word[1:])
+            for word in rest:
+                axis, value = "XYZE".find(word[0]), float(word[1:])
+                if word[0] == "F":
+                    feed = value / 60.0
                 elif axis >= 0:
-                    to[axis] = float(word[1:])
-            rows.append([*at[:3], *to[:3], to[3] - at[3]])
+                    adds = relative_e if axis == 3 else relative
+                    to[axis] = at[axis] + value if adds else value
+            rows.append([number, *at[:3], *to[:3], to[3] - at[3], feed])
             at = to
-        elif words[0] == "G92":
-            for word in words[1:]:
+        elif code == "G92":
+            for word in rest:
                 at["XYZE".index(word[0])] = float(word[1:])
-        elif words[0] in ("M82", "M83"):
-            relative = words[0] == "M83"
-        elif not words[0].startswith(_HARMLESS):
+        elif code in ("G90", "G91"):
+            relative = relative_e = code == "G91"
+        elif code in ("M82", "M83"):
+            relative_e = code == "M83"
+        elif code == "G4":
+            unit = {"P": 1e-3, "S": 1.0}
+            dwell += sum(float(word[1:]) * unit[word[0]] for word in rest if word[0] in unit)
+        elif not code.startswith(_HARMLESS):
             raise ValueError(f"line {number}: {raw!r} isn't read by this checker")
-    found = np.array(rows, dtype=np.float64).reshape(-1, 7)
-    return Moves(found[:, :3], found[:, 3:6], found[:, 6])
+    found = np.array(rows, dtype=np.float64).reshape(-1, 9)
+    line = found[:, 0].astype(np.int64)
+    return Moves(line, found[:, 1:4], found[:, 4:7], found[:, 7], found[:, 8], dwell)
 
 
 def rounded_to_steps(moves: Moves, steps_per_mm: float) -> Moves:
@@ -84,7 +131,7 @@ def rounded_to_steps(moves: Moves, steps_per_mm: float) -> Moves:
         made = point.copy()
         made[:, :2] = np.rint(point[:, :2] * steps_per_mm) / steps_per_mm
         ends.append(made)
-    return Moves(ends[0], ends[1], moves.pushed)
+    return replace(moves, start=ends[0], end=ends[1])
 
 
 def written_lines(
@@ -136,20 +183,4 @@ def _flow(length: FloatArray, pushed: FloatArray, stroke: NDArray[np.int64]) -> 
     found: FloatArray = (np.interp(high, places, total) - np.interp(low, places, total)) / (
         high - low
     )
-    return found
-
-
-def trips(moves: Moves) -> list[FloatArray]:
-    """Travels between two lines: runs of moves without ink, each as points (k, 3)."""
-    still = moves.pushed <= 0
-    goes = np.linalg.norm(moves.end[:, :2] - moves.start[:, :2], axis=1) > 1e-9
-    found, run = [], []
-    for k in range(len(still)):
-        if moves.pushed[k] > 0 and goes[k]:
-            if run:
-                found.append(np.array(run))
-            run = []
-        elif still[k] or not goes[k]:
-            run = run or [moves.start[k]]
-            run.append(moves.end[k])
     return found

@@ -1,7 +1,7 @@
-"""Read an STL or 3MF file and compute its expected union, without product code.
+"""Read an STL or 3MF file; compute its expected union and how far facets lie off the exact tubes.
 
-The files are read from their bytes; equal float32 corners are one vertex. The reference volume is
-that of a union of round-ended cones, by Monte-Carlo sampling with a standard error.
+Without product code. The files are read from their bytes; equal float32 corners are one vertex. The
+reference volume is that of a union of round-ended cones, by Monte-Carlo sampling.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from benchmarks.checkers.read_stl import _FACET
+from benchmarks.checkers.compiled import compiled
+from benchmarks.checkers.meshes import _FACET
+from benchmarks.checkers.networks import Pieces
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -214,3 +216,53 @@ def _multiplicity(
         radius = radius0[k] + (radius1 - radius0)[k] * foot / length[k]
         np.add.at(count, at[own & (gap <= radius)], 1)
     return count
+
+
+def facet_deviations(
+    corners: FloatArray, pieces: Pieces, samples: int = 40_000, seed: int = 0
+) -> tuple[FloatArray, FloatArray]:
+    """Distances of points on triangles (f, 3, 3) from the exact surface, (n,), mm; and over radius.
+
+    Half of the points are even in area, so that tubes count; half are one each of faces drawn at
+    random, so that junctions and ends, which have most faces, count. The radius is that of the
+    solid that the point belongs to.
+    """
+    rng = np.random.default_rng(seed)
+    a, b, c = (corners[:, k] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    face = np.r_[
+        rng.choice(len(corners), samples // 2, p=area / area.sum()),
+        rng.integers(0, len(corners), samples - samples // 2),
+    ]
+    one, two = rng.random((2, samples))
+    turned = one + two > 1.0
+    one, two = np.where(turned, 1.0 - one, one)[:, None], np.where(turned, 1.0 - two, two)[:, None]
+    points = a[face] + one * (b - a)[face] + two * (c - a)[face]
+    gap, radius = np.empty(samples), np.empty(samples)
+    _nearest(points, pieces.start, pieces.end, np.ascontiguousarray(pieces.radius), gap, radius)
+    return gap, gap / radius
+
+
+@compiled
+def _nearest(
+    points: FloatArray,
+    start: FloatArray,
+    end: FloatArray,
+    radius: FloatArray,
+    gap: FloatArray,
+    own: FloatArray,
+) -> None:
+    for n in range(len(points)):
+        best, wide = np.inf, 0.0
+        x, y, z = points[n]
+        for m in range(len(start)):
+            ax, ay, az = (end[m, 0] - start[m, 0], end[m, 1] - start[m, 1], end[m, 2] - start[m, 2])
+            px, py, pz = x - start[m, 0], y - start[m, 1], z - start[m, 2]
+            along = (px * ax + py * ay + pz * az) / (ax * ax + ay * ay + az * az)
+            along = min(1.0, max(0.0, along))
+            here = radius[m, 0] + along * (radius[m, 1] - radius[m, 0])
+            px, py, pz = px - along * ax, py - along * ay, pz - along * az
+            away = np.sqrt(px * px + py * py + pz * pz) - here
+            if away < best:
+                best, wide = away, here
+        gap[n], own[n] = best, wide

@@ -96,7 +96,7 @@ class VtuFlow:
         # The middles of triangles a quarter of an element wide come within 0.5 % of the peak.
         found = area.sum(), area @ speed.mean(axis=1), area @ pressure / area.sum()
         peak = speed[mine].flat[np.abs(speed[mine]).argmax()]
-        return Cut(*map(float, found), fastest=float(peak))
+        return Cut(*map(float, (*found, peak)))
 
 
 def _polygons(beyond: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmarks.checkers.dye_carried import STEP_S, dyed
-from benchmarks.checkers.dye_film import Pinhole, _depth, _inside
-from benchmarks.registration_phantom import branched
+from benchmarks.checkers.dye_film import STEP_S, Pinhole, _depth, _inside, dyed
+from benchmarks.registration.phantom import branched
 
 NODES = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]])
 SPEED, RADIUS, START = 4.0, 0.25, 1.0

@@ -4,19 +4,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from benchmarks.scan_bench.bodies import block
-from benchmarks.scan_bench.cases import BRIDGED_AT, BRIDGES, SHARED, WIDEST_MM
-from benchmarks.scan_bench.defects import plant
-from benchmarks.scan_bench.designs import DESIGNS, Design
-from benchmarks.scan_bench.geometry import bscan
-from benchmarks.scan_bench.judge_faces import off_lumens
-from benchmarks.scan_bench.make import image, piece_boxes
-from benchmarks.scan_bench.options import parser
-from benchmarks.scan_bench.part_files import write_design
-from benchmarks.scan_bench.pose import draw
-from benchmarks.scan_bench.runs import present, shared_designs
-from benchmarks.scan_bench.symmetry import symmetries
-from benchmarks.scan_bench.truth import sections
+from benchmarks.scans.cases import BRIDGED_AT, BRIDGES, SHARED, WIDEST_MM
+from benchmarks.scans.defects import plant
+from benchmarks.scans.designs import DESIGNS, Design, block, write_design
+from benchmarks.scans.geometry import bscan
+from benchmarks.scans.judge import off_lumens
+from benchmarks.scans.make import image, piece_boxes
+from benchmarks.scans.options import parser
+from benchmarks.scans.pose import draw
+from benchmarks.scans.rows import SHARED as SHARED_PROGRAM
+from benchmarks.scans.rows import shared_designs
+from benchmarks.scans.truth import sections
 from tests.slower import first_of
 
 STILL = [
@@ -117,8 +115,8 @@ def test_true_rough_diameters_are_those_of_the_field_that_is_scanned():
     given = asked("compact", *FLAT, "--shrink", "1,1,1", "--roughness-um", "30")
     lumens, pose = plant(design, given), draw(design, given, np.random.default_rng(0))
     (row,) = sections(design, lumens, pose, given)
-    shape = (design.body.planes, np.array(design.body.cylinder), design.body.size, 0.0)
-    parts = (lumens.pieces, lumens.radius, lumens.plugs, 0.0)
+    shape = (design.body.planes, np.array(design.body.cylinder))
+    parts = (lumens.pieces, lumens.radius, lumens.plugs)
     nx, nz = (int(pose.extent[k] / 0.005) for k in (0, 2))
     field = np.empty((2, 3, nx, nz), np.float32)
     counted = []
@@ -159,20 +157,6 @@ class closed:  # noqa: N801
         return abs(angle[-1] - angle[0]) > 6
 
 
-@pytest.mark.parametrize(
-    ("name", "turns", "mirror"),
-    [
-        ("half_turns", 3, True),
-        ("quarter_turns", 3, True),
-        ("mirrored_pair", 0, True),
-        ("curved", 0, False),
-    ],
-)
-def test_symmetries_are_the_ones_drawn(name, turns, mirror):
-    found, mirrors = symmetries(DESIGNS[name]())
-    assert (len(found), mirrors) == (turns, mirror)
-
-
 def pieces(network):
     """Straight pieces (start, end, larger radius) of each vessel of a network.csv."""
     found = {}
@@ -209,9 +193,9 @@ def bridge(vessels, one, other, place):
 @pytest.mark.parametrize("name", first_of(sorted(BRIDGES)))
 def test_no_bridge_runs_through_a_third_vessel_or_outside(name, tmp_path):
     if name in SHARED:
-        if not present("shared"):
+        if not SHARED_PROGRAM.exists():
             pytest.skip("the shared generator isn't there")
-        shared_designs(tmp_path)
+        shared_designs(tmp_path / "shared_designs")
         network = tmp_path / "shared_designs" / name / "network.csv"
     else:
         write_design(DESIGNS[name](), tmp_path)

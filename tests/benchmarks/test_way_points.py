@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.firmware_bench.step_log import AXES, RECORD, StepLog
-from benchmarks.firmware_bench.way_points import follow, way_points
+from benchmarks.firmware.board import AXES, RECORD, StepLog
+from benchmarks.firmware.files import follow, way_points
 
 FILE = ["G92 X5 Y5 Z1 E0", "G1 X6 Y5.5 E0.1", "G1 X6.05", "G1 Z1.5", "G92 E3", "G1 X5 E3.1"]
 MADE = [("X", 80), ("Y", 40), ("E", 50), ("X", 4), ("Z", 200), ("X", -84), ("E", 50)]

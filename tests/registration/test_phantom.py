@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.registration_phantom import Setting, Truth, planar, scan_of
+from benchmarks.registration.phantom import Setting, Truth, planar, scan_of
 from design.network_files.csv_format import read_network_csv
 from design.solids.solid import Solid
 from registration import RegistrationReport, register_scan

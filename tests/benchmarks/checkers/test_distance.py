@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from benchmarks.checkers.distance import segment_segment, segment_triangle
+from benchmarks.checkers.meshes import segment_segment, segment_triangle
 
 
 def minimised(first, second):

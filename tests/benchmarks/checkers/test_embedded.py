@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.checkers.embedded_judge import judge
-from benchmarks.checkers.embedded_moves import read_embedded
+from benchmarks.checkers.read_gcode import read_moves
 
 Points = NDArray[np.float64]
 
@@ -195,4 +195,4 @@ def test_relative_e_place_and_times(tmp_path: Path) -> None:
 
 def test_what_the_reader_doesnt_know_is_refused() -> None:
     with pytest.raises(ValueError, match="line 2: 'G2 X1 Y1 I1' isn't read"):
-        read_embedded("G90\nG2 X1 Y1 I1")
+        read_moves("G90\nG2 X1 Y1 I1")

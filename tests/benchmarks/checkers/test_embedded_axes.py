@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.checkers.embedded_axes import STEP_MM, read_axes
+from benchmarks.checkers.embedded_ink import STEP_MM, read_axes
 from tests.benchmarks.checkers.test_embedded import network
 
 

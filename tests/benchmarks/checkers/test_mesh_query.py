@@ -2,8 +2,8 @@ import numpy as np
 
 from benchmarks.checkers import winding_numbers
 from benchmarks.checkers.containment import surface_tree, to_surface
-from benchmarks.checkers.mesh_query import brute_distances, brute_windings
-from benchmarks.checkers.read_stl import box_triangles
+from benchmarks.checkers.meshes import box_triangles
+from tests.benchmarks.checkers.mesh_query import brute_distances, brute_windings
 
 BOX = box_triangles(np.zeros(3), np.array([4.0, 3.0, 2.0]))
 

@@ -6,7 +6,6 @@ from benchmarks.checkers import (
     consistent_radii,
     murray_ratios,
     murray_residual,
-    total_volume,
 )
 from tests.benchmarks.checkers.nets import fork, net_of, random_tree
 
@@ -41,10 +40,3 @@ def test_what_is_no_binary_tree_is_refused():
     star = net_of(np.eye(5, 3), [[0, 1], [1, 2], [1, 3], [1, 4]], 0.1)
     with pytest.raises(ValueError, match="binary"):
         consistent_radii(star, Perfusion(1.0, 1.0, 1.0))
-
-
-def test_volume_is_that_of_cylinders_and_cones():
-    cone = net_of([[0, 0, 0], [3, 0, 0]], [[0, 1]], [[1.0, 2.0]])
-    assert total_volume(cone) == pytest.approx(7 * np.pi)
-    assert total_volume(fork(0.5)) == pytest.approx(np.pi / 4 * (2 + 2 * np.sqrt(8)))
-    assert total_volume(fork(0.5), np.array([0.5, 0.0, 0.0])) == pytest.approx(np.pi / 2)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from benchmarks.checkers.networks import Pieces
 from benchmarks.checkers.orders import elements_by_diameter, published_table
-from benchmarks.checkers.read_network import Pieces
 
 
 def test_an_element_is_a_series_of_vessels_of_one_order() -> None:

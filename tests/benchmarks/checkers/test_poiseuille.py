@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.checkers import Perfusion, consistent_radii, loop_flows, outlet_flows, spread
-from benchmarks.checkers.poiseuille import graph_flows, resistances, tree_flows
+from benchmarks.checkers.networks import graph_flows, resistances, tree_flows
 from tests.benchmarks.checkers.nets import fork, net_of, random_tree
 
 

@@ -1,16 +1,20 @@
 """Accuracy of the chosen bifurcation by tree depth, as in the paper's figure 2C.
 
-Cases, costs and optima are those of `benchmarks.paper_places`, by traversals of the whole tree.
+Cases, costs and optima are those of `bifurcation_places`, by traversals of the whole tree.
 """
 
 import numpy as np
 import pytest
 
-from benchmarks.paper_places import cases_of, compare
-from benchmarks.paper_plain import order_down, traversed_cost
 from design.tissue import block
 from design.vasculature import GrowthOptions, grow_tree
 from tests.design.tissue.kept import kept_tissue
+from tests.design.vasculature.bifurcation_places import (
+    accuracies,
+    cases_of,
+    order_down,
+    traversed_cost,
+)
 from tests.design.vasculature.oracles import volume
 from tests.slower import first_rows
 
@@ -23,7 +27,7 @@ def grown(terminals):
 def measured():
     tree = grown(1500)
     cases, depth = cases_of(tree, 20)
-    return next(compare(tree, cases))[1], depth
+    return accuracies(tree, cases), depth
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from benchmarks.checkers.profiler_painter import profiled
-from benchmarks.observe_laser import expected
+from benchmarks.observe.laser import expected
 from printctl.errors import UsageError
 from printctl.observe.devices import DeviceError
 from printctl.observe.views import View, open_view, read_profiler_frame, refuse_other_height

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.checkers.profiler_painter import Kind, profiled
-from benchmarks.observe_laser import expected, planted
+from benchmarks.observe.laser import expected, planted
 from registration.files.readers.heights import HeightMap
 from registration.inspection import surface_of
 from registration.inspection.gaps.gaps import shift_along

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.checkers.profiler_painter import Kind, Profiled, profiled
-from benchmarks.observe_laser import look
+from benchmarks.observe.laser import look
 from kernels.arrays import FloatArray
 from registration.inspection import LayerFindings
 

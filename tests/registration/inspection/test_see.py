@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from benchmarks.checkers import layer_painter as painter
-from benchmarks.checkers.layer_volume import VOXEL, paint_volume
 from registration.errors import PictureError
 from registration.inspection import (
     ExpectedLines,
@@ -17,6 +16,7 @@ from registration.inspection import (
     see_layer,
 )
 from registration.scan import Scan
+from tests.registration.inspection.layer_volume import VOXEL, paint_volume
 from tests.registration.inspection.painted import Scene, both, expected
 from tests.slower import first_of, first_rows
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.checkers.profiler_painter import Bare, Kind, profiled
-from benchmarks.observe_laser import expected
+from benchmarks.observe.laser import expected
 from registration.files.readers.heights import HeightMap
 from registration.inspection import LayerFindings, see_layer, surface_of
 from registration.inspection.heights.sunk import lifted

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from benchmarks.checkers import layer_painter as painter
-from benchmarks.checkers import layer_troubles as trouble
 from registration.inspection import Unseen, see_layer
 from registration.inspection.ink.presence import window_noise
 from registration.inspection.pictures.light import flattened
 from registration.inspection.pictures.shadow_bars import bar_directions, bar_light
 from registration.inspection.ways import Ways, lay_ways
+from tests.registration.inspection import layer_troubles as trouble
 from tests.registration.inspection.painted import Scene, expected
 from tests.slower import first_of, first_rows
 

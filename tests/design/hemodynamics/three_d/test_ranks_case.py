@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.flow_pipes import pipe_mesh
 from design.errors import FlowError
 from design.hemodynamics import FlowConditions
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
@@ -23,6 +22,7 @@ from design.hemodynamics.three_d.ranks import (
 )
 from design.hemodynamics.three_d.ranks.case import ENGINE
 from design.hemodynamics.three_d.ranks.profile import port_velocity
+from tests.design.hemodynamics.three_d.pipes import pipe_mesh
 
 RADIUS, FLOW, VISCOSITY = 0.2, 4.0, 1e-3
 

@@ -9,7 +9,6 @@ import meshio
 import numpy as np
 import pytest
 
-from benchmarks.flow_pipes import pipe_mesh
 from design.errors import FlowError
 from design.hemodynamics import (
     PressureOutlet,
@@ -19,6 +18,7 @@ from design.hemodynamics import (
 )
 from design.hemodynamics.three_d.svmultiphysics import MarchSteps, write_svmultiphysics
 from design.hemodynamics.waveforms import Constant, Sine
+from tests.design.hemodynamics.three_d.pipes import pipe_mesh
 
 RADIUS, LENGTH = 0.2, 2.0
 MESH = pipe_mesh(RADIUS, LENGTH, 3, 12)

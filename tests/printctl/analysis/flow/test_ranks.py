@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.flow_pipes import pipe_mesh
 from design.hemodynamics.three_d.ranks import (
     PortFlow,
     PortPressure,
@@ -20,6 +19,7 @@ from design.hemodynamics.three_d.ranks import (
 )
 from printctl.analysis.flow.ranks import Engine, find_engine, main, rank_command, run_on_ranks
 from printctl.errors import PrintctlError, UsageError
+from tests.design.hemodynamics.three_d.pipes import pipe_mesh
 
 RADIUS, LENGTH, FLOW, VISCOSITY = 0.2, 0.6, 4.0, 1e-3
 MESH = pipe_mesh(RADIUS, LENGTH, 2, 5)

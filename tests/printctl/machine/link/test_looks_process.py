@@ -8,7 +8,7 @@ import signal
 import pytest
 import yaml
 
-from benchmarks.observe_faults import one_print
+from benchmarks.observe.faults import one_print
 from firmware_profiles import Printer, load
 from printctl.machine.link import LinkState, resume_print, start_print
 from printctl.machine.link.care import Care

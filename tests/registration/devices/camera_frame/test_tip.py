@@ -7,8 +7,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from benchmarks.checkers.dish_camera import Optics, Scene, aimed, developed
-from benchmarks.checkers.needle_camera import Needle, rough_ground, with_needle
+from benchmarks.checkers.dish_camera import (
+    Needle,
+    Optics,
+    Scene,
+    aimed,
+    developed,
+    rough_ground,
+    with_needle,
+)
 from registration.devices.camera_frame import CameraFrame, TipView, find_tip, grounds, locate_tip
 from registration.devices.camera_frame.frame import turn_vector
 from registration.errors import PictureError

@@ -8,9 +8,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.checkers.laser_painter import Heights, Swept, laser_over, looked_at
 from registration.devices.laser_sweep import FittedSweep, fit_laser, trace
 from tests.registration.devices.camera_frame import scene
+from tests.registration.devices.laser_sweep.laser_painter import (
+    Heights,
+    Swept,
+    laser_over,
+    looked_at,
+)
 
 FLOOR_Z = 1.0
 BLOCKS = ((1.0, 3.0, 0.5), (3.8, 6.2, 0.9))

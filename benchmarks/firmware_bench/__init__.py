@@ -1,1 +1,0 @@
-"""Benchmark of the product against real firmware on simulated controller boards."""

@@ -1,0 +1,195 @@
+"""Benchmark of mends: gaps covered, lumens entered, written ink crossed.
+
+Random gaps in planned jobs, each held at a random mark; the product plans its insert, and
+`checkers.mended_ink` judges job and insert from their text: it paints voxels and samples the
+needle. Layers: gaps of the layer just ended. Embedded: seven of ten in the vessel just written, the
+others anywhere, where later vessels may lie above.
+
+Clock: none; CPU time of planning is told.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.checkers.mended_ink import Case, Judged, Stroke, judge, place_on, strokes_of
+from benchmarks.checkers.networks import read_network
+from benchmarks.checkers.read_gcode import Moves, read_moves
+from benchmarks.common import ROOT, Row, limited, printctl, row, timed
+from design.network_files.csv_format import read_network_csv
+from firmware_profiles import Ink, Needle, Printer, Syringe, load
+from printctl.machine.link.job import Job, load_job
+from printctl.machine.link.marks import MarkKind
+from printctl.observe.mending import HeldPrint, Mend, Voids, gap_between, plan_mend, written_paths
+
+COVERED = 0.95
+"""Share of a gap's missing voxels from which it counts as mended."""
+TOLERANCE_MM = 0.05
+
+
+@dataclass(frozen=True)
+class Planned:
+    """An example, and what is mounted for it.
+
+    Attributes
+    ----------
+    example : str
+    layer_mm : float or None
+        None for an embedded one.
+    place_mm : tuple, mm
+        From the part's frame to the printer's.
+    edge_mm : float, mm
+        Of voxels.
+    changes : tuple of (str, str)
+        What is replaced in the example's recipe.
+    """
+
+    name: str
+    ink: str
+    needle: str
+    layer_mm: float | None
+    place_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    edge_mm: float = 0.03
+    example: str = ""
+    changes: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def mark(self) -> MarkKind:
+        """Where it is held."""
+        return MarkKind.VESSEL if self.layer_mm is None else MarkKind.LAYER
+
+
+JOBS = (
+    Planned("planar_fresh", "collagen_fresh", "fresh_150um", 0.06, (92.0, 96.0, 1.0), 0.015),
+    Planned("planar_tree", "gelatin_sacrificial", "30g_50mm", None),
+    Planned("ring_closed_loop", "gelatin_sacrificial", "30g", None),
+    Planned(
+        "tree_of_99_vessels",
+        "gelatin_sacrificial",
+        "30g_50mm",
+        None,
+        example="planar_tree",
+        changes=(("terminals: 30", "terminals: 50"), ("[16, 8, 3]", "[16, 12, 8]")),
+    ),
+)
+
+
+def rows(quick: bool) -> Iterator[Row]:
+    """Yield all jobs; quick has the layered one, and few gaps."""
+    for planned in JOBS[: 1 if quick else None]:
+        yield from mend_rows(planned, 2 if quick else 60)
+
+
+def mend_rows(planned: Planned, count: int) -> Iterator[Row]:
+    """Yield what became of so many gaps of one job."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "run"
+        _plan(planned, folder)
+        rng = np.random.default_rng(26)
+        results = [_one(planned, folder, rng) for _ in range(count)]
+    name, judged = planned.name, [one for one, _, _ in results if one is not None]
+    mended = sum(one.covered >= COVERED for one in judged)
+    whole = [one.covered for one, mend, _ in results if one is not None and not mend.left]
+    reasons = Counter(
+        left.reason.split(",")[0].split(":")[0] for _, mend, _ in results for left in mend.left
+    )
+    what = f"{name}: gaps mended (≥ {COVERED:.0%} of what is missing)"
+    yield row(what, mended, f"of {count}") | {"left": dict(reasons)}
+    worst = min(whole, default=1.0)
+    yield row(f"{name}: least covered of gaps planned whole", worst, "", ">= 0.95", worst >= 0.95)
+    entered = sum(one.in_lumen_mm > TOLERANCE_MM for one in judged)
+    yield limited(f"{name}: lumens entered", entered, "", 0)
+    crossed = sum(one.crossed for one in judged)
+    yield limited(f"{name}: moves through written ink", crossed, "", 0)
+    beside = max((one.beside_mm for one in judged), default=0.0)
+    yield limited(f"{name}: ink beside its place", beside, "mm", TOLERANCE_MM)
+    off = max((one.off_mm for one in judged), default=0.0)
+    yield limited(f"{name}: end off begin", off, "mm", 1e-4)
+    yield row(f"{name}: slowest plan", max(spent for _, _, spent in results), "CPU s")
+
+
+def _plan(planned: Planned, folder: Path) -> None:
+    text = (ROOT / "examples" / f"{planned.example or planned.name}.yaml").read_text()
+    for old, new in planned.changes:
+        text = text.replace(old, new)
+    recipe = folder.with_suffix(".yaml")
+    recipe.write_text(text)
+    timed(printctl("run", recipe, "--until", "toolpath", "--out", folder))
+
+
+def _one(
+    planned: Planned, folder: Path, rng: np.random.Generator
+) -> tuple[Judged | None, Mend, float]:
+    """Hold at a mark, mend a random gap, judge; None where nothing was mended."""
+    printer, syringe = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
+    ink, needle = load(Ink, planned.ink), load(Needle, planned.needle)
+    job = load_job(folder / "part.gcode", printer)
+    held = HeldPrint(job.lines, _mark(planned, job, rng), printer, syringe, ink, needle)
+    lines = [line.decode() for line in job.lines[: held.done]]
+    moves = read_moves("\n".join(lines), held.start_mm)
+    stroke, low, high = _gap(planned, moves, rng)
+    began = time.process_time()
+    places = [place_on(stroke, moves, at) for at in np.linspace(low, high, 5)]
+    gap = gap_between(written_paths(held), places)
+    mend = plan_mend(held, [gap], _voids(planned, folder))
+    spent = time.process_time() - began
+    if not mend.lines:
+        return None, mend, spent
+    case = Case(
+        lines,
+        [line.decode() for line in mend.lines],
+        held.start_mm,
+        syringe.area_mm2 * ink.flow_factor,
+        planned.layer_mm,
+        needle.outer_mm,
+        planned.edge_mm,
+    )
+    return judge(case, stroke, (low, high), _lumens(planned, folder)), mend, spent
+
+
+def _mark(planned: Planned, job: Job, rng: np.random.Generator) -> int:
+    marks = job.marks.of(planned.mark)
+    return marks[int(rng.integers(2 if planned.layer_mm else 0, len(marks)))].index
+
+
+def _gap(planned: Planned, moves: Moves, rng: np.random.Generator) -> tuple[Stroke, float, float]:
+    """A stroke of those that may be broken, and a stretch of it."""
+    strokes = strokes_of(moves)
+    if planned.layer_mm is not None:
+        high = moves.end[strokes[-1].moves[-1], 2]
+        strokes = [s for s in strokes if abs(moves.end[s.moves[0], 2] - high) < 1e-3]
+        strokes = [s for s in strokes if s.length > 0.3]
+    elif rng.random() < 0.7:
+        strokes = strokes[-1:]
+    return _stretch(strokes, rng)
+
+
+def _stretch(strokes: Sequence[Stroke], rng: np.random.Generator) -> tuple[Stroke, float, float]:
+    """One of the strokes, and a stretch of it: 0.2 to 3 mm, or in one of ten the whole stroke."""
+    chosen = strokes[int(rng.integers(len(strokes)))]
+    if rng.random() < 0.1 and chosen.length < 10:
+        return chosen, 0.0, chosen.length
+    length = min(chosen.length, float(np.exp(rng.uniform(np.log(0.2), np.log(3.0)))))
+    low = float(rng.uniform(0, chosen.length - length))
+    return chosen, low, low + length
+
+
+def _voids(planned: Planned, folder: Path) -> Voids:
+    if planned.layer_mm is None:
+        return Voids.none()  # the filaments are the lumens
+    return Voids.of_network(read_network_csv(folder / "network.csv", "mm"), planned.place_mm)
+
+
+def _lumens(planned: Planned, folder: Path) -> Any:
+    if planned.layer_mm is None:
+        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2))
+    pieces, place = read_network(folder / "network.csv"), np.array(planned.place_mm)
+    return pieces.start + place, pieces.end + place, pieces.radius
