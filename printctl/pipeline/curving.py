@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from design.anatomy.round_trees import KINK, curve_trees, kinks
+from design.anatomy.fit_apart import KINK, curve_trees, kinks
 from design.errors import GrowthError
 from design.tissue import Tissue
 from design.vasculature import GrownParts

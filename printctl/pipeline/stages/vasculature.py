@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from design.anatomy.network import curved_network
+from design.anatomy.published_drop import curved_network
 from design.hemodynamics import scaled_network
 from design.lattices import build_lattice
 from design.network import VesselKind, VesselNetwork

@@ -7,8 +7,7 @@ import pytest
 import trimesh
 from manifold3d import Manifold, Mesh
 
-from design.anatomy.heart_base import _across_rims
-from design.anatomy.heart_places import find_heart_places
+from design.anatomy.heart_places import _across_rims, find_heart_places
 from design.anatomy.openness import sample_surface
 from design.errors import TissueError
 from design.geometry.surface import Surface

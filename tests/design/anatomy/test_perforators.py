@@ -5,8 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from design.anatomy.from_trunks import kept_narrow, roots_of
-from design.anatomy.perforator_ways import Room, Ways
-from design.anatomy.perforators import NARROW, with_perforators
+from design.anatomy.perforators import NARROW, Room, Ways, with_perforators
 from design.anatomy.trunk_lines import TrunkLines, with_shares
 from design.tissue import block
 from design.tissue.shapes import annulus
