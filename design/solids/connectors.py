@@ -12,7 +12,7 @@ from manifold3d import CrossSection, Manifold
 from numpy.typing import NDArray
 
 from design.errors import SolidError
-from design.geometry.frames import vectors_across
+from design.geometry.polyline import vectors_across
 from design.solids.connector import Connector, profiles
 from design.solids.facets import FACET_TOLERANCE_MM, area_factor, facet_count
 from design.solids.manifolds import solid_manifold, subtract, unite

@@ -16,8 +16,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from design.geometry.bvh import build_triangle_tree
-from design.geometry.crossings import find_crossings
-from design.geometry.new_crossings import find_meetings, find_new_crossings
+from design.geometry.crossings import find_crossings, find_meetings, find_new_crossings
 from design.solids.manifolds import solid_manifold, subtract, to_manifold
 from design.solids.snap import solid_from_manifold
 from design.solids.solid import Solid

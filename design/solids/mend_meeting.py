@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from design.geometry.boxes import boxes_apart, corners_box, next_leaf
+from design.geometry.bvh import DEPTH, boxes_apart, corners_box, next_leaf
 from design.geometry.crossings import APART, meeting_kind
-from design.geometry.hierarchy import DEPTH
 from kernels import jit
 
 

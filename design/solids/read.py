@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from design.errors import SolidError
-from design.geometry.stl_layout import cut_short
+from design.geometry.surface import cut_short
 from design.geometry.threemf_read import read_3mf
 from design.solids.merge import merge_equal
 from design.solids.solid import Solid

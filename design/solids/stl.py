@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.files import write_bytes
-from design.geometry.stl_layout import START_BYTES, TRIANGLE
+from design.geometry.surface import START_BYTES, TRIANGLE
 from design.solids.solid import Solid
 from kernels import jit
 

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from design.geometry.frames import vectors_across
+from design.geometry.polyline import vectors_across
 from design.solids.facets import area_factor, dome_profile
 from kernels.arrays import FloatArray
 

@@ -9,7 +9,7 @@ import numpy as np
 from numba import prange
 
 from design.geometry import gather_within, nearest_distance
-from design.geometry.triangles import SLIVER
+from design.geometry.segments import SLIVER
 from design.tissue.arrays import BRICK
 from design.tissue.columns import Columns
 from kernels import jit, pjit

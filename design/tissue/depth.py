@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from design.geometry.hierarchy import DEPTH
-from design.geometry.segment_surface import segment_distance
+from design.geometry.bvh import DEPTH
+from design.geometry.surface_distances import segment_distance
 from design.tissue.arrays import BAND_CELLS, BRICK, GridArrays
 from design.tissue.columns import crossing, crossing_place
 from kernels import jit, scalar_jit

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from design.errors import TissueError
 from design.geometry import build_triangle_tree, nearest_distances
-from design.geometry.frames import vectors_across
+from design.geometry.polyline import vectors_across
 from design.geometry.surface import Surface
 from design.tissue.blend import blend
 from design.tissue.closed import format_points

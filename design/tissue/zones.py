@@ -15,7 +15,7 @@ from manifold3d import Manifold, OpType
 from numpy.typing import NDArray
 
 from design.errors import TissueError
-from design.geometry.frames import vectors_across
+from design.geometry.polyline import vectors_across
 from design.geometry.surface import Surface
 from design.tissue.closed import face_areas
 from design.tissue.manifolds import arrays_of, manifold_of, surface_of

@@ -9,7 +9,7 @@ import numpy as np
 from manifold3d import Manifold
 
 from design.errors import FlowError
-from design.geometry.frames import vectors_across
+from design.geometry.polyline import vectors_across
 from design.geometry.surface import Surface
 from design.hemodynamics.three_d.lumen_mesh import WALL, MeshPort
 from design.solids.manifolds import subtract, to_manifold

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.geometry import TriangleTree, build_triangle_tree
-from design.geometry.nearest_points import nearest_feet
 from design.geometry.surface import Surface
+from design.geometry.surface_distances import nearest_feet
 from design.hemodynamics.three_d.axes import axis_places
 from design.hemodynamics.three_d.lumen_mesh import MeshPort
 from design.network import VesselNetwork

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from design.geometry.new_crossings import find_new_crossings
+from design.geometry.crossings import find_new_crossings
 from design.solids.chains import Chain
 from design.solids.smooth.layout import Layout
 from design.solids.smooth.plain_tubes import opened_tube, trimmed

@@ -8,8 +8,7 @@ import numpy as np
 from manifold3d import Manifold
 from scipy.spatial import cKDTree
 
-from design.geometry.frames import vectors_across
-from design.geometry.polyline import arc_lengths
+from design.geometry.polyline import arc_lengths, vectors_across
 from design.hemodynamics.probes import clear_parts
 from design.hemodynamics.three_d.axes import axis_places
 from design.hemodynamics.three_d.cut_ends import manifold_arrays

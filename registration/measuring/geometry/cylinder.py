@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import linprog
 
-from design.geometry.frames import vectors_across
+from design.geometry.polyline import vectors_across
 from kernels.arrays import FloatArray
 
 _STEPS = 2

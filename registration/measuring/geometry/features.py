@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from design.geometry.frames import vectors_across
+from design.geometry.polyline import vectors_across
 from kernels.arrays import FloatArray
 from registration.errors import DatumError
 from registration.measuring.geometry.faces import Face

@@ -9,7 +9,7 @@ from skimage.measure import marching_cubes
 
 from design.errors import FlowError
 from design.geometry import build_triangle_tree
-from design.geometry.nearest_points import nearest_feet
+from design.geometry.surface_distances import nearest_feet
 from design.hemodynamics import FlowConditions
 from design.hemodynamics.three_d import FlowOptions, LumenMesh, solve_steady, straighten_edges
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
