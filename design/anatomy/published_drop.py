@@ -13,7 +13,7 @@ from design.anatomy.from_trunks import TrunkPlan
 from design.anatomy.grown import Trees, grow_fitted
 from design.anatomy.main_branches import MainBranch, lost_branch, missing_branches, trunk_pieces
 from design.errors import GrowthError
-from design.measures.published_radii import PublishedMatch, published_match
+from design.measures.published_comparison import PublishedMatch, published_match
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.growth.forest import joined_networks
