@@ -42,7 +42,7 @@ class Pries1994:
     def apparent(self, rate: FloatArray, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
         """By the radius, and 1."""
         # Here, since the growth of trees comes with it.
-        from design.hemodynamics.fluids.pries_kernel import relative
+        from design.vasculature.viscosity import relative
 
         wide = np.broadcast_to(np.asarray(radius, dtype=np.float64), np.shape(rate))
         viscosity = np.empty(wide.shape)
