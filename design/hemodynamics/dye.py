@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import exp1
 
-from design.hemodynamics.vessel.geometry import integral_of_power
+from design.hemodynamics.vessel_coefficients import integral_of_power
 from design.hemodynamics.zero_d.flow import FlowSolution
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray

@@ -13,7 +13,7 @@ from scipy.sparse.linalg import lsmr
 
 from design.errors import FlowError
 from design.hemodynamics.conditions import FlowConditions
-from design.hemodynamics.vessel.resistance import vessel_resistance
+from design.hemodynamics.vessel_coefficients import vessel_resistance
 from design.hemodynamics.zero_d.boundary import Boundary, place_conditions
 from design.hemodynamics.zero_d.nodal.conductance import factorise
 from design.hemodynamics.zero_d.steady import solve_flow

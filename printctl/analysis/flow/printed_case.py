@@ -11,7 +11,7 @@ from typing import Any
 from design.files import write_text
 from design.hemodynamics import FlowConditions
 from design.hemodynamics.three_d.engine import load_engine
-from design.hemodynamics.three_d.surface_mesh import SurfaceOptions, surface_mesh
+from design.hemodynamics.three_d.mesh import SurfaceOptions, surface_mesh
 from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv
 from printctl.analysis.flow.as_printed import (

@@ -12,8 +12,8 @@ from manifold3d import Manifold
 
 from design.errors import FlowError
 from design.geometry.surface import Surface
-from design.hemodynamics.three_d.cut_ends import manifold_arrays
 from design.hemodynamics.three_d.lumen_mesh import MeshPort
+from design.hemodynamics.three_d.mesh import manifold_arrays
 from design.hemodynamics.three_d.wall import free_ends
 from design.network import VesselNetwork
 from design.solids.denoise import denoised

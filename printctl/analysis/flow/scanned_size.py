@@ -10,9 +10,8 @@ from scipy.spatial import cKDTree
 
 from design.geometry.polyline import arc_lengths, vectors_across
 from design.hemodynamics.probes import clear_parts
-from design.hemodynamics.three_d.axes import axis_places
-from design.hemodynamics.three_d.cut_ends import manifold_arrays
-from design.hemodynamics.three_d.facets import corner_normals
+from design.hemodynamics.three_d.mesh import manifold_arrays
+from design.hemodynamics.three_d.surface import axis_places, corner_normals
 from design.network import VesselNetwork
 from design.solids.manifolds import to_manifold
 from kernels.arrays import FloatArray

@@ -12,8 +12,7 @@ from design.geometry import build_triangle_tree
 from design.geometry.surface_distances import nearest_feet
 from design.hemodynamics import FlowConditions
 from design.hemodynamics.three_d import FlowOptions, LumenMesh, solve_steady, straighten_edges
-from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
-from design.hemodynamics.three_d.surface_mesh import SurfaceOptions, surface_mesh
+from design.hemodynamics.three_d.mesh import MeshOptions, SurfaceOptions, lumen_mesh, surface_mesh
 from design.network import VesselNetwork
 from design.solids.denoise import denoised
 from kernels.arrays import FloatArray, IntArray

@@ -1,10 +1,15 @@
-"""Periodic waveform classes: constant, sinusoidal, or interpolated between samples."""
+"""Periodic waveforms of flow or pressure: constant, sine, samples; from names or CSV files.
+
+Goes in: a name, or a CSV file. Comes out: a periodic waveform.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import csv
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from pathlib import Path
+from typing import Any, Final, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +17,9 @@ from numpy.typing import NDArray
 from design.errors import FlowInputError
 from kernels.arrays import FloatArray
 
-Interpolation = Literal["linear", "spline"]
+# Periodic waveform classes: constant, sinusoidal, or interpolated between samples.
 
+Interpolation = Literal["linear", "spline"]
 _CLOSES = 1e-6
 _ROUNDING = 1e-9
 """Of the largest value, below which a wave counts as at 0."""
@@ -248,3 +254,116 @@ def _periodic_spline(time_s: FloatArray, value: FloatArray) -> Any:
     from scipy.interpolate import CubicSpline  # heavy: other waveforms do without
 
     return CubicSpline(time_s, value, bc_type="periodic")
+
+
+# Flow waveforms by name (aorta, coronary artery, roller pump), scaled to a given mean.
+
+_SAMPLES: Final = 200
+_SYSTOLE: Final = 0.4
+_KASSAB_COS: Final = np.array([-0.005, -0.040, -0.034])
+_KASSAB_SIN: Final = np.array([0.212, 0.086, 0.032])
+
+
+def _ejection(phase: FloatArray) -> FloatArray:
+    """Half a sine in systole, nothing in diastole: flow into the aorta in Windkessel models.
+
+    I(t) = I₀ sin(π t/T_s) for t < T_s = 2/5 T (Catanho, Sinha & Vijayan 2012, Model of aortic
+    blood flow using the Windkessel effect).
+    """
+    return np.where(phase < _SYSTOLE, np.sin(np.pi * phase / _SYSTOLE), 0.0)
+
+
+def _roller(phase: FloatArray) -> FloatArray:
+    """A peristaltic pump, idealised: a rectified sine, one lobe a roller."""
+    return np.abs(np.sin(np.pi * phase))
+
+
+def _kassab(phase: FloatArray) -> FloatArray:
+    """A coronary artery: three harmonics of the left anterior descending one's flow.
+
+    Within 3 % of the mean of the wave in its main trunk (Huo & Kassab 2006, Am J Physiol Heart
+    Circ Physiol 291, H1074, doi 10.1152/ajpheart.00200.2006; a cycle there lasts 0.7 s).
+    Sexton et al. 2025 cite Kassab for the waves that drive their trees.
+    """
+    angle = 2.0 * np.pi * np.outer(np.arange(1, 4), phase)
+    return 1.0 + _KASSAB_COS @ np.cos(angle) + _KASSAB_SIN @ np.sin(angle)
+
+
+SHAPES: Final[dict[str, Callable[[FloatArray], FloatArray]]] = {
+    "ejection": _ejection,
+    "kassab": _kassab,
+    "roller_pump": _roller,
+}
+"""Name to shape, a function of the phase in 0 to 1."""
+
+
+def shape(name: str, mean: float, period_s: float) -> Tabulated:
+    """The shape of that name, scaled to a mean.
+
+    Raises
+    ------
+    FlowInputError
+        For an unknown name, or an impossible period.
+    """
+    if name not in SHAPES:
+        raise FlowInputError(f"there is no waveform {name!r}; choose one of {', '.join(SHAPES)}")
+    phase = np.arange(_SAMPLES) / _SAMPLES
+    value = SHAPES[name](phase)
+    return Tabulated(phase * check_period(period_s), mean * value / value.mean(), period_s)
+
+
+# Read a periodic waveform from the time column and another of a user's CSV file.
+
+
+def read_waveform(
+    path: Path,
+    column: str,
+    scale: float = 1.0,
+    period_s: float | None = None,
+    interpolation: Interpolation = "linear",
+) -> Tabulated:
+    """Read the columns ``time_s`` and ``column``.
+
+    Parameters
+    ----------
+    path : Path
+    column : str
+        Of the values; its name says their unit, such as ``flow_ml_min``.
+    scale : float
+        From that unit to ours.
+    period_s, interpolation
+        As of `Tabulated`.
+
+    Raises
+    ------
+    FlowInputError
+        A missing column, an empty or unreadable cell, samples that are no waveform.
+    OSError
+        When the file can't be read.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as handle:
+            rows = list(csv.DictReader(handle))
+    except (UnicodeDecodeError, csv.Error) as exc:
+        raise FlowInputError(f"{path} isn't a CSV file: {exc}") from exc
+    for name in ("time_s", column):
+        if not rows or name not in rows[0]:
+            raise FlowInputError(
+                f"{path} has no column {name}; its first line names time_s,{column}"
+            )
+    time = [_cell(path, k, row["time_s"]) for k, row in enumerate(rows, 2)]
+    value = [_cell(path, k, row[column]) for k, row in enumerate(rows, 2)]
+    try:
+        return Tabulated(np.array(time), scale * np.array(value), period_s, interpolation)
+    except FlowInputError as exc:
+        raise FlowInputError(f"{path}: {exc}") from exc
+
+
+def _cell(path: Path, line: int, text: str | None) -> float:
+    try:
+        return float(text or "")
+    except ValueError as exc:
+        raise FlowInputError(
+            f"{path}, line {line}: {text!r} is no number; fill the missing sample in, or leave "
+            "the line out"
+        ) from exc

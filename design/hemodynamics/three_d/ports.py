@@ -1,20 +1,20 @@
-"""Translate a network's flow conditions, steady or pulsatile, to the ports of its 3D mesh.
-
-A port either has a velocity profile of a given flow, or a uniform traction: minus its pressure
-times its normal. With the Laplace form of viscosity that pressure is the mean pressure over a flat
-port exactly, and Poiseuille flow leaves it undisturbed (Heywood, Rannacher & Turek 1996, doi
-10.1002/(SICI)1097-0363(19960315)22:5<325::AID-FLD307>3.0.CO;2-Y).
-"""
+"""Conditions and velocity profiles at the ports of a 3D mesh, steady or pulsatile."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.hemodynamics.conditions import FlowConditions
+from design.hemodynamics.three_d.engine import CURVED, WALL_NAME, port_name
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
-from design.hemodynamics.waveforms import Constant, Waveform
+from design.hemodynamics.three_d.stokes import Spaces
+from design.hemodynamics.waveforms import Constant, Waveform, harmonics_of
 from design.hemodynamics.zero_d.boundary import refuse_supplies
 from design.hemodynamics.zero_d.pulsatile.conditions import (
     Outlet,
@@ -23,6 +23,7 @@ from design.hemodynamics.zero_d.pulsatile.conditions import (
     ResistanceOutlet,
     WindkesselOutlet,
 )
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -217,3 +218,90 @@ def _outlets(
             "pressure, a resistance or a Windkessel"
         )
     return [(k, given[mesh.ports[k].node]) for k in ports]
+
+
+# Solve for the developed velocity profile over a port's actual cross-section.
+#
+# Steady developed flow through a section obeys -Δψ = 1 with 0 at the rim (Poiseuille's parabola in
+# a circle); an oscillation i ω ϱ/μ ψ - Δψ = 1 (Womersley's in a circle). Both are solved for on the
+# port's own faces, so that a scanned lumen's opening needn't be round.
+
+
+def unit_profile(spaces: Spaces, mesh: LumenMesh, port: int, rate: complex = 0.0) -> NDArray[Any]:
+    """Unknowns of a developed flow of 1 µL/s into the lumen by ``port``, (n,), 0 elsewhere.
+
+    Parameters
+    ----------
+    spaces : Spaces
+    mesh : LumenMesh
+    port : int
+    rate : complex, 1/mm²
+        i ω ϱ/μ; the profile is complex where it isn't 0.
+
+    Raises
+    ------
+    FlowError
+        A port without a face or without a node inside its rim.
+    """
+    ng, region = spaces.ng, spaces.mesh.Boundaries(port_name(port))
+    scalar = ng.H1(spaces.mesh, order=spaces.order, complex=bool(rate))
+    inside = scalar.GetDofs(region) & ~scalar.GetDofs(spaces.mesh.Boundaries(WALL_NAME))
+    if not inside.NumSet():
+        raise FlowError(
+            f"port {port} (node {mesh.ports[port].node}) has no face or no node inside its rim, "
+            "so that no profile fits; mesh it finer"
+        )
+    psi, test = scalar.TnT()
+    at = ng.ds(port_name(port), bonus_intorder=CURVED)
+    form = ng.BilinearForm(scalar, symmetric=True)
+    form += (ng.Grad(psi).Trace() * ng.Grad(test).Trace() + rate * psi * test) * at
+    form.Assemble()
+    load = ng.LinearForm(scalar)
+    load += test * at
+    load.Assemble()
+    answer = load.vec.CreateVector()
+    answer.data = form.mat.Inverse(inside, inverse="sparsecholesky") * load.vec
+    shape = answer.FV().NumPy()
+    unknowns = np.zeros(spaces.count, dtype=shape.dtype)
+    for axis in range(3):
+        unknowns[axis * scalar.ndof : (axis + 1) * scalar.ndof] = (
+            -mesh.ports[port].outward[axis] * shape
+        )
+    return np.asarray(unknowns / -(spaces.outward[port] @ unknowns))
+
+
+# Make inlet velocity profiles over one cycle (Womersley or Poiseuille) for 3D flow.
+
+
+@dataclass(frozen=True)
+class Inflow:
+    """Profiles and the harmonics that drive them: u(t) = Re Σ profile_k exp(i ω_k t).
+
+    Attributes
+    ----------
+    omega : (k,) float64, rad/s
+    profile : (k, n) complex128
+        With its harmonic's flow.
+    """
+
+    omega: FloatArray
+    profile: NDArray[np.complex128]
+
+    def at(self, time_s: float) -> FloatArray:
+        """Given unknowns, (n,)."""
+        return np.asarray((np.exp(1j * self.omega * time_s) @ self.profile).real)
+
+
+def inflow_of(room: Spaces, mesh: LumenMesh, plan: PortPlan, period_s: float, steps: int) -> Inflow:
+    """Womersley's profile for each harmonic of the inlet's flow, or Poiseuille's for all."""
+    if plan.inflow is None:
+        return Inflow(np.zeros(1), np.zeros((1, room.count), dtype=np.complex128))
+    number, (phasor,) = harmonics_of([plan.flow], period_s, steps)
+    omega: FloatArray = 2.0 * np.pi * number.astype(np.float64) / period_s
+    steady = unit_profile(room, mesh, plan.inflow)
+    per_omega = plan.density / plan.viscosity_pa_s if plan.womersley else 0.0
+    shapes = [
+        unit_profile(room, mesh, plan.inflow, 1j * w * per_omega) if w * per_omega else steady
+        for w in omega
+    ]
+    return Inflow(omega, phasor[:, None] * np.array(shapes))

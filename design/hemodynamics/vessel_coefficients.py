@@ -1,20 +1,161 @@
-"""Vessel wall models (rigid, thin elastic, thick gel): compliance and pulse wave velocity.
-
-Compliance C = dV/dp in µL/Pa, at the radius of rest (small strains).
-"""
+"""Coefficients of single vessels: resistance, inertance, wall compliance, Womersley factors."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import jve
 
 from design.errors import FlowError
-from design.hemodynamics.vessel.geometry import integral_of_power
 from design.network import VesselNetwork
+from design.units import WATER_DENSITY
+from kernels import jit
 from kernels.arrays import FloatArray, IntArray
+
+POWERS: Final = {0: 0, 1: 1, 2: 2, 3: 3, -2: 4, -4: 5}
+"""Power of the radius to row of `integrals`."""
+
+
+def integrals(network: VesselNetwork) -> FloatArray:
+    """∫ r^power ds over each vessel for all `POWERS`, (6, v), mm^(power + 1); 0 is the length."""
+    sums = np.zeros((len(POWERS), network.vessel_count))
+    _integrate(
+        np.ascontiguousarray(network.points), np.asarray(network.radius), network.offset, sums
+    )
+    return sums
+
+
+def integral_of_power(network: VesselNetwork, power: int) -> FloatArray:
+    """∫ r^power ds over each vessel, (v,), mm^(power + 1).
+
+    Raises
+    ------
+    KeyError
+        For a power that isn't among `POWERS`.
+    """
+    return np.asarray(integrals(network)[POWERS[power]])
+
+
+@jit
+def _integrate(points: FloatArray, radius: FloatArray, offset: IntArray, sums: FloatArray) -> None:
+    """Piece by piece; NumPy takes ten passes over a million vessels for it."""
+    for vessel in range(sums.shape[1]):
+        for k in range(offset[vessel], offset[vessel + 1] - 1):
+            a, b, square = radius[k], radius[k + 1], 0.0
+            for axis in range(3):
+                square += (points[k + 1, axis] - points[k, axis]) ** 2
+            length, ab = np.sqrt(square), a * b
+            second = (a * a + ab + b * b) / 3.0
+            sums[0, vessel] += length
+            sums[1, vessel] += length * (a + b) / 2.0
+            sums[2, vessel] += length * second
+            sums[3, vessel] += length * (a + b) * (a * a + b * b) / 4.0
+            sums[4, vessel] += length / ab
+            sums[5, vessel] += length * second / (ab * ab * ab)
+
+
+# Resistance of each vessel by Poiseuille's law: viscosity times (8/π) ∫ ds/r⁴.
+
+
+def vessel_resistance(network: VesselNetwork, viscosity_pa_s: float) -> FloatArray:
+    """Resistance of each vessel, (v,), Pa·s/µL: viscosity times (8/π) ∫ ds/r⁴.
+
+    Along a piece of length ℓ whose radius goes linearly from a to b the integral is
+    ℓ (a² + a b + b²) / (3 a³ b³). Valid for gentle tapers and fully developed laminar flow.
+
+    Raises
+    ------
+    FlowError
+        For a vessel of zero length, or one whose resistance leaves the range of numbers.
+    """
+    return resistance_of(network, viscosity_pa_s, integrals(network))
+
+
+def resistance_of(
+    network: VesselNetwork, viscosity_pa_s: float, measured: FloatArray
+) -> FloatArray:
+    """As `vessel_resistance`, of a network whose `integrals` are known."""
+    resistance = viscosity_pa_s * (8.0 / np.pi) * measured[POWERS[-4]]
+    lengths = measured[0]
+    flat = np.flatnonzero(~(lengths > 0.0))
+    if len(flat):
+        raise FlowError(
+            f"vessel {int(flat[0])} has zero length ({len(flat)} such vessels), and so no "
+            "resistance; remove it or move its ends apart"
+        )
+    absurd = np.flatnonzero(~(np.isfinite(resistance) & (resistance > 0.0)))
+    if len(absurd):
+        vessel = int(absurd[0])
+        raise FlowError(
+            f"vessel {vessel}: resistance {resistance[vessel]:g} Pa·s/µL from length "
+            f"{lengths[vessel]:g} mm and radius {network.mean_radius()[vessel]:g} mm; check the "
+            "network's unit"
+        )
+    return resistance
+
+
+PARABOLIC: Final = 4.0 / 3.0
+"""Momentum of a parabolic profile over that of a plug: the limit of low Womersley numbers, where
+Womersley's impedance is R + iω (4/3) ϱℓ/(πr²)."""
+
+
+def plug_inertance(network: VesselNetwork, density: float = WATER_DENSITY) -> FloatArray:
+    """ϱ ∫ ds/(π r²) of each vessel, (v,), Pa·s²/µL; ``density`` in Pa·s²/mm²."""
+    return density / np.pi * integral_of_power(network, -2)
+
+
+# Womersley factors: pressure drop and wall shear of oscillating flow over Poiseuille's.
+#
+# In a rigid pipe, after Womersley 1955, doi 10.1113/jphysiol.1955.sp005276.
+# With α² = r² ω ϱ/μ and F = 2 J₁(i^{3/2} α) / (i^{3/2} α J₀(i^{3/2} α)), the pressure drop per
+# flow is that of Poiseuille times i α²/(8 (1 - F)), and the wall shear per flow that of Poiseuille
+# times i α² F/(8 (1 - F)). Both factors go to 1 for α → 0.
+
+ComplexArray = NDArray[np.complex128]
+QUASI_STEADY: Final = 1.0
+"""Womersley numbers below it leave the profile a parabola that follows the pressure."""
+_SERIES: Final = 0.3
+"""Below it 1 - F loses digits to cancellation, and the series is right to 1e-10."""
+
+
+def womersley_number(
+    radius: FloatArray, omega: float, viscosity: FloatArray | float, density: float = WATER_DENSITY
+) -> FloatArray:
+    """α = r √(ω ϱ/μ); ``radius`` in mm, ``omega`` in rad/s, ``viscosity`` in Pa·s."""
+    return np.asarray(radius * np.sqrt(omega * density / np.asarray(viscosity)))
+
+
+def impedance_factor(alpha: FloatArray) -> ComplexArray:
+    """Pressure drop of oscillating flow over Poiseuille's, same shape.
+
+    Its series in s = iα² is that of (s/8) J₀/(J₀ - 2J₁/z), divided out.
+    """
+    s = 1j * np.asarray(alpha, dtype=np.float64) ** 2
+    small = alpha < _SERIES
+    series = 1.0 + s / 6.0 - s**2 / 1152.0 + s**3 / 34560.0 - 7.0 * s**4 / 6635520.0
+    return np.where(small, series, s / 8.0 / (1.0 - _f(np.where(small, 1.0, alpha))))
+
+
+def shear_factor(alpha: FloatArray) -> ComplexArray:
+    """Wall shear of oscillating flow over that of Poiseuille's law, same shape.
+
+    The momentum balance: τ = (r/2) (-dp/dx - iωϱQ/πr²), so the impedance's factor less iα²/8.
+    """
+    return impedance_factor(alpha) - 0.125j * np.asarray(alpha, dtype=np.float64) ** 2
+
+
+def _f(alpha: FloatArray) -> ComplexArray:
+    z = np.exp(0.75j * np.pi) * alpha
+    # The exponentially scaled functions' factors cancel: no overflow at large α.
+    return np.asarray(2.0 * jve(1, z) / (z * jve(0, z)))
+
+
+# Vessel wall models (rigid, thin elastic, thick gel): compliance and pulse wave velocity.
+#
+# Compliance C = dV/dp in µL/Pa, at the radius of rest (small strains).
 
 
 class Wall(Protocol):
