@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from design.errors import SolidError
 from design.geometry.bvh import build_triangle_tree, nearest_distances
 from design.network import VesselNetwork
-from design.solids.runs import free_ends
 from design.solids.solid import Solid
+from design.solids.tube import free_ends
 from design.tissue.depth import enclosed
 from kernels.arrays import FloatArray, IntArray
 

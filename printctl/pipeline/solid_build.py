@@ -29,9 +29,9 @@ from design.solids import (
     with_connectors,
     with_text,
 )
-from design.solids.connector import BORE_BEYOND_MM
 from design.solids.construct import Vector
-from design.solids.facets import FACET_TOLERANCE_MM
+from design.solids.dimensions import BORE_BEYOND_MM
+from design.solids.tube import FACET_TOLERANCE_MM
 from design.tissue.parts import surface_parts
 from design.tissue.shells import shells_of
 from kernels.arrays import IntArray

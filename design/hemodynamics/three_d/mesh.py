@@ -17,8 +17,7 @@ from design.hemodynamics.three_d.lumen_mesh import WALL, LumenMesh, MeshPort
 from design.hemodynamics.three_d.surface import axis_places, check_surface, facet_wall, wall_surface
 from design.hemodynamics.three_d.wall import free_ends, lumen_wall
 from design.network import VesselNetwork
-from design.solids.denoise import denoised
-from design.solids.manifolds import subtract, to_manifold
+from design.solids.manifolds import denoised, subtract, to_manifold
 from design.solids.remesh import LabelledSurface, remesh
 from kernels.arrays import FloatArray, IntArray
 

@@ -16,9 +16,8 @@ from design.hemodynamics.three_d.lumen_mesh import MeshPort
 from design.hemodynamics.three_d.mesh import manifold_arrays
 from design.hemodynamics.three_d.wall import free_ends
 from design.network import VesselNetwork
-from design.solids.denoise import denoised
 from design.solids.lumen import lumen_solid
-from design.solids.manifolds import solid_manifold, to_manifold
+from design.solids.manifolds import denoised, solid_manifold, to_manifold
 from kernels.arrays import FloatArray
 from printctl.analysis.flow.scanned_size import facing, set_out
 from printctl.errors import UsageError

@@ -1,14 +1,4 @@
-"""Dimensions and cross-section profiles of tubing and Luer fittings, with checks.
-
-The Luer cone loses 6 % of its length in diameter (ISO 80369-7:2021, annex B, rigid slip
-connectors): male 3.970 to 4.035 mm at 0.75 mm from the tip, bore at most 2.900 mm, cone 7.5 to
-10.5 mm long; female 4.225 to 4.270 mm at 0.75 mm from the opening. With the taper that is 3.925
-to 3.990 mm at the tip and 4.270 to 4.315 mm at the opening, as ISO 594-1:1986 had them; ours are
-the middles. The figures are from a comparison of both standards (github.com/Chun-Chieh-
-Chang/ISO594-to-ISO80369-7_Comparison, read 2026-11-20), not from the standards' own text: hold
-them against it before a mould is cut. A soft gel keeps none of these tolerances; gauge what was
-printed, and connect it to nothing that leads to a patient. A slip fit only: no lock thread.
-"""
+"""Dimensions of tubing and Luer fittings, and of an open bioreactor chamber."""
 
 from __future__ import annotations
 
@@ -18,16 +8,13 @@ from typing import Final, Literal
 from design.errors import SolidError
 
 Kind = Literal["plain", "barb", "luer_female", "luer_male"]
-
 LUER_TAPER: Final = 0.06
 """Loss of diameter per length."""
-
 FEMALE_OPENING_MM: Final = 4.2925
 MALE_TIP_MM: Final = 3.9575
 LUER_LENGTH_MM: Final = 7.5
 LUER_LONGEST_MM: Final = 10.5
 MALE_BORE_MM: Final = 2.9
-
 BORE_BEYOND_MM: Final = 1.0
 """How far a bore is cut beyond its fitting's end, so that no skin closes it."""
 
@@ -127,3 +114,28 @@ def _check(connector: Connector, narrowest: float) -> None:
             f"bore_mm {connector.bore_mm:g} leaves no wall in a {connector.kind} fitting; make "
             "the bore smaller or outer_mm larger"
         )
+
+
+@dataclass(frozen=True)
+class Chamber:
+    """A bioreactor's body: an open vessel with a floor, walls and a ledge for a lid.
+
+    Attributes
+    ----------
+    shape : "block" or "cylinder"
+    inner_mm : (3,) floats, mm
+        Inner width, depth and height; of a cylinder the width is the diameter and the depth isn't
+        used.
+    wall_mm, floor_mm : float, mm
+    ledge_mm : float, mm
+        Width of a step at the top of the wall on which a lid lies; below the wall's. 0 for none.
+    ledge_depth_mm : float, mm
+        From the rim down to that step.
+    """
+
+    shape: Literal["block", "cylinder"]
+    inner_mm: tuple[float, float, float]
+    wall_mm: float = 2.0
+    floor_mm: float = 2.0
+    ledge_mm: float = 0.0
+    ledge_depth_mm: float = 1.0
