@@ -21,7 +21,7 @@ from design.solids.manifolds import solid_manifold, subtract, to_manifold
 from design.solids.snap import solid_from_manifold
 from design.solids.solid import Solid
 from design.solids.topology import is_closed, surface_genus
-from design.tissue.depth import enclosed
+from design.tissue.grid import enclosed
 from kernels.arrays import FloatArray, IntArray
 
 Mask = NDArray[np.bool_]

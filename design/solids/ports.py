@@ -12,7 +12,7 @@ from design.geometry.bvh import build_triangle_tree, nearest_distances
 from design.network import VesselNetwork
 from design.solids.solid import Solid
 from design.solids.tube import free_ends
-from design.tissue.depth import enclosed
+from design.tissue.grid import enclosed
 from kernels.arrays import FloatArray, IntArray
 
 Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from design.tissue.depth import least_depth_along
+from design.tissue.grid import least_depth_along
 from design.vasculature.growth.clearances import Clearances, neighbours_of, widest_of
 from design.vasculature.growth.fit import growth_factor, seven_integers
 from design.vasculature.growth.index import REACH, CellIndex

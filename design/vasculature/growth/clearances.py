@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from design.tissue.arrays import GridArrays
+from design.tissue.columns import GridArrays
 from design.vasculature.growth.state import TRUNK
 from design.vasculature.limits import Limits
 from kernels import scalar_jit

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from design.geometry import point_segment, segment_segment
-from design.tissue.depth import depth_along
+from design.tissue.grid import depth_along
 from design.vasculature.growth.clearances import Clearances, TrialBifurcation, neighbours_of
 from design.vasculature.growth.index import REACH, CellIndex, cell_range
 from design.vasculature.growth.joints import joint_fits

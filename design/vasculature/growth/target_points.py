@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from design.tissue.arrays import GridArrays
+from design.tissue.columns import GridArrays
 from design.tissue.grid import read
 from kernels import jit
 

@@ -12,7 +12,7 @@ from design.anatomy.openness import sample_surface
 from design.errors import TissueError
 from design.geometry.surface import Surface
 from design.tissue import biventricle
-from design.tissue.manifolds import arrays_of
+from design.tissue.zones import arrays_of
 from tests.design.anatomy.hearts import closed_heart, heart_tissue
 from tests.design.tissue.kept import kept_tissue
 

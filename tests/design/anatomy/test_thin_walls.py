@@ -13,7 +13,7 @@ from design.anatomy.openness import sample_surface
 from design.anatomy.trunk_depth import check_trunks, sink_trunk
 from design.errors import LEAST_TERMINALS, TissueError, WideTrunkError
 from design.tissue import block, tissue_from_surface
-from design.tissue import heart as heart_shape
+from design.tissue import shapes as heart_shape
 from design.units import PA_PER_MMHG
 from design.vasculature.treemath import tree_from_topology, tree_radii
 from tests.design.anatomy.hearts import HEART, closed_heart, heart_tissue

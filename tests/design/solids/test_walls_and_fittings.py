@@ -31,7 +31,7 @@ from design.solids import (
 from design.solids.dimensions import Kind
 from design.solids.manifolds import solid_manifold
 from design.solids.snap import solid_from_manifold
-from design.tissue.depth import enclosed
+from design.tissue.grid import enclosed
 from tests.design.solids.networks import channels, ladder
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -10,7 +10,7 @@ from manifold3d import Manifold
 
 from design.errors import GrowthError, TissueError
 from design.tissue import depth_demand, function_demand, part_demands, parts_of
-from design.tissue.manifolds import surface_of
+from design.tissue.zones import surface_of
 from design.vasculature import (
     GrowthOptions,
     Inlet,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from design.tissue.depth import least_depth_along
+from design.tissue.grid import least_depth_along
 from design.vasculature.growth.audit import measure_changed, too_wide
 from design.vasculature.growth.clearances import Clearances, neighbours_of
 from design.vasculature.growth.fit import growth_factor, seven_integers
