@@ -10,8 +10,7 @@ import math
 
 import numpy as np
 
-from design.toolpath.gcode.dialect import dialect_of
-from design.toolpath.gcode.numbers import decimals_for
+from design.toolpath.gcode.numbers import decimals_for, dialect_of
 from design.toolpath.priming import Purge
 from kernels.arrays import FloatArray
 from printctl.observe.mending.held_print import WAY_MM, HeldPrint
