@@ -28,8 +28,7 @@ from design.errors import LEAST_IN_CORTEX, TissueError
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.vasculature.growth.parts import check_inlet
-from design.vasculature.growth.supply import check_one_part
-from design.vasculature.growth.territories import demand_points
+from design.vasculature.growth.supply import check_one_part, demand_points
 from design.vasculature.options import GrowthOptions
 from kernels.arrays import FloatArray, IntArray
 

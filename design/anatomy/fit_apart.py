@@ -23,7 +23,7 @@ from design.anatomy.push_apart import (
 from design.anatomy.trunk_depth import check_trunks, risen_trees, sink_trunk
 from design.errors import CrowdedError, GrowthError
 from design.tissue import Tissue
-from design.vasculature.collisions.collide import collisions
+from design.vasculature.collide import collisions
 from design.vasculature.growth.forest import forest_to_network
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii

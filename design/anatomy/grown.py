@@ -21,7 +21,7 @@ from design.network import VesselKind
 from design.tissue import Tissue
 from design.tissue.demand import Demand
 from design.units import PA_PER_MMHG
-from design.vasculature.growth.territories import demand_points
+from design.vasculature.growth.supply import demand_points
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 from kernels.arrays import FloatArray

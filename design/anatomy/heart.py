@@ -41,8 +41,7 @@ from design.tissue import Tissue
 from design.units import PA_PER_MMHG
 from design.vasculature.growth.forest import likely_radius
 from design.vasculature.growth.parts import check_inlet
-from design.vasculature.growth.supply import check_one_part
-from design.vasculature.growth.territories import demand_points
+from design.vasculature.growth.supply import check_one_part, demand_points
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 from kernels.arrays import FloatArray, IntArray

@@ -17,8 +17,7 @@ from design.errors import GrowthError, TissueError
 from design.network import VesselKind
 from design.tissue import Demand, Tissue, function_demand
 from design.vasculature.growth.parts import check_inlet
-from design.vasculature.growth.supply import check_one_part
-from design.vasculature.growth.territories import demand_points
+from design.vasculature.growth.supply import check_one_part, demand_points
 from design.vasculature.options import GrowthOptions
 from kernels.arrays import FloatArray
 

@@ -12,7 +12,7 @@ from design.anatomy.trunk_depth import moved_tree
 from design.anatomy.trunk_lines import outward
 from design.errors import CrowdedError, GrowthError
 from design.tissue import Tissue
-from design.vasculature.collisions.collide import collisions
+from design.vasculature.collide import collisions
 from design.vasculature.growth.forest import forest_to_network
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import downward_order, tree_from_topology, tree_radii

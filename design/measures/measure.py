@@ -19,7 +19,7 @@ from design.measures.path_lengths import FlowPaths, measure_paths
 from design.measures.supply import BEYOND_UM, OxygenModel, Supply, measure_supply, sample_tissue
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
-from design.vasculature.growth.territories import SupplyBalance, supply_balance
+from design.vasculature.growth.supply import SupplyBalance, supply_balance
 from kernels.arrays import FloatArray, IntArray
 
 

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from design.errors import ToolpathError
 from design.network import VesselNetwork
-from design.vasculature.collisions.collide import check_network, collisions
+from design.vasculature.collide import check_network, collisions
 from kernels.arrays import FloatArray
 
 SLACK_MM = 1e-3

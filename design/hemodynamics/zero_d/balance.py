@@ -80,7 +80,7 @@ def balance(
     no given pressure ties parts of the network together, their levels are chosen to change the
     resistances least; where one ties all, the flow falls until all connections are left enough.
     Trees aren't touched. Connections that become wider lose clearance:
-    `design.vasculature.collisions` tells whether any loses too much.
+    `design.vasculature.collide` tells whether any loses too much.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ from design.anatomy.trunk_lines import TrunkLines, with_shares
 from design.tissue import block
 from design.tissue.shapes import annulus
 from design.vasculature.growth.forest import grow_forest
-from design.vasculature.growth.territories import demand_points
+from design.vasculature.growth.supply import demand_points
 from design.vasculature.options import GrowthOptions
 from tests.design.tissue.kept import kept_tissue
 

@@ -37,8 +37,8 @@ from design.tissue import Tissue, folded_cortex, tissue_from_surface
 from design.tissue import kidney as kidney_shape
 from design.tissue import liver as liver_shape
 from design.vasculature import GrowthOptions, check_supply, terminals_of
-from design.vasculature.collisions.collide import collisions
-from design.vasculature.growth.territories import demand_points
+from design.vasculature.collide import collisions
+from design.vasculature.growth.supply import demand_points
 from design.vasculature.treemath import tree_radii
 from tests.design.anatomy.hearts import HEART, heart_tissue, trunk_length
 
