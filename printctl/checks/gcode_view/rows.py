@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.report.gcode import Act
-from sim.gcode.heads.valve import Valve
+from sim.gcode.heads import Valve
 from sim.gcode.program.gcode import Program
 from sim.gcode.program.modal import DWELL, HOME, MOVE
 

@@ -26,7 +26,7 @@ from printctl.checks.lumens.strokes import plunger_strokes, run_strokes, valve_s
 from printctl.errors import UsageError
 from sim.gcode.deposit.strands import Strands
 from sim.gcode.dry_run.run import DryRun, dry_run
-from sim.gcode.heads.valve import read_with_valve
+from sim.gcode.heads import read_with_valve
 from sim.gcode.reading.comments import declared_start, plain_lines
 
 SMOOTHING_MM: Final = 1.0

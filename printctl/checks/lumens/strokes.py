@@ -10,7 +10,7 @@ from firmware_profiles import Printer
 from kernels.arrays import FloatArray, IntArray
 from sim.gcode.deposit.strands import Strands
 from sim.gcode.dry_run.run import DryRun
-from sim.gcode.heads.valve import Valve, as_plunger, flowing
+from sim.gcode.heads import Valve, as_plunger, flowing
 from sim.gcode.program.gcode import Program, code, parse_line
 from sim.gcode.program.modal import MOVE
 

@@ -15,9 +15,8 @@ from printctl.checks.preflight.profile_checks import profile_checks
 from printctl.checks.preflight.wait_checks import wait_checks
 from printctl.checks.set_up.check import Check
 from sim.gcode.dry_run.run import DryRun
-from sim.gcode.program.finding import Finding
 from sim.gcode.program.gcode import code
-from sim.gcode.reading.faults import SORTS
+from sim.gcode.reading.line import SORTS, Finding
 
 _COUNTED = {
     "unknown_command": "commands unknown to the firmware",

@@ -8,7 +8,7 @@ from typing import Any
 
 from firmware_profiles import Needle, Printer, Syringe
 from sim.gcode.dry_run.run import DryRun
-from sim.gcode.heads.valve import flowing_s
+from sim.gcode.heads import flowing_s
 
 
 @dataclass(frozen=True)

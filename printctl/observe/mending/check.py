@@ -30,7 +30,7 @@ from printctl.observe.mending.options import MendOptions
 from printctl.observe.mending.voids import Voids, ink_in_voids_mm
 from printctl.observe.mending.written_paths import WrittenPath, written_paths
 from sim.gcode.dry_run.run import DryRun, dry_run
-from sim.gcode.reading.other_lines import other_lines
+from sim.gcode.reading.file import other_lines
 
 _SAME_MM = 1e-4
 """Places that the text gives alike."""

@@ -15,7 +15,7 @@ from kernels.arrays import BoolArray, FloatArray
 from printctl.checks.bead import lag_of
 from printctl.machine.link.modal import Modal, modal_state, relieved_mm
 from printctl.observe.mending.errors import MendError
-from sim.gcode.deposit.levels import written_levels
+from sim.gcode.deposit.written import written_levels
 from sim.gcode.program.gcode import Program
 from sim.gcode.program.modal import MOVE
 from sim.gcode.program.read_program import read_written

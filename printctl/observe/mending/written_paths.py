@@ -12,7 +12,7 @@ import numpy as np
 from design.geometry.polyline import arc_lengths, places_along
 from kernels.arrays import FloatArray, IntArray
 from printctl.observe.mending.held_print import WAY_MM, HeldPrint
-from sim.gcode.deposit.levels import level_areas, level_heights, written_levels
+from sim.gcode.deposit.written import level_areas, level_heights, written_levels
 from sim.gcode.program.modal import MOVE
 
 LEAST_MM: Final = 0.1

@@ -11,9 +11,7 @@ import numpy as np
 
 from firmware_profiles import Printer, Span
 from firmware_profiles.families import family_of
-from sim.gcode.motion.block import to_steps
-from sim.gcode.motion.executed import ExecutedMotion
-from sim.gcode.motion.executed_log import executed_motion
+from sim.gcode.motion.executed import ExecutedMotion, executed_motion
 from sim.gcode.motion.planner import (
     add_move,
     command_time,
@@ -23,6 +21,7 @@ from sim.gcode.motion.planner import (
     set_axis,
     stop_now,
     take_head,
+    to_steps,
 )
 from sim.gcode.motion.state import LOG, new_planner, new_ring
 from sim.gcode.program.modal import new_modal

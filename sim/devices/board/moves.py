@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sim.devices.board.controller import Controller
 from sim.devices.board.waits import Task, WaitFreeSlot, WaitUntil
-from sim.gcode.motion.processor_times import BLOCK_S, CORNER_S, TRAPEZOID_S
+from sim.gcode.motion.hardware import BLOCK_S, CORNER_S, TRAPEZOID_S
 from sim.gcode.motion.state import Records
 from sim.gcode.program.modal import ARC, BAD, arc_points, interpret, speed
 

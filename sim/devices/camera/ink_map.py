@@ -13,7 +13,7 @@ from kernels.arrays import FloatArray, IntArray
 from sim.devices.camera.kernels import draw_lines
 from sim.devices.camera.plan import Plan
 from sim.devices.camera.scene import Bath, InkLook
-from sim.gcode.deposit.laid import Laid
+from sim.gcode.deposit.lay import Laid
 from sim.gcode.deposit.strands import Strands
 
 SingleArray = NDArray[np.float32]

@@ -32,7 +32,7 @@ from kernels.arrays import BoolArray, FloatArray
 from sim.devices.camera.kernels import draw_lines
 from sim.devices.recorded_ink import InkBox
 from sim.errors import CameraError
-from sim.gcode.deposit.laid import Laid
+from sim.gcode.deposit.lay import Laid
 from sim.model_file import read_model
 
 SingleArray = NDArray[np.float32]

@@ -5,7 +5,7 @@ Modelled
 - Camera: pinhole, lens distortion, tilt, turn, any place; refraction at the bath's flat surface.
 - Ink: each line as wide as its dose makes it, thick in its middle, translucent, with a colour of
   its own; rims darker or brighter; ridges lit from one side; what was laid before below it, fading
-  with the bath's turbidity; ink that is missing by faults (`sim.gcode.deposit.laid`).
+  with the bath's turbidity; ink that is missing by faults (`sim.gcode.deposit.lay`).
 - Bath: granules of several sizes, which lie still from look to look; light of its own over deep
   ink.
 - Uneven light, glints of a wavy wet surface, bubbles, fibres, specks, markers, boards, the dish's
@@ -37,7 +37,7 @@ from sim.devices.camera.optics import Camera
 from sim.devices.camera.plan import Plan
 from sim.devices.camera.scene import Scene
 from sim.devices.camera.sensor import exposed
-from sim.gcode.deposit.laid import Laid
+from sim.gcode.deposit.lay import Laid
 
 
 def paint(

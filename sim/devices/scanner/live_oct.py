@@ -14,8 +14,7 @@ from sim.devices.scanner.oct import OctOptions, simulate_oct
 from sim.devices.scanner.output import ScannerOutput
 from sim.devices.scanner.placing import Placing
 from sim.errors import ScannerError
-from sim.gcode.deposit.laid import Laid
-from sim.gcode.deposit.lay import deposit_of_laid
+from sim.gcode.deposit.lay import Laid, deposit_of_laid
 from sim.model_file import read_model
 
 _FINEST_MM: Final = 0.02

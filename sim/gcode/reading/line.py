@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final
+
+from firmware_profiles import Printer
+from sim.errors import LineError
+from sim.family_parts import family_part
+from sim.gcode.reading.named_commands import NamedCommand
 
 _NOTHING: Final[Mapping[str, str]] = MappingProxyType({})
 
@@ -44,3 +49,95 @@ class GcodeLine:
 
 BLANK: Final = GcodeLine("", {}, b"")
 """A comment, or nothing."""
+_SHOWN: Final = 60
+MOST_REFUSED: Final = 1_000
+"""Refused lines after which the rest of a file isn't read."""
+SORTS: Final[dict[str, str]] = {
+    "not_text": "characters that can't be sent",
+    "no_command": "lines that aren't a command",
+    "bad_comment": "parentheses or quotes that don't close",
+    "bad_checksum": "line numbers or checksums that are wrong",
+    "bad_code": "codes that firmwares read differently",
+    "bad_number": "words without a number that can be read",
+    "huge_number": "numbers beyond what a firmware can hold",
+    "unknown_word": "words that the firmware doesn't know for this code",
+    "unknown_axis": "axes that the machine hasn't",
+    "repeated_word": "words that stand twice in a line",
+    "too_long": "lines longer than any firmware takes",
+    "ambiguous": "words that firmwares read differently",
+    "too_many": "places where reading was given up",
+}
+"""Sort to what it is, in the plural."""
+
+
+def refusal(sort: str, text: bytes, reason: str) -> LineError:
+    """Error for a line; ``sort`` is a key of `SORTS`."""
+    shown = text.strip(b"\r\n\t ").decode("ascii", "backslashreplace")
+    shown = shown if len(shown) <= _SHOWN else shown[:_SHOWN] + "..."
+    return LineError(sort, shown, reason)
+
+
+@dataclass(frozen=True)
+class TranslatedProgram:
+    """A program file in the reader's words.
+
+    Attributes
+    ----------
+    gcode : bytes
+        As many lines as the file.
+    named : tuple of NamedCommand
+        Outputs that are set, and everything that isn't known.
+    per_second : tuple of (int, bool)
+        Lines from which on F is told per second, or per minute.
+    """
+
+    gcode: bytes
+    named: tuple[NamedCommand, ...]
+    per_second: tuple[tuple[int, bool], ...]
+
+
+# Find the translator to G-code of a firmware family whose files are in another language.
+#
+# A family's folder may hold ``reading.py``, whose ``translate`` puts a file in another language
+# into the words of G-code.
+
+Translate = Callable[[bytes, Printer], TranslatedProgram]
+
+
+def translator_of(printer: Printer) -> Translate | None:
+    """Return the translator of a printer's files to G-code; None if they are G-code."""
+    module = family_part(printer.firmware, "reading")
+    if module is None:
+        return None
+    translate: Translate = module.translate
+    return translate
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One sort of problem in a file.
+
+    Attributes
+    ----------
+    line : int
+        Where it is first met, from 1.
+    code : str
+        Its sort: ``outside_x`` (y, z), ``speed_x`` (y, z, e), ``plunger_travel``,
+        ``too_slow``, ``cold_extrusion``, ``unknown_command``, ``no_command``, ``bad_arc``,
+        ``homing``, ``long_line``, ``no_such_head``, ``head_not_chosen``, ``plunger_not_counted``,
+        ``offset_twice``, ``offset_unknown``, ``empty_file``, or one of
+        `sim.gcode.reading.line.SORTS`.
+    message : str
+        For the user: what, value, limit, remedy.
+    value, limit : float
+        The worst value and what it should have kept; NaN where there is none.
+    count : int
+        Rows of the program concerned.
+    """
+
+    line: int
+    code: str
+    message: str
+    value: float = float("nan")
+    limit: float = float("nan")
+    count: int = 1
