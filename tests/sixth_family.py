@@ -64,7 +64,7 @@ TWIN = '''
 """The printer that plays it."""
 
 from sim.devices.board.printer import SimulatedPrinter
-from sim.devices.families.marlin.firmware import Marlin
+from sim.devices.families.marlin.printer import Marlin
 
 
 def _m777(board, command):

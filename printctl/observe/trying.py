@@ -14,7 +14,7 @@ from printctl.observe.records import emptied_look_folder
 from printctl.observe.view_before import EMPTY
 from printctl.observe.views import camera_frame, open_view, read_oct_frame
 from sim.devices.camera.laser_line import load_profiler
-from sim.devices.scanner.live_oct import load_oct
+from sim.devices.scanner.oct import load_oct
 
 
 def try_device(order: ObserverOrder, folder: Path) -> None:

@@ -30,8 +30,8 @@ from registration.inspection import (
     height_map,
 )
 from registration.scan import Scan
-from sim.devices.camera.camera_file import load_camera
 from sim.devices.camera.optics import Camera, through_surface
+from sim.devices.camera.paint import load_camera
 from sim.devices.camera.scene import Bath
 
 Image = NDArray[Any]

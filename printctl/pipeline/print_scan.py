@@ -38,7 +38,7 @@ from printctl.recipe import Recipe
 from printctl.recipe.making import Embedded, SimulatedScan
 from registration.files.readers import metadata
 from registration.files.writers import write_scan
-from sim.devices.faults.fault_file import load_faults
+from sim.devices.faults import load_faults
 from sim.devices.recorded_ink import read_record
 from sim.gcode.deposit.ink_faults import NO_FAULTS
 from sim.gcode.motion.executed import ExecutedMotion

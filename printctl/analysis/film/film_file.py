@@ -13,7 +13,7 @@ from PIL import Image
 
 from design.files import atomic_replacement
 from printctl.errors import UsageError
-from sim.devices.dye.film_file import CODES, write_frames
+from sim.devices.dye.film import CODES, write_frames
 
 SUFFIXES: Final = (*CODES, ".gif", ".webp")
 

@@ -9,7 +9,7 @@ from firmware_profiles.families.marlin.doubt import QUESTION, RENUMBER
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.states import LinkState
 from sim.devices.board.wire import Wire
-from sim.devices.families.marlin.urgent import EMERGENCY
+from sim.devices.families.marlin.numbering import EMERGENCY
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
 from tests.printctl.machine.link.test_streamer import job_of, streamer_of
 

@@ -12,8 +12,7 @@ from printctl.machine.link.states import LinkState
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.wiring import Wiring
 from sim.devices.families.registry import simulated_printer
-from sim.devices.families.reprapfirmware.numbering import crc16
-from sim.devices.families.reprapfirmware.printer import DuetPrinter
+from sim.devices.families.reprapfirmware.printer import DuetPrinter, crc16
 from sim.errors import ServeError
 from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.program.gcode import checksum

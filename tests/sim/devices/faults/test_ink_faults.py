@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.devices.faults.fault_file import load_faults
+from sim.devices.faults import load_faults
 from sim.errors import ServeError
 from sim.gcode.deposit.ink_faults import InkFaults, Timeline
 from sim.gcode.deposit.lay import deposit, laid

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim.devices.recorded_ink import InkSource
-from sim.devices.scanner.live_oct import OctField, live_scan
+from sim.devices.scanner.oct import OctField, live_scan
 from sim.errors import ScannerError
 from sim.gcode.deposit.lay import Laid
 from sim.gcode.deposit.strands import Strands
