@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from sim.errors import ServeError
 from sim.gcode.deposit.ink_faults import InkFault, InkFaults
-from sim.model_file import read_model
+from sim.user_files import read_model
 
 # Read planned faults of a simulated printer and its cable from a YAML file or short text.
 #

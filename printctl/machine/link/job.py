@@ -19,11 +19,10 @@ from printctl.machine.link.errors import JobError
 from printctl.machine.link.inserts import Insert, Position
 from printctl.machine.link.marks import MarkReader, Marks
 from printctl.machine.link.modal import modal_state
-from sim.encoding import text_of
 from sim.errors import GcodeError
 from sim.gcode.reading.file import GcodeFile, Others, kinds_of, other_lines, read_file
 from sim.gcode.reading.sent_line import with_flow
-from sim.gcode.reading.user_file import read_gcode_path
+from sim.user_files import read_gcode_path, text_of
 
 _MOVES: Final = (b"G0 ", b"G1 ")
 _COMMENTS: Final = (b";", b"//")

@@ -33,7 +33,7 @@ from sim.devices.camera.ink_map import draw_lines
 from sim.devices.recorded_ink import InkBox
 from sim.errors import CameraError
 from sim.gcode.deposit.lay import Laid
-from sim.model_file import read_model
+from sim.user_files import read_model
 
 SingleArray = NDArray[np.float32]
 Region = tuple[FloatArray, FloatArray]

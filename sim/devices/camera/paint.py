@@ -41,7 +41,7 @@ from sim.devices.camera.scene import Clutter, Dish, Light, Marker, NeedleLook, S
 from sim.devices.recorded_ink import InkSource
 from sim.errors import CameraError
 from sim.gcode.deposit.lay import Laid
-from sim.model_file import read_model
+from sim.user_files import read_model
 
 
 def paint(

@@ -39,7 +39,7 @@ from sim.devices.scanner.placing import Placing, ScannerOutput, check_range, pla
 from sim.devices.scanner.sampling import blurred, index_map, lookup, random_bits
 from sim.errors import ScannerError
 from sim.gcode.deposit.lay import Deposit, Laid, deposit_of_laid
-from sim.model_file import read_model
+from sim.user_files import read_model
 
 
 @dataclass(frozen=True)
