@@ -25,7 +25,7 @@ from benchmarks.checkers.dish_camera import Made, Optics, Scene, aimed, develope
 from benchmarks.checkers.needle_camera import Needle, rough_ground, with_needle
 from benchmarks.machine import print_rows, row
 from firmware_profiles import load
-from firmware_profiles.dishes import Dish
+from firmware_profiles.plates import Dish
 from printctl.cli.main import app
 from registration.devices.camera_frame import (
     CameraFrame,

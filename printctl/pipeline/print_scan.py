@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from design.files import write_text
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
-from firmware_profiles.wrong_values import wording
+from firmware_profiles.errors import wording
 from printctl.checks.set_up.by_name import of_each
 from printctl.errors import UsageError
 from printctl.machine.link.grown_text import grown_text

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from firmware_profiles.wrong_values import wording
+from firmware_profiles.errors import wording
 from firmware_profiles.yaml_file import read_yaml
 from printctl.errors import RecipeError
 from printctl.recipe.migrate import SCHEMA, migrated, steps_from

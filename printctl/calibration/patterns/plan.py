@@ -14,8 +14,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from firmware_profiles.bead import BeadSection
-from firmware_profiles.bead_shape import BeadShape
+from firmware_profiles.bead import BeadSection, BeadShape
 from kernels.arrays import FloatArray
 
 PatternName = Literal["lines", "spiral", "joint", "bridge", "comb", "squares"]

@@ -14,7 +14,7 @@ import numpy as np
 
 from firmware_profiles import Printer, Syringe
 from firmware_profiles.families import family_of
-from firmware_profiles.families.job_facts import IdleTimeout
+from firmware_profiles.families.family import IdleTimeout
 from printctl.checks.set_up.check import Check
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.program.gcode import code

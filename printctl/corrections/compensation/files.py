@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from design.files import write_text
 from design.toolpath.correction import Corrections, Stretch
-from firmware_profiles.wrong_values import wording
+from firmware_profiles.errors import wording
 from firmware_profiles.yaml_file import read_yaml
 from printctl.corrections.compensation.schema import CompensationFile
 from printctl.errors import UsageError

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from design.files import atomic_replacement, write_text
 from firmware_profiles import Bath, Ink, Needle, Printer, ProfileError, Syringe, load
-from firmware_profiles.facts import Facts
+from firmware_profiles.strict_model import Facts
 from printctl.history.records.errors import RecordsError
 from printctl.history.records.manifest import MANIFEST
 from printctl.history.records.plain_zip import blocks_of, read_members

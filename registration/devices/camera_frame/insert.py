@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import write_text
-from firmware_profiles.dishes import Dish
+from firmware_profiles.plates import Dish
 from kernels.arrays import FloatArray
 from registration.devices.lens.model_file import read_model
 from registration.errors import PictureError

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of
-from firmware_profiles.families.job_facts import m302_by_p
+from firmware_profiles.families.family import m302_by_p
 from kernels.arrays import FloatArray
 from sim.gcode.dry_run.checks import check
 from sim.gcode.dry_run.feed import StarvedMotion, line_times, run_program, starvation

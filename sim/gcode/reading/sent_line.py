@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final
 
-from firmware_profiles.families.common_words import TEXT_CODES
+from firmware_profiles.families.grammar import TEXT_CODES
 from sim.gcode.reading.line import BLANK, GcodeLine
 from sim.gcode.reading.read import PLAIN_MOVE, plain_move
 

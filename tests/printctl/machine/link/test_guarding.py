@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from firmware_profiles.families.marlin.bit_flips import guard_command
-from firmware_profiles.families.marlin.doubt import QUESTION, RENUMBER
+from firmware_profiles.families.marlin.sender import guard_command
+from firmware_profiles.families.marlin.state import QUESTION, RENUMBER
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.states import LinkState
 from sim.devices.board.wire import Wire

@@ -5,7 +5,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.ack_protocol import Sort
-from firmware_profiles.families.reprapfirmware.crc16 import crc16 as crc_of_the_link
+from firmware_profiles.families.reprapfirmware.facts import crc16 as crc_of_the_link
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.journal import Journal
 from printctl.machine.link.states import LinkState
