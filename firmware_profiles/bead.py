@@ -13,17 +13,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Final, Literal
+from typing import Final
 
 import numpy as np
-from pydantic import Field
 
+from firmware_profiles.strict_model import BeadShape
 from kernels.arrays import FloatArray
 
 _SIDE: Final = 1 - math.pi / 4
 """What a round side leaves empty of the square of half the height, over both sides."""
 _QUARTER: Final = math.pi / 4
-BeadShape = Literal["rounded", "rectangle", "ellipse"]
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,3 @@ class BeadSection:
             sides = {"rounded": "round", "rectangle": "straight", "ellipse": "elliptic"}
             return f"{sides[self.model]} sides"
         return f"sides measured {self.model:g} µm wider than area over height"
-
-
-MeasuredExcess = Annotated[float, Field(ge=0, le=500, allow_inf_nan=False)]
-"""Measured width over area / height, µm."""

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 from pydantic import Field, model_validator
 
-from firmware_profiles.bead import BeadShape, MeasuredExcess
 from firmware_profiles.strict_model import (
+    BeadShape,
     Celsius,
     Facts,
+    MeasuredExcess,
     NonNegative,
     Positive,
     Span,

@@ -30,6 +30,11 @@ def _make_strict(schema: Any) -> None:
             _make_strict(part)
 
 
+BeadShape = Literal["rounded", "rectangle", "ellipse"]
+MeasuredExcess = Annotated[float, Field(ge=0, le=500, allow_inf_nan=False)]
+"""Measured width over area / height, µm."""
+
+
 class StrictModel(BaseModel):
     """Base of recipe sections and profiles.
 

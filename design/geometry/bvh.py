@@ -193,8 +193,8 @@ def nearest_distances(tree: Any, points: Any) -> Any:
 # Build a bounding volume hierarchy over given boxes by the surface area heuristic.
 #
 # Each node is cut where both halves' members times their boxes' faces are least (surface area
-# heuristic over bins: Wald 2007, 10.1109/RT.2007.4342588). Points near a part take a third less time
-# than by cuts through the median, and near a scanned surface too.
+# heuristic over bins: Wald 2007, 10.1109/RT.2007.4342588). Points near a part take a third less
+# time than by cuts through the median, and near a scanned surface too.
 
 LEAF = 4
 """Members of a leaf at most: cheaper to ask than to part further."""

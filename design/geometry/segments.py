@@ -1,4 +1,4 @@
-"""Distances between points, segments and triangles (Ericson, Real-Time Collision Detection, 5.1)."""
+"""Distances of points, segments and triangles (Ericson, Real-Time Collision Detection, 5.1)."""
 
 from __future__ import annotations
 

@@ -20,8 +20,8 @@ from kernels.arrays import FloatArray, IntArray
 # Compute a dye front's arrival times in each vessel; classify vessels by diffusion's effect.
 #
 # The tip runs on the axis at twice the mean speed, so that it is through a vessel in T/2; the mean
-# takes T. Both add up along a way, since flows mix at nodes and some of what comes goes on along the
-# axis.
+# takes T. Both add up along a way, since flows mix at nodes and some of what comes goes on along
+# the axis.
 
 
 DYE_DIFFUSIVITY: Final = 4e-4
@@ -248,11 +248,11 @@ def flow_ends(network: VesselNetwork, solution: FlowSolution, vessel: int) -> tu
 # No diffusion (Taylor 1953, doi 10.1098/rspa.1953.0139), flows that mix wholly at nodes. With T the
 # mean transit to a place in a tube, volume over flow, a step at its entrance gives there the area
 # mean 1 - T/2t, and the flux mean 1 - (T/2t)², from t = T/2 on: dye leaves with the distribution
-# E(t) = T²/2t³ (Danckwerts 1953, doi 10.1016/0009-2509(53)80001-1). Paths are convolutions of these,
-# and loops sums of paths; so both are done at once as products and sums of Laplace transforms, which
-# over that of the step are E₂(sT/2) and 2 E₃(sT/2), with the exponential integrals
-# Eₙ(z) = ∫₁^∞ exp(-zx)/xⁿ dx (Abramowitz & Stegun 5.1.4). It costs the same for any number of paths,
-# and nothing is binned, as streamlines sorted by their flow would be.
+# E(t) = T²/2t³ (Danckwerts 1953, doi 10.1016/0009-2509(53)80001-1). Paths are convolutions of
+# these, and loops sums of paths; so both are done at once as products and sums of Laplace
+# transforms, which over that of the step are E₂(sT/2) and 2 E₃(sT/2), with the exponential
+# integrals Eₙ(z) = ∫₁^∞ exp(-zx)/xⁿ dx (Abramowitz & Stegun 5.1.4). It costs the same for any
+# number of paths, and nothing is binned, as streamlines sorted by their flow would be.
 
 
 ComplexArray = NDArray[np.complex128]

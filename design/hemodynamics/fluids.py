@@ -1,7 +1,5 @@
 """Fluid viscosity models: Newtonian, shear-rate dependent, or blood by vessel diameter.
 
-Names are loaded when first asked for: a Newtonian fluid needs no splines.
-
 Goes in: a fluid's constants, a radius, a shear rate. Comes out: apparent viscosity, Pa·s.
 """
 
@@ -19,10 +17,6 @@ from kernels.arrays import FloatArray
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicHermiteSpline
-
-
-def __dir__() -> list[str]:
-    return __all__
 
 
 # Interface of fluids (apparent viscosity in tube flow), and the Newtonian fluid.

@@ -1,4 +1,4 @@
-"""Measure Murray's law, branching angles and asymmetry at bifurcations; spread of terminal flows."""
+"""Measure Murray's law, angles and asymmetry at bifurcations, and the spread of terminal flows."""
 
 from __future__ import annotations
 

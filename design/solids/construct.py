@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from design.errors import SolidError
 from design.solids.dimensions import Chamber
 from design.solids.local_subtract import subtract_near
-from design.solids.manifolds import solid_manifold, subtract, unite
-from design.solids.read import checked_surface
+from design.solids.manifolds import checked_surface, solid_manifold, subtract, unite
 from design.solids.snap import solid_from_manifold, solid_from_mesh
 from design.solids.solid import Solid
 from design.solids.tube import FACET_TOLERANCE_MM, area_factor, facet_count

@@ -7,15 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from manifold3d import Manifold
-from numpy.typing import NDArray
 
 from design.errors import SolidError
 from design.geometry.surface import cut_short
 from design.geometry.threemf_read import read_3mf
-from design.solids.manifolds import to_manifold
+from design.solids.manifolds import sections_solid
 from design.solids.solid import Solid
-from design.solids.topology import is_closed, merge_equal
+from design.solids.topology import merge_equal
 from design.solids.write import read_corners
 from design.units import MM_PER, LengthUnit
 from kernels.arrays import FloatArray, IntArray
@@ -157,51 +155,3 @@ def _merged(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
 
     unique, index = merge_equal(np.asarray(mesh.vertices, dtype=np.float64))
     return trimesh.Trimesh(unique, index[np.asarray(mesh.faces)], process=False)
-
-
-# Make a solid of a closed surface from a file, unrepaired, only to be cut into sections.
-
-_WHAT = "the tissue's surface"
-
-
-def sections_solid(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Solid:
-    """Make a solid for sections alone of a closed, oriented surface: with the file's own vertices.
-
-    Sheets that touch, or faces that cross, are left: sections don't mind them, files that are
-    written do. Parameters and errors are those of `design.solids.construct.solid_from_surface`.
-    """
-    merged, triangles = _merged_vertices(vertices, faces)
-    if not is_closed(triangles, touching=True):
-        to_manifold(merged, triangles, _WHAT)  # says what is wrong
-    solid = Solid(merged, triangles.astype(np.int32))
-    _check_volume(solid.volume_mm3)
-    return solid
-
-
-def checked_surface(
-    vertices: NDArray[np.floating], faces: NDArray[np.integer]
-) -> tuple[NDArray[np.float64], NDArray[np.int64], Manifold]:
-    """Equal vertices merged, collapsed faces dropped; and the manifold that it is."""
-    merged, triangles = _merged_vertices(vertices, faces)
-    manifold = to_manifold(merged, triangles, _WHAT)
-    _check_volume(manifold.volume())
-    return merged, triangles, manifold
-
-
-def _merged_vertices(
-    vertices: NDArray[np.floating], faces: NDArray[np.integer]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    merged, index = merge_equal(np.asarray(vertices, np.float64))
-    triangles = index[np.asarray(faces)]
-    a, b, c = triangles.T
-    triangles = triangles[(a != b) & (b != c) & (c != a)]
-    # A vertex of no face would widen the bounds by which parts are placed.
-    used, corners = np.unique(triangles, return_inverse=True)
-    return merged[used], corners.reshape(-1, 3)
-
-
-def _check_volume(volume_mm3: float) -> None:
-    if volume_mm3 <= 0:
-        raise SolidError(
-            f"{_WHAT} encloses {volume_mm3:g} mm³: it is inside out; reverse its faces"
-        )

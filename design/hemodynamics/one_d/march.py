@@ -1,4 +1,4 @@
-"""Time-step the 1D flow of a network from an initial state by the third-order Runge-Kutta method."""
+"""Time-step a network's 1D flow from an initial state, by a third-order Runge-Kutta method."""
 
 from __future__ import annotations
 

@@ -14,7 +14,8 @@ from typing import Final, Literal
 
 import numpy as np
 
-from firmware_profiles.bead import BeadSection, BeadShape
+from firmware_profiles.bead import BeadSection
+from firmware_profiles.strict_model import BeadShape
 from kernels.arrays import FloatArray
 
 PatternName = Literal["lines", "spiral", "joint", "bridge", "comb", "squares"]

@@ -18,7 +18,7 @@ from printctl.checks.gate.rules import of_the_moment, rule, rules
 from printctl.checks.gate.verdict import NOT_BY_HAND, AllowedLine, NotAllowed, Refusal, Verdict
 from sim.errors import GcodeError
 from sim.gcode.reading import BLANK, GcodeLine, read_line
-from sim.gcode.reading.named_commands import is_known_line
+from sim.gcode.reading.line import is_known_line
 
 LONGEST: Final = 200
 """Characters of a line that a person types."""

@@ -19,7 +19,7 @@ from printctl.checks.set_up.check import Check
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.program.gcode import code
 from sim.gcode.program.modal import DWELL, MOVE
-from sim.gcode.reading.named_commands import is_known, is_known_name
+from sim.gcode.reading.line import is_known, is_known_name
 
 _NAME: Final = "the firmware's own switch-off"
 

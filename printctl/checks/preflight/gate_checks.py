@@ -10,7 +10,7 @@ from printctl.checks.gate import refused_lines
 from printctl.checks.set_up.check import Check
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.program.modal import MOVE
-from sim.gcode.reading.named_commands import is_known_line
+from sim.gcode.reading.line import is_known_line
 from sim.gcode.reading.words import SETS_ARRAY, SETS_CALL, output_of
 
 _OUTPUTS: Final = "outputs set other than the valve's"

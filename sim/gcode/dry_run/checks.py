@@ -17,8 +17,7 @@ from sim.gcode.motion.stepper import LEAST_RATE
 from sim.gcode.program.gcode import NO_COMMAND, Program, code_name
 from sim.gcode.program.modal import BAD, HOME, MOVE
 from sim.gcode.reading.file import kinds_of
-from sim.gcode.reading.line import Finding
-from sim.gcode.reading.named_commands import NamedCommand, is_known, is_known_name
+from sim.gcode.reading.line import Finding, NamedCommand, is_known, is_known_name
 
 _TINY_MM: Final = 1e-6
 _MOST_NAMES: Final = 20

@@ -28,8 +28,7 @@ from sim.gcode.program.gcode import Program, code, parse_line
 from sim.gcode.program.modal import MOVE
 from sim.gcode.program.read_program import read_written
 from sim.gcode.reading.file import Others, other_lines
-from sim.gcode.reading.line import Finding
-from sim.gcode.reading.named_commands import NamedCommand
+from sim.gcode.reading.line import Finding, NamedCommand
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,14 @@ from typing import Final
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of
 from sim.errors import LineError
-from sim.gcode.reading.line import MOST_REFUSED, GcodeLine, refusal, translator_of
-from sim.gcode.reading.named_commands import NamedCommand, plain_command
+from sim.gcode.reading.line import (
+    MOST_REFUSED,
+    GcodeLine,
+    NamedCommand,
+    plain_command,
+    refusal,
+    translator_of,
+)
 from sim.gcode.reading.read import PLAIN_MOVE, is_name, read_line, read_words
 from sim.user_files import text_of
 

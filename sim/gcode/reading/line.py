@@ -1,16 +1,18 @@
-"""Data class of a parsed G-code line: code, words, named parameters, and the text to send."""
+"""A parsed G-code line, named commands, translated files; refusals and findings of lines."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final
 
 from firmware_profiles import Printer
+from firmware_profiles.families import family_of, meanings
+from firmware_profiles.families.grammar import Meaning
 from sim.errors import LineError
 from sim.family_parts import family_part
-from sim.gcode.reading.named_commands import NamedCommand
 
 _NOTHING: Final[Mapping[str, str]] = MappingProxyType({})
 
@@ -78,6 +80,15 @@ def refusal(sort: str, text: bytes, reason: str) -> LineError:
 
 
 @dataclass(frozen=True)
+class NamedCommand:
+    """A command with a name: its line, from 1, and its words."""
+
+    line: int
+    name: str
+    words: dict[str, str]
+
+
+@dataclass(frozen=True)
 class TranslatedProgram:
     """A program file in the reader's words.
 
@@ -100,7 +111,6 @@ class TranslatedProgram:
 #
 # A family's folder may hold ``reading.py``, whose ``translate`` puts a file in another language
 # into the words of G-code.
-
 Translate = Callable[[bytes, Printer], TranslatedProgram]
 
 
@@ -141,3 +151,53 @@ class Finding:
     value: float = float("nan")
     limit: float = float("nan")
     count: int = 1
+
+
+# Translate named commands (Klipper style) to G-code words for the reader.
+#
+# ``SET_KINEMATIC_POSITION X=1 Y=2`` says where the tip stands, as G92 does for other firmwares, and
+# is read as that; ``ACTIVATE_EXTRUDER EXTRUDER=extruder1`` is T1. ``SET_IDLE_TIMEOUT`` and the rest
+# move nothing and become M105, which only asks; their names and words are handed on to be judged.
+
+_CHOSEN: Final = re.compile(r"extruder(\d*)")
+NOTHING: Final = b"M105"
+
+
+def plain_command(named: NamedCommand) -> bytes:
+    """One named command in G-code."""
+    meaning = meanings().get(named.name)
+    if meaning is Meaning.CHOOSES:
+        chosen = _CHOSEN.fullmatch(named.words.get("EXTRUDER", ""))
+        return b"T%d" % int(chosen[1] or 0) if chosen else NOTHING
+    if meaning is not Meaning.PLACES:
+        return NOTHING
+    places = [f"{axis}{named.words[axis]}" for axis in "XYZ" if axis in named.words]
+    return " ".join(["G92", *places]).encode() if places else NOTHING
+
+
+# Check that a printer's firmware knows a command, by code or by name.
+#
+# What a machine knows beyond its family's commands its profile names (`extra_commands`).
+_CODE: Final = re.compile(r"[GMT]\d+")
+
+
+def is_known(printer: Printer, name: str) -> bool:
+    """Whether the printer's firmware knows a command by its letter and number: ``M104``."""
+    grammar = family_of(printer).grammar
+    if printer.heads and name in grammar.head_codes:
+        return True
+    return name.startswith("T") or name in grammar.codes or name in printer.extra_commands
+
+
+def is_known_name(printer: Printer, name: str) -> bool:
+    """Whether the printer's firmware knows a command with a name."""
+    names = family_of(printer).grammar.names
+    return name in names or name in {other.upper() for other in printer.extra_commands}
+
+
+def is_known_line(printer: Printer, line: GcodeLine) -> bool:
+    """Whether the printer's firmware knows the command of a line that was read."""
+    if _CODE.fullmatch(line.code):
+        return is_known(printer, line.code)
+    grammar = family_of(printer).grammar
+    return bool(grammar.named or grammar.names) and is_known_name(printer, line.code)

@@ -42,7 +42,7 @@ def read_line(text: bytes, printer: Printer) -> GcodeLine:
     -------
     GcodeLine
         False (`BLANK`) for a comment or an empty line. A code that the firmware doesn't know comes
-        as it stands: `sim.gcode.reading.named_commands.is_known_line` judges it.
+        as it stands: `sim.gcode.reading.line.is_known_line` judges it.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Parameter letters that each G-code accepts, by firmware family.
 
 A code that isn't in a family's table takes any well-formed word: whether it may be sent at all is
-decided elsewhere (`sim.gcode.reading.named_commands`).
+decided elsewhere (`sim.gcode.reading.line`).
 """
 
 from __future__ import annotations

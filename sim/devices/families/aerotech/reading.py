@@ -30,8 +30,7 @@ from typing import Final
 
 from firmware_profiles import Printer
 from sim.errors import GcodeError
-from sim.gcode.reading.line import TranslatedProgram
-from sim.gcode.reading.named_commands import NOTHING, NamedCommand
+from sim.gcode.reading.line import NOTHING, NamedCommand, TranslatedProgram
 from sim.gcode.reading.words import output_of
 
 _NUMBER: Final = rb"[-+]?(?:\d+\.?\d*|\.\d+)"

@@ -21,7 +21,7 @@ from sim.devices.families.marlin.printer import Marlin
 from sim.devices.families.marlin.settings import set_flow_percent, set_speed_percent
 from sim.gcode.program.gcode import Command, split_line
 from sim.gcode.program.modal import interpret
-from sim.gcode.reading.named_commands import NamedCommand, plain_command
+from sim.gcode.reading.line import NamedCommand, plain_command
 
 
 class KlipperPrinter(SimulatedPrinter):

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from firmware_profiles import Printer, load, shipped
 from sim.errors import LineError
 from sim.gcode.reading import read_line, read_sent
-from sim.gcode.reading.line import SORTS
-from sim.gcode.reading.named_commands import is_known_line
+from sim.gcode.reading.line import SORTS, is_known_line
 from sim.gcode.reading.read import PLAIN_MOVE, read_words
 
 MARLIN, KLIPPER = load(Printer, "marlin_avr"), load(Printer, "klipper_bioprinter")
