@@ -39,7 +39,7 @@ def order_down(children: Any, count: int) -> Any:
 def traversed_cost(order: Any, children: Any, length: Any, gamma: float) -> float:
     """Return a tree's cost Σ ℓ r², by one traversal up and one down.
 
-    Up: flows, reduced resistances and ratios (Karch et al. 1999, as in `growth.cost`); down:
+    Up: flows, reduced resistances and ratios (Karch et al. 1999, as in `growth.state`); down:
     radii. 8μ/π, the pressure drop and a terminal's flow are 1. ``order`` is `order_down`'s,
     ``children`` (m, 2) has -1 for none, ``length`` (m,) is in mm; ``gamma`` is Murray's exponent.
     """

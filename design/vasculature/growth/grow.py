@@ -66,7 +66,7 @@ def grow_tree(
         Growth goes on from it (`growth.trunk`): its segments stay, its radii follow
         from what they then feed. Its ends count as terminals, unless the terminals are given.
     pool : concurrent.futures.Executor, optional
-        Who grows the regions of a large tree (`growth.regions`): processes, or a Dask cluster
+        Who grows the regions of a large tree (`growth.large_growth`): processes, or a Dask cluster
         (`ClusterPool`). By default threads, as many as numba may use. The tree is the same by any.
 
     Returns

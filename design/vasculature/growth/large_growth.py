@@ -274,7 +274,7 @@ def mark_changed(segments: Any, count: int) -> None:
 def measure_in_parallel(
     segments: Any, count: int, index: CellIndex, room: Clearances, smallest: float, threads: int
 ) -> int:
-    """Derive allowed radii as `growth.audit.measure_allowed_radii` with joints does.
+    """Derive allowed radii as `growth.prune.measure_allowed_radii` with joints does.
 
     Every segment is measured by itself, so that the result doesn't depend on the threads.
 
@@ -323,7 +323,7 @@ def measure_alone(
 
 @scalar_jit
 def limit_joints(segments: Any, count: int, room: Clearances) -> None:
-    """Lower the allowed radii of children that don't part, as `growth.audit` does."""
+    """Lower the allowed radii of children that don't part, as `growth.prune` does."""
     for i in range(count):
         _, _, left, right = neighbours_of(segments, i)
         if right >= 0:

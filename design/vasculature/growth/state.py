@@ -41,14 +41,14 @@ SEGMENT = np.dtype(
 )
 """Fields of a growing segment.
 
-load, spend : see `growth.cost`; length : mm; flow : over the mean terminal's; parent,
+load, spend : see `tree_cost` below; length : mm; flow : over the mean terminal's; parent,
 left, right : -1 for none (right alone where a given trunk bends); terminals : downstream, 0 for a
 vessel of another tree (kept behind all the tree's own); p and d : ends, mm; radius : of the
 finished tree as predicted, mm; allowed : largest radius that tissue and neighbours leave, mm;
 full : 1 where this segment or one above it can't grow wider; given : `TRUNK` or `PLANNED` for a
 segment that stays where it is, else 0; by_* : derivatives of the cost; thick : viscosity over μ,
 read only where the law has a haematocrit; audited : radius with which a large tree's audit measured
-its room, mm, 0 where it hasn't been (`growth.regions.audit`).
+its room, mm, 0 where it hasn't been (`growth.large_growth`).
 """
 Segments = NDArray[np.void]
 TRUNK, PLANNED = 1, 2

@@ -181,7 +181,7 @@ class NeedleBody:
         return self.radius_mm if self.hub_radius_mm is None else self.hub_radius_mm
 
     def as_row(self) -> FloatArray:
-        """For `clearance.shaft_kernels.shaft_distance`: radius, tip, cone, length, hub."""
+        """For `clearance.kernels.shaft_distance`: radius, tip, cone, length, hub."""
         tip, cone = self.tip_radius_mm, self.cone_mm
         if tip is None or cone == 0:
             tip, cone = self.radius_mm, 0.0

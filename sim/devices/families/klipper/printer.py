@@ -1,4 +1,4 @@
-"""Simulated printer with Klipper firmware, modelled in `sim.devices.families.klipper.printer`."""
+"""Simulated printer with Klipper firmware: commands and replies, after the firmware's source."""
 
 from __future__ import annotations
 

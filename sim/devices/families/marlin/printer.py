@@ -7,8 +7,7 @@ any board has (`sim.devices.board.printer`):
   mid-line, repeated lines dropped without an answer;
 - busy messages, reports of temperature and position, dwells, waits for heat and for the user,
   cold extrusion, M85, M112, M410, M108 with and without emergency parser, ADVANCED_OK, stored
-  settings, reset, and kill: silence until a reset, and motors that run on for a while
-  (`sim.devices.families.marlin.printer`).
+  settings, reset, and kill: silence until a reset, and motors that run on for a while.
 
 Not modelled: tuning of the heaters (M303), the EEPROM's image (stored settings outlast a reset,
 their CRC is always the same).

@@ -1,4 +1,4 @@
-"""Simulated Duet with RepRapFirmware, modelled in `reprapfirmware.firmware`."""
+"""Simulated Duet with RepRapFirmware: Marlin's board part with its own commands and replies."""
 
 from __future__ import annotations
 
