@@ -5,21 +5,23 @@ Goes in: a profile's name or a file. Comes out: a frozen model of it, checked. B
 """
 
 from firmware_profiles.cross_checks import ProfileDoubt, profile_doubts
-from firmware_profiles.dishes import Dish
-from firmware_profiles.dispensers import MeasuredFlow, Plunger, Pneumatic
-from firmware_profiles.dispensing import SteadyFlow, steady_flow
+from firmware_profiles.dispensers import MeasuredFlow, Plunger, Pneumatic, SteadyFlow, steady_flow
 from firmware_profiles.errors import ProfileError
-from firmware_profiles.facts import Facts, Span
-from firmware_profiles.filament_support import supported_diameter_mm, weight_in_bath_n_m3
 from firmware_profiles.file_controller import FileController
 from firmware_profiles.heads import MOST_HEADS, Head, Offset
 from firmware_profiles.load import load, read_keys, shipped, shipped_text
-from firmware_profiles.materials import Bath, Ink, MeasuredLag
-from firmware_profiles.plates import Plate
-from firmware_profiles.printers import Axes, Printer
+from firmware_profiles.materials import (
+    Bath,
+    Ink,
+    MeasuredLag,
+    supported_diameter_mm,
+    weight_in_bath_n_m3,
+)
+from firmware_profiles.plates import Dish, Plate
+from firmware_profiles.printers import Axes, Printer, WatchedGauge
 from firmware_profiles.rheology import flow_ul_s, pressure_pa, wall_stress_pa, yield_pressure_pa
+from firmware_profiles.strict_model import Facts, Span
 from firmware_profiles.tools import Needle, Syringe
-from firmware_profiles.watched_gauges import WatchedGauge
 
 __all__ = [
     "MOST_HEADS",

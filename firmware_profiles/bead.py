@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from firmware_profiles.bead_shape import BeadShape
+from firmware_profiles.strict_model import BeadShape
 from kernels.arrays import FloatArray
 
 _SIDE: Final = 1 - math.pi / 4

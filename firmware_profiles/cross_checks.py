@@ -9,11 +9,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from firmware_profiles.dishes import Dish
-from firmware_profiles.facts import Facts
 from firmware_profiles.families.registry import family_of
 from firmware_profiles.materials import Bath, Ink
+from firmware_profiles.plates import Dish
 from firmware_profiles.printers import Printer
+from firmware_profiles.strict_model import Facts
 from firmware_profiles.tools import Needle, Syringe
 
 AVR_STEPS_HZ: Final = 40_000.0

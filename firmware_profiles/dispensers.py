@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from firmware_profiles.commands import SwitchCommand, switch_words
-from firmware_profiles.strict_model import StrictModel
+from firmware_profiles.errors import ProfileError
+from firmware_profiles.materials import Ink
+from firmware_profiles.rheology import flow_ul_s, yield_pressure_pa
+from firmware_profiles.strict_model import StrictModel, SwitchCommand, switch_words
+from firmware_profiles.tools import Needle
 
 Kilopascal = Annotated[float, Field(gt=0, le=2000, allow_inf_nan=False)]
 Delay = Annotated[float, Field(ge=0, le=5, allow_inf_nan=False)]
@@ -64,3 +68,46 @@ class Pneumatic(StrictModel):
 
 
 Dispenser = Annotated[Plunger | Pneumatic, Field(discriminator="kind")]
+
+
+# Flow rate of ink from a pneumatic head: as weighed at this pressure, else by its rheology.
+
+
+@dataclass(frozen=True)
+class SteadyFlow:
+    """Flow rate while the valve is open.
+
+    Attributes
+    ----------
+    ul_s : float, µL/s
+        What comes out.
+    measured : bool
+        By weight, at this pressure with this ink and needle; else it is foreseen from the ink's
+        viscosity.
+    """
+
+    ul_s: float
+    measured: bool
+
+
+def steady_flow(head: Pneumatic, ink: Ink, needle: Needle) -> SteadyFlow:
+    """Flow through the needle at the head's pressure, times the ink's flow factor if foreseen.
+
+    Raises
+    ------
+    ProfileError
+        When the pressure doesn't overcome the ink's yield stress.
+    """
+    measured = head.measured
+    fits = measured is not None and (measured.ink, measured.needle) == (ink.name, needle.name)
+    if measured is not None and fits and measured.pressure_kpa == head.pressure_kpa:
+        return SteadyFlow(measured.flow_ul_s, True)
+    flow = flow_ul_s(ink, needle, head.pressure_kpa * 1e3) * ink.flow_factor
+    if flow <= 0:
+        raise ProfileError(
+            f"{head.pressure_kpa:g} kPa (dispenser: pressure_kpa) don't move {ink.name} through "
+            f"{needle.name}: its yield stress holds "
+            f"{yield_pressure_pa(ink, needle) * 1e-3:.4g} kPa; "
+            "raise the pressure, or take a wider or shorter needle"
+        )
+    return SteadyFlow(flow, False)

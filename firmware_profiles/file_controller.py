@@ -7,10 +7,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from firmware_profiles.commands import is_output
 from firmware_profiles.dispensers import Dispenser, Pneumatic
 from firmware_profiles.families.registry import family_names, find_family
-from firmware_profiles.strict_model import StrictModel
+from firmware_profiles.strict_model import StrictModel, is_output
 
 
 class FileController(StrictModel):

@@ -11,9 +11,8 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from firmware_profiles.commands import SwitchCommand
 from firmware_profiles.families.registry import find_family
-from firmware_profiles.strict_model import StrictModel
+from firmware_profiles.strict_model import StrictModel, SwitchCommand
 
 MOST_HEADS = 8
 Length = Annotated[float, Field(ge=-500, le=500, allow_inf_nan=False)]

@@ -8,13 +8,11 @@ from typing import Any, Final, TypeVar
 import yaml
 from pydantic import ValidationError
 
-from firmware_profiles.dishes import Dish
-from firmware_profiles.errors import ProfileError
-from firmware_profiles.facts import Facts
+from firmware_profiles.errors import ProfileError, refuse
 from firmware_profiles.materials import Bath, Ink
-from firmware_profiles.plates import Plate
+from firmware_profiles.plates import Dish, Plate
 from firmware_profiles.printers import Printer
-from firmware_profiles.refusal import refuse
+from firmware_profiles.strict_model import Facts
 from firmware_profiles.tools import Needle, Syringe
 from firmware_profiles.yaml_file import read_yaml
 

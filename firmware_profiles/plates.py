@@ -1,8 +1,4 @@
-"""Well plate profile: outer size, grid and names of wells, their offsets, each well as a dish.
-
-Seen from above with A1 behind on the left, columns are counted from left to right and rows, by
-letter, from behind to the front, as printed on the plate.
-"""
+"""Profiles of dishes and well plates: inner size, shape, wall height; grid and names of wells."""
 
 from __future__ import annotations
 
@@ -11,8 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from firmware_profiles.dishes import Dish
-from firmware_profiles.facts import Facts
+from firmware_profiles.strict_model import Facts
 
 Millimetres = Annotated[float, Field(gt=0, le=500, allow_inf_nan=False)]
 _TINY_MM = 1e-6
@@ -96,3 +91,22 @@ class Plate(Facts):
             inner_y_mm=x if sideways else y,
             wall_mm=self.well_depth_mm,
         )
+
+
+class Dish(Facts):
+    """A dish for the bath, its floor at the bottom of the printer's z."""
+
+    shape: Literal["round", "box"]
+    inner_x_mm: Annotated[float, Field(gt=0, le=1000)] = Field(description="Diameter, if round.")
+    inner_y_mm: Annotated[float, Field(gt=0, le=1000)] = Field(description="Diameter, if round.")
+    wall_mm: Annotated[float, Field(gt=0, le=500)] = Field(
+        description="Height of the wall above the floor inside."
+    )
+
+    @model_validator(mode="after")
+    def _round_is_round(self) -> Dish:
+        if self.shape == "round" and self.inner_x_mm != self.inner_y_mm:
+            raise ValueError(
+                f"a round dish is {self.inner_x_mm:g} mm in x and {self.inner_y_mm:g} mm in y"
+            )
+        return self

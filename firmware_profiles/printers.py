@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from firmware_profiles.commands import SwitchCommand
 from firmware_profiles.dispensers import Dispenser, Plunger, Pneumatic
 from firmware_profiles.errors import ProfileError
-from firmware_profiles.facts import CommandName, Facts, NonNegative, Positive, Span
 from firmware_profiles.families.registry import family_names, family_of, find_family
 from firmware_profiles.file_controller import (
     FileController,
@@ -17,8 +16,15 @@ from firmware_profiles.file_controller import (
     refuse_family_sections,
 )
 from firmware_profiles.heads import Head, check_heads
-from firmware_profiles.strict_model import StrictModel
-from firmware_profiles.watched_gauges import WatchedGauge
+from firmware_profiles.strict_model import (
+    CommandName,
+    Facts,
+    NonNegative,
+    Positive,
+    Span,
+    StrictModel,
+    SwitchCommand,
+)
 
 
 def _with_a_family(name: str) -> str:
@@ -41,6 +47,42 @@ class Axes(StrictModel):
 
 _MOVE_BYTES: Final = 26
 """Of a short move, as it is sent, less the end that is withheld."""
+
+
+class WatchedGauge(StrictModel):
+    """A force, pressure or the like that the firmware tells when it is asked."""
+
+    query: SwitchCommand = Field(description="The question, e.g. M871; nothing that moves.")
+    regex: Annotated[str, Field(min_length=3, max_length=200)] = Field(
+        description="Finds the number in the answer, as its one group: 'Force: ([-+.0-9]+)'."
+    )
+    unit: Annotated[str, Field(min_length=1, max_length=16)] = Field(
+        description="Of the number: N, kPa ..."
+    )
+    high: Annotated[float, Field(allow_inf_nan=False)] = Field(
+        description="Above it the print ends by a controlled stop; at rest it must be below."
+    )
+    every_s: Annotated[float, Field(ge=0.25, le=3600)] = Field(
+        default=2.0, description="How often it is asked, between two lines."
+    )
+
+    @field_validator("query")
+    @classmethod
+    def _only_asks(cls, query: str) -> str:
+        if query.split()[0].upper() in _STOPS:
+            raise ValueError(f"{query!r} stops or renumbers; a question changes nothing")
+        return query
+
+    @field_validator("regex")
+    @classmethod
+    def _has_one_group(cls, regex: str) -> str:
+        try:
+            groups = re.compile(regex).groups
+        except re.error as exc:
+            raise ValueError(f"regex {regex!r} is none: {exc}") from exc
+        if groups != 1:
+            raise ValueError(f"regex {regex!r} has {groups} groups, not one: the number alone")
+        return regex
 
 
 class Printer(Facts):
@@ -242,3 +284,8 @@ class Printer(Facts):
                 "plunger_travel_mm must be said for a plunger, and can't be of a pneumatic head"
             )
         return self
+
+
+# Profile entry for a gauge polled in a print: query, reply pattern, limit that ends the print.
+
+_STOPS: Final = frozenset({"M0", "M1", "M108", "M110", "M112", "M410", "M999"})

@@ -1,10 +1,18 @@
-"""Pydantic base of recipe sections and profiles: unknown keys refused, frozen, strict numbers."""
+"""Pydantic bases of recipe sections and profiles, bounded number types, pattern of commands."""
 
 from __future__ import annotations
 
-from typing import Any, Final
+import re
+from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    model_validator,
+)
 from pydantic_core import CoreSchema
 
 _STRICT: Final = frozenset({"bool", "float", "int", "str"})
@@ -22,6 +30,11 @@ def _make_strict(schema: Any) -> None:
             _make_strict(part)
 
 
+BeadShape = Literal["rounded", "rectangle", "ellipse"]
+MeasuredExcess = Annotated[float, Field(ge=0, le=500, allow_inf_nan=False)]
+"""Measured width over area / height, µm."""
+
+
 class StrictModel(BaseModel):
     """Base of recipe sections and profiles.
 
@@ -37,3 +50,88 @@ class StrictModel(BaseModel):
         schema = handler(source)
         _make_strict(schema)
         return schema
+
+
+# Pydantic base class of profiles (name, source, licence, starting values); bounded number types.
+#
+# A profile holds facts with their source, not a user's taste.
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Celsius = Annotated[float, Field(ge=-80, le=300)]
+Trigger = Literal["neutral_ph", "calcium", "thrombin"]
+"""What makes an ink set in the bath while it is printed."""
+CommandName = Annotated[str, Field(pattern=r"^([GMT]\d+|[A-Za-z]+_\w+)$")]
+
+
+class Facts(StrictModel):
+    """Base of all profiles: unknown keys are refused, values can't be changed."""
+
+    name: str = Field(min_length=1, description="Name shown to the user.")
+    source: str = Field(min_length=1, description="Where the numbers come from.")
+    licence: str = Field(min_length=1, description="Licence of the numbers.")
+    starting_values: tuple[str, ...] = Field(
+        default=(),
+        description="Keys whose numbers have no source: measure them, or compare with the "
+        "machine's own, before the first print.",
+    )
+
+    @model_validator(mode="after")
+    def _starting_values_are_keys(self) -> Facts:
+        for name in self.starting_values:
+            key, _, part = name.partition(".")
+            value = getattr(self, key, None) if key in type(self).model_fields else None
+            inside = isinstance(value, BaseModel) and part in type(value).model_fields
+            if key not in type(self).model_fields or (part and not inside):
+                raise ValueError(
+                    f"starting_values names {name!r}, which is no key of this sort of profile"
+                )
+        return self
+
+
+class Span(StrictModel):
+    """Lowest and highest value."""
+
+    low: Annotated[float, Field(allow_inf_nan=False)]
+    high: Annotated[float, Field(allow_inf_nan=False)]
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Span:
+        if not self.low < self.high:
+            raise ValueError(f"low {self.low:g} isn't below high {self.high:g}")
+        return self
+
+
+# Pattern of profile commands that switch an output; refuse G codes and anything that may move.
+
+_MOVING: Final = ("MOVE", "HOME", "STEPPER", "RESTORE", "PROBE", "CALIBRATE")
+_OUTPUT: Final = r"\$DO(?:\[\d+\]\.[A-Z]|\d+\.\d+) ?= ?[01]|DigitalOutputSet\([A-Z], ?\d+, ?[01]\)"
+
+
+def is_output(command: str) -> bool:
+    """Whether a command sets a digital output in one of Aerotech's languages."""
+    return re.fullmatch(_OUTPUT, command) is not None
+
+
+def switch_words(command: str) -> list[str]:
+    """A command's name and words; of an output what it is, and its value."""
+    if is_output(command):
+        return [re.sub(r"[ ,=]*[01]\)?$", "", command).replace(" ", ""), command.rstrip(")")[-1]]
+    return command.split()
+
+
+def _moves_nothing(command: str) -> str:
+    if any(word in command.partition(" ")[0].upper() for word in _MOVING):
+        raise ValueError(f"{command!r} may move something; a safe state only switches")
+    return command
+
+
+SwitchCommand = Annotated[
+    str,
+    Field(
+        pattern=rf"^((M\d+|[A-Za-z]+_\w+)( [A-Za-z_]+=?[\w.\-]*)*|{_OUTPUT})$",
+        max_length=64,
+    ),
+    AfterValidator(_moves_nothing),
+]
+"""An M command, a Klipper one with a name or an Aerotech's output: no G, nothing may move."""

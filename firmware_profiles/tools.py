@@ -7,7 +7,7 @@ from typing import Annotated, Final
 
 from pydantic import Field, model_validator
 
-from firmware_profiles.facts import Facts, NonNegative, Positive
+from firmware_profiles.strict_model import Facts, NonNegative, Positive
 
 THINNEST_BORE: Final = 0.8
 """Narrowest line that is written without asking, as a part of the needle's bore: a starting value,

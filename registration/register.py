@@ -12,9 +12,9 @@ from design.network import VesselNetwork
 from design.solids.solid import Solid
 from kernels import helper_thread, keep_freed_memory
 from kernels.arrays import FloatArray
-from registration.alignment import Alignment, Fit, align, cross_check, later_doubts, uncertainty
+from registration.alignment import Alignment, Fit, align, cross_check, later_doubts
 from registration.alignment.distance import ModelSurface
-from registration.alignment.uncertainty import ScanErrors
+from registration.alignment.uncertainty import ScanErrors, scan_errors
 from registration.assemble import FitDeviations, RegistrationParts, assemble
 from registration.errors import RegistrationError
 from registration.findings import Findings, Inspection, inspect
@@ -105,7 +105,7 @@ class PreparedScan:
             whole = scan.modality != "oct" and not _model_is_lumen(preparing.result(), network)
             how = replace(segmentation_options(scan, options, thinnest), whole_part=whole)
             segmentation = segment(scan, how)
-        errors = uncertainty(scan, segmentation)
+        errors = scan_errors(scan, segmentation)
         surface = preparing.result()
         is_lumen = _model_is_lumen(surface, network)
         section_mm = options.section_mm or thinnest / 4

@@ -32,7 +32,7 @@ class LineError(GcodeError):
     Parameters
     ----------
     sort : str
-        One of `sim.gcode.reading.faults.SORTS`.
+        One of `sim.gcode.reading.line.SORTS`.
     line : str
         The line, as far as it can be shown.
     reason : str

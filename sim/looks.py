@@ -19,11 +19,10 @@ import numpy as np
 from firmware_profiles import ProfileError
 from kernels import keep_freed_memory
 from kernels.arrays import FloatArray
-from sim.devices.camera.camera_file import load_camera
 from sim.devices.camera.laser_line import load_profiler, measured_heights, write_heights
-from sim.devices.camera.paint import paint
+from sim.devices.camera.paint import load_camera, paint
 from sim.devices.recorded_ink import ink_of_record, read_record
-from sim.devices.scanner.live_oct import live_scan, load_oct, write_live_scan
+from sim.devices.scanner.oct import live_scan, load_oct, write_live_scan
 from sim.errors import CameraError, ScannerError, SimError
 from sim.gcode.motion.executed import NO_MOTION, ExecutedMotion
 

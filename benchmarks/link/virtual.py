@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.common import Row, row
 from benchmarks.link.files import zigzag
 from benchmarks.link.runs import BreakingTroubles, Ledger, Run, Wire, run
-from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.link_protocol import Timing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.pairing import Pairing
 from printctl.machine.link.clock import VirtualClock

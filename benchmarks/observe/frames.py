@@ -34,7 +34,7 @@ from benchmarks.checkers.dish_camera import (
 )
 from benchmarks.common import Row, limited, row
 from firmware_profiles import load
-from firmware_profiles.dishes import Dish
+from firmware_profiles.plates import Dish
 from printctl.cli.main import app
 from registration.devices.camera_frame import (
     CameraFrame,

@@ -41,7 +41,7 @@ import json, sys, time
 from pathlib import Path
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
-from design.anatomy.network import curved_network
+from design.anatomy.published_drop import curved_network
 from design.anatomy.presets import PRESETS
 from design.network_files.csv_format import write_network_csv
 from design.tissue import load_tissue

@@ -11,7 +11,7 @@ from design.anatomy.trunk_lines import TrunkLines, in_order, without
 from design.errors import WideTrunkError
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
-from design.vasculature.collisions.collide import collisions
+from design.vasculature.collide import collisions
 from design.vasculature.options import GrowthOptions
 from kernels.arrays import FloatArray, IntArray
 

@@ -1,4 +1,4 @@
-"""Grow a brain cortex's artery: branches below the surface, arterioles straight inward."""
+"""Grow a brain cortex's artery from its pial side: surface branches, then arterioles inward."""
 
 from __future__ import annotations
 
@@ -8,33 +8,37 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from design.anatomy.clear_trunks import clear_trunks
-from design.anatomy.cortex_places import CortexPlaces, depth_along_normal, find_cortex_places
 from design.anatomy.from_trunks import TrunkPlan
-from design.anatomy.graph_trunk import LayerForest, apart_for, spread_sites
 from design.anatomy.grown import AnatomicTrees, grow_apart
-from design.anatomy.layer import Layer, below_surface, join_layer
-from design.anatomy.openness import sample_surface
-from design.anatomy.trunk_count import trunk_ends
-from design.anatomy.trunk_lines import TrunkLines, lines_of, outward, with_shares
-from design.errors import LEAST_IN_CORTEX
+from design.anatomy.openness import SurfaceSamples, sample_surface
+from design.anatomy.presets import trunk_ends
+from design.anatomy.trunk_lines import (
+    Layer,
+    LayerForest,
+    TrunkLines,
+    apart_for,
+    below_surface,
+    join_layer,
+    lines_of,
+    outward,
+    spread_sites,
+    with_shares,
+)
+from design.errors import LEAST_IN_CORTEX, TissueError
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.vasculature.growth.parts import check_inlet
-from design.vasculature.growth.supply import check_one_part
-from design.vasculature.growth.territories import demand_points
+from design.vasculature.growth.supply import check_one_part, demand_points
 from design.vasculature.options import GrowthOptions
 from kernels.arrays import FloatArray, IntArray
 
 Place = tuple[float, float, float]
-
 ARTERIOLES_PER_MM2 = 1.0
 """Precortical arteries of the human brain, of some 60 µm, serve 1 mm² of its surface each
 (Akima et al. 2003, doi 10.1046/j.1440-1789.2003.00487.x, abstract)."""
-
 SHALLOWEST, DEEPEST = 0.3, 0.9
 """Depths to which arterioles go, over the thickness, spread evenly. Duvernoy et al. 1981
 (doi 10.1016/0361-9230(81)90007-1) tell five groups by depth, but no shares: these are ours."""
-
 _SAMPLES = 12_000
 _VOLUME = 20_000
 _GOLDEN = 0.6180339887498949
@@ -212,3 +216,130 @@ def _notes(places: CortexPlaces, rule: ArterioleRule, entry: FloatArray) -> tupl
         f"the grey matter is {places.thickness_mm:.3g} mm thick; {rule.count:.2g} arterioles per "
         "mm² were asked for",
     )
+
+
+# Find a cortex's pial (outer) side, its mean outward direction and thickness from its shape.
+
+_NEIGHBOURS = 12
+_SAME_SIDE = 0.7
+"""Cosine between normals of neighbours on one side; rims are sharper."""
+_SHEET = 0.2
+"""Thickness over the extent above which a shape is no sheet: all its surface is pial."""
+_ALL_WAYS = 0.1
+"""Length of a side's mean normal below which it looks all ways."""
+_ALIKE = 0.95
+"""Share of the larger side from which on two count as equally large."""
+
+
+@dataclass(frozen=True)
+class CortexPlaces:
+    """Places of a cortex.
+
+    Attributes
+    ----------
+    pial : (k,) int64
+        Numbers of the surface samples on the pial side.
+    outward : (3,) float64
+        Mean normal of that side, a unit vector.
+    thickness_mm : float
+        Median along the normal, or as it is given.
+    closed : bool
+        Whether that side looks all ways, as a hemisphere's does: it has no mean normal.
+    """
+
+    pial: IntArray
+    outward: FloatArray
+    thickness_mm: float
+    closed: bool = False
+
+
+def find_cortex_places(
+    tissue: Tissue,
+    samples: SurfaceSamples,
+    direction: FloatArray | None = None,
+    thickness_mm: float | None = None,
+) -> CortexPlaces:
+    """Find the pial side: the larger side of a sheet, or that of a direction.
+
+    Of two equally large ones (a slab) the one that looks up.
+
+    Parameters
+    ----------
+    direction : (3,) float64, optional
+        Out of the pial side.
+    thickness_mm : float, optional
+        Of the grey matter, where the shape is thicker.
+
+    Raises
+    ------
+    TissueError
+        When the sides can't be told apart.
+    """
+    every = depth_along_normal(tissue, samples.points, samples.inward)
+    sides = _sides(samples, every)
+    if not all(len(side) for side in sides):
+        raise TissueError(
+            "the two sides of the sheet can't be told apart; the mesh may be too rough for a cortex"
+        )
+    normal = [-samples.inward[side].sum(axis=0) for side in sides]
+    if direction is not None:
+        best = int(np.argmax([each @ direction for each in normal]))
+    else:
+        size = np.array([len(side) for side in sides])
+        alike = size >= _ALIKE * size.max()
+        best = int(np.argmax(np.where(alike, [each[2] for each in normal], -np.inf)))
+    pial = sides[best]
+    deep = every[pial]
+    outward = normal[best]
+    length = float(np.linalg.norm(outward))
+    return CortexPlaces(
+        pial,
+        outward / max(length, 1e-12),
+        float(np.median(deep)) if thickness_mm is None else thickness_mm,
+        length < _ALL_WAYS * len(pial),
+    )
+
+
+def depth_along_normal(tissue: Tissue, points: FloatArray, inward: FloatArray) -> FloatArray:
+    """Way (n,) from surface points (n, 3) along ``inward`` (n, 3) to where they leave, mm."""
+    least = 0.25 * tissue.grid.spacing_mm
+    low, high = tissue.bounds
+    far = float(np.linalg.norm(high - low))
+    gone = np.full(len(points), 4.0 * least)
+    going = np.arange(len(points))
+    while len(going):
+        room = -tissue.grid.distance(points[going] + gone[going, None] * inward[going])
+        on = (room > 0.0) & (gone[going] < far)
+        gone[going[on]] += np.maximum(room[on], least)
+        going = going[on]
+    return gone
+
+
+def _sides(samples: SurfaceSamples, deep: FloatArray) -> list[IntArray]:
+    """Samples of each side of a sheet; of a solid body all samples, as one."""
+    points, inward = samples.points, samples.inward
+    extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+    if np.median(deep) > _SHEET * extent:
+        return [np.arange(len(points))]
+    index = cKDTree(points)
+    near = index.query(points, _NEIGHBOURS)[1]
+    same = np.einsum("nkx,nx->nk", inward[near], inward) > _SAME_SIDE
+    away, across = index.query(points + deep[:, None] * inward)
+    facing = np.einsum("nx,nx->n", inward, inward[across])
+    # From the place that faces its other side best, on both sides at once: rims come last.
+    side = np.zeros(len(points), dtype=np.int64)
+    thin = deep <= 1.1 * np.median(deep)
+    seed = int(np.argmin(np.where(thin, facing + away / np.median(deep), np.inf)))
+    side[seed], side[across[seed]] = 1, -1
+    queue = [seed, int(across[seed])]
+    for here in queue:
+        for there in near[here][same[here]].tolist():
+            if side[there]:
+                continue
+            side[there] = side[here]
+            queue.append(there)
+            other = int(across[there])
+            if not side[other] and facing[there] < -_SAME_SIDE:
+                side[other] = -side[here]
+                queue.append(other)
+    return [np.flatnonzero(side == 1), np.flatnonzero(side == -1)]

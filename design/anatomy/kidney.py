@@ -9,34 +9,27 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from design.anatomy.from_trunks import TrunkPlan
-from design.anatomy.graph_trunk import LayerForest, spread_sites
 from design.anatomy.grown import AnatomicTrees, grow_fitted, grow_pair
-from design.anatomy.kidney_places import KidneyPlaces, find_kidney_places
-from design.anatomy.layer import Layer, join_layer
-from design.anatomy.openness import sample_surface
-from design.anatomy.trunk_count import trunk_ends
-from design.anatomy.trunk_lines import lines_of
-from design.errors import GrowthError
+from design.anatomy.openness import SurfaceSamples, sample_surface
+from design.anatomy.presets import trunk_ends
+from design.anatomy.trunk_lines import Layer, LayerForest, join_layer, lines_of, spread_sites
+from design.errors import GrowthError, TissueError
 from design.network import VesselKind
 from design.tissue import Demand, Tissue, function_demand
 from design.vasculature.growth.parts import check_inlet
-from design.vasculature.growth.supply import check_one_part
-from design.vasculature.growth.territories import demand_points
+from design.vasculature.growth.supply import check_one_part, demand_points
 from design.vasculature.options import GrowthOptions
 from kernels.arrays import FloatArray
 
 Place = tuple[float, float, float]
-
 _SAMPLES = 12_000
 _VOLUME = 30_000
 _PLACES = 6_000
 _LOBES = 9
 _ARC_ROOM = 1.3
 """Depth of the arcs' zone below the capsule, over the cortex's thickness."""
-
 _LEAST_DEPTH = 0.0055
 """Least depth of the trunks over the cube root of the kidney's volume: 0.3 mm in a man's."""
-
 _DEEP = 2.5
 """Cost of leaving the arcs' zone, for branches of the second rank on."""
 
@@ -150,4 +143,100 @@ def _notes(places: KidneyPlaces) -> tuple[str, ...]:
         f"the hilum was taken to open towards {say.format(*places.hilum)}; the vessels enter at "
         f"{say.format(*places.entry)} mm",
         f"the cortex is {places.cortex_mm:.3g} mm thick",
+    )
+
+
+# Find a kidney's hilum (vessel entry), capsule and cortex thickness from its shape.
+
+_SINUS = 0.03
+"""Share of the surface, the least open of it, that is the sinus at least."""
+CORTEX = 1.0 / 3.0
+"""Thickness of the cortex over the greatest depth below the capsule, where it isn't given."""
+
+
+@dataclass(frozen=True)
+class KidneyPlaces:
+    """Places of a kidney.
+
+    Attributes
+    ----------
+    entry, inward : (3,) float64
+        Where the vessels enter, mm, on the wall of the sinus; and which way, a unit vector.
+    hilum : (3,) float64
+        Unit vector out of the hilum.
+    capsule : (k, 3) float64, mm
+        Places of the outer surface.
+    cortex_mm : float, mm
+    """
+
+    entry: FloatArray
+    inward: FloatArray
+    hilum: FloatArray
+    capsule: FloatArray
+    cortex_mm: float
+
+    def below_capsule(self, points: FloatArray) -> FloatArray:
+        """Depth (n,) of points (n, 3) below the capsule, the sinus's wall left out of account."""
+        depth: FloatArray = cKDTree(self.capsule).query(points)[0]
+        return depth
+
+    def kept_in_medulla(self, points: FloatArray) -> FloatArray:
+        """Points (n, 3), those in the cortex moved to its inner border."""
+        away, near = cKDTree(self.capsule).query(points)
+        from_there = points - self.capsule[near]
+        short = np.maximum(self.cortex_mm - away, 0.0)
+        moved: FloatArray = points + (short / np.maximum(away, 1e-9))[:, None] * from_there
+        return moved
+
+
+def find_kidney_places(
+    tissue: Tissue,
+    samples: SurfaceSamples,
+    volume: FloatArray,
+    entry: FloatArray | None = None,
+    cortex_mm: float | None = None,
+) -> KidneyPlaces:
+    """Find the hilum where the surface is least open, and the cortex below all the rest.
+
+    Parameters
+    ----------
+    volume : (k, 3) float64, mm
+        Points all over the tissue.
+    entry : (3,) float64, mm, optional
+        Near where the vessels enter; else the middle of the sinus.
+
+    Raises
+    ------
+    TissueError
+        Where the surface is as open everywhere, and no entry is given.
+    """
+    least = float(np.quantile(samples.openness, _SINUS))
+    inner = samples.openness <= max(min(0.5, 0.97 * samples.openness.max()), least)
+    if inner.mean() > 0.5:
+        inner = samples.openness <= least
+    if inner.mean() > 0.5:
+        if entry is None:
+            raise TissueError(
+                "no hilum is found: the surface is as open everywhere; give the place where the "
+                "vessels enter (anatomy: {inlets: {hilum: {at_mm: [x, y, z]}}})"
+            )
+        away = np.linalg.norm(samples.points - entry, axis=1)
+        inner = away <= np.quantile(away, _SINUS)
+    capsule = samples.points[~inner]
+    middle = samples.points[inner].mean(axis=0)
+    target = middle if entry is None else entry
+    inside = np.flatnonzero(inner)
+    at = int(inside[np.argmin(np.linalg.norm(samples.points[inside] - target, axis=1))])
+    if entry is not None:
+        at = int(np.argmin(np.linalg.norm(samples.points - entry, axis=1)))
+    out = samples.way_out[inner].sum(axis=0)
+    if not np.linalg.norm(out) > 0.0:
+        out = -samples.inward[at]  # of a sinus so narrow that no ray leaves it
+    depth = cKDTree(capsule).query(volume)[0]
+    return KidneyPlaces(
+        samples.points[at],
+        samples.inward[at],
+        out / np.linalg.norm(out),
+        capsule,
+        cortex_mm if cortex_mm is not None else CORTEX * float(depth.max()),
     )

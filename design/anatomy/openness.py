@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from design.geometry.frames import vectors_across
+from design.geometry.polyline import vectors_across
 from design.tissue import Tissue, without_cavities
-from design.vasculature.growth.surface_points import surface_points
+from design.vasculature.growth.root import surface_points
 from kernels.arrays import FloatArray
 
 RAYS = 40

@@ -1,9 +1,11 @@
-"""Default Murray exponent and pressure drop of each organ template."""
+"""Default Murray exponent, pressure drop and number of trunk ends of each organ template."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Final
+
+from design.errors import LEAST_TERMINALS, GrowthError
 
 
 @dataclass(frozen=True)
@@ -33,3 +35,39 @@ PRESETS: Final = {
     # arteries of 0.1 to 1 mm radius. The drop is ours.
     "cortex": Preset(3.0, 20.0),
 }
+
+
+# Limit the number of an organ's trunk ends by its number of terminals; refuse too few.
+
+_FEWEST: Final = 6
+
+
+def trunk_ends(wanted: int, terminals: int, organ: str, least: int = LEAST_TERMINALS) -> int:
+    """Return the number of trunk ends: as wanted, or what the terminals are enough for.
+
+    Parameters
+    ----------
+    wanted : int
+        By the recipe.
+    terminals : int
+    organ : str
+        For the message.
+    least : int
+        Terminals that the template takes at least: as many for each of six ends.
+
+    Raises
+    ------
+    GrowthError
+        For fewer terminals or ends.
+    """
+    if terminals < least:
+        raise GrowthError(
+            f"{terminals} terminals are too few for the template of a {organ}; "
+            f"ask for {least} at least"
+        )
+    if wanted < _FEWEST:
+        raise GrowthError(
+            f"{wanted} trunk_ends are too few for the template of a {organ}; "
+            f"ask for {_FEWEST} at least"
+        )
+    return min(wanted, terminals * _FEWEST // least)

@@ -1,18 +1,243 @@
-"""Smooth the trunk lines laid over a layer's points; convert them to trunks of trees to grow."""
+"""Lay trunk vessels along a graph of points below a tissue's surface, and smooth their lines."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
-from design.anatomy.graph_trunk import LayerForest
+from design.errors import GrowthError
 from design.tissue import Tissue
 from design.vasculature.growth.trunk import Trunk, straighten_line
 from kernels.arrays import FloatArray, IntArray
+
+# Graph of neighbouring points below a tissue's surface, along which trunk vessels are laid.
+
+_LINKS = 14
+_LONGEST = 2.6
+"""Longest edge over the mean distance of neighbours."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Places that trunks may run through.
+
+    Attributes
+    ----------
+    points : (n, 3) float64, mm
+    first : (n + 1,) int64
+        Edges of place ``i`` are ``first[i]:first[i + 1]`` of the arrays below.
+    to : (e,) int64
+    length : (e,) float64, mm
+    """
+
+    points: FloatArray
+    first: IntArray
+    to: IntArray
+    length: FloatArray
+
+    @property
+    def spacing_mm(self) -> float:
+        """Mean length of the shorter edges, mm."""
+        return float(np.percentile(self.length, 25))
+
+    def nearest(self, place: FloatArray) -> int:
+        """The place nearest to ``place`` (3,)."""
+        return int(np.argmin(np.linalg.norm(self.points - place, axis=1)))
+
+
+def join_layer(tissue: Tissue, points: FloatArray, least_depth_mm: float) -> Layer:
+    """Join places to their neighbours by edges that stay below the surface.
+
+    Only the largest part that hangs together is kept.
+
+    Raises
+    ------
+    GrowthError
+        When fewer than ten places hang together.
+    """
+    if len(points) < 10:
+        raise _too_few(len(points))
+    away, near = cKDTree(points).query(points, min(_LINKS + 1, len(points)))
+    reach = _LONGEST * float(away[:, 1:4].mean())
+    start = np.repeat(np.arange(len(points)), near.shape[1] - 1)
+    end, length = near[:, 1:].ravel(), away[:, 1:].ravel()
+    kept = (length <= reach) & (length > 0.0)
+    start, end, length = start[kept], end[kept], length[kept]
+    inside = np.ones(len(start), dtype=np.bool_)
+    for part in (0.25, 0.5, 0.75):
+        between = points[start] + part * (points[end] - points[start])
+        inside &= -tissue.grid.distance(between) >= least_depth_mm
+    start, end, length = start[inside], end[inside], length[inside]
+    links = coo_matrix((length, (start, end)), shape=(len(points),) * 2).tocsr()
+    links = links.maximum(links.T)
+    number = connected_components(links, directed=False)[1]
+    largest = np.flatnonzero(number == np.argmax(np.bincount(number)))
+    if len(largest) < 10:
+        raise _too_few(len(largest))
+    links = links[largest][:, largest].tocsr()
+    links.sort_indices()
+    return Layer(
+        np.ascontiguousarray(points[largest]),
+        links.indptr.astype(np.int64),
+        links.indices.astype(np.int64),
+        links.data.astype(np.float64),
+    )
+
+
+def below_surface(
+    tissue: Tissue, points: FloatArray, inward: FloatArray, depth_mm: float
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Places ``depth_mm`` below ``points`` (n, 3), and which of them are indeed that deep."""
+    below: FloatArray = points + depth_mm * inward
+    return below, -tissue.grid.distance(below) >= 0.85 * depth_mm
+
+
+def _too_few(count: int) -> GrowthError:
+    return GrowthError(
+        f"the guiding layer has {count} places that hang together; the tissue is too thin there "
+        "for these vessels: ask for fewer terminals, a lower depth or a higher pressure drop"
+    )
+
+
+# Grow trunk vessels along a graph of points below a surface, each branch by the cheapest path.
+
+BESIDE = 3.0
+"""Cost of going on beside a tree, over going away from it."""
+
+
+@dataclass
+class LayerForest:
+    """Trees of places of a layer, one tree for each inlet.
+
+    Attributes
+    ----------
+    layer : Layer
+    balance : float
+        0 to 1: how much the way back to the inlet counts beside a branch's own length. The
+        cosine of the angle at which branches leave long straight trunks (Cuntz et al. 2010,
+        doi 10.1371/journal.pcbi.1000877, balancing factor).
+    cost : (e,) float64
+        Of each edge of the layer.
+    apart : float, mm
+        Least distance of a new branch's end from the trees as they stand.
+    parent, tree : (n,) int64
+        Of each place; -2 and -1 where no tree has come.
+    way : (n,) float64, mm
+        From the inlet, along the tree.
+    away : (n,) float64, mm
+        Distance of each place from the nearest that has a tree.
+    """
+
+    layer: Layer
+    balance: float
+    cost: FloatArray
+    apart: float
+    parent: IntArray = field(init=False)
+    tree: IntArray = field(init=False)
+    way: FloatArray = field(init=False)
+    away: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        count = len(self.layer.points)
+        self.parent = np.full(count, -2, dtype=np.int64)
+        self.tree = np.full(count, -1, dtype=np.int64)
+        self.way = np.zeros(count)
+        self.away = np.full(count, np.inf)
+
+    def plant(self, tree: int, place: int) -> None:
+        """Begin a tree at a place."""
+        self._take(place, -1, tree)
+
+    def extend(self, path: IntArray) -> None:
+        """Go on from the last place of ``path`` that has a tree, along the rest of it."""
+        taken = np.flatnonzero(self.parent[path] > -2)
+        if not len(taken):
+            raise GrowthError("a trunk's path doesn't begin on a tree; give its inlet a place")
+        rest = path[taken[-1] :].tolist()
+        for before, here in pairwise(rest):
+            self._take(here, before, int(self.tree[before]))
+
+    def join(self, sites: IntArray) -> None:
+        """Join all of ``sites`` that are ``apart`` from the trees, the cheapest first."""
+        left = sites[self.away[sites] > self.apart]
+        while len(left):
+            cost, before = self._ways()
+            best = int(left[np.argmin(cost[left])])
+            if not np.isfinite(cost[best]):
+                return
+            path = [best]
+            while self.parent[path[-1]] == -2:
+                path.append(int(before[path[-1]]))
+            self.extend(np.array(path[::-1], dtype=np.int64))
+            left = left[self.away[left] > self.apart]
+
+    def _take(self, place: int, parent: int, tree: int) -> None:
+        points = self.layer.points
+        self.parent[place], self.tree[place] = parent, tree
+        if parent >= 0:
+            self.way[place] = self.way[parent] + float(
+                np.linalg.norm(points[place] - points[parent])
+            )
+        self.away = np.minimum(self.away, np.linalg.norm(points - points[place], axis=1))
+
+    def _ways(self) -> tuple[FloatArray, IntArray]:
+        """Cost of joining each place, and the place before it on the way from the trees."""
+        layer, count = self.layer, len(self.layer.points)
+        begin = np.repeat(np.arange(count), np.diff(layer.first))
+        near = np.minimum(self.away[begin], self.away[layer.to]) < 0.6 * self.apart
+        cost = self.cost * np.where(near, BESIDE, 1.0)
+        taken = np.flatnonzero(self.parent > -2)
+        # All trees hang on one more place, each of theirs by its part of the way.
+        first = np.append(layer.first, layer.first[-1] + len(taken))
+        to = np.concatenate([layer.to, taken])
+        weight = np.concatenate([cost, self.balance * self.way[taken] + 1e-9])
+        graph = csr_matrix((weight, to, first), shape=(count + 1,) * 2)
+        costs, before = dijkstra(graph, indices=count, return_predecessors=True)
+        return costs[:count], before[:count].astype(np.int64)
+
+
+def cheapest_path(layer: Layer, weight: FloatArray, start: int, end: int) -> IntArray:
+    """Places from ``start`` to ``end`` where each edge's length times ``weight`` (n,) costs least.
+
+    An edge's weight is the mean of its ends'.
+    """
+    begin = np.repeat(np.arange(len(layer.points)), np.diff(layer.first))
+    cost = layer.length * 0.5 * (weight[begin] + weight[layer.to])
+    graph = csr_matrix((cost, layer.to, layer.first), shape=(len(layer.points),) * 2)
+    before = dijkstra(graph, indices=start, return_predecessors=True)[1]
+    path = [end]
+    while path[-1] != start:
+        path.append(int(before[path[-1]]))
+    return np.array(path[::-1], dtype=np.int64)
+
+
+def spread_sites(points: FloatArray, count: int, taken: FloatArray) -> IntArray:
+    """So many of ``points`` (n, 3), each as far as can be from the others and from ``taken``."""
+    away = np.full(len(points), np.inf)
+    for place in taken:
+        away = np.minimum(away, np.linalg.norm(points - place, axis=1))
+    sites = []
+    for _ in range(min(count, len(points))):
+        site = int(np.argmax(away))
+        sites.append(site)
+        away = np.minimum(away, np.linalg.norm(points - points[site], axis=1))
+    return np.array(sites, dtype=np.int64)
+
+
+def apart_for(layer: Layer, ends: int) -> float:
+    """Distance of branches at which so many ends cover the layer, mm."""
+    near = cKDTree(layer.points).query(layer.points, 2)[0][:, 1]
+    # A place of a random pattern has its nearest neighbour half the root of its area away.
+    area = len(layer.points) * (2.0 * float(near.mean())) ** 2
+    return 0.62 * float(np.sqrt(area / ends))
+
 
 ROUNDS = 40
 """Smoothing steps: bends of up to some six places are evened out, larger ones stay."""

@@ -14,15 +14,14 @@ if TYPE_CHECKING:
     from design.geometry.bvh import (
         TriangleTree,
         boxes_of,
+        build_hierarchy,
         build_triangle_tree,
         gather_within,
         nearest_distance,
         nearest_distances,
     )
-    from design.geometry.hierarchy import build_hierarchy
-    from design.geometry.segments import point_segment, segment_segment
+    from design.geometry.segments import point_segment, point_triangle_squared, segment_segment
     from design.geometry.surface import Surface
-    from design.geometry.triangles import point_triangle_squared
 
 __all__ = [
     "Surface",

@@ -1,4 +1,4 @@
-"""Build a bounding volume hierarchy of triangles; find distances, and triangles in a radius."""
+"""Bounding volume hierarchy of boxes or triangles, by the surface area heuristic (compiled)."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from design.geometry.hierarchy import DEPTH, build_hierarchy
-from design.geometry.triangles import point_triangle_squared
+from design.geometry.segments import point_triangle_squared
 from kernels import jit, pjit
-from kernels.arrays import FloatArray
+from kernels.arrays import FloatArray, IntArray
 
 
 class TriangleTree(NamedTuple):
@@ -189,3 +188,266 @@ def nearest_distances(tree: Any, points: Any) -> Any:
     for i in prange(len(points)):
         from_surface[i] = nearest_distance(tree, points[i, 0], points[i, 1], points[i, 2], np.inf)
     return from_surface
+
+
+# Build a bounding volume hierarchy over given boxes by the surface area heuristic.
+#
+# Each node is cut where both halves' members times their boxes' faces are least (surface area
+# heuristic over bins: Wald 2007, 10.1109/RT.2007.4342588). Points near a part take a third less
+# time than by cuts through the median, and near a scanned surface too.
+
+LEAF = 4
+"""Members of a leaf at most: cheaper to ask than to part further."""
+DEPTH = 64
+"""Places that a walk's stack needs, with 2**31 members."""
+DEEPEST = 32
+"""From this depth on nodes are halved, so that no tree is deeper than `DEPTH`."""
+
+
+@jit
+def build_hierarchy(own: FloatArray) -> tuple[FloatArray, IntArray, IntArray]:
+    """Build the hierarchy of members' boxes ``own`` (m, 6), lowest and highest corner of each.
+
+    Returns
+    -------
+    boxes : (k, 6) float64
+        Lowest and highest corner of each node; node 0 is the top.
+    nodes : (k, 2) int64
+        Inner node: its children, of which the first follows it. Leaf: ``-1 - first``, and one past
+        the last, of `order`.
+    order : (m,) int64
+        Members in the order of the leaves.
+    """
+    m, held = len(own), own.copy()
+    order = np.arange(m)
+    boxes, nodes = np.empty((2 * m, 6)), np.empty((2 * m, 2), dtype=np.int64)
+    stack = np.zeros((2 * DEPTH, 4), dtype=np.int64)
+    room = new_workspace(m)
+    stack[0] = (0, m, 0, -1)
+    top, node = 1, 0
+    while top > 0:
+        top -= 1
+        first, last, depth, parent = stack[top]
+        if parent >= 0:
+            nodes[parent, 1] = node
+        enclose(held[first:last], boxes[node])
+        if last - first <= LEAF:
+            nodes[node] = (-1 - first, last)
+        else:
+            part = (held[first:last], order[first:last])
+            middle = first + partition_members(*part, depth < DEEPEST, room)
+            nodes[node, 0] = node + 1
+            stack[top] = (middle, last, depth + 1, node)
+            stack[top + 1] = (first, middle, depth + 1, -1)
+            top += 2
+        node += 1
+    return boxes[:node].copy(), nodes[:node].copy(), order
+
+
+# Split one node of a bounding volume hierarchy by the surface area heuristic (compiled).
+
+BINS = 16
+"""Bins along each axis, between which cuts are compared."""
+
+
+class Workspace(NamedTuple):
+    """Room in which nodes are split one after another: allocated once, not for each.
+
+    Attributes
+    ----------
+    middle : (m, 3) float64
+        Twice the middle of each member, in the order of the node's.
+    part, part_own : (m,) int64, (m, 6) float64
+        Members of the second child, and their boxes.
+    span : (2, 3) float64
+        Least and greatest of the node's middles.
+    held : (3, BINS) int64
+        Members in each bin along each axis.
+    box : (3, BINS, 6) float64
+        Around them.
+    cost : (BINS,) float64
+        Of a cut above each bin.
+    """
+
+    middle: FloatArray
+    part: IntArray
+    part_own: FloatArray
+    span: FloatArray
+    held: IntArray
+    box: FloatArray
+    cost: FloatArray
+
+
+@jit
+def new_workspace(members: int) -> Workspace:
+    """Return room for nodes of at most so many members."""
+    return Workspace(
+        np.empty((members, 3)),
+        np.empty(members, dtype=np.int64),
+        np.empty((members, 6)),
+        np.empty((2, 3)),
+        np.empty((3, BINS), dtype=np.int64),
+        np.empty((3, BINS, 6)),
+        np.empty(BINS),
+    )
+
+
+@jit
+def _clear(box: FloatArray) -> None:
+    """Make a box hold nothing."""
+    for c in range(3):
+        box[c] = np.inf
+        box[3 + c] = -np.inf
+
+
+@jit
+def _take_in(box: FloatArray, other: FloatArray) -> None:
+    """Widen a box to hold another."""
+    for c in range(3):
+        box[c] = min(box[c], other[c])
+        box[3 + c] = max(box[3 + c], other[3 + c])
+
+
+@jit
+def enclose(own: FloatArray, box: FloatArray) -> None:
+    """Write the box around members' boxes ``own`` (k, 6) into ``box`` (6,)."""
+    _clear(box)
+    for k in range(len(own)):
+        _take_in(box, own[k])
+
+
+@jit
+def partition_members(own: FloatArray, chosen: IntArray, cheapest: bool, room: Workspace) -> int:
+    """Put members of the first child before those of the second; return how many it has.
+
+    Cut where it is cheapest, else in the middle of the order they are in. ``own`` (k, 6) are the
+    boxes of the members ``chosen`` (k,), and move with them: read in a row, they are read fast.
+    """
+    axis, last = _cheapest_cut(own, room) if cheapest else (-1, 0)
+    if axis < 0:
+        return len(chosen) // 2
+    kept, moved = 0, 0
+    for k in range(len(chosen)):
+        if _bin(room, k, axis) <= last:
+            chosen[kept] = chosen[k]
+            for c in range(6):
+                own[kept, c] = own[k, c]
+            kept += 1
+        else:
+            room.part[moved] = chosen[k]
+            for c in range(6):
+                room.part_own[moved, c] = own[k, c]
+            moved += 1
+    for k in range(moved):
+        chosen[kept + k] = room.part[k]
+        for c in range(6):
+            own[kept + k, c] = room.part_own[k, c]
+    return kept
+
+
+@jit
+def _cheapest_cut(own: FloatArray, room: Workspace) -> tuple[int, int]:
+    """Axis and last bin of the first child, of the cheapest cut; axis -1 where none parts."""
+    _fill_bins(own, room)
+    best, axis, last = np.inf, -1, 0
+    for c in range(3):
+        _costs(room, c)
+        for k in range(BINS - 1):
+            if room.cost[k] < best:
+                best, axis, last = room.cost[k], c, k
+    return axis, last
+
+
+@jit
+def _fill_bins(own: FloatArray, room: Workspace) -> None:
+    """Count the members in each bin along each axis, and find the boxes around them."""
+    for c in range(3):
+        room.span[0, c], room.span[1, c] = np.inf, -np.inf
+    for k in range(len(own)):
+        for c in range(3):
+            middle = own[k, c] + own[k, 3 + c]
+            room.middle[k, c] = middle
+            room.span[0, c] = min(room.span[0, c], middle)
+            room.span[1, c] = max(room.span[1, c], middle)
+    for c in range(3):
+        for b in range(BINS):
+            room.held[c, b] = 0
+            _clear(room.box[c, b])
+    for k in range(len(own)):
+        for c in range(3):
+            b = _bin(room, k, c)
+            room.held[c, b] += 1
+            _take_in(room.box[c, b], own[k])
+
+
+@jit
+def _bin(room: Workspace, k: int, axis: int) -> int:
+    """Number of the bin that the middle of a member lies in; 0 where no middles differ."""
+    low = room.span[0, axis]
+    span = room.span[1, axis] - low
+    if span > 0.0:
+        return min(int((room.middle[k, axis] - low) / span * BINS), BINS - 1)
+    return 0
+
+
+@jit
+def _costs(room: Workspace, axis: int) -> None:
+    """Cost of a cut above each bin but the last: members of both sides times their faces."""
+    room.cost[:] = 0.0
+    for way in range(2):
+        held = 0
+        x0, y0, z0, x1, y1, z1 = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
+        for k in range(BINS - 1):
+            one = BINS - 1 - k if way else k
+            held += room.held[axis, one]
+            box = room.box[axis, one]
+            x0, y0, z0 = min(x0, box[0]), min(y0, box[1]), min(z0, box[2])
+            x1, y1, z1 = max(x1, box[3]), max(y1, box[4]), max(z1, box[5])
+            # Half the surface of the box: how often a search comes to it, in proportion.
+            x, y, z = x1 - x0, y1 - y0, z1 - z0
+            room.cost[one - way] += held * (x * y + y * z + z * x) if held else np.inf
+
+
+# Traverse a triangle bounding-volume tree for the leaves that overlap a box.
+
+
+@jit
+def corners_box(corners: Any, low: Any, high: Any) -> None:
+    """Write the box of a triangle's corners (3, 3) into ``low`` and ``high`` (3,)."""
+    for axis in range(3):
+        low[axis] = min(corners[0, axis], min(corners[1, axis], corners[2, axis]))
+        high[axis] = max(corners[0, axis], max(corners[1, axis], corners[2, axis]))
+
+
+@jit
+def boxes_apart(corners: Any, low: Any, high: Any) -> bool:
+    """Whether a triangle's own box (of corners (3, 3)) and the box low to high don't meet."""
+    for axis in range(3):
+        if max(corners[0, axis], max(corners[1, axis], corners[2, axis])) < low[axis]:
+            return True
+        if min(corners[0, axis], min(corners[1, axis], corners[2, axis])) > high[axis]:
+            return True
+    return False
+
+
+@jit
+def next_leaf(tree: Any, low: Any, high: Any, stack: Any, top: int) -> tuple[int, int]:
+    """Return the next leaf whose box meets low to high, and how many nodes wait on the stack.
+
+    Begin with ``stack[0] = 0`` (DEPTH int32) and ``top = 1``; after the last leaf it is -1.
+    """
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        met = True
+        for axis in range(3):
+            if low[axis] > tree.high[node, axis] or high[axis] < tree.low[node, axis]:
+                met = False
+        if not met:
+            continue
+        if tree.right[node] < 0:
+            return node, top
+        stack[top] = tree.right[node]
+        stack[top + 1] = node + 1
+        top += 2
+    return -1, 0

@@ -30,7 +30,7 @@ def close_pairs(
     nodes : (n, 2) int64
         At the two ends of each piece.
     clearance_mm, clearance_ratio : float
-        See `design.vasculature.collisions.collide.collisions`.
+        See `design.vasculature.collide.collisions`.
 
     Returns
     -------

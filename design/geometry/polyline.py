@@ -1,4 +1,4 @@
-"""Lengths along a polyline up to each of its points, and places at given lengths."""
+"""Lengths and places along a polyline; frames of unit vectors perpendicular to an axis."""
 
 from __future__ import annotations
 
@@ -32,3 +32,23 @@ def places_along(points: NDArray[Any], arc: FloatArray, at: NDArray[Any]) -> Flo
     (..., d) float64
     """
     return np.stack([np.interp(at, arc, column) for column in points.T], axis=-1)
+
+
+def vectors_across(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two unit vectors that make a right-handed frame with each unit vector of ``axis``.
+
+    The first is e × axis, e the coordinate axis that lies least along it. The same for an axis and
+    its opposite up to order and sign, so that collinear tubes share vertices.
+
+    Parameters
+    ----------
+    axis : (3,) or (n, 3) float64
+
+    Returns
+    -------
+    first, second : of the shape of ``axis``
+    """
+    first = np.cross(np.eye(3)[np.argmin(np.abs(axis), axis=-1)], axis)
+    one = axis.ndim == 1
+    first /= np.linalg.norm(first) if one else np.linalg.norm(first, axis=1)[:, None]
+    return first, np.cross(axis, first)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,3 +38,25 @@ class Surface:
     def bounds(self) -> FloatArray:
         """Lowest and highest corner, (2, 3), mm."""
         return np.array([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
+
+START_BYTES: Final = 84
+"""Header, and how many triangles follow."""
+TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+def cut_short(path: Path) -> str:
+    """Say what is missing of a binary STL whose header counts more than it holds; else empty.
+
+    Raises
+    ------
+    OSError
+        When the file can't be opened.
+    """
+    with path.open("rb") as file:
+        start = file.read(START_BYTES)
+    held = (path.stat().st_size - START_BYTES) // TRIANGLE.itemsize
+    count = int.from_bytes(start[80:84], "little")
+    if len(start) < START_BYTES or start.lstrip().startswith(b"solid") or held >= count:
+        return ""
+    return f"the file is cut short: its header counts {count} triangles, and it holds {held}"

@@ -22,12 +22,16 @@ if TYPE_CHECKING:
         solve_one_d,
         write_svoned,
     )
+    from design.hemodynamics.pressure_drops import Losses, Stenosis, resistance_at
     from design.hemodynamics.print_scale import same_shear_conditions, scaled_flow, scaled_network
     from design.hemodynamics.probes import Probes, ProbeWaves
-    from design.hemodynamics.vessel.drops import resistance_at
-    from design.hemodynamics.vessel.losses import Losses, Stenosis
-    from design.hemodynamics.vessel.resistance import vessel_resistance
-    from design.hemodynamics.vessel.wall import GelWall, RigidWall, ThinWall, VesselWalls
+    from design.hemodynamics.vessel_coefficients import (
+        GelWall,
+        RigidWall,
+        ThinWall,
+        VesselWalls,
+        vessel_resistance,
+    )
     from design.hemodynamics.zero_d.at_probes import pulsatile_at_probes, steady_at_probes
     from design.hemodynamics.zero_d.balance import balance, flow_spread
     from design.hemodynamics.zero_d.flow import FlowSolution

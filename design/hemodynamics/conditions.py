@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.fluids.fluid import Fluid, Newtonian
-from design.hemodynamics.vessel.losses import Losses
+from design.hemodynamics.fluids import Fluid, Newtonian
+from design.hemodynamics.pressure_drops import Losses
 from design.units import WATER_DENSITY
 
 

@@ -18,7 +18,7 @@ class LatticeOptions:
     Attributes
     ----------
     kind : {"grid", "honeycomb", "gyroid", "diamond"}
-        See `design.lattices.cells.unit_cell`.
+        See `design.lattices.lattice.unit_cell`.
     cell_mm : float
         Edge of the unit cell; across a hexagon, and from layer to layer, in the honeycomb.
     radius_mm : float

@@ -12,13 +12,16 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from design.measures.junctions import MurrayResiduals, TerminalFlow
-    from design.measures.measure import MeasureOptions, NetworkMeasures, measure_network
+    from design.measures.measure import (
+        MeasureOptions,
+        NetworkMeasures,
+        measure_network,
+        measures_dict,
+    )
     from design.measures.morphometry import Morphometry, OrderTable
-    from design.measures.oxygen import Oxygen, OxygenModel
     from design.measures.path_lengths import FlowPaths
     from design.measures.published_comparison import compare_orders
-    from design.measures.supply import BEYOND_UM, Supply
-    from design.measures.table import measures_dict
+    from design.measures.supply import BEYOND_UM, Oxygen, OxygenModel, Supply
 
 __all__ = [
     "BEYOND_UM",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, is_dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,14 +15,12 @@ from design.measures.junctions import (
     measure_terminal_flow,
 )
 from design.measures.morphometry import Morphometry, measure_morphometry
-from design.measures.oxygen import OxygenModel
 from design.measures.path_lengths import FlowPaths, measure_paths
-from design.measures.supply import Supply, measure_supply, sample_tissue
-from design.measures.territories import measure_territories
-from design.network import VesselNetwork
+from design.measures.supply import BEYOND_UM, OxygenModel, Supply, measure_supply, sample_tissue
+from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
-from design.vasculature.growth.territories import SupplyBalance
-from kernels.arrays import FloatArray
+from design.vasculature.growth.supply import SupplyBalance, supply_balance
+from kernels.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -168,3 +167,87 @@ def _printable(
         return None
     kept = (start[wide], end[wide], ra[wide], rb[wide])
     return measure_supply(kept, points, tissue.volume_mm3, options.oxygen)
+
+
+# Compare flow and territory demand at the artery ends (or outlets) of any network.
+
+
+def measure_territories(
+    network: VesselNetwork, tissue: Tissue, flow: FloatArray, seed: int
+) -> SupplyBalance | None:
+    """Compare each terminal's flow with its territory's demand.
+
+    Terminals are the nodes where arteries end, whatever goes on from there; in a network without
+    arteries its outlets. None with fewer than two, or without flow.
+
+    Parameters
+    ----------
+    flow : (v,) float64, µL/s
+        In each vessel.
+    """
+    arteries = network.kind == VesselKind.ARTERY
+    tips = _ends_of(network, arteries) if arteries.any() else network.outlets()
+    into = np.bincount(
+        network.vessel_nodes[:, 1], np.maximum(flow, 0.0), minlength=len(network.nodes)
+    )
+    supplied = np.asarray(into[tips], dtype=np.float64)
+    if len(tips) < 2 or not supplied.sum() > 0.0:
+        return None
+    return supply_balance(tissue, network.nodes[tips], supplied, seed)
+
+
+def _ends_of(network: VesselNetwork, which: np.ndarray) -> IntArray:
+    """Nodes that vessels of a kind enter and none of them leave."""
+    first, last = network.vessel_nodes[which].T
+    return np.setdiff1d(last, first)
+
+
+# Convert network measures to nested dictionaries of plain numbers, for `report.json`.
+
+
+def measures_dict(measures: NetworkMeasures) -> dict[str, Any]:
+    """Nested dictionaries, lists, numbers and None; keys name their units.
+
+    ``supply`` and ``printable`` hold shares of the tissue beyond each distance under ``beyond``,
+    by the distance in µm. ``morphometry`` has a table per kind of vessel, its lists by order from
+    1; per-vessel orders are left out.
+    """
+    table = {
+        name: _plain(value)
+        for name, value in vars(measures).items()
+        if name not in ("supply", "printable", "morphometry")
+    }
+    table["supply"] = _supply(measures.supply)
+    table["printable"] = _supply(measures.printable)
+    table["morphometry"] = {
+        each.kind.name.lower(): _morphometry(each) for each in measures.morphometry
+    }
+    return table
+
+
+def _supply(supply: Supply | None) -> dict[str, Any] | None:
+    if supply is None:
+        return None
+    table: dict[str, Any] = _plain(supply)
+    table["beyond"] = {f"{um:g}_um": p for um, p in zip(BEYOND_UM, supply.beyond, strict=True)}
+    return table
+
+
+def _morphometry(each: Morphometry) -> dict[str, Any]:
+    return {
+        "strahler": _plain(each.strahler),
+        "diameter_defined": _plain(each.diameter_defined),
+        "diameter_order_change": each.diameter_order_change,
+    }
+
+
+def _plain(value: Any) -> Any:
+    if is_dataclass(value) and not isinstance(value, type):
+        return _plain(asdict(value))
+    if isinstance(value, dict):
+        return {name: _plain(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return value.item() if isinstance(value, np.generic) else value

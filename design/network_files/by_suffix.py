@@ -16,8 +16,7 @@ from design.network_files.merge import NetworkWithNotes, merge_shared, side_by_s
 from design.network_files.npz import read_network_npz, write_network_npz
 from design.network_files.points_csv import has_points, read_points_csv
 from design.network_files.swc import read_network_swc, read_swc_header, write_network_swc
-from design.network_files.vtp import write_network_vtp
-from design.network_files.vtp_read import read_vtp_lines
+from design.network_files.vtp import read_vtp_lines, write_network_vtp
 from design.network_files.xcavate import read_network_xcavate
 from design.units import MM_PER, LengthUnit
 

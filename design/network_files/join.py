@@ -11,8 +11,7 @@ from scipy.spatial import cKDTree
 
 from design.errors import NetworkError
 from design.network import VesselNetwork
-from design.network_files.csv_format.chain import chain_pieces
-from design.network_files.csv_format.pieces import Pieces
+from design.network_files.csv_format import Pieces, chain_pieces
 from kernels.arrays import FloatArray, IntArray
 
 REACH: Final = 1.05

@@ -23,8 +23,7 @@ from design.network_files.along import (
     sample,
     shared_stretches,
 )
-from design.network_files.csv_format.chain import chain_pieces, fuse_vessels, join_equal_points
-from design.network_files.csv_format.pieces import Pieces
+from design.network_files.csv_format import Pieces, chain_pieces, fuse_vessels, join_equal_points
 from kernels.arrays import FloatArray, IntArray
 
 _PARALLEL: Final = 0.7

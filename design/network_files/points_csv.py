@@ -9,7 +9,7 @@ import numpy as np
 
 from design.errors import NetworkError
 from design.network import VesselKind, VesselNetwork
-from design.network_files.csv_format.pieces import open_table, table_rows
+from design.network_files.csv_format import open_table, table_rows
 from design.network_files.swc import PointRow, trees_of_points
 from design.units import MM_PER, LengthUnit
 

@@ -22,8 +22,7 @@ import numpy as np
 from design.errors import NetworkError
 from design.files import write_text
 from design.network import VesselKind, VesselNetwork
-from design.network_files.csv_format.chain import chain_pieces
-from design.network_files.csv_format.pieces import Pieces, check_pieces
+from design.network_files.csv_format import Pieces, chain_pieces, check_pieces
 from design.units import MM_PER, LengthUnit
 from kernels.arrays import FloatArray, IntArray
 

@@ -1,18 +1,27 @@
-"""Write a network as VTK XML PolyData (`.vtp`) for ParaView and PyVista."""
+"""Read and write networks as VTK XML PolyData (`.vtp`), for ParaView and PyVista."""
 
 from __future__ import annotations
 
 import base64
+import binascii
+import re
+import zlib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Final, NoReturn
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+from lxml import etree  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from design.errors import NetworkError
 from design.files import write_text
-from design.network import VesselNetwork
+from design.network import VesselKind, VesselNetwork
+from design.network_files.csv_format import Pieces, chain_pieces, fuse_vessels, join_equal_points
+from design.units import MM_PER, LengthUnit
+from kernels.arrays import FloatArray, IntArray
 
 _VTK_TYPE = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "i4": "Int32", "u1": "UInt8"}
 
@@ -88,3 +97,246 @@ def _array(name: str, values: NDArray[np.generic]) -> str:
         f'<DataArray type="{_VTK_TYPE[code]}" Name={quoteattr(name)} '
         f'NumberOfComponents="{components}" format="binary">{text}</DataArray>\n'
     )
+
+
+# Read a network from VTK XML PolyData (`.vtp`): polylines with a radius at each point.
+
+RADIUS_MM: Final = "radius_mm"
+RADII: Final = ("radius", "Radius", "MaximumInscribedSphereRadius")
+"""Names of a radius in the unit of the file; the last two are VMTK's."""
+_NUMPY: Final = {
+    "Float64": "f8", "Float32": "f4", "Int64": "i8", "Int32": "i4", "Int16": "i2", "Int8": "i1",
+    "UInt64": "u8", "UInt32": "u4", "UInt16": "u2", "UInt8": "u1",
+}  # fmt: skip
+_ZLIB: Final = "vtkZLibDataCompressor"
+_APPENDED: Final = re.compile(rb"<AppendedData\b([^>]*)>\s*_")
+
+
+def read_vtp_lines(
+    path: Path, unit: LengthUnit, kind: VesselKind = VesselKind.ARTERY
+) -> tuple[VesselNetwork, bool]:
+    """Read polylines in ``unit``, each a vessel, and whether a network was written so.
+
+    `write_network_vtp` says by cell arrays ``vessel``, ``kind`` and ``tree`` what is a vessel of
+    its own; of other lines several may run through one lumen.
+
+    The radius is the point array `RADIUS_MM`, which is in mm, or one of `RADII`, in ``unit``.
+    Lines share nodes at equal ends alone: `merge_shared` joins them at other equal points. Data may
+    be ascii, binary or appended, as it is or compressed by zlib.
+
+    Parameters
+    ----------
+    path : Path
+    unit : {"um", "mm", "cm", "m", "in"}
+    kind : VesselKind
+        Where the file has no array ``kind``.
+
+    Raises
+    ------
+    NetworkError
+        When the file can't be read so, has no lines or no radius, or holds impossible numbers.
+    OSError
+        When the file can't be opened.
+    """
+    file = _parse(path)
+    points = file.points() * MM_PER[unit]
+    radius = file.radius(MM_PER[unit], len(points))
+    connectivity, offsets = file.lines(len(points))
+    _check_numbers(path, points, radius, connectivity)
+    sizes = np.diff(np.concatenate([[0], offsets]))
+    cell = np.repeat(np.arange(len(sizes)), sizes)
+    place, row = points[connectivity], radius[connectivity]
+    # A point given twice in a row has no length.
+    moves = np.r_[True, (np.diff(place, axis=0) != 0.0).any(axis=1) | (np.diff(cell) > 0)]
+    cell, place, row = cell[moves], place[moves], row[moves]
+    real = np.bincount(cell, minlength=len(sizes))[cell] > 1
+    if not real.any():
+        file.fail("no two points of a line are apart; give at least one vessel")
+    cell, place, row = cell[real], place[real], row[real]
+    of, first = np.unique(cell, return_index=True)
+    kinds = file.cell_numbers("kind", len(sizes), int(kind), len(VesselKind))[of]
+    tree = file.cell_numbers("tree", len(sizes), 0, None)[of]
+    offset = np.r_[first, len(cell)]
+    ends = np.stack([offset[:-1], offset[1:] - 1], axis=1)
+    tips = place[ends.ravel()]
+    _, first, number = np.unique(tips, axis=0, return_index=True, return_inverse=True)
+    nodes, number = np.unique(first[number.reshape(-1, 2)], return_inverse=True)
+    if (sizes == 2).all() and "vessel" not in file.cell_arrays():
+        # SimVascular writes each straight piece as a line.
+        pieces = Pieces(
+            path=path,
+            line=of + 1,
+            vessel=of,
+            nodes=number.reshape(-1, 2),
+            points=place[ends],
+            radius=row[ends],
+            kind=kinds,
+            tree=tree,
+        )
+        pieces = join_equal_points(pieces)
+        fused = fuse_vessels(pieces, np.ones(pieces.nodes.max() + 1, dtype=bool))
+        return chain_pieces(fused), False
+    network = VesselNetwork(
+        nodes=tips[nodes],
+        vessel_nodes=number.reshape(-1, 2),
+        kind=kinds,
+        tree=tree,
+        offset=offset,
+        points=place,
+        radius=row,
+    )
+    return network, {"vessel", "kind", "tree"} <= set(file.cell_arrays())
+
+
+def _check_numbers(
+    path: Path, points: FloatArray, radius: FloatArray, connectivity: IntArray
+) -> None:
+    bad = ~(np.isfinite(points).all(axis=1) & np.isfinite(radius) & (radius > 0.0))
+    used = connectivity[bad[connectivity]]
+    if len(used):
+        raise NetworkError(
+            f"{path}: point {used[0]} has a coordinate or a radius that is NaN, infinite or not "
+            f"above 0 ({len(used)} such points); mend the file"
+        )
+
+
+@dataclass(frozen=True)
+class _File:
+    """The piece of a file, and how its numbers are written."""
+
+    path: Path
+    piece: etree._Element
+    order: str
+    header: str
+    compressed: bool
+    appended: bytes
+    raw: bool
+
+    def fail(self, text: str) -> NoReturn:
+        raise NetworkError(f"{self.path}: {text}")
+
+    def points(self) -> FloatArray:
+        """Coordinates, (p, 3), in the file's unit."""
+        element = self.piece.find("Points/DataArray")
+        if element is None:
+            self.fail("no points; export the centrelines as PolyData lines")
+        return self.numbers(element).astype(np.float64).reshape(-1, 3)
+
+    def radius(self, mm_per_unit: float, count: int) -> FloatArray:
+        """Radius of each point, (p,), mm."""
+        arrays = {a.get("Name"): a for a in self.piece.findall("PointData/DataArray")}
+        for name, scale in ((RADIUS_MM, 1.0), *((name, mm_per_unit) for name in RADII)):
+            if name in arrays:
+                values = self.numbers(arrays[name]).astype(np.float64) * scale
+                if len(values) != count:
+                    self.fail(f"{name} has {len(values)} values for {count} points; write it again")
+                return values
+        raise NetworkError(
+            f"{self.path}: no point array {RADIUS_MM} (in mm), {' or '.join(RADII)} (in the "
+            f"file's unit); its point arrays are {', '.join(map(str, arrays)) or 'none'}"
+        )
+
+    def lines(self, count: int) -> tuple[IntArray, IntArray]:
+        """Points of all lines in turn, and where each line ends among them."""
+        arrays = {a.get("Name"): a for a in self.piece.findall("Lines/DataArray")}
+        if not {"connectivity", "offsets"} <= set(arrays):
+            self.fail("no lines; export the centrelines as PolyData lines")
+        points, ends = (
+            self.numbers(arrays[n]).astype(np.int64) for n in ("connectivity", "offsets")
+        )
+        if len(ends) == 0:
+            self.fail("no lines; give at least one vessel")
+        whole = bool(np.diff(ends, prepend=0).min() >= 2) and ends[-1] == len(points)
+        if not whole or points.min() < 0 or points.max() >= count:
+            self.fail(
+                "a line has fewer than two points, or points that aren't there; mend the file"
+            )
+        return points, ends
+
+    def cell_arrays(self) -> dict[str | None, etree._Element]:
+        """Arrays that hold a value for each line, by name."""
+        return {a.get("Name"): a for a in self.piece.findall("CellData/DataArray")}
+
+    def cell_numbers(self, name: str, count: int, otherwise: int, below: int | None) -> IntArray:
+        """Whole numbers of a cell array, one a line; ``otherwise`` where there is no such array."""
+        arrays = self.cell_arrays()
+        if name not in arrays:
+            return np.full(count, otherwise, dtype=np.int64)
+        values = self.numbers(arrays[name]).astype(np.int64)
+        if len(values) != count:
+            self.fail(f"{name} has {len(values)} values for {count} lines; lines alone are read")
+        if below is not None and not ((values >= 0) & (values < below)).all():
+            self.fail(
+                f"{name} goes from {values.min()} to {values.max()}; 0 to {below - 1} are known"
+            )
+        return values
+
+    def numbers(self, element: etree._Element) -> NDArray[np.generic]:
+        """The values of a DataArray, flat."""
+        kind, form = element.get("type", ""), element.get("format", "ascii")
+        if kind not in _NUMPY:
+            self.fail(f"type {kind or 'missing'} isn't one of VTK's numbers; write it again")
+        # Not that of children: VTK's InformationKey.
+        text = "".join(element.xpath("text()")).strip()
+        try:
+            if form == "ascii":
+                return np.array(text.split(), dtype=_NUMPY[kind])
+            if form == "binary":
+                data = self._bytes(text.encode(), 0, raw=False)
+                return np.frombuffer(data, dtype=self.order + _NUMPY[kind])
+            if form == "appended":
+                data = self._bytes(self.appended, int(element.get("offset", "")), raw=self.raw)
+                return np.frombuffer(data, dtype=self.order + _NUMPY[kind])
+        except (ValueError, IndexError, binascii.Error, zlib.error) as exc:
+            self.fail(f"the numbers of {element.get('Name') or 'an array'} can't be read ({exc})")
+        raise NetworkError(
+            f"{self.path}: data mode {form} isn't known; save it with ascii, binary or appended"
+        )
+
+    def _bytes(self, data: bytes, at: int, *, raw: bool) -> bytes:
+        """Undo base64, the length in front, and compression, of the numbers that begin ``at``."""
+        width = np.dtype(self.header).itemsize
+
+        def decoded(at: int, size: int) -> tuple[bytes, int]:
+            """So many bytes, and where the next ones begin."""
+            end = at + (size if raw else 4 * -(-size // 3))
+            part = data[at:end] if raw else base64.b64decode(data[at:end])
+            if len(part) < size:
+                raise ValueError(f"{len(part)} of {size} bytes are there")
+            return part[:size], end
+
+        first = int(np.frombuffer(decoded(at, width)[0], self.header)[0])
+        if not self.compressed:
+            return decoded(at, width + first)[0][width:]
+        # Three numbers (blocks, their size, that of the last), then each block's compressed size,
+        # are encoded apart from the blocks.
+        head, at = decoded(at, (3 + first) * width)
+        sizes = np.frombuffer(head, self.header)[3:].astype(np.int64)
+        blocks, _ = decoded(at, int(sizes.sum()))
+        ends = np.cumsum(sizes).tolist()
+        starts = [0, *ends[:-1]]
+        return b"".join(zlib.decompress(blocks[a:b]) for a, b in zip(starts, ends, strict=True))
+
+
+def _parse(path: Path) -> _File:
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True)
+    text, appended, raw = path.read_bytes(), b"", False
+    if found := _APPENDED.search(text):
+        # Raw bytes are no XML.
+        raw = b"base64" not in found[1]
+        appended, text = text[found.end() :], text[: found.start()] + b"</VTKFile>"
+    try:
+        root = etree.fromstring(text, parser)
+    except etree.XMLSyntaxError as exc:
+        raise NetworkError(f"{path}: not XML ({exc}); save it as VTK PolyData") from exc
+    if root.tag != "VTKFile" or root.get("type") != "PolyData":
+        raise NetworkError(f"{path}: not VTK PolyData; export the centrelines as .vtp")
+    pieces = root.findall("PolyData/Piece")
+    if len(pieces) != 1:
+        raise NetworkError(f"{path}: {len(pieces)} pieces where one is read; merge them first")
+    compressor = root.get("compressor")
+    if compressor not in (None, _ZLIB):
+        raise NetworkError(f"{path}: compressed by {compressor}; save it uncompressed or by zlib")
+    order = ">" if root.get("byte_order") == "BigEndian" else "<"
+    header = order + _NUMPY.get(root.get("header_type", "UInt32"), "u4")
+    return _File(path, pieces[0], order, header, compressor is not None, appended, raw)

@@ -10,32 +10,32 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from design.geometry.crossings import Crossings, find_crossings
-    from design.solids.bodies import chamber_solid, cylinder_solid
-    from design.solids.chamber import Chamber
     from design.solids.check import validate_file, validate_files
     from design.solids.check_result import SolidCheck
-    from design.solids.connector import Connector, check_connector
     from design.solids.connectors import (
         PlacedConnector,
         connector_parts,
         with_connector,
         with_connectors,
     )
-    from design.solids.construct import block_solid, construct_solid, solid_from_surface
-    from design.solids.genus import construct_genus, network_genus
+    from design.solids.construct import (
+        block_solid,
+        chamber_solid,
+        construct_solid,
+        cylinder_solid,
+        solid_from_surface,
+    )
+    from design.solids.dimensions import Chamber, Connector, check_connector
     from design.solids.lumen import lumen_pair, lumen_solid
     from design.solids.marks import fiducial_places, text_solid, with_text
-    from design.solids.obj import write_obj
-    from design.solids.ply import write_ply
     from design.solids.ports import Port, end_ports, find_ports, open_ends
     from design.solids.read import read_solid
     from design.solids.solid import Solid
     from design.solids.step import StepCheck, write_step
-    from design.solids.stl import write_stl
     from design.solids.threemf import Part, write_3mf
-    from design.solids.topology import surface_genus
-    from design.solids.vtp import write_solid_vtp
+    from design.solids.topology import construct_genus, network_genus, surface_genus
     from design.solids.walls import tube_outside, tube_solid
+    from design.solids.write import write_obj, write_ply, write_solid_vtp, write_stl
 
 __all__ = [
     "Chamber",

@@ -12,12 +12,12 @@ from manifold3d import CrossSection, Manifold
 from numpy.typing import NDArray
 
 from design.errors import SolidError
-from design.geometry.frames import vectors_across
-from design.solids.connector import Connector, profiles
-from design.solids.facets import FACET_TOLERANCE_MM, area_factor, facet_count
+from design.geometry.polyline import vectors_across
+from design.solids.dimensions import Connector, profiles
 from design.solids.manifolds import solid_manifold, subtract, unite
 from design.solids.snap import solid_from_manifold
 from design.solids.solid import Solid
+from design.solids.tube import FACET_TOLERANCE_MM, area_factor, facet_count
 
 _WHAT: Final = "the body with its fittings"
 

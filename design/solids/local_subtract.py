@@ -16,13 +16,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from design.geometry.bvh import build_triangle_tree
-from design.geometry.crossings import find_crossings
-from design.geometry.new_crossings import find_meetings, find_new_crossings
+from design.geometry.crossings import find_crossings, find_meetings, find_new_crossings
 from design.solids.manifolds import solid_manifold, subtract, to_manifold
 from design.solids.snap import solid_from_manifold
 from design.solids.solid import Solid
 from design.solids.topology import is_closed, surface_genus
-from design.tissue.depth import enclosed
+from design.tissue.grid import enclosed
 from kernels.arrays import FloatArray, IntArray
 
 Mask = NDArray[np.bool_]

@@ -11,16 +11,11 @@ from scipy.spatial import cKDTree
 from design.errors import SolidError
 from design.geometry.crossings import find_crossings
 from design.network import VesselNetwork
-from design.solids.chains import Chain
-from design.solids.facets import FACET_TOLERANCE_MM, Facets
-from design.solids.runs import free_ends
-from design.solids.smooth.assemble import sew_parts
+from design.solids.smooth.assemble import Sewing, sew_parts, with_other_tubes
 from design.solids.smooth.layout import Layout, lay_out
-from design.solids.smooth.sewing import Sewing
-from design.solids.smooth.swap_tubes import with_other_tubes
 from design.solids.snap import mended_solid, solid_from_mesh
 from design.solids.solid import Solid
-from design.solids.tube import EndShape
+from design.solids.tube import FACET_TOLERANCE_MM, Chain, EndShape, Facets, free_ends
 from kernels.arrays import FloatArray, IntArray
 
 _TRIES = 3

@@ -21,11 +21,18 @@ from scipy.spatial import cKDTree
 from design.errors import SolidError
 from design.geometry.polyline import arc_lengths, places_along
 from design.network import VesselKind, VesselNetwork
-from design.solids.centre_lines import CentreLine, centre_lines, joined, paint_ball
-from design.solids.genus import construct_genus
-from design.solids.hollow import ALL_NEIGHBOURS, Hollow, hollow_voxels
+from design.solids.centre_lines import (
+    ALL_NEIGHBOURS,
+    CentreLine,
+    Hollow,
+    centre_lines,
+    hollow_voxels,
+    joined,
+    paint_ball,
+)
 from design.solids.manifolds import solid_manifold
 from design.solids.solid import Solid
+from design.solids.topology import construct_genus
 from design.vasculature.growth.trunk import straighten_line
 from kernels.arrays import BoolArray, FloatArray, IntArray
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from manifold3d import Error, Manifold, Mesh64, OpType
 from numpy.typing import NDArray
+from scipy.sparse import csr_array, diags_array
 
 from design.errors import SolidError
 from design.solids.solid import Solid
-from design.solids.topology import edge_faults
+from design.solids.topology import edge_faults, is_closed, merge_equal
 from kernels.arrays import FloatArray
 
 
@@ -54,3 +56,76 @@ def _fault(faces: NDArray[np.integer], manifold: Manifold) -> str:
     if faults.wrong:
         return f"{faults.wrong} edges with several or opposed faces; mend or re-export the mesh"
     return f"{manifold.status().name}; mend the mesh"
+
+
+_IN: Final = 0.5
+_OUT: Final = -0.53
+"""Taubin 1995 ("A signal processing approach to fair surface design"): a step inwards and a longer
+one out let waves pass that are longer than some ten edges (1/0.5 - 1/0.53 = 0.11)."""
+
+
+def denoised(points: FloatArray, faces: NDArray[np.integer], passes: int) -> FloatArray:
+    """Points (n, 3) moved by ``passes`` pairs of Taubin's steps, mm.
+
+    Meant for even triangles such as marching cubes make; long ones are no noise.
+    """
+    if passes == 0:
+        return points
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    ends = np.concatenate([ends, ends[:, ::-1]])
+    count = len(points)
+    joined = csr_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
+    joined.data[:] = 1.0  # An edge is found from both of its triangles.
+    mean = diags_array(1.0 / np.maximum(joined.sum(axis=1), 1.0)) @ joined
+    for _ in range(passes):
+        for step in (_IN, _OUT):
+            points = points + step * (mean @ points - points)
+    return np.asarray(points)
+
+
+# Make a solid of a closed surface from a file, unrepaired, only to be cut into sections.
+
+_SURFACE = "the tissue's surface"
+
+
+def sections_solid(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Solid:
+    """Make a solid for sections alone of a closed, oriented surface: with the file's own vertices.
+
+    Sheets that touch, or faces that cross, are left: sections don't mind them, files that are
+    written do. Parameters and errors are those of `design.solids.construct.solid_from_surface`.
+    """
+    merged, triangles = _merged_vertices(vertices, faces)
+    if not is_closed(triangles, touching=True):
+        to_manifold(merged, triangles, _SURFACE)  # says what is wrong
+    solid = Solid(merged, triangles.astype(np.int32))
+    _check_volume(solid.volume_mm3)
+    return solid
+
+
+def checked_surface(
+    vertices: NDArray[np.floating], faces: NDArray[np.integer]
+) -> tuple[NDArray[np.float64], NDArray[np.int64], Manifold]:
+    """Equal vertices merged, collapsed faces dropped; and the manifold that it is."""
+    merged, triangles = _merged_vertices(vertices, faces)
+    manifold = to_manifold(merged, triangles, _SURFACE)
+    _check_volume(manifold.volume())
+    return merged, triangles, manifold
+
+
+def _merged_vertices(
+    vertices: NDArray[np.floating], faces: NDArray[np.integer]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    merged, index = merge_equal(np.asarray(vertices, np.float64))
+    triangles = index[np.asarray(faces)]
+    a, b, c = triangles.T
+    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    # A vertex of no face would widen the bounds by which parts are placed.
+    used, corners = np.unique(triangles, return_inverse=True)
+    return merged[used], corners.reshape(-1, 3)
+
+
+def _check_volume(volume_mm3: float) -> None:
+    if volume_mm3 <= 0:
+        raise SolidError(
+            f"{_SURFACE} encloses {volume_mm3:g} mm³: it is inside out; reverse its faces"
+        )

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from design.errors import SolidError
 from design.geometry.bvh import build_triangle_tree, nearest_distances
 from design.network import VesselNetwork
-from design.solids.runs import free_ends
 from design.solids.solid import Solid
-from design.tissue.depth import enclosed
+from design.solids.tube import free_ends
+from design.tissue.grid import enclosed
 from kernels.arrays import FloatArray, IntArray
 
 Array = NDArray[np.float64]

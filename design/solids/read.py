@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from design.errors import SolidError
-from design.geometry.stl_layout import cut_short
+from design.geometry.surface import cut_short
 from design.geometry.threemf_read import read_3mf
-from design.solids.merge import merge_equal
+from design.solids.manifolds import sections_solid
 from design.solids.solid import Solid
-from design.solids.stl import read_corners
-from design.solids.surface import sections_solid
+from design.solids.topology import merge_equal
+from design.solids.write import read_corners
 from design.units import MM_PER, LengthUnit
 from kernels.arrays import FloatArray, IntArray
 
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 
 SUFFIXES: Final = (".stl", ".3mf", ".ply", ".obj", ".off")
-
 _MM_OF_3MF: Final = {
     "micron": 1e-3,
     "millimeter": 1.0,

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from design.errors import SolidError
 from design.geometry.crossings import find_crossings
-from design.solids.facets import FACET_TOLERANCE_MM
 from design.solids.manifolds import to_manifold
 from design.solids.mend import mend_surface
 from design.solids.solid import Solid
 from design.solids.topology import edge_faults, faulty_vertices, is_closed
+from design.solids.tube import FACET_TOLERANCE_MM
 from kernels.arrays import FloatArray
 
 FaceArray = NDArray[np.int64]

@@ -1,13 +1,17 @@
-"""Check a triangle mesh's topology: faulty edges, closedness, shells and genus."""
+"""Topology of triangle meshes: merged vertices, twin half-edges, closedness, shells, genus."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
-from design.solids.twins import corner_fan_numbers, count_shells, pair_half_edges
+from design.network import VesselNetwork
+from kernels import jit
 from kernels.arrays import IntArray
 
 
@@ -101,3 +105,155 @@ def _half_edges(faces: NDArray[np.integer]) -> tuple[IntArray, NDArray[np.bool_]
     tail = tail.ravel()
     count = int(tail.max(initial=0)) + 1
     return np.minimum(tail, head) * count + np.maximum(tail, head), tail < head
+
+
+# Pair the half-edges of a triangle mesh; count fans and shells of a closed one (compiled).
+#
+# Half-edge 3 t + i runs from corner i of triangle t to its next corner. Sorted by the lesser of its
+# two vertices, an edge's sides stand among a dozen others: no sort of all keys is needed.
+
+
+def pair_half_edges(faces: NDArray[np.integer]) -> IntArray:
+    """The half-edge opposite each of ``faces`` (m, 3), (3 m,).
+
+    -1 where an edge hasn't exactly two sides that run along it in opposite directions.
+    """
+    corners = np.ascontiguousarray(faces, dtype=np.int64)
+    return np.asarray(_pair(corners, int(corners.max(initial=-1)) + 1))
+
+
+@jit
+def _pair(faces: Any, count: int) -> Any:
+    """As `pair_half_edges`; ``count`` vertices."""
+    begin = np.zeros(count + 1, np.int64)
+    for t in range(len(faces)):
+        for i in range(3):
+            begin[min(faces[t, i], faces[t, (i + 1) % 3]) + 1] += 1
+    for v in range(count):
+        begin[v + 1] += begin[v]
+    place = begin[:-1].copy()
+    half, other = np.empty(3 * len(faces), np.int64), np.empty(3 * len(faces), np.int64)
+    for t in range(len(faces)):
+        for i in range(3):
+            tail, head = faces[t, i], faces[t, (i + 1) % 3]
+            at = place[min(tail, head)]
+            place[min(tail, head)] += 1
+            half[at], other[at] = 3 * t + i, max(tail, head)
+    twin = np.full(3 * len(faces), -1, np.int64)
+    for v in range(count):
+        for m in range(begin[v], begin[v + 1]):
+            partner, sides = np.int64(-1), 0
+            for n in range(begin[v], begin[v + 1]):
+                if other[n] == other[m]:
+                    sides += 1
+                    if n != m:
+                        partner = half[n]
+            h = half[m]
+            if sides == 2 and faces[h // 3, h % 3] == faces[partner // 3, (partner + 1) % 3]:
+                # An edge from a vertex to itself has no opposite side.
+                twin[h] = partner if other[m] != v else -1
+    return twin
+
+
+@jit
+def corner_fan_numbers(twin: Any) -> tuple[Any, int]:
+    """Number of the fan about its vertex that each corner (3 m,) belongs to, and how many.
+
+    ``twin`` (3 m,) pairs all half-edges.
+    """
+    fan = np.full(len(twin), -1, np.int64)
+    count = 0
+    for h in range(len(twin)):
+        if fan[h] >= 0:
+            continue
+        at = h
+        while fan[at] < 0:
+            fan[at] = count
+            at = twin[at + 2 if at % 3 == 0 else at - 1]
+        count += 1
+    return fan, count
+
+
+@jit
+def count_shells(twin: Any) -> int:
+    """How many closed surfaces the faces make that aren't joined over an edge."""
+    faces = len(twin) // 3
+    seen = np.zeros(faces, np.bool_)
+    stack = np.empty(faces, np.int64)
+    count = 0
+    for start in range(faces):
+        if seen[start]:
+            continue
+        count += 1
+        seen[start] = True
+        stack[0], top = start, 1
+        while top > 0:
+            top -= 1
+            t = stack[top]
+            for i in range(3):
+                after = twin[3 * t + i] // 3
+                if not seen[after]:
+                    seen[after] = True
+                    stack[top] = after
+                    top += 1
+    return count
+
+
+def merge_equal(
+    vertices: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Distinct places (m, 3), sorted by x, y, z, and which of them each of ``vertices`` (n, 3) has.
+
+    What ``numpy.unique`` gives along axis 0, without its copies: a file of a million triangles has
+    three million vertices.
+    """
+    order = np.lexsort(vertices.T[::-1])
+    ordered = vertices[order]
+    fresh = np.ones(len(ordered), dtype=np.bool_)
+    for axis in range(3):
+        column = ordered[:, axis]
+        fresh[1:] &= column[1:] == column[:-1]
+    fresh[1:] = ~fresh[1:]
+    index = np.empty(len(ordered), dtype=np.int64)
+    index[order] = np.cumsum(fresh) - 1
+    return ordered[fresh], index
+
+
+# Compute the genus of a network's lumen surface, and of a body with the lumens cut out.
+#
+# A lumen's surface is that of a thickened graph: its genus is the number of independent loops,
+# vessels - nodes + parts. Cut out of a body through p ports, each part of the lumen gives its g
+# loops and joins p places of the outer surface, so g + p - 1 handles more; a part without a port is
+# a closed cavity with a surface of its own and adds its g.
+
+
+def network_genus(network: VesselNetwork) -> int:
+    """Genus of the network's lumen surface: its independent loops, summed over its parts."""
+    used = int(np.sum(network.degree() > 0))
+    return network.vessel_count - used + len(np.unique(_part_of_node(network)[1]))
+
+
+def construct_genus(network: VesselNetwork, ports: IntArray, body_genus: int = 0) -> int:
+    """Genus of a body minus the network's lumens, open at the nodes ``ports`` (k,).
+
+    Parameters
+    ----------
+    network : VesselNetwork
+        Vessels that aren't joined mustn't touch.
+    ports : (k,) int64
+        Free ends that open through the body's surface.
+    body_genus : int
+        Of the body before.
+    """
+    part = _part_of_node(network)[0]
+    opened = len(np.unique(part[np.asarray(ports, dtype=np.int64)]))
+    return body_genus + network_genus(network) + len(ports) - opened
+
+
+def _part_of_node(network: VesselNetwork) -> tuple[IntArray, IntArray]:
+    """Number of the connected part of each node, and of each vessel."""
+    first, last = network.vessel_nodes.T
+    shape = (len(network.nodes), len(network.nodes))
+    joined = coo_array((np.ones(len(first), dtype=np.int8), (first, last)), shape=shape)
+    part = connected_components(joined, directed=False)[1].astype(np.int64)
+    return part, part[first]

@@ -8,12 +8,11 @@ import numpy as np
 
 from design.errors import SolidError
 from design.network import VesselNetwork
-from design.solids.facets import FACET_TOLERANCE_MM
 from design.solids.lumen import lumen_solid
 from design.solids.manifolds import solid_manifold, subtract
-from design.solids.runs import free_ends
 from design.solids.snap import solid_from_manifold
 from design.solids.solid import Solid
+from design.solids.tube import FACET_TOLERANCE_MM, free_ends
 from kernels.arrays import IntArray
 
 

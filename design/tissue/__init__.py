@@ -4,7 +4,7 @@ Goes in: a mesh, an image, points or parameters. Comes out: a `Tissue`. Begin wi
 """
 
 from design.geometry.surface import Surface
-from design.tissue.arrays import GridArrays
+from design.tissue.columns import GridArrays
 from design.tissue.demand import (
     Demand,
     DepthDemand,
@@ -14,11 +14,7 @@ from design.tissue.demand import (
 )
 from design.tissue.demand_sources import depth_demand, function_demand, image_demand
 from design.tissue.grid import SignedDistanceGrid
-from design.tissue.heart import biventricle
-from design.tissue.images import VolumeImage, read_image
-from design.tissue.kidney_shape import kidney
-from design.tissue.labels import label_surface, load_label_surface
-from design.tissue.liver_shape import liver
+from design.tissue.images import VolumeImage, label_surface, load_label_surface, read_image
 from design.tissue.load import load_surface, load_tissue
 from design.tissue.parts import (
     Part,
@@ -30,7 +26,7 @@ from design.tissue.parts import (
 )
 from design.tissue.points import load_point_surface, point_surface
 from design.tissue.repair import repair_surface
-from design.tissue.shapes import annulus, block, cylinder, folded_cortex
+from design.tissue.shapes import annulus, biventricle, block, cylinder, folded_cortex, kidney, liver
 from design.tissue.spacing import SpacingRule
 from design.tissue.surface import SizeLimits, tissue_from_surface
 from design.tissue.tissue import Tissue

@@ -8,8 +8,7 @@ from typing import Final
 import numpy as np
 
 from design.errors import SolidError, TissueError
-from design.geometry.stl_layout import cut_short
-from design.geometry.surface import Surface
+from design.geometry.surface import Surface, cut_short
 from design.geometry.threemf_read import read_3mf
 from design.tissue.repair import repair_surface
 from design.tissue.spacing import SpacingRule

@@ -14,7 +14,7 @@ from design.geometry import build_triangle_tree
 from design.geometry.surface import Surface
 from design.tissue.closed import FaceArray, enclosed_volume
 from design.tissue.demand import UNIFORM, Demand
-from design.tissue.depth import enclosed
+from design.tissue.grid import enclosed
 from design.tissue.shells import enclosures, shells_of
 from design.tissue.spacing import SpacingRule
 from design.tissue.surface import SizeLimits, tissue_from_surface

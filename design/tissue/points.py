@@ -10,49 +10,46 @@ point reaches take the sign around them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import ceil, floor, sqrt
 from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, find_objects, label
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
 from design.errors import TissueError
 from design.geometry import build_triangle_tree, nearest_distances
-from design.geometry.frames import vectors_across
+from design.geometry.polyline import vectors_across
 from design.geometry.surface import Surface
-from design.tissue.blend import blend
 from design.tissue.closed import format_points
 from design.tissue.isosurface import isosurface
 from design.tissue.load import check_file
-from design.tissue.manifolds import distinct_manifold, surface_of
-from design.tissue.normals import estimate_normals
-from design.tissue.point_files import POINT_SUFFIXES, read_points
 from design.tissue.shells import shells_of
 from design.tissue.surface import SizeLimits, check_size
+from design.tissue.zones import distinct_manifold, surface_of
 from design.units import MM_PER, LengthUnit
+from kernels import jit
 from kernels.arrays import FloatArray
 
 _LEAST = 100
 _NEIGHBOURS = 14
 _REACH = 2.0
 """Of a local function, in spacings around its point."""
-
 _SAME_SIDE = 0.5
 """Least cosine between normals fitted together; what looks elsewhere is beyond an edge."""
-
 _STEEPEST = np.array([0.5, 0.5, 0.5, 0.12, 0.12, 0.12])
 """Bounds of a height's coefficients, lengths in spacings: beyond an edge a fit says nothing, and
 bends tighter than four spacings aren't resolved."""
-
 _NODES = 40_000_000
 _CELLS_PER_SPACING = 1.5
 _FAR = 1.6
 """Spacings from the nearest point beyond which the surface is made up."""
-
 _MADE_UP = 0.05
 """Largest share of the surface that may be."""
-
 _NOTED = 0.002
 _SIMPLIFY = 0.02
 
@@ -267,3 +264,198 @@ def _checked(surface: Surface, cloud: Cloud) -> tuple[Surface, list[str]]:
     number = np.cumsum(np.bincount(surface.faces[kept].ravel()) > 0) - 1
     used = np.unique(surface.faces[kept])
     return Surface(surface.vertices[used], number[surface.faces[kept]].astype(np.int32)), notes
+
+
+# Estimate outward normals of a point cloud (Hoppe et al. 1992, doi 10.1145/133994.134011).
+
+_LEAST_WEIGHT = 1e-3
+"""Added to each edge's weight: a weight of 0 would be no edge."""
+
+
+def estimate_normals(points: FloatArray, neighbours: NDArray[np.int64]) -> tuple[FloatArray, int]:
+    """Normals from the neighbours' least extent, made to agree along a least spanning tree.
+
+    Edges weigh 1 - |cosine| between their ends' normals, and more the more they run along them,
+    so that orientation is handed on where the surface is flat and within one sheet. Each separate
+    part begins at its highest point, whose normal looks up.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    neighbours : (n, k) int64
+        Nearest points of each, itself left out.
+
+    Returns
+    -------
+    normals : (n, 3) float64
+    parts : int
+        Separate parts of the neighbours' graph.
+    """
+    around = points[neighbours] - points[neighbours].mean(axis=1, keepdims=True)
+    covariance = np.einsum("nki,nkj->nij", around, around)
+    normals: FloatArray = np.linalg.eigh(covariance)[1][:, :, 0]
+    one = np.repeat(np.arange(len(points)), neighbours.shape[1])
+    two = neighbours.ravel()
+    cosine = np.minimum(np.abs(np.einsum("ij,ij->i", normals[one], normals[two])), 1.0)
+    way = points[two] - points[one]
+    way /= np.linalg.norm(way, axis=1)[:, None]
+    # A step along the normals leads to another sheet: across a narrow gap, or through a wall.
+    across = sum(np.einsum("ij,ij->i", normals[end], way) ** 2 for end in (one, two))
+    cost = 1.0 - cosine + across + _LEAST_WEIGHT
+    low, high = np.minimum(one, two), np.maximum(one, two)
+    _, kept = np.unique(low * len(points) + high, return_index=True)
+    shape = (len(points), len(points))
+    tree = minimum_spanning_tree(
+        coo_matrix((cost[kept], (low[kept], high[kept])), shape=shape).tocsr()
+    )
+    parts, part = connected_components(tree, directed=False)
+    for number in range(parts):
+        members = np.flatnonzero(part == number)
+        top = int(members[np.argmax(points[members, 2])])
+        _hand_on(normals, tree, top)
+    return normals, int(parts)
+
+
+def _hand_on(normals: FloatArray, tree: object, top: int) -> None:
+    """Turn normals to agree with the one before them on the way from ``top``, in place."""
+    if normals[top, 2] < 0:
+        normals[top] *= -1.0
+    order, before = breadth_first_order(tree, top, directed=False)
+    # Signs multiply along the way, so a loop over the points in order is enough.
+    for here in order[1:]:
+        if normals[here] @ normals[before[here]] < 0:
+            normals[here] *= -1.0
+
+
+# Blend local quadratic fits around a cloud's points into one signed field on a grid (compiled).
+
+NEAR = 0.2
+"""Of the reach: within it, where a place lies beside a point matters little."""
+
+
+@jit
+def blend(
+    points: Any,
+    frame: Any,
+    height: Any,
+    reach: Any,
+    origin: Any,
+    spacing: float,
+    total: Any,
+    weight: Any,
+) -> None:
+    """Add each point's local surface to the lattice nodes within its reach.
+
+    The local function of a point is w - h(u, v) in its frame, h a quadratic; its weight is
+    Wendland's (1 - r)^4 (4 r + 1) of the distance r over the reach, and the less the more the
+    place lies beside the point rather than along its normal: beyond a sharp edge the faces that
+    end there would otherwise go on as fins.
+
+    Parameters
+    ----------
+    points : (n, 3) float64, mm
+    frame : (n, 3, 3) float64
+        Rows: two tangents and the outward normal.
+    height : (n, 6) float64
+        Coefficients of 1, u, v, u², uv, v² in h.
+    reach : (n,) float64, mm
+    origin : (3,) float64, mm
+        Node (0, 0, 0).
+    total, weight : (a, b, c) float64
+        Sums of weighted values and of weights, added to.
+    """
+    for n in range(len(points)):
+        far = reach[n]
+        first, last = [0, 0, 0], [0, 0, 0]
+        for axis in range(3):
+            middle = (points[n, axis] - origin[axis]) / spacing
+            first[axis] = max(0, ceil(middle - far / spacing))
+            last[axis] = min(total.shape[axis] - 1, floor(middle + far / spacing))
+        f, c = frame[n], height[n]
+        for i in range(first[0], last[0] + 1):
+            x = origin[0] + i * spacing - points[n, 0]
+            for j in range(first[1], last[1] + 1):
+                y = origin[1] + j * spacing - points[n, 1]
+                for k in range(first[2], last[2] + 1):
+                    z = origin[2] + k * spacing - points[n, 2]
+                    r = sqrt(x * x + y * y + z * z) / far
+                    if r >= 1.0:
+                        continue
+                    u = f[0, 0] * x + f[0, 1] * y + f[0, 2] * z
+                    v = f[1, 0] * x + f[1, 1] * y + f[1, 2] * z
+                    w = f[2, 0] * x + f[2, 1] * y + f[2, 2] * z
+                    h = c[0] + c[1] * u + c[2] * v + c[3] * u * u + c[4] * u * v + c[5] * v * v
+                    near = (NEAR * far) ** 2
+                    phi = (1.0 - r) ** 4 * (4.0 * r + 1.0)
+                    phi *= (w * w + near) / (r * r * far * far + near)
+                    total[i, j, k] += phi * (w - h)
+                    weight[i, j, k] += phi
+
+
+# Read a point cloud, with normals if given, from a PLY or text file.
+
+POINT_SUFFIXES: Final = (".ply", ".xyz", ".txt", ".csv")
+_NORMAL = ("nx", "ny", "nz")
+
+
+def read_points(path: Path) -> tuple[FloatArray, FloatArray | None]:
+    """Points (n, 3) and, where the file has them, normals (n, 3).
+
+    Text holds one point a line: x y z, or x y z nx ny nz, parted by blanks, commas or semicolons;
+    a first line of names and lines that begin with # are passed over.
+
+    Raises
+    ------
+    TissueError
+        When the file can't be read, or has another number of columns.
+    """
+    if path.suffix.lower() == ".ply":
+        return _read_ply(path)
+    rows = _rows(path)
+    widths = {len(row) for row in rows}
+    if widths not in ({3}, {6}):
+        raise TissueError(
+            f"{path}: lines have {' or '.join(map(str, sorted(widths)))} columns; give x y z, or "
+            "x y z nx ny nz"
+        )
+    table = np.array(rows, dtype=np.float64)
+    return table[:, :3], table[:, 3:] if table.shape[1] == 6 else None
+
+
+def _rows(path: Path) -> list[list[float]]:
+    rows: list[list[float]] = []
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    for number, line in enumerate(lines):
+        words = line.replace(",", " ").replace(";", " ").split()
+        if not words or words[0].startswith("#"):
+            continue
+        try:
+            rows.append([float(word) for word in words])
+        except ValueError as error:
+            if rows:
+                raise TissueError(
+                    f"{path}, line {number + 1}: {line[:60]!r} isn't numbers; mend the file"
+                ) from error
+    if not rows:
+        raise TissueError(f"{path}: holds no points")
+    return rows
+
+
+def _read_ply(path: Path) -> tuple[FloatArray, FloatArray | None]:
+    from trimesh.exchange.ply import load_ply  # heavy, and few who name a tissue read one
+
+    # trimesh's readers raise whatever their parsers do.
+    try:
+        with path.open("rb") as file:
+            loaded = load_ply(file)
+    except Exception as error:
+        raise TissueError(f"{path}: can't be read as points ({error})") from error
+    data: Any = loaded.get("metadata", {}).get("_ply_raw", {}).get("vertex", {}).get("data")
+    normals = None
+    # A dict of columns from text, a structured array from binary files.
+    fields = () if data is None else data if isinstance(data, dict) else data.dtype.names or ()
+    if set(_NORMAL) <= set(fields):
+        columns = [np.asarray(data[name], dtype=np.float64).ravel() for name in _NORMAL]
+        normals = np.column_stack(columns)
+    points = np.asarray(loaded.get("vertices", np.empty((0, 3))), dtype=np.float64)
+    return points.reshape(-1, 3), normals

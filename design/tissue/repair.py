@@ -14,6 +14,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from design.errors import TissueError
 from design.geometry.surface import Surface
@@ -22,16 +25,12 @@ from design.tissue.closed import (
     check_closed,
     edges_of,
     enclosed_volume,
+    face_areas,
     format_points,
     merge_vertices,
 )
-from design.tissue.crossing_faces import crossing_faces
-from design.tissue.holes import fill_holes
-from design.tissue.joints import split_joints
 from design.tissue.orient import agree, turn_shells
-from design.tissue.sheets import drop_flat_faces, drop_sheets
-from design.tissue.shells import shells_of, unite_shells
-from design.tissue.weld import drop_duplicates, weld_rims
+from design.tissue.shells import crossing_faces, shells_of, unite_shells
 from kernels.arrays import FloatArray
 
 _ROUNDS = 5
@@ -190,3 +189,358 @@ def _unite(work: _Work) -> None:
             f"{kept} shell(s) inside others look outward and were taken for solid; where that is a "
             "cavity, turn its faces inward in the file"
         )
+
+
+# Remove stray open pieces of a triangle surface that enclose no volume.
+
+_OPEN = 0.6
+"""Area that closes an open piece's rims, over its own, above which it is a sheet: 0.95 for a bent
+one, 0.5 for half a ball, 0.2 for a box without lid."""
+_FULL = 0.002
+"""Compactness, 36 π V² / A³ (1 for a ball), below which it is one, too."""
+_FLAT_SHARE = 2e-6
+"""Height of a face taken for flat, of the mesh's extent: some steps of float32."""
+
+
+def drop_sheets(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, list[FloatArray], float]:
+    """Leave out open pieces that enclose next to nothing, where others are closed.
+
+    Returns
+    -------
+    faces : (k, 3) int32
+    middles : list of (3,) float64
+        Of the sheets left out.
+    area : float
+        Of them all.
+    """
+    edges = edges_of(faces)
+    if not edges.open:
+        return faces, [], 0.0
+    shell = shells_of(points, faces)
+    single = (edges.uses == 1)[edges.of_face].reshape(-1, 3).any(axis=1)
+    opened = np.unique(shell[single])
+    count = int(shell.max()) + 1
+    if len(opened) == count:
+        return faces, [], 0.0
+    sheets = [n for n in opened if _is_sheet(points, faces[shell == n])]
+    out: NDArray[np.bool_] = np.isin(shell, sheets)
+    middles = [points[np.unique(faces[shell == n])].mean(axis=0) for n in sheets]
+    return faces[~out], middles, float(face_areas(points, faces[out]).sum())
+
+
+def drop_flat_faces(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, int]:
+    """Leave out faces without area whose three edges each have one face too many.
+
+    Others without area stay: they may close a slit between edges that were split differently.
+    """
+    near = _FLAT_SHARE * float(np.ptp(points, axis=0).max())
+    corners = points[faces]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    flat = 2.0 * face_areas(points, faces) <= near * longest
+    if not flat.any():
+        return faces, 0
+    edges = edges_of(faces)
+    odd = (edges.uses % 2 == 1)[edges.of_face].reshape(-1, 3).all(axis=1)
+    out = flat & odd
+    return faces[~out], int(out.sum())
+
+
+def _is_sheet(points: FloatArray, faces: FaceArray) -> bool:
+    """Whether an open piece, each rim closed by a point in its middle, is next to flat."""
+    edges = edges_of(faces)
+    ways = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    rim = ways[edges.uses[edges.of_face] == 1]
+    used, number = np.unique(rim, return_inverse=True)
+    ends = number.reshape(-1, 2)
+    graph = coo_matrix((np.ones(len(ends)), ends.T), shape=(len(used),) * 2)
+    count, group = connected_components(graph, directed=False)
+    middles = np.stack([points[used[group == n]].mean(axis=0) for n in range(count)])
+    lids = np.column_stack([rim[:, ::-1], len(points) + group[ends[:, 0]]])
+    every = np.concatenate([points, middles])
+    volume = enclosed_volume(every, np.concatenate([faces, lids]))
+    area = float(face_areas(points, faces).sum())
+    lid = float(face_areas(every, lids).sum())
+    return lid > _OPEN * area or 36.0 * np.pi * volume**2 < _FULL * (area + lid) ** 3
+
+
+# Split faces at vertices that lie on their open edges (T-junctions).
+
+_NEAR_SHARE = 2e-6
+"""How far a vertex may lie from an edge that it is taken to lie on, of the mesh's extent: some
+steps of float32."""
+_JOINT_ROUNDS = 8
+
+
+def split_joints(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, int]:
+    """Give faces the vertices of their open edges that neighbours have there.
+
+    A program that splits an edge of one face only leaves a slit without width: the edges are open,
+    and nothing is missing.
+
+    Returns
+    -------
+    faces : (m, 3) int32
+    count : int
+        Edges split.
+    """
+    done = 0
+    near = _NEAR_SHARE * float(np.ptp(points, axis=0).max())
+    for _ in range(_JOINT_ROUNDS):
+        faces, count = _round(points, faces, near)
+        done += count
+        if count == 0:
+            break
+    return faces, done
+
+
+def _round(points: FloatArray, faces: FaceArray, near: float) -> tuple[FaceArray, int]:
+    """Split one edge of each face that has one to be split."""
+    edges = edges_of(faces)
+    side = np.flatnonzero(edges.uses[edges.of_face] == 1)
+    if len(side) == 0:
+        return faces, 0
+    rim = np.unique(edges.ends[edges.uses == 1])
+    tree = cKDTree(points[rim])
+    taken: set[int] = set()
+    new: list[tuple[int, int, int]] = []
+    for face, k in zip((side // 3).tolist(), (side % 3).tolist(), strict=True):
+        a, b, c = (int(faces[face, (k + n) % 3]) for n in range(3))
+        on = [] if face in taken else _between(points, rim, tree, (a, b, c), near)
+        if on:
+            taken.add(face)
+            new += [(p, q, c) for p, q in zip([a, *on], [*on, b], strict=True)]
+    if not taken:
+        return faces, 0
+    rest = np.delete(faces, sorted(taken), axis=0)
+    return np.concatenate([rest, np.array(new, dtype=np.int32)]), len(taken)
+
+
+def _between(
+    points: FloatArray,
+    rim: NDArray[np.int64],
+    tree: cKDTree,
+    corners: tuple[int, int, int],
+    near: float,
+) -> list[int]:
+    """Rim vertices on edge ab of a face, in order from a."""
+    a, b, _ = corners
+    way = points[b] - points[a]
+    length = float(np.linalg.norm(way))
+    some = rim[tree.query_ball_point(points[a] + 0.5 * way, 0.5 * length + near)]
+    some = some[~np.isin(some, corners)]
+    along = (points[some] - points[a]) @ way / length
+    beside = np.linalg.norm(points[some] - points[a] - np.outer(along / length, way), axis=1)
+    on = (beside <= near) & (along > near) & (along < length - near)
+    return [int(v) for v in some[on][np.argsort(along[on])]]
+
+
+# Drop duplicate faces of a mesh and weld the vertices along narrow gaps.
+
+_GAP_SHARE = 1e-4
+"""Widest gap that is merged over, of the mesh's extent; never above `_EDGE_SHARE` of the edges."""
+_EDGE_SHARE = 0.25
+
+
+def drop_duplicates(faces: FaceArray) -> tuple[FaceArray, int]:
+    """Keep one of each set of faces with the same corners, unless that opens edges.
+
+    Where as many look one way as the other, two solids meet: the wall between them goes, if that
+    leaves fewer edges open.
+    """
+    key = np.sort(faces, axis=1)
+    _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    if len(first) == len(faces):
+        return faces, 0
+    group = group.ravel()
+    looks = np.bincount(group, weights=_way_round(faces, key), minlength=len(first))
+    once, no_walls = faces[np.sort(first)], faces[np.sort(first[looks != 0])]
+    fewer = min((once, no_walls), key=_faults)
+    if edges_of(fewer).open > edges_of(faces).open:
+        return faces, 0
+    return fewer, len(faces) - len(fewer)
+
+
+def _faults(faces: FaceArray) -> tuple[bool, int, int]:
+    edges = edges_of(faces)
+    return len(faces) == 0, edges.open, edges.turned
+
+
+def _way_round(faces: FaceArray, key: FaceArray) -> NDArray[np.int64]:
+    """+1 for faces whose corners ascend when gone round, -1 for the others."""
+    at = (faces == key[:, :1]).argmax(axis=1)
+    after = faces[np.arange(len(faces)), (at + 1) % 3]
+    return np.where(after == key[:, 1], 1, -1)
+
+
+def weld_rims(points: FloatArray, faces: FaceArray) -> tuple[FloatArray, FaceArray, int, float]:
+    """Merge vertices on open edges that are nearly in one place.
+
+    Returns
+    -------
+    points, faces
+    count : int
+        Vertices merged away.
+    gap : float
+        The farthest any of them lay from its group's first.
+    """
+    rim = _rim(faces)
+    if len(rim) == 0:
+        return points, faces, 0, 0.0
+    reach = min(
+        _GAP_SHARE * float(np.ptp(points, axis=0).max()), _EDGE_SHARE * _edge(points, faces)
+    )
+    pairs = cKDTree(points[rim]).query_pairs(reach, output_type="ndarray")
+    if len(pairs) == 0:
+        return points, faces, 0, 0.0
+    ones = np.ones(len(pairs), dtype=np.int8)
+    graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(len(rim), len(rim)))
+    groups, group = connected_components(graph, directed=False)
+    leader = np.full(groups, len(rim))
+    np.minimum.at(leader, group, np.arange(len(rim)))
+    number = np.arange(len(points))
+    number[rim] = rim[leader[group]]
+    gap = float(np.linalg.norm(points[rim] - points[number[rim]], axis=1).max())
+    joined = points[number]
+    new_points, new_faces = merge_vertices(joined, faces)
+    return new_points, new_faces, len(rim) - groups, gap
+
+
+def _rim(faces: FaceArray) -> NDArray[np.int64]:
+    edges = edges_of(faces)
+    rim: NDArray[np.int64] = np.unique(edges.ends[edges.uses == 1])
+    return rim
+
+
+def _edge(points: FloatArray, faces: FaceArray) -> float:
+    """A short edge among the open ones (the fifth percentile)."""
+    edges = edges_of(faces)
+    ends = points[edges.ends[edges.uses == 1]]
+    return float(np.percentile(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), 5))
+
+
+# Fill the small holes of a triangle surface, each with the patch of least area.
+
+WIDEST = 0.15
+"""Widest hole that is filled, of the mesh's extent."""
+LARGEST = 0.02
+"""Largest share of the surface that all holes together may have."""
+_EXACT = 64
+"""Corners of a rim up to which the least patch is found exactly; beyond, a fan from its middle."""
+
+
+@dataclass(frozen=True)
+class Hole:
+    """A rim that was filled: its middle, and its largest extent."""
+
+    centre: FloatArray
+    width: float
+
+
+def fill_holes(points: FloatArray, faces: FaceArray) -> tuple[FloatArray, FaceArray, list[Hole]]:
+    """Close each rim of open edges with the patch of least area (Barequet & Sharir 1995).
+
+    Raises
+    ------
+    TissueError
+        When a hole is wider than `WIDEST` of the mesh, all of them larger than `LARGEST` of its
+        surface, or the open edges don't form rims.
+    """
+    rims = _rims(points, faces)
+    if not rims:
+        return points, faces, []
+    extent = float(np.ptp(points, axis=0).max())
+    holes = [
+        Hole(points[rim].mean(axis=0), float(np.ptp(points[rim], axis=0).max())) for rim in rims
+    ]
+    wide = [hole for hole in holes if hole.width > WIDEST * extent]
+    if wide:
+        raise TissueError(
+            f"mesh is open: {len(wide)} of {len(holes)} holes are too wide to be filled without "
+            f"guessing, the widest {max(h.width for h in wide):.3g} of {WIDEST * extent:.3g} "
+            f"allowed ({format_points(np.array([h.centre for h in wide]))}); "
+            f"{sum(len(rim) for rim in rims)} of {len(edges_of(faces).uses)} edges aren't shared "
+            "by two faces; close them in a mesh editor and try again"
+        )
+    area = float(face_areas(points, faces).sum())
+    new: list[NDArray[np.int64]] = []
+    for rim in rims:
+        points, patch = _patch(points, rim)
+        new.append(patch)
+    patches = np.concatenate(new)
+    filled = float(face_areas(points, patches).sum())
+    if filled > LARGEST * area:
+        raise TissueError(
+            f"mesh is open: {len(holes)} holes make up {100 * filled / area:.2g} % of its surface, "
+            f"above {100 * LARGEST:g} % ({format_points(np.array([h.centre for h in holes]))}); "
+            "close them in a mesh editor and try again"
+        )
+    return points, np.concatenate([faces, patches.astype(np.int32)]), holes
+
+
+def _rims(points: FloatArray, faces: FaceArray) -> list[NDArray[np.int64]]:
+    """Loops of open edges, each the way round in which its patch is to be wound."""
+    edges = edges_of(faces)
+    ways = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    begin, end = ways[edges.uses[edges.of_face] == 1][:, ::-1].T.astype(np.int64)
+    onward: dict[int, list[int]] = {}
+    for a, b in zip(begin.tolist(), end.tolist(), strict=True):
+        onward.setdefault(a, []).append(b)
+    rims: list[NDArray[np.int64]] = []
+    while onward:
+        path = [next(iter(onward))]
+        while True:
+            ways_on = onward.get(path[-1])
+            if not ways_on:
+                raise TissueError(
+                    f"mesh is open, and its {len(begin)} open edges form no closed rims "
+                    f"({format_points(points[[path[-1]]])}); mend it there and try again"
+                )
+            following = ways_on.pop()
+            if not ways_on:
+                del onward[path[-1]]
+            if following in path:
+                # Rims that touch in a vertex are taken apart there.
+                at = path.index(following)
+                rims.append(np.array(path[at:]))
+                path = path[: at + 1]
+                if len(path) == 1:
+                    break
+            else:
+                path.append(following)
+    return rims
+
+
+def _patch(points: FloatArray, rim: NDArray[np.int64]) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Triangles that fill a rim; a long one gets a new vertex in its middle."""
+    if len(rim) < 3:
+        return points, np.empty((0, 3), dtype=np.int64)
+    if len(rim) <= _EXACT:
+        return points, rim[_least_patch(points[rim])]
+    middle = np.full(len(rim), len(points))
+    fan = np.stack([rim, np.roll(rim, -1), middle], axis=1)
+    return np.concatenate([points, points[rim].mean(axis=0, keepdims=True)]), fan
+
+
+def _least_patch(rim: FloatArray) -> NDArray[np.int64]:
+    """Triangulation of a closed polygon (n, 3) of least area, by dynamic programming."""
+    n = len(rim)
+    cost = np.zeros((n, n))
+    choice = np.zeros((n, n), dtype=np.int64)
+    for span in range(2, n):
+        for i in range(n - span):
+            j = i + span
+            m = np.arange(i + 1, j)
+            across = np.cross(rim[m] - rim[i], rim[j] - rim[i])
+            total = cost[i, m] + cost[m, j] + np.linalg.norm(across, axis=1)
+            best = int(np.argmin(total))
+            cost[i, j], choice[i, j] = total[best], m[best]
+    triangles: list[tuple[int, int, int]] = []
+    todo = [(0, n - 1)]
+    while todo:
+        i, j = todo.pop()
+        if j - i < 2:
+            continue
+        middle = int(choice[i, j])
+        triangles.append((i, middle, j))
+        todo += [(i, middle), (middle, j)]
+    return np.array(triangles, dtype=np.int64)

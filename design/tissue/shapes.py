@@ -1,14 +1,16 @@
-"""Make parametric tissue surfaces: block, cylinder, ring, folded cortex."""
+"""Make parametric tissue surfaces: block, cylinder, ring, cortex, heart, kidney, liver."""
 
 from __future__ import annotations
 
 from math import ceil, pi
 
 import numpy as np
+from manifold3d import Manifold
 from numpy.typing import NDArray
 
 from design.errors import TissueError
 from design.geometry.surface import Surface
+from design.tissue.zones import arrays_of
 from kernels.arrays import FloatArray
 
 
@@ -172,3 +174,109 @@ def _slab_cap(outline: FloatArray, along: int, steps: int) -> tuple[NDArray[np.i
     a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
     cap = np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)]).reshape(-1, 3)
     return cap, inside.reshape(-1, 2)
+
+
+# Make a parametric heart surface: both ventricles as truncated ellipsoid shells.
+
+# Semi-axes and centres of a heart 60 mm long, mm; z points to the base.
+LEFT_OUTER = (20.0, 20.0, 44.0)
+LEFT_INNER = (11.0, 11.0, 35.0)
+RIGHT_OUTER = (25.0, 19.0, 38.0)
+RIGHT_INNER = (20.5, 14.5, 33.5)
+RIGHT_CENTRE = (17.0, 0.0, 2.0)
+BASE_Z = 16.0
+
+
+def biventricle(length_mm: float = 60.0, sides: int = 96) -> Surface:
+    """Left and right ventricle as truncated ellipsoid shells that share the septum.
+
+    (left outer ∪ right outer) - left cavity - (right cavity - left outer), cut flat at the base;
+    both cavities are open there. A hull of 4.5 (right) to 9 mm (left) at the default length from
+    apex to base.
+
+    Raises
+    ------
+    TissueError
+        When a length isn't positive.
+    """
+    if not length_mm > 0:
+        raise TissueError(f"biventricle: length_mm is {length_mm:g}; give a length above 0")
+    left, left_cavity = _ellipsoid(LEFT_OUTER, sides), _ellipsoid(LEFT_INNER, sides)
+    right = _ellipsoid(RIGHT_OUTER, sides).translate(RIGHT_CENTRE)
+    right_cavity = _ellipsoid(RIGHT_INNER, sides).translate(RIGHT_CENTRE)
+    walls = (left + right) - left_cavity - (right_cavity - left)
+    body = walls.trim_by_plane((0.0, 0.0, -1.0), -BASE_Z)
+    body = body.translate((0.0, 0.0, LEFT_OUTER[2]))
+    scale = length_mm / (LEFT_OUTER[2] + BASE_Z)
+    return Surface(*arrays_of(body.scale((scale, scale, scale))))
+
+
+def _ellipsoid(axes: tuple[float, float, float], sides: int) -> Manifold:
+    return Manifold.sphere(1.0, sides).scale(axes)
+
+
+# Make a parametric kidney surface: a bean with a sinus at its hilum.
+
+WIDTH, THICKNESS = 0.5, 0.42
+"""Of the bean, over its length."""
+BEND = 0.06
+"""How far the poles lean to the hilum's side, over the length."""
+SINUS_DEPTH, SINUS_HEIGHT, SINUS_THICKNESS = 0.24, 0.15, 0.1
+"""Of the sinus, over the length; the latter two are standard deviations of its Gaussian outline."""
+
+
+def kidney(length_mm: float = 60.0, sides: int = 96) -> Surface:
+    """Bean along y with its hilum at the -x side, lying on z = 0.
+
+    An ellipsoid, bent, with a Gaussian dent in the middle of its concave side.
+
+    Raises
+    ------
+    TissueError
+        When the length isn't positive.
+    """
+    if not length_mm > 0:
+        raise TissueError(f"kidney: length_mm is {length_mm:g}; give a length above 0")
+    ball, faces = arrays_of(Manifold.sphere(1.0, sides))
+    x, y, z = 0.5 * ball.T
+    z = THICKNESS * z
+    dent = np.clip(-2.0 * x, 0.0, None) ** 2
+    dent *= np.exp(-0.5 * ((y / SINUS_HEIGHT) ** 2 + (z / SINUS_THICKNESS) ** 2))
+    x = WIDTH * x + SINUS_DEPTH * dent - BEND * (2.0 * y) ** 2
+    points = length_mm * np.column_stack([x, y, z - z.min()])
+    return Surface(np.ascontiguousarray(points), faces)
+
+
+# Make a parametric liver surface: a wedge hollow below, with the vena cava's groove.
+
+DEPTH, HEIGHT = 0.65, 0.62
+"""Of the right lobe, over the width."""
+TAPER = 0.55
+"""Share of depth and height that is lost from the right side to the left."""
+HOLLOW, HOLLOW_SPREAD = 0.2, 0.12
+"""Depth of the hollow of the porta over the width; standard deviation of its outline."""
+GROOVE, GROOVE_SPREAD = 0.18, 0.06
+"""Depth of the vena cava's groove over the width; standard deviation across it."""
+
+
+def liver(width_mm: float = 60.0, sides: int = 96) -> Surface:
+    """Wedge along x, thick at -x, its hollow below, the groove at -y, lying on z = 0.
+
+    An ellipsoid, tapered, with a Gaussian dent from below and a groove from behind.
+
+    Raises
+    ------
+    TissueError
+        When the width isn't positive.
+    """
+    if not width_mm > 0:
+        raise TissueError(f"liver: width_mm is {width_mm:g}; give a width above 0")
+    ball, faces = arrays_of(Manifold.sphere(1.0, sides))
+    x, y, z = 0.5 * ball.T
+    dent = HOLLOW * np.clip(-2.0 * z, 0.0, None) ** 2
+    dent *= np.exp(-0.5 * (x**2 + y**2) / HOLLOW_SPREAD**2)
+    groove = GROOVE * np.clip(-2.0 * y, 0.0, None) ** 2 * np.exp(-0.5 * (x / GROOVE_SPREAD) ** 2)
+    thick = 1.0 - TAPER * (x + 0.5)
+    y, z = thick * (DEPTH * y + groove), thick * (HEIGHT * z + dent)
+    points = width_mm * np.column_stack([x, y, z - z.min()])
+    return Surface(np.ascontiguousarray(points), faces)

@@ -12,17 +12,16 @@ from scipy.sparse.csgraph import connected_components
 
 from design.errors import TissueError
 from design.geometry import build_triangle_tree
+from design.geometry.crossings import find_crossings
 from design.geometry.surface import Surface
 from design.tissue.closed import Edges, FaceArray, edges_of, enclosed_volume
-from design.tissue.crossing_faces import crossing_faces
-from design.tissue.depth import winding_number
-from design.tissue.manifolds import manifold_of, surface_of
+from design.tissue.grid import winding_number
+from design.tissue.zones import manifold_of, surface_of
 from kernels.arrays import FloatArray
 
 _VOTES = 15
 _SAME_ANGLE = 1e-7
 """Rad between faces at an edge that lie on each other."""
-
 _MOST = 2000
 """Shells beyond which a mesh is taken for rubbish: all pairs are compared."""
 
@@ -210,3 +209,26 @@ def _solids(
         manifold_of(Surface(points, faces[np.isin(shell, group)]), "a shell of the mesh")
         for group in members.values()
     ]
+
+
+_FLAT = 1e-12
+"""Height over longest edge below which a face counts as a line: far below what float32 tells."""
+
+
+def crossing_faces(vertices: FloatArray, faces: FaceArray) -> NDArray[np.int64]:
+    """Pairs of faces (k, 2) that meet and share no vertex.
+
+    Neighbours aren't tried, nor faces without area: where slivers of a drawing program fold over
+    their neighbours by the file's rounding, nothing has to be mended.
+    """
+    wide = np.flatnonzero(_has_area(vertices[faces]))
+    pairs = wide[find_crossings(vertices, faces[wide]).pairs]
+    one, two = faces[pairs[:, 0]], faces[pairs[:, 1]]
+    return pairs[(one[:, :, None] != two[:, None, :]).all(axis=(1, 2))]
+
+
+def _has_area(corners: FloatArray) -> NDArray[np.bool_]:
+    edges = np.roll(corners, -1, axis=1) - corners
+    longest = (edges**2).sum(axis=2).max(axis=1)
+    twice = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    return np.asarray(twice > _FLAT * longest)

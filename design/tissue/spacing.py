@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from design.errors import TissueError
-from design.tissue.arrays import BRICK
-from design.tissue.columns import cross_columns
+from design.tissue.columns import BRICK, cross_columns
 from kernels.arrays import FloatArray
 
 BRICKS_PER_FACE_AREA = 2.2

@@ -19,8 +19,7 @@ from typing import Final
 
 import numpy as np
 
-from design.toolpath.checks import require_positive
-from design.toolpath.toolpath import MoveKind, Toolpath
+from design.toolpath.toolpath import MoveKind, Toolpath, require_positive
 from kernels.arrays import BoolArray, FloatArray, IntArray
 
 PER_LAG: Final = 8

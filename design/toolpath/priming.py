@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from design.errors import ToolpathError
-from design.toolpath.checks import require_not_negative, require_positive
 from design.toolpath.moves import MoveBuilder
-from design.toolpath.toolpath import Toolpath
+from design.toolpath.toolpath import Toolpath, require_not_negative, require_positive
 from kernels.arrays import FloatArray
 
 NOTHING = -1

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import IntEnum
-from typing import Any, Literal
+from pathlib import Path
+from typing import Any, Final, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from design.errors import ToolpathError
+from design.files import atomic_replacement
 from kernels.arrays import FloatArray, IntArray
 
 
@@ -127,3 +131,44 @@ def join_toolpaths(parts: Sequence[Toolpath]) -> Toolpath:
         layer_height_mm=parts[0].layer_height_mm,
         heights_mm={layer: mm for part in parts for layer, mm in part.heights_mm.items()},
     )
+
+
+_OTHERS: Final = ("source_kind", "layer_height_mm", "heights_mm")
+_ARRAYS: Final = tuple(field.name for field in fields(Toolpath) if field.name not in _OTHERS)
+
+
+def save_toolpath(path: Path, toolpath: Toolpath) -> None:
+    """Write as ``.npz``; the name is taken only by a whole file."""
+    arrays: dict[str, Any] = {name: getattr(toolpath, name) for name in _ARRAYS}
+    arrays["source_kind"] = np.array(toolpath.source_kind)
+    arrays["layer_height_mm"] = np.array(toolpath.layer_height_mm)
+    arrays["heights_mm"] = np.array(sorted(toolpath.heights_mm.items())).reshape(-1, 2)
+    with atomic_replacement(path) as draft, draft.open("wb") as handle:
+        np.savez(handle, **arrays)
+
+
+def load_toolpath(path: Path) -> Toolpath:
+    """Read what `save_toolpath` wrote."""
+    with np.load(path, allow_pickle=False) as data:
+        arrays = {name: data[name] for name in _ARRAYS}
+        kind = cast(Literal["layer", "vessel"], str(data["source_kind"]))
+        return Toolpath(
+            **arrays,
+            source_kind=kind,
+            layer_height_mm=float(data["layer_height_mm"]),
+            heights_mm={int(layer): mm for layer, mm in data["heights_mm"].tolist()},
+        )
+
+
+def require_positive(where: str, **values: float) -> None:
+    """Raise `ToolpathError` for the first value that isn't finite and above 0."""
+    for name, value in values.items():
+        if not (math.isfinite(value) and value > 0):
+            raise ToolpathError(f"{name} is {value:g} ({where}); it must be finite and above 0")
+
+
+def require_not_negative(where: str, **values: float) -> None:
+    """Raise `ToolpathError` for the first value that isn't finite and at least 0."""
+    for name, value in values.items():
+        if not (math.isfinite(value) and value >= 0):
+            raise ToolpathError(f"{name} is {value:g} ({where}); it must be finite and at least 0")

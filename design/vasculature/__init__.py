@@ -4,15 +4,10 @@ Goes in: a tissue and options. Comes out: a `VesselTree` or a `VesselNetwork`. B
 `tree.py`.
 """
 
-from design.vasculature.collisions.collide import (
-    Collisions,
-    check_given_once,
-    check_network,
-    collisions,
-)
-from design.vasculature.convert import tree_to_network
+from design.vasculature.collide import Collisions, check_given_once, check_network, collisions
 from design.vasculature.growth.forest import RootSpec, forest_to_network, grow_forest
 from design.vasculature.growth.grow import grow_tree
+from design.vasculature.growth.large_growth import ClusterPool
 from design.vasculature.growth.parts import (
     GrownParts,
     Inlet,
@@ -21,13 +16,16 @@ from design.vasculature.growth.parts import (
     terminals_of,
 )
 from design.vasculature.growth.printable import PrintableTree, grow_printable
-from design.vasculature.growth.regions.cluster import ClusterPool
-from design.vasculature.growth.supply import PartSupply, check_parts, check_supply
-from design.vasculature.growth.territories import SupplyBalance, supply_balance
+from design.vasculature.growth.supply import (
+    PartSupply,
+    SupplyBalance,
+    check_parts,
+    check_supply,
+    supply_balance,
+)
 from design.vasculature.loops.loop_options import LoopOptions
 from design.vasculature.loops.loops import ClosedLoops, close_loops
-from design.vasculature.loops.mixing import mix_trees
-from design.vasculature.loops.networks import JoinedTrees, join_forest
+from design.vasculature.loops.mixing import JoinedTrees, join_forest, mix_trees
 from design.vasculature.named import (
     PLANAR_BLOCK_MM,
     PLANAR_DIMPLES,
@@ -37,7 +35,12 @@ from design.vasculature.named import (
 from design.vasculature.options import GrowthOptions, GrowthStage
 from design.vasculature.penalty import DepthPenalty
 from design.vasculature.tree import VesselTree
-from design.vasculature.treemath import scaled_to_smallest_radius, tree_from_topology, tree_radii
+from design.vasculature.treemath import (
+    scaled_to_smallest_radius,
+    tree_from_topology,
+    tree_radii,
+    tree_to_network,
+)
 
 __all__ = [
     "PLANAR_BLOCK_MM",

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import GrowthError
+from design.network import VesselKind, VesselNetwork
 from design.vasculature.tree import VesselTree
 from design.vasculature.viscosity import ROUNDS, SETTLED, relative_viscosity
 from kernels import jit
@@ -205,3 +206,23 @@ def scaled_to_smallest_radius(tree: VesselTree, radius_mm: float) -> VesselTree:
         return _settled(tree, radius_mm)
     factor = radius_mm / float(tree_radii(tree).min())
     return replace(tree, pressure_drop_pa=tree.pressure_drop_pa / factor**4)
+
+
+def tree_to_network(
+    tree: VesselTree, kind: VesselKind = VesselKind.ARTERY, tree_number: int = 0
+) -> VesselNetwork:
+    """One straight vessel of constant radius for each segment, flow from root to terminals.
+
+    Node 0 is the root's inlet; node i + 1 the far end of segment i.
+    """
+    count = len(tree.parent)
+    nodes = np.concatenate([tree.proximal[:1], tree.distal])
+    # The root's parent is -1, so it begins at node 0.
+    ends = np.column_stack([tree.parent.astype(np.int64) + 1, np.arange(1, count + 1)])
+    return VesselNetwork.from_segments(
+        nodes,
+        ends,
+        tree_radii(tree),
+        np.full(count, int(kind), dtype=np.int64),
+        np.full(count, tree_number, dtype=np.int64),
+    )

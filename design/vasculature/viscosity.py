@@ -1,4 +1,4 @@
-r"""Compute blood viscosity at a vessel radius and haematocrit, relative to wide vessels.
+"""Compute blood viscosity at a vessel radius and haematocrit, relative to wide vessels.
 
 Pries et al. 1994 (doi 10.1161/01.RES.75.5.904), the in vivo law, with D in µm and the discharge
 haematocrit H:
@@ -18,13 +18,12 @@ from __future__ import annotations
 from math import exp
 
 from kernels import jit
+from kernels.arrays import FloatArray
 
 NARROWEST_UM = 4.0
 """Diameter below which the law isn't followed further."""
-
 SETTLED = 1e-13
 """Viscosities are settled when none changes by more, relatively."""
-
 ROUNDS = 200
 """Of settling, at most."""
 
@@ -47,3 +46,10 @@ def relative_viscosity(radius_mm: float, haematocrit: float) -> float:
 def _cells(c: float, haematocrit: float) -> float:
     """Dependence on the haematocrit, 1 at 0.45."""
     return float(((1.0 - haematocrit) ** c - 1.0) / (0.55**c - 1.0))
+
+
+@jit
+def relative(radius: FloatArray, haematocrit: float, viscosity: FloatArray) -> None:
+    """Viscosity at radii (n,), mm, over that in wide vessels, into ``viscosity`` (n,)."""
+    for k in range(len(radius)):
+        viscosity[k] = relative_viscosity(radius[k], haematocrit)

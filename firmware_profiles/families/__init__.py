@@ -4,8 +4,7 @@ Goes in: a printer's profile. Comes out: its `Family`, with dialect, grammar and
 with `family.py`.
 """
 
-from firmware_profiles.families.family import Family
-from firmware_profiles.families.link_facts import LinkSetup
+from firmware_profiles.families.family import Family, LinkSetup
 from firmware_profiles.families.registry import family_names, family_of, find_family, meanings
 
 __all__ = ["Family", "LinkSetup", "family_names", "family_of", "find_family", "meanings"]

@@ -29,9 +29,7 @@ from typing import Final
 
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.known_messages import COMPLAINTS, MessageMeaning, MessageTable
-from firmware_profiles.families.line_errors import LineErrors
-from firmware_profiles.families.link_protocol import Event, Places
-from firmware_profiles.families.link_timing import HOST_LATE_S, Timing
+from firmware_profiles.families.link_protocol import HOST_LATE_S, Event, LineErrors, Places, Timing
 from firmware_profiles.families.position_reply import parse_position
 
 PROBE: Final = b"M105"

@@ -34,7 +34,7 @@ from printctl.recipe import Recipe
 from printctl.recipe.parts import OneDPart
 from registration.measuring.gauging import sub_network
 from registration.report.picture import DrivingWave, FilmScene, Quantity, magnitude
-from sim.devices.dye.film_file import CODES, write_frames
+from sim.devices.dye.film import CODES, write_frames
 
 # Write a film file in its suffix's format: MP4 and the like by OpenCV, GIF, WebP by Pillow.
 

@@ -61,10 +61,10 @@ def run_openbf_case(
     UsageError
         For an option that is for networks, or an inlet's table that isn't there.
     FlowError, OSError
-        As `openbf.case_of`, `openbf.run_openbf` and the writers.
+        As `openbf.case_of`, `openbf_waves.run_openbf` and the writers.
     """
     from design.hemodynamics import question_pressure
-    from design.hemodynamics.one_d import openbf
+    from design.hemodynamics.one_d import openbf, openbf_waves
 
     refuse_idle(context, _FOR_CASES, "openBF")
     try:
@@ -77,7 +77,7 @@ def run_openbf_case(
             def tell(cycle: int, change: float) -> None:
                 status.update(f"1D flow, cycle {cycle}: changed by {change:.2g} of the swing")
 
-            solution, waves = openbf.run_openbf(case, tell)
+            solution, waves = openbf_waves.run_openbf(case, tell)
         question_pressure(float(solution.pressure_high.max()))
     except FlowError as exc:
         raise FlowError(f"{path}: {exc}") from exc
@@ -86,7 +86,7 @@ def run_openbf_case(
     folder = out if typed or case.folder is None else Path(case.folder)
     kind = context.params["results"] or "csv"
     file = folder / f"{CASE}.{kind}"
-    write = openbf.write_openbf_npz if kind == "npz" else openbf.write_openbf_csv
+    write = openbf_waves.write_openbf_npz if kind == "npz" else openbf_waves.write_openbf_csv
     write(file, waves)
     summary: dict[str, object] = {
         "project": case.project,

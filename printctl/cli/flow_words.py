@@ -8,7 +8,7 @@ from typing import Any, Final
 import yaml
 from pydantic import TypeAdapter, ValidationError
 
-from firmware_profiles.wrong_values import wording
+from firmware_profiles.errors import wording
 from firmware_profiles.yaml_file import read_yaml
 from printctl.errors import UsageError
 from printctl.recipe.parts import FluidPart, StenosisPart

@@ -7,9 +7,9 @@ from typing import Annotated, Final, cast, get_args
 
 import typer
 
-from design.solids.stl import write_stl
+from design.solids.write import write_stl
 from firmware_profiles import load
-from firmware_profiles.dishes import Dish
+from firmware_profiles.plates import Dish
 from printctl.cli.options import JsonFlag, folder_to_write, messages, print_json
 from printctl.errors import UsageError
 from registration.devices.camera_frame import (

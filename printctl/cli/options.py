@@ -13,7 +13,7 @@ from rich.console import Console
 
 from printctl.errors import UsageError
 from printctl.failures import JSON_PRINTED
-from sim.gcode.reading.user_file import read_gcode_path
+from sim.user_files import read_gcode_path
 
 RecipeArg = Annotated[Path, typer.Argument(help="The recipe, a YAML file.", show_default=False)]
 JsonFlag = Annotated[

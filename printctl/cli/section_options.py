@@ -17,7 +17,7 @@ import typer
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from firmware_profiles.wrong_values import wording
+from firmware_profiles.errors import wording
 from printctl.errors import UsageError
 from printctl.recipe.parts import FILE
 

@@ -14,7 +14,7 @@ from pydantic import Field, ValidationError
 
 from design.files import write_text
 from design.toolpath.correction import Corrections, Stretch
-from firmware_profiles.wrong_values import wording
+from firmware_profiles.errors import wording
 from firmware_profiles.yaml_file import read_yaml
 from printctl.errors import UsageError
 from printctl.recipe.parts import Part

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from design.files import atomic_replacement, write_text
 from firmware_profiles import Bath, Ink, Needle, Printer, ProfileError, Syringe, load
-from firmware_profiles.facts import Facts
+from firmware_profiles.strict_model import Facts
 from printctl.history.plain_zip import blocks_of, read_members
 from printctl.history.signing import MANIFEST, RecordsError
 from printctl.history.verify import verify_bundle

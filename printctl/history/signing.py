@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from firmware_profiles.wrong_values import wording
+from firmware_profiles.errors import wording
 from printctl.errors import PrintctlError
 from printctl.machine.link.history import data_folder
 

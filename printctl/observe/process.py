@@ -25,9 +25,8 @@ from printctl.machine.link.process import hold_folder
 from printctl.machine.link.record import JOURNAL, load_record
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.printing.journal_facts import read_journal_facts
-from printctl.observe import devices
 from printctl.observe.deciding import Decider, FlowControl
-from printctl.observe.devices import PICTURES, DeviceError, DeviceSettings
+from printctl.observe.devices import PICTURES, DeviceError, DeviceSettings, acquire
 from printctl.observe.look_values import Look
 from printctl.observe.looking_at import ObservedJob
 from printctl.observe.observer import Observer
@@ -43,7 +42,7 @@ from printctl.observe.view_before import EMPTY
 from printctl.observe.views import camera_frame, open_view, read_oct_frame, try_laser_frame
 from printctl.system_errors import explain
 from sim.devices.camera.laser_line import load_profiler
-from sim.devices.scanner.live_oct import load_oct
+from sim.devices.scanner.oct import load_oct
 
 # Test a print's camera or scanner before the print; keep a camera's picture of the empty dish.
 
@@ -67,10 +66,10 @@ def try_device(order: ObserverOrder, folder: Path) -> None:
     _try_frame(order)
     device = order.device
     if device.kind == "camera":
-        picture = devices(device, emptied_look_folder(folder, EMPTY) / "picture")
+        picture = acquire(device, emptied_look_folder(folder, EMPTY) / "picture")
         open_view(picture, order, 0.0, 0.0)
     elif device.kind == "simulated" and not order.tells_heights:
-        devices(_before_any_motion(device), emptied_look_folder(folder, EMPTY) / "picture")
+        acquire(_before_any_motion(device), emptied_look_folder(folder, EMPTY) / "picture")
     elif device.kind == "folder" and not Path(device.source).is_dir():
         raise DeviceError(
             f"folder {device.source} isn't there; the device's program writes into it (a command "
@@ -254,7 +253,7 @@ def _acquired(job: ObservedJob, look: Look, out: Path) -> Path:
     device = job.order.device
     left_s = max(look.until_s - time.monotonic(), _LEAST_S)
     device = replace(device, limit_s=min(device.limit_s, left_s))
-    return devices(device, out, job.region(look) if job.order.tells_heights else None)
+    return acquire(device, out, job.region(look) if job.order.tells_heights else None)
 
 
 def _look(observer: Observer, told: dict[str, Any]) -> bool:

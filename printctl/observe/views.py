@@ -36,8 +36,8 @@ from registration.inspection import (
     surface_of,
 )
 from registration.scan import Scan
-from sim.devices.camera.camera_file import load_camera
 from sim.devices.camera.optics import Camera, through_surface
+from sim.devices.camera.paint import load_camera
 from sim.devices.camera.scene import Bath
 
 # Refuse pictures of a camera whose frame doesn't hold any more.

@@ -17,7 +17,7 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from firmware_profiles import Dish, Ink, Plate, Printer
-from firmware_profiles.wrong_values import wording
+from firmware_profiles.errors import wording
 from printctl.errors import RecipeError
 from printctl.recipe import Recipe
 from printctl.recipe.load import overridden

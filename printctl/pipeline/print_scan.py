@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from design.files import write_text
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
-from firmware_profiles.wrong_values import wording
+from firmware_profiles.errors import wording
 from printctl.checks.set_up import of_each
 from printctl.errors import UsageError
 from printctl.machine.link.grown_text import grown_text
@@ -38,7 +38,7 @@ from printctl.recipe import Recipe
 from printctl.recipe.making import Embedded, SimulatedScan
 from registration.files.readers import metadata
 from registration.files.writers import write_scan
-from sim.devices.faults.fault_file import load_faults
+from sim.devices.faults import load_faults
 from sim.devices.recorded_ink import read_record
 from sim.gcode.deposit.ink_faults import NO_FAULTS
 from sim.gcode.motion.executed import ExecutedMotion

@@ -39,11 +39,11 @@ from design.solids import (
     write_step,
     write_stl,
 )
-from design.solids.connector import BORE_BEYOND_MM
 from design.solids.construct import Vector
-from design.solids.facets import FACET_TOLERANCE_MM
+from design.solids.dimensions import BORE_BEYOND_MM
 from design.solids.read import SUFFIXES
 from design.solids.topology import edge_faults
+from design.solids.tube import FACET_TOLERANCE_MM
 from design.tissue.parts import surface_parts
 from design.tissue.shells import shells_of
 from design.vasculature import PLANAR_DIMPLES, Dimple

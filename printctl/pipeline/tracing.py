@@ -20,7 +20,7 @@ from kernels.arrays import FloatArray, IntArray
 from printctl.checks.lumens.lines import plunger_strokes, valve_strokes
 from registration import RegistrationReport
 from sim.gcode.deposit.strands import Strands
-from sim.gcode.heads.valve import read_with_valve
+from sim.gcode.heads import read_with_valve
 
 _ALONG_MM = 0.2
 """Places along a defect at which moves beside it are looked for."""

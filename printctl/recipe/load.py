@@ -11,7 +11,7 @@ from typing import Any, Final
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from firmware_profiles.wrong_values import wording
+from firmware_profiles.errors import wording
 from firmware_profiles.yaml_file import read_yaml
 from printctl.errors import RecipeError
 from printctl.recipe.model import Recipe

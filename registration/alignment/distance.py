@@ -299,7 +299,7 @@ def hierarchy(triangles: FloatArray) -> tuple[FloatArray, IntArray, IntArray]:
     Returns
     -------
     boxes, nodes : arrays
-        See `design.geometry.hierarchy.build_hierarchy`.
+        See `design.geometry.bvh.build_hierarchy`.
     order : (k,) int64
         Triangles in the order of the leaves; those that were cut several times.
     """

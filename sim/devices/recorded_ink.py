@@ -8,10 +8,10 @@ from typing import Annotated, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from firmware_profiles import Ink, Printer, Syringe, load
-from sim.devices.faults.fault_file import load_faults
+from sim.devices.faults import load_faults
 from sim.errors import DepositError
 from sim.gcode.deposit.ink_faults import NO_FAULTS
-from sim.gcode.deposit.laid import Laid, Style, laid, nothing_laid
+from sim.gcode.deposit.lay import Laid, Style, laid, nothing_laid
 from sim.gcode.motion.executed import ExecutedMotion
 
 

@@ -32,7 +32,6 @@ HEAVY = (
 PAGES = tuple(f"printctl.web.{room}.page" for room in ROOMS)
 ON_DEMAND = (
     "design.hemodynamics",
-    "design.hemodynamics.fluids",
     "design.lattices",
     "design.measures",
     "design.solids",

@@ -9,8 +9,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from design.geometry.surface import Surface
-from registration.alignment import uncertainty
-from registration.alignment.uncertainty import LEVEL_PART, MOST_UNEVEN, ScanErrors
+from registration.alignment.uncertainty import LEVEL_PART, MOST_UNEVEN, ScanErrors, scan_errors
 from registration.notes import uneven_notes
 from registration.scan import Scan
 from registration.segmentation import GelField, Segmentation, Strength
@@ -53,7 +52,7 @@ def errors(uneven: float) -> ScanErrors:
     field = GelField(values, 0.5, 1.0, np.full(3, 0.05), np.zeros(3), 0.04, uneven=uneven)
     none, faces = np.zeros((0, 3)), np.zeros((0, 3), np.int32)
     strength, seen = Strength(values, 0.01, values.astype(np.float16), 0.0), np.zeros(0, np.bool_)
-    return uncertainty(scan, Segmentation(field, Surface(none, faces), none, seen, 5.0, strength))
+    return scan_errors(scan, Segmentation(field, Surface(none, faces), none, seen, 5.0, strength))
 
 
 def test_walls_are_less_sure_in_uneven_gel_and_unknown_in_very_uneven_gel() -> None:

@@ -5,11 +5,9 @@ Begin with `solve.py`.
 """
 
 from design.hemodynamics.one_d.options import OneDOptions
-from design.hemodynamics.one_d.solution import OneDSolution
+from design.hemodynamics.one_d.solution import OneDSolution, one_d_summary, one_d_table, one_d_waves
 from design.hemodynamics.one_d.solve import solve_one_d
-from design.hemodynamics.one_d.summary import one_d_summary, one_d_waves
 from design.hemodynamics.one_d.svoned import svoned_input, write_svoned
-from design.hemodynamics.one_d.table import one_d_table
 
 __all__ = [
     "OneDOptions",

@@ -4,36 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.one_d.grid import Grid, make_grid
-from design.hemodynamics.one_d.kernels.march import (
+from design.hemodynamics.one_d.grid import Grid, check_compliant, make_grid
+from design.hemodynamics.one_d.march import (
+    LumpedForecast,
     MarchScratch,
     State,
     advance,
-    make_work,
-    settle_ends,
-)
-from design.hemodynamics.one_d.nodes import Nodes, place_nodes
-from design.hemodynamics.one_d.options import OneDOptions
-from design.hemodynamics.one_d.pace import STABLE, foreseen_rate, steps_for, wave_rate
-from design.hemodynamics.one_d.periodic import Acceleration
-from design.hemodynamics.one_d.record import Lines
-from design.hemodynamics.one_d.solution import OneDSolution
-from design.hemodynamics.one_d.start import (
+    all_pressures,
     first_state,
     lumped_extremes,
     lumped_state,
+    make_work,
+    settle_ends,
     with_small_changes,
 )
-from design.hemodynamics.one_d.tube_law import check_compliant
+from design.hemodynamics.one_d.nodes import RESISTANCE, Nodes, place_nodes
+from design.hemodynamics.one_d.options import OneDOptions
+from design.hemodynamics.one_d.solution import OneDSolution
 from design.hemodynamics.probes import Probes, ProbeWaves, midpoints
-from design.hemodynamics.vessel.inertance import plug_inertance
-from design.hemodynamics.vessel.wall import wave_speed
-from design.hemodynamics.waveforms import Waveform
-from design.hemodynamics.waveforms.waveform import common_period
+from design.hemodynamics.vessel_coefficients import plug_inertance, wave_speed
+from design.hemodynamics.waveforms import Waveform, common_period
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray, IntArray
@@ -255,3 +250,227 @@ def _solution(
         friction_exponent=options.exponents(count),
         probe_area=probe_area,
     )
+
+
+# Choose the 1D solver's time steps per cycle by wave speed, friction and Windkessel time.
+
+STABLE: Final = 1.3
+"""Cells a wave may run in a step at most; with κ = 1/3 and this Runge-Kutta method 1.5 still
+holds for one wave in a uniform tube."""
+_RUBBED: Final = 1.0
+"""Share of its flow that friction may take in a step; 2.5 is the method's limit."""
+_MOST_STEPS: Final = 50_000_000
+
+
+def foreseen_rate(grid: Grid, seen: LumpedForecast) -> float:
+    """Cells a second that the fastest wave will run, by what the lumped model expects."""
+    vessel = grid.vessel_of_cell
+    outside = grid.external[vessel]
+    low = np.maximum(1.0 + (seen.low[vessel] - outside) / grid.stiffness, 0.1)
+    velocity = seen.flow[vessel] / (grid.area * low**2)
+    return wave_rate(grid, np.maximum(seen.high[vessel] - outside, 0.0), velocity)
+
+
+def wave_rate(grid: Grid, pressure: FloatArray, velocity: FloatArray) -> float:
+    """Cells a second that the fastest wave runs.
+
+    Parameters
+    ----------
+    grid : Grid
+    pressure, velocity : (n,) float64, Pa, mm/s
+        Pressure above the one outside.
+    """
+    vessel = grid.vessel_of_cell
+    alpha = grid.alpha[vessel]
+    speed = np.sqrt((grid.stiffness + pressure) / (2.0 * grid.density))
+    carried = np.sqrt(speed**2 + alpha * (alpha - 1.0) * velocity**2)
+    fastest = alpha * np.abs(velocity) + carried
+    return float((fastest / grid.cell[vessel]).max())
+
+
+def steps_for(
+    grid: Grid,
+    nodes: Nodes,
+    period_s: float,
+    samples: int,
+    courant: float,
+    rate: float,
+    area: FloatArray,
+) -> int:
+    """Steps of a cycle, a multiple of ``samples``.
+
+    Limited by waves (``rate``, cells a second), by friction in thin vessels and by Windkessels
+    whose time is short.
+
+    Raises
+    ------
+    FlowError
+        When they are absurdly many.
+    """
+    rubbing = grid.friction / area
+    held = (nodes.kind == RESISTANCE) & (nodes.capacitance > 0.0)
+    emptying = (1.0 / nodes.proximal[held] + 1.0 / nodes.distal[held]) / nodes.capacitance[held]
+    wanted = {
+        "waves": rate / courant,
+        "friction": float(rubbing.max()) / _RUBBED,
+        "a Windkessel's time": float(emptying.max(initial=0.0)),
+    }
+    cause = max(wanted, key=lambda name: wanted[name])
+    steps = samples * int(np.ceil(max(1.0, period_s * wanted[cause] / samples)))
+    if steps > _MOST_STEPS:
+        where = ""
+        if cause != "a Windkessel's time":
+            cells = rubbing if cause == "friction" else 1.0 / grid.cell[grid.vessel_of_cell]
+            where = f" in vessel {int(grid.vessel_of_cell[np.argmax(cells)])}"
+        raise FlowError(
+            f"a cycle of {period_s:g} s would take {steps:.3g} steps, above {_MOST_STEPS:.3g}, "
+            f"because of {cause}{where}; give longer cells (cell_mm), or solve it lumped: waves "
+            "don't matter where friction is so strong"
+        )
+    return steps
+
+
+# Reach 1D flow's periodic state in fewer cycles, by Anderson acceleration of cycle starts.
+#
+# A cycle is a map x → G(x) of the state at its begin to that at its end, and the periodic state its
+# fixed point. Left to itself the error falls by exp(-period/RC) a cycle. Anderson's acceleration
+# (1965, doi 10.1145/321296.321305; Walker & Ni 2011, doi 10.1137/10078356X) takes, of the last few
+# cycles, the mixture whose change G(x) - x is least: exact where what is left is a handful of slow
+# modes. Whether a state is periodic is judged by the cycle that follows, never by the mixture.
+
+_MEMORY = 3
+_FIRST = 2
+"""Cycles left to themselves: waves of the start die out."""
+
+
+class Acceleration:
+    """Begins of cycles and what they ended in.
+
+    Parameters
+    ----------
+    grid : Grid
+    """
+
+    def __init__(self, grid: Grid) -> None:
+        self._grid = grid
+        self._ends: list[FloatArray] = []
+        self._changes: list[FloatArray] = []
+        self._cycles = 0
+
+    def improve(self, begun: State, state: State, swing: float, greatest: float) -> None:
+        """Put a better begin of the next cycle into ``state``, a cycle's end.
+
+        Parameters
+        ----------
+        begun, state : State
+        swing, greatest : float, Pa, µL/s
+            What pressures and flows are measured by.
+        """
+        self._cycles += 1
+        if self._cycles <= _FIRST:
+            return
+        scale = np.concatenate(
+            [np.full(len(state.area), swing), np.full(len(state.flow), greatest),
+             np.full(len(state.stored), swing)]
+        ) + 1e-300  # fmt: skip
+        end = self._packed(state)
+        change = (end - self._packed(begun)) / scale
+        if self._changes and np.abs(change).max() > 2.0 * np.abs(self._changes[-1]).max():
+            self._ends, self._changes = [], []
+        self._ends = [*self._ends, end][-_MEMORY - 1 :]
+        self._changes = [*self._changes, change][-_MEMORY - 1 :]
+        if len(self._ends) > 1:
+            self._unpack(self._mixed(), state)
+
+    def _mixed(self) -> FloatArray:
+        """The mixture of the ends kept whose changes' mixture is least."""
+        last = self._changes[-1]
+        apart = np.array([last - other for other in self._changes[:-1]]).T
+        share = np.linalg.lstsq(apart, last, rcond=1e-6)[0]
+        end = self._ends[-1]
+        back = [part * (end - other) for part, other in zip(share, self._ends[:-1], strict=True)]
+        return np.asarray(end - np.sum(back, axis=0))
+
+    def _packed(self, state: State) -> FloatArray:
+        """Pressure, flow and what outlets store."""
+        grid = self._grid
+        pressure = grid.stiffness * (np.sqrt(state.area) * grid.root - 1.0)
+        return np.concatenate([pressure, state.flow, state.stored])
+
+    def _unpack(self, packed: FloatArray, state: State) -> None:
+        count = len(state.area)
+        width = 1.0 + packed[:count] / self._grid.stiffness
+        if width.min() <= 0.1:
+            return
+        state.area[:] = self._grid.area * width**2
+        state.flow[:] = packed[count : 2 * count]
+        state.stored[:] = packed[2 * count :]
+
+
+# Record one cycle of 1D flow: waves at chosen points, and extremes everywhere.
+
+
+class Lines:
+    """Cells of each vessel with its two ends beside them, and places between.
+
+    Parameters
+    ----------
+    grid : Grid
+    places : Probes
+        Where waves are kept.
+    samples : int
+    """
+
+    def __init__(self, grid: Grid, places: Probes, samples: int) -> None:
+        vessels = np.arange(len(grid.cell))
+        self.grid = grid
+        self.begin = grid.offset[:-1] + 2 * vessels
+        self.final = grid.offset[1:] + 2 * vessels + 1
+        self.inner = np.arange(grid.offset[-1]) + 2 * grid.vessel_of_cell + 1
+        self.low, self.high, self.weight = self._between(places)
+        size = int(grid.offset[-1]) + 2 * len(vessels)
+        self._values = np.empty((3, size))
+        self._pressure = np.empty(int(grid.offset[-1]))
+        self.ends = np.empty((2, 2, len(vessels), samples))
+        self.waves = np.empty((3, len(places.vessel), samples))
+        self.least = np.full((3, size), np.inf)
+        self.most = np.full((3, size), -np.inf)
+
+    def _between(self, places: Probes) -> tuple[IntArray, IntArray, FloatArray]:
+        counts = np.diff(self.grid.offset)[places.vessel]
+        along = places.fraction * counts
+        cell = np.clip(np.floor(along + 0.5).astype(np.int64), 0, counts)
+        low = self.begin[places.vessel] + cell
+        # Ends are half a cell from their neighbours' middles.
+        start = np.where(cell == 0, 0.0, cell - 0.5)
+        stop = np.where(cell == counts, counts, cell + 0.5)
+        return low, low + 1, (along - start) / (stop - start)
+
+    def take(self, sample: int, state: State, work: MarchScratch) -> None:
+        """Keep a state, after `settle_ends`."""
+        all_pressures(self.grid, state, work, self._pressure)
+        ends = work.ends[:3].reshape(3, -1, 2)
+        inside = (self._pressure, state.flow, state.area)
+        for values, cells, at in zip(self._values, inside, (2, 1, 0), strict=True):
+            values[self.inner] = cells
+            sign = -1.0 if at == 1 else 1.0
+            values[self.begin], values[self.final] = sign * ends[at, :, 0], ends[at, :, 1]
+        for k in range(2):
+            self.ends[k, 0, :, sample] = self._values[k, self.begin]
+            self.ends[k, 1, :, sample] = self._values[k, self.final]
+        low, high = self._values[:, self.low], self._values[:, self.high]
+        self.waves[:, :, sample] = low + self.weight * (high - low)
+        np.minimum(self.least, self._values, out=self.least)
+        np.maximum(self.most, self._values, out=self.most)
+
+    def extremes(self) -> tuple[FloatArray, FloatArray]:
+        """Least and most of pressure, flow and area in each vessel, (3, v) each."""
+        return (
+            np.minimum.reduceat(self.least, self.begin, axis=1),
+            np.maximum.reduceat(self.most, self.begin, axis=1),
+        )
+
+    def ranges(self) -> tuple[float, float]:
+        """Between least and greatest pressure, and the greatest flow, in the whole network."""
+        pressure = float(self.most[0].max() - self.least[0].min())
+        return pressure, float(max(self.most[1].max(), -self.least[1].min()))

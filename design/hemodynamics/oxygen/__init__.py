@@ -5,17 +5,20 @@ Begin with `solve.py`.
 """
 
 from design.hemodynamics.oxygen.conditions import OxygenConditions, assumptions
-from design.hemodynamics.oxygen.refine import solve_refined
-from design.hemodynamics.oxygen.solution import HALF, OxygenSolution
-from design.hemodynamics.oxygen.solve import SolverOptions, solve_oxygen
-from design.hemodynamics.oxygen.summary import oxygen_summary, oxygen_table
+from design.hemodynamics.oxygen.solution import (
+    HALF,
+    OxygenSolution,
+    oxygen_summary,
+    oxygen_table,
+    write_oxygen_vti,
+)
+from design.hemodynamics.oxygen.solve import SolverOptions, solve_oxygen, solve_refined
 from design.hemodynamics.oxygen.tissue_grid import (
     TissueGrid,
     grid_of_box,
     grid_of_tissue,
     spacing_for,
 )
-from design.hemodynamics.oxygen.vti import write_oxygen_vti
 
 __all__ = [
     "HALF",

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
-from design.hemodynamics.oxygen.levels import Level, add_eight, apply, relax
+from design.hemodynamics.oxygen.tissue_grid import TissueGrid
 from kernels import jit
 from kernels.arrays import FloatArray
 
@@ -90,3 +92,155 @@ def add_between(coarse: FloatArray, inside: FloatArray, fine: FloatArray) -> Non
                         weight += w
                 if weight > 0.0:
                     fine[i, j, k] += total / weight
+
+
+# Diffusion conductances of the tissue grid and coarser multigrid levels; smoothing sweeps.
+#
+# A cell gives to its neighbour D h (c - c'), the finite volume of a cube; between tissue and
+# anything else nothing passes. Coarse cells are eight fine ones; their faces conduct half of what
+# the fine faces between them do together, since the way is twice as long (cell-centred multigrid,
+# Wesseling 1988, J Comput Phys 79, 85).
+
+_SMALLEST: Final = 5
+_NEAREST: Final = 0.25
+"""A bath is no nearer to a cell's middle than this share of the spacing: rounding aside, the
+staircase's cells are that far below the surface or more."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """Conductances of one grid, in µL/s; all arrays have a layer of empty cells all round.
+
+    Attributes
+    ----------
+    east, north, up : (nx, ny, nz) float32
+        Of the face to the next cell in x, y and z.
+    own : (nx, ny, nz) float64
+        What each cell loses per concentration besides; changes from one Newton step to the next.
+    """
+
+    east: np.ndarray
+    north: np.ndarray
+    up: np.ndarray
+    own: FloatArray
+
+
+def finest_level(grid: TissueGrid, diffusivity: float) -> Level:
+    """Faces between cells of the tissue, and nothing lost."""
+    conductance = np.float32(diffusivity * grid.spacing_mm)
+    faces = []
+    for axis in range(3):
+        face = np.zeros(grid.inside.shape, dtype=np.float32)
+        low = tuple(slice(0, -1) if a == axis else slice(None) for a in range(3))
+        high = tuple(slice(1, None) if a == axis else slice(None) for a in range(3))
+        face[low] = conductance * (grid.inside[low] & grid.inside[high])
+        faces.append(face)
+    return Level(faces[0], faces[1], faces[2], np.zeros(grid.inside.shape))
+
+
+def bath_conductance(grid: TissueGrid, diffusivity: float) -> FloatArray:
+    """From each cell to the bath beyond the tissue's surface, (nx, ny, nz), µL/s.
+
+    Through each face to an empty cell, over the cell's depth below the surface.
+    """
+    h, bare = grid.spacing_mm, np.zeros(grid.inside.shape)
+    for axis in range(3):
+        for step in (-1, 1):
+            bare += grid.inside & ~np.roll(grid.inside, step, axis=axis)
+    # Below a surface aslant to the axes a cell shows it several faces for the one it has.
+    return bare * diffusivity * h * h / np.clip(grid.depth_mm, _NEAREST * h, h)
+
+
+def coarser(level: Level) -> list[Level]:
+    """``level`` and its coarser ones, down to a few cells, whose ``own`` is still 0."""
+    levels = [level]
+    while max(levels[-1].own.shape) > _SMALLEST + 2:
+        fine = levels[-1]
+        shape = tuple((n - 2 + 1) // 2 + 2 for n in fine.own.shape)
+        faces = [np.zeros(shape, dtype=np.float32) for _ in range(3)]
+        _coarsen(fine.east, fine.north, fine.up, *faces)
+        levels.append(Level(faces[0], faces[1], faces[2], np.zeros(shape)))
+    return levels
+
+
+def restrict_losses(levels: list[Level]) -> None:
+    """Give each coarse cell what its eight lose."""
+    for fine, coarse in pairwise(levels):
+        add_eight(fine.own, coarse.own)
+
+
+@jit
+def _coarsen(
+    east: np.ndarray, north: np.ndarray, up: np.ndarray,
+    wide_east: np.ndarray, wide_north: np.ndarray, wide_up: np.ndarray,
+) -> None:  # fmt: skip
+    nx, ny, nz = east.shape
+    for i in range(1, nx - 1):
+        for j in range(1, ny - 1):
+            for k in range(1, nz - 1):
+                a, b, c = (i + 1) // 2, (j + 1) // 2, (k + 1) // 2
+                if i % 2 == 0:
+                    wide_east[a, b, c] += np.float32(0.5) * east[i, j, k]
+                if j % 2 == 0:
+                    wide_north[a, b, c] += np.float32(0.5) * north[i, j, k]
+                if k % 2 == 0:
+                    wide_up[a, b, c] += np.float32(0.5) * up[i, j, k]
+
+
+@jit
+def add_eight(fine: FloatArray, coarse: FloatArray) -> None:
+    """Sum of eight cells each into the coarse one."""
+    nx, ny, nz = fine.shape
+    coarse[:] = 0.0
+    for i in range(1, nx - 1):
+        for j in range(1, ny - 1):
+            for k in range(1, nz - 1):
+                coarse[(i + 1) // 2, (j + 1) // 2, (k + 1) // 2] += fine[i, j, k]
+
+
+@jit
+def apply(
+    east: np.ndarray, north: np.ndarray, up: np.ndarray, own: FloatArray, c: FloatArray,
+    out: FloatArray,
+) -> None:  # fmt: skip
+    """What each cell loses, nmol/s, into ``out``; its outer layer stays as it is."""
+    nx, ny, nz = c.shape
+    for i in range(1, nx - 1):
+        for j in range(1, ny - 1):
+            for k in range(1, nz - 1):
+                here = c[i, j, k]
+                out[i, j, k] = (
+                    own[i, j, k] * here
+                    + east[i, j, k] * (here - c[i + 1, j, k])
+                    + east[i - 1, j, k] * (here - c[i - 1, j, k])
+                    + north[i, j, k] * (here - c[i, j + 1, k])
+                    + north[i, j - 1, k] * (here - c[i, j - 1, k])
+                    + up[i, j, k] * (here - c[i, j, k + 1])
+                    + up[i, j, k - 1] * (here - c[i, j, k - 1])
+                )
+
+
+@jit
+def relax(
+    east: np.ndarray, north: np.ndarray, up: np.ndarray, own: FloatArray, given: FloatArray,
+    c: FloatArray, backward: bool,
+) -> None:  # fmt: skip
+    """One sweep of Gauss-Seidel in place, forward or backward."""
+    nx, ny, nz = c.shape
+    for a in range(1, nx - 1):
+        i = nx - 1 - a if backward else a
+        for b in range(1, ny - 1):
+            j = ny - 1 - b if backward else b
+            for d in range(1, nz - 1):
+                k = nz - 1 - d if backward else d
+                e, w = east[i, j, k], east[i - 1, j, k]
+                n, s = north[i, j, k], north[i, j - 1, k]
+                u, v = up[i, j, k], up[i, j, k - 1]
+                diagonal = own[i, j, k] + (e + w + n + s + u + v)
+                if diagonal > 0.0:
+                    c[i, j, k] = (
+                        given[i, j, k]
+                        + e * c[i + 1, j, k] + w * c[i - 1, j, k]
+                        + n * c[i, j + 1, k] + s * c[i, j - 1, k]
+                        + u * c[i, j, k + 1] + v * c[i, j, k - 1]
+                    ) / diagonal  # fmt: skip

@@ -5,17 +5,33 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Final
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, bicgstab
 
 from design.errors import FlowError
 from design.hemodynamics.oxygen.conditions import OxygenConditions
-from design.hemodynamics.oxygen.multigrid import VCycle
-from design.hemodynamics.oxygen.problem import OxygenProblem
+from design.hemodynamics.oxygen.multigrid import (
+    VCycle,
+    apply,
+    bath_conductance,
+    coarser,
+    finest_level,
+    restrict_losses,
+)
 from design.hemodynamics.oxygen.solution import HALF, OxygenSolution
 from design.hemodynamics.oxygen.tissue_grid import TissueGrid
-from design.hemodynamics.oxygen.transport import sweep
+from design.hemodynamics.oxygen.transport import (
+    Elements,
+    cut_vessels,
+    exchange,
+    gather,
+    lumen_share,
+    scatter,
+    sweep,
+    transport_of,
+)
 from design.hemodynamics.zero_d.flow import FlowSolution
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
@@ -176,3 +192,142 @@ def _solution(problem: OxygenProblem, c: FloatArray, steps: int, cycles: int) ->
         newton=steps,
         cycles=cycles,
     )
+
+
+# Oxygen equations on one tissue grid: residual of each cell, its derivative, preconditioner.
+
+
+class OxygenProblem:
+    """Diffusion and uptake in cells, coupled to vessels; all fields are flat, (cells,).
+
+    A cell loses Σ D h (c - c') + g (c - c_bath) + φ V M c/(K + c) - (flux from vessels). Below 0,
+    where only an iterate can be, uptake goes on with its slope there, M/K: the loss stays concave
+    and smooth, and Newton's steps climb to the solution from below.
+    """
+
+    def __init__(
+        self,
+        network: VesselNetwork,
+        flow: FlowSolution,
+        grid: TissueGrid,
+        conditions: OxygenConditions,
+    ) -> None:
+        self.grid, self.conditions = grid, conditions
+        self.elements: Elements = cut_vessels(network, grid)
+        self.transport = transport_of(network, flow, self.elements)
+        one = self.elements
+        bound = np.add.reduceat(one.weight, one.start[:-1]) > 0.0
+        self.conductance = np.where(
+            bound, exchange(one.radius, one.length, grid.spacing_mm, conditions), 0.0
+        )
+        self.share = np.where(grid.inside, 1.0 - lumen_share(network, grid), 0.0)
+        self.uptake = (self.share * grid.cell_ul * conditions.uptake_millimolar_s).ravel()
+        self.levels = coarser(finest_level(grid, conditions.tissue_diffusivity_mm2_s))
+        self.bath = np.zeros(grid.inside.size)
+        if conditions.bath_millimolar is not None:
+            self.bath = bath_conductance(grid, conditions.tissue_diffusivity_mm2_s).ravel()
+        self._lumped = np.zeros(grid.inside.size)
+        self._scatter(self.conductance, self._lumped)
+
+    def around(self, c: FloatArray) -> FloatArray:
+        """What the grid holds at each element, (n,), mM."""
+        return gather(self.elements.start, self.elements.cell, self.elements.weight, c)
+
+    def _scatter(self, value: FloatArray, field: FloatArray) -> None:
+        scatter(self.elements.start, self.elements.cell, self.elements.weight, value, field)
+
+    def taken_up(self, c: FloatArray) -> FloatArray:
+        """By each cell, nmol/s."""
+        half = self.conditions.half_millimolar
+        return self.uptake * c / (half + np.maximum(c, 0.0))
+
+    def loss(self, c: FloatArray) -> FloatArray:
+        """What each cell loses and isn't given, nmol/s; 0 for the solution."""
+        bath = self.conditions.bath_millimolar or 0.0
+        flux = sweep(
+            self.transport, self.conductance, self.around(c), self.conditions.inlet_millimolar
+        )[0]
+        loss = self._spread(c, self.bath) + self.taken_up(c) - self.bath * bath
+        self._scatter(-flux, loss)
+        return loss
+
+    def _spread(self, c: FloatArray, own: FloatArray) -> FloatArray:
+        level, shape = self.levels[0], self.grid.inside.shape
+        spread = np.zeros(shape)
+        apply(level.east, level.north, level.up, own.reshape(shape), c.reshape(shape), spread)
+        return spread.ravel()
+
+    def slope(self, c: FloatArray) -> FloatArray:
+        """Loss per concentration by uptake and bath, of each cell, µL/s."""
+        half = self.conditions.half_millimolar
+        return self.uptake * half / (half + np.maximum(c, 0.0)) ** 2 + self.bath
+
+    def change(self, step: FloatArray, slope: FloatArray) -> FloatArray:
+        """By how much `loss` changes with a small step, exactly: what is upstream included."""
+        flux = sweep(self.transport, self.conductance, self.around(step), 0.0)[0]
+        change = self._spread(step, slope)
+        self._scatter(-flux, change)
+        return change
+
+    def approximate_inverse(self, slope: FloatArray) -> VCycle:
+        """Of `change`, with each vessel's exchange counted at the cells themselves."""
+        self.levels[0].own.ravel()[:] = slope + self._lumped
+        restrict_losses(self.levels)
+        return VCycle(self.levels)
+
+
+# Solve for oxygen on finer and finer grids; return the finest and the next coarser solution.
+
+GRIDS: Final = 3
+"""Each of twice the next one's spacing."""
+Grids = Callable[[float], TissueGrid]
+"""A tissue's grid by its spacing in mm."""
+
+
+def solve_refined(
+    network: VesselNetwork,
+    flow: FlowSolution,
+    grids: Grids,
+    spacing_mm: float,
+    conditions: OxygenConditions,
+    options: SolverOptions | None = None,
+    report: Callable[[float, str], None] | None = None,
+) -> tuple[OxygenSolution, OxygenSolution | None]:
+    """Solve at ``spacing_mm``, by way of four and two times that.
+
+    Returns
+    -------
+    OxygenSolution, OxygenSolution or None
+        At the spacing asked for, and at twice that; None where the tissue is too thin for it.
+
+    Raises
+    ------
+    FlowError
+        As `solve_oxygen`, or for a spacing that the tissue can't be cut by.
+    """
+    solution: OxygenSolution | None = None
+    before: OxygenSolution | None = None
+    for number in range(GRIDS):
+        spacing = spacing_mm * 2.0 ** (GRIDS - 1 - number)
+        if report is not None:
+            report(8.0 ** (number - GRIDS), f"{spacing * 1e3:.3g} µm")
+        if number < GRIDS - 1:
+            solution = _coarse(network, flow, grids, spacing, conditions, solution, options)
+            before = solution
+    return solve_oxygen(network, flow, grids(spacing_mm), conditions, solution, options), before
+
+
+def _coarse(
+    network: VesselNetwork,
+    flow: FlowSolution,
+    grids: Grids,
+    spacing: float,
+    conditions: OxygenConditions,
+    guess: OxygenSolution | None,
+    options: SolverOptions | None,
+) -> OxygenSolution | None:
+    """What a coarser grid says; None where it can't resolve what the finest one may."""
+    try:
+        return solve_oxygen(network, flow, grids(spacing), conditions, guess, options)
+    except FlowError:
+        return None

@@ -4,12 +4,11 @@ Goes in: a network, or a lumen's surface, and conditions. Comes out: velocity an
 lumen. Begin with `steady.py`.
 """
 
-from design.hemodynamics.three_d.compare import ErrorEstimate, estimate_error
-from design.hemodynamics.three_d.jacobian import least_jacobian, straighten_edges
+from design.hemodynamics.three_d.curve import least_jacobian, straighten_edges
+from design.hemodynamics.three_d.derived import wall_shear
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh, MeshPort
-from design.hemodynamics.three_d.march import check_cycles, march_flow
+from design.hemodynamics.three_d.march import Stepping, check_cycles, march_flow
 from design.hemodynamics.three_d.options import FlowOptions
-from design.hemodynamics.three_d.record import Stepping
 from design.hemodynamics.three_d.residence import ResidenceTime, residence_time
 from design.hemodynamics.three_d.sections import (
     Section,
@@ -18,9 +17,8 @@ from design.hemodynamics.three_d.sections import (
     sections_at,
 )
 from design.hemodynamics.three_d.solution import Field, ThreeDSolution, ThreeDWaves, WallShear
-from design.hemodynamics.three_d.steady import solve_steady
+from design.hemodynamics.three_d.steady import ErrorEstimate, estimate_error, solve_steady
 from design.hemodynamics.three_d.vtu import at_points, write_flow_vtu
-from design.hemodynamics.three_d.wall_shear import wall_shear
 
 __all__ = [
     "ErrorEstimate",

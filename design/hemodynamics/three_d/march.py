@@ -8,37 +8,47 @@ symmetric part for all times. Explicit convection would bind the step to ν/u²,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.three_d.bordered import BorderBlocks
-from design.hemodynamics.three_d.engine import CURVED, engine_threads
-from design.hemodynamics.three_d.engine_mesh import engine_mesh
-from design.hemodynamics.three_d.inflow import Inflow, inflow_of
+from design.hemodynamics.three_d.derived import field_of, port_pressures
+from design.hemodynamics.three_d.engine import CURVED, engine_mesh, engine_threads
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
-from design.hemodynamics.three_d.memory import check_memory
-from design.hemodynamics.three_d.newton import FlowProblem, Guide, newton, solve_newton
-from design.hemodynamics.three_d.options import FlowOptions
-from design.hemodynamics.three_d.outlet_laws import OutletLaws
-from design.hemodynamics.three_d.port_plan import GivenFlow, PortPlan, pulsatile_plan
-from design.hemodynamics.three_d.record import Record, Stepping
+from design.hemodynamics.three_d.newton import (
+    BorderBlocks,
+    FlowProblem,
+    Guide,
+    newton,
+    solve_newton,
+)
+from design.hemodynamics.three_d.options import FlowOptions, check_memory
+from design.hemodynamics.three_d.ports import (
+    CoupledPorts,
+    GivenFlow,
+    Inflow,
+    PortPlan,
+    inflow_of,
+    pulsatile_plan,
+)
 from design.hemodynamics.three_d.sections import Section
-from design.hemodynamics.three_d.solution import ThreeDWaves
+from design.hemodynamics.three_d.solution import Field, ThreeDWaves
 from design.hemodynamics.three_d.steady import check_laminar, columns_of, steady_problem
 from design.hemodynamics.three_d.stokes import Convection, Spaces, Stokes, matrix_operator, spaces
-from design.hemodynamics.waveforms.waveform import common_period, cycle_times
-from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
+from design.hemodynamics.waveforms import common_period, cycle_times
+from design.hemodynamics.zero_d.pulsatile.conditions import (
+    PulsatileConditions,
+    ResistanceOutlet,
+    WindkesselOutlet,
+)
 from kernels.arrays import FloatArray
 
 _TOLERANCE: Final = 1e-5
 """Residual left of a time step, of that of no flow."""
-
 _RANK: Final = 1e-6
 """Of the largest change between cycles' changes: less is the steps' own tolerance."""
-
 _ZERO_J2: Final = 5.135622
 _START: Final = 0.01
 """Share of a flow's swing that a start leaves of velocity at least: for periods of 1 to 20 ms in a
@@ -246,3 +256,159 @@ def _change(stepper: _Stepper, begin: FloatArray) -> float:
         if largest > 0.0:
             change = max(change, float(np.abs(new - old).max()) / largest)
     return change
+
+
+# Record one cycle of pulsatile 3D flow (ports, sections, fields); time-stepping options.
+
+
+@dataclass(frozen=True)
+class Stepping:
+    """Time stepping options of pulsatile 3D flow.
+
+    Attributes
+    ----------
+    steps : int
+        In a cycle.
+    cycles : int
+        At most.
+    tolerance : float
+        Change from a cycle's begin to its end, of the largest value, of a periodic state.
+    frames : int
+        Fields kept of the last cycle, evenly apart; flows and pressures are kept at every step.
+    """
+
+    steps: int = 50
+    cycles: int = 20
+    tolerance: float = 1e-4
+    frames: int = 4
+
+    def __post_init__(self) -> None:
+        if self.steps < 8 or self.cycles < 1 or not 0 <= self.frames <= self.steps:
+            raise FlowError(
+                f"{self.steps} steps in each of {self.cycles} cycles, {self.frames} kept; take 8 "
+                "steps, 1 cycle or more, and no more frames than steps"
+            )
+
+
+class Record:
+    """One cycle of what a user asks for."""
+
+    def __init__(
+        self, room: Spaces, mesh: LumenMesh, clock: Stepping, sections: Sequence[Section]
+    ) -> None:
+        self.room, self.mesh, self.sections = room, mesh, sections
+        ports, steps = len(mesh.ports), clock.steps
+        self.flow, self.pressure = np.empty((ports, steps)), np.empty((ports, steps))
+        self.through = np.empty((2, len(sections), steps))
+        self.kept = (np.arange(clock.frames) * steps) // max(clock.frames, 1)
+        self.frames: dict[int, Field] = {}
+
+    def keep(self, k: int, unknowns: FloatArray) -> None:
+        """Take unknowns (n,) as those of step k."""
+        room = self.room
+        self.flow[:, k] = room.outward @ unknowns
+        self.pressure[:, k] = port_pressures(room, unknowns)
+        if k not in self.kept and not self.sections:
+            return
+        field = field_of(room, self.mesh, unknowns)
+        for s, section in enumerate(self.sections):
+            self.through[:, s, k] = section.flow(field), section.mean_pressure(field)
+        if k in self.kept:
+            self.frames[k] = field
+
+    def waves(self, times: FloatArray, change: FloatArray) -> ThreeDWaves:
+        """As it stands."""
+        fields = tuple(self.frames[int(k)] for k in self.kept)
+        flow, pressure = self.through
+        return ThreeDWaves(
+            times, self.flow, self.pressure, flow, pressure, self.kept, fields, change
+        )
+
+
+# Outlet models (resistance, Windkessel) as flow-pressure laws for each 3D time step.
+#
+# A Windkessel's inner pressure obeys C ṗ_c = Q - (p_c - p_d)/R_d, and p = R_p Q + p_c. With second-
+# order backward differences it is a resistance in each step, p = Z Q + h, which is solved with the
+# flow at once: stable whatever the step (Esmaily Moghadam, Vignon-Clementel, Figliola & Marsden
+# 2013, doi 10.1016/j.jcp.2012.07.035).
+
+
+class OutletLaws:
+    """Laws of all coupled groups, Q - D p = s, and what Windkessels hold.
+
+    Attributes
+    ----------
+    slope : (m,) float64, µL/(Pa·s)
+        D, the same at all times.
+    """
+
+    def __init__(
+        self, coupled: tuple[CoupledPorts, ...], step_s: float, pressure: FloatArray
+    ) -> None:
+        """Begin in steady flow with these pressures (m,) at the groups."""
+        self._laws, self._step_s = [c.law for c in coupled], step_s
+        self.slope = np.array([self._slope(law) for law in self._laws]).reshape(-1)
+        self._now = np.zeros(len(coupled))
+        for k, law in enumerate(self._laws):
+            if isinstance(law, WindkesselOutlet):
+                share = law.distal / (law.proximal + law.distal)
+                self._now[k] = law.distal_pa + share * (pressure[k] - law.distal_pa)
+        self._before = self._now
+
+    def given(self, time_s: float) -> FloatArray:
+        """S (m,) at the time stepped to, µL/s."""
+        sources = np.zeros(len(self._laws))
+        for k, law in enumerate(self._laws):
+            if isinstance(law, GivenFlow):
+                sources[k] = law.factor * float(law.waveform.at(np.array([time_s]))[0])
+            elif isinstance(law, ResistanceOutlet):
+                sources[k] = -law.distal_pa / law.resistance
+            else:
+                sources[k] = -self.slope[k] * self._inner(k, law, 0.0)
+        return sources
+
+    def keep(self, flow: FloatArray) -> None:
+        """Take the step with this flow (m,), µL/s."""
+        new = self._now.copy()
+        for k, law in enumerate(self._laws):
+            if isinstance(law, WindkesselOutlet):
+                new[k] = self._inner(k, law, float(flow[k]))
+        self._before, self._now = self._now, new
+
+    def start_periodic(self, flow: FloatArray) -> None:
+        """Begin with the Windkessels' periodic pressures at these flows of a cycle (m, steps).
+
+        By the same backward differences as the steps', each harmonic for itself.
+        """
+        steps = flow.shape[1]
+        turn = np.exp(-2j * np.pi * np.arange(steps // 2 + 1) / steps)
+        rate = (1.5 - 2.0 * turn + 0.5 * turn**2) / self._step_s
+        self._now, self._before = self._now.copy(), self._before.copy()
+        for k, law in enumerate(self._laws):
+            if isinstance(law, WindkesselOutlet):
+                above = np.fft.rfft(flow[k]) / (law.compliance * rate + 1.0 / law.distal)
+                pressure = law.distal_pa + np.fft.irfft(above, steps)
+                self._now[k], self._before[k] = pressure[0], pressure[-1]
+
+    def stored(self) -> FloatArray:
+        """Pressure in the Windkessels (m,), Pa; 0 for other laws."""
+        return self._now.copy()
+
+    def shift(self, pressure: FloatArray) -> None:
+        """Add to the pressure in the Windkessels (m,), Pa."""
+        self._now, self._before = self._now + pressure, self._before + pressure
+
+    def _slope(self, law: GivenFlow | ResistanceOutlet | WindkesselOutlet) -> float:
+        if isinstance(law, GivenFlow):
+            return 0.0
+        if isinstance(law, ResistanceOutlet):
+            return 1.0 / law.resistance
+        return 1.0 / (law.proximal + 1.0 / self._leak(law))
+
+    def _leak(self, law: WindkesselOutlet) -> float:
+        return 1.5 * law.compliance / self._step_s + 1.0 / law.distal
+
+    def _inner(self, k: int, law: WindkesselOutlet, flow: float) -> float:
+        """Pressure behind the first resistance, Pa."""
+        held = law.compliance * (2.0 * self._now[k] - 0.5 * self._before[k]) / self._step_s
+        return (flow + law.distal_pa / law.distal + held) / self._leak(law)

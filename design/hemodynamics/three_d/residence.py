@@ -18,10 +18,9 @@ from typing import Any, Final
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.three_d.engine import engine_threads
-from design.hemodynamics.three_d.engine_mesh import engine_mesh, port_name
+from design.hemodynamics.three_d.derived import sample_function
+from design.hemodynamics.three_d.engine import engine_mesh, engine_threads, port_name
 from design.hemodynamics.three_d.options import FlowOptions
-from design.hemodynamics.three_d.sample import sample_function
 from design.hemodynamics.three_d.solution import ThreeDSolution
 from design.hemodynamics.three_d.stokes import Spaces, spaces
 from kernels.arrays import FloatArray

@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.conditions import FlowConditions
-from design.hemodynamics.three_d.balance import energy_of, port_pressures
-from design.hemodynamics.three_d.bordered import BorderBlocks
-from design.hemodynamics.three_d.engine import engine_threads
-from design.hemodynamics.three_d.engine_mesh import engine_mesh
+from design.hemodynamics.three_d.derived import energy_of, field_of, port_pressures, wall_shear
+from design.hemodynamics.three_d.engine import engine_mesh, engine_threads
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
-from design.hemodynamics.three_d.memory import check_memory
-from design.hemodynamics.three_d.newton import FlowProblem, NewtonSolution, solve_newton
-from design.hemodynamics.three_d.options import LAMINAR, FlowOptions
-from design.hemodynamics.three_d.port_plan import (
+from design.hemodynamics.three_d.newton import (
+    BorderBlocks,
+    FlowProblem,
+    NewtonSolution,
+    solve_newton,
+)
+from design.hemodynamics.three_d.options import LAMINAR, FlowOptions, check_memory
+from design.hemodynamics.three_d.ports import (
     CoupledPorts,
     GivenFlow,
     PortPlan,
     pulsatile_plan,
     steady_plan,
+    unit_profile,
 )
-from design.hemodynamics.three_d.port_profile import unit_profile
-from design.hemodynamics.three_d.sample import field_of
 from design.hemodynamics.three_d.solution import ThreeDSolution
 from design.hemodynamics.three_d.stokes import Convection, Spaces, Stokes, spaces
-from design.hemodynamics.three_d.wall_shear import wall_shear
-from design.hemodynamics.waveforms import Waveform
-from design.hemodynamics.waveforms.waveform import cycle_times
+from design.hemodynamics.waveforms import Waveform, cycle_times
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions, ResistanceOutlet
 from kernels.arrays import FloatArray
 
@@ -172,4 +173,55 @@ def _solution(
         residual=solution.residual,
         krylov=solution.krylov,
         coefficients=unknowns,
+    )
+
+
+# Estimate the discretisation error of 3D flow by solving again with another element order.
+
+
+@dataclass(frozen=True)
+class ErrorEstimate:
+    """Differences between order 3 and order 2, which bound the error of order 3.
+
+    Attributes
+    ----------
+    pressure : float
+        Largest of the ports, of the largest difference between two ports.
+    flow : float
+        Largest of the ports, of what comes in.
+    wall_shear : float
+        Of its mean over the wall's nodes.
+    """
+
+    pressure: float
+    flow: float
+    wall_shear: float
+
+
+def estimate_error(
+    mesh: LumenMesh,
+    conditions: FlowConditions | PulsatileConditions,
+    solution: ThreeDSolution,
+    options: FlowOptions | None = None,
+) -> ErrorEstimate:
+    """Solve again with the other order, and compare.
+
+    Order 2 takes a third of order 3's unknowns; its own error is much the larger of the two, so
+    that the difference is an error of order 2, and a bound for order 3. Neither sees that the
+    lumen's shape is approximated: for that, compare two meshes.
+
+    Raises
+    ------
+    FlowError
+        As `solve_steady`.
+    """
+    other = 5 - solution.field.order
+    again = solve_steady(mesh, conditions, replace(options or FlowOptions(), order=other))
+    drop = float(np.ptp(solution.port_pressure)) or 1.0
+    into = -float(solution.port_flow[solution.port_flow < 0.0].sum()) or 1.0
+    mean, other_mean = (float(s.wall_shear.magnitude.mean()) for s in (solution, again))
+    return ErrorEstimate(
+        float(np.abs(solution.port_pressure - again.port_pressure).max()) / drop,
+        float(np.abs(solution.port_flow - again.port_flow).max()) / into,
+        abs(other_mean / mean - 1.0) if mean else 0.0,
     )

@@ -17,8 +17,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from design.hemodynamics.three_d.engine import CURVED
-from design.hemodynamics.three_d.engine_mesh import WALL_NAME, port_name
+from design.hemodynamics.three_d.engine import CURVED, WALL_NAME, port_name
 from kernels.arrays import FloatArray
 
 _SLACK: Final = 1e-7

@@ -13,12 +13,9 @@ from __future__ import annotations
 import numpy as np
 
 from design.hemodynamics.conditions import FlowConditions
+from design.hemodynamics.pressure_drops import drops_of, heads_of, measure_pipes
 from design.hemodynamics.probes import Probes, ProbeWaves
-from design.hemodynamics.vessel.drops import drops_of
-from design.hemodynamics.vessel.geometry import POWERS, integrals
-from design.hemodynamics.vessel.inertance import PARABOLIC, plug_inertance
-from design.hemodynamics.vessel.pipes import measure_pipes
-from design.hemodynamics.vessel.upstream_parts import heads_of
+from design.hemodynamics.vessel_coefficients import PARABOLIC, POWERS, integrals, plug_inertance
 from design.hemodynamics.zero_d.flow import FlowSolution
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
 from design.hemodynamics.zero_d.pulsatile.solution import ComplexArray, PulsatileSolution

@@ -13,7 +13,7 @@ from scipy.sparse.linalg import lsmr
 
 from design.errors import FlowError
 from design.hemodynamics.conditions import FlowConditions
-from design.hemodynamics.vessel.resistance import vessel_resistance
+from design.hemodynamics.vessel_coefficients import vessel_resistance
 from design.hemodynamics.zero_d.boundary import Boundary, place_conditions
 from design.hemodynamics.zero_d.nodal.conductance import factorise
 from design.hemodynamics.zero_d.steady import solve_flow
@@ -80,7 +80,7 @@ def balance(
     no given pressure ties parts of the network together, their levels are chosen to change the
     resistances least; where one ties all, the flow falls until all connections are left enough.
     Trees aren't touched. Connections that become wider lose clearance:
-    `design.vasculature.collisions` tells whether any loses too much.
+    `design.vasculature.collide` tells whether any loses too much.
 
     Parameters
     ----------

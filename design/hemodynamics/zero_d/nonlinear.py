@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.vessel.drops import Drop, Drops
+from design.hemodynamics.pressure_drops import Drop, Drops
 from design.hemodynamics.zero_d.nodal.conductance import Structure
 from kernels.arrays import FloatArray
 

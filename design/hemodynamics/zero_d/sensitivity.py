@@ -6,7 +6,7 @@ import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.conditions import FlowConditions
-from design.hemodynamics.vessel.pipes import measure_pipes
+from design.hemodynamics.pressure_drops import measure_pipes
 from design.hemodynamics.zero_d.boundary import place_conditions
 from design.hemodynamics.zero_d.nodal.conductance import structure_of
 from design.network import VesselNetwork

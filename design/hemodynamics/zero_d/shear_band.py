@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import FlowError
-from design.hemodynamics.vessel.geometry import POWERS, integrals
+from design.hemodynamics.vessel_coefficients import POWERS, integrals
 from design.hemodynamics.zero_d.flow import FlowSolution
 from design.network import VesselNetwork
 from design.units import DYN_CM2_PER_PA

@@ -8,9 +8,14 @@ import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.conditions import FlowConditions
-from design.hemodynamics.vessel.drops import Drops, drops_of
-from design.hemodynamics.vessel.losses import loss_terms
-from design.hemodynamics.vessel.pipes import Pipes, measure_pipes, speed_and_shear
+from design.hemodynamics.pressure_drops import (
+    Drops,
+    Pipes,
+    drops_of,
+    loss_terms,
+    measure_pipes,
+    speed_and_shear,
+)
 from design.hemodynamics.zero_d.boundary import Boundary, boundary_nodes, check_parts, place_at
 from design.hemodynamics.zero_d.flow import FlowSolution
 from design.hemodynamics.zero_d.nodal.conductance import Structure, structure_of

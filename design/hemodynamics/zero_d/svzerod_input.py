@@ -12,10 +12,8 @@ from typing import Any, Final
 
 from design.errors import FlowError
 from design.files import write_text
-from design.hemodynamics.vessel.inertance import PARABOLIC, plug_inertance
-from design.hemodynamics.vessel.resistance import vessel_resistance
-from design.hemodynamics.waveforms import Waveform
-from design.hemodynamics.waveforms.waveform import cycle_times
+from design.hemodynamics.vessel_coefficients import PARABOLIC, plug_inertance, vessel_resistance
+from design.hemodynamics.waveforms import Waveform, cycle_times
 from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts, refuse_supplies
 from design.hemodynamics.zero_d.pulsatile.conditions import (
     Outlet,

@@ -3,51 +3,46 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from manifold3d import Manifold
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from design.solids.facets import area_factor
+from design.geometry.crossings import find_new_crossings
 from design.solids.manifolds import to_manifold
-from design.solids.smooth.conflicts import overlapping_runs
-from design.solids.smooth.group_walls import crowd_rounding
-from design.solids.smooth.layout import Layout, absorb_runs, keep_clear_of_balls
+from design.solids.smooth.layout import End, Layout, absorb_runs, first_piece, keep_clear_of_balls
 from design.solids.smooth.overlap_group import (
     COARSER_BALLS,
     LostRingError,
     ball,
     connecting_tube,
+    crowd_rounding,
+    overlapping_runs,
     unite_parts,
 )
-from design.solids.smooth.plain_tubes import add_plain_tubes
 from design.solids.smooth.round_seams import round_seams
-from design.solids.smooth.sewing import FaceArray, Sewing
 from design.solids.smooth.star import star_mesh
-from design.solids.tube import EndShape, tube_mesh
-from design.solids.twins import pair_half_edges
-from kernels.arrays import FloatArray
+from design.solids.solid import Solid
+from design.solids.topology import is_closed, pair_half_edges
+from design.solids.tube import Chain, EndShape, area_factor, straight_tubes, tube_mesh
+from kernels.arrays import FloatArray, IntArray
 
 _MIDDLES = 1.0
 """Facet tolerances between a junction's surface and its triangles' middles, as tubes have it."""
-
 _LEAST_EDGE = 0.05
 """Of the thinnest radius: shorter edges of a junction aren't parted."""
-
 _MOST_POINTS = 6000
-
 _TRIES = 3
 """Of taking more vessels into a group, before all are."""
-
 _SLIVER = 1e-4
 """Of the thinnest radius: what facets that nearly coincide leave between them, and what would
 cross once it is moved."""
-
 _FLAT_MM, _FLAT = 2e-5, 1e-3
 """Slivers of groups that stay sharp: two steps of float32 at 100 mm, at most this share of the
 thinnest radius."""
-
 _CRUMB = 0.1
 """Of the thinnest radius: side of a cube that is no part of a lumen."""
 
@@ -257,3 +252,234 @@ def _whole_tube(
         )
         for a, b in pairs
     ]
+
+
+# Mesh plain tubes between junctions, with open rings at the ends where junctions are sewn on.
+
+Shape = tuple[EndShape, EndShape]
+
+
+def add_plain_tubes(layout: Layout, shapes: list[Shape], sewing: Sewing) -> None:
+    """Tubes of all runs that have room for one, open where they are joined.
+
+    They are the first piece of ``sewing``; a closed end's unused apex is dropped later.
+    """
+    joined = layout.joint_of()
+    meshes, all_faces, first, begun = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0, 0
+    for alike in _alike(layout, shapes):
+        facets, opened = layout.facets[alike[0]], [(alike[0], end) in joined for end in (0, 1)]
+        parts = [trimmed(layout, index, layout.runs[index]) for index in alike]
+        points = np.stack([part.points for part in parts])
+        radius = np.stack([part.radius for part in parts])
+        if points.shape[1] == 2:
+            vertices, triangles = straight_tubes(points, radius, facets, shapes[alike[0]])
+        else:
+            vertices, triangles = tube_mesh(points[0], radius[0], facets, shapes[alike[0]])
+            vertices = vertices[None]
+        faces, rings = opened_tube(triangles, vertices.shape[1], facets, opened)
+        for index in alike:
+            sewing.tubes[index] = slice(begun, begun + len(faces))
+            sewing.rings.update({(index, end): first + ring for end, ring in rings.items()})
+            all_faces.append(faces + first)
+            first += vertices.shape[1]
+            begun += len(faces)
+        meshes.append(vertices.reshape(-1, 3))
+    sewing.add(np.concatenate(meshes), np.concatenate(all_faces))
+
+
+def _alike(layout: Layout, shapes: list[Shape]) -> list[list[int]]:
+    """Runs that have a tube: straight ones with the same facets and ends together."""
+    joined = layout.joint_of()
+    groups: dict[tuple[object, ...], list[int]] = defaultdict(list)
+    for index, run in enumerate(layout.runs):
+        if not layout.swallowed[index]:
+            opened = tuple((index, end) in joined for end in (0, 1))
+            key = (layout.facets[index], opened, shapes[index])
+            groups[key if len(run.points) == 2 else (index,)].append(index)
+    return list(groups.values())
+
+
+def opened_tube(
+    triangles: FaceArray, count: int, facets: int, opened: list[bool]
+) -> tuple[FaceArray, dict[int, NDArray[np.int64]]]:
+    """A tube's faces without the fans at its open ends, and the rings there by end."""
+    sides = len(triangles) - 2 * facets
+    last = (count - 2) // facets - 1
+    ring = {0: np.arange(facets), 1: last * facets + np.arange(facets)}
+    fans = [triangles[sides + end * facets : sides + (end + 1) * facets] for end in (0, 1)]
+    kept = [
+        triangles[:sides],
+        *(fan for fan, is_open in zip(fans, opened, strict=True) if not is_open),
+    ]
+    return np.concatenate(kept), {end: ring[end] for end in (0, 1) if opened[end]}
+
+
+def trimmed(layout: Layout, index: int, run: Chain) -> Chain:
+    """``run`` between the junctions at the ends of the layout's run ``index``."""
+    points, radius = run.points.copy(), run.radius.copy()
+    for end in (0, 1):
+        reach = layout.reach.get((index, end))
+        if reach is not None:
+            start, axis, _, near, slope = first_piece(run, end)
+            points[-end] = start + reach * axis
+            radius[-end] = near + slope * reach
+    return Chain(points, radius, run.node)
+
+
+# Lumen surface under assembly: faces so far, rings that pieces share, faces of each tube.
+
+FaceArray = NDArray[np.int64]
+
+
+@dataclass
+class Sewing:
+    """Closed surface under assembly.
+
+    Attributes
+    ----------
+    vertices, faces : list of arrays
+    count : int
+        Vertices so far.
+    rings : dict of (run, end) to (n,) int64
+        Vertices of the open end of each plain tube.
+    tubes : dict of run to slice
+        Faces of each plain tube, among all.
+    """
+
+    vertices: list[FloatArray] = field(default_factory=list)
+    faces: list[FaceArray] = field(default_factory=list)
+    count: int = 0
+    rings: dict[End, NDArray[np.int64]] = field(default_factory=dict)
+    tubes: dict[int, slice] = field(default_factory=dict)
+
+    def add(self, vertices: FloatArray, faces: FaceArray) -> int:
+        """Add a piece whose vertices are all its own; returns the number of its first one."""
+        first = self.count
+        self.vertices.append(vertices)
+        self.faces.append(faces + first)
+        self.count += len(vertices)
+        return first
+
+    def sew(self, vertices: FloatArray, faces: FaceArray, known: NDArray[np.int64]) -> None:
+        """Add a piece with vertices that are here already: ``known`` (n,), -1 for the others."""
+        number = known.copy()
+        fresh = number < 0
+        number[fresh] = self.count + np.arange(int(fresh.sum()))
+        self.vertices.append(vertices[fresh])
+        self.faces.append(number[faces])
+        self.count += int(fresh.sum())
+
+    def place(self, ring: NDArray[np.int64]) -> FloatArray:
+        """Positions of a ring of the tubes, which were added first and as one array."""
+        return self.vertices[0][ring]
+
+    def tube(self, run: int) -> FaceArray:
+        """Faces (m, 3) of a run's plain tube."""
+        return self.faces[0][self.tubes[run]]
+
+    def surface(self) -> tuple[FloatArray, FaceArray]:
+        """All vertices (n, 3), mm, and faces (m, 3) so far."""
+        return np.concatenate(self.vertices), np.concatenate(self.faces)
+
+
+# Swap plain tubes of a finished solid for tubes with other free ends.
+
+_SAME_RING = 1e-6
+"""Of a tube's radius: how far a ring made anew may lie from the one that it takes the place of."""
+
+
+def with_other_tubes(
+    solid: Solid,
+    middle: FloatArray,
+    layout: Layout,
+    sewing: Sewing,
+    others: Mapping[int, Chain],
+) -> Solid | None:
+    """A solid with the tubes of some runs swapped, round at free ends; None where one can't be.
+
+    Parameters
+    ----------
+    solid : Solid
+        Of the sewing, moved by ``middle`` (3,) mm and rounded to float32. Where it is known to be
+        uncrossed, only the new tubes are tried.
+    layout : Layout
+    sewing : Sewing
+    others : mapping of run to Chain
+        The same run with its free ends elsewhere.
+    """
+    gone = np.zeros(len(solid.faces), dtype=np.bool_)
+    places, added, count = [solid.vertices], list[IntArray](), len(solid.vertices)
+    for index, run in others.items():
+        if layout.swallowed[index]:
+            return None
+        old = _take_out(solid, middle, sewing, index, gone)
+        if old is None:
+            return None
+        points, faces, rings = _tube(layout, index, run)
+        number = count + np.arange(len(points))
+        for end, ring in rings.items():
+            known = sewing.rings[index, end]
+            if np.abs(points[ring] - sewing.place(known)).max() > _SAME_RING * run.radius[-end]:
+                return None
+            number[ring] = [old[vertex] for vertex in known.tolist()]
+        places.append((points + middle).astype(np.float32).astype(np.float64))
+        added.append(number[faces])
+        count += len(points)
+    return _swapped(solid, gone, np.concatenate(places), np.concatenate(added))
+
+
+def _take_out(
+    solid: Solid, middle: FloatArray, sewing: Sewing, index: int, gone: NDArray[np.bool_]
+) -> dict[int, int] | None:
+    """Mark the faces of a run's tube; its vertices' numbers in the solid by those of the sewing.
+
+    None where the solid doesn't hold just that tube: mending may have changed it.
+    """
+    faces = sewing.tube(index)
+    vertices = np.unique(faces)
+    places = (sewing.place(vertices) + middle).astype(np.float32).astype(np.float64)
+    near = np.flatnonzero(np.isin(solid.vertices[:, 0], places[:, 0]))
+    number_of = {tuple(solid.vertices[number].tolist()): number for number in near.tolist()}
+    number = [number_of.get(tuple(place), -1) for place in places.tolist()]
+    own = np.zeros(len(solid.vertices), dtype=np.bool_)
+    own[number] = True
+    known = dict(zip(vertices.tolist(), number, strict=True))
+    mine = np.flatnonzero(own[solid.faces].all(axis=1))
+    wanted = {_turned(*(known[vertex] for vertex in face)) for face in faces.tolist()}
+    if min(number) < 0 or {_turned(*face) for face in solid.faces[mine].tolist()} != wanted:
+        return None
+    gone[mine] = True
+    return known
+
+
+def _turned(a: int, b: int, c: int) -> tuple[int, int, int]:
+    """A face's corners in their order, the least first."""
+    least = min(a, b, c)
+    return (a, b, c) if a == least else (b, c, a) if b == least else (c, a, b)
+
+
+def _tube(
+    layout: Layout, index: int, run: Chain
+) -> tuple[FloatArray, IntArray, dict[int, NDArray[np.int64]]]:
+    """Vertices, faces and joined rings of a run's tube with other free ends, which are round."""
+    joined = layout.joint_of()
+    facets, part = layout.facets[index], trimmed(layout, index, run)
+    opened = [(index, end) in joined for end in (0, 1)]
+    ends: list[EndShape] = ["flat" if is_open else "round" for is_open in opened]
+    points, triangles = tube_mesh(part.points, part.radius, facets, (ends[0], ends[1]))
+    return points, *opened_tube(triangles, len(points), facets, opened)
+
+
+def _swapped(
+    solid: Solid, gone: NDArray[np.bool_], vertices: FloatArray, added: IntArray
+) -> Solid | None:
+    """The solid without the faces ``gone``, with those ``added``; None where that isn't closed."""
+    faces = np.concatenate([solid.faces[~gone], added])
+    used = np.zeros(len(vertices), dtype=np.bool_)
+    used[faces] = True
+    vertices, faces = vertices[used], (np.cumsum(used) - 1)[faces]
+    if not is_closed(faces):
+        return None
+    fresh = np.arange(len(faces)) >= len(faces) - len(added)
+    uncrossed = solid.uncrossed and not len(find_new_crossings(vertices, faces, fresh).pairs)
+    return Solid(vertices, faces.astype(np.int32), uncrossed=uncrossed)

@@ -24,39 +24,29 @@ from numpy.typing import NDArray
 
 from design.geometry.crossings import find_crossings
 from design.solids.smooth.fillet import least_step, wall_distance
-from design.solids.smooth.split_edges import part_faces
-from design.tissue.closed import edges_of
+from design.tissue.closed import Edges, edges_of
 from kernels import jit, pjit
-from kernels.arrays import FloatArray
+from kernels.arrays import FloatArray, IntArray
 
 FaceArray = NDArray[np.int64]
-
 _GROWS = 1.0 / 3.0
 """Of the radius per mm away from a thin vessel, or from a place where it is small."""
-
 _FROM_END = 0.5
 """Radius over the distance from a ring or a flat end, which the fillet must leave alone."""
-
 _FARTHEST = 3.0
 """Radii within which a wall counts: (1 - _GROWS · 3) leaves the others' radius as it is."""
-
 _MOST = 8
 """Walls that the ball may touch at once; the nearest ones are kept."""
-
 _NEAR = 256
 _LOOKS = 10.0
 """Radii within which walls are looked at; a ball that must go farther finds no room."""
-
 _STEPS = 40
 _SETTLED = 2e-3
 _SAME_WAY = 1e-9
-
 _ROUNDS = 9
 """Of parting edges, each halving them."""
-
 _LEAST_EDGE = 0.12
 """Of the radius; shorter edges aren't parted."""
-
 _TRIES = 6
 _SHRINK = 0.4
 _GIVE_UP = 3
@@ -394,3 +384,43 @@ def _move_one(
     moved[m, 0] = x + share * (cx - x)
     moved[m, 1] = y + share * (cy - y)
     moved[m, 2] = z + share * (cz - z)
+
+
+# Split marked edges of a triangle mesh at their midpoints, without leaving gaps.
+
+
+def part_faces(faces: IntArray, edges: Edges, parted: NDArray[np.bool_], first: int) -> IntArray:
+    """Faces with the ``parted`` (e,) edges halved.
+
+    Parameters
+    ----------
+    faces : (m, 3) int64
+    edges : Edges
+        Of ``faces``.
+    parted : (e,) bool
+    first : int
+        Number of the first new vertex; they come in the order of the parted edges.
+    """
+    number = np.full(len(edges.ends), -1)
+    number[parted] = first + np.arange(int(parted.sum()))
+    middle = number[edges.of_face.reshape(-1, 3)]
+    halved = middle >= 0
+    count = halved.sum(axis=1)
+    parts = [faces[count == 0]]
+    # Turned so that the edge that is alone, parted or not, leaves the first corner.
+    for alone in (1, 2):
+        rows = np.flatnonzero(count == alone)
+        lone = np.argmax(halved[rows] == (alone == 1), axis=1)
+        turn = (lone[:, None] + np.arange(3)) % 3
+        a, b, c = np.take_along_axis(faces[rows], turn, axis=1).T
+        ab, bc, ca = np.take_along_axis(middle[rows], turn, axis=1).T
+        if alone == 1:
+            parts += [np.stack([a, ab, c], 1), np.stack([ab, b, c], 1)]
+        else:
+            parts += [np.stack([a, b, bc], 1), np.stack([a, bc, ca], 1), np.stack([ca, bc, c], 1)]
+    rows = np.flatnonzero(count == 3)
+    a, b, c = faces[rows].T
+    ab, bc, ca = middle[rows].T
+    corners = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+    parts += [np.stack(corner, 1) for corner in corners]
+    return np.concatenate(parts)

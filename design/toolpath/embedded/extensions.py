@@ -6,11 +6,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from design.toolpath.embedded.elements import Elements
-from design.toolpath.embedded.meetings import Meetings, of_one_joint
+from design.toolpath.embedded.elements import Elements, ElementSquares, near
 from design.toolpath.embedded.needle import Needle, joint_reach, off_shaft, radius_at
-from design.toolpath.embedded.rules import TIPS, depth_at, flat_gap
-from design.toolpath.embedded.squares import ElementSquares, near
+from design.toolpath.embedded.rules import TIPS, Meetings, depth_at, flat_gap, of_one_joint
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 

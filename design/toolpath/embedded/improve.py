@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.toolpath.embedded.elements import Elements
-from design.toolpath.embedded.joined import JoinedPasses
 from design.toolpath.embedded.joints import Joiner
-from design.toolpath.embedded.merge import fewest
+from design.toolpath.embedded.merge import fewest, shorten_travels
+from design.toolpath.embedded.report import JoinedPasses
 from design.toolpath.embedded.rules import Rules, one_way, with_more
 from design.toolpath.embedded.schedule import Pass, Scheduler
-from design.toolpath.embedded.travel import shorten_travels
 from kernels.arrays import IntArray
 
 ROUNDS, PATIENCE = 8, 3

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from design.toolpath.embedded.elements import Elements
+from design.toolpath.embedded.elements import Elements, ElementSquares
 from design.toolpath.embedded.extensions import (
     NEVER,
     Extension,
@@ -23,11 +23,10 @@ from design.toolpath.embedded.extensions import (
     empty_extensions,
     meets,
 )
-from design.toolpath.embedded.joined import BrushedOverlap, JoinedPasses, WeakJoint
-from design.toolpath.embedded.meetings import Meetings
 from design.toolpath.embedded.needle import Needle
+from design.toolpath.embedded.report import BrushedOverlap, JoinedPasses, WeakJoint
+from design.toolpath.embedded.rules import Meetings
 from design.toolpath.embedded.schedule import Pass
-from design.toolpath.embedded.squares import ElementSquares
 
 PARTS = (1.0, 0.5, 0.25)
 """Of an overlap that are tried, the longest first."""

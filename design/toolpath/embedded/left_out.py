@@ -12,17 +12,16 @@ import numpy as np
 from design.errors import ToolpathError
 from design.network import VesselNetwork
 from design.toolpath.embedded.elements import Elements
-from design.toolpath.embedded.entering import (
+from design.toolpath.embedded.needle import Needle
+from design.toolpath.embedded.report import Crossing, OmittedVessel
+from design.toolpath.embedded.rules import Meetings, Rules, barring_each_other, owners, select_rules
+from design.toolpath.embedded.schedule import Pass
+from design.toolpath.embedded.shaft_contacts import (
     CERTAIN_MM,
     bar_each_other,
     entries_mm,
     near_pairs,
 )
-from design.toolpath.embedded.meetings import Meetings
-from design.toolpath.embedded.needle import Needle
-from design.toolpath.embedded.report import Crossing, OmittedVessel
-from design.toolpath.embedded.rules import Rules, barring_each_other, owners, select_rules
-from design.toolpath.embedded.schedule import Pass
 from kernels.arrays import IntArray
 
 HALVINGS: Final = 7

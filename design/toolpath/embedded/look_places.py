@@ -8,12 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from design.toolpath.embedded.elements import Elements
-from design.toolpath.embedded.meetings import Meetings
+from design.toolpath.embedded.elements import Elements, squares_of
 from design.toolpath.embedded.needle import Needle
-from design.toolpath.embedded.rules import Rules, find_rules
+from design.toolpath.embedded.rules import Meetings, Rules, find_rules
 from design.toolpath.embedded.schedule import Pass
-from design.toolpath.embedded.squares import squares_of
 from kernels.arrays import IntArray
 
 MEND_OVERLAP_RADII: Final = 0.5

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from design.errors import ToolpathError
-from design.toolpath.checks import require_not_negative, require_positive
+from design.toolpath.toolpath import require_not_negative, require_positive
 from firmware_profiles.tools import THINNEST_BORE
 
 

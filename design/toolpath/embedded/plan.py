@@ -8,29 +8,39 @@ import numpy as np
 
 from design.errors import ToolpathError
 from design.network import VesselNetwork
-from design.toolpath.embedded.bundles import Bundles
-from design.toolpath.embedded.elements import Elements, elements_of, longest_mm
-from design.toolpath.embedded.entering import TOUCH_MM
-from design.toolpath.embedded.exempt_ink import exempt_lengths
+from design.toolpath.embedded.bundles import Bundles, LumenGroups
+from design.toolpath.embedded.elements import (
+    Elements,
+    ElementSquares,
+    elements_of,
+    longest_mm,
+    squares_of,
+)
 from design.toolpath.embedded.improve import order_passes
-from design.toolpath.embedded.joined import JoinedPasses, WeakJoint
 from design.toolpath.embedded.joints import Joiner
 from design.toolpath.embedded.left_out import Leaving
 from design.toolpath.embedded.look_places import look_places
-from design.toolpath.embedded.lumens import LumenGroups
-from design.toolpath.embedded.meetings import Meetings, at_nodes, with_touches
 from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.options import EmbeddedOptions
-from design.toolpath.embedded.recovery import add_recovery_dwells
-from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
-from design.toolpath.embedded.rules import find_rules
-from design.toolpath.embedded.schedule import Pass
-from design.toolpath.embedded.shaft_contacts import Entry, WrittenMoves, find_shaft_contacts
-from design.toolpath.embedded.squares import ElementSquares, squares_of
+from design.toolpath.embedded.report import (
+    Crossing,
+    EmbeddedReport,
+    JoinedPasses,
+    Merged,
+    WeakJoint,
+)
+from design.toolpath.embedded.rules import Meetings, at_nodes, find_rules, with_touches
+from design.toolpath.embedded.schedule import Leg, Pass
+from design.toolpath.embedded.shaft_contacts import (
+    TOUCH_MM,
+    Entry,
+    WrittenMoves,
+    find_shaft_contacts,
+)
+from design.toolpath.embedded.shaft_kernels import exempt_lengths
 from design.toolpath.embedded.touches import Touches, touches
 from design.toolpath.embedded.vessel_heads import EmbeddedHeads
-from design.toolpath.embedded.walk import Leg
-from design.toolpath.embedded.write import FilamentWriter, Stretch
+from design.toolpath.embedded.write import FilamentWriter, Stretch, add_recovery_dwells
 from design.toolpath.toolpath import MoveKind, Toolpath
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Set
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.toolpath.embedded.elements import (
     TAPER_STEP,
@@ -16,13 +18,12 @@ from design.toolpath.embedded.elements import (
     nearest_along,
     off_chords,
 )
-from design.toolpath.embedded.filament import frustum_ul, writing_speed
-from design.toolpath.embedded.ink_heights import Ground, ground_under, highest_along, lay
-from design.toolpath.embedded.joined import JoinedPasses
-from design.toolpath.embedded.schedule import Pass
-from design.toolpath.embedded.vessel_heads import EmbeddedHeads
-from design.toolpath.embedded.walk import Leg
+from design.toolpath.embedded.report import JoinedPasses
+from design.toolpath.embedded.schedule import Leg, Pass
+from design.toolpath.embedded.vessel_heads import EmbeddedHeads, frustum_ul, writing_speed
 from design.toolpath.moves import MoveBuilder
+from design.toolpath.toolpath import MoveKind, Toolpath
+from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
 STEP = 1.5
@@ -30,7 +31,6 @@ STEP = 1.5
 in place: the pressure that drives a thick filament takes its way to fall, and would swell the thin
 one behind it. A smaller step swells the first half millimetre by 27 % at most
 (`sim.gcode.deposit.lay`)."""
-
 ROUNDING_MM = 1e-6
 """What ends so near to a vessel's end ends there."""
 
@@ -242,3 +242,214 @@ class FilamentWriter:
 def _is_step(one: Stretch, other: Stretch) -> bool:
     thin, thick = sorted((float(one.radius[-1]), float(other.radius[0])))
     return thick > STEP * thin
+
+
+# Height map of written ink over x and y; highest ink under a travel move.
+
+MAX_CELLS = 4_000_000
+"""Of the map; a larger part gets coarser cells."""
+
+
+class Ground(NamedTuple):
+    """Highest ink that a needle would touch with its tip over each cell, mm; -inf over none.
+
+    Attributes
+    ----------
+    origin : (2,) float64, mm
+    cell_mm : float, mm
+    top : (nx, ny) float64, mm
+    """
+
+    origin: FloatArray
+    cell_mm: float
+    top: FloatArray
+
+
+def ground_under(points: FloatArray, shaft_mm: float, thickest_mm: float) -> Ground:
+    """A map over (n, 3) points with nothing on it, in cells of a third of the shaft's radius."""
+    room = shaft_mm + thickest_mm + shaft_mm
+    low, high = points[:, :2].min(axis=0) - room, points[:, :2].max(axis=0) + room
+    cell = max(shaft_mm / 3.0, float(np.sqrt((high - low).prod() / MAX_CELLS)))
+    shape = np.ceil((high - low) / cell).astype(np.int64) + 1
+    return Ground(low, cell, np.full(shape, -np.inf))
+
+
+@jit
+def lay(ground: Ground, points: FloatArray, radius: FloatArray, shaft: float) -> None:
+    """Note a filament along (k, 3) points of radii (k,)."""
+    for k in range(len(points) - 1):
+        a, b = points[k], points[k + 1]
+        thick = max(radius[k], radius[k + 1])
+        # Cells are told by their middles: half a diagonal more is sure.
+        reach = shaft + thick + 0.71 * ground.cell_mm
+        low_x, high_x = _cells(min(a[0], b[0]) - reach, max(a[0], b[0]) + reach, ground, 0)
+        low_y, high_y = _cells(min(a[1], b[1]) - reach, max(a[1], b[1]) + reach, ground, 1)
+        dx, dy, dz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        length2 = dx * dx + dy * dy
+        for i in range(low_x, high_x):
+            x = ground.origin[0] + (i + 0.5) * ground.cell_mm
+            for j in range(low_y, high_y):
+                y = ground.origin[1] + (j + 0.5) * ground.cell_mm
+                t = ((x - a[0]) * dx + (y - a[1]) * dy) / length2 if length2 > 0.0 else 0.0
+                t = min(max(t, 0.0), 1.0)
+                ox, oy = a[0] + t * dx - x, a[1] + t * dy - y
+                if ox * ox + oy * oy < reach * reach:
+                    # Within reach it may be higher than here, but not than its upper end.
+                    slope = abs(dz) / np.sqrt(length2) if length2 > 0.0 else np.inf
+                    high = min(max(a[2], b[2]), a[2] + t * dz + slope * reach)
+                    ground.top[i, j] = max(ground.top[i, j], high + thick)
+
+
+@jit
+def highest_along(ground: Ground, start: FloatArray, end: FloatArray) -> float:
+    """Highest ink under a straight way in the plan, mm; -inf over none."""
+    way = np.hypot(end[0] - start[0], end[1] - start[1])
+    count = int(np.ceil(2.0 * way / ground.cell_mm)) + 1
+    top = -np.inf
+    for k in range(count + 1):
+        t = k / count
+        x = start[0] + t * (end[0] - start[0])
+        y = start[1] + t * (end[1] - start[1])
+        low_x, high_x = _cells(x - ground.cell_mm / 2.0, x + ground.cell_mm / 2.0, ground, 0)
+        low_y, high_y = _cells(y - ground.cell_mm / 2.0, y + ground.cell_mm / 2.0, ground, 1)
+        for i in range(low_x, high_x):
+            for j in range(low_y, high_y):
+                top = max(top, ground.top[i, j])
+    return float(top)
+
+
+@jit
+def _cells(low: float, high: float, ground: Ground, axis: int) -> tuple[int, int]:
+    """First cell and one past the last that a stretch of an axis meets."""
+    count = ground.top.shape[axis]
+    first = int(np.floor((low - ground.origin[axis]) / ground.cell_mm))
+    last = int(np.floor((high - ground.origin[axis]) / ground.cell_mm)) + 1
+    return min(max(first, 0), count), min(max(last, 0), count)
+
+
+# Insert dwells before strokes where the needle just passed, until the bath's crevice has closed.
+#
+# A needle that moves through a yield-stress bath leaves a crevice, which closes within a time of
+# the bath's own. Ink written into an open one runs up along it. So before a pass the needle waits,
+# above what it is to write, until every place of the pass has been left by the shaft for that time.
+
+SAMPLES = 2.0
+"""Places looked at for each radius of the shaft along a move."""
+
+
+def add_recovery_dwells(toolpath: Toolpath, recovery_s: float, radius_mm: float) -> Toolpath:
+    """The toolpath with dwells before the descents to passes in a fresh wake.
+
+    Parameters
+    ----------
+    toolpath : Toolpath
+        Of passes, between which the needle travels.
+    recovery_s : float, s
+        How long the bath takes to close.
+    radius_mm : float, mm
+        Of the widest shaft.
+    """
+    if recovery_s <= 0:
+        return toolpath
+    lasts = toolpath.duration_s + _moving_s(toolpath)
+    begins = np.concatenate([[0.0], np.cumsum(lasts)[:-1]])
+    places, moves, when = _sampled(toolpath, begins, lasts, radius_mm / SAMPLES)
+    rows: list[int] = []
+    waits: list[float] = []
+    late = 0.0
+    for last, first, end in _passes(toolpath):
+        row = _descent(toolpath, last, first)
+        begin, done, stop = np.searchsorted(moves, [row, first, end])
+        when[begin:stop] += late  # the descent itself belongs to the pass
+        oldest = np.searchsorted(when[:begin], when[done] - recovery_s)
+        age = _age(places, when, slice(done, stop), slice(oldest, begin), radius_mm)
+        if age < recovery_s:
+            rows.append(row)
+            waits.append(recovery_s - age)
+            late += recovery_s - age
+            when[begin:stop] += recovery_s - age
+    return _with_dwells(toolpath, np.array(rows, dtype=np.int64), np.array(waits))
+
+
+def _moving_s(toolpath: Toolpath) -> FloatArray:
+    moves = toolpath.speed_mm_s > 0
+    seconds = np.zeros(len(toolpath))
+    seconds[moves] = toolpath.lengths[moves] / toolpath.speed_mm_s[moves]
+    return seconds
+
+
+def _sampled(
+    toolpath: Toolpath, begins: FloatArray, lasts: FloatArray, step_mm: float
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Places of the tip (n, 3), the move of each, and when it is there, s."""
+    count = np.maximum(np.ceil(toolpath.lengths / step_mm).astype(np.int64), 1) + 1
+    moves = np.repeat(np.arange(len(toolpath)), count)
+    share = np.arange(len(moves)) - np.repeat(np.cumsum(count) - count, count)
+    share = share / (count[moves] - 1)
+    way = toolpath.end - toolpath.start
+    places = toolpath.start[moves] + share[:, None] * way[moves]
+    return places, moves, begins[moves] + share * lasts[moves]
+
+
+def _passes(toolpath: Toolpath) -> list[tuple[int, int, int]]:
+    """Of each pass but the first: last move of the one before, its first, and the move after it."""
+    writes = np.flatnonzero(toolpath.kind == MoveKind.WRITE)
+    travels = np.concatenate([[0], np.cumsum(toolpath.kind == MoveKind.TRAVEL)])
+    breaks = np.flatnonzero(np.diff(travels[writes]) > 0)
+    firsts = writes[breaks + 1].tolist()
+    ends = [*writes[breaks[1:]].tolist(), int(writes[-1])] if len(breaks) else []
+    return [
+        (int(writes[at]), first, end + 1)
+        for at, first, end in zip(breaks.tolist(), firsts, ends, strict=True)
+    ]
+
+
+def _age(
+    places: FloatArray, when: FloatArray, own: slice, before: slice, radius_mm: float
+) -> float:
+    """How long before its own writing the shaft last stood in a place of the pass, at least, s."""
+    mine, others = places[own], places[before]
+    away = np.hypot(mine[:, None, 0] - others[None, :, 0], mine[:, None, 1] - others[None, :, 1])
+    swept = (away < radius_mm) & (others[None, :, 2] < mine[:, None, 2] + radius_mm)
+    ages = when[own][:, None] - when[before][None]
+    return float(np.where(swept, ages, np.inf).min(initial=np.inf))
+
+
+def _descent(toolpath: Toolpath, last: int, first: int) -> int:
+    """The move before which to wait: the first of those that go straight down to the pass."""
+    row = first
+    while row - 1 > last:
+        way = toolpath.end[row - 1] - toolpath.start[row - 1]
+        still = toolpath.kind[row - 1] != MoveKind.TRAVEL
+        if not still and (way[2] >= 0 or way[:2].any()):
+            break
+        row -= 1
+    return row
+
+
+def _with_dwells(toolpath: Toolpath, rows: IntArray, waits: FloatArray) -> Toolpath:
+    if not len(rows):
+        return toolpath
+    changed: dict[str, Any] = {}
+    for field in fields(toolpath):
+        values = getattr(toolpath, field.name)
+        if isinstance(values, np.ndarray):
+            more = _of_dwells(toolpath, field.name, rows, waits)
+            changed[field.name] = np.insert(values, rows, more, axis=0)
+    return replace(toolpath, **changed)
+
+
+def _of_dwells(
+    toolpath: Toolpath, name: str, rows: IntArray, waits: FloatArray
+) -> NDArray[np.generic]:
+    """What a dwell before each row holds."""
+    if name in ("start", "end"):
+        return toolpath.start[rows]
+    if name == "duration_s":
+        return waits
+    if name == "kind":
+        return np.full(len(rows), int(MoveKind.DWELL))
+    if name in ("volume_ul", "speed_mm_s"):
+        return np.zeros(len(rows))
+    values: NDArray[np.generic] = getattr(toolpath, name)[rows]
+    return values

@@ -15,13 +15,12 @@ import numpy as np
 from manifold3d import CrossSection
 from numpy.typing import NDArray
 
-from design.toolpath.fresh.cells import Cells
-from design.toolpath.fresh.contours import contours_of
+from design.toolpath.fresh.contours import Cells, contours_of
+from design.toolpath.fresh.infill import zigzag
 from design.toolpath.fresh.layout import Rows, lay_out, obstacles
 from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.fresh.order import order_paths
 from design.toolpath.fresh.paths import Paths
-from design.toolpath.fresh.zigzag import zigzag
 from design.toolpath.toolpath import MoveKind
 from kernels.arrays import FloatArray, IntArray
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from manifold3d import CrossSection
 from numpy.typing import NDArray
 
+from kernels import jit
 from kernels.arrays import FloatArray, IntArray
 
 
@@ -103,3 +106,196 @@ def sample(contours: Contours, spacing_mm: float) -> Samples:
     turn = back[:, 0] * along[edge, 1] - back[:, 1] * along[edge, 0]
     convex = (step == 0) & (turn > 0)
     return Samples(Contours(points, offset), normal, 1 / np.maximum(cosine, 0.25), convex)
+
+
+# Sort a contour's edges into grid cells, to test if a straight move crosses the contour.
+
+
+class Cells(NamedTuple):
+    """Edges by the square cells that their bounding boxes touch; kernels take it as it is.
+
+    Attributes
+    ----------
+    start, end : (n, 2) float64, mm
+    low : (2,) float64, mm
+        Corner of the first cell.
+    side : float, mm
+    columns, rows : int
+    offset, edge : int64
+        Edges of cell k are ``edge[offset[k] : offset[k + 1]]``; cells go row by row.
+    """
+
+    start: FloatArray
+    end: FloatArray
+    low: FloatArray
+    side: float
+    columns: int
+    rows: int
+    offset: IntArray
+    edge: IntArray
+
+
+def put_in_cells(contours: Contours, side_mm: float) -> Cells:
+    """Sort a contour's edges into cells; edges should be short against a cell."""
+    start, end = contours.points, contours.points[contours.next]
+    low = start.min(axis=0)
+    columns, rows = (np.floor((start.max(axis=0) - low) / side_mm) + 1).astype(np.int64)
+    first = np.floor((np.minimum(start, end) - low) / side_mm).astype(np.int64)
+    last = np.floor((np.maximum(start, end) - low) / side_mm).astype(np.int64)
+    offset, edge = _fill_cells(first, last, int(columns), int(rows))
+    return Cells(start, end, low, side_mm, int(columns), int(rows), offset, edge)
+
+
+@jit
+def _fill_cells(
+    first: IntArray, last: IntArray, columns: int, rows: int
+) -> tuple[IntArray, IntArray]:
+    offset = np.zeros(columns * rows + 1, np.int64)
+    for k in range(len(first)):
+        for y in range(first[k, 1], last[k, 1] + 1):
+            for x in range(first[k, 0], last[k, 0] + 1):
+                offset[y * columns + x + 1] += 1
+    for cell in range(columns * rows):
+        offset[cell + 1] += offset[cell]
+    at = offset[:-1].copy()
+    edge = np.empty(offset[-1], np.int64)
+    for k in range(len(first)):
+        for y in range(first[k, 1], last[k, 1] + 1):
+            for x in range(first[k, 0], last[k, 0] + 1):
+                cell = y * columns + x
+                edge[at[cell]] = k
+                at[cell] += 1
+    return offset, edge
+
+
+@jit
+def _meet(
+    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float
+) -> bool:
+    """Whether the segments ab and cd cross or touch."""
+    c = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    d = (bx - ax) * (dy - ay) - (by - ay) * (dx - ax)
+    a = (dx - cx) * (ay - cy) - (dy - cy) * (ax - cx)
+    b = (dx - cx) * (by - cy) - (dy - cy) * (bx - cx)
+    return c * d <= 0 and a * b <= 0
+
+
+@jit
+def _crosses(ax: float, ay: float, bx: float, by: float, cells: Cells) -> bool:
+    """Whether the way from a to b crosses an edge; looked up a cell's length at a time."""
+    low, side, start, end = cells.low, cells.side, cells.start, cells.end
+    steps = int(math.hypot(bx - ax, by - ay) / side) + 1
+    for step in range(steps):
+        px, py = ax + (bx - ax) * step / steps, ay + (by - ay) * step / steps
+        qx, qy = ax + (bx - ax) * (step + 1) / steps, ay + (by - ay) * (step + 1) / steps
+        x0 = max(math.floor((min(px, qx) - low[0]) / side), 0)
+        x1 = min(math.floor((max(px, qx) - low[0]) / side), cells.columns - 1)
+        y0 = max(math.floor((min(py, qy) - low[1]) / side), 0)
+        y1 = min(math.floor((max(py, qy) - low[1]) / side), cells.rows - 1)
+        for y in range(y0, y1 + 1):
+            for x in range(x0, x1 + 1):
+                cell = y * cells.columns + x
+                for place in range(cells.offset[cell], cells.offset[cell + 1]):
+                    j = cells.edge[place]
+                    if _meet(ax, ay, bx, by, start[j, 0], start[j, 1], end[j, 0], end[j, 1]):
+                        return True
+    return False
+
+
+@jit
+def crossing(a: FloatArray, b: FloatArray, cells: Cells) -> NDArray[np.bool_]:
+    """Whether each way from a to b (n, 2) crosses an edge."""
+    crosses = np.zeros(len(a), np.bool_)
+    for k in range(len(a)):
+        crosses[k] = _crosses(a[k, 0], a[k, 1], b[k, 0], b[k, 1], cells)
+    return crosses
+
+
+# Find the radius of the largest disc inside a layer's contours at each contour point.
+#
+# The disc of radius r that touches the contour at p, its centre p + r n on the inward normal n,
+# touches a point q of another edge when |q - p|² = 2 r n·(q - p); r is least over all q (the
+# shrinking ball of Ma et al. 2012, doi 10.1007/s00371-012-0689-8, on edges instead of points).
+# Only edges that face p count, so that a corner isn't held to be a narrow place.
+
+#: Two edges face each other when the product of their normals is below this.
+FACING = -0.2
+
+
+@jit
+def _ball(ux: float, uy: float, vx: float, vy: float, nx: float, ny: float) -> float:
+    """Radius of the disc from the origin along n that touches the edge u to u + v."""
+    a, b, c = vx * vx + vy * vy, ux * vx + uy * vy, ux * ux + uy * uy
+    d, e = nx * ux + ny * uy, nx * vx + ny * vy
+    least = math.inf
+    if d > 1e-9:
+        least = c / (2 * d)
+    if d + e > 1e-9:
+        least = min(least, (a + 2 * b + c) / (2 * (d + e)))
+    # Between the ends where the derivative vanishes: a e s² + 2 a d s = e c - 2 b d.
+    places = (math.nan, math.nan)
+    if abs(e) > 1e-12 * a:
+        root = (a * d) ** 2 - a * e * (2 * b * d - e * c)
+        if root >= 0:
+            root = math.sqrt(root)
+            places = ((-a * d + root) / (a * e), (-a * d - root) / (a * e))
+    elif d > 1e-9:
+        places = (-b / a, math.nan)
+    for s in places:
+        if 0 < s < 1 and d + e * s > 1e-9:
+            least = min(least, (a * s * s + 2 * b * s + c) / (2 * (d + e * s)))
+    return least
+
+
+@jit
+def _room(
+    points: FloatArray, normal: FloatArray, cells: Cells, most: float
+) -> tuple[FloatArray, IntArray]:
+    low, side, start, end = cells.low, cells.side, cells.start, cells.end
+    radius = np.full(len(points), most)
+    other = np.full(len(points), -1, np.int64)
+    for k in range(len(points)):
+        px, py = points[k, 0], points[k, 1]
+        nx, ny = normal[k, 0], normal[k, 1]
+        # The disc of the largest radius lies in this box.
+        x0 = max(int((px + most * nx - most - low[0]) / side), 0)
+        x1 = min(int((px + most * nx + most - low[0]) / side), cells.columns - 1)
+        y0 = max(int((py + most * ny - most - low[1]) / side), 0)
+        y1 = min(int((py + most * ny + most - low[1]) / side), cells.rows - 1)
+        for y in range(y0, y1 + 1):
+            for x in range(x0, x1 + 1):
+                cell = y * cells.columns + x
+                for place in range(cells.offset[cell], cells.offset[cell + 1]):
+                    j = cells.edge[place]
+                    vx, vy = end[j, 0] - start[j, 0], end[j, 1] - start[j, 1]
+                    length = math.sqrt(vx * vx + vy * vy)
+                    if length < 1e-12 or (-vy * nx + vx * ny) > FACING * length:
+                        continue
+                    ball = _ball(start[j, 0] - px, start[j, 1] - py, vx, vy, nx, ny)
+                    if ball < radius[k]:
+                        radius[k] = ball
+                        other[k] = j
+    return radius, other
+
+
+def measure_room(samples: Samples, most_mm: float) -> tuple[FloatArray, IntArray]:
+    """Radius of the largest disc at each sample, and the edge that it touches on the other side.
+
+    Parameters
+    ----------
+    samples : Samples
+        Sampled more densely than ``most_mm``.
+    most_mm : float, mm
+        Larger discs aren't looked for.
+
+    Returns
+    -------
+    radius : (n,) float64, mm
+        At most ``most_mm``.
+    other : (n,) int64
+        Edge, by the sample it begins at; -1 where the disc is of the largest radius.
+    """
+    if len(samples.normal) == 0:
+        return np.zeros(0), np.zeros(0, dtype=np.int64)
+    cells = put_in_cells(samples.contours, 2 * most_mm)
+    return _room(samples.contours.points, samples.normal, cells, most_mm)

@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from design.toolpath.fresh.cells import Cells, crossing, put_in_cells
-from design.toolpath.fresh.contours import Contours, sample
+from design.toolpath.fresh.contours import Cells, Contours, crossing, put_in_cells, sample
 from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.fresh.order import Sequence
 from design.toolpath.fresh.paths import Paths, Role

@@ -17,7 +17,7 @@ import numpy as np
 
 from design.errors import ToolpathError
 from design.solids.solid import Solid
-from design.toolpath.checks import require_positive
+from design.toolpath.toolpath import require_positive
 from kernels.arrays import FloatArray, IntArray
 
 _LEVEL: Final = 0.9995

@@ -10,9 +10,8 @@ from manifold3d import CrossSection
 from scipy.spatial import cKDTree
 
 from design.solids.solid import Solid
-from design.toolpath.fresh.contours import Contours, contours_of, sample
+from design.toolpath.fresh.contours import Contours, contours_of, measure_room, sample
 from design.toolpath.fresh.infill import scan
-from design.toolpath.fresh.largest_disc import measure_room
 from design.toolpath.fresh.section import BESIDE, CLOSING_MM, Body, Layer, rings
 from kernels.arrays import BoolArray, FloatArray
 

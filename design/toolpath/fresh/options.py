@@ -2,14 +2,91 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
 
 from design.errors import ToolpathError
-from design.toolpath.checks import require_not_negative, require_positive
-from design.toolpath.fresh.compensate import Compensation
-from design.toolpath.fresh.filling import Filling
+from design.solids.solid import Solid
 from design.toolpath.fresh.levels import Adaptive
+from design.toolpath.toolpath import require_not_negative, require_positive
 from firmware_profiles.bead import BeadSection
+
+# Options of infill inside a FRESH part's walls: pattern, density, angles.
+
+Infill = Literal["lines", "concentric", "gyroid"]
+
+
+@dataclass(frozen=True)
+class Filling:
+    """What fills the inside of the walls.
+
+    Attributes
+    ----------
+    pattern : "lines", "concentric" or "gyroid"
+    density : float
+        Part of the inside that is filled; 1 is solid.
+    angles_deg : tuple of float, °
+        Direction of the lines, layer after layer in turn.
+    """
+
+    pattern: Infill = "lines"
+    density: float = 1.0
+    angles_deg: tuple[float, ...] = (0.0, 90.0)
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.density <= 1:
+            raise ToolpathError(
+                f"infill_density is {self.density:g} (FRESH options); it must lie within 0 to 1"
+            )
+        if self.pattern == "gyroid" and self.density > DENSEST_GYROID:
+            raise ToolpathError(
+                f"infill_density is {self.density:g} (FRESH options); a gyroid's lines "
+                f"meet above {DENSEST_GYROID:g}: choose lines, or less"
+            )
+        if not self.angles_deg or not all(map(math.isfinite, self.angles_deg)):
+            raise ToolpathError(
+                f"infill_angles_deg is {self.angles_deg} (FRESH options); give at least "
+                "one finite angle"
+            )
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """Shrinkage and wall offset measured on an earlier print.
+
+    Attributes
+    ----------
+    shrink_percent : (x, y, z) float
+        How much shorter each axis came out than it was written.
+    radial_mm : float, mm
+        By how much a lumen's radius came out too small; below 0 for too large.
+    """
+
+    shrink_percent: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    radial_mm: float = 0.0
+
+    def __post_init__(self) -> None:
+        worst = max(self.shrink_percent, key=abs)
+        if not abs(worst) <= MOST_PERCENT:
+            raise ToolpathError(
+                f"shrink_percent is {worst:g} (compensation); beyond {MOST_PERCENT:g} % either way "
+                "something else is wrong: measure again"
+            )
+        if not abs(self.radial_mm) <= 1.0:
+            raise ToolpathError(
+                f"radial_mm is {self.radial_mm:g} (compensation); it must lie within -1 to 1 mm"
+            )
+
+    def enlarged(self, solid: Solid) -> Solid:
+        """The solid as it must be written, larger about its origin."""
+        if not any(self.shrink_percent):
+            return solid
+        scale = 1.0 / (1.0 - np.array(self.shrink_percent) / 100.0)
+        vertices = (solid.vertices * scale).astype(np.float32).astype(np.float64)
+        return Solid(vertices, solid.faces)
 
 
 @dataclass(frozen=True)
@@ -147,3 +224,16 @@ class FreshOptions:
     def smallest_wall_mm(self) -> float:
         """Thinnest wall between two lumens, mm: one line of its own along either."""
         return 2 * self.line_width_mm
+
+
+#: A gyroid denser than this would write over itself.
+DENSEST_GYROID = 0.7
+
+
+# Shrinkage and lumen wall offset of an earlier FRESH print; enlarge a solid against shrinkage.
+#
+# Registration measures both on a print: how much each axis shrank, and by how much every lumen's
+# wall stands inside the designed one.
+
+#: More than this isn't shrinkage but a wrong number, %.
+MOST_PERCENT = 30.0

@@ -13,16 +13,20 @@ from design.errors import ToolpathError
 from design.solids.solid import Solid
 from design.toolpath.fresh.carriage import Carriage, LayerMoves, Section
 from design.toolpath.fresh.coarsen import remove_short_moves
-from design.toolpath.fresh.coverage import FINENESS, Coverage, measure_coverage
-from design.toolpath.fresh.filling import Filling
-from design.toolpath.fresh.infill import infill_paths
+from design.toolpath.fresh.infill import concentric_paths, gyroid_paths, infill_paths
 from design.toolpath.fresh.levels import adaptive_levels, even_levels
 from design.toolpath.fresh.narrow import LevelPlaces, narrow_samples
-from design.toolpath.fresh.options import FreshOptions
+from design.toolpath.fresh.options import Filling, FreshOptions
 from design.toolpath.fresh.paths import Paths, join
-from design.toolpath.fresh.patterns import concentric_paths, gyroid_paths
 from design.toolpath.fresh.regions import Region, Regions, RegionSections
-from design.toolpath.fresh.report import FreshReport, LayerNarrow, Tally
+from design.toolpath.fresh.report import (
+    FINENESS,
+    Coverage,
+    FreshReport,
+    LayerNarrow,
+    Tally,
+    measure_coverage,
+)
 from design.toolpath.fresh.section import Body, Layer, layers, rings
 from design.toolpath.fresh.walls import build_walls, clear_of_lumens, moved_in
 from design.toolpath.toolpath import MoveKind, Toolpath, join_toolpaths

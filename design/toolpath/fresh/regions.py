@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from manifold3d import CrossSection, Manifold
 
 from design.solids.solid import Solid
-from design.toolpath.fresh.compensate import Compensation
-from design.toolpath.fresh.filling import Filling
+from design.toolpath.fresh.options import Compensation, Filling
 from design.toolpath.fresh.section import manifold_of
 
 

@@ -20,7 +20,7 @@ from design.toolpath.gcode.commands import Stops, per_axis
 from design.toolpath.gcode.job import GcodeOptions
 from design.toolpath.gcode.marks import Marks
 from design.toolpath.gcode.numbers import decimals_for
-from design.toolpath.gcode.render import Table
+from design.toolpath.gcode.table import Table
 from design.toolpath.toolpath import MoveKind, Toolpath
 from firmware_profiles import Pneumatic, Printer
 from firmware_profiles.families.dialect import Dialect

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.gcode.merge import long_enough
 from design.toolpath.toolpath import MoveKind, Toolpath
 from firmware_profiles import Axes, Printer, Syringe
@@ -116,3 +117,24 @@ def _runs(toolpath: Toolpath) -> IntArray:
     key = np.column_stack([toolpath.kind, toolpath.source, toolpath.tool])
     change = np.concatenate([[True], (key[1:] != key[:-1]).any(axis=1)])
     return np.where(toolpath.kind == MoveKind.WRITE, np.cumsum(change), -1)
+
+
+def least_move_mm(printer: Printer) -> float:
+    """Shortest move, along the longer of x and y, that the firmware doesn't merge, mm."""
+    steps = printer.min_steps_per_segment + MARGIN_STEPS
+    return steps / min(printer.steps_per_mm.x, printer.steps_per_mm.y)
+
+
+def clear_mm(printer: Printer) -> float:
+    """How far ink should keep from a lumen, mm: an eighth of a motor step.
+
+    Points are rounded by up to half a step either way. Keeping half a step away would make every
+    lumen wider than designed on a machine that is finer than its steps; an eighth leaves both
+    errors about the same (benchmarks/solids.py: 80 steps/mm).
+    """
+    return 0.125 / min(printer.steps_per_mm.x, printer.steps_per_mm.y)
+
+
+def joint_mm(printer: Printer) -> float:
+    """Longest joint of two infill lines, mm: none where ink flows by time, as turns take longer."""
+    return 0.0 if printer.pneumatic else FreshOptions.joint_mm

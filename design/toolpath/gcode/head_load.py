@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from design.toolpath.checks import require_not_negative, require_positive
 from design.toolpath.gcode.commands import plunger_mm_per_ul
 from design.toolpath.gcode.table import JobPosition
+from design.toolpath.toolpath import require_not_negative, require_positive
 from firmware_profiles import Head, Printer, Syringe
 from kernels.arrays import FloatArray
 

@@ -20,14 +20,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from design.errors import ToolpathError
-from design.toolpath.gcode.approach import approach_commands, at_height, begin_of
 from design.toolpath.gcode.commands import Stops, join_stops, stops
 from design.toolpath.gcode.head_load import HeadLoad, IdleHead
 from design.toolpath.gcode.job import Gcode, GcodeOptions
 from design.toolpath.gcode.marks import Context, Marks, marks_of
-from design.toolpath.gcode.render import Table
-from design.toolpath.gcode.table import JobPosition, counted_from, declare_position, tabulate
-from design.toolpath.gcode.writer import Writer
+from design.toolpath.gcode.table import JobPosition, Table, counted_from, declare_position, tabulate
+from design.toolpath.gcode.writer import Writer, approach_commands, at_height, begin_of
 from design.toolpath.toolpath import MoveKind, Toolpath
 from firmware_profiles import Printer, Syringe
 from kernels.arrays import FloatArray, IntArray

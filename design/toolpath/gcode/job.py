@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from design.toolpath.checks import require_not_negative, require_positive
 from design.toolpath.gcode.head_load import HeadLoad
+from design.toolpath.toolpath import require_not_negative, require_positive
 from kernels.arrays import IntArray
 
 

@@ -6,7 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from firmware_profiles import Printer
+from design.errors import ToolpathError
+from firmware_profiles import Printer, ProfileError
+from firmware_profiles.families import family_of
+from firmware_profiles.families.dialect import Dialect
 
 FLOAT32_WHOLE: Final = 2**24
 """A float32 holds every whole number up to this one."""
@@ -57,3 +60,17 @@ def decimals_for(printer: Printer) -> Decimals:
 def _digits(steps_per_mm: float) -> int:
     """Fewest digits whose quantum is below a quarter of a step."""
     return max(0, math.floor(math.log10(4.0 * steps_per_mm)) + 1)
+
+
+def dialect_of(printer: Printer) -> Dialect:
+    """Return the dialect of the printer's firmware.
+
+    Raises
+    ------
+    ToolpathError
+        When there is none, or the profile doesn't say enough to choose it.
+    """
+    try:
+        return family_of(printer).dialect(printer)
+    except ProfileError as exc:
+        raise ToolpathError(f"no G-code can be written: {exc}") from exc

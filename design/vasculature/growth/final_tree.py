@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from design.tissue import Tissue
 from design.vasculature.growth.points import LEAST_FLOW
-from design.vasculature.growth.settling import follow_radii
-from design.vasculature.growth.state import TRUNK, Segments, refresh_all, spread_down
+from design.vasculature.growth.state import TRUNK, Segments, follow_radii, refresh_all, spread_down
 from design.vasculature.growth.step import Scale
-from design.vasculature.growth.territories import demand_points, points_for, territory_demand
+from design.vasculature.growth.supply import demand_points, points_for, territory_demand
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree

@@ -11,14 +11,13 @@ import numpy as np
 from design.errors import DesignError, GrowthError, NoRoomError
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
-from design.vasculature.convert import tree_to_network
 from design.vasculature.growth.grow import ATTEMPTS, ROUNDS, SPREADS, TreeGrowth
 from design.vasculature.growth.root import stem
-from design.vasculature.growth.surroundings import Surroundings
-from design.vasculature.growth.territory import part_tissue
+from design.vasculature.growth.surroundings import Surroundings, part_tissue
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
+from design.vasculature.treemath import tree_to_network
 from kernels.arrays import FloatArray
 
 STEM_ROOM = 1.5

@@ -11,14 +11,13 @@ from design.errors import DesignError, GrowthError, TissueError
 from design.geometry import build_triangle_tree, nearest_distance
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Part, Tissue, part_demands, part_numbers, part_tissue, parts_of
-from design.vasculature.convert import tree_to_network
 from design.vasculature.growth.forest import forest_to_network
-from design.vasculature.growth.sharing import share_terminals
-from design.vasculature.growth.supply import PartSupply, check_supply, no_inlet, no_way
+from design.vasculature.growth.points import share_terminals
+from design.vasculature.growth.supply import PartSupply, check_supply, no_inlet, no_way, unreached
 from design.vasculature.growth.tree_per_inlet import grow_whole
-from design.vasculature.growth.unreached import unreached
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
+from design.vasculature.treemath import tree_to_network
 from kernels.arrays import FloatArray
 
 Place = tuple[float, float, float]

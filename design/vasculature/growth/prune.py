@@ -6,20 +6,34 @@ from typing import Any
 
 import numpy as np
 
-from design.tissue.depth import depth_along
-from design.vasculature.growth.clearances import Clearances, neighbours_of
-from design.vasculature.growth.fit import growth_factor, seven_integers
-from design.vasculature.growth.index import CellIndex
-from design.vasculature.growth.joint_limits import end_fits, start_fits
-from design.vasculature.growth.joints import GOES
-from design.vasculature.growth.retip import move_tip, tip_near
-from design.vasculature.growth.state import place, refresh_upwards
+from design.geometry import point_segment
+from design.tissue.grid import depth_along, least_depth_along
+from design.vasculature.growth.fit import (
+    GOES,
+    distance,
+    end_fits,
+    growth_factor,
+    in_tissue,
+    limit_children,
+    limit_smaller_child,
+    seven_integers,
+    start_fits,
+)
+from design.vasculature.growth.index import (
+    REACH,
+    CellIndex,
+    Clearances,
+    insert,
+    kept_apart,
+    neighbours_of,
+    widest_of,
+)
+from design.vasculature.growth.state import from_gamma, place, refresh, refresh_upwards, to_gamma
 from design.vasculature.options import Law
 from kernels import jit
 
 SPARE = 0.98
 """Part of the allowed radius that a segment is thinned out to: regrowth widens others' paths."""
-
 FEW = 4
 """A branch isn't thinned out below so many terminals, but taken."""
 
@@ -235,3 +249,213 @@ def drop_marked(segments: Any, count: int, gone: Any) -> int:
             s.parent, s.left, s.right = number[s.parent], number[s.left], number[s.right]
             segments[number[i]] = s
     return size
+
+
+# Compute how wide each segment of a grown tree may be without collision; count those too wide.
+
+
+@jit
+def measure_allowed_radii(
+    segments: Any, count: int, index: CellIndex, room: Clearances, smallest: float, joints: bool
+) -> int:
+    """Derive every segment's allowed radius from tissue and neighbours.
+
+    The index must list all segments with their present radii. A terminal thinner than
+    ``smallest`` is allowed no radius at all, nor is the smaller branch of a joint that breaks the
+    room's limits. A given trunk's segments are allowed any: whoever meets them must go.
+
+    Parameters
+    ----------
+    joints : bool
+        Whether joints limit radii too: at the end alone, for a branch that its joint held back
+        while the tree grows would be closed to all that has yet to join it.
+
+    Returns
+    -------
+    int
+        How many are wider than allowed.
+    """
+    for i in range(count):
+        segments[i].allowed = np.inf
+    measure_changed(segments, count, index, room, smallest, joints)
+    return too_wide(segments, count)
+
+
+@jit
+def measure_changed(
+    segments: Any, count: int, index: CellIndex, room: Clearances, smallest: float, joints: bool
+) -> None:
+    """Derive allowed radii as `measure_allowed_radii`, where a segment's own is inf."""
+    changed = np.zeros(count, np.bool_)
+    for i in range(count):
+        changed[i] = segments[i].allowed == np.inf
+    for i in range(count):
+        s = segments[i]
+        parent, sibling, left, right = neighbours_of(segments, i)
+        if joints and right >= 0 and (changed[i] or changed[left] or changed[right]):
+            limit_children(segments, room, left, right, s)
+            limit_smaller_child(segments, room, i)
+        # What comes near a given trunk finds it itself.
+        if not changed[i] or s.given != 0:
+            continue
+        if i > 0:
+            most = REACH * s.radius + room.wall
+            depth = least_depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, most, 0.0)
+            s.allowed = min(s.allowed, depth - room.wall)
+        skip = seven_integers(i, parent, sibling, left, right, -1, -1)
+        free = growth_factor(
+            index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, True
+        )
+        s.allowed = min(s.allowed, free * s.radius, widest_of(segments, room, i))
+        if left < 0 and s.radius < smallest:
+            s.allowed = min(s.allowed, 0.0)
+    for i in range(count):
+        if segments[i].given != 0:
+            segments[i].allowed = widest_of(segments, room, i)
+
+
+@jit
+def too_wide(segments: Any, count: int) -> int:
+    """How many segments are wider than allowed."""
+    bad = 0
+    for i in range(count):
+        bad += segments[i].radius > segments[i].allowed
+    return bad
+
+
+# Find a new end point for a terminal that has no room, or that is left of a pruned branch.
+
+GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+PARTS = (1.0, 0.7, 0.4)
+"""Lengths of the ways tried for a new tip, over that of the branch."""
+WAYS = 48
+"""Directions tried, spread over the sphere."""
+
+
+@jit
+def tip_near(
+    segments: Any, i: int, index: CellIndex, room: Clearances, law: Law, weight: float, least: float
+) -> tuple[bool, tuple[float, float, float]]:
+    """A tip that fits for branch ``i``, were it a terminal of flow times viscosity ``weight``.
+
+    Its own way comes first, then ways all around its start; of each the long ones.
+
+    Parameters
+    ----------
+    least : float, mm
+        Smallest radius of the terminal.
+    """
+    s = segments[i]
+    _, sibling, _, _ = neighbours_of(segments, i)
+    p = (s.px, s.py, s.pz)
+    if sibling < 0 or room.limits.on:
+        return False, p
+    ways = np.empty((WAYS + 1, 3))
+    ways[0] = ((s.dx - s.px) / s.length, (s.dy - s.py) / s.length, (s.dz - s.pz) / s.length)
+    for n in range(WAYS):
+        up = 1.0 - (2 * n + 1) / WAYS
+        flat, turn = np.sqrt(1.0 - up * up), GOLDEN_ANGLE * n
+        ways[n + 1] = (flat * np.cos(turn), flat * np.sin(turn), up)
+    for part in PARTS:
+        length = part * s.length
+        radius = _tip_radius(segments, i, weight, length, law)
+        if radius < least or length < room.length_to_radius * radius:
+            continue
+        for way in ways:
+            t = (p[0] + length * way[0], p[1] + length * way[1], p[2] + length * way[2])
+            if _tip_fits(segments, i, index, room, t, radius):
+                return True, t
+    return False, p
+
+
+@jit
+def retip_thin(
+    segments: Any,
+    count: int,
+    index: CellIndex,
+    room: Clearances,
+    law: Law,
+    points: Any,
+    least: float,
+) -> None:
+    """Move each terminal whose allowed radius is 0 to one of ``points`` that makes it wide enough.
+
+    Of the points that fit and give a radius of at least ``least`` (mm) the nearest is taken;
+    where there is none, the terminal stays as it is.
+    """
+    for i in range(1, count):
+        if segments[i].left < 0 and segments[i].allowed == 0.0 and segments[i].given == 0:
+            best = _nearest_tip(segments, i, index, room, law, points, least)
+            if best >= 0:
+                move_tip(segments, i, index, room, law, points[best])
+
+
+@jit
+def _nearest_tip(
+    segments: Any, i: int, index: CellIndex, room: Clearances, law: Law, points: Any, least: float
+) -> int:
+    s = segments[i]
+    shortest, best = np.inf, -1
+    weight = s.flow * s.thick
+    for n in range(len(points)):
+        t = points[n]
+        length = distance(s.px, s.py, s.pz, t[0], t[1], t[2])
+        if length >= shortest:
+            continue
+        radius = _tip_radius(segments, i, weight, length, law)
+        if radius < least or length < room.length_to_radius * radius:
+            continue
+        if _tip_fits(segments, i, index, room, t, radius):
+            shortest = length
+            best = n
+    return best
+
+
+@jit
+def _tip_radius(segments: Any, i: int, weight: float, length: float, law: Law) -> float:
+    """Radius that a terminal of this flow times viscosity and length has beside its sibling."""
+    parent, sibling, _, _ = neighbours_of(segments, i)
+    load = weight * law.k * length
+    m = from_gamma(to_gamma(load, law) + to_gamma(segments[sibling].load, law), law)
+    return float(segments[parent].radius * np.sqrt(np.sqrt(load / m)))
+
+
+@jit
+def _tip_fits(
+    segments: Any, i: int, index: CellIndex, room: Clearances, t: Any, radius: float
+) -> bool:
+    s = segments[i]
+    parent, sibling, _, _ = neighbours_of(segments, i)
+    for n in (parent, sibling):
+        o = segments[n]
+        gap = radius + o.radius + kept_apart(room, radius, o.radius)
+        away, _ = point_segment(t[0], t[1], t[2], o.px, o.py, o.pz, o.dx, o.dy, o.dz)
+        if away < gap:
+            return False
+    o = segments[sibling]
+    gap = radius + o.radius + kept_apart(room, radius, o.radius)
+    away, _ = point_segment(o.dx, o.dy, o.dz, s.px, s.py, s.pz, t[0], t[1], t[2])
+    if away < gap:
+        return False
+    if room.limits.on and not start_fits(segments, room.limits, i, (t[0], t[1], t[2])):
+        return False
+    if not in_tissue(room, s.px, s.py, s.pz, t[0], t[1], t[2], radius):
+        return False
+    skip = seven_integers(i, parent, sibling, -1, -1, -1, -1)
+    free = growth_factor(
+        index, segments, room, s.px, s.py, s.pz, t[0], t[1], t[2], radius, skip, False
+    )
+    return bool(free >= room.reserve)
+
+
+@jit
+def move_tip(segments: Any, i: int, index: CellIndex, room: Clearances, law: Law, t: Any) -> None:
+    """Put a terminal's tip elsewhere, and list it there besides."""
+    s = segments[i]
+    place(segments, i, (s.px, s.py, s.pz), (t[0], t[1], t[2]))
+    s.radius = _tip_radius(segments, i, s.flow * s.thick, s.length, law)
+    s.allowed = np.inf
+    refresh(segments, i, law)
+    refresh_upwards(segments, s.parent, law)
+    # Without room in the index the audit that follows still sees what meets the new tip.
+    insert(index, i, s, REACH * s.radius + room.clearance)

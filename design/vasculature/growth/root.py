@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
 import numpy as np
 
-from design.errors import RootError, TissueError
+from design.errors import DesignError, GrowthError, RootError, TissueError
 from design.tissue import Tissue
-from design.vasculature.growth.clearances import Clearances
+from design.vasculature.growth.index import Clearances
 from design.vasculature.growth.state import Segments, place, refresh
 from design.vasculature.options import GrowthOptions, Law
+from design.vasculature.tree import VesselTree
+from design.vasculature.treemath import tree_radii
 from kernels.arrays import FloatArray
 
 _STEM_DEPTH = 1.5
 """Depth of the stem's end over what its children need: they leave it sideways."""
-
 _STEM_LENGTH = 1.15
 """Length of the stem over its least: the final radius may be larger than predicted."""
-
 _LONGER = 1.01
 """The same where the stem turned out too short."""
 
@@ -135,3 +138,189 @@ def _outward(tissue: Tissue, point: FloatArray) -> FloatArray:
 
 def _say(vector: FloatArray) -> str:
     return "({:.4g}, {:.4g}, {:.4g})".format(*vector)
+
+
+# Find the root on a tissue's surface of least tree cost, by growing small trial trees.
+
+PROBE_TERMINALS = 200
+"""Of the small tree grown from each candidate, at most."""
+_SAMPLES = 4000
+
+
+@dataclass(frozen=True)
+class RootSearch:
+    """Result of a root search.
+
+    Attributes
+    ----------
+    points, directions : (k, 3) float64
+        Candidates, mm, and inward unit normals.
+    cost : (k,) float64
+        Σ ℓᵘ r^λ of the tree grown from each; inf where none grew.
+    best : int
+    """
+
+    points: FloatArray
+    directions: FloatArray
+    cost: FloatArray
+    best: int
+
+    @property
+    def note(self) -> str:
+        """One sentence: which candidate won, and by how much."""
+        grew = np.sort(self.cost[np.isfinite(self.cost)])
+        text = (
+            "root searched for: of {} places tried ({} grew a tree) the one at "
+            "({:.4g}, {:.4g}, {:.4g}) mm is cheapest".format(
+                len(self.cost), len(grew), *self.points[self.best]
+            )
+        )
+        if len(grew) < 2:
+            return text
+        text += f"; the next costs {grew[1] / grew[0] - 1.0:.1%} more"
+        return f"{text}, the dearest {grew[-1] / grew[0] - 1.0:.1%} more"
+
+
+def search_root(
+    tissue: Tissue,
+    options: GrowthOptions,
+    grow: Callable[[Tissue, GrowthOptions], VesselTree],
+) -> RootSearch:
+    """Grow a small tree from each of several places spread over the surface.
+
+    Parameters
+    ----------
+    tissue : Tissue
+    options : GrowthOptions
+        ``root_candidates`` places are tried, spread by farthest-point sampling.
+    grow : function
+        Grows one tree.
+
+    Raises
+    ------
+    GrowthError
+        When no candidate grew a tree; with what stopped the first.
+    """
+    points, directions = spread_over_surface(tissue, options.root_candidates, options.seed)
+    probe = _probe(options)
+    cost = np.full(len(points), np.inf)
+    first: DesignError | None = None
+    for n, (point, way) in enumerate(zip(points, directions, strict=True)):
+        x, y, z = point.tolist()
+        dx, dy, dz = way.tolist()
+        try:
+            tree = grow(
+                tissue, replace(probe, root_point_mm=(x, y, z), root_direction=(dx, dy, dz))
+            )
+        except DesignError as error:
+            first = first or error
+            continue
+        cost[n] = tree_cost(tree, options)
+    if not np.isfinite(cost).any():
+        raise GrowthError(
+            f"none of {len(points)} places searched for a root grew a tree; at the first: {first}"
+        ) from first
+    return RootSearch(points, directions, cost, int(np.argmin(cost)))
+
+
+def _probe(options: GrowthOptions) -> GrowthOptions:
+    """The options of the small trees."""
+    few = min(options.terminals, PROBE_TERMINALS)
+    plain = replace(options, root_candidates=0, stages=())
+    if options.terminal_points_mm is None:
+        return replace(plain, terminals=few)
+    chosen = np.linspace(0, options.terminals - 1, few).astype(np.int64)
+    flows = options.terminal_flows
+    return replace(
+        plain,
+        terminal_points_mm=np.array(options.terminal_points_mm)[chosen],
+        terminal_flows=None if flows is None else np.array(flows)[chosen],
+    )
+
+
+def tree_cost(tree: VesselTree, options: GrowthOptions) -> float:
+    """Σ ℓᵘ r^λ over all segments; mm to the power of u + λ."""
+    length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
+    return float(length**options.length_exponent @ tree_radii(tree) ** options.radius_exponent)
+
+
+def spread_over_surface(tissue: Tissue, count: int, seed: int) -> tuple[FloatArray, FloatArray]:
+    """Points spread over the surface, and inward normals there, (count, 3) each.
+
+    Of points sampled by area, in turn the one farthest from those chosen (Gonzalez 1985, doi
+    10.1016/0304-3975(85)90224-5), beginning at the highest.
+    """
+    random = np.random.default_rng([seed, 0x5EA3])
+    points, normals = surface_points(tissue, _SAMPLES, random)
+    chosen = [int(np.argmax(points[:, 2]))]
+    away = np.linalg.norm(points - points[chosen[0]], axis=1)
+    while len(chosen) < min(count, _SAMPLES):
+        chosen.append(int(np.argmax(away)))
+        away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return points[chosen], normals[chosen]
+
+
+# Find surface points with the deepest tissue below, as roots of trees with wide vessels.
+
+_DEPTH_SAMPLES = 2000
+_APART = 0.1
+_STEPS = 40
+
+
+def deep_roots(
+    tissue: Tissue, count: int, seed: int, apart: float = _APART
+) -> tuple[FloatArray, FloatArray]:
+    """Places on the surface below which the tissue is deepest, deepest first.
+
+    A root is as wide as Murray's law makes it, and so are its first branches: a printable tree
+    grows as far as they find room. Points are sampled on the surface by area; below each, the
+    depth is followed along the inward normal until the line leaves the tissue.
+
+    Parameters
+    ----------
+    tissue : Tissue
+    count : int
+        How many at most.
+    seed : int
+    apart : float
+        Least distance of any two, over the diagonal of the tissue's bounds.
+
+    Returns
+    -------
+    points, directions : (k, 3) float64
+        mm, and inward unit normals.
+    """
+    points, normals = surface_points(tissue, _DEPTH_SAMPLES, np.random.default_rng([seed, 0xDEEB]))
+    reach = 2.5 * tissue.grid.deepest_mm
+    along = np.linspace(0.0, reach, _STEPS + 1)[1:]
+    line = points[:, None] + along[None, :, None] * normals[:, None]
+    depth = -tissue.grid.distance(line.reshape(-1, 3)).reshape(line.shape[:2])
+    stays = np.logical_and.accumulate(depth > 0, axis=1)
+    deepest = np.where(stays, depth, 0.0).max(axis=1)
+    least = apart * float(np.linalg.norm(np.ptp(tissue.bounds, axis=0)))
+    chosen: list[int] = []
+    for n in np.argsort(-deepest, kind="stable"):
+        away = np.linalg.norm(points[chosen] - points[n], axis=1)
+        if deepest[n] > 0 and (away >= least).all():
+            chosen.append(int(n))
+        if len(chosen) == count:
+            break
+    return points[chosen], normals[chosen]
+
+
+def surface_points(
+    tissue: Tissue, count: int, random: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Points (count, 3), mm, uniform over the surface, and the inward unit normals there.
+
+    Uniform in a triangle: Osada et al. 2002, doi 10.1145/571647.571648, equation 1.
+    """
+    corner = tissue.surface.vertices[tissue.surface.faces]
+    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    size = np.linalg.norm(across, axis=1)
+    face = random.choice(len(size), count, p=size / size.sum())
+    u, v = np.sqrt(random.uniform(size=count)), random.uniform(size=count)
+    mix = np.column_stack([1.0 - u, u * (1.0 - v), u * v])
+    points: FloatArray = np.einsum("nk,nkx->nx", mix, corner[face])
+    normals: FloatArray = -across[face] / size[face, None]
+    return points, normals

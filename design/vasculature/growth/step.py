@@ -6,16 +6,27 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from design.tissue.depth import least_depth_along
-from design.tissue.grid import read
-from design.vasculature.growth.clearances import Clearances, neighbours_of, widest_of
-from design.vasculature.growth.cost import Sprout
+from design.tissue.grid import least_depth_along, read
 from design.vasculature.growth.fit import growth_factor, seven_integers
-from design.vasculature.growth.index import REACH, CellIndex, insert, nearest_segments
+from design.vasculature.growth.index import (
+    REACH,
+    CellIndex,
+    Clearances,
+    insert,
+    nearest_segments,
+    neighbours_of,
+    widest_of,
+)
+from design.vasculature.growth.points import Samples
 from design.vasculature.growth.propose import propose, trials_for
-from design.vasculature.growth.settling import follow_radii
-from design.vasculature.growth.state import place, refresh, refresh_upwards, spread_down
-from design.vasculature.growth.target_points import Samples
+from design.vasculature.growth.state import (
+    Sprout,
+    follow_radii,
+    place,
+    refresh,
+    refresh_upwards,
+    spread_down,
+)
 from design.vasculature.options import Law
 from design.vasculature.penalty import PenaltyArrays
 from kernels import jit, scalar_jit

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
-from design.errors import TissueError
+from design.errors import DesignError, TissueError
 from design.tissue import Part, Tissue, part_demands, part_numbers, parts_of
-from design.vasculature.growth.unreached import Unreached, unreached
 from kernels.arrays import FloatArray
 
 UNEVEN = 0.1
 """How far a part's flow over its demand may be from 1 before a note says so."""
-
 _BY_TREE = (
     "With grow: tree and no template write inlets: each_part under vasculature, or give each part "
     "an inlet; else make a recipe of its own for each part, or take the part out of the mesh"
@@ -168,3 +169,238 @@ def _off(one: PartSupply) -> float:
 def _place(part: Part) -> tuple[float, float, float]:
     x, y, z = part.middle_mm.tolist()
     return x, y, z
+
+
+# Find large connected volumes of a tissue that are far from every terminal.
+
+FAR = 3.0
+"""Distance from the nearest terminal, over the typical one, from which on a place is far; both
+times the cube root of the demand there."""
+TYPICAL = 25.0
+"""Percentile of the distances by demand that is taken for typical: most of a tissue may be far."""
+LEAST_TERMINALS = 6.0
+"""Terminals' worth of demand that a far place must ask for."""
+LEAST_PROBES = 12
+"""Probes that it must have: in trees of above 50,000 terminals a single one asks for several, and
+may lie in or beside a wide vessel."""
+_PER_TERMINAL, _AT_LEAST, _AT_MOST = 40, 4_000, 100_000
+_SEED = 5
+
+
+@dataclass(frozen=True)
+class Unreached:
+    """A place that no terminal is near.
+
+    Attributes
+    ----------
+    volume_mm3 : float
+    middle_mm : (float, float, float)
+        The point of it that is farthest from any terminal.
+    members : (n,) int64
+        Its points among the probes.
+    """
+
+    volume_mm3: float
+    middle_mm: tuple[float, float, float]
+    members: NDArray[np.int64]
+
+    def __str__(self) -> str:
+        """Size and place, for messages."""
+        x, y, z = self.middle_mm
+        return f"the {self.volume_mm3:.3g} mm³ around ({x:.4g}, {y:.4g}, {z:.4g}) mm"
+
+
+@dataclass(frozen=True)
+class Probes:
+    """Points that fill a tissue evenly.
+
+    Attributes
+    ----------
+    points : (n, 3) float64, mm
+    asks : (n,) float64
+        Share of the tissue's demand; their sum is 1.
+    reach_mm : float
+        Distance within which two points count as neighbours.
+    """
+
+    points: FloatArray
+    asks: FloatArray
+    reach_mm: float
+
+
+def probes_for(tissue: Tissue, terminals: int) -> Probes:
+    """Points that suit so many terminals; same arguments, same points."""
+    count = int(np.clip(_PER_TERMINAL * terminals, _AT_LEAST, _AT_MOST))
+    points, weight = demand_points(tissue, count, _SEED)
+    reach = 2.5 * float(np.cbrt(tissue.volume_mm3 / count))
+    return Probes(points, weight / weight.sum(), reach)
+
+
+def unreached(
+    tissue: Tissue, ends: FloatArray, probes: Probes | None = None
+) -> tuple[Unreached, ...]:
+    """Connected places far from all terminals that ask for several terminals, largest first.
+
+    A tree covers what its vessels fit into; a lobe behind a neck narrower than they are is left
+    out although it hangs together with the rest.
+
+    Parameters
+    ----------
+    tissue : Tissue
+    ends : (n, 3) float64, mm
+        Where the terminals end.
+    probes : Probes, optional
+    """
+    if len(ends) < 2 * LEAST_TERMINALS:
+        return ()
+    probes = probes or probes_for(tissue, len(ends))
+    asks = probes.asks * len(ends)
+    away, _ = KDTree(ends).query(probes.points)
+    # Where less is asked for, terminals lie farther apart by the cube root of it.
+    away = away * np.cbrt(probes.asks * len(probes.asks))
+    order = np.argsort(away)
+    below = np.cumsum(probes.asks[order])
+    typical = float(away[order][np.searchsorted(below, TYPICAL / 100.0)])
+    far = np.flatnonzero(away > FAR * typical)
+    if asks[far].sum() < LEAST_TERMINALS:
+        return ()
+    pairs = KDTree(probes.points[far]).query_pairs(probes.reach_mm, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(far),) * 2)
+    group = connected_components(graph, directed=False)[1]
+    places = []
+    large = np.bincount(group, weights=asks[far]) >= LEAST_TERMINALS
+    for n in np.flatnonzero(large & (np.bincount(group) >= LEAST_PROBES)):
+        own = far[group == n]
+        x, y, z = probes.points[own[np.argmax(away[own])]].tolist()
+        volume = tissue.volume_mm3 * len(own) / len(away)
+        places.append(Unreached(volume, (x, y, z), own))
+    return tuple(sorted(places, key=lambda one: -one.volume_mm3))
+
+
+# Sample demand in each terminal's territory (Voronoi cell); compare with the terminal's flow.
+#
+# A terminal's territory is the part of the tissue that is nearer to it than to any other terminal
+# (its Voronoi cell). Its demand is measured on points that fill the tissue evenly, weighed by
+# demand.
+
+PER_TERMINAL, AT_LEAST, AT_MOST = 400, 100_000, 4_000_000
+"""Points by which territories are measured."""
+_GOLDEN = 1.2207440846057596
+"""Root of x⁴ = x + 1: its inverse powers fill space evenly (Roberts 2018)."""
+
+
+@dataclass(frozen=True)
+class SupplyBalance:
+    """Supply over demand of the terminals' territories; 1 is just what each asks for.
+
+    Attributes
+    ----------
+    terminals : int
+    spread : float
+        Standard deviation of supply over demand, weighed by demand.
+    p5, p95 : float
+        Percentiles by demand: so much of the tissue's demand is served worse, or better.
+    worst : float
+        The least.
+    worst_at_mm : (float, float, float)
+        Its terminal.
+    sampling : float
+        Spread that random points of this number would show, were all territories alike; these
+        points show less.
+    """
+
+    terminals: int
+    spread: float
+    p5: float
+    p95: float
+    worst: float
+    worst_at_mm: tuple[float, float, float]
+    sampling: float
+
+
+def demand_points(
+    tissue: Tissue,
+    count: int,
+    seed: int,
+    owns: Callable[[FloatArray], NDArray[np.bool_]] | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """So many points (n, 3) in the tissue, mm, and the demand's weight there (n,).
+
+    Only points that ``owns`` says True of are taken.
+    """
+    low, high = tissue.bounds
+    step = _GOLDEN ** -np.arange(1.0, 4.0)
+    at = np.random.default_rng([seed, 0x7E44]).uniform(size=3)
+    parts = [np.empty((0, 3))]
+    size = 0
+    while size < count:
+        tried = low + ((at + np.arange(1, count + 1)[:, None] * step) % 1.0) * (high - low)
+        at = (at + count * step) % 1.0
+        tried = tried[tissue.contains(tried)]
+        parts.append(tried if owns is None else tried[owns(tried)])
+        size += len(parts[-1])
+    points = np.concatenate(parts)[:count]
+    return points, tissue.demand.weight(points)
+
+
+def points_for(terminals: int) -> int:
+    """How many points suit so many territories."""
+    return int(np.clip(PER_TERMINAL * terminals, AT_LEAST, AT_MOST))
+
+
+def territory_demand(points: FloatArray, weight: FloatArray, tips: FloatArray) -> FloatArray:
+    """Each terminal's share of the demand, (k,); their sum is 1.
+
+    Parameters
+    ----------
+    points, weight : (n, 3), (n,) float64
+        As `demand_points` gives them.
+    tips : (k, 3) float64, mm
+    """
+    _, owner = KDTree(tips).query(points)
+    share: FloatArray = np.bincount(owner, weights=weight, minlength=len(tips)) / weight.sum()
+    return share
+
+
+def supply_balance(
+    tissue: Tissue, tips: FloatArray, flow: FloatArray, seed: int = 1
+) -> SupplyBalance:
+    """Compare terminals' flows with their territories' demand.
+
+    Parameters
+    ----------
+    tissue : Tissue
+    tips : (k, 3) float64, mm
+    flow : (k,) float64
+        In any unit.
+    seed : int
+        Of the points.
+
+    Raises
+    ------
+    DesignError
+        When there is no terminal, or no flow.
+    """
+    if len(tips) == 0 or len(tips) != len(flow) or not float(flow.sum()) > 0.0:
+        raise DesignError(
+            f"{len(tips)} terminals with {len(flow)} flows can't be compared with the tissue's "
+            "demand; give a flow for each"
+        )
+    points, weight = demand_points(tissue, points_for(len(tips)), seed)
+    demand = territory_demand(points, weight, tips)
+    # A territory that no point fell into asks for less than half a point.
+    seen = np.maximum(demand, 0.5 * float(weight.mean()) / float(weight.sum()))
+    ratio = (flow / flow.sum()) / seen
+    order = np.argsort(ratio, kind="stable")
+    below = np.cumsum(demand[order])
+    low, high = (ratio[order][min(np.searchsorted(below, p), len(tips) - 1)] for p in (0.05, 0.95))
+    worst = int(order[0])
+    return SupplyBalance(
+        terminals=len(tips),
+        spread=float(np.sqrt((demand * (ratio - 1.0) ** 2).sum())),
+        p5=float(low),
+        p95=float(high),
+        worst=float(ratio[worst]),
+        worst_at_mm=(float(tips[worst, 0]), float(tips[worst, 1]), float(tips[worst, 2])),
+        sampling=float(np.sqrt(len(tips) / len(points))),
+    )

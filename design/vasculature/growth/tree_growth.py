@@ -5,42 +5,46 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from design.errors import GrowthError, RootError
-from design.vasculature.growth.audit import measure_allowed_radii, measure_changed
-from design.vasculature.growth.clearances import MARGIN, MARGIN_AT_MOST, MARGIN_LEFT
+from design.errors import GrowthError, NoRoomError, RootError
 from design.vasculature.growth.final_tree import final_radii, share_by_demand
-from design.vasculature.growth.growth_state import ALL_AROUND, GrowthState
-from design.vasculature.growth.make_index import clearances_of, just_below
-from design.vasculature.growth.points import GivenPoints, obstructing_segments
-from design.vasculature.growth.prune import prune
-from design.vasculature.growth.refusals import out_of_room_error
-from design.vasculature.growth.retip import retip_thin
+from design.vasculature.growth.growth_state import (
+    ALL_AROUND,
+    GrowthState,
+    clearances_of,
+    just_below,
+)
+from design.vasculature.growth.index import MARGIN, MARGIN_AT_MOST, MARGIN_LEFT, Clearances
+from design.vasculature.growth.points import GivenPoints, Samples, obstructing_segments
+from design.vasculature.growth.prune import (
+    measure_allowed_radii,
+    measure_changed,
+    prune,
+    retip_thin,
+)
 from design.vasculature.growth.root import lengthen_stem, stem, stem_is_short
-from design.vasculature.growth.single_terminal import sole_end
-from design.vasculature.growth.start import first_pair
+from design.vasculature.growth.start import first_pair, sole_end
 from design.vasculature.growth.state import place, refresh
 from design.vasculature.growth.step import (
     DONE,
     FULL_INDEX,
     MORE_POINTS,
     THIN_MARGIN,
+    Scale,
     derive_radii,
     grow,
 )
-from design.vasculature.growth.target_points import Samples
 from design.vasculature.growth.trunk import Trunk
+from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 from kernels.arrays import FloatArray
 
 ROUNDS = 20
 """Audits and repairs at most."""
-
 _PATIENCE = 20_000
 _CHUNK = 4096
 TRIES = 0.5
 """Points in the tissue sampled at a time, over the terminals there are: few enough that a tree
 grown to them in order is like one grown in random order."""
-
 _WAYS_MADE = 40
 """How often what is in the way of given points is taken away."""
 
@@ -316,3 +320,33 @@ class TreeGrowth(GrowthState):
         self.progress["terminals"] = self.segments["terminals"][0]
         self.progress["apart"] = 0.9
         derive_radii(self.segments, self.progress, self.options.law, self.scale)
+
+
+def out_of_room_error(
+    terminals: int,
+    options: GrowthOptions,
+    scale: Scale,
+    room: Clearances,
+    patience: int,
+    begun: int = 0,
+) -> NoRoomError:
+    """The error that says how many terminals fit, and what might help; a trunk had ``begun``."""
+    smallest = options.smallest_radius_mm
+    wide = f" of radius {smallest:g} mm or more" if smallest else ""
+    asked, root = scale.goal, scale.root_radius
+    reserved = (
+        f" beside a trunk from {root:.3g} mm radius, reserved because {asked} terminals need it"
+    )
+    limits = ", milder limits on angles or flows" if room.limits.on else ""
+    hint = " (their thinner trunk leaves more room: more than here may then fit)"
+    # Without a smallest radius all radii follow from the drop, and fewer terminals have as wide
+    # a trunk.
+    narrower = "a smaller smallest radius" if smallest else "a higher pressure drop"
+    return NoRoomError(
+        f"only {terminals} of {asked} terminals{wide} fit with clearance "
+        f"{room.clearance:g} mm{reserved if root else ''}: {patience} points in a "
+        "row found no place",
+        f"ask for {narrower} (narrower vessels), fewer "
+        f"terminals{hint if root else ''} or a smaller clearance{limits}",
+        placed=terminals - begun,
+    )

@@ -12,12 +12,12 @@ from scipy.spatial import KDTree
 
 from design.network import VesselKind
 from design.tissue import Tissue
-from design.vasculature.growth.deep_roots import deep_roots
 from design.vasculature.growth.forest import RootSpec, grow_forest
 from design.vasculature.growth.grow import grow_tree
-from design.vasculature.growth.sharing import share_terminals
+from design.vasculature.growth.points import share_terminals
+from design.vasculature.growth.root import deep_roots
+from design.vasculature.growth.supply import Probes, probes_for, unreached
 from design.vasculature.growth.surroundings import Surroundings
-from design.vasculature.growth.unreached import Probes, probes_for, unreached
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 from kernels.arrays import FloatArray

@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 from math import sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from design.vasculature.growth.index import CellIndex
-from design.vasculature.loops.curve_fit import (
-    Ends,
-    Rule,
-    point_distance,
-    radius_for,
-    stations,
-    weigh,
-)
+from design.geometry import segment_segment
+from design.tissue.columns import GridArrays
+from design.tissue.grid import depth_along
+from design.vasculature.growth.index import CellIndex, cell_range
 from kernels import jit
+from kernels.arrays import FloatArray
 
 PIECES = 10
 """Straight pieces of a Bézier curve at most."""
-
 _BENDS = 24
 """Places at which a curve's bend is measured."""
-
 _DENSE = 20
 """Steps by which lengths along a curve are measured."""
 
@@ -167,3 +162,312 @@ def best_curve(
             best, best_radius, pieces = cost, radius, count
             points[:] = trial
     return best_radius, pieces
+
+
+# Check a curve between two terminals against obstacles; compute its radius and cost (compiled).
+
+KIN = 10
+"""Vessels behind an end that may be near without colliding: a terminal itself, its parent,
+sibling, grandparent and aunt; or what is around a mixing node."""
+CAPSULE = np.dtype(
+    [
+        ("px", "f8"),
+        ("py", "f8"),
+        ("pz", "f8"),
+        ("dx", "f8"),
+        ("dy", "f8"),
+        ("dz", "f8"),
+        ("radius", "f8"),
+        ("there", "i8"),
+    ]
+)
+"""A straight piece of a vessel: ends p and d, radius (mm), and whether it is there (1) or was
+taken away (0)."""
+FEWEST = 4
+"""Straight pieces of a curve at least, where there is room for them or for none at all."""
+APART = 1.03
+"""Pieces are this much longer than what keeps their neighbours on either side apart."""
+
+
+class Rule(NamedTuple):
+    """What curves are held to and weighed by, as kernels take it.
+
+    Attributes
+    ----------
+    grid : GridArrays
+    wall : float, mm
+        Kept between lumen and the tissue's surface.
+    clearance, ratio : float
+        Kept between vessels: the larger of mm and a part of the thinner radius.
+    radius, length : float, mm
+        A curve of this length has this radius; others the same resistance, r⁴ ~ length.
+    least : float, mm
+        No curve is thinner.
+    bend : float
+        Least bend radius over lumen radius.
+    straight : float
+        Cosine of the largest angle between a terminal and the curve that continues it.
+    comfort : float
+        Gap, over the radius, beyond which more is worth nothing.
+    by_length, by_tortuosity, by_clearance, by_volume : float
+        Weights of the cost.
+    """
+
+    grid: GridArrays
+    wall: float
+    clearance: float
+    ratio: float
+    radius: float
+    length: float
+    least: float
+    bend: float
+    straight: float
+    comfort: float
+    by_length: float
+    by_tortuosity: float
+    by_clearance: float
+    by_volume: float
+
+
+class Ends(NamedTuple):
+    """Two ends that a curve joins.
+
+    Attributes
+    ----------
+    point, direction : (2, 3) float64
+        Tips, mm, and unit vectors in which their vessels point there.
+    radius : (2,) float64, mm
+        Of the vessels there.
+    kin : (2, KIN) int64
+        Capsules behind each tip, -1 for none.
+    way : (2, KIN) float64, mm
+        Along the vessels from the tip to each.
+    lost : float, mm⁻³
+        Length over r⁴ that the terminals lost when they were drawn back; the curve makes up for
+        it, so that the way through all three resists as before.
+    """
+
+    point: FloatArray
+    direction: FloatArray
+    radius: FloatArray
+    kin: NDArray[np.int64]
+    way: FloatArray
+    lost: float
+
+
+@jit
+def point_distance(a: Any, b: Any) -> float:
+    """Distance of two points."""
+    return sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
+
+
+@jit
+def radius_for(length: float, ends: Ends, rule: Rule) -> float:
+    """Radius that gives a curve of ``length`` the resistance all have, mm."""
+    return sqrt(sqrt(length / (rule.length / rule.radius**4 + ends.lost)))
+
+
+@jit
+def stations(length: float, ends: Ends, rule: Rule, most: int, at: Any) -> int:
+    """Where along a curve its points are, mm; at most ``most`` pieces; returns how many.
+
+    Pieces are long enough that those before and after one don't come near each other: they would
+    count as overlapping within their joint. Curves too short for `FEWEST` such pieces have three
+    or two; those too short for two have `FEWEST` again, for the sake of their shape.
+    """
+    radius = radius_for(length, ends, rule)
+    kept = max(rule.clearance, rule.ratio * radius)
+    inner = APART * (2.0 * radius + kept)
+    first = APART * (radius + ends.radius[0] + kept)
+    last = APART * (radius + ends.radius[1] + kept)
+    at[0] = 0.0
+    if first + last > length:
+        for n in range(1, FEWEST + 1):
+            at[n] = length * n / FEWEST
+        return FEWEST
+    count = min(most, 2 + int((length - first - last) / inner))
+    spare = (length - first - last - (count - 2) * inner) / count
+    for n in range(1, count):
+        at[n] = first + spare + (n - 1) * (inner + spare)
+    at[count] = length
+    return count
+
+
+@jit
+def weigh(
+    ends: Ends,
+    points: Any,
+    bend: float,
+    rule: Rule,
+    index: CellIndex,
+    capsules: Any,
+    until: int,
+    best: float,
+) -> tuple[float, float]:
+    """Cost and radius (mm) of a polyline; inf where it doesn't fit or costs ``best`` or more.
+
+    Parameters
+    ----------
+    points : (n + 1, 3) float64, mm
+    bend : float, mm
+        Least bend radius of the curve that the points are on.
+    until : int
+        Capsules from this one on are left out of account.
+    """
+    count = len(points) - 1
+    arc = np.zeros(count + 1)
+    for n in range(count):
+        arc[n + 1] = arc[n] + point_distance(points[n], points[n + 1])
+    length = arc[count]
+    chord = max(point_distance(points[0], points[count]), 1e-9)
+    radius = radius_for(length, ends, rule)
+    if radius < rule.least:
+        return np.inf, 0.0
+    volume = length * radius**2 / (rule.length * rule.radius**2)
+    cost = rule.by_length * length / rule.length + rule.by_tortuosity * (length / chord - 1.0)
+    cost += rule.by_volume * volume
+    if cost >= best or bend < rule.bend * radius or kink(ends, points) < rule.straight:
+        return np.inf, 0.0
+    need = radius + rule.wall
+    for n in range(count):
+        p, q = points[n], points[n + 1]
+        if depth_along(rule.grid, p[0], p[1], p[2], q[0], q[1], q[2], need) < need:
+            return np.inf, 0.0
+    if meets_itself(points, arc, radius, rule):
+        return np.inf, 0.0
+    gap = rule.comfort * radius
+    for n in range(count):
+        gap = piece_gap(
+            ends, points[n], points[n + 1], arc[n], length - arc[n + 1],
+            radius, gap, rule, index, capsules, until,
+        )  # fmt: skip
+        if gap < 0.0:
+            return np.inf, 0.0
+    cost += rule.by_clearance * max(0.0, 1.0 - gap / (rule.comfort * radius))
+    return (cost if cost < best else np.inf), radius
+
+
+@jit
+def kink(ends: Ends, points: Any) -> float:
+    """Cosine of the larger angle between a terminal and the polyline's first piece there."""
+    last = len(points) - 1
+    return min(
+        heading(ends, 0, points[0], points[1]), heading(ends, 1, points[last], points[last - 1])
+    )
+
+
+@jit
+def heading(ends: Ends, side: int, here: Any, there: Any) -> float:
+    """Cosine of the angle between an end's direction and the way from here to there."""
+    dot = 0.0
+    for x in range(3):
+        dot += (there[x] - here[x]) * ends.direction[side, x]
+    return dot / max(point_distance(here, there), 1e-12)
+
+
+@jit
+def meets_itself(points: Any, arc: Any, radius: float, rule: Rule) -> bool:
+    """Whether two pieces of a curve come near that are far along it."""
+    kept = max(rule.clearance, rule.ratio * radius)
+    count = len(points) - 1
+    for i in range(count):
+        a, b = points[i], points[i + 1]
+        for j in range(i + 2, count):
+            if arc[j] - arc[i + 1] <= 4.0 * radius + kept:
+                continue
+            p, q = points[j], points[j + 1]
+            d, _, _ = segment_segment(
+                a[0], a[1], a[2], b[0], b[1], b[2], p[0], p[1], p[2], q[0], q[1], q[2]
+            )
+            if d < 2.0 * radius + kept:
+                return True
+    return False
+
+
+@jit
+def piece_gap(
+    ends: Ends,
+    a: Any,
+    b: Any,
+    to_first: float,
+    to_second: float,
+    radius: float,
+    least: float,
+    rule: Rule,
+    index: CellIndex,
+    capsules: Any,
+    until: int,
+) -> float:
+    """Least gap between a piece's wall and any other vessel's where below ``least``, mm.
+
+    -1 where they collide. What is near along the vessels belongs to the joint, by the rule of
+    `design.vasculature.collide`; ``to_first`` and ``to_second`` are the ways along the
+    curve from the piece to its ends.
+    """
+    reach = radius + max(rule.clearance, max(least, rule.ratio * radius))
+    index.query[0] += 1
+    query = index.query[0]
+    i0, i1 = cell_range(index, 0, min(a[0], b[0]) - reach, max(a[0], b[0]) + reach)
+    j0, j1 = cell_range(index, 1, min(a[1], b[1]) - reach, max(a[1], b[1]) + reach)
+    k0, k1 = cell_range(index, 2, min(a[2], b[2]) - reach, max(a[2], b[2]) + reach)
+    for i in range(i0, i1 + 1):
+        for j in range(j0, j1 + 1):
+            for k in range(k0, k1 + 1):
+                entry = index.head[(i * index.shape[1] + j) * index.shape[2] + k]
+                while entry >= 0:
+                    item = index.item[entry]
+                    entry = index.following[entry]
+                    if item >= until or index.stamp[item] == query:
+                        continue
+                    index.stamp[item] = query
+                    s = capsules[item]
+                    if s.there == 0:
+                        continue
+                    d, _, _ = segment_segment(
+                        a[0], a[1], a[2], b[0], b[1], b[2],
+                        s.px, s.py, s.pz, s.dx, s.dy, s.dz,
+                    )  # fmt: skip
+                    gap = d - radius - s.radius
+                    kept = max(rule.clearance, rule.ratio * min(radius, s.radius))
+                    if gap >= max(least, kept):
+                        continue
+                    limit = 2.0 * (radius + s.radius) + kept
+                    if path_length(ends, item, to_first, to_second) <= limit:
+                        continue
+                    if gap < kept:
+                        return -1.0
+                    least = min(least, gap)
+    return least
+
+
+@jit
+def path_length(ends: Ends, item: int, to_first: float, to_second: float) -> float:
+    """Way along the vessels from a piece to a capsule behind either end, mm; else inf."""
+    way = np.inf
+    for n in range(KIN):
+        if ends.kin[0, n] == item:
+            way = min(way, ends.way[0, n] + to_first)
+        if ends.kin[1, n] == item:
+            way = min(way, ends.way[1, n] + to_second)
+    return way
+
+
+@jit
+def piece_clear(
+    ends: Ends,
+    a: Any,
+    b: Any,
+    to_first: float,
+    to_second: float,
+    radius: float,
+    rule: Rule,
+    index: CellIndex,
+    capsules: Any,
+    until: int,
+) -> bool:
+    """Whether a piece is in the tissue and clear of all vessels."""
+    need = radius + rule.wall
+    if depth_along(rule.grid, a[0], a[1], a[2], b[0], b[1], b[2], need) < need:
+        return False
+    gap = piece_gap(ends, a, b, to_first, to_second, radius, 0.0, rule, index, capsules, until)
+    return gap >= 0.0

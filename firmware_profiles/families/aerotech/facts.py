@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
 
-from firmware_profiles.families.aerotech.dialect import dialect_of
-from firmware_profiles.families.common_words import MOVE
+from firmware_profiles.errors import ProfileError
+from firmware_profiles.families.dialect import WORDS, Dialect
 from firmware_profiles.families.family import Family
-from firmware_profiles.families.grammar import Grammar, Meaning, codes
+from firmware_profiles.families.grammar import MOVE, Grammar, Meaning, codes
+
+if TYPE_CHECKING:
+    from firmware_profiles.file_controller import FileController
+    from firmware_profiles.printers import Printer
+
 
 _WORDS: Final = {
     "G0": MOVE,
@@ -19,6 +25,23 @@ _WORDS: Final = {
     "G91": "",
     "G92": "X Y Z E",
 }
+
+
+def dialect_of(printer: Printer) -> Dialect:
+    """Return the dialect of the printer's controller.
+
+    Raises
+    ------
+    ProfileError
+        When the profile doesn't say which it is.
+    """
+    if printer.file_controller is None:
+        raise ProfileError(
+            f"profile {printer.name!r} doesn't say which Aerotech controller it is for; give it "
+            "(file_controller: {controller: a3200})"
+        )
+    return _completed(_COMMON, printer.file_controller)
+
 
 FAMILY: Final = Family(
     link=None,
@@ -32,3 +55,42 @@ FAMILY: Final = Family(
 )
 """Codes are those that its commands are translated into before they are read; names are the
 commands that set an output."""
+
+
+# G-code dialect for an Aerotech A3200 or Automation1 controller; not verified on a machine.
+#
+# The file is loaded by the controller's own software. Automation1's help
+# (help.aerotech.com/automation1, "G-Code Programming"): G90; G76, time in seconds, so that F is
+# mm/s; G0 moves each axis at its own rate, not along a line, so travels are G1 here; ``//`` begins
+# a comment. A3200: mecode's own program text (github.com/jminardi/mecode, header.txt and
+# footer.txt): ``$DO0.0=0``, ``G4 P0.15`` in seconds; ORNL Slicer 2, aerobasic_writer.cpp:
+# ``VELOCITY ON`` keeps the head from stopping at each move's end, ``$DO[0].X=1``, F in mm/s; G71
+# and G92 as in the programs of others. ``;`` begins a comment in mecode's files, but would part two
+# statements in AeroScript, so it isn't used.
+
+_COMMON: Final = Dialect(
+    clean=(),
+    modes=("G71", "G76", "G90"),
+    absolute_e=(),
+    feed_s=1.0,
+    feed_decimals=5,
+    dwell_decimals=3,
+    travels=1,
+    comment="//",
+    counts_anew=False,
+)
+_BLENDING: Final = {"a3200": "VELOCITY ON", "automation1": "G108"}
+_WAITS: Final = {"a3200": "WAIT MOVEDONE {}", "automation1": "WaitForMotionDone([{}])"}
+
+
+def _completed(dialect: Dialect, chosen: FileController) -> Dialect:
+    """Blending and waiting in the controller's language, and the plunger's own letter."""
+    letter = chosen.plunger_axis or ""
+    axes = ["X", "Y", "Z", *letter]
+    between = " " if chosen.controller == "a3200" else ", "
+    return replace(
+        dialect,
+        modes=(*dialect.modes, _BLENDING[chosen.controller]),
+        waits=_WAITS[chosen.controller].format(between.join(axes)),
+        words=WORDS.replace(b"E", (letter or "E").encode()),
+    )

@@ -23,31 +23,29 @@ import re
 from typing import Final
 
 from firmware_profiles.families.dialect import Dialect, same_dialect
-from firmware_profiles.families.family import Family
-from firmware_profiles.families.gate_facts import (
+from firmware_profiles.families.family import (
     Advance,
     AllowQuery,
     AllowValues,
     CheckNamedHeater,
     ChooseHead,
-    GateFacts,
-    Keys,
-    Rule,
-    Timeout,
-)
-from firmware_profiles.families.grammar import Grammar
-from firmware_profiles.families.job_facts import (
     ColdExtrusion,
     ConfigurationFacts,
+    Family,
+    GateFacts,
     HeadFacts,
     IdleTimeout,
+    Keys,
+    LinkFacts,
+    LinkSetup,
+    ProbeFacts,
+    Rule,
+    Timeout,
     m302_by_p,
 )
-from firmware_profiles.families.klipper.codes import CODES, NAMES, WORDS
+from firmware_profiles.families.grammar import MOVE, TEXTS, Grammar, Meaning, codes, number_range
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
-from firmware_profiles.families.link_facts import LinkFacts, LinkSetup
 from firmware_profiles.families.link_protocol import LinkProtocol
-from firmware_profiles.families.probe_facts import ProbeFacts
 
 _CLEAN: Final = ("M220 S100", "M221 S100", "SET_GCODE_OFFSET X=0 Y=0 Z=0")
 _HEATERS: Final = {"extruder": "nozzle", "heater_bed": "bed"}
@@ -72,6 +70,88 @@ def _confirms(number: int) -> tuple[bytes, ...]:
     return b"Activating extruder " + name, b"Extruder %b already active" % name
 
 
+# Table of the commands that Klipper knows, with their parameters.
+#
+# ``gcode.py``, ``gcode_move.py``, ``toolhead.py``, ``extruder.py``, ``heaters.py``, ``fan.py`` and
+# docs/G-Codes.md: what a printer.cfg with an extruder, a bed and a fan gives. Macros and commands
+# of other sections are the machine's own.
+
+CODES: Final = codes("G", 0, 1, 4, 21, 28, 90, 91, 92) | codes(
+    "M",
+    18,
+    82,
+    83,
+    84,
+    number_range(104, 107),
+    109,
+    110,
+    112,
+    114,
+    115,
+    119,
+    140,
+    190,
+    204,
+    220,
+    221,
+    400,
+)
+NAMES: Final[dict[str, Meaning]] = {
+    **dict.fromkeys(
+        (
+            "GET_POSITION",
+            "RESTORE_GCODE_STATE",
+            "SAVE_GCODE_STATE",
+            "SET_FAN_SPEED",
+            "SET_IDLE_TIMEOUT",
+            "SET_PIN",
+            "SET_PRESSURE_ADVANCE",
+            "SET_VELOCITY_LIMIT",
+            "STATUS",
+            "TURN_OFF_HEATERS",
+        ),
+        Meaning.OTHER,
+    ),
+    "ACTIVATE_EXTRUDER": Meaning.CHOOSES,
+    "SET_GCODE_OFFSET": Meaning.SHIFTS,
+    "SET_HEATER_TEMPERATURE": Meaning.HEATS,
+    "SET_KINEMATIC_POSITION": Meaning.PLACES,
+    "TEMPERATURE_WAIT": Meaning.AWAITS,
+}
+WORDS: Final[dict[str, str]] = {
+    **TEXTS,
+    "G0": MOVE,
+    "G1": MOVE,
+    "G2": "X Y Z E F I J",
+    "G3": "X Y Z E F I J",
+    "G4": "P",
+    "G20": "",
+    "G21": "",
+    "G28": "X? Y? Z?",
+    "G90": "",
+    "G91": "",
+    "G92": "X Y Z E",
+    "M18": "",
+    "M82": "",
+    "M83": "",
+    "M84": "",
+    "M104": "S T",
+    "M105": "",
+    "M106": "P S",
+    "M107": "P",
+    "M109": "S T",
+    "M110": "N",
+    "M112": "",
+    "M114": "",
+    "M115": "",
+    "M119": "",
+    "M140": "S",
+    "M190": "S",
+    "M204": "S P T",
+    "M220": "S",
+    "M221": "S",
+    "M400": "",
+}
 FAMILY: Final = Family(
     link=LinkFacts(
         says="klipper",

@@ -35,17 +35,11 @@ from functools import reduce
 from operator import xor
 from typing import Final
 
-from firmware_profiles.families.line_errors import LineErrors
-from firmware_profiles.families.link_protocol import Event
-from firmware_profiles.families.link_timing import HOST_LATE_S, Timing
-from firmware_profiles.families.marlin.bit_flips import guard_command
-from firmware_profiles.families.marlin.doubt import RENUMBER, Phase, QueryGoal, Questions
-from firmware_profiles.families.marlin.doubt_resolver import DoubtResolver
-from firmware_profiles.families.marlin.replies import classify
-from firmware_profiles.families.marlin.reply_handler import ReplyHandler
-from firmware_profiles.families.marlin.sender import Sender
-from firmware_profiles.families.marlin.state import LineState
-from firmware_profiles.families.marlin.tokens import Tokens
+from firmware_profiles.families.link_protocol import HOST_LATE_S, Event, LineErrors, Timing
+from firmware_profiles.families.marlin.replies import Tokens, classify
+from firmware_profiles.families.marlin.reply_handler import DoubtResolver, ReplyHandler
+from firmware_profiles.families.marlin.sender import Sender, guard_command
+from firmware_profiles.families.marlin.state import RENUMBER, LineState, Phase, QueryGoal, Questions
 from firmware_profiles.families.pairing import Pairing
 
 _REST_LIMIT: Final = 4096

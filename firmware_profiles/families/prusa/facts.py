@@ -11,19 +11,21 @@ from collections.abc import Mapping
 from typing import Final
 
 from firmware_profiles.families.dialect import Dialect, same_dialect
-from firmware_profiles.families.family import Family
-from firmware_profiles.families.gate_facts import GateFacts
+from firmware_profiles.families.family import (
+    ColdExtrusion,
+    Family,
+    GateFacts,
+    LinkFacts,
+    ProbeFacts,
+)
 from firmware_profiles.families.grammar import Grammar, codes
-from firmware_profiles.families.job_facts import ColdExtrusion
-from firmware_profiles.families.link_facts import LinkFacts
-from firmware_profiles.families.marlin import codes as marlins
+from firmware_profiles.families.marlin import facts as marlins
 from firmware_profiles.families.marlin.facts import (
     ADVANCE,
     RUN_ON_S,
     TIMEOUT,
     make_protocol,
 )
-from firmware_profiles.families.probe_facts import ProbeFacts
 
 _MISSING: Final = codes("M", 113, 154, 428, 876)
 _OWN: Final = codes("G", 10, 11, 80) | codes("M", 42, 73, 80, 81, 201, 207, 226, 300, 600, 900)

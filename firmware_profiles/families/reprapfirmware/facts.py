@@ -10,30 +10,134 @@ answer a number and ``%``); docs.duet3d.com (M572, G10 P, M114, M669).
 
 from __future__ import annotations
 
+from binascii import crc_hqx
 from typing import Final
 
+from firmware_profiles.families.ack_protocol import AckProtocol, Sort
 from firmware_profiles.families.dialect import Dialect, same_dialect
-from firmware_profiles.families.family import Family
-from firmware_profiles.families.gate_facts import AllowOffsetReset, AllowQuery, GateFacts
-from firmware_profiles.families.grammar import Grammar, codes
-from firmware_profiles.families.job_facts import (
+from firmware_profiles.families.family import (
     SELECT_BY_T,
+    AllowOffsetReset,
+    AllowQuery,
     ColdExtrusion,
     ConfigurationFacts,
+    Family,
+    GateFacts,
     HeadFacts,
+    LinkFacts,
+    LinkSetup,
+    ProbeFacts,
     m302_by_p,
 )
-from firmware_profiles.families.link_facts import LinkFacts, LinkSetup
+from firmware_profiles.families.grammar import COMMON, Grammar, codes, number_range
+from firmware_profiles.families.known_messages import load_messages
 from firmware_profiles.families.link_protocol import LinkProtocol
-from firmware_profiles.families.probe_facts import ProbeFacts
-from firmware_profiles.families.reprapfirmware.codes import CODES, WORDS
-from firmware_profiles.families.reprapfirmware.protocol import RrfProtocol
 
 
 def _make_protocol(setup: LinkSetup) -> LinkProtocol:
     return RrfProtocol(setup.places, setup.timing)
 
 
+# Table of the commands that RepRapFirmware knows, with their parameters.
+#
+# Every ``case`` of ``GCodes2.cpp`` (3.5) but M667, which it refuses; a macro file of a command's
+# name makes it known, too. Words: 3.x ``GCodes*.cpp``.
+
+CODES: Final = codes(
+    "G",
+    number_range(0, 4),
+    10,
+    11,
+    number_range(17, 21),
+    number_range(28, 32),
+    38,
+    number_range(53, 60),
+    68,
+    69,
+    number_range(90, 94),
+) | codes(
+    "M",
+    *(
+        number_range(0, 5),
+        17,
+        18,
+        number_range(20, 30),
+        32,
+        number_range(36, 39),
+        42,
+        73,
+        number_range(80, 85),
+        92,
+        98,
+        99,
+    ),
+    *(number_range(101, 112), number_range(114, 122), 140, 141, 143, 144, 150, 190, 191, 200, 201),
+    *(
+        number_range(203, 208),
+        220,
+        221,
+        226,
+        260,
+        261,
+        280,
+        number_range(290, 292),
+        number_range(300, 304),
+        number_range(307, 309),
+    ),
+    *(
+        350,
+        number_range(374, 376),
+        number_range(400, 402),
+        404,
+        number_range(407, 409),
+        425,
+        number_range(450, 453),
+        470,
+        471,
+        486,
+    ),
+    *(
+        number_range(500, 503),
+        505,
+        540,
+        number_range(550, 572),
+        number_range(574, 577),
+        579,
+        581,
+        582,
+        number_range(584, 589),
+    ),
+    *(
+        number_range(591, 601),
+        665,
+        666,
+        number_range(669, 673),
+        675,
+        number_range(701, 703),
+        851,
+        905,
+        906,
+        911,
+        912,
+        913,
+    ),
+    *(number_range(915, 918), 929, number_range(950, 957), number_range(997, 999)),
+)
+_ANY_WORD: Final = ("M18", "M84", "M92", "M115", "M201", "M203", "M220", "M204")
+WORDS: Final[dict[str, str]] = {
+    **{code: words for code, words in COMMON.items() if code not in _ANY_WORD},
+    "M106": "P S I F L X B H R T C?",
+    "M109": "S R T P",
+    "M110": "N",
+    "M114": "",
+    "M140": "P S R H",
+    "M190": "P S R H",
+    "M221": "S D",
+    "M302": "P S R",
+    "M400": "S P",
+    "M999": "B P? A?",
+    **{f"T{number}": "P" for number in range(8)},
+}
 FAMILY: Final = Family(
     link=LinkFacts(
         says="reprapfirmware",
@@ -83,3 +187,35 @@ FAMILY: Final = Family(
     ),
     advance=rb"M572\b[^;]*?S\s*([0-9.]+)",
 )
+
+
+# RepRapFirmware link protocol: CRC-16 lines, position asked after silence; untested on hardware.
+#
+# Facts (RepRapFirmware `StringParser.cpp`, 3.x): with ``N`` in front a line is checked, by an XOR
+# of one to three digits or a CRC-16 of five; one that fails is dropped without a word, neither ok
+# nor resend; the order of numbers isn't looked at, so that a line sent twice is done twice. The
+# line number that M409 tells is stored before the check, so it is no evidence of what was done.
+#
+# The five digits of the CRC-16 find what the XOR lets through. A line cut in two by noise is done
+# half by half, unless the board is told to want a checksum (M575 P0 S1); USB has a CRC of its own.
+
+
+class RrfProtocol(AckProtocol):
+    """See the module."""
+
+    messages = load_messages("reprapfirmware")
+    error_starts = (b"Error:", b"Warning:", b"Emergency Stop", b"Printer halted")
+
+    def frame(self, number: int, command: bytes) -> bytes:
+        """``N<number> <command>*<CRC-16 in five digits>`` and line end."""
+        body = b"N%d %b" % (number, command)
+        return b"%b*%05d\n" % (body, crc16(body))
+
+    def sort(self, text: bytes) -> Sort:
+        """Tell what a line from the printer is."""
+        return self.sort_known(text)
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16/XMODEM of ``data``; 0x31C3 for ``b"123456789"``."""
+    return crc_hqx(data, 0)

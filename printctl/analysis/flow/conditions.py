@@ -31,8 +31,15 @@ from design.hemodynamics import (
     same_shear_conditions,
     scaled_network,
 )
-from design.hemodynamics.waveforms import Constant, Sine, Tabulated, Waveform, read_waveform, shape
-from design.hemodynamics.waveforms.waveform import cycle_times
+from design.hemodynamics.waveforms import (
+    Constant,
+    Sine,
+    Tabulated,
+    Waveform,
+    cycle_times,
+    read_waveform,
+    shape,
+)
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, PA_S2_MM2_PER_G_CM3, UL_S_PER_ML_MIN
 from printctl.errors import UsageError

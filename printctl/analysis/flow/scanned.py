@@ -12,19 +12,16 @@ from manifold3d import Manifold
 from scipy.spatial import cKDTree
 
 from design.errors import FlowError
-from design.geometry.frames import vectors_across
-from design.geometry.polyline import arc_lengths
+from design.geometry.polyline import arc_lengths, vectors_across
 from design.geometry.surface import Surface
 from design.hemodynamics.probes import clear_parts
-from design.hemodynamics.three_d.axes import axis_places
-from design.hemodynamics.three_d.cut_ends import manifold_arrays
-from design.hemodynamics.three_d.facets import corner_normals
 from design.hemodynamics.three_d.lumen_mesh import MeshPort
+from design.hemodynamics.three_d.mesh import manifold_arrays
+from design.hemodynamics.three_d.surface import axis_places, corner_normals
 from design.hemodynamics.three_d.wall import free_ends
 from design.network import VesselNetwork
-from design.solids.denoise import denoised
 from design.solids.lumen import lumen_solid
-from design.solids.manifolds import solid_manifold, to_manifold
+from design.solids.manifolds import denoised, solid_manifold, to_manifold
 from kernels.arrays import FloatArray
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NUMBERS

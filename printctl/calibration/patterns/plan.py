@@ -11,7 +11,7 @@ import numpy as np
 from design.toolpath import MoveBuilder, Toolpath
 from firmware_profiles import Ink
 from firmware_profiles.bead import BeadSection
-from firmware_profiles.bead_shape import BeadShape
+from firmware_profiles.strict_model import BeadShape
 from kernels.arrays import FloatArray
 
 PatternName = Literal["lines", "spiral", "joint", "bridge", "comb", "squares"]

@@ -15,7 +15,7 @@ from printctl.checks.bead.vessels import VesselDiameters
 from registration.report.gcode import Act
 from registration.report.play import Playback, PlayNote, PlayRows, thin_playback
 from sim.gcode.bead import swell
-from sim.gcode.deposit.levels import written_levels
+from sim.gcode.deposit.written import written_levels
 
 DROP_UL: Final = 1e-3
 """Less ink in one place while the needle stands is no drop; a nanolitre is 0.12 mm wide."""

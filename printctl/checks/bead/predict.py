@@ -18,11 +18,11 @@ from printctl.checks.lumens.read import split_by_head
 from printctl.checks.set_up import HeadLoading
 from printctl.errors import UsageError
 from sim.gcode.bead import Bead, advance_of, cut, nozzle_of, predict_bead
-from sim.gcode.bead.pieces import median_flow
-from sim.gcode.deposit.laid import Style
+from sim.gcode.bead.flow import median_flow
+from sim.gcode.deposit.lay import Style
 from sim.gcode.deposit.strands import Strands
 from sim.gcode.dry_run.run import DryRun
-from sim.gcode.heads.valve import as_plunger, flowing
+from sim.gcode.heads import as_plunger, flowing
 from sim.gcode.motion.executed import ExecutedMotion
 
 # Choose the pressure lag: the user's, or the ink's for this syringe and needle, or 0 s.

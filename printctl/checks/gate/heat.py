@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from firmware_profiles.families.gate_facts import CheckNamedHeater
+from firmware_profiles.families.family import CheckNamedHeater
 from printctl.checks.gate.inputs import AllowedLine, LineAction, NotAllowed, PrinterSituation
 from sim.gcode.reading import GcodeLine
 

@@ -22,7 +22,7 @@ from printctl.checks.gate.rule_makers import reason
 from printctl.checks.gate.rules import of_the_moment, rule, rules
 from sim.errors import GcodeError
 from sim.gcode.reading import BLANK, GcodeLine, read_line
-from sim.gcode.reading.firmware_codes import is_known_line
+from sim.gcode.reading.line import is_known_line
 
 LONGEST: Final = 200
 """Characters of a line that a person types."""

@@ -10,7 +10,8 @@ from __future__ import annotations
 from functools import cache
 from typing import Final
 
-from firmware_profiles.families import family_of, find_family, gate_facts
+from firmware_profiles.families import family as gate_facts
+from firmware_profiles.families import family_of, find_family
 from printctl.checks.gate.heat import NamedTarget, set_target, wait_for
 from printctl.checks.gate.inputs import AllowedLine, LineOrigin, NotAllowed, Phase, PrinterSituation
 from printctl.checks.gate.motion import home, move

@@ -20,7 +20,7 @@ from printctl.errors import UsageError
 from printctl.rounding import last_digit_mm, window_mm
 from registration.report.gcode import Act, GcodeJob, Layers
 from sim.errors import GcodeError, LineError
-from sim.gcode.heads.valve import Valve, read_valve, refuse_unread
+from sim.gcode.heads import Valve, read_valve, refuse_unread
 from sim.gcode.program.gcode import Program, code
 from sim.gcode.program.modal import BAD, DWELL, HOME, MOVE
 from sim.gcode.program.read_program import read_written

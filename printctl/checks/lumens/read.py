@@ -32,7 +32,7 @@ from printctl.checks.lumens.lines import (
 from printctl.errors import UsageError
 from sim.gcode.deposit.strands import Strands
 from sim.gcode.dry_run.run import DryRun, dry_run
-from sim.gcode.heads.valve import read_with_valve
+from sim.gcode.heads import read_with_valve
 from sim.gcode.reading.comments import declared_start, plain_lines
 
 

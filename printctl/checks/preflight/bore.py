@@ -16,7 +16,7 @@ from firmware_profiles.tools import THINNEST_BORE
 from kernels.arrays import FloatArray, IntArray
 from printctl.checks.preflight.ink import volumes
 from printctl.checks.set_up import Check, HeadLoading
-from sim.gcode.deposit.levels import level_areas, level_heights, written_levels
+from sim.gcode.deposit.written import level_areas, level_heights, written_levels
 from sim.gcode.dry_run.run import DryRun
 
 _FLAT_MM: Final = 1e-3

@@ -14,12 +14,12 @@ import numpy as np
 
 from firmware_profiles import Printer, Syringe
 from firmware_profiles.families import family_of
-from firmware_profiles.families.job_facts import IdleTimeout
+from firmware_profiles.families.family import IdleTimeout
 from printctl.checks.set_up import Check
 from sim.gcode.dry_run.run import DryRun
 from sim.gcode.program.gcode import code
 from sim.gcode.program.modal import DWELL, MOVE
-from sim.gcode.reading.firmware_codes import is_known, is_known_name
+from sim.gcode.reading.line import is_known, is_known_name
 
 _NAME: Final = "the firmware's own switch-off"
 

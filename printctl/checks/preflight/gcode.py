@@ -17,13 +17,11 @@ from printctl.checks.preflight.mounted import profile_checks
 from printctl.checks.preflight.pneumatic_checks import valve_checks
 from printctl.checks.set_up import Check
 from sim.gcode.dry_run.run import DryRun
-from sim.gcode.program.finding import Finding
 from sim.gcode.program.gcode import code
 from sim.gcode.program.modal import MOVE
 from sim.gcode.reading import GcodeLine
-from sim.gcode.reading.faults import SORTS
-from sim.gcode.reading.firmware_codes import is_known_line
-from sim.gcode.reading.outputs import SETS_ARRAY, SETS_CALL, output_of
+from sim.gcode.reading.line import SORTS, Finding, is_known_line
+from sim.gcode.reading.words import SETS_ARRAY, SETS_CALL, output_of
 
 # Check that a job doesn't redefine its X, Y or Z coordinates (G92) after its first move.
 #

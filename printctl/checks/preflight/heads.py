@@ -2,7 +2,7 @@
 
 Looked at for every move and every head, with its tip where the profile says it stands: raised heads
 are told from lowered ones by the file's own commands. What a firmware would make of the file's
-changes of head is found by `sim.gcode.heads.state`, whose findings refuse.
+changes of head is found by `sim.gcode.heads`, whose findings refuse.
 """
 
 from __future__ import annotations

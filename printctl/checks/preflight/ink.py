@@ -14,7 +14,7 @@ from kernels.arrays import FloatArray
 from printctl.checks.gate import UNNAMED_C
 from printctl.checks.set_up import Budget, Check, HeadLoading
 from sim.gcode.dry_run.run import DryRun
-from sim.gcode.heads.valve import flowing_s
+from sim.gcode.heads import flowing_s
 from sim.gcode.program.modal import MOVE
 
 

@@ -21,7 +21,7 @@ from firmware_profiles import (
 from printctl.checks.preflight.mounted import profile_checks
 from printctl.checks.set_up import Check
 from sim.gcode.dry_run.run import DryRun
-from sim.gcode.heads.valve import BETWEEN, CLOSED, OPEN, UNKNOWN, Valve, flowing_s
+from sim.gcode.heads import BETWEEN, CLOSED, OPEN, UNKNOWN, Valve, flowing_s
 from sim.gcode.program.gcode import code
 from sim.gcode.program.modal import DWELL, MOVE, SYNC
 

@@ -6,9 +6,8 @@ from dataclasses import replace
 
 from firmware_profiles import Printer, families
 from firmware_profiles.families import LinkSetup
-from firmware_profiles.families.link_facts import LinkFacts
-from firmware_profiles.families.link_protocol import LinkProtocol
-from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.family import LinkFacts
+from firmware_profiles.families.link_protocol import LinkProtocol, Timing
 from printctl.machine.link.care import Care
 from printctl.machine.link.errors import Refused
 from printctl.machine.link.modal import places

@@ -8,7 +8,7 @@ from typing import Final
 from printctl.machine.link.errors import Refused
 from printctl.machine.link.insert_check import InsertPlace
 from printctl.machine.link.job import Job
-from sim.gcode.reading.flow_factor import LEAST, MOST
+from sim.gcode.reading.sent_line import LEAST, MOST
 
 _PLACING: Final = (b"G0", b"G1", b"G92")
 _WORDS: Final = b"XYZEF"

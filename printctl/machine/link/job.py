@@ -19,12 +19,10 @@ from printctl.machine.link.errors import JobError
 from printctl.machine.link.inserts import Insert, Position
 from printctl.machine.link.marks import MarkReader, Marks
 from printctl.machine.link.modal import modal_state
-from sim.encoding import text_of
 from sim.errors import GcodeError
-from sim.gcode.reading.file import GcodeFile, kinds_of, read_file
-from sim.gcode.reading.flow_factor import with_flow
-from sim.gcode.reading.other_lines import Others, other_lines
-from sim.gcode.reading.user_file import read_gcode_path
+from sim.gcode.reading.file import GcodeFile, Others, kinds_of, other_lines, read_file
+from sim.gcode.reading.sent_line import with_flow
+from sim.user_files import read_gcode_path, text_of
 
 _MOVES: Final = (b"G0 ", b"G1 ")
 _COMMENTS: Final = (b";", b"//")
@@ -96,7 +94,7 @@ class Job:
         """Return the job with an insert's lines behind its first ``insert.after`` lines.
 
         Marks at that place stay before them. What writes behind them pushes ``insert.flow`` of what
-        the file says (`sim.gcode.reading.flow_factor`).
+        the file says (`sim.gcode.reading.sent_line`).
 
         Raises
         ------

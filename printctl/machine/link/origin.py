@@ -8,7 +8,7 @@ from importlib import metadata
 from typing import Any
 
 from firmware_profiles import Printer
-from firmware_profiles.facts import Facts
+from firmware_profiles.strict_model import Facts
 
 
 def origin(printer: Printer) -> dict[str, Any]:

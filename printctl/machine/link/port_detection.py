@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 from firmware_profiles import Printer
-from firmware_profiles.families.harmless_query import QUESTION
+from firmware_profiles.families.link_protocol import QUESTION
 from printctl.machine.link.clock import Clock, RealClock
 from printctl.machine.link.errors import HandshakeError, PortError, PortMissing
 from printctl.machine.link.ports import PortInfo, list_ports

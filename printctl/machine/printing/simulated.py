@@ -52,7 +52,7 @@ def simulated_printer(
     journal : Path, optional
         Of the print, which tells what is inserted into the job; the one in ``folder`` by default.
     faults : Path or None
-        A fault file (`sim.devices.faults.fault_file`).
+        A fault file (`sim.devices.faults`).
 
     Raises
     ------

@@ -28,7 +28,7 @@ from printctl.observe.mending.mend import MendOptions
 from printctl.observe.mending.needle_way import shaft_contacts, under_higher_ink
 from printctl.observe.mending.voids import Voids, ink_in_voids_mm, open_voids
 from sim.gcode.dry_run.run import DryRun, dry_run
-from sim.gcode.reading.other_lines import other_lines
+from sim.gcode.reading.file import other_lines
 
 _SAME_MM = 1e-4
 """Places that the text gives alike."""

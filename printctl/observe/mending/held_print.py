@@ -16,7 +16,7 @@ from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.checks.bead import lag_of
 from printctl.errors import PrintctlError
 from printctl.machine.link.modal import Modal, modal_state, relieved_mm
-from sim.gcode.deposit.levels import level_areas, level_heights, written_levels
+from sim.gcode.deposit.written import level_areas, level_heights, written_levels
 from sim.gcode.program.gcode import Program
 from sim.gcode.program.modal import MOVE
 from sim.gcode.program.read_program import read_written

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from design.toolpath.gcode.dialect import dialect_of
-from design.toolpath.gcode.numbers import decimals_for
+from design.toolpath.gcode.numbers import decimals_for, dialect_of
 from design.toolpath.priming import Purge
 from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.observe.mending.held_print import WAY_MM, HeldPrint, WrittenPath

@@ -26,7 +26,7 @@ from sim.gcode.clearance import (
     WrittenNetwork,
     check_clearance,
 )
-from sim.gcode.deposit.levels import LEVEL_TOLERANCE_MM
+from sim.gcode.deposit.written import LEVEL_TOLERANCE_MM
 
 OVERLAP_RADII: Final = 0.5
 """Of joints, as the embedded planner has it."""

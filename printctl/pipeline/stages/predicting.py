@@ -26,7 +26,7 @@ from printctl.recipe.making import Embedded
 from printctl.run_folder.artefacts import GCODE
 from sim.gcode.bead import Bead, swell
 from sim.gcode.dry_run.run import DryRun, dry_run
-from sim.gcode.heads.valve_blocks import with_commands
+from sim.gcode.heads import with_commands
 from sim.gcode.motion.executed import ExecutedMotion
 
 

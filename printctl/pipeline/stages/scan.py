@@ -44,7 +44,7 @@ from registration.corrected import corrected_scan
 from registration.errors import RegistrationError
 from registration.files.readers import is_mosaic, listed_files
 from registration.files.writers import write_scan
-from sim.devices.faults.fault_file import load_faults
+from sim.devices.faults import load_faults
 from sim.devices.scanner import Defect, ScannerOutput, with_defects
 from sim.gcode.bead import bead_deposit
 from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults

@@ -90,7 +90,7 @@ def handles_note(design: ConstructDesign, genus: int, expected: int) -> str:
     ----------
     design : ConstructDesign
     genus, expected : int
-        Handles of the construct, as read back, and by the network (`design.solids.genus`).
+        Handles of the construct, as read back, and by the network (`design.solids.topology`).
     """
     places = [*_broken_walls(design), *_merged(design)] or [
         "a lumen breaks through the tissue's surface beside its ends, or vessels merge that the "

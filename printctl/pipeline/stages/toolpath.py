@@ -23,7 +23,6 @@ from design.toolpath.embedded import (
     bundled,
     plan_embedded,
 )
-from design.toolpath.file import save_toolpath
 from design.toolpath.fresh import (
     Adaptive,
     Compensation,
@@ -44,6 +43,7 @@ from design.toolpath.gcode import (
     save_gcode,
     stream_gcode,
 )
+from design.toolpath.toolpath import save_toolpath
 from firmware_profiles import Bath, Printer, Syringe
 from kernels.arrays import FloatArray
 from printctl.checks.preflight import written_arrays

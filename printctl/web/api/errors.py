@@ -14,7 +14,7 @@ from starlette.requests import Request
 
 from design.errors import DesignError
 from firmware_profiles import ProfileError
-from firmware_profiles.wrong_values import wording
+from firmware_profiles.errors import wording
 from printctl.errors import PrintctlError
 from printctl.machine.link.errors import LinkError
 from printctl.system_errors import explain

@@ -19,7 +19,7 @@ from firmware_profiles import (
     Syringe,
     load,
 )
-from firmware_profiles.facts import Facts
+from firmware_profiles.strict_model import Facts
 from printctl.recipe import Recipe
 from printctl.recipe.load import sentence
 from printctl.web.design import form as forms

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import atomic_replacement, write_text
 from design.solids.solid import Solid
-from firmware_profiles.dishes import Dish
+from firmware_profiles.plates import Dish
 from kernels.arrays import FloatArray
 from registration.devices.lens.lens import read_model
 from registration.errors import PictureError

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from design.geometry.frames import vectors_across
+from design.geometry.polyline import vectors_across
 from kernels.arrays import FloatArray
 from registration.alignment import Fit
 from registration.alignment.uncertainty import ScanErrors

@@ -10,7 +10,7 @@ from scipy.optimize import linprog
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.spatial import cKDTree
 
-from design.geometry.frames import vectors_across
+from design.geometry.polyline import vectors_across
 from kernels.arrays import FloatArray
 from registration.alignment.distance import ModelSurface
 from registration.alignment.uncertainty import BLUR_PART, ScanErrors

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from typing import Protocol
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Final, Protocol
 
 import numpy as np
 
 from firmware_profiles import Printer
-from sim.devices.board.fault_plan import FaultPlan
 from sim.devices.board.firmware import Firmware
-from sim.devices.board.lines import LineReader, Numbering
+from sim.devices.board.heaters import HeatFault
 from sim.devices.board.machine import Machine
-from sim.devices.board.waits import Steps
-from sim.devices.board.wire import BITS_PER_BYTE, Wire
-from sim.devices.board.work import BoardWork
-from sim.devices.faults.cable import FaultyCable
-from sim.devices.faults.clock_pace import Pace
-from sim.devices.faults.fault_file import Fault
-from sim.devices.faults.gauge import Gauge
+from sim.devices.board.waits import Steps, Task, Wait
+from sim.devices.board.wire import BITS_PER_BYTE, LineReader, Numbering, Wire
+from sim.devices.faults import Fault, FaultKind, FaultyCable, Gauge, Pace
 from sim.gcode.motion.hardware import Board
 from sim.gcode.program.gcode import Command
 from sim.gcode.program.words import WORDS
@@ -162,3 +159,173 @@ Handler = Callable[[Controller, Command], Steps]
 """What a command does."""
 Handlers = Mapping[str, Handler]
 """By letter and number."""
+
+
+# Command queue of a simulated board: waiting commands, and the one being executed.
+
+
+@dataclass
+class BoardWork:
+    """See the module.
+
+    Attributes
+    ----------
+    queue : deque of bytes
+        Lines that were taken; the first is in hand where there are tasks.
+    tasks : list of (Task, Wait, bool)
+        What is waited for, the newest last, and whether its end answers the command in hand.
+    line : bytes
+        The command in hand, or the last one.
+    job_line : int
+        Its place in the file that is printed; -1 for a host's own.
+    answered : bool
+        Whether it has its ok.
+    mute : bool
+        Whether the next ok is lost.
+    busy_at : float, s
+        When the firmware next says that it is busy.
+    """
+
+    queue: deque[bytes] = field(default_factory=deque)
+    tasks: list[tuple[Task, Wait, bool]] = field(default_factory=list)
+    line: bytes = b""
+    job_line: int = -1
+    answered: bool = False
+    mute: bool = False
+    busy_at: float = math.inf
+
+    @property
+    def idle(self) -> bool:
+        """Whether no command is in line or in hand."""
+        return not self.tasks and not self.queue
+
+    def forget(self) -> None:
+        """Drop everything, as a reset or a kill does."""
+        self.queue.clear()
+        self.tasks.clear()
+        self.mute = False
+        self.busy_at = math.inf
+
+
+# Schedule a simulated board's faults, each due once, by line, clock or bytes received.
+
+
+class FaultPlan:
+    """Faults that are still to come; each comes once.
+
+    Attributes
+    ----------
+    next_s : float, s
+        When the next one by the clock is due; infinite for none.
+    muted : set of int
+        Lines whose ok will be lost.
+    """
+
+    def __init__(self, faults: Iterable[Fault] = ()) -> None:
+        every = list(faults)
+        self.muted: set[int] = set()
+        self._by_line = {fault.line: fault for fault in every if fault.line is not None}
+        timed = [(fault.time_s, fault) for fault in every if fault.time_s is not None]
+        self._by_time = sorted(timed, key=lambda one: one[0], reverse=True)
+        counted = [(fault.bytes, fault) for fault in every if fault.bytes is not None]
+        self._by_bytes = sorted(counted, key=lambda one: one[0], reverse=True)
+
+    @property
+    def next_s(self) -> float:
+        """See the class."""
+        return self._by_time[-1][0] if self._by_time else math.inf
+
+    @property
+    def counts_bytes(self) -> bool:
+        """Whether one waits for a number of bytes."""
+        return bool(self._by_bytes)
+
+    def has_line(self, number: int) -> bool:
+        """Whether one waits for this line."""
+        return number in self._by_line
+
+    def at_line(self, number: int) -> Fault | None:
+        """The one that waits for this line."""
+        return self._by_line.pop(number, None)
+
+    def is_mute(self, number: int | None) -> bool:
+        """Whether a line's ok is to be lost; it is lost once."""
+        mute = number in self.muted
+        self.muted.discard(number or 0)
+        return mute
+
+    def due(self, now: float, received: int) -> Fault | None:
+        """The next one that is due by clock (s) or bytes received."""
+        if self._by_time and self._by_time[-1][0] <= now:
+            return self._by_time.pop()[1]
+        if self._by_bytes and self._by_bytes[-1][0] <= received:
+            return self._by_bytes.pop()[1]
+        return None
+
+
+# Apply a planned fault to a simulated board: reset, kill, unplugging, lost ok, noise, stall.
+
+
+def apply_fault(board: Controller, fault: Fault) -> bool:
+    """Let a fault happen; True when the board forgets what it was doing."""
+    _HAPPENINGS[fault.fault](board, fault)
+    return fault.fault in ("reset", "kill")
+
+
+def _reset(board: Controller, fault: Fault) -> None:
+    board.reset()
+
+
+def _kill(board: Controller, fault: Fault) -> None:
+    board.firmware.fail_heat(HeatFault.RUNAWAY)
+
+
+def _unplug(board: Controller, fault: Fault) -> None:
+    board.unplugged, board.back_after_s = True, fault.back_after_s
+
+
+def _runaway(board: Controller, fault: Fault) -> None:
+    board.machine.heat.hotend.lose_power(board.machine.now)
+
+
+def _drop_ok(board: Controller, fault: Fault) -> None:
+    board.plan.muted.add(fault.line or 0)
+
+
+def _noise(board: Controller, fault: Fault) -> None:
+    board.bad_line.burst(fault.rate or 0.0, fault.length_bytes or 0)
+
+
+def _delay(board: Controller, fault: Fault) -> None:
+    board.bad_line.hold(fault.seconds or 0.0)
+
+
+def _late_oks(board: Controller, fault: Fault) -> None:
+    board.bad_line.delay_oks(fault.seconds or 0.0)
+
+
+def _stall(board: Controller, fault: Fault) -> None:
+    board.pace.freeze(board.machine.now, fault.seconds or 0.0)
+
+
+def _slow(board: Controller, fault: Fault) -> None:
+    board.pace.set_share(board.machine.now, fault.share or 1.0)
+
+
+def _endstop(board: Controller, fault: Fault) -> None:
+    board.machine.stuck["xyz".index(fault.axis or "x")] = fault.stuck or "open"
+
+
+_HAPPENINGS: Final[dict[FaultKind, Callable[[Controller, Fault], None]]] = {
+    "reset": _reset,
+    "kill": _kill,
+    "unplug": _unplug,
+    "runaway": _runaway,
+    "drop_ok": _drop_ok,
+    "noise": _noise,
+    "delay": _delay,
+    "late_oks": _late_oks,
+    "stall": _stall,
+    "slow": _slow,
+    "endstop_stuck": _endstop,
+}

@@ -6,10 +6,10 @@ import re
 from collections.abc import Callable
 from typing import ClassVar, Protocol
 
-from sim.devices.board.heat import HeatFault
-from sim.devices.board.lines import Numbering
+from sim.devices.board.heaters import HeatFault
 from sim.devices.board.machine import Machine, MotorRunOn
 from sim.devices.board.waits import Steps, Wait
+from sim.devices.board.wire import Numbering
 from sim.gcode.program.gcode import Command
 
 

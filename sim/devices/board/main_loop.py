@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import math
 
-from sim.devices.board.alarms import Alarms
-from sim.devices.board.controller import Controller
-from sim.devices.board.fault_effects import apply_fault
-from sim.devices.board.intake import Intake
+from sim.devices.board.controller import Controller, apply_fault
 from sim.devices.board.runner import Runner
+from sim.devices.board.wire import RefusedLine
 
 
 class MainLoop:
@@ -113,3 +111,108 @@ class MainLoop:
             self._runner.start()
             return True
         return False
+
+
+# Admit lines to a simulated board: from the receive ring to the command queue, or refused.
+
+
+class Intake:
+    """Takes lines while the queue has room.
+
+    Parameters
+    ----------
+    board : Controller
+    runner : Runner
+        Of what acts as it enters.
+    """
+
+    def __init__(self, board: Controller, runner: Runner) -> None:
+        self._board, self._runner = board, runner
+
+    def read_line(self) -> bool:
+        """Move one line from the ring to the queue, or refuse it; whether there was one."""
+        board = self._board
+        board.firmware.look_at(board.wire.ring)
+        if len(board.work.queue) >= board.machine.printer.command_queue:
+            return False
+        line = board.reader.next_line(board.wire.ring)
+        if line is None:
+            return False
+        before = board.lines.last_number
+        accepted = board.lines.accept(line)
+        if isinstance(accepted, RefusedLine):
+            board.firmware.refuse(accepted.reason)
+        elif accepted is not None:
+            self._take(accepted, before)
+        return True
+
+    def _take(self, line: bytes, last_number: int) -> None:
+        board = self._board
+        number = board.lines.last_number
+        fault = board.plan.at_line(number) if number != last_number else None
+        if fault is not None and apply_fault(board, fault):
+            return
+        board.work.queue.append(line)
+        code = board.firmware.urgent_code(line)
+        if code is not None:
+            self.act_urgently(code)
+
+    def act_urgently(self, code: bytes) -> None:
+        """Have the firmware do what an urgent code asks for, before the command in hand goes on."""
+        self._runner.begin(self._board.firmware.act_urgently(code), answers=False)
+
+
+# Timed events of a simulated board: heater faults, busy messages, reports, idle timeout.
+
+
+class Alarms:
+    """Heaters' faults, busy messages, reports and the idle limit.
+
+    Parameters
+    ----------
+    board : Controller
+    """
+
+    def __init__(self, board: Controller) -> None:
+        self._board = board
+
+    def next_s(self) -> float:
+        """When the main loop next has something to say or do of its own, s."""
+        machine, work = self._board.machine, self._board.work
+        reports = machine.reports
+        soon = min(reports.temperature_at, reports.position_at, machine.heat.alarm().at)
+        soon = min(soon, self._board.plan.next_s)
+        if work.tasks:
+            soon = min(soon, work.busy_at)
+        if machine.idle_limit_s > 0:
+            soon = min(soon, self._idle_deadline())
+        return soon
+
+    def _idle_deadline(self) -> float:
+        machine, motion = self._board.machine, self._board.machine.motion
+        # It watches over the host, whose signs of life come by a clock that nothing speeds up.
+        limit_s = machine.idle_limit_s * (1.0 if self._board.work.tasks else machine.host_pace)
+        if motion.blocks:
+            return max(motion.next_event(), machine.now) + limit_s
+        return max(machine.idle_since, float(motion.planner["run_end"][0])) + limit_s
+
+    def sound(self) -> None:
+        """Say and do all that is due now."""
+        board, machine, work = self._board, self._board.machine, self._board.work
+        firmware, reports = board.firmware, machine.reports
+        now = machine.now
+        heat = machine.heat.alarm()
+        if now >= heat.at:
+            firmware.fail_heat(heat.fault)
+            return
+        if work.tasks and now >= work.busy_at:
+            firmware.say_busy(work.tasks[-1][1])
+            work.busy_at = now + reports.keepalive_s
+        if now >= reports.temperature_at:
+            firmware.report_temperatures()
+            reports.temperature_at += reports.temperature_s
+        if now >= reports.position_at:
+            firmware.report_position()
+            reports.position_at += reports.position_s
+        if machine.idle_limit_s > 0 and now >= self._idle_deadline():
+            firmware.idle_is_over()

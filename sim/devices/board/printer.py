@@ -8,8 +8,8 @@ Modelled of any board, whatever its firmware:
 - planner, stepper and their times (`sim.gcode.motion.planner`), step counters, G92 as a shift of
 the
   workspace; heaters with thermal mass; settings that are stored;
-- faults that it is told to have (`sim.devices.faults.fault_file`), and a bad cable
-  (`sim.devices.faults.cable`) for whoever owns the port.
+- faults that it is told to have (`sim.devices.faults`), and a bad cable
+  (`sim.devices.faults`) for whoever owns the port.
 
 What a firmware does with that is its family's (`sim.devices.board.firmware`,
 `sim/devices/families/`).
@@ -40,7 +40,7 @@ import math
 from firmware_profiles import Printer
 from sim.devices.board.controller import Controller
 from sim.devices.board.main_loop import MainLoop
-from sim.devices.faults.fault_file import Fault
+from sim.devices.faults import Fault
 from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.motion.hardware import Board
 

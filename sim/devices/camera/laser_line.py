@@ -29,11 +29,11 @@ from pydantic import Field
 
 from firmware_profiles.bead import BeadSection
 from kernels.arrays import BoolArray, FloatArray
-from sim.devices.camera.kernels import draw_lines
+from sim.devices.camera.ink_map import draw_lines
 from sim.devices.recorded_ink import InkBox
 from sim.errors import CameraError
-from sim.gcode.deposit.laid import Laid
-from sim.model_file import read_model
+from sim.gcode.deposit.lay import Laid
+from sim.user_files import read_model
 
 SingleArray = NDArray[np.float32]
 Region = tuple[FloatArray, FloatArray]

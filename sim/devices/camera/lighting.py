@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Final
 
 import cv2
@@ -10,11 +11,9 @@ from numpy.typing import NDArray
 
 from sim.devices.camera.ink_map import InkMap
 from sim.devices.camera.plan import Plan
-from sim.devices.camera.scene import Bath, InkLook, Light, Scene
-from sim.devices.camera.texture import granules, waves
+from sim.devices.camera.scene import Bath, InkLook, Light, Scene, Sensor
 
 SingleArray = NDArray[np.float32]
-
 _COARSE: Final = 4
 """Glints are worked out at every so many pixels."""
 _LIFT_MM: Final = 0.2
@@ -140,3 +139,138 @@ def _unevenness(plan: Plan, light: Light) -> SingleArray:
 def _direction(azimuth_deg: float) -> tuple[float, float]:
     angle = np.radians(azimuth_deg)
     return float(np.cos(angle)), float(np.sin(angle))
+
+
+# Blur, vignetting, noise, gamma and compression: from light on the sensor to a picture.
+
+ByteArray = NDArray[np.uint8]
+_WHITE: Final = 255.0
+
+
+def exposed(light: SingleArray, sensor: Sensor, generator: np.random.Generator) -> ByteArray:
+    """Take a picture: (h, w, 3), blue, green, red, or (h, w) of a sensor without colours.
+
+    Parameters
+    ----------
+    light : (h, w, 3 or 1) float32
+        Red, green, blue, or grey alone; grey levels.
+    """
+    blurred = _moved(light, sensor.motion_px)
+    if sensor.blur_px > 0:
+        blurred = cv2.GaussianBlur(blurred, (0, 0), sensor.blur_px)
+    blurred = blurred.reshape(light.shape)[..., ::-1]
+    blurred = blurred * _vignette(light.shape[:2], sensor.vignetting)
+    picture = _counted(blurred, sensor, generator)
+    if sensor.mono:
+        picture = picture[..., 0]
+    if sensor.jpeg_quality is not None:
+        quality = [cv2.IMWRITE_JPEG_QUALITY, sensor.jpeg_quality]
+        packed = cv2.imencode(".jpg", picture, quality)[1]
+        picture = np.asarray(cv2.imdecode(packed, cv2.IMREAD_UNCHANGED), np.uint8)
+    return picture
+
+
+def _moved(light: SingleArray, way_px: tuple[float, float]) -> SingleArray:
+    """Smeared evenly along a straight way."""
+    long = float(np.hypot(*way_px))
+    if long < 1e-6:
+        return light
+    steps = max(2, int(np.ceil(2 * long)) + 1)
+    half = int(np.ceil(long / 2)) + 1
+    kernel = np.zeros((2 * half + 1, 2 * half + 1), np.float32)
+    for share in np.linspace(-0.5, 0.5, steps):
+        x, y = half + share * way_px[0], half + share * way_px[1]
+        i, j = int(np.floor(x)), int(np.floor(y))
+        u, v = x - i, y - j
+        kernel[j, i] += (1 - u) * (1 - v)
+        kernel[j, i + 1] += u * (1 - v)
+        kernel[j + 1, i] += (1 - u) * v
+        kernel[j + 1, i + 1] += u * v
+    return np.asarray(cv2.filter2D(light, -1, kernel / kernel.sum()))
+
+
+def _vignette(shape: tuple[int, ...], fall: float) -> SingleArray:
+    rows, columns = shape
+    most = ((rows / 2) ** 2 + (columns / 2) ** 2) / fall if fall else np.inf
+    y = ((np.arange(rows) - (rows - 1) / 2) ** 2 / most).astype(np.float32)
+    x = ((np.arange(columns) - (columns - 1) / 2) ** 2 / most).astype(np.float32)
+    factor = (1 - y)[:, None] - x[None, :]
+    return factor[..., None]
+
+
+def _counted(light: SingleArray, sensor: Sensor, generator: np.random.Generator) -> ByteArray:
+    """Shot and read noise, the sensor's limit, gamma, 8 bits."""
+    np.clip(light, 0, 4 * _WHITE, out=light)
+    noise = light * np.float32(_WHITE / sensor.full_well)
+    noise += np.float32(sensor.read_noise**2)
+    np.sqrt(noise, out=noise)
+    noise *= generator.standard_normal(light.shape, dtype=np.float32)
+    light += noise
+    np.clip(light, 0, _WHITE, out=light)
+    if sensor.gamma != 1:
+        light = _WHITE * (light / _WHITE) ** np.float32(1 / sensor.gamma)
+    return np.ascontiguousarray(np.round(light, out=light).astype(np.uint8))
+
+
+# Texture of a granular bath and waves of its surface: seeded noise that lies still in the dish.
+
+_TILE: Final = 1024
+_PER_GRAIN: Final = 3.0
+"""Texels of a tile in a grain."""
+_OCTAVES: Final = ((1.0, 0.6), (2.7, 0.5), (8.3, 0.45), (31.0, 0.4))
+"""Size over the finest granule, and its share; no two sizes have a common measure, so that no
+tile's repetition shows."""
+_MAGNIFIED: Final = 0.2
+"""Texels a pixel below which straight lines between them would be seen."""
+
+
+def granules(plan: Plan, granule_mm: float, seed: int) -> SingleArray:
+    """Brightness of a granular bath about 0, standard deviation 1, (rows, columns)."""
+    out = np.zeros(plan.shape, np.float32)
+    for number, (size, share) in enumerate(_OCTAVES):
+        tile = _noise_tile(seed, number)
+        if number == 0:
+            # Granules have edges: bright bodies with dark seams between them.
+            tile = np.abs(tile)
+            tile = (tile - tile.mean()) / tile.std()
+        out += np.float32(share) * _laid_out(tile, plan, granule_mm * size)
+    return out / np.float32(np.sqrt(sum(share**2 for _, share in _OCTAVES)))
+
+
+def waves(plan: Plan, size_mm: float, seed: int, step: int) -> SingleArray:
+    """Height of a wavy surface about 0, standard deviation 1, at every `step`-th pixel."""
+    rows, columns = (count // step + 2 for count in plan.shape)
+    coarse = Plan(
+        plan.camera, plan.z_mm, plan.index, plan.origin_mm, plan.pitch_mm * step, (rows, columns)
+    )
+    surface = _laid_out(_noise_tile(seed, len(_OCTAVES)), coarse, size_mm)
+    # A bend at every texel would be seen in a glint.
+    return cv2.GaussianBlur(surface, (0, 0), max(0.8, 0.6 * size_mm / _PER_GRAIN / coarse.pitch_mm))
+
+
+@lru_cache(maxsize=8)
+def _noise_tile(seed: int, number: int) -> SingleArray:
+    """Smooth noise without seams at its rim, standard deviation 1."""
+    drawn = np.random.default_rng((seed, 7, number)).standard_normal((_TILE, _TILE), np.float32)
+    sigma, pad = _PER_GRAIN / 2.5, 8
+    wide = np.pad(drawn, pad, mode="wrap")
+    smooth = cv2.GaussianBlur(wide, (0, 0), sigma)[pad:-pad, pad:-pad]
+    return np.ascontiguousarray(smooth / smooth.std(), dtype=np.float32)
+
+
+def _laid_out(tile: SingleArray, plan: Plan, grain_mm: float) -> SingleArray:
+    """A tile over the plan, again and again, by the printer's coordinates."""
+    texel = grain_mm / _PER_GRAIN
+    scale = plan.pitch_mm / texel
+    x, y = np.mod(plan.origin_mm / texel, _TILE)
+    rows, columns = plan.shape
+    between = cv2.INTER_CUBIC if scale < _MAGNIFIED else cv2.INTER_LINEAR
+    return np.asarray(
+        cv2.warpAffine(
+            tile,
+            np.array([[scale, 0, x], [0, scale, y]]),
+            (columns, rows),
+            flags=between | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_WRAP,
+        )
+    )

@@ -9,7 +9,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from firmware_profiles.bead_shape import BeadShape
+from firmware_profiles.strict_model import BeadShape
 
 Grey = Annotated[float, Field(ge=0, le=255)]
 Colour = tuple[Grey, Grey, Grey]

@@ -4,10 +4,8 @@ Goes in: a network, its occlusions and flow. Comes out: a video whose answer is 
 `film.py`.
 """
 
-from sim.devices.dye.camera import DyeCamera
-from sim.devices.dye.film import Disturbance, Dye, DyeFilm, film_frames, write_film
-from sim.devices.dye.lumens import DyeVessels, Occlusion
-from sim.devices.dye.transport import DyeFlow, dye_flow
+from sim.devices.dye.film import Disturbance, Dye, DyeCamera, DyeFilm, film_frames, write_film
+from sim.devices.dye.lumens import DyeFlow, DyeVessels, Occlusion, dye_flow
 
 __all__ = [
     "Disturbance",

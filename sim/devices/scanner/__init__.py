@@ -6,8 +6,7 @@ Goes in: deposited ink. Comes out: a volume, its units and the truth. Begin with
 from sim.devices.scanner.defects import Defect, with_defects
 from sim.devices.scanner.microct import MicroCtOptions, simulate_microct
 from sim.devices.scanner.oct import OctOptions, simulate_oct
-from sim.devices.scanner.output import ScannerOutput
-from sim.devices.scanner.placing import Placing
+from sim.devices.scanner.placing import Placing, ScannerOutput
 
 __all__ = [
     "Defect",

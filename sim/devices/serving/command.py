@@ -11,15 +11,13 @@ import numpy as np
 
 from firmware_profiles import Printer, ProfileError, load
 from sim.devices.families.registry import simulated_printer
-from sim.devices.faults.cable import FaultyCable
-from sim.devices.faults.clock_pace import Pace
-from sim.devices.faults.fault_file import Fault, FaultFile, load_faults, parse_fault
-from sim.devices.serving.compile_ahead import warm_printer
+from sim.devices.faults import Fault, FaultFile, FaultyCable, Pace, load_faults, parse_fault
 from sim.devices.serving.job_lines import JobLines
 from sim.devices.serving.ports import Port, PtyPort, TcpPort
 from sim.devices.serving.serve import Server, Serving
 from sim.errors import ServeError, SimError
 from sim.gcode.motion.hardware import Board
+from sim.gcode.program.gcode import checksum
 
 
 def _start(text: str) -> tuple[float, float, float]:
@@ -74,7 +72,7 @@ def parser() -> argparse.ArgumentParser:
         "--faults",
         type=Path,
         metavar="FILE",
-        help="a fault file (YAML), see sim.devices.faults.fault_file",
+        help="a fault file (YAML), see sim.devices.faults",
     )
     options.add_argument(
         "--no-thermistors", action="store_true", help="temperature inputs aren't wired"
@@ -144,3 +142,20 @@ def serve_printer(words: list[str]) -> int:
         print(f"error: {exc}", file=sys.stderr)
         return 1
     return 0
+
+
+_FILE = b"M302 P1\nG92 X0 Y0 Z0 E0\nG1 X1 E1 F600\nG2 X2 I1\nG28 X\nM400\n"
+
+
+def warm_printer() -> None:
+    """Put each kernel that takes G-code through one call, on the short road and the general one."""
+    profile = load(Printer, "marlin_avr")
+    printer = simulated_printer(profile)(profile)
+    printer.exchange(_FILE)
+    body = b"N1 G1 X3 E2"
+    printer.exchange(b"%s*%d\n" % (body, checksum(body)))
+    printer.exchange(b"G4 S1\nM114\n")
+    printer.kill("warm")
+    printer.executed()
+    heads = load(Printer, "two_syringe_marlin")
+    simulated_printer(heads)(heads).exchange(b"T1 S1\nM400\n")

@@ -25,8 +25,7 @@ from types import FrameType
 from typing import Final
 
 from sim.devices.board.printer import SimulatedPrinter
-from sim.devices.serving.ports import Port
-from sim.devices.serving.waiter import Event, Waiter
+from sim.devices.serving.ports import Event, Port, Waiter
 from sim.errors import ServeError
 
 BOOT_S: Final = 0.05

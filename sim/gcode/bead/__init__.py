@@ -8,14 +8,18 @@ Goes in: executed motion, an ink, a needle. Comes out: where ink lies, and how t
 `predict.py`.
 """
 
-from sim.gcode.bead.advance import Advance, advance_of
-from sim.gcode.bead.bath import FilamentHold, Trail, crevice, settling, swell
-from sim.gcode.bead.drag import Drag, drag
-from sim.gcode.bead.flow import NozzleFlow, nozzle_flow
-from sim.gcode.bead.nozzle import Nozzle, nozzle_of
-from sim.gcode.bead.pieces import Pieces, cut
-from sim.gcode.bead.predict import Bead, predict_bead
-from sim.gcode.bead.voxels import bead_deposit
+from sim.gcode.bead.bath import Drag, FilamentHold, Trail, crevice, drag, settling, swell
+from sim.gcode.bead.flow import (
+    Advance,
+    Nozzle,
+    NozzleFlow,
+    Pieces,
+    advance_of,
+    cut,
+    nozzle_flow,
+    nozzle_of,
+)
+from sim.gcode.bead.predict import Bead, bead_deposit, predict_bead
 
 __all__ = [
     "Advance",

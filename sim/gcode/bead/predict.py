@@ -13,7 +13,7 @@ Modelled
   as `sim.gcode.deposit.lay` does; with one the lag itself smooths them.
 
 Not modelled: speed within one block (its mean counts), die swell by elasticity, necking and
-breaking of thin threads, fusion. Bath: `sim.gcode.bead.bath`, `sim.gcode.bead.drag`.
+breaking of thin threads, fusion. Bath: `sim.gcode.bead.bath`, `sim.gcode.bead.bath`.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ import numpy as np
 
 from firmware_profiles.bead import BeadSection
 from kernels.arrays import BoolArray, FloatArray, IntArray
-from sim.gcode.bead.flow import NozzleFlow, nozzle_flow
-from sim.gcode.bead.nozzle import Nozzle
-from sim.gcode.bead.pieces import Pieces
-from sim.gcode.deposit.laid import Style
-from sim.gcode.deposit.levels import level_areas, level_heights, written_levels
+from sim.errors import DepositError
+from sim.gcode.bead.flow import Nozzle, NozzleFlow, Pieces, nozzle_flow
+from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults, Timeline
+from sim.gcode.deposit.lay import Deposit, Laid, Style, deposit_of_laid, laid_as_is, with_faults
+from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import level_areas, level_heights, written_levels
 
 ROUNDED: Final = BeadSection()
 WAY_MM = 1e-9
@@ -132,7 +133,7 @@ def predict_bead(
     Parameters
     ----------
     pieces : Pieces
-        `sim.gcode.bead.pieces.cut` makes them.
+        `sim.gcode.bead.flow.cut` makes them.
     nozzle : Nozzle
     line : (m,) int64
         Line of the file of each executed block.
@@ -209,3 +210,59 @@ def _widths(
     height = level_heights(levels, areas)
     at = np.searchsorted(levels, pieces.end[:, 2] + 1e-6, side="right") - 1
     return section.width(area, height[np.clip(at, 0, None)])
+
+
+# Render a predicted bead as voxels, by the kernels of `sim.gcode.deposit.lay`.
+
+
+def bead_deposit(
+    bead: Bead, voxel_mm: float, swell: float = 1.0, faults: InkFaults = NO_FAULTS
+) -> Deposit:
+    """Lay a predicted bead into voxels, oozed threads included; drops aren't.
+
+    Parameters
+    ----------
+    bead : Bead
+    voxel_mm : float, mm
+    swell : float
+        Of diameters; an embedded filament's area grows by its square, a line's in a layer, whose
+        height stays, by itself.
+    faults : InkFaults
+        What became of the ink.
+
+    Raises
+    ------
+    DepositError
+        When nothing is laid or the grid would be too large.
+    """
+    return deposit_of_laid(laid_bead(bead, swell, faults), voxel_mm)
+
+
+def laid_bead(bead: Bead, swell: float = 1.0, faults: InkFaults = NO_FAULTS) -> Laid:
+    """Return the ink of a predicted bead that lies; parameters as of `bead_deposit`.
+
+    Raises
+    ------
+    DepositError
+        When nothing is laid.
+    """
+    chosen = np.flatnonzero(bead.lays)
+    if not len(chosen):
+        raise DepositError("no ink is laid along any way, so nothing was deposited")
+    grown = swell**2 if bead.style == "embedded" else swell
+    area = bead.area_mm2[chosen] * grown
+    pieces = bead.pieces
+    lines = Strands(
+        pieces.start[chosen],
+        pieces.end[chosen],
+        area * pieces.length[chosen],
+        area,
+        bead.stroke[chosen],
+        bead.line[chosen],
+    )
+    ink = laid_as_is(lines, bead.style, bead.dropped_ul)
+    time = np.column_stack([pieces.time[:-1], pieces.time[1:]])
+    line = Timeline.of(
+        time, bead.line - 1, pieces.length, pieces.push_ul + pieces.jump_ul, bead.writes
+    )
+    return with_faults(ink, chosen, line, faults)

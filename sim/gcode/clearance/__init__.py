@@ -5,14 +5,10 @@ with `check.py`.
 """
 
 from sim.errors import ClearanceError
-from sim.gcode.clearance.check import check_clearance
-from sim.gcode.clearance.contact import ShaftContact
-from sim.gcode.clearance.heads import KINDS
-from sim.gcode.clearance.joints import DesignedOverlap
-from sim.gcode.clearance.motion import LineSources, NeedleMotion, motion_of
-from sim.gcode.clearance.needle import NeedleBody
-from sim.gcode.clearance.network import WrittenNetwork
-from sim.gcode.clearance.result import Clearance
+from sim.gcode.clearance.bodies import NeedleBody
+from sim.gcode.clearance.check import Clearance, ShaftContact, check_clearance
+from sim.gcode.clearance.motion import KINDS, LineSources, NeedleMotion, motion_of
+from sim.gcode.clearance.network import DesignedOverlap, WrittenNetwork
 
 __all__ = [
     "KINDS",

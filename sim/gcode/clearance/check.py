@@ -3,14 +3,14 @@
 Ink is kept as filaments in the order of time, their radius from what the plunger really pushes over
 the length on which it does. For every move of every needle (writes, travels, lifts, changes of
 head, needles that only ride along) the bare shaft's nearest approach to all ink written before is
-found, exact to `ERROR_MM` (the proof is in `sim.gcode.clearance.pair_kernels`).
+found, exact to `ERROR_MM` (the proof is in `sim.gcode.clearance.kernels`).
 
 Left out is only the joint meant, of the reach J = sqrt(2) (R + r) + overlap: R the bare radius of
 the thinnest needle's tip, r the larger filament's. Ink is a joint's
 
 - of the vessel being written, within J along it of the tip's place;
 - within J of a node along its vessel, the tip within J of it along its own: vessels that end there;
-- within J of a place where the network overlaps itself (`sim.gcode.clearance.overlaps`), the tip,
+- within J of a place where the network overlaps itself (`sim.gcode.clearance.network`), the tip,
 too; - of no vessel (a purge), that the same pass wrote within an arc of J behind the tip.
 
 A travel has the joint of the pass that it leaves, and of the one it goes to; its way from the one's
@@ -24,23 +24,29 @@ the syringe above the hub.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray, IntArray
 from sim.errors import ClearanceError
-from sim.gcode.clearance.bodies import Ink, Joints, Tips
-from sim.gcode.clearance.findings import Found, SearchInput
-from sim.gcode.clearance.heads import heads_of
-from sim.gcode.clearance.ink import ink_of
-from sim.gcode.clearance.joints import joints_of
-from sim.gcode.clearance.motion import NeedleMotion
-from sim.gcode.clearance.needle import NeedleBody
-from sim.gcode.clearance.network import WrittenNetwork
-from sim.gcode.clearance.pieces import Pieces
-from sim.gcode.clearance.result import Clearance
-from sim.gcode.clearance.search_kernels import FOUND, search, squares_of
-from sim.gcode.clearance.tips import tips_of
+from sim.gcode.clearance.bodies import Ink, Joints, NeedleBody, Tips
+from sim.gcode.clearance.kernels import FOUND, search, squares_of
+from sim.gcode.clearance.motion import (
+    KINDS,
+    LIFT,
+    NONE,
+    Head,
+    NeedleMotion,
+    Pieces,
+    heads_of,
+    ink_of,
+    kinds_of,
+    tips_of,
+)
+from sim.gcode.clearance.network import DesignedOverlap, WrittenNetwork, joints_of
 
 LOOK_MM = 1.0
 """Approaches beyond it aren't measured."""
@@ -139,3 +145,246 @@ def _check(
 def _check_finite(places: NDArray[np.float64]) -> None:
     if not np.isfinite(places).all():
         raise ClearanceError("the G-code has places that are no numbers; write it anew")
+
+
+# Convert the shaft search's raw hits to contacts by G-code line, head and vessel.
+
+Found = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class SearchInput:
+    """What the search looks at, and as which moves: ``row`` and ``head`` (moves,)."""
+
+    motion: NeedleMotion
+    heads: list[Head]
+    pieces: Pieces
+    tips: Tips
+    ink: Ink
+    row: IntArray
+    head: IntArray
+
+    def clearance(
+        self,
+        near: Found,
+        apart: Found,
+        hits: Found,
+        overlaps: tuple[DesignedOverlap, ...],
+        clearance_mm: float,
+    ) -> Clearance:
+        """Of what the search found: (moves,) and (hits,) of `FOUND`."""
+        kind, vessel = self._moves()
+        known = near["ink"] >= 0
+        place, nearest = np.full((len(known), 3), np.nan), np.full(len(known), NONE)
+        place[known] = self._on_ink(near[known])
+        nearest[known] = near["vessel"][known]
+        contacts = self._contacts(hits, kind, vessel)
+        return Clearance(
+            self.motion.line[self.row],
+            self.head,
+            vessel,
+            kind,
+            np.where(known, near["value"], np.inf),
+            np.where(apart["ink"] >= 0, apart["value"], np.inf),
+            nearest,
+            place,
+            tuple(one for one in contacts if one.crosses),
+            tuple(one for one in contacts if not one.crosses),
+            overlaps,
+            len(self.ink.when),
+            clearance_mm,
+        )
+
+    def _contacts(self, hits: Found, kind: IntArray, vessel: IntArray) -> list[ShaftContact]:
+        hits = hits[np.lexsort((hits["move"], hits["value"]))]
+        move, line = hits["move"], self.motion.line
+        written = self.ink.when[hits["ink"]]
+        columns: tuple[list[Any], ...] = (
+            line[self.row[move]].tolist(),
+            [KINDS[one] for one in kind[move].tolist()],
+            self.head[move].tolist(),
+            [_or_none(one) for one in vessel[move].tolist()],
+            [_or_none(one) for one in hits["vessel"].tolist()],
+            line[self.pieces.row[written]].tolist(),
+            np.round(-hits["value"], 4).tolist(),
+            [tuple(one) for one in np.round(self._on_ink(hits), 4).tolist()],
+            [tuple(one) for one in np.round(self._on_tip(hits), 4).tolist()],
+        )
+        return [ShaftContact(*one) for one in zip(*columns, strict=True)]
+
+    def _moves(self) -> tuple[IntArray, IntArray]:
+        """Kind and vessel of each move."""
+        motion = self.motion
+        kind, vessel = np.zeros(len(self.row), np.int64), np.full(len(self.row), NONE)
+        for k, one in enumerate(self.heads):
+            own = self.head == k
+            rows = self.row[own]
+            kinds = kinds_of(one.tips, motion.writes & (motion.tool == k))[rows]
+            last, following = one.passes.last[rows], one.passes.next[rows]
+            left = ((kinds == LIFT) & (last >= 0)) | (following < 0)
+            source = np.where(left, last, following)
+            kind[own] = kinds
+            vessel[own] = np.where(source >= 0, motion.vessel[source], NONE)
+        return kind, vessel
+
+    def _on_ink(self, hits: Found) -> FloatArray:
+        j, t, ink = hits["ink"], hits["t"][:, None], self.ink
+        return np.asarray(ink.start[j] + t * (ink.end[j] - ink.start[j]))
+
+    def _on_tip(self, hits: Found) -> FloatArray:
+        i, s, tips = hits["piece"], hits["s"][:, None], self.tips
+        return np.asarray(tips.start[i] + s * (tips.end[i] - tips.start[i]))
+
+
+def _or_none(vessel: int) -> int | None:
+    return vessel if vessel >= 0 else None
+
+
+@dataclass(frozen=True)
+class ShaftContact:
+    """A move whose shaft passes through a vessel's ink, or by it nearer than the clearance.
+
+    Attributes
+    ----------
+    line : int
+        Of the G-code, from 1.
+    kind : str
+        Of `sim.gcode.clearance.motion.KINDS`.
+    head : int
+        Whose needle.
+    vessel : int or None
+        Being written; of a lift the one left, of another travel the one gone to.
+    crossed : int or None
+        Whose ink; None for ink of no vessel.
+    crossed_line : int
+        Line that wrote it.
+    depth_mm : float, mm
+        How far the bare shaft reaches into the filament; more than its diameter when the axis is
+        well inside the shaft. Negative where it passes by at that distance.
+    place_mm, tip_mm : (x, y, z), mm
+        On the axis of the ink; of the tip meanwhile.
+    """
+
+    line: int
+    kind: str
+    head: int
+    vessel: int | None
+    crossed: int | None
+    crossed_line: int
+    depth_mm: float
+    place_mm: tuple[float, float, float]
+    tip_mm: tuple[float, float, float]
+
+    @property
+    def crosses(self) -> bool:
+        """Whether the needle itself is in the ink."""
+        return self.depth_mm > TOUCH_MM
+
+    def sentence(self) -> str:
+        """For people."""
+        x, y, z = self.place_mm
+        own = "" if self.vessel is None else f" for vessel {self.vessel}"
+        other = "ink of no vessel" if self.crossed is None else f"vessel {self.crossed}"
+        if self.depth_mm > 0:
+            what = f"drives the shaft {self.depth_mm:.3f} mm into {other}"
+        else:
+            what = f"takes the shaft past {other} at {-self.depth_mm:.3f} mm"
+        return (
+            f"line {self.line} ({self.kind}{own}) {what}, written by line {self.crossed_line}, at "
+            f"x {x:.2f}, y {y:.2f}, z {z:.2f} mm (printer's frame)"
+        )
+
+
+# Result of the needle shaft check of a job: each move's least distance from ink, JSON summary.
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """Approaches of the needles' bare shafts to what was written before, joints left out.
+
+    Attributes
+    ----------
+    line, head, vessel : (n,) int64
+        Of each move; vessel -1 for none.
+    kind : (n,) int64
+        Of `sim.gcode.clearance.motion.KINDS`.
+    approach_mm, apart_mm : (n,) float64, mm
+        Nearest approach, and that to ink with which the move has no joint anywhere; negative where
+        the shaft crosses, inf where nothing is near.
+    nearest : (n,) int64
+        Vessel that is nearest; -1 for none.
+    place_mm : (n, 3) float64, mm
+        Where, on the ink's axis; NaN for none.
+    crossings, grazes : tuple of ShaftContact
+        The deepest first, one for each move and vessel: where the needle is in the ink, and where
+        it keeps less than the clearance.
+    overlaps : tuple of DesignedOverlap
+        Of the network itself, the deepest first: the shaft passes there as through a joint.
+    written : int
+        Filament pieces that were looked at.
+    clearance_mm : float, mm
+        To be kept.
+    """
+
+    line: IntArray
+    head: IntArray
+    vessel: IntArray
+    kind: IntArray
+    approach_mm: FloatArray
+    apart_mm: FloatArray
+    nearest: IntArray
+    place_mm: FloatArray
+    crossings: tuple[ShaftContact, ...]
+    grazes: tuple[ShaftContact, ...]
+    overlaps: tuple[DesignedOverlap, ...]
+    written: int
+    clearance_mm: float
+
+    @property
+    def pairs(self) -> int:
+        """Crossings counted once for each vessel being written and vessel crossed."""
+        return pairs_of(self.crossings)
+
+    @property
+    def grazed_pairs(self) -> int:
+        """Grazes counted in the same way."""
+        return pairs_of(self.grazes)
+
+    def summary(self) -> dict[str, Any]:
+        """The whole job in numbers, JSON-ready; an approach is None where nothing came near."""
+        best = int(self.approach_mm.argmin()) if len(self.line) else 0
+        approached = len(self.line) > 0 and bool(np.isfinite(self.approach_mm[best]))
+        apart = float(self.apart_mm.min(initial=np.inf))
+        return {
+            "moves": len(self.line),
+            "written_pieces": self.written,
+            "nearest_mm": round(float(self.approach_mm[best]), 4) if approached else None,
+            "nearest_line": int(self.line[best]) if approached else None,
+            "nearest_apart_mm": round(apart, 4) if np.isfinite(apart) else None,
+            "clearance_mm": self.clearance_mm,
+            "crossings": len(self.crossings),
+            "crossed_pairs": self.pairs,
+            "grazes": len(self.grazes),
+            "grazed_pairs": self.grazed_pairs,
+            "own_overlaps": len(self.overlaps),
+        }
+
+    def as_dict(self) -> dict[str, Any]:
+        """The summary, and every crossing, graze and overlap, JSON-ready."""
+        return {
+            **self.summary(),
+            "crossing": [asdict(contact) for contact in self.crossings],
+            "graze": [asdict(contact) for contact in self.grazes],
+            "overlap": [asdict(contact) for contact in self.overlaps],
+        }
+
+
+# Record of a needle shaft's contact with a filament: place, intrusion in mm, G-code lines.
+
+TOUCH_MM: Final = 0.005
+"""Deeper is a crossing: the text's rounding and the motors' steps leave places as uncertain."""
+
+
+def pairs_of(contacts: tuple[ShaftContact, ...]) -> int:
+    """Counted once for each vessel being written and vessel crossed."""
+    return len({(contact.vessel, contact.crossed) for contact in contacts})

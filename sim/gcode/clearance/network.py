@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
+from itertools import permutations
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kernels.arrays import FloatArray, IntArray
 from sim.errors import ClearanceError
-from sim.gcode.clearance.axis import Axis
+from sim.gcode.clearance.bodies import Joints
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
 
 _AT_END_MM: Final = 0.01
 """So near to its end a place on a closed vessel may as well lie at the other one."""
@@ -182,3 +187,263 @@ class WrittenNetwork:
             for k in range(3)
         )
         return x, y, z
+
+
+# Find the arc length on a vessel's centreline nearest to given points.
+
+_SPACING_MM: Final = 0.05
+"""Of the places among which the nearest is looked for, before it is made exact."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Short stretches of an axis.
+
+    Attributes
+    ----------
+    spots : (k, 3) float64, mm
+    arc : (k,) float64, mm
+        Of each along the axis.
+    tree : cKDTree
+        Of the spots.
+    """
+
+    spots: FloatArray
+    arc: FloatArray
+    tree: cKDTree
+
+    @staticmethod
+    def of(points: FloatArray, arc: FloatArray) -> Axis:
+        """Of a polyline (p, 3) with arcs (p,), mm."""
+        from scipy.spatial import cKDTree  # loads for 0.3 s; few jobs come here
+
+        count = np.maximum(np.ceil(np.diff(arc) / _SPACING_MM), 1).astype(np.int64)
+        at = np.repeat(np.arange(len(count)), count)
+        share = (np.arange(len(at)) - np.repeat(np.cumsum(count) - count, count)) / count[at]
+        dense = np.append(arc[at] + share * np.diff(arc)[at], arc[-1])
+        spots = np.append(points[at] + share[:, None] * np.diff(points, axis=0)[at], points[-1:], 0)
+        return Axis(spots, dense, cKDTree(spots))
+
+    def nearest(self, place: FloatArray) -> FloatArray:
+        """Arc of what is nearest to each of (n, 3) places, (n,), mm."""
+        spots, arc, nearest = self.spots, self.arc, self.tree.query(place)[1]
+        best, best_arc = np.full(len(place), np.inf), arc[nearest]
+        for side in (-1, 0):
+            a = np.clip(nearest + side, 0, len(spots) - 2)
+            step = spots[a + 1] - spots[a]
+            square = np.maximum((step**2).sum(axis=1), 1e-300)
+            t = np.clip(((place - spots[a]) * step).sum(axis=1) / square, 0.0, 1.0)
+            gap = np.linalg.norm(spots[a] + t[:, None] * step - place, axis=1)
+            best_arc = np.where(gap < best, arc[a] + t * (arc[a + 1] - arc[a]), best_arc)
+            best = np.minimum(best, gap)
+        return best_arc
+
+
+# Find overlaps of a network's filaments in the design, away from their common nodes.
+
+DEEP: Final = 0.25
+"""Two filaments are one body where they reach so far into each other, in radii of the thinner one.
+Where they only brush each other the needle may as well stay out."""
+TURN: Final = 0.7
+"""Of the way along the vessels, the gap between two places: below it the way has turned by more
+than a right angle, or forks at less. A thick vessel's own way ahead is near, too."""
+FINEST_MM: Final = 0.05
+COARSEST_MM: Final = 0.1
+
+
+@dataclass(frozen=True)
+class Overlaps:
+    """Pairs of places.
+
+    Attributes
+    ----------
+    vessel : (k, 2) int64
+        The lower number first.
+    along : (k, 2) float64, mm
+        Way along either.
+    overlap : (k,) float64, mm
+        By which the filaments reach into each other.
+    gap : (k,) float64, mm
+        Between their axes.
+    """
+
+    vessel: IntArray
+    along: FloatArray
+    overlap: FloatArray
+    gap: FloatArray
+
+
+@dataclass(frozen=True)
+class _Spots:
+    """Places along all vessels: (n, 3) mm, and of each its vessel, way along it, and radius."""
+
+    place: FloatArray
+    vessel: IntArray
+    along: FloatArray
+    radius: FloatArray
+
+
+def overlaps_of(network: WrittenNetwork, radius_mm: float, overlap_radii: float) -> Overlaps:
+    """Find where filaments overlap as far from their common nodes as a joint reaches, or further.
+
+    Parameters
+    ----------
+    network : WrittenNetwork
+    radius_mm : float, mm
+        Of the bare shaft.
+    overlap_radii : float
+    """
+    spots = _spots(network)
+    one, other, gap = _near(spots)
+    thin = np.minimum(spots.radius[one], spots.radius[other])
+    thick = np.maximum(spots.radius[one], spots.radius[other])
+    deep = thin + thick - gap
+    reach = np.sqrt(2.0) * (radius_mm + thick) + overlap_radii * thick
+    way, joined = _through_nodes(network, spots, one, other, reach)
+    deep_enough = (deep >= DEEP * thin) & ~joined & (gap < TURN * way)
+    pair = np.column_stack([one, other])[deep_enough]
+    order = np.argsort(spots.vessel[pair], axis=1, kind="stable")
+    pair = np.take_along_axis(pair, order, axis=1)
+    return Overlaps(spots.vessel[pair], spots.along[pair], deep[deep_enough], gap[deep_enough])
+
+
+def _spots(network: WrittenNetwork) -> _Spots:
+    """Every vessel cut into stretches of half its least radius."""
+    count = np.diff(network.offset)
+    finest = np.minimum.reduceat(network.radius, network.offset[:-1]) / 2
+    pitch = np.repeat(finest.clip(FINEST_MM, COARSEST_MM), count)
+    length = np.diff(network.arc, append=0.0)
+    length[network.offset[1:] - 1] = 0.0
+    parts = np.maximum(np.ceil(length / pitch), 1).astype(np.int64)
+    row = np.repeat(np.arange(len(parts)), parts)
+    share = (np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[row]
+    following = np.minimum(row + 1, len(parts) - 1)
+    mixed = [
+        values[row] + (share * (values[following] - values[row]).T).T
+        for values in (network.points, network.arc, network.radius)
+    ]
+    return _Spots(mixed[0], np.repeat(np.arange(len(count)), count)[row], mixed[1], mixed[2])
+
+
+def _near(spots: _Spots) -> tuple[IntArray, IntArray, FloatArray]:
+    """Pairs that may overlap, and the gaps: looked for by octaves of the radius."""
+    from scipy.spatial import cKDTree  # loads for 0.3 s; few jobs come here
+
+    octave = np.floor(np.log2(np.maximum(spots.radius, 1e-9))).astype(np.int64)
+    rows = {k: np.flatnonzero(octave == k) for k in np.unique(octave).tolist()}
+    trees = {k: cKDTree(spots.place[own]) for k, own in rows.items()}
+    parts = []
+    for a in rows:
+        for b in (k for k in rows if k >= a):
+            far = float(spots.radius[rows[a]].max() + spots.radius[rows[b]].max())
+            near = trees[a].sparse_distance_matrix(trees[b], far, output_type="ndarray")
+            one, other = rows[a][near["i"]], rows[b][near["j"]]
+            kept = (a != b) | (one < other)
+            parts.append((one[kept], other[kept], near["v"][kept]))
+    one, other, gap = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return one, other, gap
+
+
+def _through_nodes(
+    network: WrittenNetwork, spots: _Spots, one: IntArray, other: IntArray, reach: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Way along vessels through one node at most (inf: none), and whether a joint has both."""
+    u, v = spots.vessel[one], spots.vessel[other]
+    apart = np.abs(spots.along[one] - spots.along[other])
+    way = np.where(u == v, apart, np.inf)
+    joined = (u == v) & (apart <= reach)
+    for a in (0, 1):
+        for b in (0, 1):
+            meet = network.vessel_nodes[u, a] == network.vessel_nodes[v, b]
+            meet &= (u != v) | (a != b)
+            first = np.abs(spots.along[one] - a * network.lengths[u])
+            second = np.abs(spots.along[other] - b * network.lengths[v])
+            way = np.where(meet, np.minimum(way, first + second), way)
+            joined |= meet & (np.maximum(first, second) <= reach)
+    return way, joined
+
+
+# Find a network's joints for the shaft check: nodes, and overlaps of vessel filaments.
+
+_GRAIN_MM: Final = 0.05
+_GRAIN_FROM: Final = 0.3183
+"""Overlapping places are kept once for each cell of that size along both vessels, as its middle.
+Cells begin at such a part of one, where no spot of a straight vessel of round length lies."""
+
+
+@dataclass(frozen=True)
+class DesignedOverlap:
+    """Two vessels without a common node whose filaments are one body in the design.
+
+    Attributes
+    ----------
+    vessel, other : int
+        The same one where it meets itself.
+    overlap_mm : float, mm
+        Deepest.
+    place_mm : (x, y, z), mm
+        There, on the first one's axis.
+    """
+
+    vessel: int
+    other: int
+    overlap_mm: float
+    place_mm: tuple[float, float, float]
+
+
+def joints_of(
+    network: WrittenNetwork, radius_mm: float, overlap_radii: float
+) -> tuple[Joints, tuple[DesignedOverlap, ...]]:
+    """What counts as a joint for a shaft, and which of it no node explains, the deepest first."""
+    overlaps = overlaps_of(network, radius_mm, overlap_radii)
+    cells = np.floor(overlaps.along / _GRAIN_MM + _GRAIN_FROM)
+    nearest = np.argsort(overlaps.gap, kind="stable")
+    keys = np.column_stack([overlaps.vessel, cells])[nearest]
+    keys, first = np.unique(keys, axis=0, return_index=True)
+    gap = overlaps.gap[nearest[first]]
+    u, v, a, b = keys.T
+    a, b = ((one + 0.5 - _GRAIN_FROM) * _GRAIN_MM for one in (a, b))
+    forth, back = np.column_stack([u, v, a, b, gap]), np.column_stack([v, u, b, a, gap])
+    at_nodes = _at_nodes(network)
+    rows = np.concatenate([at_nodes, forth, back])
+    wide = np.where(np.arange(len(rows)) < len(at_nodes), 0.0, _GRAIN_MM / 2)
+    order = np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))
+    rows, wide = rows[order], wide[order]
+    count = np.bincount(rows[:, 0].astype(np.int64), minlength=network.vessel_count)
+    begin = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+    other, own, there, gap = (np.ascontiguousarray(column) for column in rows[:, 1:].T)
+    met = other.astype(np.int64)
+    lumens = network.lumen_mm
+    joints = Joints(
+        begin, met, own, there, wide, gap, radius_mm, overlap_radii, lumens, network.lengths
+    )
+    return joints, _designed_overlaps(network, overlaps)
+
+
+def _at_nodes(network: WrittenNetwork) -> FloatArray:
+    """Each end of a vessel with all others at its node: vessel, other, way along both."""
+    ends: dict[int, list[tuple[int, float]]] = {}
+    for vessel, (tail, head) in enumerate(network.vessel_nodes.tolist()):
+        ends.setdefault(tail, []).append((vessel, 0.0))
+        ends.setdefault(head, []).append((vessel, float(network.lengths[vessel])))
+    rows = [(v, w, a, b, 0.0) for meet in ends.values() for (v, a), (w, b) in permutations(meet, 2)]
+    return np.array(rows, dtype=np.float64).reshape(-1, 5)
+
+
+def _designed_overlaps(network: WrittenNetwork, overlaps: Overlaps) -> tuple[DesignedOverlap, ...]:
+    """Once for each pair; vessels that leave a node side by side overlap for a while anyway."""
+    ends = network.vessel_nodes[overlaps.vessel]
+    shared = (ends[:, 0, :, None] == ends[:, 1, None, :]).any(axis=(1, 2))
+    shared &= overlaps.vessel[:, 0] != overlaps.vessel[:, 1]
+    order = np.argsort(-overlaps.overlap, kind="stable")
+    order = order[~shared[order]]
+    once = np.unique(overlaps.vessel[order], axis=0, return_index=True)[1]
+    return tuple(
+        DesignedOverlap(
+            int(overlaps.vessel[k, 0]),
+            int(overlaps.vessel[k, 1]),
+            round(float(overlaps.overlap[k]), 4),
+            network.place(int(overlaps.vessel[k, 0]), float(overlaps.along[k, 0])),
+        )
+        for k in order[np.sort(once)].tolist()
+    )

@@ -18,7 +18,7 @@
 Each begins at one moment: ``line`` (of the job's commands, from 1; the first that is executed from
 there on), ``time_s`` (printer's clock), ``written_mm`` (way of written lines, mends included) or
 ``pushed_ul`` (pushed by the plunger beyond its foremost place, all syringes together). The motors
-know nothing of them: the simulated scanner and camera do (`sim.gcode.deposit.laid`).
+know nothing of them: the simulated scanner and camera do (`sim.gcode.deposit.lay`).
 
 A purge is what the plunger pushes beyond its foremost place while the tip stands, or along a way
 with at least `PURGE_RATIO` times the job's median dose per mm.
@@ -26,17 +26,23 @@ with at least `PURGE_RATIO` times the job's median dose per mm.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
 from typing import Annotated, Final, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from kernels.arrays import BoolArray, FloatArray, IntArray
+from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import Layering
 
 PURGE_RATIO: Final = 2.0
 LEAST_PURGE_UL: Final = 0.02
 """Less in a move that stands is the rounding of a prime to motor steps."""
 RELOAD_UL: Final = 30.0
 """No retraction is so long: a plunger that goes back farther is put to a full syringe."""
-
 Amount = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
 More = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -155,3 +161,371 @@ class InkFaults:
 
 
 NO_FAULTS: Final = InkFaults()
+
+
+# Apply ink faults to written lines: change the flow, drop, shift or sag lines, add clumps.
+
+_NOTHING = 1e-6
+"""Share of the flow that isn't ink any more."""
+_CLUMP_MM = 1e-4
+"""Length of a clump's strand, whose diameter is its size."""
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Lines, and the places in the print (`ink_timeline`) between which each is laid."""
+
+    strands: Strands
+    first: FloatArray
+    last: FloatArray
+
+    @property
+    def middle(self) -> FloatArray:
+        """Place in the middle of each line, (n,)."""
+        return (self.first + self.last) / 2
+
+    def kept(self, rows: BoolArray) -> Placed:
+        """Some of the lines."""
+        chosen = {item.name: getattr(self.strands, item.name)[rows] for item in fields(Strands)}
+        return Placed(Strands(**chosen), self.first[rows], self.last[rows])
+
+
+def faulty_lines(
+    lines: Placed, timeline: Timeline, faults: InkFaults, layering: Layering | None
+) -> Strands:
+    """Return what the faults leave of lines, and what they add."""
+    changes = [flow_change(fault, timeline) for fault in faults.each]
+    flows = [change for change in changes if change is not None]
+    begins = np.array([timeline.begins(fault) for fault in faults.each])
+    cuts = np.concatenate([begins, *(change.cuts for change in flows)])
+    lines = _thinned(_cut(lines, np.unique(cuts[np.isfinite(cuts)])), flows)
+    clumps = []
+    for number, (fault, begin) in enumerate(zip(faults.each, begins.tolist(), strict=True)):
+        if math.isinf(begin):
+            continue
+        match fault:
+            case Lost():
+                lines = _without(lines, fault, begin, (faults.seed, number))
+            case Skip():
+                lines = _shifted(lines, np.array([*fault.shift_mm, 0.0]), begin)
+            case Sag():
+                lines = _sagged(lines, fault, begin, layering)
+            case Debris():
+                clumps.append((fault, begin))
+    for clump, begin in clumps:
+        lines = _with_clump(lines, clump, begin, layering)
+    return replace(lines.strands, stroke=_strokes(lines))
+
+
+def _cut(lines: Placed, cuts: FloatArray) -> Placed:
+    """Lines cut at places, so that none goes across one."""
+    low = np.searchsorted(cuts, lines.first, side="right")
+    high = np.maximum(np.searchsorted(cuts, lines.last, side="left"), low)
+    parts = high - low + 1
+    of = np.repeat(np.arange(len(parts)), parts)
+    number = np.arange(len(of)) - np.repeat(np.cumsum(parts) - parts, parts)
+    padded = np.append(cuts, np.inf)
+    first = np.where(number == 0, lines.first[of], padded[low[of] + number - 1])
+    last = np.where(number == parts[of] - 1, lines.last[of], padded[low[of] + number])
+    lasts = (lines.last - lines.first)[of]
+    begin, end = (first - lines.first[of]) / lasts, (last - lines.first[of]) / lasts
+    old = lines.strands
+    start, way = old.start[of], (old.end - old.start)[of]
+    # What isn't cut keeps its ends to the last bit.
+    whole = (parts[of] == 1)[:, None]
+    return Placed(
+        Strands(
+            start + begin[:, None] * way,
+            np.where(whole, old.end[of], start + end[:, None] * way),
+            old.dose_ul[of] * (end - begin),
+            old.area_mm2[of],
+            old.stroke[of],
+            old.line[of],
+        ),
+        first,
+        last,
+    )
+
+
+def _thinned(lines: Placed, flows: list[FlowChange]) -> Placed:
+    factor = np.ones(len(lines.first))
+    for change in flows:
+        factor = factor * change.factor(lines.middle)
+    old = lines.strands
+    ink = replace(old, dose_ul=old.dose_ul * factor, area_mm2=old.area_mm2 * factor)
+    return replace(lines, strands=ink).kept(factor > _NOTHING)
+
+
+def _without(lines: Placed, fault: Lost, begin: float, seed: tuple[int, int]) -> Placed:
+    """Lines without the strokes that didn't stick."""
+    behind = lines.last > begin
+    if not behind.any():
+        return lines
+    stroke = lines.strands.stroke
+    first = int(stroke[behind.argmax()])
+    number = stroke - first
+    # A stroke's chance is its own, however long the print has become.
+    draws = np.random.default_rng(seed).random(max(1, min(int(number.max()) + 1, fault.strokes)))
+    within = (number >= 0) & (number < fault.strokes)
+    lost = within & (draws[np.clip(number, 0, len(draws) - 1)] < fault.share)
+    return lines.kept(~lost)
+
+
+def _shifted(lines: Placed, by_mm: FloatArray, begin: float) -> Placed:
+    shift = (lines.middle >= begin)[:, None] * by_mm
+    old = lines.strands
+    return replace(lines, strands=replace(old, start=old.start + shift, end=old.end + shift))
+
+
+def _sagged(lines: Placed, fault: Sag, begin: float, layering: Layering | None) -> Placed:
+    if layering is None:
+        return _shifted(lines, np.array([0.0, 0.0, -fault.drop_mm]), begin)
+    wider = np.where(lines.middle >= begin, 1 + fault.percent / 100, 1.0)
+    old = lines.strands
+    return replace(lines, strands=replace(old, area_mm2=old.area_mm2 * wider))
+
+
+def _with_clump(lines: Placed, fault: Debris, begin: float, layering: Layering | None) -> Placed:
+    """Lines with a clump beside the one that is written then, or next."""
+    behind = np.flatnonzero(lines.last > begin)
+    if not len(behind):
+        return lines
+    row, old = int(behind[0]), lines.strands
+    share = max(0.0, begin - lines.first[row]) / (lines.last[row] - lines.first[row])
+    at = old.start[row] + share * (old.end[row] - old.start[row]) + [*fault.offset_mm, 0.0]
+    if layering is None:
+        area = math.pi / 4 * fault.diameter_mm**2
+        volume = math.pi / 6 * fault.diameter_mm**3
+    else:
+        height = float(layering.heights(at[None, 2])[0])
+        area, volume = fault.diameter_mm * height, math.pi / 4 * fault.diameter_mm**2 * height
+    return Placed(
+        Strands(
+            np.insert(old.start, row, at, axis=0),
+            np.insert(old.end, row, at + [_CLUMP_MM, 0.0, 0.0], axis=0),
+            np.insert(old.dose_ul, row, volume),
+            np.insert(old.area_mm2, row, area),
+            np.insert(old.stroke, row, old.stroke[row]),
+            np.insert(old.line, row, old.line[row]),
+        ),
+        np.insert(lines.first, row, begin),
+        np.insert(lines.last, row, begin),
+    )
+
+
+def _strokes(lines: Placed) -> IntArray:
+    """Number of each line's unbroken path, which ends where ink is missing."""
+    stroke, place = lines.strands.stroke, lines.strands
+    if not len(stroke):
+        return stroke
+    apart = np.linalg.norm(place.start[1:] - place.end[:-1], axis=1) > _CLUMP_MM / 2
+    return np.concatenate([[0], np.cumsum(apart | (np.diff(stroke) != 0))]).astype(np.int64)
+
+
+# Compute each ink fault's factor on flow: clog, drift, temperature swing, bubble, empty.
+
+_STEPS: Final = 40
+"""Of a ramp, and of a period."""
+_MOST_CUTS: Final = 100_000
+
+
+@dataclass(frozen=True)
+class FlowChange:
+    """What a fault does to the flow.
+
+    Attributes
+    ----------
+    cuts : (k,) float64
+        Places at which lines must be cut for the factor to hold within each piece.
+    factor : callable
+        Of places (n,): flow over what is pushed, (n,).
+    """
+
+    cuts: FloatArray
+    factor: Callable[[FloatArray], FloatArray]
+
+
+def flow_change(fault: InkFault, line: Timeline) -> FlowChange | None:
+    """Return what a fault does to the flow; None for nothing, or not yet."""
+    begin = line.begins(fault)
+    if math.isinf(begin):
+        return None
+    match fault:
+        case Clog():
+            return _clog(fault, line, begin)
+        case Drift():
+            return _ramp(line.written_mm, begin, fault.over_mm, fault.factor)
+        case Temperature():
+            return _swing(fault, line, begin)
+        case Bubble():
+            return _bubble(fault, line, begin)
+        case Empty():
+            return _ramp(line.pushed_ul, begin, fault.fades_ul, 0.0)
+    return None
+
+
+def _clog(fault: Clog, line: Timeline, begin: float) -> FlowChange:
+    end = math.inf
+    if fault.lasts_mm is not None:
+        end = when(line.written_mm, float(at(line.written_mm, begin)) + fault.lasts_mm)
+    if fault.clears_ul is not None:
+        end = min(end, when(line.purged_ul, float(at(line.purged_ul, begin)) + fault.clears_ul))
+    cuts = np.array([place for place in (begin, end) if math.isfinite(place)])
+    return FlowChange(
+        cuts, lambda place: np.where((place >= begin) & (place < end), fault.passes, 1.0)
+    )
+
+
+def _ramp(total: FloatArray, begin: float, over: float, to: float) -> FlowChange:
+    """From 1 to `to` while a running sum grows by `over`; at once for 0."""
+    first = float(at(total, begin))
+    if over <= 0:
+        return FlowChange(np.array([begin]), lambda place: np.where(place >= begin, to, 1.0))
+
+    def factor(place: FloatArray) -> FloatArray:
+        done = np.clip((at(total, place) - first) / over, 0.0, 1.0)
+        return np.where(place >= begin, 1.0 + (to - 1.0) * done, 1.0)
+
+    return FlowChange(_reached(total, first + over * np.linspace(0, 1, _STEPS + 1)), factor)
+
+
+def _swing(fault: Temperature, line: Timeline, begin: float) -> FlowChange:
+    zero = float(line.seconds(np.array([begin]))[0])
+    last = float(line.time_s[-1, 1])
+    step = max(fault.period_s / _STEPS, (last - zero) / _MOST_CUTS)
+    cuts = line.at_times(np.arange(zero, last, step))
+
+    def factor(place: FloatArray) -> FloatArray:
+        phase = 2 * np.pi * (line.seconds(place) - zero) / fault.period_s
+        return np.where(place >= begin, 1.0 + fault.amplitude * np.sin(phase), 1.0)
+
+    return FlowChange(np.append(begin, cuts), factor)
+
+
+def _bubble(fault: Bubble, line: Timeline, begin: float) -> FlowChange:
+    first = float(at(line.pushed_ul, begin))
+
+    def factor(place: FloatArray) -> FloatArray:
+        passed = (at(line.pushed_ul, place) - first) / fault.ul
+        after = np.where(passed < 2.0, 1.0 + fault.catches_up, 1.0)
+        return np.where(place < begin, 1.0, np.where(passed < 1.0, 0.0, after))
+
+    cuts = _reached(line.pushed_ul, first + fault.ul * np.array([1.0, 2.0]))
+    return FlowChange(np.concatenate([[begin], cuts]), factor)
+
+
+def _reached(total: FloatArray, values: FloatArray) -> FloatArray:
+    places = np.array([when(total, float(value)) for value in values])
+    return places[np.isfinite(places)]
+
+
+# Running sums of path written, ink pushed and purged along a print; find where a fault begins.
+#
+# A place in a print is a number: whole part the block, rest the share of that block which is done.
+# It ascends whatever the printer's clock does (a reset sets that to 0).
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Running sums at the blocks' ends.
+
+    Attributes
+    ----------
+    time_s : (n, 2) float64, s
+        Begin and end of each block.
+    line : (n,) int64
+        Command of the job, from 0; -1 for none of it.
+    written_mm, pushed_ul, purged_ul : (n + 1,) float64
+        Before each block, and after the last.
+    """
+
+    time_s: FloatArray
+    line: IntArray
+    written_mm: FloatArray
+    pushed_ul: FloatArray
+    purged_ul: FloatArray
+
+    @staticmethod
+    def of(
+        time_s: FloatArray,
+        line: IntArray,
+        way_mm: FloatArray,
+        push_ul: FloatArray,
+        writes: BoolArray,
+    ) -> Timeline:
+        """Sum up blocks: their way, what the plunger pushes (below 0: goes back), which write."""
+        new = _pushed_anew(push_ul)
+        dense = np.divide(new, way_mm, out=np.full(len(new), np.inf), where=way_mm > 0)
+        usual = np.median(dense[writes & (new > 0)]) if (writes & (new > 0)).any() else np.inf
+        purge = np.where((new >= LEAST_PURGE_UL) & (dense >= PURGE_RATIO * usual), new, 0.0)
+        return Timeline(
+            time_s,
+            line,
+            np.concatenate([[0.0], np.cumsum(np.where(writes, way_mm, 0.0))]),
+            np.concatenate([[0.0], np.cumsum(new)]),
+            np.concatenate([[0.0], np.cumsum(purge)]),
+        )
+
+    def begins(self, moment: Moment) -> float:
+        """Place at which a fault begins; inf when the print hasn't come so far."""
+        if moment.line is not None:
+            return self._first(self.line >= moment.line - 1)
+        if moment.written_mm is not None:
+            return when(self.written_mm, moment.written_mm)
+        if moment.pushed_ul is not None:
+            return when(self.pushed_ul, moment.pushed_ul)
+        return float(self.at_times(np.array([moment.time_s or 0.0]))[0])
+
+    def seconds(self, place: FloatArray) -> FloatArray:
+        """Printer's clock at places, s."""
+        block = np.clip(np.asarray(place).astype(np.int64), 0, max(len(self.line) - 1, 0))
+        begin, end = self.time_s[block].T
+        return np.asarray(begin + (place - block) * (end - begin))
+
+    def at_times(self, seconds: FloatArray) -> FloatArray:
+        """Places at times of the printer's clock, (n,); inf where the print hasn't come so far."""
+        ends = np.maximum.accumulate(self.time_s[:, 1])
+        index = np.searchsorted(ends, seconds, side="left")
+        block = np.minimum(index, len(ends) - 1)
+        begin, end = self.time_s[block].T
+        lasts = np.where(end > begin, end - begin, 1.0)
+        share = np.clip((seconds - begin) / lasts, 0.0, 1.0)
+        return np.where(index < len(ends), block + share, np.inf)
+
+    @staticmethod
+    def _first(holds: BoolArray) -> float:
+        return float(holds.argmax()) if holds.any() else math.inf
+
+
+def _pushed_anew(push_ul: FloatArray) -> FloatArray:
+    """What each block pushes beyond the plunger's foremost place, (n,), µL.
+
+    A plunger that goes back by more than `RELOAD_UL` comes to a full syringe.
+    """
+    total = np.concatenate([[0.0], np.cumsum(push_ul)])
+    new, begin = np.zeros(len(push_ul)), 0
+    while begin < len(push_ul):
+        foremost = np.maximum.accumulate(total[begin:])
+        back = np.flatnonzero(foremost - total[begin:] > RELOAD_UL)
+        if not len(back):
+            new[begin:] = np.diff(foremost)
+            break
+        turn = begin + int(back[0])
+        new[begin:turn] = np.diff(foremost[: turn - begin + 1])
+        forward = np.flatnonzero(push_ul[turn:] > 0)
+        begin = turn + int(forward[0]) if len(forward) else len(push_ul)
+    return new
+
+
+def at(total: FloatArray, place: FloatArray | float) -> FloatArray:
+    """A running sum at places."""
+    return np.asarray(np.interp(place, np.arange(len(total)), total))
+
+
+def when(total: FloatArray, value: float) -> float:
+    """First place at which a running sum reaches a value; inf when it doesn't."""
+    block = int(np.searchsorted(total[1:], value, side="left"))
+    if block == len(total) - 1:
+        return math.inf
+    low, high = float(total[block]), float(total[block + 1])
+    return block + (max(0.0, (value - low) / (high - low)) if high > low else 0.0)

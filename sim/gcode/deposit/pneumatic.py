@@ -16,10 +16,8 @@ import numpy as np
 from firmware_profiles import Printer
 from sim.errors import DepositError
 from sim.gcode.deposit.ink_faults import NO_FAULTS, InkFaults
-from sim.gcode.deposit.laid import Style
-from sim.gcode.deposit.lay import Deposit, deposit
-from sim.gcode.heads.valve import as_plunger, flowing, read_with_valve
-from sim.gcode.heads.valve_blocks import with_commands
+from sim.gcode.deposit.lay import Deposit, Style, deposit
+from sim.gcode.heads import as_plunger, flowing, read_with_valve, with_commands
 from sim.gcode.motion.executed import ExecutedMotion
 
 _EXACT_MM: Final = 1e-6

@@ -12,14 +12,12 @@ from firmware_profiles.families import family_of, meanings
 from firmware_profiles.families.grammar import Meaning
 from kernels.arrays import FloatArray
 from sim.errors import LineError
-from sim.gcode.heads.state import head_findings
+from sim.gcode.heads import head_findings
 from sim.gcode.motion.stepper import LEAST_RATE
-from sim.gcode.program.finding import Finding
 from sim.gcode.program.gcode import NO_COMMAND, Program, code_name
 from sim.gcode.program.modal import BAD, HOME, MOVE
 from sim.gcode.reading.file import kinds_of
-from sim.gcode.reading.firmware_codes import is_known, is_known_name
-from sim.gcode.reading.named_commands import NamedCommand
+from sim.gcode.reading.line import Finding, NamedCommand, is_known, is_known_name
 
 _TINY_MM: Final = 1e-6
 _MOST_NAMES: Final = 20

@@ -16,7 +16,7 @@ import numpy as np
 from firmware_profiles.families import meanings
 from firmware_profiles.families.grammar import Meaning
 from sim.gcode.program.gcode import Command, Program, code, parse_line
-from sim.gcode.reading.named_commands import NamedCommand
+from sim.gcode.reading.line import NamedCommand
 
 Part = Literal["ink", "bath", "both"]
 Bound = Literal["is", "least", "most"]

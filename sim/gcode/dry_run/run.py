@@ -1,7 +1,7 @@
 """Simulate a G-code file without a printer: duration, tip path, limits exceeded.
 
 The planner is that of the simulated printer, fed as the link feeds a real one
-(`sim.gcode.dry_run.line_times`): wire both ways, the board's time for a line, the host's
+(`sim.gcode.dry_run.feed`): wire both ways, the board's time for a line, the host's
 turnaround, lines in flight. Where moves are shorter than their lines take to come, the planner runs
 low and slows down here as it would there, and what that costs is told (`DryRun.starved`). Waits for
 heat count as nothing; a wait for the user likewise.
@@ -10,28 +10,25 @@ heat count as nothing; a wait for the user likewise.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Printer
+from firmware_profiles.families import family_of
+from firmware_profiles.families.family import m302_by_p
 from kernels.arrays import FloatArray
 from sim.gcode.dry_run.checks import check
-from sim.gcode.dry_run.cold import extrusion_allowed
-from sim.gcode.dry_run.feed import StarvedMotion, run_program, starvation
+from sim.gcode.dry_run.feed import StarvedMotion, line_times, run_program, starvation
 from sim.gcode.dry_run.heat import Heating, heatings
-from sim.gcode.dry_run.line_times import line_times
-from sim.gcode.heads.state import Heads, read_heads
-from sim.gcode.heads.valve import Valve, read_valve
-from sim.gcode.motion.executed import ExecutedMotion
-from sim.gcode.motion.executed_log import executed_motion
-from sim.gcode.program.finding import Finding
-from sim.gcode.program.gcode import Program
+from sim.gcode.heads import Heads, Valve, read_heads, read_valve
+from sim.gcode.motion.executed import ExecutedMotion, executed_motion
+from sim.gcode.program.gcode import Program, code, parse_line
 from sim.gcode.program.modal import MOVE
 from sim.gcode.program.read_program import read_written
-from sim.gcode.reading.named_commands import NamedCommand
-from sim.gcode.reading.other_lines import Others, other_lines
+from sim.gcode.reading.file import Others, other_lines
+from sim.gcode.reading.line import Finding, NamedCommand
 
 
 @dataclass(frozen=True)
@@ -196,3 +193,38 @@ def dry_run(
         others=other_lines(file, printer),
         **checked,
     )
+
+
+# Mark each G-code row's plunger motion as allowed or barred by the cold-extrusion lock.
+
+_HOTEND_MELTS_C: Final = 170.0  # Marlin's EXTRUDE_MINTEMP
+
+
+def extrusion_allowed(
+    program: Program, gcode: bytes, printer: Printer, already: bool
+) -> NDArray[np.bool_]:
+    """Whether the firmware lets the plunger move at each row, (n,).
+
+    Parameters
+    ----------
+    program : Program
+    gcode : bytes
+        What it was read from.
+    printer : Printer
+    already : bool
+        Whether a command has allowed it before the file.
+    """
+    change = np.zeros(len(program), dtype=np.int8)  # 1 allows, -1 forbids
+    value = np.nan_to_num(program.value, nan=-1.0)
+    heats = np.isin(program.code, [code("M104"), code("M109")]) & (value >= _HOTEND_MELTS_C)
+    change[heats] = 1
+    cold = family_of(printer).cold
+    reads = cold.reads if cold else m302_by_p
+    rows = np.flatnonzero(program.code == code("M302"))
+    lines = gcode.splitlines() if len(rows) else []
+    for row in rows.tolist():
+        change[row] = reads(parse_line(lines[int(program.line[row]) - 1]).values)
+    free = already or printer.cold_extrusion_configured or cold is None
+    before = np.append(1 if free else -1, change)
+    latest = np.maximum.accumulate(np.where(before != 0, np.arange(len(before)), 0))
+    return np.asarray(before[latest][1:] > 0)

@@ -10,7 +10,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_profiles import Printer
 from kernels.arrays import FloatArray
+from sim.gcode.motion.state import Records
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class ExecutedMotion:
         Zero-based number of the job's command line that made the block; -1 when unknown, or a
         host's own. Of a simulated printer that doesn't know the job (`sim.devices.board.printer`)
         the number of the line that came, which counts a host's own lines;
-        `sim.gcode.heads.valve_blocks` finds the job's.
+        `sim.gcode.heads` finds the job's.
     tool : (n,) int64
         The head whose plunger E moved; zeros where not given.
     """
@@ -90,3 +92,21 @@ NO_MOTION: Final = ExecutedMotion(
     _NOWHERE, _NOWHERE, _NEVER, _NEVER, _NEVER, _NEVER, np.zeros(0, np.int64)
 )
 """Of a printer that hasn't moved yet."""
+
+
+def executed_motion(log: Records, printer: Printer) -> ExecutedMotion:
+    """Blocks that ran, (n,) of `LOG`, in mm and s."""
+    axes = printer.steps_per_mm
+    per_mm = np.array([axes.x, axes.y, axes.z])
+    heads = range(printer.head_count)
+    plunger = np.array([printer.of_head(number).steps_per_mm.e for number in heads])[log["tool"]]
+    return ExecutedMotion(
+        start=log["start"][:, :3] / per_mm,
+        end=log["end"][:, :3] / per_mm,
+        plunger_start=log["start"][:, 3] / plunger,
+        plunger_end=log["end"][:, 3] / plunger,
+        time_start=log["time_start"].copy(),
+        time_end=log["time_end"].copy(),
+        line=log["line"].copy(),
+        tool=log["tool"].copy(),
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,3 +48,16 @@ class Board:
         return np.array(
             [self.command_s, self.block_s, self.interrupt_s, self.pulse_s, self.most_load]
         )
+
+
+# Constants: an 8-bit board's processor time to plan a move (block, corner, trapezoid).
+#
+# Of Marlin bugfix-2.1.x on an ATmega2560 at 16 MHz; measured as `sim.gcode.dry_run.feed`
+# tells.
+
+BLOCK_S: Final = 0.92e-3
+"""To make a block of a move."""
+CORNER_S: Final = 0.63e-3
+"""More where another waits: the speed at their corner."""
+TRAPEZOID_S: Final = 0.19e-3
+"""For each trapezoid that the new block makes the planner set."""

@@ -21,7 +21,6 @@ import numpy as np
 from firmware_profiles.families.grammar import ERule
 from kernels import jit
 from kernels.arrays import FloatArray, IntArray
-from sim.encoding import text_of
 from sim.gcode.motion.state import Record, Records
 from sim.gcode.program.modal import (
     ARC,
@@ -40,6 +39,7 @@ from sim.gcode.program.modal import (
     speed,
 )
 from sim.gcode.program.words import WORDS, split_words
+from sim.user_files import text_of
 
 NO_COMMAND: Final = 0
 """Code of a line that isn't a command."""

@@ -11,9 +11,8 @@ from firmware_profiles import Printer
 from firmware_profiles.families import family_of
 from sim.errors import LineError
 from sim.gcode.program.gcode import Program, read_gcode
-from sim.gcode.reading.faults import MOST_REFUSED
 from sim.gcode.reading.file import read_file
-from sim.gcode.reading.named_commands import NamedCommand
+from sim.gcode.reading.line import MOST_REFUSED, NamedCommand
 
 _SECONDS: Final = 60.0
 """The reader takes F as per minute."""

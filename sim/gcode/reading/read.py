@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import re
+from binascii import crc_hqx
+from functools import reduce
+from operator import xor
 from typing import Final
 
 from firmware_profiles import Printer
 from firmware_profiles.families import find_family
-from sim.gcode.reading.ambiguity import check_meaning
-from sim.gcode.reading.faults import refusal
-from sim.gcode.reading.line import BLANK, GcodeLine
-from sim.gcode.reading.named import named_line
-from sim.gcode.reading.numbers import words_of
-from sim.gcode.reading.plain import PLAIN_MOVE, plain_move
-from sim.gcode.reading.strip import command_in
-from sim.gcode.reading.text import second_command, text_line
-from sim.gcode.reading.translators import Translate, translator_of
-from sim.gcode.reading.words import AXES, MOTION, AcceptedLetters, accepted_letters
+from sim.errors import LineError
+from sim.gcode.reading.line import BLANK, GcodeLine, Translate, refusal, translator_of
+from sim.gcode.reading.words import (
+    AXES,
+    MOTION,
+    AcceptedLetters,
+    accepted_letters,
+    check_meaning,
+    named_line,
+    words_of,
+)
 
 _CODE: Final = re.compile(rb"([GMTgmt])[ \t]*(\d+)(?![\d.])")
 _SUBCODE: Final = re.compile(rb"[GMTgmt][ \t]*\d*\.")
@@ -38,7 +42,7 @@ def read_line(text: bytes, printer: Printer) -> GcodeLine:
     -------
     GcodeLine
         False (`BLANK`) for a comment or an empty line. A code that the firmware doesn't know comes
-        as it stands: `sim.gcode.reading.firmware_codes.is_known_line` judges it.
+        as it stands: `sim.gcode.reading.line.is_known_line` judges it.
 
     Raises
     ------
@@ -155,3 +159,212 @@ def _check_word(
             "bad_number", text, f"{letter} has no number that can be read; write digits behind it "
             f"({letter}5.2)"
         )  # fmt: skip
+
+
+# Take the command out of a G-code line; check its checksum and refuse unclear comments.
+#
+# A comment begins at a semicolon; what stands in parentheses is one, too. Some builds of a firmware
+# take parentheses for words (Marlin without PAREN_COMMENTS), and a semicolon in quotes for text:
+# since the comment isn't sent, both then do the same, and where the two readings would leave
+# different commands the line is refused.
+
+_PARENTHESES: Final = re.compile(rb"\([^()]*\)")
+_NUMBER: Final = re.compile(rb"[Nn]-?\d{1,10}(?![\d.])[ \t]*")
+_CHECKSUM: Final = re.compile(rb"\*[ \t]*(\d+)[ \t]*")
+_CRC_DIGITS: Final = 5
+_LONGEST: Final = 2_000
+"""Bytes of a command as it stands in a file, without the comment behind a semicolon: firmwares take
+some 100 to 250, and what is sent is held against the profile's own limit (``max_line_bytes``)."""
+
+
+def command_in(text: bytes, family: str) -> bytes:
+    """Return the command in a line, empty where there is none.
+
+    Parameters
+    ----------
+    text : bytes
+        With or without line end.
+    family : str
+        The profile's ``firmware``.
+
+    Raises
+    ------
+    LineError
+        For a wrong checksum, comments that don't close, characters that can't be sent, or too many
+        of them.
+    """
+    command = text.partition(b";")[0].strip(b" \t\r\n")
+    if not command:
+        return b""
+    if len(command) > _LONGEST:
+        raise refusal(
+            "too_long", text, f"its command has {len(command)} bytes, at most {_LONGEST} are read "
+            "(firmwares take some 100); take out what is too much"
+        )  # fmt: skip
+    command = _without_number(command, text, family)
+    if b"(" in command or b")" in command:
+        _comments_in_parentheses(text, family)
+        command = _PARENTHESES.sub(b" ", command).strip(b" \t")
+        if b"(" in command or b")" in command:
+            raise refusal(
+                "bad_comment", text, "a parenthesis isn't closed, or stands in another; firmwares "
+                "differ in what they read then: write the comment behind a semicolon"
+            )  # fmt: skip
+    if command.count(b'"') % 2:
+        raise refusal(
+            "bad_comment", text, 'a quote isn\'t closed; write texts in "two quotes", without ;'
+        )
+    for char in command:
+        if (char < 32 and char != 9) or char > 126 or char == 92:
+            raise refusal(
+                "not_text", text, f"byte {char} (0x{char:02x}) can't be sent in a command; remove "
+                "it, or write it behind a semicolon"
+            )  # fmt: skip
+    return command
+
+
+def _comments_in_parentheses(text: bytes, family: str) -> None:
+    """Refuse parentheses where they are no comment."""
+    if not find_family(family).grammar.parentheses:
+        raise refusal(
+            "bad_comment", text, f"{family} has no comments in parentheses and would read them as "
+            "part of the command; write the comment behind a semicolon"
+        )  # fmt: skip
+
+
+def _without_number(command: bytes, text: bytes, family: str) -> bytes:
+    """Take off line number and checksum, if that is right."""
+    body, star, _ = command.partition(b"*")
+    if star:
+        _check(body, command[len(body) :], text, family)
+    if body[:1] not in b"Nn":
+        return body.rstrip(b" \t")
+    number = _NUMBER.match(body)
+    if number is None:
+        raise refusal(
+            "bad_checksum", text, "N isn't followed by a line number (N12); write it so or take "
+            "it out"
+        )  # fmt: skip
+    return body[number.end() :].rstrip(b" \t")
+
+
+def _check(body: bytes, rest: bytes, text: bytes, family: str) -> None:
+    match = _CHECKSUM.fullmatch(rest)
+    if match is None:
+        raise refusal(
+            "bad_checksum", text, "an asterisk begins a checksum, and no number alone follows it; "
+            "take it out"
+        )  # fmt: skip
+    checksum = int(match[1]) if len(match[1]) <= _CRC_DIGITS else -1
+    crc = find_family(family).grammar.crc16 and len(match[1]) == _CRC_DIGITS
+    right = crc_hqx(body, 0) if crc else reduce(xor, body, 0)
+    if checksum != right:
+        raise refusal(
+            "bad_checksum", text, f"its checksum is {match[1].decode()}, and the line's is "
+            f"{right}: the line was changed or damaged; export the file again"
+        )  # fmt: skip
+
+
+# Parse commands with a free text; refuse a second command on the same line.
+#
+# RepRapFirmware (``StringParser.cpp``) takes several commands from one line. There a text ends with
+# its closing quote, and what follows is carried out; only some codes take the rest of the line as
+# it is (`Grammar.rest_codes`), and only without a quote. It works out a text in braces
+# (`Grammar.expressions`), and carries out what follows it.
+
+_QUOTED: Final = re.compile(rb'"[^"]*"')
+_WHOLE: Final = re.compile(rb'"[^"]*"(?:"[^"]*")*')
+_COMMAND: Final = re.compile(rb"[GMTgmt][ \t]*\d")
+
+
+def text_line(code: str, rest: bytes, text: bytes, family: str) -> GcodeLine:
+    """Read a code whose rest is a text.
+
+    Parameters
+    ----------
+    code : str
+    rest : bytes
+        Behind the code's number.
+    text : bytes
+        The whole line, for messages.
+    family : str
+        The profile's ``firmware``.
+
+    Raises
+    ------
+    LineError
+        For a text that renumbers lines, one that the firmware works out, and one behind or in
+        which it finds a command.
+    """
+    argument = b" ".join(rest.split(b"\t")).strip(b" ")
+    if b"M110" in argument.replace(b" ", b"").upper():
+        raise refusal(
+            "ambiguous", text, "a text with M110 in it renumbers the lines of a Marlin; write "
+            "another text"
+        )  # fmt: skip
+    _no_expression(argument, text, family)
+    _one_command(code, argument, text, family)
+    return GcodeLine(code, {}, code.encode() + (b" " + argument if argument else b""))
+
+
+def second_command(shown: str, text: bytes) -> LineError:
+    """Error for a line with a second command in it."""
+    return refusal(
+        "ambiguous", text, f"{shown!r} is another command of the line to some firmwares and "
+        "nothing to others; write each command on a line of its own"
+    )  # fmt: skip
+
+
+def _no_expression(argument: bytes, text: bytes, family: str) -> None:
+    """Refuse braces, wherever they stand, where the firmware works out what is in them."""
+    if find_family(family).grammar.expressions and (b"{" in argument or b"}" in argument):
+        raise refusal(
+            "ambiguous", text, f"{family} works out a text in braces, and what stands behind it is "
+            "carried out as another command; write the text without braces"
+        )  # fmt: skip
+
+
+def _one_command(code: str, argument: bytes, text: bytes, family: str) -> None:
+    """Refuse what stands behind a closed quote, or is a command in a text that isn't quoted."""
+    rest_codes = find_family(family).grammar.rest_codes
+    if rest_codes is None:
+        return
+    if code in rest_codes:
+        if b'"' in argument and not _WHOLE.fullmatch(argument):
+            raise refusal(
+                "ambiguous", text, f"to {family} the text ends with its quote, and what stands "
+                "beside it may be carried out; write the whole text in one pair of quotes"
+            )  # fmt: skip
+        return
+    match = _COMMAND.search(_QUOTED.sub(b"", argument))
+    if match is not None:
+        raise second_command(match[0].decode(), text)
+
+
+# Fast parser for plain moves, which make up most of a G-code file.
+#
+# Read here without all the questions that other lines are asked; `sim.gcode.reading.read` would
+# read each of them alike (a test compares the two).
+
+_DECIMAL: Final = rb"(-?\d{1,6}(?:\.\d{1,9})?)"
+_FEED: Final = rb"(?: F([1-9]\d{0,5}(?:\.\d{1,9})?))?"
+PLAIN_MOVE: Final = re.compile(
+    rb"(G[01])"
+    + _FEED
+    + b"".join(rb"(?: %c" % letter + _DECIMAL + b")?" for letter in b"XYZE")
+    + rb"(?(2)|"
+    + _FEED
+    + b")"
+)
+_LETTERS: Final = ("F", "X", "Y", "Z", "E", "F")
+
+
+def plain_move(match: re.Match[bytes]) -> GcodeLine:
+    """Convert a match of `PLAIN_MOVE` to a move."""
+    code, *numbers = match.groups()
+    words = {
+        letter: float(number)
+        for letter, number in zip(_LETTERS, numbers, strict=True)
+        if number is not None
+    }
+    return GcodeLine(code.decode(), words, match[0])

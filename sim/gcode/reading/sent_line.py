@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final
 
-from firmware_profiles.families.common_words import TEXT_CODES
+from firmware_profiles.families.grammar import TEXT_CODES
 from sim.gcode.reading.line import BLANK, GcodeLine
-from sim.gcode.reading.plain import PLAIN_MOVE, plain_move
+from sim.gcode.reading.read import PLAIN_MOVE, plain_move
 
 _CODE: Final = re.compile(rb"[GMT]\d+")
 _NUMBER: Final = re.compile(rb"-?\d+(?:\.\d+)?")
@@ -62,3 +63,57 @@ def _read(text: bytes) -> GcodeLine:
         for word in rest
     }
     return GcodeLine(code, words, text)
+
+
+# Multiply plunger travel of writing moves in job lines by a factor.
+#
+# Only moves that write are changed: those that push the plunger on a way of the tip. What moves the
+# plunger alone (drawing back, priming) keeps its length. The count of E goes on from where it was;
+# a line that counts the plunger anew (G92 E) stays.
+
+LEAST: Final = 0.3
+MOST: Final = 3.0
+"""Of the file's own doses."""
+_ACROSS: Final = (b" X", b" Y", b" Z")
+
+
+def with_flow(lines: Sequence[bytes], e_mm: float, factor: float) -> list[bytes]:
+    """Return lines whose writing moves push ``factor`` times as far.
+
+    Parameters
+    ----------
+    lines : sequence of bytes
+        Of a job, from some place on; E absolute.
+    e_mm : float, mm
+        The plunger's count before the first.
+    factor : float
+    """
+    was = now = e_mm
+    scaled = list(lines)
+    for index, line in enumerate(lines):
+        to = plunger_word(line)
+        if to is None:
+            continue
+        if not is_motion(line):  # G92
+            was = now = to
+            continue
+        writes = to > was and any(axis in line for axis in _ACROSS)
+        now += (to - was) * (factor if writes else 1.0)
+        was = to
+        scaled[index] = _with_e(line, now)
+    return scaled
+
+
+def plunger_count(lines: Sequence[bytes]) -> float:
+    """Return the plunger's count after some lines of a job, mm; 0 where none tells it."""
+    for line in reversed(lines):
+        e_mm = plunger_word(line)
+        if e_mm is not None:
+            return e_mm
+    return 0.0
+
+
+def _with_e(line: bytes, e_mm: float) -> bytes:
+    before, _, behind = line.partition(b" E")
+    _, space, rest = behind.partition(b" ")
+    return b"%b E%.5f%b%b" % (before, e_mm, space, rest)

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from design.vasculature import VesselTree
-from design.vasculature.growth.cost import Sprout
 from design.vasculature.growth.propose import estimate
-from design.vasculature.growth.state import SEGMENT, refresh_all, spread_down
+from design.vasculature.growth.state import SEGMENT, Sprout, refresh_all, spread_down
 from design.vasculature.options import Law
 from design.vasculature.penalty import no_penalty
 from design.vasculature.treemath import tree_radii

@@ -12,8 +12,7 @@ from contextlib import suppress
 import pytest
 
 from printctl.machine.link.find_link import has_ended
-from printctl.observe import devices
-from printctl.observe.devices import DeviceError, DeviceSettings, files_in, picture_of
+from printctl.observe.devices import DeviceError, DeviceSettings, acquire, files_in, picture_of
 
 HANGS = f"{sys.executable} -c 'import time; time.sleep(60)'"
 
@@ -38,8 +37,8 @@ def test_a_new_file_of_a_folder_is_kept_with_the_look(tmp_path, monkeypatch, ahe
         write("new.log", b"written last")
         return listed
 
-    monkeypatch.setattr(sys.modules[devices.__module__], "files_in", listed_then_written)
-    found = devices(DeviceSettings("folder", str(folder)), look / "picture")
+    monkeypatch.setattr(sys.modules[acquire.__module__], "files_in", listed_then_written)
+    found = acquire(DeviceSettings("folder", str(folder)), look / "picture")
     assert found == look / "picture.TIF"
     assert found.read_bytes() == b"new"
     assert sorted(one.name for one in look.iterdir()) == ["picture.TIF", "picture.json"]
@@ -58,8 +57,8 @@ def test_a_profilers_table_is_its_file(tmp_path, monkeypatch):
         (folder / "scan.log").write_text("done")
         return listed
 
-    monkeypatch.setattr(sys.modules[devices.__module__], "files_in", listed_then_written)
-    found = devices(DeviceSettings("folder", str(folder), tables=True), look / "picture")
+    monkeypatch.setattr(sys.modules[acquire.__module__], "files_in", listed_then_written)
+    found = acquire(DeviceSettings("folder", str(folder), tables=True), look / "picture")
     assert found == look / "picture.CSV"
     assert picture_of(look, "picture") == found
     (look / "picture.tif").write_bytes(b"heights")
@@ -68,7 +67,7 @@ def test_a_profilers_table_is_its_file(tmp_path, monkeypatch):
 
 def test_a_command_writes_the_file(tmp_path):
     words = f"{sys.executable} -c \"open('{{out}}.png', 'w').write('x')\""
-    found = devices(DeviceSettings("command", words), tmp_path / "picture")
+    found = acquire(DeviceSettings("command", words), tmp_path / "picture")
     assert found == tmp_path / "picture.png"
 
 
@@ -78,7 +77,7 @@ def test_what_a_command_writes_beside_its_file_isnt_taken(tmp_path):
         "import sys\nfor end in ('.json', '.raw'): open(sys.argv[1] + end, 'w').write('x')\n"
     )
     words = f"{sys.executable} {program} {{out}}"
-    found = devices(DeviceSettings("command", words), tmp_path / "picture")
+    found = acquire(DeviceSettings("command", words), tmp_path / "picture")
     assert found == tmp_path / "picture.raw"
 
 
@@ -93,7 +92,7 @@ def test_what_a_command_writes_beside_its_file_isnt_taken(tmp_path):
 )
 def test_a_device_that_fails_or_hangs_is_told(tmp_path, settings, said):
     with pytest.raises(DeviceError, match=said):
-        devices(settings, tmp_path / "picture")
+        acquire(settings, tmp_path / "picture")
 
 
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="a process isn't told of its parent's end")

@@ -10,8 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from printctl.observe import devices
-from printctl.observe.devices import DeviceError, DeviceSettings, files_in, picture_of
+from printctl.observe.devices import DeviceError, DeviceSettings, acquire, files_in, picture_of
 from printctl.observe.records import emptied_look_folder
 from printctl.observe.views import open_view, try_laser_frame
 from registration.devices.lens.lens import write_model
@@ -80,8 +79,8 @@ def test_a_new_folder_of_pictures_is_kept_with_the_look(
         (source / "new" / "0.png").write_bytes(b"new")
         return listed
 
-    monkeypatch.setattr(sys.modules[devices.__module__], "files_in", listed_then_written)
-    found = devices(DeviceSettings("folder", str(source), tables=True), look / "picture")
+    monkeypatch.setattr(sys.modules[acquire.__module__], "files_in", listed_then_written)
+    found = acquire(DeviceSettings("folder", str(source), tables=True), look / "picture")
     assert found == look / "picture"
     assert (found / "0.png").read_bytes() == b"new"
     assert picture_of(look, "picture") == found
@@ -90,5 +89,5 @@ def test_a_new_folder_of_pictures_is_kept_with_the_look(
 
 def test_a_command_may_write_a_folder(tmp_path: Path) -> None:
     words = f'{sys.executable} -c \'import os; os.mkdir(r"{{out}}"); open(r"{{out}}/0.png", "w")\''
-    found = devices(DeviceSettings("command", words, tables=True), tmp_path / "picture")
+    found = acquire(DeviceSettings("command", words, tables=True), tmp_path / "picture")
     assert [one.name for one in found.iterdir()] == ["0.png"]

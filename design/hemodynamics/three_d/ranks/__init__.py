@@ -10,10 +10,11 @@ from design.hemodynamics.three_d.ranks.case import (
     PortPressure,
     PortShare,
     RankConditions,
+    RankResult,
+    rank_conditions,
+    read_result,
     write_case,
 )
-from design.hemodynamics.three_d.ranks.from_flow import rank_conditions
-from design.hemodynamics.three_d.ranks.result import RankResult, read_result
 
 __all__ = [
     "PortCondition",

@@ -10,16 +10,19 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
+from scipy.sparse import coo_array, csc_array
+from scipy.sparse.linalg import splu
 
 from design.errors import FlowError
 from design.files import atomic_replacement, write_bytes, write_text
-from design.hemodynamics.three_d.lumen_mesh import LumenMesh
-from design.hemodynamics.three_d.ranks.profile import Profile, port_velocity
+from design.hemodynamics.conditions import FlowConditions
+from design.hemodynamics.three_d.lumen_mesh import WALL, LumenMesh
+from design.hemodynamics.zero_d.boundary import refuse_supplies
 from design.units import WATER_DENSITY
+from kernels.arrays import FloatArray, IntArray
 
 ENGINE: Final = Path(__file__).parent / "engine"
 """The engine's own package, which needs FEniCSx and nothing of ours."""
-
 RESULTS: Final = ("ranks.json", "velocity.npy", "pressure.npy")
 
 
@@ -46,6 +49,11 @@ class PortPressure:
 
 
 PortCondition = PortFlow | PortShare | PortPressure
+
+
+# Compute velocities at a port's mesh nodes for a given flow (developed or parabola).
+
+Profile = Literal["developed", "parabola"]
 
 
 @dataclass(frozen=True)
@@ -206,3 +214,210 @@ def _check_port(port: int, given: PortCondition, supplies: int) -> None:
         raise FlowError(
             f"port {port}: resistance is {values['resistance']:g} Pa·s/µL; give 0 or more"
         )
+
+
+# Translate a network's steady flow conditions to port conditions of the MPI flow solver.
+
+
+def rank_conditions(mesh: LumenMesh, conditions: FlowConditions, **options: Any) -> RankConditions:
+    """Conditions of every port, by its node: a network's own, at its lumen.
+
+    A given flow has a profile where there is one inlet; several hang on one supply and share its
+    pressure. An outlet of given flow has a pressure of its own.
+
+    Parameters
+    ----------
+    mesh : LumenMesh
+    conditions : FlowConditions
+    **options
+        Of `RankConditions`: density (the conditions' by default), model, profile, solver,
+        tolerance.
+
+    Raises
+    ------
+    FlowError
+        No inlet, a node that isn't at a port, pressure nowhere given.
+    """
+    refuse_supplies(conditions.supplies, "3D flow")
+    inlets = _inlets(mesh, conditions)
+    ports: list[PortCondition] = []
+    supplies: list[float] = []
+    if conditions.inlet_flow_ul_s is not None and len(inlets) > 1:
+        supplies.append(conditions.inlet_flow_ul_s)
+    for k, port in enumerate(mesh.ports):
+        if k in inlets:
+            ports.append(_inlet(conditions, bool(supplies)))
+        elif port.node in conditions.outlet_flow_ul_s:
+            ports.append(PortShare(len(supplies)))
+            supplies.append(-conditions.outlet_flow_ul_s[port.node])
+        else:
+            ports.append(PortPressure(conditions.outlet_pressure_pa))
+    options_given = {"density": conditions.density, **options}
+    return RankConditions(tuple(ports), conditions.viscosity_pa_s, tuple(supplies), **options_given)
+
+
+def _inlets(mesh: LumenMesh, conditions: FlowConditions) -> set[int]:
+    place = {port.node: k for k, port in enumerate(mesh.ports)}
+    named = {*(conditions.inlets or ()), *(conditions.outlets or ()), *conditions.outlet_flow_ul_s}
+    if strangers := named - set(place):
+        raise FlowError(f"node {min(strangers)} isn't at a port of the lumen's mesh")
+    if conditions.inlets is not None:
+        inlets = {place[node] for node in conditions.inlets}
+    else:
+        inlets = {k for k, port in enumerate(mesh.ports) if port.inlet}
+    if not inlets:
+        raise FlowError("the lumen's mesh has no inlet; open one, or name its node in inlets")
+    return inlets
+
+
+def _inlet(conditions: FlowConditions, shared: bool) -> PortCondition:
+    if conditions.inlet_flow_ul_s is None:
+        return PortPressure(conditions.inlet_pressure_pa or 0.0)
+    return PortShare(0) if shared else PortFlow(conditions.inlet_flow_ul_s)
+
+
+# Dunavant 1985 (doi 10.1002/nme.1620210612), degree 5 on the triangle; weights sum up to 1/2.
+_A, _B = (6.0 - np.sqrt(15.0)) / 21.0, (6.0 + np.sqrt(15.0)) / 21.0
+_POINTS: Final = np.array([[1 / 3, 1 / 3], *([[a, a], [1 - 2 * a, a], [a, 1 - 2 * a]][k]
+                                             for a in (_A, _B) for k in range(3))])  # fmt: skip
+_WEIGHTS: Final = np.array(
+    [9 / 80, *[(155 - np.sqrt(15.0)) / 2400] * 3, *[(155 + np.sqrt(15.0)) / 2400] * 3]
+)
+
+
+def port_velocity(mesh: LumenMesh, port: int, flow_ul_s: float, profile: Profile) -> FloatArray:
+    """Velocity at a port's nodes that brings ``flow_ul_s`` into the lumen; 0 elsewhere.
+
+    ``developed`` is the steady flow in a straight duct of the port's own shape, -Δw = 1 with
+    w = 0 at its rim, by the port's quadratic triangles; in a circle it is the parabola.
+    ``parabola`` is 1 - (r/R)² about the port's centre. Both are scaled so that the triangles'
+    own integral is the flow.
+
+    Returns
+    -------
+    (n + e, 3) float64, mm/s
+
+    Raises
+    ------
+    FlowError
+        When the port has no faces, or no node off the wall: the mesh is too coarse there.
+    """
+    faces, inner = _inner_nodes(mesh, port)
+    if profile == "developed":
+        shape = _duct(mesh.points, faces, inner)
+    else:
+        shape = np.zeros(len(mesh.points))
+        opening = mesh.ports[port]
+        radius = np.linalg.norm(mesh.points[inner] - opening.centre, axis=1)
+        shape[inner] = np.maximum(1.0 - (radius / opening.radius_mm) ** 2, 0.0)
+    jacobian, values, _ = _at_quadrature(mesh.points, faces)
+    through = float(np.einsum("q,fq,qi,fi->", _WEIGHTS, jacobian, values, shape[faces]))
+    speed = flow_ul_s / through * shape
+    return -speed[:, None] * mesh.ports[port].outward
+
+
+def _inner_nodes(mesh: LumenMesh, port: int) -> tuple[IntArray, IntArray]:
+    faces = mesh.faces[mesh.label == port + 1]
+    if len(faces) == 0:
+        raise FlowError(f"port {port} has no faces (label {port + 1}); mesh the lumen again")
+    inner = np.setdiff1d(faces, mesh.faces[mesh.label == WALL])
+    if len(inner) == 0:
+        raise FlowError(
+            f"port {port} has no node off the wall, so no flow can pass it; mesh it finer"
+        )
+    return faces, inner
+
+
+def _duct(points: FloatArray, faces: IntArray, inner: IntArray) -> FloatArray:
+    """Solution of -Δw = 1, w = 0 but at ``inner``, per node of ``points``."""
+    jacobian, values, gradient = _at_quadrature(points, faces)
+    local = np.einsum("q,fq,fqix,fqjx->fij", _WEIGHTS, jacobian, gradient, gradient)
+    load = np.einsum("q,fq,qi->fi", _WEIGHTS, jacobian, values)
+    slot = np.full(len(points), -1)
+    slot[inner] = np.arange(len(inner))
+    at = slot[faces]
+    row, column = np.repeat(at, 6, axis=1).ravel(), np.tile(at, 6).ravel()
+    both = (row >= 0) & (column >= 0)
+    size = (len(inner), len(inner))
+    matrix = csc_array(coo_array((local.ravel()[both], (row[both], column[both])), shape=size))
+    right = np.zeros(len(inner))
+    np.add.at(right, at[at >= 0], load[at >= 0])
+    velocity = np.zeros(len(points))
+    velocity[inner] = splu(matrix).solve(right)
+    return velocity
+
+
+def _at_quadrature(
+    points: FloatArray, faces: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Area elements (f, q), shape functions (q, 6), their gradients along the face (f, q, 6, 3)."""
+    values, slopes = _shapes(_POINTS)
+    tangent = np.einsum("qia,fix->fqax", slopes, points[faces])
+    metric = np.einsum("fqax,fqbx->fqab", tangent, tangent)
+    gradient = np.einsum("qia,fqab,fqbx->fqix", slopes, np.linalg.inv(metric), tangent)
+    return np.sqrt(np.linalg.det(metric)), values, gradient
+
+
+def _shapes(at: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Quadratic shape functions (q, 6) and slopes (q, 6, 2), in the order of a mesh's faces."""
+    s, t = at.T
+    r = 1.0 - s - t
+    values = [r * (2 * r - 1), s * (2 * s - 1), t * (2 * t - 1), 4 * r * s, 4 * s * t, 4 * t * r]
+    zero = np.zeros_like(s)
+    by_s = [1 - 4 * r, 4 * s - 1, zero, 4 * (r - s), 4 * t, -4 * t]
+    by_t = [1 - 4 * r, zero, 4 * t - 1, -4 * s, 4 * s, 4 * (r - t)]
+    return np.stack(values, 1), np.stack([np.stack(by_s, 1), np.stack(by_t, 1)], 2)
+
+
+# Read the result files of the MPI flow solver from a case folder.
+
+
+@dataclass(frozen=True)
+class RankResult:
+    """Result of a 3D flow solution on MPI ranks.
+
+    Attributes
+    ----------
+    velocity : (n + e, 3) float64, mm/s
+        At the mesh's nodes.
+    pressure : (n,) float64, Pa
+        At its corners.
+    port_flow : (k,) float64, µL/s
+        Out of each port.
+    port_pressure : (k,) float64, Pa
+        Its mean over each port.
+    report : dict
+        `ranks.json`: ranks, unknowns, solver, steps with residuals and iterations, seconds,
+        memory of each rank.
+    """
+
+    velocity: FloatArray
+    pressure: FloatArray
+    port_flow: FloatArray
+    port_pressure: FloatArray
+    report: dict[str, Any]
+
+
+def read_result(folder: Path) -> RankResult:
+    """Read what a run left in a case's folder.
+
+    Raises
+    ------
+    FlowError
+        Where there is no result, or one of another case.
+    """
+    try:
+        case = json.loads((folder / "case.json").read_text(encoding="utf-8"))
+        report = json.loads((folder / "ranks.json").read_text(encoding="utf-8"))
+        velocity, pressure = (np.load(folder / f"{x}.npy") for x in ("velocity", "pressure"))
+    except FileNotFoundError as exc:
+        raise FlowError(f"{exc.filename} isn't there: the case hasn't been solved; run it") from exc
+    if report["case"] != case["id"]:
+        raise FlowError(f"{folder}: the result is of another case; run it again")
+    return RankResult(
+        velocity,
+        pressure,
+        np.array([port["flow_out_ul_s"] for port in report["ports"]]),
+        np.array([port["pressure_pa"] for port in report["ports"]]),
+        report,
+    )

@@ -8,9 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.vessel.inertance import PARABOLIC, plug_inertance
-from design.hemodynamics.vessel.resistance import vessel_resistance
-from design.hemodynamics.vessel.womersley import womersley_number
+from design.hemodynamics.vessel_coefficients import (
+    PARABOLIC,
+    plug_inertance,
+    vessel_resistance,
+    womersley_number,
+)
 from design.hemodynamics.waveforms import Constant, Waveform
 from design.hemodynamics.zero_d.boundary import (
     boundary_nodes,

@@ -10,7 +10,7 @@ import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.conditions import Supply
-from design.hemodynamics.vessel.wall import RigidWall, Wall, require_above_zero
+from design.hemodynamics.vessel_coefficients import RigidWall, Wall, require_above_zero
 from design.hemodynamics.waveforms import Constant, Waveform
 from design.units import WATER_DENSITY
 

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import FlowError
-from design.hemodynamics.vessel.womersley import impedance_factor
-from design.hemodynamics.waveforms.waveform import common_period, harmonics_of
+from design.hemodynamics.vessel_coefficients import impedance_factor
+from design.hemodynamics.waveforms import common_period, harmonics_of
 from design.hemodynamics.zero_d.nodal.conductance import Structure
 from design.hemodynamics.zero_d.pulsatile.circuit import Circuit
 

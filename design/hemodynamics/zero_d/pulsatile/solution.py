@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from design.hemodynamics.waveforms.waveform import cycle_times
+from design.hemodynamics.waveforms import cycle_times
 from design.hemodynamics.zero_d.pulsatile.build import build_circuit
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
 from design.hemodynamics.zero_d.pulsatile.phasors import Phasors, solve_periodic

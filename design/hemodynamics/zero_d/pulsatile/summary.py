@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from design.hemodynamics.vessel.resistance import vessel_resistance
-from design.hemodynamics.vessel.womersley import impedance_factor, womersley_number
+from design.hemodynamics.vessel_coefficients import (
+    impedance_factor,
+    vessel_resistance,
+    womersley_number,
+)
 from design.hemodynamics.zero_d.boundary import boundary_nodes
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
 from design.hemodynamics.zero_d.pulsatile.solution import (

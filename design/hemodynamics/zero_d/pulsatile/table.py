@@ -7,9 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from design.hemodynamics.vessel.inertance import plug_inertance
-from design.hemodynamics.vessel.wall import wave_speed
-from design.hemodynamics.vessel.womersley import QUASI_STEADY, shear_factor, womersley_number
+from design.hemodynamics.vessel_coefficients import (
+    QUASI_STEADY,
+    plug_inertance,
+    shear_factor,
+    wave_speed,
+    womersley_number,
+)
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
 from design.hemodynamics.zero_d.pulsatile.solution import (
     SAMPLES,

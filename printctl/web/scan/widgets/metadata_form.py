@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable
 from nicegui import ui
 from pydantic import ValidationError
 
-from firmware_profiles.wrong_values import wording
+from firmware_profiles.errors import wording
 from printctl.web.scan.answers import ScanMetadataRequest
 
 Said = Callable[[ScanMetadataRequest], Awaitable[None]]

@@ -30,9 +30,8 @@ from typing import Final
 
 from firmware_profiles import Printer
 from sim.errors import GcodeError
-from sim.gcode.reading.named_commands import NOTHING, NamedCommand
-from sim.gcode.reading.outputs import output_of
-from sim.gcode.reading.translated import TranslatedProgram
+from sim.gcode.reading.line import NOTHING, NamedCommand, TranslatedProgram
+from sim.gcode.reading.words import output_of
 
 _NUMBER: Final = rb"[-+]?(?:\d+\.?\d*|\.\d+)"
 _DWELL: Final = re.compile(rb"(?:G0?4\s+P|DWELL\s+)(" + _NUMBER + rb")", re.IGNORECASE)

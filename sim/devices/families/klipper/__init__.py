@@ -1,4 +1,4 @@
 """Simulated Klipper firmware: commands, unverified line numbers, coordinate offsets.
 
-Goes in: bytes of a host. Comes out: Klipper's replies. Begin with `firmware.py`.
+Goes in: bytes of a host. Comes out: Klipper's replies. Begin with `printer.py`.
 """

@@ -1,4 +1,4 @@
-"""Marlin's line numbers, checksums and resend requests."""
+"""Marlin's line numbers, checksums and resend requests; emergency codes that bypass the queue."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import re
 from typing import Final
 
 from sim.devices.board.controller import Controller
-from sim.devices.board.lines import RefusedLine
+from sim.devices.board.waits import Steps, Task, WaitStandstill
+from sim.devices.board.wire import RefusedLine
 from sim.gcode.program.gcode import checksum
 
 _INTEGER: Final = re.compile(rb"\s*([+-]?\d+)")
-
 LINE_NUMBER: Final = b"Line Number is not Last Line Number+1"
 CHECKSUM: Final = b"checksum mismatch"
 NO_CHECKSUM: Final = b"No Checksum with line number"
@@ -67,3 +67,41 @@ def request_resend(board: Controller) -> None:
     board.wire.flush()
     board.machine.say(f"Resend: {board.lines.last_number + 1}")
     board.machine.say("ok")
+
+
+# Marlin's emergency codes, which bypass the queue: M108, M112 and M410.
+#
+# With EMERGENCY_PARSER they act as their bytes arrive, wherever they stand in the line of commands;
+# without, as their line enters the queue.
+
+EMERGENCY: Final = re.compile(rb" *(?:N[0-9 -]*)?M *(108|112|410)")
+"""Begin of a line that the emergency parser acts on."""
+QUICKSTOP_S: Final = 1.024
+"""For so long after a quickstop the planner takes no moves: 1000 ticks at 976.6 Hz."""
+_NAMES: Final = (b"M112", b"M410", b"M108")
+
+
+def code_on_entering(line: bytes) -> bytes | None:
+    """The code of a line that acts as it enters the queue, where there is no emergency parser."""
+    return line[1:4] if line[:4] in _NAMES else None
+
+
+def act_urgently(board: Controller, code: bytes) -> Steps:
+    """Kill (M112), end a wait (M108), or drop all moves (M410)."""
+    machine = board.machine
+    if code == b"112":
+        board.kill("M112 Shutdown")
+    elif code == b"108":
+        machine.waits_for_user = False
+        machine.heat.awaited = False
+    else:
+        return quickstop(board)
+    return None
+
+
+def quickstop(board: Controller) -> Task:
+    """Drop all moves at once; for a second the planner takes no others."""
+    machine = board.machine
+    machine.stop()
+    machine.motion.closed_until = machine.now + QUICKSTOP_S
+    yield WaitStandstill()

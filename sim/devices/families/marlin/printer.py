@@ -7,8 +7,7 @@ any board has (`sim.devices.board.printer`):
   mid-line, repeated lines dropped without an answer;
 - busy messages, reports of temperature and position, dwells, waits for heat and for the user,
   cold extrusion, M85, M112, M410, M108 with and without emergency parser, ADVANCED_OK, stored
-  settings, reset, and kill: silence until a reset, and motors that run on for a while
-  (`sim.devices.families.marlin.halt`).
+  settings, reset, and kill: silence until a reset, and motors that run on for a while.
 
 Not modelled: tuning of the heaters (M303), the EEPROM's image (stored settings outlast a reset,
 their CRC is always the same).
@@ -16,10 +15,36 @@ their CRC is always the same).
 
 from __future__ import annotations
 
-from typing import Final
+import re
+from collections.abc import Callable
+from typing import ClassVar, Final
 
+import numpy as np
+
+from sim.devices.board.controller import Controller, Handlers
+from sim.devices.board.heaters import HeatFault
+from sim.devices.board.machine import Machine, MotorRunOn
 from sim.devices.board.printer import SimulatedPrinter
-from sim.devices.families.marlin.firmware import Marlin
+from sim.devices.board.runner import move
+from sim.devices.board.waits import Steps, Task, Wait, WaitFreeSlot, WaitStandstill
+from sim.devices.board.wire import Numbering
+from sim.devices.families.marlin.commands import HANDLERS, m420
+from sim.devices.families.marlin.fast_path import take_plain_moves
+from sim.devices.families.marlin.numbering import (
+    EMERGENCY,
+    MarlinNumbering,
+    act_urgently,
+    code_on_entering,
+    request_resend,
+)
+from sim.devices.families.marlin.report_commands import (
+    BANNER,
+    ok_words,
+    planned_position,
+    temperatures,
+)
+from sim.gcode.program.gcode import Command
+from sim.gcode.program.modal import interpret
 
 
 class MarlinPrinter(SimulatedPrinter):
@@ -31,3 +56,245 @@ class MarlinPrinter(SimulatedPrinter):
 
 
 PRINTER: Final = MarlinPrinter
+
+
+# Class that plugs Marlin into the simulated board: messages, command dispatch, kill.
+
+_HEAT_WORDS = {
+    HeatFault.SENSOR: ("MINTEMP triggered", "Err: MINTEMP"),
+    HeatFault.RUNAWAY: ("Thermal Runaway", "THERMAL RUNAWAY"),
+}
+
+
+class Marlin:
+    """See the module and `sim.devices.board.firmware.Firmware`.
+
+    Parameters
+    ----------
+    board : Controller
+        The one that it runs on.
+
+    Attributes
+    ----------
+    handlers : mapping of str to function
+        Commands that it knows.
+    offsets_by : str
+        The command that tells offsets of heads.
+    """
+
+    handlers: ClassVar[Handlers] = HANDLERS
+    offsets_by: ClassVar[str] = "M218"
+    banner: ClassVar[tuple[str, ...]] = BANNER
+    too_cold_words: ClassVar[str] = "echo: cold extrusion prevented"
+    too_long_words: ClassVar[str] = "echo: too long extrusion prevented"
+    bad_arc_words: ClassVar[str] = "Error:G2/G3 bad parameters"
+
+    def __init__(self, board: Controller) -> None:
+        self.board = board
+
+    # -- lines
+
+    def urgent_pattern(self) -> re.Pattern[bytes] | None:
+        """The emergency parser's, where the profile says that there is one."""
+        return EMERGENCY if self.board.machine.printer.emergency_parser else None
+
+    def numbering(self) -> Numbering:
+        """Numbers with checksums."""
+        return MarlinNumbering()
+
+    def look_at(self, ring: bytearray) -> None:
+        """Do nothing: a line is read when it is whole."""
+
+    def refuse(self, reason: bytes) -> None:
+        """Tell why, and ask for the line again."""
+        last = self.board.lines.last_number
+        self.board.machine.say(f"Error:{reason.decode()}, Last Line: {last}")
+        request_resend(self.board)
+
+    def urgent_code(self, line: bytes) -> bytes | None:
+        """M112, M410 and M108 act when they enter the queue, but for an emergency parser."""
+        return None if self.board.machine.printer.emergency_parser else code_on_entering(line)
+
+    def act_urgently(self, code: bytes) -> Steps:
+        """Kill, end a wait or stop."""
+        return act_urgently(self.board, code)
+
+    # -- commands
+
+    def take_at_once(self, data: bytes, alarm: Callable[[], float]) -> bytes:
+        """Take the plain next lines of a print."""
+        return take_plain_moves(self.board, data, alarm)
+
+    def start(self, command: Command) -> Steps:
+        """Begin a command; one that isn't known is told."""
+        printer = self.board.machine.printer
+        if command.letter == "G" and command.number <= 3:
+            return move(self.board)
+        if command.letter == "T":
+            return self.take_tool(command)
+        name = f"{command.letter}{command.number}"
+        if name in self.handlers:
+            return self.handlers[name](self.board, command)
+        if name == "M420" and self.board.machine.board.bed_slope:
+            return m420(self.board, command)
+        if name == self.offsets_by and printer.head_count > 1:
+            m218(self.board, command)
+        elif name not in printer.extra_commands:
+            self.say_unknown(command)
+        return None
+
+    def take_tool(self, command: Command) -> Steps:
+        """T: another head."""
+        return take_tool(self.board, command)
+
+    def say_unknown(self, command: Command) -> None:
+        """There is no such command."""
+        self.board.machine.say(b'echo:Unknown command: "' + command.text + b'"')
+
+    def echo(self, line: bytes) -> None:
+        """Say the line that begins, after M111 S1."""
+        if self.board.machine.debug & 1:
+            self.board.machine.say("echo:" + line.decode("latin-1"), b"\r\n")
+
+    def ok_words(self) -> str:
+        """With ADVANCED_OK numbers and places."""
+        return ok_words(self.board)
+
+    # -- said by the clock
+
+    def say_busy(self, wait: Wait) -> None:
+        """The keepalive."""
+        self.board.machine.say(f"echo:busy: {'paused for user' if wait.for_user else 'processing'}")
+
+    def report_temperatures(self) -> None:
+        """As M155 asked for."""
+        self.board.machine.say(temperatures(self.board.machine))
+
+    def report_position(self) -> None:
+        """As M154 asked for."""
+        self.board.machine.say(planned_position(self.board))
+
+    # -- ends
+
+    def power_up(self) -> None:
+        """Begin with the board's own values."""
+
+    def idle_is_over(self) -> None:
+        """Kill itself (M85)."""
+        self.board.machine.say(
+            "Error:!! KILL caused by too much inactive time - current command: "
+            + self.board.work.line.decode("latin-1")
+        )
+        self.board.kill("KILLED.")
+
+    def fail_heat(self, fault: HeatFault) -> None:
+        """Tell a heater's fault, and kill itself."""
+        error, reason = _HEAT_WORDS[fault]
+        self.board.machine.say(f"Error:{error}, system stopped! Heater_ID: E0")
+        self.board.kill(reason)
+
+    def say_halted(self, reason: str) -> None:
+        """It stops for good."""
+        self.board.machine.say(f"echo:{reason}")
+        self.board.machine.say("Error:Printer halted. kill() called!")
+        self.board.machine.say("//action:poweroff")
+
+    def run_on(self) -> Callable[[Machine], MotorRunOn] | None:
+        """For as long as it waits for its words to get out."""
+        return WaitForWords
+
+    def answer_unserved(self, waiting: list[bytes]) -> None:
+        """Do nothing: what waited is lost."""
+
+    def hear_dead(self) -> None:
+        """Take what comes after a halt: nothing is heard."""
+        self.board.wire.flush()
+
+
+# Marlin's kill: 0.6 s delay for its message, motors running on.
+#
+# The wait is counted in the main thread's own time, and the step interrupts are still on: what the
+# planner holds is made meanwhile, and each step event makes the wait longer. Measured on
+# bugfix-2.1.x of 2024-10-11 on an ATmega2560 (simavr, 2026-11-22), from M112's last byte to the
+# last step: 0.638 s at 566 step events/s, 0.715 s at 2825, 0.843 s at 5634, 1.27 s at 10,680; with
+# and without emergency parser alike. That is 0.613 s and 47.5 µs for each event. Then interrupts go
+# off.
+
+RUN_ON_S: Final = 0.613
+"""From the firmware's last word to the halt, with no motor running."""
+RUN_ON_EVENT_S: Final = 47.5e-6
+"""More for each step event within it."""
+
+
+class WaitForWords:
+    """The time between a kill's words and the halt.
+
+    Parameters
+    ----------
+    machine : Machine
+    """
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
+        self._begin_s, self._before = machine.now, machine.motion.events(machine.now)
+
+    def ends_s(self) -> float:
+        """When the motors stop, s, by the events up to now; later ones put it off."""
+        done = self._machine.motion.events(self._machine.now) - self._before
+        return self._begin_s + RUN_ON_S + RUN_ON_EVENT_S * done
+
+
+# Marlin 2.1's head change (``tool_change``), with head offsets (M218).
+#
+# The motors stand first. The place gets another name, by the difference of the two heads' offsets;
+# where all axes are homed and S1 wasn't said, the carriage then goes so that the new tip is where
+# the old one was. E goes on counting where it is, and moves the new head's plunger. The reply names
+# the head in use, whether it is another or not. Not modelled: the small lift and the parking that a
+# build may do besides, on a homed machine without S1.
+
+_BACK_MM_S: Final = 300.0
+
+
+def take_tool(board: Controller, command: Command) -> Task:
+    """T: another head, the same again, or none such."""
+    machine, number = board.machine, command.number
+    count = machine.printer.head_count
+    if count == 1:  # the recorded build takes any number in silence, and goes on with its one
+        return
+    yield WaitStandstill()
+    if not 0 <= number < count:
+        machine.say(f"echo:T{number} Invalid extruder")
+        return
+    begin = machine.motion.modal["position"][0].copy()
+    shift = machine.motion.tool_offset[number] - machine.motion.tool_offset[machine.motion.tool]
+    interpret(machine.motion.modal[0], board.words[0])
+    machine.use_head(number)
+    _rename(machine, begin[:3] + shift)
+    if shift.any() and all(machine.homed) and command.values.get("S", 0.0) == 0:
+        yield WaitFreeSlot()
+        machine.motion.modal["position"] = begin
+        machine.move_to(begin, _BACK_MM_S, -1)
+        yield WaitStandstill()
+    machine.say(f"echo:Active Extruder: {number}")
+
+
+def _rename(machine: Machine, place_mm: np.ndarray[tuple[int], np.dtype[np.float64]]) -> None:
+    if (machine.motion.modal["position"][0, :3] != place_mm).any():
+        for axis in range(3):
+            machine.motion.stand_at(axis, float(place_mm[axis]))
+
+
+def m218(board: Controller, command: Command) -> None:
+    """Offset of a head's tip from the first one's (a Duet's: G10 P); without words, tell them."""
+    machine = board.machine
+    number = int(command.values.get("P" if command.letter == "G" else "T", machine.motion.tool))
+    if not 0 <= number < machine.printer.head_count:
+        machine.say(f"echo:M218 Invalid extruder {number}")
+        return
+    for axis, name in enumerate("XYZ"):
+        if name in command.values:
+            machine.motion.tool_offset[number, axis] = command.values[name]
+    if not command.values:
+        for one in range(1, machine.printer.head_count):
+            x, y, z = machine.motion.tool_offset[one]
+            machine.say(f"  M218 T{one} X{x:.2f} Y{y:.2f} Z{z:.3f}")

@@ -1,4 +1,4 @@
 """Simulated RepRapFirmware: commands and replies, two checksum types.
 
-Goes in: bytes of a host. Comes out: RepRapFirmware's replies. Begin with `firmware.py`.
+Goes in: bytes of a host. Comes out: RepRapFirmware's replies. Begin with `printer.py`.
 """

@@ -1,11 +1,22 @@
-"""Simulated Duet with RepRapFirmware, modelled in `reprapfirmware.firmware`."""
+"""Simulated Duet with RepRapFirmware: Marlin's board part with its own commands and replies."""
 
 from __future__ import annotations
 
-from typing import Final
+import re
+from collections.abc import Callable
+from typing import Any, ClassVar, Final
 
+from sim.devices.board.controller import Controller, Handlers
+from sim.devices.board.machine import Machine, MotorRunOn
+from sim.devices.board.motion import PlacedAxes
 from sim.devices.board.printer import SimulatedPrinter
-from sim.devices.families.reprapfirmware.firmware import RepRapFirmware
+from sim.devices.board.runner import set_position, take_tool_in_silence
+from sim.devices.board.waits import Steps
+from sim.devices.board.wire import Numbering
+from sim.devices.families.marlin.commands import HANDLERS
+from sim.devices.families.marlin.printer import Marlin
+from sim.devices.families.marlin.settings import set_flow_percent, set_speed_percent
+from sim.gcode.program.gcode import Command, checksum
 
 
 class DuetPrinter(SimulatedPrinter):
@@ -17,3 +28,213 @@ class DuetPrinter(SimulatedPrinter):
 
 
 PRINTER: Final = DuetPrinter
+
+
+# RepRapFirmware's part of a simulated board: Marlin's, with its own commands and replies.
+#
+# Modelled, after its source (`StringParser.cpp`, 3.x): a line with N and a checksum of one to three
+# digits (XOR) or five (CRC-16) is checked; a bad one is dropped without a word; numbers aren't
+# compared, so a line sent twice is done twice; N without a checksum and lines without N are done as
+# they are. No ``Resend``, no busy messages, no M113, M211; M85 is taken and does nothing. Axes are
+# moved only once they are homed or G92 has said where they are. Wordings of M92, M114, M115, M201,
+# M203, M208, of unknown commands, of cold extrusion and of the emergency stop.
+#
+# It takes Marlin's codes by design, so this twin is Marlin's firmware part with other words and
+# commands: what isn't listed here is done and said as Marlin does.
+#
+# Not modelled: its motion (Marlin's planner runs here), its macros, object model and expressions,
+# tools beyond T P0 and G10 P with offsets, its larger buffers but for what the profile says. After
+# the emergency stop a real one still answers; this one is silent.
+
+_MISSING: Final = ("M31", "M75", "M76", "M77", "M113", "M154", "M155", "M211", "M503")
+
+
+def _m92(board: Controller, command: Command) -> None:
+    if command.values:
+        HANDLERS["M92"](board, command)
+        return
+    x, y, z, e = (float(value) for value in board.machine.motion.state["steps_per_mm"])
+    board.machine.say(f"Steps/mm: X: {x:.3f}, Y: {y:.3f}, Z: {z:.3f}, E: {e:.3f}")
+
+
+def _where(board: Controller) -> str:
+    machine = board.machine
+    at, shift = machine.motion.modal["position"][0], machine.motion.modal["shift"][0]
+    x, y, z = (float(at[k] + shift[k]) + 0.0 for k in range(3))
+    return f"X:{x:.3f} Y:{y:.3f} Z:{z:.3f} E:{float(at[3]) + 0.0:.3f}"
+
+
+def _m114(board: Controller, command: Command) -> None:
+    counts = " ".join(map(str, board.machine.steps_now()[:3]))
+    place = " ".join(f"{float(v) + 0.0:.3f}" for v in board.machine.motion.modal["position"][0, :3])
+    board.machine.say(f"{_where(board)} E0:0.0 Count {counts} Machine {place} Bed comp 0.000")
+
+
+def _m669(board: Controller, command: Command) -> None:
+    board.machine.say("Kinematics is Cartesian, no segmentation")
+
+
+def _m115(board: Controller, command: Command) -> None:
+    board.machine.say(
+        "FIRMWARE_NAME: RepRapFirmware for Duet 3 MB6HC FIRMWARE_VERSION: 3.6.0 "
+        "ELECTRONICS: Duet 3 MB6HC v1.02 or later FIRMWARE_DATE: 2025-04-01"
+    )
+
+
+def _listed(values: Any, factor: float = 1.0) -> str:
+    return ", ".join(
+        f"{axis}: {float(v) * factor:.1f}" for axis, v in zip("XYZE", values, strict=True)
+    )
+
+
+def _m201(board: Controller, command: Command) -> None:
+    if command.values:
+        HANDLERS["M201"](board, command)
+        return
+    board.machine.say(
+        f"Accelerations (mm/sec^2): {_listed(board.machine.motion.state['max_acceleration'])}"
+    )
+
+
+def _m203(board: Controller, command: Command) -> None:
+    """In mm/min, where Marlin's is in mm/s."""
+    if not command.values:
+        speeds = _listed(board.machine.motion.state["max_speed"], 60.0)
+        board.machine.say(f"Max speeds (mm/min): {speeds}, min. speed 30.00")
+
+
+def _m208(board: Controller, command: Command) -> None:
+    modal = board.machine.motion.modal
+    spans = zip("XYZ", modal["low"][0], modal["high"][0], strict=True)
+    words = ", ".join(f"{axis}{float(low):.1f}:{float(high):.1f}" for axis, low, high in spans)
+    board.machine.say(f"Axis limits (mm)s {words}")
+
+
+def _g92(board: Controller, command: Command) -> None:
+    """Where Marlin reports the position too."""
+    set_position(board)
+
+
+class RepRapFirmware(Marlin):
+    """See the module."""
+
+    handlers: ClassVar[Handlers] = {
+        **{name: handler for name, handler in HANDLERS.items() if name not in _MISSING},
+        "G20": HANDLERS["G21"],
+        "G92": _g92,
+        "M85": HANDLERS["M107"],  # known, does nothing
+        "M92": _m92,
+        "M201": _m201,
+        "M203": _m203,
+        "M208": _m208,
+        "M114": _m114,
+        "M669": _m669,
+        "M115": _m115,
+        "M220": set_speed_percent,
+        "M221": set_flow_percent,
+    }
+    too_cold_words: ClassVar[str] = (
+        "Warning: Tool 0 was not driven because its heater temperatures were not high enough"
+    )
+    banner: ClassVar[tuple[str, ...]] = ()
+    offsets_by: ClassVar[str] = "G10"
+
+    def __init__(self, board: Controller) -> None:
+        super().__init__(board)
+        self._axes = PlacedAxes()
+
+    def numbering(self) -> Numbering:
+        """Checksums of two kinds; numbers aren't compared."""
+        return DuetNumbering()
+
+    def power_up(self) -> None:
+        """Say nothing of being busy; no axis has a place."""
+        self.board.machine.reports.keepalive_s = 0.0
+        self._axes.forget()
+
+    def take_at_once(self, data: bytes, alarm: Callable[[], float]) -> bytes:
+        """Take nothing: each line goes through the main loop."""
+        return data
+
+    def start(self, command: Command) -> Steps:
+        """Begin a command; a move of an axis without a place is an error."""
+        if self._axes.refuse(command):
+            self.board.machine.say("Error: G0/G1: insufficient axes homed")
+            return None
+        if command.name == "G28":
+            self._axes.home(command)
+        elif command.name == "G92":
+            self._axes.place(command)
+        return super().start(command)
+
+    def take_tool(self, command: Command) -> Steps:
+        """T: none with that number deselects all, and is no head here; T alone tells."""
+        machine, count = self.board.machine, self.board.machine.printer.head_count
+        if count == 1:
+            return None
+        if 0 <= command.number < count:
+            return take_tool_in_silence(self.board, command.number)
+        if command.number < 0:
+            machine.say(f"Tool {machine.motion.tool} is selected")
+        else:
+            machine.say(f"Error: Tool {command.number} not found")
+        return None
+
+    def say_unknown(self, command: Command) -> None:
+        """There is no such command."""
+        self.board.machine.say(f"Warning: {command.name}: Command is not supported")
+
+    def run_on(self) -> Callable[[Machine], MotorRunOn] | None:
+        """Motors stop at once."""
+        return None
+
+    def say_halted(self, reason: str) -> None:
+        """It stops for good."""
+        self.board.machine.say("Emergency Stop! Reset the controller to continue.")
+
+
+# RepRapFirmware's two checksum types; line numbers aren't compared.
+
+_NUMBER: Final = re.compile(rb"N(\d+)")
+_DIGITS: Final = re.compile(rb"\d*")
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16, polynomial 0x1021, start 0, most significant bit first."""
+    crc = 0
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = (crc << 1 ^ (0x1021 if crc & 0x8000 else 0)) & 0xFFFF
+    return crc
+
+
+class DuetNumbering:
+    """RepRapFirmware's line numbering: accepts what isn't provably wrong.
+
+    Attributes
+    ----------
+    last_number : int
+        Of the last line with a checksum.
+    """
+
+    def __init__(self) -> None:
+        self.last_number = 0
+
+    def accept(self, line: bytes) -> bytes | None:
+        """The command to queue, or None for a line that is dropped."""
+        number = _NUMBER.match(line)
+        body, star, given = line.partition(b"*")
+        if number is None or not star:
+            return line
+        match = _DIGITS.match(given)
+        digits = match[0] if match else b""
+        wanted = {1: checksum, 2: checksum, 3: checksum, 5: crc16}.get(len(digits))
+        if wanted is None or wanted(body) != int(digits):
+            return None
+        self.last_number = int(number[1])
+        return body
+
+    def clear(self) -> None:
+        """Forget the numbers, as a reset does."""
+        self.last_number = 0

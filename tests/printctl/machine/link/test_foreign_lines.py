@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from firmware_profiles.families.link_protocol import StrayOk, Synchronised
-from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.link_protocol import StrayOk, Synchronised, Timing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
 from firmware_profiles.families.pairing import Pairing

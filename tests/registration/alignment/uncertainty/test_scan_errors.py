@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from design.geometry.surface import Surface
-from registration.alignment import uncertainty
-from registration.alignment.uncertainty import ScanErrors, at_either_end, rectangular
+from registration.alignment.uncertainty import ScanErrors, at_either_end, rectangular, scan_errors
 from registration.assemble import stated_um
 from registration.notes import step_notes
 from registration.scan import Scan
@@ -30,7 +29,7 @@ def shared(dark: float, depth_standard: bool = False) -> ScanErrors:
     none, faces = np.zeros((0, 3)), np.zeros((0, 3), np.int32)
     strength = Strength(values, 0.01, values.astype(np.float16), dark)
     seen = np.zeros(0, np.bool_)
-    return uncertainty(scan, Segmentation(field, Surface(none, faces), none, seen, 5.0, strength))
+    return scan_errors(scan, Segmentation(field, Surface(none, faces), none, seen, 5.0, strength))
 
 
 def test_the_level_is_less_sure_the_brighter_the_liquid():

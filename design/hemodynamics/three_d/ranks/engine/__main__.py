@@ -14,8 +14,8 @@ from pathlib import Path  # noqa: E402
 import numpy as np  # noqa: E402
 from petsc4py import PETSc  # noqa: E402
 
+from .problem import WORLD  # noqa: E402
 from .solve import solve_case  # noqa: E402
-from .world import WORLD  # noqa: E402
 
 if __name__ == "__main__":
     logging.disable(logging.INFO)  # of the compiler, every rank's

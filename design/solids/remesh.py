@@ -1,0 +1,555 @@
+"""Remesh surfaces with even, nearly equilateral triangles.
+
+Goes in: a closed surface and wanted edge lengths. Comes out: the same surface of even triangles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+from typing import Protocol
+
+import numpy as np
+
+from design.errors import SolidError
+from design.geometry.surface import Surface
+from design.solids.topology import pair_half_edges
+from kernels import jit
+from kernels.arrays import FloatArray, IntArray
+
+# Remesh a closed surface with even triangles of a locally prescribed size.
+
+_SPLITS = 30
+"""Passes of splitting at most in one round."""
+
+
+@dataclass(frozen=True)
+class LabelledSurface(Surface):
+    """A closed triangle surface whose faces are told apart.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float64, mm
+    faces : (f, 3) int64
+        Outward by the right hand.
+    label : (f,) int64
+        Faces of one label make a smooth patch; patches meet in rims, which remeshing keeps.
+    """
+
+    faces: IntArray
+    label: IntArray
+
+
+class Shape(Protocol):
+    """What a surface is to follow."""
+
+    def size(self, points: FloatArray) -> FloatArray:
+        """Wanted edge length at each point, (n,), mm."""
+        ...
+
+    def onto(self, points: FloatArray, patch: IntArray) -> FloatArray:
+        """Points (n, 3) moved onto the shape.
+
+        ``patch`` (n,) is the label of the patch that a point lies in; -1 - label on a rim, with
+        the larger of the labels that meet there.
+        """
+        ...
+
+
+def remesh(
+    surface: LabelledSurface, shape: Shape, rounds: int = 10, growth: float = 0.4
+) -> LabelledSurface:
+    """Remake a surface of nearly equilateral triangles that follow ``shape``.
+
+    Parameters
+    ----------
+    surface : LabelledSurface
+        Near enough to the shape for `Shape.onto` to find its way, and joined up like it.
+    shape : Shape
+    rounds : int
+        Of splitting, drawing in, turning and relaxing.
+    growth : float
+        Of the wanted edge length, per mm along the surface at most.
+
+    Returns
+    -------
+    LabelledSurface
+        Of the same number of handles and the same rims.
+
+    Raises
+    ------
+    SolidError
+        When the surface isn't closed, or a wanted length isn't above 0.
+    """
+    for _ in range(rounds):
+        surface = _turned(_drawn_in(_split(surface, shape, growth), shape, growth))
+        surface = _relaxed(surface, shape)
+    return surface
+
+
+def patches(surface: LabelledSurface) -> IntArray:
+    """The patch of each vertex, as `Shape.onto` takes it, (n,)."""
+    low = np.full(len(surface.vertices), np.iinfo(np.int64).max)
+    high = np.full(len(surface.vertices), -1)
+    for corner in surface.faces.T:
+        np.minimum.at(low, corner, surface.label)
+        np.maximum.at(high, corner, surface.label)
+    return np.where(low == high, low, -1 - high)
+
+
+def _wanted(surface: LabelledSurface, shape: Shape, growth: float) -> FloatArray:
+    wanted = np.ascontiguousarray(shape.size(surface.vertices), dtype=np.float64)
+    if not (np.isfinite(wanted).all() and (wanted > 0.0).all()):
+        bad = int(np.flatnonzero(~(np.isfinite(wanted) & (wanted > 0.0)))[0])
+        x, y, z = surface.vertices[bad]
+        raise SolidError(
+            f"the wanted edge length at {x:.4g}, {y:.4g}, {z:.4g} mm is {wanted[bad]:g} mm; the "
+            "surface must lie near its shape, and lengths be above 0"
+        )
+    level(surface.vertices, surface.faces, wanted, growth)
+    return wanted
+
+
+def _split(surface: LabelledSurface, shape: Shape, growth: float) -> LabelledSurface:
+    for _ in range(_SPLITS):
+        n, f = len(surface.vertices), len(surface.faces)
+        wanted = _wanted(surface, shape, growth)
+        # For each edge once; halves that are still too long come in the next pass.
+        points, room = np.zeros((n + 3 * f // 2, 3)), f + 3 * f
+        faces, label = np.zeros((room, 3), np.int64), np.zeros(room, np.int64)
+        twin, sizes = np.zeros(3 * room, np.int64), np.zeros(len(points))
+        points[:n], sizes[:n], faces[:f] = surface.vertices, wanted, surface.faces
+        label[:f], twin[: 3 * f] = surface.label, twins_of(surface.faces)
+        n2, f2 = split_long(points, sizes, faces, label, twin, n, f)
+        surface = LabelledSurface(points[:n2].copy(), faces[:f2].copy(), label[:f2].copy())
+        if f2 == f:
+            break
+    return surface
+
+
+def _drawn_in(surface: LabelledSurface, shape: Shape, growth: float) -> LabelledSurface:
+    faces, count = surface.faces.copy(), len(surface.vertices)
+    twin, out = twins_of(faces), leaving(faces, count)
+    rim, dead = np.zeros(count, np.int64), np.zeros(len(faces), np.int64)
+    rims(faces, twin, surface.label, rim)
+    wanted = _wanted(surface, shape, growth)
+    draw_in_short(surface.vertices, wanted, faces, surface.label, twin, out, rim, dead)
+    return _packed(surface.vertices, faces[dead == 0], surface.label[dead == 0])
+
+
+def _packed(points: FloatArray, faces: IntArray, label: IntArray) -> LabelledSurface:
+    used, place = np.unique(faces, return_inverse=True)
+    return LabelledSurface(points[used], place.reshape(-1, 3).astype(np.int64), label)
+
+
+def _turned(surface: LabelledSurface) -> LabelledSurface:
+    faces = surface.faces.copy()
+    twin, out = twins_of(faces), leaving(faces, len(surface.vertices))
+    for _ in range(3):
+        if turn(surface.vertices, faces, surface.label, twin, out) == 0:
+            break
+    return LabelledSurface(surface.vertices, faces, surface.label)
+
+
+def _relaxed(surface: LabelledSurface, shape: Shape) -> LabelledSurface:
+    count = len(surface.vertices)
+    twin, out = twins_of(surface.faces), leaving(surface.faces, count)
+    rim, moved = np.zeros(count, np.int64), np.empty((count, 3))
+    rims(surface.faces, twin, surface.label, rim)
+    relax(surface.vertices, surface.faces, surface.label, twin, out, rim, moved)
+    points = shape.onto(moved, patches(surface))
+    return LabelledSurface(np.ascontiguousarray(points), surface.faces, surface.label)
+
+
+# Remesh steps on a triangle surface: split, collapse or flip edges, relax vertices.
+#
+# The scheme of Botsch & Kobbelt 2004 ("A remeshing approach to multiresolution modeling"), with a
+# wanted length at every vertex, and with rims between labels that stay.
+
+LONG = 4.0 / 3.0
+"""Of the wanted length: a longer edge is split."""
+SHORT = 4.0 / 5.0
+"""Of the wanted length: a shorter edge is drawn in."""
+_TURN = 0.5
+"""Least cosine of the angle by which a triangle may turn."""
+_POOR = 0.05
+"""Quality below which a triangle may only get better."""
+_GAIN = 1e-3
+"""By which the worse of two triangles must gain for their edge to be turned."""
+
+
+@jit
+def _length(points: FloatArray, a: int, b: int) -> float:
+    dx, dy, dz = (
+        points[a, 0] - points[b, 0],
+        points[a, 1] - points[b, 1],
+        points[a, 2] - points[b, 2],
+    )
+    return sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@jit
+def normal(points: FloatArray, a: int, b: int, c: int) -> tuple[float, float, float]:
+    """Outward, twice the triangle's area long."""
+    ux, vx = points[b, 0] - points[a, 0], points[c, 0] - points[a, 0]
+    uy, vy = points[b, 1] - points[a, 1], points[c, 1] - points[a, 1]
+    uz, vz = points[b, 2] - points[a, 2], points[c, 2] - points[a, 2]
+    return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+
+
+@jit
+def quality(points: FloatArray, a: int, b: int, c: int) -> float:
+    """Area over what an equilateral triangle with the same squared edges has: 1 at best."""
+    x, y, z = normal(points, a, b, c)
+    edges = _length(points, a, b) ** 2 + _length(points, b, c) ** 2 + _length(points, c, a) ** 2
+    return 2.0 * sqrt(3.0) * sqrt(x * x + y * y + z * z) / max(edges, 1e-300)
+
+
+@jit
+def rims(faces: IntArray, twin: IntArray, label: IntArray, rim: IntArray) -> None:
+    """Count into ``rim`` the edges between two labels at each vertex."""
+    rim[:] = 0
+    for h in range(3 * len(faces)):
+        if label[h // 3] != label[twin[h] // 3]:
+            rim[origin(faces, h)] += 1
+
+
+@jit
+def split_long(
+    points: FloatArray,
+    wanted: FloatArray,
+    faces: IntArray,
+    label: IntArray,
+    twin: IntArray,
+    vertices: int,
+    triangles: int,
+) -> tuple[int, int]:
+    """Split edges that are too long while the arrays have room. New counts."""
+    for h in range(3 * triangles):
+        if vertices == len(points) or triangles + 2 > len(faces):
+            break
+        if twin[h] < h:
+            continue
+        a, b, c, d = origin(faces, h), tip(faces, h), apex(faces, h), apex(faces, twin[h])
+        length = _length(points, a, b)
+        if length <= LONG * 0.5 * (wanted[a] + wanted[b]):
+            continue
+        # The longest of its triangles alone (Rivara): others leave needles.
+        others = max(_length(points, b, c), _length(points, c, a))
+        others = max(others, _length(points, a, d), _length(points, d, b))
+        if length < others * (1.0 - 1e-9):
+            continue
+        label[triangles], label[triangles + 1] = label[h // 3], label[twin[h] // 3]
+        for k in range(3):
+            points[vertices, k] = 0.5 * (points[a, k] + points[b, k])
+        wanted[vertices] = 0.5 * (wanted[a] + wanted[b])
+        split_edge(faces, twin, h, vertices, triangles)
+        vertices += 1
+        triangles += 2
+    return vertices, triangles
+
+
+@jit
+def _keeps_form(
+    points: FloatArray, wanted: FloatArray, faces: IntArray, twin: IntArray, out: IntArray, h: int
+) -> bool:
+    """Whether drawing in a half-edge turns no triangle far, nor makes an edge too long."""
+    a, b = origin(faces, h), tip(faces, h)
+    g = out[a]
+    while True:
+        p, q = tip(faces, g), apex(faces, g)
+        if p != b and q != b:
+            x, y, z = normal(points, a, p, q)
+            u, v, w = normal(points, b, p, q)
+            size = sqrt((x * x + y * y + z * z) * (u * u + v * v + w * w))
+            if x * u + y * v + z * w < _TURN * size or size == 0.0:
+                return False
+            if quality(points, b, p, q) < min(_POOR, quality(points, a, p, q)):
+                return False
+            if _length(points, b, p) > LONG * 0.5 * (wanted[b] + wanted[p]):
+                return False
+        g = twin[previous_half_edge(g)]
+        if g == out[a]:
+            return True
+
+
+@jit
+def stays_closed(faces: IntArray, twin: IntArray, out: IntArray, h: int) -> bool:
+    """The link condition: the ends of an edge share just the two corners across from it."""
+    a, b, c, d = origin(faces, h), tip(faces, h), apex(faces, h), apex(faces, twin[h])
+    if c == d or valence(twin, out, c) <= 3 or valence(twin, out, d) <= 3:
+        return False
+    g = out[a]
+    while True:
+        p = tip(faces, g)
+        if p not in (b, c, d) and are_joined(faces, twin, out, p, b):
+            return False
+        g = twin[previous_half_edge(g)]
+        if g == out[a]:
+            return True
+
+
+@jit
+def draw_in_short(
+    points: FloatArray,
+    wanted: FloatArray,
+    faces: IntArray,
+    label: IntArray,
+    twin: IntArray,
+    out: IntArray,
+    rim: IntArray,
+    dead: IntArray,
+) -> int:
+    """Draw in edges that are too short, rims along themselves alone. How many."""
+    count = 0
+    for h in range(3 * len(faces)):
+        if dead[h // 3]:
+            continue
+        a, b = origin(faces, h), tip(faces, h)
+        if _length(points, a, b) >= SHORT * 0.5 * (wanted[a] + wanted[b]):
+            continue
+        between = label[h // 3] != label[twin[h] // 3]
+        if rim[a] > 0 and not (between and rim[a] == 2 and rim[b] == 2):
+            continue
+        if not stays_closed(faces, twin, out, h):
+            continue
+        if not _keeps_form(points, wanted, faces, twin, out, h):
+            continue
+        dead[h // 3] = dead[twin[h] // 3] = 1
+        collapse(faces, twin, out, h)
+        count += 1
+    return count
+
+
+@jit
+def turn(
+    points: FloatArray, faces: IntArray, label: IntArray, twin: IntArray, out: IntArray
+) -> int:
+    """Turn edges where the worse of the two triangles gets better. How many."""
+    count = 0
+    for h in range(3 * len(faces)):
+        t = twin[h]
+        if t < h or label[h // 3] != label[t // 3]:
+            continue
+        a, b, c, d = origin(faces, h), tip(faces, h), apex(faces, h), apex(faces, t)
+        now = min(quality(points, a, b, c), quality(points, b, a, d))
+        then = min(quality(points, a, d, c), quality(points, b, c, d))
+        if then < now + _GAIN or valence(twin, out, a) <= 3 or valence(twin, out, b) <= 3:
+            continue
+        x, y, z = normal(points, a, d, c)
+        u, v, w = normal(points, b, c, d)
+        p, q, r = normal(points, a, b, c)
+        i, j, k = normal(points, b, a, d)
+        nx, ny, nz = p + i, q + j, r + k
+        if x * nx + y * ny + z * nz <= 0.0 or u * nx + v * ny + w * nz <= 0.0:
+            continue
+        if x * u + y * v + z * w <= 0.0 < p * i + q * j + r * k:
+            continue
+        if are_joined(faces, twin, out, c, d):
+            continue
+        flip(faces, twin, out, h)
+        count += 1
+    return count
+
+
+@jit
+def relax(
+    points: FloatArray,
+    faces: IntArray,
+    label: IntArray,
+    twin: IntArray,
+    out: IntArray,
+    rim: IntArray,
+    moved: FloatArray,
+) -> None:
+    """Move each vertex along the surface to its neighbours' middle, on a rim along the rim."""
+    for a in range(len(out)):
+        sx = sy = sz = weight = nx = ny = nz = 0.0
+        g = out[a]
+        while True:
+            p = tip(faces, g)
+            if rim[a] == 0 or label[g // 3] != label[twin[g] // 3]:
+                sx, sy, sz = sx + points[p, 0], sy + points[p, 1], sz + points[p, 2]
+                weight += 1.0
+            x, y, z = normal(points, a, p, apex(faces, g))
+            nx, ny, nz = nx + x, ny + y, nz + z
+            g = twin[previous_half_edge(g)]
+            if g == out[a]:
+                break
+        dx, dy, dz = (
+            sx / weight - points[a, 0],
+            sy / weight - points[a, 1],
+            sz / weight - points[a, 2],
+        )
+        if rim[a] == 0:
+            away = (dx * nx + dy * ny + dz * nz) / max(nx * nx + ny * ny + nz * nz, 1e-300)
+            dx, dy, dz = dx - away * nx, dy - away * ny, dz - away * nz
+        share = 0.7 if rim[a] in (0, 2) else 0.0
+        moved[a, 0] = points[a, 0] + share * dx
+        moved[a, 1] = points[a, 1] + share * dy
+        moved[a, 2] = points[a, 2] + share * dz
+
+
+@jit
+def level(points: FloatArray, faces: IntArray, wanted: FloatArray, growth: float) -> None:
+    """Lower wanted lengths until none grows by more than ``growth`` per mm along an edge."""
+    changed = True
+    while changed:
+        changed = False
+        for h in range(3 * len(faces)):
+            a, b = origin(faces, h), tip(faces, h)
+            most = wanted[a] + growth * _length(points, a, b)
+            if wanted[b] > most * (1.0 + 1e-9):
+                wanted[b] = most
+                changed = True
+
+
+# Half-edge structure of a closed triangle surface; edge flip, split and collapse.
+#
+# Half-edge ``3 t + i`` runs from corner i of triangle t to its next corner; ``twin`` is the one
+# that runs the other way in the neighbour. Kernels change the arrays in place.
+
+
+def twins_of(faces: IntArray) -> IntArray:
+    """The half-edge opposite each, (3 f,).
+
+    Raises
+    ------
+    SolidError
+        When an edge hasn't exactly two triangles that run along it in opposite directions.
+    """
+    twin = pair_half_edges(faces)
+    if np.any(twin < 0):
+        raise SolidError(
+            "the surface isn't closed: an edge hasn't two triangles that run along it in opposite "
+            "directions; mend it first"
+        )
+    return twin
+
+
+def leaving(faces: IntArray, count: int) -> IntArray:
+    """A half-edge that leaves each of ``count`` vertices; -1 where none does."""
+    half_edge = np.full(count, -1, dtype=np.int64)
+    half_edge[faces.ravel()] = np.arange(faces.size)
+    return half_edge
+
+
+@jit
+def next_half_edge(h: int) -> int:
+    """The half-edge that follows in the same triangle."""
+    return h - 2 if h % 3 == 2 else h + 1
+
+
+@jit
+def previous_half_edge(h: int) -> int:
+    """The half-edge that comes before in the same triangle."""
+    return h + 2 if h % 3 == 0 else h - 1
+
+
+@jit
+def origin(faces: IntArray, h: int) -> int:
+    """Where a half-edge begins."""
+    return int(faces[h // 3, h % 3])
+
+
+@jit
+def tip(faces: IntArray, h: int) -> int:
+    """Where a half-edge ends."""
+    return int(faces[h // 3, (h + 1) % 3])
+
+
+@jit
+def apex(faces: IntArray, h: int) -> int:
+    """The corner across from a half-edge in its triangle."""
+    return int(faces[h // 3, (h + 2) % 3])
+
+
+@jit
+def are_joined(faces: IntArray, twin: IntArray, out: IntArray, a: int, b: int) -> bool:
+    """Whether an edge runs between two vertices."""
+    h = out[a]
+    while True:
+        if tip(faces, h) == b:
+            return True
+        h = twin[previous_half_edge(h)]
+        if h == out[a]:
+            return False
+
+
+@jit
+def valence(twin: IntArray, out: IntArray, a: int) -> int:
+    """Number of edges at a vertex."""
+    count, h = 0, out[a]
+    while True:
+        count += 1
+        h = twin[previous_half_edge(h)]
+        if h == out[a]:
+            return count
+
+
+@jit
+def _pair(twin: IntArray, one: int, two: int) -> None:
+    twin[one] = two
+    twin[two] = one
+
+
+@jit
+def split_edge(faces: IntArray, twin: IntArray, h: int, vertex: int, first: int) -> None:
+    """Put ``vertex`` on an edge; two triangles become four, the new ones ``first`` and the next."""
+    t = twin[h]
+    here, there, second = h // 3, t // 3, first + 1
+    b, c, d = tip(faces, h), apex(faces, h), apex(faces, t)
+    beyond_here, beyond_there = twin[next_half_edge(h)], twin[previous_half_edge(t)]
+    faces[here, (h + 1) % 3] = vertex
+    faces[there, t % 3] = vertex
+    faces[first, 0], faces[first, 1], faces[first, 2] = vertex, b, c
+    faces[second, 0], faces[second, 1], faces[second, 2] = b, vertex, d
+    _pair(twin, 3 * first, 3 * second)
+    _pair(twin, 3 * first + 1, beyond_here)
+    _pair(twin, 3 * first + 2, next_half_edge(h))
+    _pair(twin, 3 * second + 1, previous_half_edge(t))
+    _pair(twin, 3 * second + 2, beyond_there)
+
+
+@jit
+def flip(faces: IntArray, twin: IntArray, out: IntArray, h: int) -> None:
+    """Turn an edge in the quadrilateral of its two triangles."""
+    t = twin[h]
+    here, there = h // 3, t // 3
+    a, b, c, d = origin(faces, h), tip(faces, h), apex(faces, h), apex(faces, t)
+    ad, ca, bc, db = (
+        twin[next_half_edge(t)],
+        twin[previous_half_edge(h)],
+        twin[next_half_edge(h)],
+        twin[previous_half_edge(t)],
+    )
+    faces[here, 0], faces[here, 1], faces[here, 2] = a, d, c
+    faces[there, 0], faces[there, 1], faces[there, 2] = b, c, d
+    _pair(twin, 3 * here, ad)
+    _pair(twin, 3 * here + 1, 3 * there + 1)
+    _pair(twin, 3 * here + 2, ca)
+    _pair(twin, 3 * there, bc)
+    _pair(twin, 3 * there + 2, db)
+    out[a], out[b], out[c], out[d] = 3 * here, 3 * there, 3 * here + 2, 3 * there + 2
+
+
+@jit
+def collapse(faces: IntArray, twin: IntArray, out: IntArray, h: int) -> None:
+    """Draw a half-edge's origin into its tip; its two triangles are left over, to be dropped."""
+    t = twin[h]
+    a, b, c, d = origin(faces, h), tip(faces, h), apex(faces, h), apex(faces, t)
+    bc, ca, ad, db = (
+        twin[next_half_edge(h)],
+        twin[previous_half_edge(h)],
+        twin[next_half_edge(t)],
+        twin[previous_half_edge(t)],
+    )
+    g = out[a]
+    while True:
+        faces[g // 3, g % 3] = b
+        g = twin[previous_half_edge(g)]
+        if g == out[a]:
+            break
+    _pair(twin, bc, ca)
+    _pair(twin, ad, db)
+    out[a], out[b], out[c], out[d] = -1, ca, bc, ad
