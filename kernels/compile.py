@@ -57,5 +57,7 @@ def pjit(function: F) -> F:
 
 
 def _compile(function: F, **flags: bool) -> F:
+    # Said for every kernel: numba hands a caller's flag down to callees that say nothing.
+    flags = {"_nrt": True, **flags}
     compiled: F = numba.njit(cache=True, nogil=True, error_model="numpy", **flags)(function)
     return compiled
