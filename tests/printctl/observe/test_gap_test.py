@@ -12,17 +12,6 @@ def gap_of(stroke, from_mm, to_mm, p_value):
     return Gap(stroke, from_mm, to_mm, (from_mm, 0.0), (to_mm, 0.0), 0.01, p_value)
 
 
-def test_a_sure_gap_counts():
-    gap = gap_of(3, 1.0, 1.5, 1e-9)
-    assert confirmed_gaps([gap], 500, None, TEST) == (gap,)
-    assert confirmed_gaps([gap], 500, [gap_of(3, 1.1, 1.6, 1e-4)], TEST) == (gap,)
-
-
-def test_short_or_unsure_gaps_dont():
-    assert confirmed_gaps([gap_of(3, 1.0, 1.1, 1e-9)], 500, None, TEST) == ()
-    assert confirmed_gaps([gap_of(3, 1.0, 1.5, 1e-4)], 500, None, TEST) == ()
-
-
 def test_a_second_picture_must_show_it_too():
     gap = gap_of(3, 1.0, 2.0, 1e-9)
     elsewhere = [gap_of(4, 1.0, 2.0, 1e-9), gap_of(3, 1.8, 3.0, 1e-9)]

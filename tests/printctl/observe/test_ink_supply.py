@@ -38,13 +38,6 @@ def test_state(missing, left_ul, state):
     assert judge(missing, left_ul).state is state
 
 
-def test_volumes_are_told():
-    found = judge([slice(20, 30), slice(170, 200)])
-    assert found.missing_ul == pytest.approx(0.4)
-    assert found.since_ul == pytest.approx(0.3)
-    assert found.stopped
-
-
 def test_what_isnt_seen_tells_nothing():
     seen = np.ones(200, bool)
     seen[150:] = False

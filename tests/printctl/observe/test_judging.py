@@ -50,13 +50,6 @@ def test_a_step_of_the_flow_is_told_by_one_look_of_any_length(lines, ratio):
     assert control.flow == pytest.approx(ratio, rel=0.05)
 
 
-def test_a_look_in_which_the_flow_steps_tells_it_all_the_same():
-    control, ratio = FlowControl(), np.repeat([1.0, 0.7], [25, 95])
-    control.learn(seen(3, 1.0))
-    control.learn(seen(3, ratio, u_ratio=0.085))  # its lines differ, which is no doubt of all
-    assert control.flow == pytest.approx(0.7, rel=0.05)
-
-
 def test_filaments_in_a_bath_correct_the_flow_only_where_several_looks_agree():
     """One picture of a sound print showed a vessel 13 % narrower than it was."""
     control, factors = FlowControl(), []
@@ -67,10 +60,6 @@ def test_filaments_in_a_bath_correct_the_flow_only_where_several_looks_agree():
         factors.append(control.proposal())
     assert factors[0] is None
     assert factors[-1] == pytest.approx(1 / 0.7, abs=0.12)
-
-
-def test_a_long_look_is_read_by_the_clock():
-    assert len(seen(40, 1.0)) == 14
 
 
 def test_narrowed_lumens_are_those_surely_narrower():

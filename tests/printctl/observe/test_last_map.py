@@ -94,19 +94,3 @@ def test_ink_is_lifted_by_the_map_of_the_layer_below_alone(below: float) -> None
     assert (lifted, at.map.sunk_mm) == pytest.approx(
         (0.09, 0.1) if below == 0.1 else (0.0, 0.0), abs=0.015
     )
-
-
-@pytest.mark.parametrize("other", ["cells", "place"])
-def test_maps_of_another_place_or_spacing_arent_compared(other: str) -> None:
-    maps, moved = LastMap(), np.eye(4)
-    moved[0, 3] = 1.0
-    maps.check(*_look(1, 300))
-    changed = {"cells": {"cell_mm": 0.025}, "place": {"to_map": moved}}[other]
-    assert not maps.check(*_look(2, 280, **cast(Any, changed))).lacks
-
-
-def test_a_cameras_picture_has_no_rows_to_lose() -> None:
-    at, view = _look(1, 300)
-    view.hidden = None
-    assert LastMap().check(at, view) == MapCheck()
-    assert LastMap().judged(at, view) is view.image

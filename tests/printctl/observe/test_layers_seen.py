@@ -9,9 +9,7 @@ from printctl.observe.decider_state import restore, state_of
 from printctl.observe.deciding import (
     Decider,
     DecisionKind,
-    InkSupply,
     Limits,
-    SupplyState,
 )
 from registration.inspection.findings import ToldOfInk
 from registration.inspection.values import Gap
@@ -89,14 +87,6 @@ def test_an_observer_that_is_blind_says_so_once_and_names_the_stretch():
     assert "nothing tells whether ink lies on the last 24 mm (X 98.0 Y 101.0 to" in found[2].why
 
 
-def test_ink_that_comes_by_the_change_alone_is_no_blindness():
-    decider = Decider(Limits(mend="mend"))
-    came = untold(8.0, told=ToldOfInk(came_mm=8.0, ink_mm=8.0), older_step=0.05)
-    found = [decider.decide(came) for _ in range(12)]
-    assert {one.kind for one in found} == {DecisionKind.GO_ON}
-    assert "along 8.0 mm the picture changed as by fresh ink" in found[0].why
-
-
 def test_a_clog_over_ink_that_never_was_seen_there_is_asked_about_with_what_was_left_untold():
     """The look before had left the clog's first 3 mm untold; they were lost to the mend."""
     decider = Decider(Limits(mend="mend"))
@@ -111,17 +101,6 @@ def test_a_clog_over_ink_that_never_was_seen_there_is_asked_about_with_what_was_
     assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
     assert [one.stroke for one in found.gaps] == [3, 7]
     assert "15.0 mm)" in found.why
-
-
-def test_a_clog_that_is_seen_names_what_the_look_before_left_untold():
-    decider = Decider(Limits(mend="mend"))
-    tail = (stretch(1, 3.0),)
-    decider.decide(evidence(told=ToldOfInk(ink_mm=9.0, tail=tail), level_mm=0.1))
-    clogged = InkSupply(SupplyState.CLOGGED, 0.2, 0.2, 1)
-    bare = ToldOfInk(head_mm=1.0, tail=(stretch(3, 8.0),))
-    found = decider.decide(evidence(gaps=(GAP,), supply=clogged, told=bare, level_mm=0.1))
-    assert [one.stroke for one in found.gaps] == [1, 2, 3]
-    assert "with what the look before left untold (X 98.0 Y 101.0 to X 101.0 Y 101.0" in found.why
 
 
 def test_what_did_not_change_beside_what_did_is_asked_about():
@@ -153,19 +132,6 @@ def test_ink_that_may_be_thin_is_asked_about_and_half_of_it_written_again():
         assert "ink may be thin there" in found.why
 
 
-def test_ink_that_may_be_thin_is_told_where_nothing_is_asked_or_something_else_is_done():
-    told = decided("tell", told=THIN, level_mm=0.2)
-    mended = decided(gaps=(GAP,), told=THIN, level_mm=0.2)
-    assert (told.kind, mended.kind) == (DecisionKind.GO_ON, DecisionKind.MEND)
-    assert not mended.thin
-    assert all("ink may be thin there" in one.why for one in (told, mended))
-
-
-def test_a_look_says_along_how_much_ink_that_came_may_be_thin_untold():
-    told = ToldOfInk(came_mm=20.0, ink_mm=20.0, thin_untold_mm=12.0)
-    assert "aren't told, nor along 12.0 mm whether it is thin" in decided(told=told).why
-
-
 def test_approving_a_gap_takes_along_what_joins_it_and_is_not_seen():
     """5.4 mm beside an approved gap of 2.7 mm stayed bare: the shade of a wall's other line."""
     shaded = replace(GAP, to_mm=2.7, shaded=True)
@@ -190,54 +156,12 @@ def test_what_looks_left_untold_is_kept_for_another_observer():
     assert other.layers.tail[0].length_mm == 8.0
 
 
-def test_a_state_of_an_older_release_is_restored():
-    decider = Decider(Limits())
-    state = state_of(decider)
-    restore(decider, {name: state[name] for name in state if name not in ("common", "answers")})
-    assert decider.control.answers.last is None
-
-
-def test_three_blind_looks_pause():
-    decider = Decider(Limits(mend="mend"))
-    kinds = [decider.decide(evidence(seen_share=0.2)).kind for _ in range(3)]
-    assert kinds == [DecisionKind.GO_ON, DecisionKind.GO_ON, DecisionKind.PAUSE]
-
-
 def test_a_print_of_which_no_ink_is_seen_pauses_at_its_first_look_and_once():
     """A needle that was clogged from the first line on wrote two layers of nothing before."""
     decider = Decider(Limits(mend="mend"))
     nothing = {"seen_share": 0.0, "way_mm": 4.0, "level_mm": 0.1}
     kinds = [decider.decide(evidence(**nothing)).kind for _ in range(3)]
     assert kinds == [DecisionKind.GO_ON, DecisionKind.PAUSE, DecisionKind.GO_ON]
-
-
-def test_ink_once_seen_may_be_hidden_for_a_while():
-    decider = Decider(Limits(mend="mend"))
-    assert decider.decide(evidence(seen_share=0.1, level_mm=0.1)).kind is DecisionKind.GO_ON
-    assert decider.decide(evidence(seen_share=0.0, level_mm=0.1)).kind is DecisionKind.GO_ON
-
-
-def test_looks_within_a_layer_count_as_one_layer():
-    decider = Decider(Limits(mend="mend"))
-
-    def looks(level, *shares):
-        for share in shares:
-            kind = decider.decide(evidence(seen_share=share, way_mm=20.0, level_mm=level)).kind
-        return kind
-
-    assert looks(1.0, 0.2, 0.3, 0.2, 0.1) is DecisionKind.GO_ON
-    assert looks(1.1, 0.1, 0.9, 0.9) is DecisionKind.GO_ON
-    assert decider.layers.unseen == 0
-    assert looks(1.2, 0.1, 0.1) is DecisionKind.GO_ON
-    assert looks(1.3, 0.1) is DecisionKind.GO_ON
-    assert looks(1.4, 0.1) is DecisionKind.PAUSE
-
-
-def test_ink_over_ink_that_nothing_tells_apart_pauses_nobody():
-    decider = Decider(Limits(mend="mend"))
-    found = [decider.decide(evidence(seen_share=0.0, over_old_share=0.98)) for _ in range(4)]
-    assert {one.kind for one in found} == {DecisionKind.GO_ON}
-    assert "older ink" in found[-1].why
 
 
 def test_a_view_in_which_little_is_seen_pauses_at_each_third_layer():
@@ -247,14 +171,3 @@ def test_a_view_in_which_little_is_seen_pauses_at_each_third_layer():
     levels = (0.2, 0.3, 0.4, 0.4, 0.5, 0.6, 0.7)
     found = [decider.decide(evidence(level_mm=z, seen_share=0.1)).kind for z in levels]
     assert [k for k, kind in enumerate(found) if kind is DecisionKind.PAUSE] == [2, 6]
-
-
-def test_a_layer_in_which_the_picture_changed_as_by_ink_is_seen():
-    decider = Decider(Limits(mend="mend"))
-    decider.decide(evidence(level_mm=0.1))
-    came = ToldOfInk(came_mm=60.0, ink_mm=60.0)
-    found = [
-        decider.decide(evidence(level_mm=z, seen_share=0.1, told=came)).kind
-        for z in (0.2, 0.3, 0.4, 0.5)
-    ]
-    assert set(found) == {DecisionKind.GO_ON}

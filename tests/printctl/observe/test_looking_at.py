@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
-import cv2
 import numpy as np
 import pytest
 
@@ -16,15 +14,11 @@ from printctl.observe.devices import DeviceError
 from printctl.observe.held_look import (
     HeldLook,
     hidden_stretches,
-    learned_appearance,
     slab,
     unseen_paths,
 )
-from printctl.observe.look_values import Look
 from printctl.observe.looking_at import ObservedJob
-from printctl.observe.records import look_folder
-from printctl.observe.shown_place import seen_where_ink_shows
-from registration.inspection import Gap, LayerFindings, SeeingOptions, Stations, Unseen
+from registration.inspection import Gap, LayerFindings, Stations, Unseen
 
 
 def stations_of(along, seen, why=None):
@@ -37,48 +31,6 @@ def stations_of(along, seen, why=None):
         length_mm=0.1 * one, expected_mm=one, width_mm=one, u_width_mm=one, offset_mm=one,
         present=one, seen=seen, why=whole if why is None else why,
     )  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("shift_mm", "u_mm", "coverage", "searched_mm"),
-    [
-        (0.05, 0.01, 0.95, [0.5]),
-        (0.05, 0.01, 0.1, [0.5, 0.1]),
-        (0.3, 0.01, 0.95, [0.5]),
-        (0.3, 0.2, 0.95, [0.5, 0.1]),  # a lone line whose end is missing, moved along itself
-        (0.3, 0.01, 0.16, [0.5, 0.1]),
-        (0.3, 0.01, float("nan"), [0.5, 0.1]),
-    ],
-)
-def test_a_shift_that_isnt_sure_is_looked_at_again_within_tolerance(
-    shift_mm, u_mm, coverage, searched_mm
-):
-    searched = []
-
-    def see(options):
-        searched.append(options.shift_mm)
-        moved = min(shift_mm, options.shift_mm)
-        shift = SimpleNamespace(dx_mm=0.0, dy_mm=moved, covariance_mm2=u_mm**2 * np.eye(2))
-        across = SimpleNamespace(normal=np.array([[0.0, 1.0]]))
-        return SimpleNamespace(shift=shift, coverage=coverage, stations=across)
-
-    found = seen_where_ink_shows(see, SeeingOptions(shift_mm=0.5), 0.1)
-    assert searched == searched_mm
-    assert found.shift.dy_mm == min(shift_mm, searched_mm[-1])
-
-
-@pytest.mark.parametrize("style", ["layered", "embedded"])
-def test_the_look_befores_picture_is_compared_with(tmp_path: Path, style: str) -> None:
-    noise = np.random.default_rng(1).integers(0, 255, (2, 20, 20), dtype=np.uint8)
-    empty, first = (look_folder(tmp_path, number) / "picture.png" for number in (0, 1))
-    for path, picture, taken in ((empty, noise[0], 900.0), (first, noise[1], 1100.0)):
-        cv2.imwrite(str(path), picture)
-        os.utime(path, (taken, taken))
-    order = SimpleNamespace(tells_heights=False, device=SimpleNamespace(kind="camera"))
-    held = SimpleNamespace(ink=SimpleNamespace(style=style), look=Look(1, 9, 9, 0, "layer"))
-    job = cast(Any, SimpleNamespace(order=order, folder=tmp_path, begun=1000.0))
-    before = ObservedJob._before(job, cast(Any, held), first, noise[1])
-    np.testing.assert_array_equal(before, noise[0])
 
 
 @pytest.mark.parametrize("kind", ["camera", "folder", "command"])
@@ -191,14 +143,3 @@ def test_a_stretch_that_no_picture_sees_is_told_by_its_length(sees, gaps, told):
     each = [picture(~(hidden | older)), picture(np.full(len(along), sees) & ~older)]
     found = hidden_stretches(cast(HeldLook, at), cast(list[LayerFindings], each), 0.2)
     assert [(round(one.gap.from_mm, 6), round(one.gap.to_mm, 6)) for one in found] == told
-
-
-def test_a_look_that_hardly_sees_ink_does_not_change_what_it_looks_like() -> None:
-    def findings(seen_share, appearance):
-        return cast(Any, SimpleNamespace(seen_share=seen_share, appearance=appearance))
-
-    first, other = cast(Any, "first"), cast(Any, "other")
-    assert learned_appearance(None, findings(0.1, first), 0.3) == first
-    assert learned_appearance(first, findings(0.1, other), 0.3) == first
-    assert learned_appearance(first, findings(0.9, other), 0.3) == other
-    assert learned_appearance(first, findings(0.9, None), 0.3) == first

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from types import SimpleNamespace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -11,10 +10,8 @@ import pytest
 
 from printctl.machine.link.inserts import Insert
 from printctl.machine.link.job import parse_job
-from printctl.machine.link.marks import Marks
 from printctl.observe.deciding import Decider, DecisionKind, Limits
 from printctl.observe.expected import expected_ink
-from printctl.observe.held_look import unseen_paths
 from printctl.observe.judging import evidence_of, ink_to_judge, without_rest
 from printctl.observe.look_values import Look
 from printctl.observe.mending import Gap as MendGap
@@ -24,12 +21,11 @@ from printctl.observe.mends_again import (
     gaps_of_job,
     last_mends,
     of_mends,
-    tries_of,
     unseen_words,
     with_mends,
 )
 from printctl.observe.records import LookRecord
-from registration.inspection import Gap, see_layer
+from registration.inspection import see_layer
 from tests.printctl.observe.mending.small_jobs import (
     INK,
     LAYER_MM,
@@ -75,47 +71,6 @@ def looked(mark, low=2.0, high=4.0):
     ink = expected_ink(held, job)
     layer = ink_to_judge(ink, before, held.done)
     return ink, layer, with_mends(layer, ink, [Mended(3, low, high)], before)
-
-
-@pytest.mark.parametrize("mark", [5, 6])
-def test_the_gap_alone_is_fresh_and_its_mend_is_left_out(mark):
-    ink, layer, again = looked(mark)
-    lines = again.lines
-    assert not ink.inserted[again.row].any()
-    (row,) = np.flatnonzero(lines.stroke >= 1_000_000)
-    assert lines.fresh[row]
-    assert lines.start[row, :2] == pytest.approx([102, 103])
-    assert lines.end[row, :2] == pytest.approx([104, 103])
-    rest = lines.stroke == 3
-    assert not lines.fresh[rest].any()
-    # Round ends reach to the gap.
-    width = lines.width_mm[rest].max()
-    assert np.linalg.norm(lines.end - lines.start, axis=1)[rest].sum() == pytest.approx(6.0 - width)
-    assert lines.fresh.sum() == layer.lines.fresh.sum() + 1
-
-
-def test_what_a_later_layer_covers_isnt_looked_at_again():
-    _, layer, again = looked(10)
-    assert again is layer
-
-
-def test_a_gap_in_a_mend_is_the_paths_own():
-    mended = (Mended(3, 2.0, 4.0),)
-    gap = Gap(1_000_000, 0.5, 3.0, (0, 0), (0, 0), 0.01, 1e-9)
-    (found,) = gaps_of_job([gap], mended)
-    assert (found.stroke, found.from_mm, found.to_mm) == (3, 2.5, 4.0)
-    other = replace(gap, stroke=5)
-    assert gaps_of_job([other], mended) == (other,)
-
-
-def test_a_short_mend_is_judged_with_some_ink_beside_it_and_gaps_there_arent_its():
-    mended = (Mended(3, 2.0, 2.4), Mended(4, 0.2, 0.6))
-    assert (mended[0].begin_mm, mended[0].end_mm) == pytest.approx((1.4, 3.0))
-    assert mended[1].begin_mm == 0.0
-    gap = Gap(1_000_000, 0.6, 1.0, (0, 0), (0, 0), 0.01, 1e-9)
-    (found,) = gaps_of_job([gap], mended)
-    assert (found.stroke, found.from_mm, found.to_mm) == pytest.approx((3, 2.0, 2.4))
-    assert gaps_of_job([replace(gap, from_mm=1.05, to_mm=1.4)], mended) == ()
 
 
 def bath_print(gap):
@@ -186,18 +141,6 @@ def picture_of(ink, bare):
     return np.clip(light + rng.normal(0, 2.0, shape), 0, 255).astype(np.uint8), Above()
 
 
-def test_of_a_mend_that_isnt_seen_words_are_said():
-    stations = SimpleNamespace(
-        stroke=np.full(16, 1_000_000), along_mm=0.05 + 0.1 * np.arange(16),
-        length_mm=np.full(16, 0.1), seen=np.arange(16) < 7,
-    )  # fmt: skip
-    mended = (Mended(3, 2.0, 2.4),)
-    words = unseen_words(SimpleNamespace(stations=stations), mended)
-    assert words == "0.30 of 0.40 mm that were mended can't be seen: look yourself"
-    stations.seen[:] = True
-    assert unseen_words(SimpleNamespace(stations=stations), mended) == ""
-
-
 def test_what_was_mended_is_known_by_the_last_look_that_was_judged():
     mended = {"path": 3, "from_mm": 2.0, "to_mm": 2.4, "tries": 1}
     found = {"seen_share": 1.0, "mended": [mended], "about_from": 10}
@@ -208,13 +151,6 @@ def test_what_was_mended_is_known_by_the_last_look_that_was_judged():
     again = Look(3, 60, 40, 20, "end of what was inserted")
     assert last_mends(looks, again) == ((Mended(**mended),), 10)
     assert last_mends([], again) == ((), 0)
-
-
-def test_tries_are_counted_where_gaps_overlap():
-    mended = (Mended(3, 2.0, 4.0, 2),)
-    assert tries_of(MendGap(3, 3.5, 5.0), mended) == 2
-    assert tries_of(MendGap(3, 4.0, 5.0), mended) == 0
-    assert tries_of(MendGap(4, 2.0, 4.0), mended) == 0
 
 
 def test_a_mend_in_a_bath_is_looked_at_again():
@@ -235,18 +171,3 @@ def test_a_mend_in_a_bath_is_looked_at_again():
     assert lines.end[row][-1, :2] == pytest.approx([104, 100])
     assert lines.fresh.sum() == layer.lines.fresh.sum() + row.sum()
     assert not ink.inserted[again.row].any()
-
-
-def test_a_mend_of_which_nothing_is_seen_is_asked_about_by_its_vessel():
-    path = SimpleNamespace(
-        at=lambda along: np.column_stack([along, 0 * along, 0 * along]),
-        length_mm=7.0, command=np.array([0]),
-    )  # fmt: skip
-    layer = SimpleNamespace(mended=(Mended(0, 2.0, 5.0),))
-    at = SimpleNamespace(ink=SimpleNamespace(paths=(path,)), marks=Marks([]), layer=layer)
-    faint = Gap(1_000_000, 0.0, 3.0, (2, 0), (5, 0), 0.0, 1.0)
-    seen = SimpleNamespace(bare=(1_000_000,), gaps=(), unseen=(faint,), stations=None)
-    (told,) = unseen_paths(at, [seen], 1.5)
-    assert told.words == "the mend in path 0 (3.0 mm)"
-    assert (told.gap.stroke, told.gap.from_mm, told.gap.to_mm) == (0, 2.0, 5.0)
-    assert unseen_paths(at, [SimpleNamespace(**{**vars(seen), "bare": ()})], 1.5) == ()

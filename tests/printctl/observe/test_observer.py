@@ -98,12 +98,6 @@ def test_a_gap_of_which_no_second_picture_comes_is_asked_about(tmp_path, mode, s
     assert "by one picture: no new picture came into pics" in record.why
 
 
-def test_thin_lines_of_which_no_second_picture_comes_are_left(tmp_path):
-    bench = Bench(tmp_path, thin=(Thin(2, 0.0, 3.0, 0.3),), one_each=True)
-    assert "by one picture" in bench.observer.look(LOOK).why
-    assert bench.link.said == [("go_on", 1)]
-
-
 def test_a_gap_in_one_picture_alone_isnt(tmp_path):
     bench = Bench(tmp_path, gaps=(GAP,), again=False)
     bench.observer.look(LOOK)
@@ -150,14 +144,6 @@ def test_a_look_that_failed_is_recorded_and_leaves_the_control_as_it_was(tmp_pat
     assert failed.control == before.control
 
 
-def test_the_failure_of_a_look_that_was_recorded_is_added_to_it(tmp_path):
-    bench = Bench(tmp_path)
-    kept = bench.observer.look(LOOK)
-    bench.observer.note_failure(LOOK, "the observer failed")
-    (record,) = read_looks(tmp_path)
-    assert record.why == f"{kept.why}; the observer failed"
-
-
 def test_gaps_that_are_left_as_they_are_are_counted(tmp_path, monkeypatch):
     for mode, word, left_mm in (
         ("tell", "", GAP.length_mm),
@@ -174,11 +160,6 @@ def test_gaps_that_are_left_as_they_are_are_counted(tmp_path, monkeypatch):
         assert ("mm of gaps left" in told) == (left_mm is not None)
         assert told.startswith("2 looks: 2 ")
         assert told.endswith("of 1 less than 50% was seen")
-
-
-def test_why_nothing_was_seen_is_told(tmp_path):
-    bench = Bench(tmp_path, not_seen="none of the lines lies in the picture; check the frame")
-    assert "lies in the picture; check the frame" in bench.observer.look(LOOK).why
 
 
 @pytest.mark.parametrize("mode", ["mend", "ask"])
@@ -199,14 +180,6 @@ def test_a_mend_that_is_impossible_is_recorded_as_a_pause(tmp_path):
     assert bench.link.said == [("pause", 1)]
     assert record.decision == "pause"
     assert "0.40 mm (another layer lies above); it can't be mended from here" in record.why
-
-
-def test_another_observer_knows_the_flow(tmp_path):
-    bench = Bench(tmp_path, ratio=0.8)
-    bench.observer.look(LOOK)
-    other = bench.another()
-    other.remember(2)
-    assert other.decider.control.flow == bench.observer.decider.control.flow != 1.0
 
 
 def test_looks_belong_to_their_print_when_the_clock_is_set_back(tmp_path):

@@ -23,17 +23,6 @@ def write_frame(path: Path, **changes: object) -> Path:
     return path
 
 
-def test_a_frame_says_what_the_files_dont(tmp_path: Path) -> None:
-    bare = read_profiler_frame(write_frame(tmp_path / "a.yaml"))
-    assert (bare.pixel_mm, bare.count_mm, bare.lost) == (None, 1.0, None)
-    path = write_frame(
-        tmp_path / "b.yaml", pixel_mm=[0.02, 0.05], count_mm=0.001, lost=-32768, size=[400, 300]
-    )
-    full = read_profiler_frame(path)
-    assert (full.pixel_mm, full.count_mm, full.lost) == ((0.02, 0.05), 0.001, -32768.0)
-    assert (bare.size, full.size) == (None, (400, 300))
-
-
 @pytest.mark.parametrize(
     ("changes", "said"),
     [

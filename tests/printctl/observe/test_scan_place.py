@@ -30,16 +30,6 @@ def lines() -> ExpectedLines:
     return ExpectedLines(start, start + [4.0, 0, 0], np.full(7, 0.2), each, each, fresh)
 
 
-def test_a_scan_that_holds_the_lines_passes() -> None:
-    whole = scan((0.02, 0.03, 0.03), (100, 200, 200))
-    size = ScanSize.of(whole, TO_SCAN)
-    refuse_elsewhere(size, lines())
-    assert size.words == (
-        "200 × 200 × 100 voxels of 30 × 30 × 20 µm (x, y, depth) and covers x 100.00 to 105.97, "
-        "y 50.00 to 55.97, z 1.02 to 3.00 mm"
-    )
-
-
 @pytest.mark.parametrize(
     ("voxel_mm", "shape", "share"),
     [

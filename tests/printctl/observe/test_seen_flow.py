@@ -40,14 +40,6 @@ def test_a_change_is_asked_about_though_levels_are_unsure():
     assert kinds == [None, None, DecisionKind.FLOW, None, None]
 
 
-def test_what_was_approved_is_what_flows_from_then_on():
-    decider = Decider(Limits(mend="mend"))
-    found = decider.decide(look(0.7, 0.12))
-    decider.control.put_in_force(found.factor)
-    for _ in range(4):
-        assert decider.decide(look(0.7 * found.factor, 0.12, found.factor)).factor is None
-
-
 def test_what_was_asked_is_kept_for_another_observer():
     decider, other = Decider(Limits(mend="mend")), Decider(Limits(mend="mend"))
     assert decider.decide(look(0.7, 0.12)).ask is DecisionKind.FLOW

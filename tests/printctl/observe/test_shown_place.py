@@ -66,11 +66,6 @@ def test_ink_that_lies_aside_as_a_whole_is_moved_however_unsure_by_how_much(with
     assert asked[:2] == [0.5, 0.1]
 
 
-def test_it_is_looked_for_twice_as_far() -> None:
-    reaches = {0.5: (0.0, 0.5, 0.1), 0.1: (0.0, 0.1, 0.3), 1.0: (0.52, 0.01, 0.97)}
-    assert looked(reaches) == (0.52, 0.01, True, [0.5, 0.1, 1.0])
-
-
 @pytest.mark.parametrize(
     ("by_reach", "lone"),
     [

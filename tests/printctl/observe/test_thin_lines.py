@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from printctl.observe.deciding.thin import Thin, seen_twice
-from printctl.observe.thin_lines import low_stretches, runs_below, thin_lines
+from printctl.observe.thin_lines import low_stretches, thin_lines
 from registration.inspection import Stations, Stretch
 
 STEP = 0.15
@@ -37,18 +37,6 @@ def test_a_thin_stretch_goes_as_far_as_the_line_is_thin():
     assert found.missing == pytest.approx(0.3, abs=0.03)
 
 
-def test_stretches_of_one_thin_line_are_one():
-    given, ratio = stations(), np.full(120, 0.7)
-    found = thin_lines((thin(), thin(low=5.0, high=6.0)), given, np.ones(120, bool), ratio)
-    assert [(one.from_mm, round(one.to_mm, 6)) for one in found] == [(0.0, 9.0)]
-
-
-def test_thick_stretches_and_places_that_tell_nothing_fill_nothing():
-    given, ratio = stations(), np.full(120, 0.7)
-    assert thin_lines((thin("thick"),), given, np.ones(120, bool), ratio) == ()
-    assert thin_lines((thin(),), given, np.zeros(120, bool), ratio * np.nan) == ()
-
-
 def test_what_one_picture_alone_shows_isnt_filled_up():
     one, other = Thin(1, 2.0, 4.0, 0.3), Thin(1, 6.0, 8.0, 0.3)
     assert seen_twice((one, other), (Thin(1, 3.0, 5.0, 0.3), Thin(2, 6.0, 8.0, 0.3))) == (one,)
@@ -64,15 +52,3 @@ def test_ink_that_stands_low_on_older_ink_is_told_where_no_width_is() -> None:
     assert found.stroke == 1
     assert (found.from_mm, found.to_mm) == pytest.approx((2.25, 6.75), abs=0.31)
     assert low_stretches(given, 0.25) == ()
-
-
-def test_lines_below_a_level_are_found_to_their_ends():
-    given, rng = stations(), np.random.default_rng(1)
-    ratio = 1 + 0.04 * rng.standard_normal(120)
-    ratio[70:] -= 0.3  # of stroke 1, from 1.5 mm on
-    told = np.ones(120, bool)
-    told[[60, 61, 118, 119]] = False  # at its ends no width is told
-    (found,) = runs_below(given, told, ratio, 0.85)
-    assert (found.stroke, found.to_mm) == (1, pytest.approx(9.0))
-    assert found.from_mm == pytest.approx(1.5, abs=0.3)
-    assert runs_below(given, told, np.ones(120), 0.85) == ()

@@ -1,15 +1,12 @@
 """Corrections of the flow that the amount of ink seen doesn't answer are taken back."""
 
-import json
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from printctl.observe.decider_state import restore, state_of
 from printctl.observe.deciding import Decider, DecisionKind, FlowBlocks, FlowControl, Limits
-from printctl.observe.deciding.thin import Thin
 from tests.printctl.observe.decisions import evidence
 from tests.printctl.observe.observer_bench import LOOK, Bench
 
@@ -84,32 +81,6 @@ def failed(mode="mend", factor=0.7):
     decider = Decider(Limits(mend=mode), FlowControl(factor=factor))
     decider.control.answers.failed = True
     return decider
-
-
-def test_thin_lines_are_not_filled_up_by_widths_that_answer_nothing():
-    thin = (Thin(1, 0.0, 4.0, 0.4),)
-    decision = failed().decide(evidence(thin=thin, seem_thin=thin))
-    assert decision.kind is DecisionKind.PAUSE
-    assert decision.thin == ()
-
-
-def test_the_operator_is_asked_where_all_is_asked_and_told_alone_where_all_is_told():
-    asked, told = failed("ask").decide(evidence()), failed("tell").decide(evidence())
-    assert (asked.kind, asked.ask, asked.factor) == (DecisionKind.PAUSE, DecisionKind.FLOW, 1.0)
-    assert told.kind is DecisionKind.GO_ON
-    assert told.factor is None
-
-
-def test_another_observer_goes_on_with_what_was_seen_of_answers():
-    rng, first, other = np.random.default_rng(1), Decider(), Decider()
-    first.control.learn(looked(rng, 0.0, [1.4] * 6, 1.0))
-    first.control.put_in_force(0.72)
-    restore(other, json.loads(json.dumps(state_of(first))))
-    for one in (first, other):
-        one.control.put_in_force(0.72)
-        one.control.learn(looked(np.random.default_rng(2), 6.0, [1.4] * 6, 0.72))
-    assert other.control.answers.failed
-    assert other.control.answers == replace(first.control.answers, last=other.control.answers.last)
 
 
 def test_the_correction_is_taken_back_before_the_print_is_paused(tmp_path):

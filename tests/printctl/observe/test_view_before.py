@@ -13,7 +13,6 @@ from printctl.observe.devices import DeviceError
 from printctl.observe.look_values import Look
 from printctl.observe.records import LookRecord, look_folder, save_look
 from printctl.observe.view_before import EMPTY, image_before, picture_before
-from printctl.observe.views import read_picture
 
 LOOK = Look(3, 300, 300, 200, "end of layer 2")
 
@@ -39,19 +38,17 @@ def test_the_look_that_directly_precedes_gives_it(folder: Path) -> None:
     assert picture_before(folder, 0.0, LOOK, now(folder)) == folder / "looks/0002/picture.png"
 
 
-def test_a_second_picture_has_the_same_one_before(folder: Path) -> None:
-    again = now(folder).with_name("again.png")
-    again.touch()
-    assert picture_before(folder, 0.0, LOOK, again) == folder / "looks/0002/picture.png"
-
-
-def test_a_look_that_was_not_judged_gives_none(folder: Path) -> None:
+def test_pictures_of_other_prints_of_long_ago_and_of_looks_not_judged_are_none(
+    folder: Path,
+) -> None:
+    assert picture_before(folder, 500.0, LOOK, now(folder)) is None  # another print's
+    old = folder / "looks" / "0002" / "picture.png"
+    long_ago = now(folder).stat().st_mtime - 7200
+    os.utime(old, (long_ago, long_ago))
+    assert picture_before(folder, 0.0, LOOK, now(folder)) is None
+    os.utime(old)
     (folder / "looks" / "0002" / "look.json").unlink()
     assert picture_before(folder, 0.0, LOOK, now(folder)) is None
-
-
-def test_another_prints_looks_give_none(folder: Path) -> None:
-    assert picture_before(folder, 500.0, LOOK, now(folder)) is None
 
 
 def test_a_picture_in_a_file_of_another_format_counts(folder: Path) -> None:
@@ -59,13 +56,6 @@ def test_a_picture_in_a_file_of_another_format_counts(folder: Path) -> None:
     other = now(folder).with_suffix(".tif")
     other.touch()
     assert picture_before(folder, 0.0, LOOK, other) == folder / "looks/0002/picture.png"
-
-
-def test_a_picture_of_long_ago_is_none(folder: Path) -> None:
-    old = folder / "looks" / "0002" / "picture.png"
-    long_ago = now(folder).stat().st_mtime - 7200
-    os.utime(old, (long_ago, long_ago))
-    assert picture_before(folder, 0.0, LOOK, now(folder)) is None
 
 
 def test_the_first_look_has_the_view_of_the_empty_dish(tmp_path: Path) -> None:
@@ -80,22 +70,12 @@ def test_the_first_look_has_the_view_of_the_empty_dish(tmp_path: Path) -> None:
     assert picture_before(tmp_path, 1030.0, later, first) is None
 
 
-def test_a_look_that_failed_isnt_the_one_before(folder: Path) -> None:
-    failed = LookRecord(3, 300, 300, "", 100.0, "pause", "nothing seen: the camera hangs")
-    save_look(folder, failed)
-    again = Look(4, 300, 300, 200, "end of layer 2")
-    (look_folder(folder, 4) / "picture.png").touch()
-    found = picture_before(folder, 0.0, again, folder / "looks/0004/picture.png")
-    assert found == folder / "looks/0002/picture.png"
-
-
 def test_mends_alone_are_judged_by_the_picture_before_the_ink_they_belong_to(folder: Path) -> None:
     about = Look(3, 220, 200, 100, "end of layer 1")
     assert picture_before(folder, 0.0, about, now(folder)) == folder / "looks/0001/picture.png"
 
 
 COLOUR = np.random.default_rng(1).integers(0, 255, (20, 30, 3), dtype=np.uint8)
-OPAQUE = np.dstack([COLOUR, np.full(COLOUR.shape[:2], 255, np.uint8)])
 
 
 def before_in(folder: Path, image: np.ndarray) -> None:
@@ -117,17 +97,3 @@ def test_a_camera_that_changes_colour_or_depth_in_mid_print_is_told(
     before_in(folder, COLOUR)
     with pytest.raises(DeviceError, match=words):
         image_before(folder, 0.0, LOOK, now(folder), now_is)
-
-
-def test_how_opaque_pixels_are_tells_nothing(folder: Path) -> None:
-    before_in(folder, COLOUR)
-    cv2.imwrite(str(now(folder)), OPAQUE)
-    image = read_picture(now(folder))
-    np.testing.assert_array_equal(image, COLOUR)
-    before = image_before(folder, 0.0, LOOK, now(folder), image)
-    np.testing.assert_array_equal(before, COLOUR)
-
-
-def test_a_view_of_another_size_isnt_compared_with(folder: Path) -> None:
-    before_in(folder, COLOUR)
-    assert image_before(folder, 0.0, LOOK, now(folder), COLOUR[:10]) is None

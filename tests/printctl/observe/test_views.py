@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -48,23 +46,6 @@ def test_a_black_picture_is_told_as_that(tmp_path, dtype):
     black = np.zeros((32, 32), dtype)
     with pytest.raises(DeviceError, match=r"now.png is black.* 0.0% of the range; is the light on"):
         camera_holds.refuse_moved(black, CameraFrame.model_construct(), tmp_path / "now.png")
-
-
-def test_a_frame_that_was_fitted_anew_counts_at_the_next_picture(tmp_path, monkeypatch):
-    path = tmp_path / "frame.yaml"
-    monkeypatch.setattr(views, "read_frame", lambda file: file.read_text())
-    order = SimpleNamespace(frame=str(path), device=SimpleNamespace(extra={}))
-    for moment, text in enumerate(["as it was", "fitted anew"], 1):
-        path.write_text(text)
-        os.utime(path, ns=(moment, moment))
-        assert views.camera_frame(order) == text
-
-
-def test_what_is_no_picture_is_told(tmp_path):
-    path = tmp_path / "picture.png"
-    path.write_bytes(b"no picture")
-    with pytest.raises(DeviceError, match="isn't a picture"):
-        views.read_picture(path)
 
 
 def test_half_a_jpeg_is_no_picture(tmp_path):

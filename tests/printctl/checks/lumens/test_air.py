@@ -70,13 +70,6 @@ def test_the_dry_run_lays_more_where_the_head_is_slow() -> None:
     assert ideal.width == pytest.approx(LINE_MM, rel=1e-6)
 
 
-def test_many_short_moves_make_the_planner_slow_and_the_lines_wide() -> None:
-    """What no feed says: rings of moves of 25 µm can't be sent fast enough to keep 10 mm/s."""
-    ideal, ran = read_layers(tubes(), WRITING)
-    assert np.median(ideal.width) == pytest.approx(LINE_MM, rel=1e-3)
-    assert np.median(ran.width) > 1.2 * LINE_MM
-
-
 def test_a_tube_is_open_and_half_the_speed_closes_it() -> None:
     network = VesselNetwork.from_segments(
         np.array([[0, 0, 0], [0, 0, LAYERS * LAYER_MM]]), np.array([[0, 1]]), np.array([0.3]),

@@ -14,7 +14,7 @@ from printctl.checks.lumens import (
     find_filament_place,
     read_filaments,
 )
-from printctl.checks.lumens.merges import necks, segment_distances
+from printctl.checks.lumens.merges import segment_distances
 from printctl.errors import UsageError
 from tests.printctl.checks.lumens.small_gcode import UL_PER_E
 from tests.printctl.checks.lumens.written_filaments import plunger_gcode
@@ -85,13 +85,6 @@ def test_filaments_that_only_touch_leave_a_neck() -> None:
     assert found.refusal is None
 
 
-def test_filaments_beside_their_vessels_count_for_as_much_as_lies_on_the_axis() -> None:
-    moved = [(np.asarray(points) + [0, 0.1, 0], d) for points, d in WHOLE]
-    assert check(moved, fork()).refusal is None
-    far = [(np.asarray(points) + [0, 1.5, 0], d) for points, d in WHOLE]
-    assert "not written through: vessel 0, 1, 2" in str(check(far, fork()).refusal)
-
-
 def test_passes_side_by_side_make_one_lumen() -> None:
     """Four filaments of 0.4 mm around an axis: a lumen wider than each."""
     whole = np.array([[10.0, 10, 5], [20, 10, 5]])
@@ -132,16 +125,6 @@ def test_filaments_that_swell_into_each_other_merge(trees: tuple[int, int]) -> N
         assert "merge beside their joints: 0 with 1" in thick.notes[0]
 
 
-def test_where_the_design_joins_vessels_they_dont_merge() -> None:
-    assert check(WHOLE, fork(trees=(0, 0, 1))).merges == ()
-
-
-def test_motor_steps_and_few_digits_stay_small() -> None:
-    found = check(WHOLE, fork(), decimals=5)
-    assert found.stepped.narrowest_mm == pytest.approx(found.ideal.narrowest_mm, abs=0.02)
-    assert found.stepped.conductance == pytest.approx(found.ideal.conductance, abs=0.04)
-
-
 def test_the_place_follows_from_the_axes() -> None:
     place = np.array([3.0, -2.0, 1.0])
     network = VesselNetwork.from_segments(
@@ -177,8 +160,3 @@ def test_distances_of_pieces_are_those_of_many_sampled_points() -> None:
         assert away[k] <= sampled + 1e-9
         assert away[k] == pytest.approx(sampled, abs=0.02)
         assert np.isfinite(at[k]).all()
-
-
-def test_necks_of_balls() -> None:
-    found = necks(np.array([0.0, 0.05, 0.5, 1.0]), np.full(4, 0.4), np.array([0.3, 0.3, 0.4, 0.4]))
-    assert found == pytest.approx([0.6, 0.6, 2 * np.sqrt(0.16 - 0.0625), 0.0])

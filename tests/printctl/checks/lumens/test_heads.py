@@ -49,12 +49,6 @@ def test_layers_of_two_heads_lie_where_their_tips_were() -> None:
         np.testing.assert_allclose(lines.width, [0.15, 0.6, 0.6], rtol=1e-6)
 
 
-def test_each_head_s_lines_have_the_bead_of_its_ink() -> None:
-    beads = (BeadSection("rectangle"), BeadSection(50.0))
-    said = writing(ul_per_e_of_heads=AREAS, layer_mm=0.1, beads=beads)
-    np.testing.assert_allclose(read_layers(JOB, said)[0].width, [0.15, 0.65, 0.65], rtol=1e-6)
-
-
 def test_filaments_of_two_heads_are_strokes_of_their_own() -> None:
     ideal, stepped = read_filaments(JOB, writing(ul_per_e_of_heads=AREAS))
     assert ideal.passes == 3
@@ -65,13 +59,6 @@ def test_filaments_of_two_heads_are_strokes_of_their_own() -> None:
     assert (np.diff(stepped.stroke) >= 0).all()
 
 
-def test_one_syringe_s_size_counts_for_all_where_no_other_is_said() -> None:
-    lines, _ = read_layers(JOB, layers(ul_per_e=0.15))
-    np.testing.assert_allclose(lines.width, [0.15, 0.3, 0.3], rtol=1e-6)
-    fixed, _ = read_layers(JOB, layers(line_mm=0.2))
-    np.testing.assert_allclose(fixed.width, 0.2)
-
-
 def test_a_job_that_writes_nothing_and_an_unknown_syringe_are_refused() -> None:
     with pytest.raises(UsageError, match="what one E means"):
         read_layers(JOB, writing())
@@ -79,12 +66,3 @@ def test_a_job_that_writes_nothing_and_an_unknown_syringe_are_refused() -> None:
     for read in (read_layers, read_filaments):
         with pytest.raises(UsageError, match="is E in it"):
             read(idle, writing(ul_per_e=0.15))
-
-
-def test_places_are_rounded_to_the_carriage_s_steps_not_the_tip_s() -> None:
-    data = PRINTER.model_dump(mode="json", exclude_unset=True)
-    data["heads"][1]["offset_mm"] = {"x": 40.004, "y": 0, "z": 0}
-    odd = Printer.model_validate(data)
-    lines, stepped = read_layers(JOB, Writing(odd, ul_per_e=0.15, layer_mm=0.1, start_mm=START))
-    np.testing.assert_allclose(lines.start[1:, 0], [60.004, 70.004], atol=1e-9)
-    np.testing.assert_allclose(stepped.start[1:, 0], [60.004, 70.004], atol=1e-9)

@@ -147,17 +147,3 @@ def test_runs_join_into_the_spaces_of_a_flood(seed: int) -> None:
     of = spaces[layer, run[:, 0], run[:, 1]]
     assert len(np.unique(parent)) == count
     assert len({*zip(parent.tolist(), of.tolist(), strict=True)}) == count
-
-
-def test_runs_of_different_groups_touch_but_dont_join() -> None:
-    pixels = np.array([[0, 1, 1, -1, 2], [0, 0, 2, 2, 2]], dtype=np.int32)
-    run = find_runs(pixels, np.array([0, 1]))
-    assert run.tolist() == [
-        [0, 0, 0, -1], [0, 1, 2, 0], [0, 4, 4, 1], [1, 0, 1, -1], [1, 2, 4, 1],
-    ]  # fmt: skip
-    touch = np.zeros((9, 2), dtype=np.int64)
-    parent = np.arange(5)
-    used = join_runs(run, np.array([0, 5]), parent, touch)
-    pairs = {tuple(sorted(pair)) for pair in touch[:used].tolist()}
-    assert pairs == {(0, 1), (3, 4), (1, 3), (1, 4)}
-    assert parent.tolist() == [0, 1, 2, 0, 2]

@@ -88,18 +88,6 @@ def test_a_slit_in_a_tubes_wall_leaks() -> None:
     assert "leaking: tree 0 into outside in layer 16" in check.refusal
 
 
-def test_where_a_lumen_forks_others_begin() -> None:
-    """Two holes that become one: three lumens of one tree."""
-    small = [disc(0.15).translate((x, 0)) for x in (-0.2, 0.2)]
-    low = Manifold.extrude(disc(OUTER) - small[0] - small[1], 5 * LAYER_MM)
-    high = Manifold.extrude(disc(OUTER) - disc(0.4), 5 * LAYER_MM).translate((0, 0, 5 * LAYER_MM))
-    stations, trees, unfollowed = model_lumens(solid(low + high), print_of_pipe(), PLACE)
-    assert unfollowed == 0
-    assert stations.count == 3
-    assert np.diff(stations.first).tolist() == [5, 5, 5]
-    assert len(trees.names) == 1
-
-
 def test_a_part_without_holes_is_refused() -> None:
     with pytest.raises(UsageError, match="no lumen to measure"):
         model_lumens(solid(Manifold.extrude(disc(1), 0.6)), print_of_pipe(), PLACE)
@@ -107,12 +95,6 @@ def test_a_part_without_holes_is_refused() -> None:
 
 def test_the_place_is_found_from_the_ink() -> None:
     assert find_place(print_of_pipe(), pipe()) == pytest.approx(PLACE, abs=1e-3)
-
-
-def test_one_blot_at_the_rim_moves_nothing() -> None:
-    blot = np.array([[20.92, 30.0], [20.93, 30.0]])
-    layers = [[*tube(0.3, centre=(20, 30)), *([blot] if k == 4 else [])] for k in range(LAYERS)]
-    assert find_place(read_lines(gcode(layers), UL_PER_E), pipe()) == pytest.approx(PLACE, abs=1e-3)
 
 
 def test_a_skirt_or_another_part_asks_for_the_place() -> None:

@@ -16,7 +16,6 @@ from printctl.checks.lumens import (
     network_lumens,
     read_lines,
     report_lumens,
-    rounded_to_steps,
 )
 from tests.printctl.checks.lumens.small_gcode import (
     LAYER_MM,
@@ -48,23 +47,6 @@ def test_an_upright_lumen_is_as_wide_as_its_innermost_ring_leaves_it(radius: flo
     found = measure(lines, stations)
     assert found.diameter == pytest.approx(2 * radius, abs=1.5e-3)
     assert found.area == pytest.approx(np.pi * radius**2, rel=0.01)
-
-
-def test_the_circle_finds_the_lumens_middle() -> None:
-    lines = read_lines(gcode([tube(0.3, centre=(0.12, -0.05))] * 6), UL_PER_E)
-    found = measure(lines, network_lumens(upright(6, 0.3), HERE, LAYER_MM, LINE_MM))
-    assert found.diameter == pytest.approx(0.6, abs=2e-3)
-    assert found.centre[:, :2] == pytest.approx(
-        np.tile([0.12, -0.05], (len(found.area), 1)), abs=4e-3
-    )
-
-
-def test_a_line_through_a_lumen_leaves_the_circle_beside_it() -> None:
-    across = np.array([[-0.5, 0.1], [0.5, 0.1]])
-    lines = read_lines(gcode([[*tube(0.3), across]] * 4), UL_PER_E)
-    found = measure(lines, network_lumens(upright(4, 0.3), HERE, LAYER_MM, LINE_MM))
-    # From the wall at y = -0.3 to the line's flank at 0.1 - 0.075.
-    assert found.diameter == pytest.approx(0.325, abs=3e-3)
 
 
 @pytest.mark.parametrize(
@@ -137,27 +119,6 @@ def test_a_closed_layer_is_found_and_named() -> None:
     assert report.narrowest_mm[0] == 0
 
 
-def test_places_are_told_in_the_parts_frame() -> None:
-    place = np.array([20.0, 30.0, 0.0])
-    lines = read_lines(gcode([tube(0.3, centre=(20, 30))] * 5), UL_PER_E)
-    stations = network_lumens(upright(5, 0.3), place, LAYER_MM, LINE_MM)
-    report = report_lumens(stations, measure(lines, stations), lines, place)
-    assert report.at_mm[0, :2] == pytest.approx([0, 0], abs=2e-3)
-    assert report.conductance[0] == pytest.approx(1.0, abs=0.02)
-
-
-def test_coarse_steps_change_the_lumen_as_moved_lines_do() -> None:
-    lines = read_lines(gcode([tube(0.3)] * 4), UL_PER_E)
-    stations = network_lumens(upright(4, 0.3), HERE, LAYER_MM, LINE_MM)
-    moved = [[np.rint(stroke * 10) / 10 for stroke in tube(0.3)]] * 4
-    stepped = measure(rounded_to_steps(lines, (10.0, 10.0)), stations)
-    widths = rounded_to_steps(lines, (10.0, 10.0)).width
-    assert widths == pytest.approx(LINE_MM, abs=2e-5)
-    again = measure(read_lines(gcode(moved), None, line_mm=LINE_MM), stations)
-    assert stepped.diameter == pytest.approx(again.diameter, abs=1e-3)
-    assert abs(float(stepped.diameter[0]) - 0.6) > 5e-3
-
-
 def _stations(radius: np.ndarray, own: np.ndarray) -> SectionStations:
     n = len(radius)
     axis = np.column_stack([np.zeros((n, 2)), np.linspace(0.01, 0.05, n)])
@@ -178,17 +139,3 @@ def test_conductance_adds_resistances_of_the_fourth_power() -> None:
     assert report.conductance_least[0] == pytest.approx(expected)
     assert report.mean_mm[0] == pytest.approx(0.4 * expected**0.25)
     assert report.narrowest_mm[0] == 0.3
-
-
-def test_stations_of_a_taper_know_its_radius_and_a_fork_owns_none() -> None:
-    nodes = np.array([[0.0, 0, 0], [0, 0, 2], [1, 0, 3], [-1, 0, 3]])
-    network = VesselNetwork.from_segments(
-        nodes, np.array([[0, 1], [1, 2], [1, 3]]), np.array([0.4, 0.3, 0.2]),
-        NONE, NONE,
-    )  # fmt: skip
-    stations = network_lumens(network, HERE, LAYER_MM, LINE_MM)
-    trunk = stations.lumen == 0
-    assert stations.step_mm[trunk].sum() == pytest.approx(2)
-    assert (stations.axis[trunk & ~stations.own][:, 2] > 1.6).all()
-    assert (stations.axis[trunk & stations.own][:, 2] <= 1.6).all()
-    assert (np.diff(stations.axis[trunk][:, 2]) <= LAYER_MM + 1e-9).all()

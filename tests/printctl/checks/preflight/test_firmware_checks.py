@@ -56,29 +56,11 @@ def test_a_command_of_another_firmware_is_refused_with_its_line(
         refuse_failed([check])
 
 
-def test_all_unknown_commands_are_told_not_only_the_last() -> None:
-    check = named(checks_of(body() + "M911\nM912\nM911\n", MARLIN), "commands unknown")
-    assert check.value == 3
-    assert "M911" in check.remedy
-    assert "M912" in check.remedy
-
-
 def test_a_command_that_the_profile_names_is_known() -> None:
     printer = KLIPPER.model_copy(update={"extra_commands": ("M600", "PRIME_NOZZLE")})
     checks = checks_of(body("") + "M600\nPRIME_NOZZLE X=1\nprime_nozzle\n", printer)
     assert named(checks, "commands unknown").passed
     assert not named(checks_of(body("") + "PRIME_NOZZLE\n", KLIPPER), "commands unknown").passed
-
-
-@pytest.mark.parametrize(
-    ("printer", "line"),
-    [(MARLIN, "M85 S600"), (of("prusa"), "M85 S600"), (KLIPPER, "SET_IDLE_TIMEOUT TIMEOUT=600")],
-)
-def test_a_timeout_before_the_first_move_passes(printer: Printer, line: str) -> None:
-    check = named(checks_of(f"{line}\n{body()}", printer), "the firmware's own switch-off")
-    assert check.passed
-    assert check.value == 600
-    assert check.place == "line 1"
 
 
 @pytest.mark.parametrize("late", ["", "M85 S600\n", "M85 S0\n"])
@@ -109,12 +91,6 @@ def test_a_cold_job_without_a_timeout_is_told_of_it() -> None:
     assert "dead host" in warnings([check])[0]
 
 
-def test_a_dwell_longer_than_the_timeout_is_refused() -> None:
-    check = named(checks_of(f"M85 S60\n{body()}G4 S61\n", MARLIN), "the firmware's own switch-off")
-    assert check.refuses
-    assert check.limit == 61
-
-
 def test_dwells_that_follow_each_other_are_one_to_the_firmware() -> None:
     text = f"M85 S60\n{body()}G4 S40\nM105\nG4 S40\nG1 X51 F600\nG4 S30\n"
     check = named(checks_of(text, MARLIN), "the firmware's own switch-off")
@@ -127,30 +103,12 @@ def test_dwells_that_follow_each_other_are_one_to_the_firmware() -> None:
     assert named(checks_of(apart, MARLIN), "the firmware's own switch-off").passed
 
 
-@pytest.mark.parametrize("dwell", ["G4 P0", "G4 S0", "G4", "G4 P0\nG4 S0\nM105"])
-def test_a_dwell_of_no_time_is_none(dwell: str) -> None:
-    text = f"M85 S60\n{body()}{dwell}\n"
-    check = named(checks_of(text, MARLIN), "the firmware's own switch-off")
-    assert (check.passed, check.limit) == (True, 0)
-
-
-def test_a_job_that_switches_the_timeout_off_is_refused_cold_too() -> None:
-    check = named(checks_of(f"M85 S0\n{body()}", MARLIN), "the firmware's own switch-off")
-    assert check.refuses
-
-
 def test_a_firmware_without_a_timeout_is_an_alarm_not_silence() -> None:
     checks = checks_of("M140 S37\n" + body(), DUET)
     check = named(checks, "the firmware's own switch-off")
     assert not check.passed
     assert not check.refuses
     assert DUET.firmware in check.remedy
-
-
-def test_m85_is_no_timeout_to_a_duet() -> None:
-    checks = checks_of("M85 S600\n" + body(), DUET)
-    assert named(checks, "commands unknown").passed
-    assert not named(checks, "the firmware's own switch-off").passed
 
 
 @pytest.mark.parametrize(
@@ -189,14 +147,6 @@ def test_klipper_s_configuration_is_asked_for() -> None:
     assert "above 0.0835 mm²" in told
 
 
-def test_klipper_s_own_placing_is_where_the_tip_stands() -> None:
-    text = "SET_KINEMATIC_POSITION X=50 Y=50 Z=10\nG92 E0\nG1 X51 F600\n"
-    run = dry_run(text.encode(), KLIPPER, START)
-    assert run.low_mm.tolist() == [50, 50, 10]
-    assert run.high_line.tolist() == [3, 0, 0]
-    assert run.unknown == ()
-
-
 def test_an_offset_that_shifts_places_is_refused_and_one_taken_back_isn_t() -> None:
     begin = "SET_KINEMATIC_POSITION X=50 Y=50 Z=10\n"
     for line in ("SET_GCODE_OFFSET Z=0.2", "set_gcode_offset X=0 MOVE=1",
@@ -206,14 +156,6 @@ def test_an_offset_that_shifts_places_is_refused_and_one_taken_back_isn_t() -> N
         assert named(checks, "offset").place == "line 2"
     checks = checks_of(f"{begin}SET_GCODE_OFFSET X=0 Y=0 Z=0\n{body('')}", KLIPPER)
     assert not [check for check in checks if check.check == "offset"]
-
-
-def test_short_moves_of_a_foreign_file_are_told_with_their_line() -> None:
-    text = body() + "G1 X60.02 F600\nG1 X60.04\nG1 X61\n"
-    check = named(checks_of(text, MARLIN), "moves below the planner's least")
-    assert check.value == 2
-    assert check.place == "line 8"
-    assert not check.refuses
 
 
 @pytest.mark.parametrize(

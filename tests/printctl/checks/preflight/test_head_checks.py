@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from firmware_profiles import Bath, Dish, Ink, Needle, Printer, load
+from firmware_profiles import Bath, Dish, Ink, Needle, load
 from printctl.checks.preflight import (
     HeadLoading,
     PlacedDish,
@@ -45,11 +45,6 @@ def test_a_job_of_the_writer_passes():
     assert refused() == []
     run = dry_run(DATA, QUICK, START)
     assert not [check.check for check in gcode_checks(run, QUICK) if check.refuses]
-
-
-def test_a_printer_with_one_head_has_no_such_checks():
-    one = load(Printer, "generic_marlin")
-    assert head_checks(dry_run(b"G21\n", one), one) == []
 
 
 def test_a_needle_that_is_raised_too_little_drags_through_gel():
@@ -129,11 +124,6 @@ def test_all_checks_of_a_file_know_what_each_head_holds():
     for head in ("head 0 (left): ", "head 1 (right): "):
         assert f"{head}needle to the dish's wall" in names
         assert f"{head}plunger travel" in names
-
-
-def test_offsets_of_today_s_needles_are_asked_for():
-    asked = found()["asked of you"]
-    assert "head 1: 40, 0, 0 mm" in asked.remedy
 
 
 def test_findings_of_heads_refuse_by_their_names():

@@ -88,16 +88,3 @@ def test_heat_that_ink_and_machine_bear_passes(family):
     fine = [f"M104 S{WARM:g}", f"M104 T0 S{WARM:g}", "M104 S0", "M140 S0", f"M140 S{WARM:g}"]
     for line in (*fine, *FINE.get(family, ())):
         assert failed_rows(family, line) == [], line
-
-
-def test_a_head_that_the_machine_lacks_is_told_with_those_that_it_has():
-    (row,) = failed_rows("marlin", f"M104 T9 S{WARM:g}")
-    assert "T9" in row.remedy
-    assert "T0" in row.remedy
-    assert row.place == "line 5"
-
-
-def test_a_wait_for_more_than_ink_and_bath_bear_tells_the_limit():
-    rows = failed_rows("klipper", "TEMPERATURE_WAIT SENSOR=extruder MINIMUM=999")
-    (row,) = (one for one in rows if one.check.startswith("warmest"))
-    assert (row.value, row.limit, row.place) == (999, INK.temperature_c.high, "line 5")

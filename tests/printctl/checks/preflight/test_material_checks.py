@@ -23,17 +23,12 @@ from printctl.checks.preflight import (
     Check,
     PlacedDish,
     SetUp,
-    bath_checks,
     chemistry_check,
     dish_checks,
     file_checks,
-    floor_check,
     force_checks,
     hardest_push,
     held_check,
-    syringe_check,
-    temperature_checks,
-    warnings,
 )
 from sim.gcode.dry_run.run import DryRun, dry_run
 
@@ -71,37 +66,6 @@ def test_an_ink_prints_only_where_the_bath_sets_it(ink: Ink, bath: Bath, fits: b
     assert fits or ink.name in check.sentence()
 
 
-def test_what_is_lacking_is_named() -> None:
-    assert "calcium" in chemistry_check(ALGINATE, GELATIN).remedy
-    assert "thrombin" in chemistry_check(FIBRIN, GELATIN).remedy
-
-
-@pytest.mark.parametrize(
-    ("line", "wrong"),
-    [
-        ("M104 S4", None),
-        ("M109 S11", "warmest setting of the ink"),
-        ("M104 S1", "coldest setting of the ink"),
-        ("M104 S0", None),
-        ("M140 S25", None),
-        ("M190 S37", "warmest setting of the bath"),
-    ],
-)
-def test_temperatures_of_the_job_are_held_against_the_materials(
-    line: str, wrong: str | None
-) -> None:
-    checks = temperature_checks(run_of("G1 X101 F600", line), COLLAGEN, GELATIN)
-    failed = [check for check in checks if not check.passed]
-    assert [check.check for check in failed] == ([wrong] if wrong else [])
-    assert all(check.place == "line 3" and check.unit == "°C" for check in failed)
-
-
-def test_a_bath_that_melts_while_printed_in_is_refused() -> None:
-    (check,) = bath_checks(GELATIN.model_copy(update={"max_printing_c": 37.0}))
-    assert check.refuses
-    assert bath_checks(load(Bath, "cell_matrix")) == []
-
-
 # --- what the bath holds ------------------------------------------------------------------------
 
 
@@ -130,10 +94,6 @@ def test_a_filament_that_would_sink_is_named(widest: float, passed: bool) -> Non
     assert held_check(widest, *measured).refuses == (not passed)
 
 
-def test_equal_densities_hold_anything() -> None:
-    assert held_check(50.0, *densities(1.03, 1.03, 0.001)).passed
-
-
 # --- force --------------------------------------------------------------------------------------
 
 
@@ -149,33 +109,11 @@ def test_newtonian_push_is_poiseuille_s() -> None:
     assert push.force_n == pytest.approx(resistance * flow * math.pi / 4 * 4.61**2 * 1e-6)
 
 
-def test_force_holds_the_syringe_s_friction_and_flow_the_ink_s_factor() -> None:
-    ink = COLLAGEN.model_copy(update={"viscosity_pa_s": 2.0})
-    run = run_of("G92 E0", "G1 X110 E0.1 F600")
-    plain = hardest_push(run, ink, NEEDLE, SYRINGE)
-    rubbed = hardest_push(run, ink, NEEDLE, SYRINGE.model_copy(update={"friction_n": 3.0}))
-    assert rubbed.force_n == pytest.approx(plain.force_n + 3)
-    leaking = hardest_push(run, ink.model_copy(update={"flow_factor": 0.8}), NEEDLE, SYRINGE)
-    assert leaking.flow_ul_s == pytest.approx(0.8 * plain.flow_ul_s)
-    assert leaking.pressure_pa == pytest.approx(0.8 * plain.pressure_pa)
-
-
 def test_a_fast_retraction_is_no_push() -> None:
     ink = COLLAGEN.model_copy(update={"viscosity_pa_s": 2.0})
     run = run_of("G92 E0", "G1 X110 E0.1 F600", "G1 E0 F100", "G1 E-1 F120")
     assert hardest_push(run, ink, NEEDLE, SYRINGE).line == 3
     assert hardest_push(run_of("G92 E0", "G1 E-1 F60"), ink, NEEDLE, SYRINGE).force_n == 0
-
-
-def test_an_ink_that_holds_pressure_unrelieved_is_told_of() -> None:
-    ink = COLLAGEN.model_copy(update={"yield_stress_pa": 100.0, "retract_ul": 0.0})
-    (check,) = force_checks(run_of("G1 X110 F600"), ink, NEEDLE, SYRINGE, PRINTER)
-    # 4 · 100 Pa · 12.7 mm / 0.16 mm
-    assert check.value == pytest.approx(31.75)
-    assert not check.refuses
-    assert "weeps" in check.remedy
-    relieved = ink.model_copy(update={"retract_ul": 0.02})
-    assert force_checks(run_of("G1 X110 F600"), relieved, NEEDLE, SYRINGE, PRINTER) == []
 
 
 def test_power_law_shear_is_that_of_its_velocity_profile() -> None:
@@ -203,10 +141,6 @@ def test_only_a_measured_ink_is_refused_for_its_pressure(calibrated: bool, refus
     assert "friction not known" in checks[1].check
     assert all(check.place == "line 3" and not check.passed for check in checks)
     assert all(check.refuses == refuses for check in checks)
-
-
-def test_limits_that_nobody_knows_are_not_invented() -> None:
-    assert force_checks(run_of("G1 E1 F60"), COLLAGEN, NEEDLE, SYRINGE, PRINTER) == []
 
 
 # --- dish ---------------------------------------------------------------------------------------
@@ -240,17 +174,6 @@ def test_needle_keeps_off_a_round_wall_below_its_top(
     assert check.place == f"line {line}"
 
 
-def test_a_box_is_looked_at_side_by_side() -> None:
-    box = PlacedDish(load(Dish, "box_80mm"), (100.0, 100.0), 0.0)
-    checks = dish_checks(run_of("G1 Z5 F60", "G1 X138.5 Y138.5 F600"), box, NEEDLE)
-    assert [check.check for check in checks] == [
-        "needle to the dish's wall",
-        "needle's hub to the dish's wall",
-    ]
-    assert checks[0].value == pytest.approx(1.5 - 0.155)
-    assert checks[1].value == pytest.approx(1.5 - 6.0)  # nobody measured the hub: 12 mm
-
-
 def test_depth_of_the_bath_covers_the_part_and_spares_the_hub() -> None:
     run = run_of("G92 E0", "G1 Z2 F60", "G1 X105 E0.01 F600", "G1 Z11 F60", "G1 X106 E0.02 F600")
     checks = dish_checks(run, standing(), NEEDLE)
@@ -263,26 +186,7 @@ def test_depth_of_the_bath_covers_the_part_and_spares_the_hub() -> None:
     assert named(deep, "deepest tip").refuses  # 13 mm below the surface, 12.7 mm long
 
 
-def test_tip_keeps_off_the_floor() -> None:
-    check = floor_check(run_of("G1 Z0.5 F60"), GELATIN, 0.0)
-    assert check.refuses
-    assert (check.value, check.limit, check.place) == (0.5, 1.0, "line 2")
-
-
 # --- all of it ----------------------------------------------------------------------------------
-
-
-def test_what_was_not_named_is_a_warning_and_what_was_is_looked_at() -> None:
-    run = run_of("G92 E0", "M140 S30", "G1 Z5 F60", "G1 X120 E0.05 F600")
-    bare = file_checks(run, SetUp(PRINTER, SYRINGE, COLLAGEN))
-    told = " ".join(warnings(bare))
-    assert "needle and bath" in told
-    assert "dish" in told
-    whole = file_checks(run, SetUp(PRINTER, SYRINGE, COLLAGEN, NEEDLE, CALCIUM, standing()))
-    refused = {check.check for check in whole if check.refuses}
-    assert {"what sets the ink and the bath lacks", "warmest setting of the bath"} <= refused
-    assert named(whole, "needle to the dish's wall").passed
-    assert not any(check.check in ("set-up", "dish") for check in whole)
 
 
 @pytest.mark.parametrize("line", ["G29", "G30 X10 Y10", "BED_MESH_CALIBRATE"])
@@ -294,12 +198,3 @@ def test_probing_with_the_needle_mounted_is_refused(line: str) -> None:
     check = named(file_checks(run, SetUp(klipper, SYRINGE, COLLAGEN)), "probing with the needle")
     assert check.refuses
     assert check.place == "line 2"
-
-
-def test_a_syringe_that_runs_empty_is_named_with_the_line() -> None:
-    text = ["G92 E0", "G1 X101 E30 F60", "G1 X102 E59 F60"]  # 59 mm and 20 µL are 1005 µL
-    check = syringe_check(run_of(*text), SYRINGE)
-    assert check.refuses
-    assert check.place == "line 4, syringe: volume_ul"
-    assert check.value == pytest.approx(59 * math.pi / 4 * 4.61**2 + 20)
-    assert syringe_check(run_of(*text[:2]), SYRINGE).passed

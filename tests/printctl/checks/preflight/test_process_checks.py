@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 from pydantic import ValidationError
@@ -40,12 +39,6 @@ def test_a_budget_wants_its_source() -> None:
         ink(viability_source=None)
     with pytest.raises(ValidationError, match="viability_source"):
         CarePart(viability_min=20)
-
-
-def test_no_shipped_ink_claims_to_know_how_long_its_cells_have() -> None:
-    assert budget_of(INK) is None
-    assert viability_checks(PrintTime(1e6), None) == []
-    assert "not known" in viability_facts(PrintTime(60.0), None)["time_the_cells_have"]
 
 
 @pytest.mark.parametrize(("minutes", "passed"), [(29.9, True), (30.0, True), (30.1, False)])
@@ -90,16 +83,6 @@ def test_ink_is_what_is_pushed_and_what_each_filling_leaves_behind() -> None:
     )
 
 
-def test_more_than_a_syringe_takes_more_fillings() -> None:
-    run = run_of("G1 X20 E130 F60")
-    use = ink_use(run, PRINTER, SYRINGE)
-    # 2170 µL, 980 of each filling.
-    assert use.fillings == 3
-    assert use.needed_ul == pytest.approx(130 * AREA + 60)
-    assert use.loaded_ul == pytest.approx(3000)
-    assert ink_use(run, PRINTER, SYRINGE, reloads=4).fillings == 5
-
-
 def names(run: DryRun, printer: Printer = PRINTER, syringe: Syringe = SYRINGE) -> list[str]:
     checks = step_checks(run, printer, syringe)
     assert not any(check.refuses for check in checks)
@@ -109,10 +92,6 @@ def names(run: DryRun, printer: Printer = PRINTER, syringe: Syringe = SYRINGE) -
 def line(length: float, width: float = 0.15, height: float = 0.06) -> float:
     """Plunger travel of a line, mm."""
     return length * width * height / AREA
-
-
-def test_long_lines_with_many_digits_are_fine() -> None:
-    assert names(run_of(f"G1 X20 E{line(10):.5f} F600")) == []
 
 
 def test_a_step_of_the_plunger_longer_than_a_move_is_told() -> None:
@@ -133,29 +112,3 @@ def test_an_axis_step_longer_than_a_move_is_told() -> None:
     )
     run = run_of(f"G1 X20 E{line(10):.6f} F600", f"G1 X20.2 E{line(10.2):.6f}", printer=coarse)
     assert names(run, coarse) == ["motor step of an axis, against the shortest written move"]
-
-
-def test_digits_coarser_than_a_line_are_told() -> None:
-    fine = PRINTER.model_copy(
-        update={"steps_per_mm": PRINTER.steps_per_mm.model_copy(update={"e": 1e6})}
-    )
-    run = run_of("G1 X30 E0.01 F600", "G0 X40 F600", "G1 X60 E0.02", printer=fine)
-    assert names(run, fine) == []
-    short = run_of("G1 X30 E0.1 F600", "G0 X40 F600", "G1 X60 E0.105", printer=fine)
-    assert names(short, fine) == []  # the file does give three digits here
-    wide = load(Syringe, "bd_10ml")
-    small = run_of("G1 X30 E1.2345 F600", "G0 X40 F600", "G1 X40.5 E1.2346")
-    assert "one step of the plunger, against the least line's dose" in names(small, PRINTER, wide)
-
-
-def test_a_valve_has_no_plunger_steps() -> None:
-    air = load(Printer, "pneumatic_marlin")
-    head = air.pneumatic
-    assert head is not None
-    run = run_of(head.opens, "G1 X10.5 F600", head.closes, printer=air)
-    assert [check.check for check in step_checks(run, air, SYRINGE)] == [
-        "motor step of an axis, against the shortest written move"
-    ]
-    use = ink_use(run, air, SYRINGE, flow_ul_s=2.0)
-    assert use.pushed_ul > 0
-    assert replace(use, fillings=2).needed_ul == pytest.approx(use.pushed_ul + 2 * use.dead_ul)

@@ -118,27 +118,6 @@ def test_kill_is_tried_again_on_a_wire_that_takes_nothing(tmp_path, monkeypatch)
     assert b"M112" in transport.written
 
 
-def test_disk_that_was_full_still_gets_the_end_of_the_print(tmp_path, monkeypatch):
-    printer = FakeMarlin()
-    streamer = streamer_of(job_of(zigzag(3000)), FakeTransport(printer, VirtualClock()), tmp_path)
-    write, full = os.write, iter([True])
-    journal = streamer.wiring.journal._fd
-
-    def writing(fd: int, data: bytes) -> int:
-        if fd == journal and b'"ack"' in data and next(full, False):
-            return write(fd, data[:11])
-        return write(fd, data)
-
-    monkeypatch.setattr(os, "write", writing)
-    status = streamer.run()
-    assert status.state is LinkState.FAILED
-    assert "disk full" in status.message
-    history = read_journal(tmp_path / "journal.log")
-    assert history.end is not None
-    assert history.end["message"] == status.message
-    assert (history.damaged, history.gaps) == (1, 0)
-
-
 def interrupted(folder, *records: dict) -> None:
     journal = Journal(folder / JOURNAL)
     journal.add("job", name="a.gcode", sha256="0", lines=100)

@@ -134,20 +134,6 @@ def test_a_complaint_counts_once_glued_to_other_text_and_split_over_reads(said, 
     assert b"G1 X2" not in protocol.take_output()
 
 
-def test_an_unknown_command_that_is_told_behind_its_ok_is_the_line_before():
-    protocol = streaming()
-    protocol.feed(b"ok\n", 0.1)
-    events = protocol.feed(b'echo:Unknown command: "G1 X1"\n', 0.11)
-    faults = [event for event in events if isinstance(event, Fault)]
-    assert [(fault.line, fault.refused) for fault in faults] == [(1, True)]
-
-
-def test_of_two_lines_in_flight_the_second_may_be_the_unknown_one():
-    protocol = streaming(FAMILIES["pairs"])
-    events = protocol.feed(b'ok\necho:Unknown command: "G1 X2"\nok\n', 0.1)
-    assert [event.line for event in events if isinstance(event, Fault)] == [2]
-
-
 def test_an_error_without_its_end_counts_once_the_rest_is_late():
     protocol = streaming()
     assert not protocol.feed(b"Error:MINTEMP trigg", 0.1)
@@ -306,13 +292,6 @@ def test_an_end_that_cannot_be_compared_is_done_and_says_so(tmp_path):
     status = ended(printer, tmp_path)
     assert status.state is LinkState.DONE
     assert "isn't compared" in status.message
-
-
-def test_the_comparison_of_the_end_costs_one_query(tmp_path):
-    printer = FaultyMarlin(at=1000)
-    assert ended(printer, tmp_path).state is LinkState.DONE
-    last = max(k for k, line in enumerate(printer.numbered) if line == "M400")
-    assert printer.numbered[last:].count("M114") == 1
 
 
 def test_an_error_before_the_first_line_starts_no_print(tmp_path):

@@ -25,23 +25,6 @@ def test_as_many_moves_as_planner_and_queue_hold_may_be_ahead(job, data):
         last = found
 
 
-def test_all_are_made_once_the_printer_stands_still():
-    made = CompletedMoves([b"G1 X1"] * 50, MARLIN)
-    assert made.after(30) == 30 - AHEAD
-    made.waited(30)
-    assert made.after(30) == 30
-    assert made.after(31) == 30
-    assert made.after(20) == 20, "asked by a thread that is late"
-    assert made.after(30) == 30
-
-
-def test_lines_taken_back_are_no_longer_made():
-    made = CompletedMoves([b"G1 X1"] * 50, MARLIN)
-    made.waited(30)
-    made.back(25)
-    assert made.after(30) == 25
-
-
 @pytest.mark.parametrize("taken", [1, 40])
 def test_of_a_planner_by_time_only_a_standstill_counts(taken):
     klipper = MARLIN.model_copy(update={"firmware": "klipper"})

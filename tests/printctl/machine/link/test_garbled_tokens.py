@@ -53,19 +53,3 @@ def test_a_garbled_echo_is_followed_by_a_question_and_another_token_at_once(echo
     assert b"at 4.2*" in sent
     protocol.feed(b"echo:at 4.2\nok\n", 1.0)
     assert b"G1 X3" in protocol.take_output()
-
-
-def test_another_text_isnt_taken_for_the_echo():
-    protocol = waiting_for_echo()
-    protocol.feed(b"echo:SD card ok\n", 0.5)
-    assert protocol.deadline > 2.0
-    protocol.feed(b"echo:at 3.1\nok\n", 0.6)
-    assert b"G1 X3" in protocol.take_output()
-
-
-def test_an_ok_whose_line_end_is_garbled_is_asked_about_soon():
-    protocol = waiting_for_echo()
-    protocol.feed(b"echo:at 3.1\r\nok\x8a", 0.5)
-    assert protocol.deadline < 0.8
-    protocol.tick(protocol.deadline)
-    assert b"N99999999" in protocol.take_output()

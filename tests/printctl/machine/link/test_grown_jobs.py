@@ -7,12 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printctl.checks.gcode_view.line_map import LineMap
 from printctl.cli.status import waiting_lines
-from printctl.machine.link.errors import JobError
 from printctl.machine.link.find_link import read_outcome
-from printctl.machine.link.grown_text import grown_text
-from printctl.machine.link.inserts import Insert, file_count
+from printctl.machine.link.inserts import Insert
 from printctl.machine.link.journal import Journal
 from printctl.machine.link.journalled_print import JournalledPrint
 from printctl.machine.link.marks import MarkKind
@@ -43,27 +40,6 @@ FIRST, SECOND = mend(0, 1, 0), mend(1, 2, 11)
 GROWN = OWN.grown(FIRST).grown(SECOND)
 
 
-def test_lines_files_lines_and_marks_shift_behind_an_insert():
-    assert GROWN.own.lines == OWN.lines
-    assert GROWN.lines[FIRST.after : FIRST.after + 11] == list(FIRST.lines)
-    assert len(GROWN.file_lines) == len(GROWN) == len(OWN) + 22
-    assert set(GROWN.file_lines[FIRST.after : FIRST.after + 11]) == {OWN.file_line(FIRST.after)}
-    shifted = [mark.index for mark in GROWN.marks.of(MarkKind.LAYER)]
-    assert shifted == [ENDS[0], ENDS[1] + 11, ENDS[2] + 22]
-    with pytest.raises(JobError, match="doesn't fit"):
-        GROWN.grown(FIRST)
-
-
-@pytest.mark.parametrize("done", range(0, len(GROWN) + 1, 5))
-def test_the_files_own_commands_are_counted(done):
-    own = [line for k, line in enumerate(GROWN.lines[:done]) if not _put_in(k)]
-    assert file_count(done, GROWN.positions) == len(own)
-
-
-def _put_in(index: int) -> bool:
-    return any(one.after <= index < one.after + len(one.lines) for one in (FIRST, SECOND))
-
-
 @pytest.mark.parametrize("begin", range(8, len(GROWN) - 1))
 def test_rest_from_any_line_of_a_grown_job_is_the_grown_jobs(begin):
     stood = {"line": begin, "begin_at": None, "certain": True, "dropped": False, "done": begin}
@@ -87,17 +63,6 @@ def test_rest_of_a_job_whose_flow_was_corrected_has_its_doses(begin):
     writes = [k for k in range(*third) if b" X" in grown.lines[k] and b" E" in grown.lines[k]]
     ratios = [(travel[k + 1] - travel[k]) / (own[k - 10] - own[k - 11]) for k in writes]
     assert ratios == pytest.approx([0.9] * len(writes), abs=5e-3)
-
-
-def test_marks_stay_before_what_was_put_in_and_comments_are_kept():
-    text = grown_text(GROWN, DATA)
-    rows = [line.strip() for line in text.lines]
-    at = text.row_of[FIRST.after]
-    assert rows[at - 2 : at] == [b";LAYER_END:0", b";RELOAD"]
-    assert [row for row in text.file_row if row >= 0] == list(range(DATA.count(b"\n")))
-    again = parse_job(b"".join(text.lines), "a")
-    assert again.lines == GROWN.lines
-    assert again.marks.all == GROWN.marks.all
 
 
 def test_the_rests_map_has_nothing_of_what_was_put_in(tmp_path):
@@ -155,12 +120,3 @@ def test_a_print_that_is_held_for_a_look_may_be_gone_on_with_by_the_operator(tmp
     assert [can[one] for one in ("resume", "pause", "stop", "kill")] == [True] * 4
     assert not can["go_on"]
     assert waiting_lines(status) == ["waits for: a decision on look 3"]
-
-
-def test_a_map_of_lines_follows_what_was_put_in():
-    text = grown_text(GROWN, DATA)
-    own = LineMap(np.arange(DATA.count(b"\n")), of_vessels=False, strand=np.arange(100))
-    grown = own.at_rows(text.file_row)
-    assert grown.source.tolist() == text.file_row
-    assert grown.kind is None
-    assert grown.strand is not None

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
-
-from firmware_profiles.families.marlin.bit_flips import guard_command
 from firmware_profiles.families.marlin.doubt import QUESTION, RENUMBER
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.states import LinkState
@@ -53,27 +50,3 @@ def test_no_flipped_bit_makes_a_stop_or_a_renumbering_of_what_is_sent(tmp_path):
         for garbled in flipped(line):
             assert not {b"112", b"410"}.intersection(seen_by_the_emergency_parser(garbled)), garbled
             assert b"M110" not in garbled
-
-
-def test_flipped_bit_of_an_unguarded_command_is_a_stop():
-    assert seen_by_the_emergency_parser(b"N7 M112*99\n") == [b"112"]
-    assert seen_by_the_emergency_parser(b"N7 M 112*99\n") == [b"112"]
-    assert seen_by_the_emergency_parser(b"N7 M0112*99\n") == []
-
-
-@pytest.mark.parametrize(
-    ("command", "sent"),
-    [
-        (b"M113 S1", b"M0113 S1"),
-        (b"M400", b"M0400"),
-        (b"M114", b"M0114"),
-        (b"M105", b"M105"),
-        (b"M112", b"M112"),
-        (b"M110 N0", b"M110 N0"),
-        (b"M4000", b"M4000"),
-        (b"G1 X1", b"G1 X1"),
-        (b"M118 " + b"a" * 60, b"M118 " + b"a" * 60),
-    ],
-)
-def test_only_what_is_near_gets_a_zero(command, sent):
-    assert guard_command(command) == sent

@@ -114,21 +114,3 @@ def test_each_line_in_flight_has_a_quickstop_behind_the_one_that_stops_the_motor
     assert [data for data, _ in halting.first] == [b"\nM410\n"] * (1 + in_flight)
     waits = [wait_s for _, wait_s in halting.first]
     assert sum(waits[:-1]) < in_flight < sum(waits)  # a line a second; M112 behind the last
-
-
-@pytest.mark.parametrize(
-    ("lines", "done", "mm_s"),
-    [
-        ([b"G92 X0 Y0 Z1", b"G2 X10 I5 J0 F600", b"G3 X0 I-5 J0"], 1, 10.0),
-        ([b"G92 X0 Y0 Z1", b"G2 X10 I5 J0 F600", b"G3 X0 I-5 J0"], 2, 10.0),
-        ([b"G1 X10 F600", b"G1 X20 F60", b"G1 X30"], 3, 10.0),
-    ],
-)
-def test_path_after_a_kill_is_that_of_the_moves_under_way(lines, done, mm_s):
-    """An arc is in flight until it was made: its own feed counts, not the profile's greatest."""
-    run_on = progress_of(lines, done, load(Printer, "marlin_avr")).run_on(0.0)
-    assert 0.9 * mm_s < run_on.path_mm / run_on.seconds <= mm_s
-
-
-def test_nothing_is_known_of_a_run_on_where_the_job_has_no_move():
-    assert progress_of([b"G92 X0 Y0 Z1", b"M105"], 1, load(Printer, "marlin_avr")).run_on(0) is None

@@ -9,18 +9,10 @@ from printctl.machine.link.care import Care, NewSyringe
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.errors import Refused
 from printctl.machine.link.heads import (
-    all_raised,
-    choose,
-    confirms,
     head_at,
-    head_chosen,
-    is_about_heads,
-    keep_raised,
-    lowered,
 )
 from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.modal import relieved_mm
 from printctl.machine.link.recovering import plan_recovery
 from printctl.machine.link.reloading import plan_head_reloads, plunger_travel
 from printctl.machine.link.retreat import Retreat, heaters_off
@@ -61,55 +53,6 @@ def went_on(folder, printer, clock, script=None, **more):
 
 
 # --- what is read and said -------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("line", "head"),
-    [
-        (b"T1 S1", 1),
-        (b"T0", 0),
-        (b"T1 P0", 1),
-        (b"ACTIVATE_EXTRUDER EXTRUDER=extruder", 0),
-        (b"ACTIVATE_EXTRUDER EXTRUDER=extruder1", 1),
-        (b"G1 X1", None),
-        (b"M104 T1 S20", None),
-    ],
-)
-def test_the_head_that_a_line_chooses(line, head):
-    assert head_chosen(line) == head
-
-
-def test_what_the_job_has_in_use_and_raised():
-    first = JOB.lines.index(b"T1 S1")
-    assert head_at(JOB.lines, 0) is None
-    assert head_at(JOB.lines, first) == 0
-    assert head_at(JOB.lines, first + 1) == 1
-    assert keep_raised(JOB.lines, 0, QUICK) == []
-    assert keep_raised(JOB.lines, first - 3, QUICK) == [b"M280 P1 S90"]
-    after = JOB.lines.index(b"M280 P1 S10", first) + 1
-    assert keep_raised(JOB.lines, after, QUICK) == [b"M280 P0 S90"]
-    assert choose(QUICK, 1) == b"T1 S1"
-    assert all_raised(QUICK) == [b"M280 P0 S90", b"M280 P1 S90", b"G4 P50"]
-    assert lowered(QUICK, 1) == [b"M400", b"M280 P1 S10", b"G4 P50"]
-    assert is_about_heads(b"M280 P0 S90", QUICK)
-    assert not is_about_heads(b"M280 P3 S90", QUICK)
-    assert confirms([b"echo:Active Extruder: 1"], QUICK, 1)
-    assert not confirms([b"echo:Active Extruder: 0"], QUICK, 1)
-    assert not confirms([], QUICK, 0)
-
-
-def test_a_head_just_chosen_counts_as_relieved():
-    first = JOB.lines.index(b"T1 S1")
-    assert relieved_mm(JOB.lines, first + 1) == np.inf
-    assert relieved_mm(JOB.lines, first + 2) == np.inf  # G92 E behind it
-    assert relieved_mm(JOB.lines, first) == pytest.approx(0.1 * 4 / (np.pi * 4.61**2), rel=0.02)
-
-
-def test_each_head_s_plunger_travels_by_itself():
-    program = dry_run(DATA, QUICK, START).program
-    for head in (0, 1):
-        ours = plunger_travel(JOB.lines, head)[-1]
-        assert ours == pytest.approx(float(program.of_head(head).plunger[-1]), abs=1e-9)
 
 
 # --- whole prints -----------------------------------------------------------------------------

@@ -12,12 +12,9 @@ from hypothesis import strategies as st
 from firmware_profiles import Printer, load
 from firmware_profiles.families.position_reply import parse_position
 from printctl.machine.link.errors import JobError
-from printctl.machine.link.firmware import differences, parse_firmware
 from printctl.machine.link.modal import (
     Modal,
-    axes_placed,
     disagreement,
-    mismatched_axes,
     modal_state,
 )
 from printctl.machine.link.retreat import Retreat, heaters_off
@@ -59,11 +56,6 @@ def test_line_that_must_not_be_sent_is_named(line, why):
         parse_job(b"G90\n" + line + b"\n", "a")
 
 
-def test_m1101_is_not_m110():
-    with pytest.raises(JobError, match="M1101: it isn't on the list of what may be sent"):
-        parse_job(b"M1101\nG910\n", "a")
-
-
 @pytest.mark.parametrize(
     "line",
     [
@@ -85,12 +77,6 @@ def test_what_changes_the_firmware_is_refused_by_its_line(line):
         parse_job(f"G90\n{line}\nG1 X1\n".encode(), "a")
 
 
-def test_a_refusal_says_once_what_to_do():
-    with pytest.raises(JobError) as told:
-        parse_job(b"G90\nM205 S0\n", "a")
-    assert str(told.value).count("take it out") == 1
-
-
 def test_empty_and_missing_jobs_are_named(tmp_path):
     with pytest.raises(JobError, match="no command"):
         parse_job(b"; nothing\n", "a")
@@ -99,16 +85,6 @@ def test_empty_and_missing_jobs_are_named(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(JobError, match="it is a pipe and no regular file"):
         load_job(tmp_path / "pipe")
-
-
-def test_modal_state_is_found_by_reading_back():
-    lines = [b"G92 E0", b"G1 Z0.5 F300", b"G1 X1 Y2 E0.1", b"M105", b"G1 X3 F900", b"G1 X9 E9"]
-    assert modal_state(lines, 5) == Modal(x=3, y=2, z=0.5, e=0.1, f=900)
-    assert modal_state(lines, 0) == Modal()
-
-
-def test_what_homing_has_changed_is_not_read_back():
-    assert modal_state([b"G1 X1 Y2 Z3", b"G28", b"G1 X5"], 3) == Modal(x=5)
 
 
 @given(st.lists(st.tuples(st.sampled_from("XYZEF"), st.integers(-99, 99)), max_size=30))
@@ -143,35 +119,3 @@ def test_cooling_stays_on_where_the_profile_says_so():
 def test_what_is_dangerous_goes_off_before_the_heaters():
     lamp = load(Printer, "marlin_avr").model_copy(update={"safe_state_off": ("M106 P1 S0",)})
     assert heaters_off(lamp) == [b"M106 P1 S0", b"M104 S0", b"M140 S0"]
-
-
-def test_firmware_that_differs_from_the_profile_is_told():
-    firmware = parse_firmware(
-        [b"FIRMWARE_NAME:Marlin 2.1 SOURCE_CODE_URL:x", b"Cap:EMERGENCY_PARSER:0"]
-    )
-    assert firmware.name == "Marlin 2.1"
-    assert firmware.is_a("marlin")
-    found = differences(firmware, [b"  M92 X80.00 Y80.00 Z400.00 E500.00"], PRINTER)
-    assert [text.split()[0] for text in found] == ["EMERGENCY_PARSER", "E"]
-
-
-def test_every_axis_that_stands_elsewhere_is_named():
-    position = parse_position([b"X:1.00 Y:2.00 Z:0.50 E:0.10 Count X:80 Y:160 Z:200"])
-    at = Modal(x=1.2, y=2.0, z=5.0)
-    assert mismatched_axes(at, position) == "XZ"
-    told = disagreement(at, position)
-    assert (
-        told == "X is 1.00 mm where the job says 1.20 mm, Z is 0.50 mm where the job says 5.00 mm"
-    )
-
-
-@pytest.mark.parametrize(
-    ("lines", "axes"),
-    [
-        ([b"G1 X1 Y2", b"G0 E3"], "EXY"),
-        ([b"M104 S37", b"G4 P1"], ""),
-        ([b"G1 X1", b"G92 E0", b"G1 Y1"], "X"),  # what G92 renames isn't put right by it
-    ],
-)
-def test_axes_that_the_next_lines_put_right(lines, axes):
-    assert axes_placed(lines) == axes

@@ -36,13 +36,6 @@ def test_reads_what_was_written(tmp_path):
     assert history.damaged == 0
 
 
-def test_control_lines_are_not_job_lines(tmp_path):
-    history = read_journal(written(tmp_path / "j"))
-    assert history.job_line(50) == 50
-    assert history.job_line(51) == 50
-    assert history.job_line(60) == 59
-
-
 @pytest.mark.parametrize("missing", range(1, 40))
 def test_torn_tail_is_dropped_and_never_claims_more(tmp_path, missing):
     path = written(tmp_path / "j")

@@ -40,28 +40,6 @@ def test_the_reason_of_a_shutdown_is_asked_and_told() -> None:
     assert machine.take_output() == b""
 
 
-def test_a_reason_that_comes_late_is_told_and_nothing_leaves_meanwhile() -> None:
-    machine = in_a_job()
-    machine.feed(b"// Klipper state: Shutdown\nok\n", 1.0)
-    assert machine.take_output() == b"STATUS\n"
-    machine.submit(b"M104 S0", 1.5)
-    assert machine.tick(2.4) == []
-    assert not machine.idle
-    assert machine.feed(b"!! MCU 'mcu' shutdown: Timer too close\n", 2.5) == [
-        said.FirmwareHalted("// Klipper state: Shutdown: MCU 'mcu' shutdown: Timer too close")
-    ]
-    assert machine.take_output() == b""
-
-
-def test_a_shutdown_without_a_reason_is_told_soon() -> None:
-    machine = in_a_job()
-    machine.feed(b"// Klipper state: Shutdown\nok\n", 1.0)
-    assert machine.tick(1.2) == []
-    assert machine.deadline <= 4.0
-    assert machine.tick(machine.deadline) == [said.FirmwareHalted("// Klipper state: Shutdown")]
-    assert machine.take_output() == b"STATUS\n"  # and no line of the job
-
-
 class ShutDown(FakeKlipper):
     """It shuts down at a line, and tells the reason late or never."""
 
@@ -98,15 +76,6 @@ def shutting_down(folder):
     wire = LateWire(fake.receive, clock)
     wiring = replace(streamer.wiring, transport=wire, clock=clock)
     return Streamer(wiring, streamer.parts.channel.logbook.progress.job), wire, fake
-
-
-def test_a_reason_without_exclamation_marks_is_told_once_nothing_more_can_come() -> None:
-    machine = in_a_job()
-    machine.feed(b"// Klipper state: Shutdown\nok\n", 1.0)
-    machine.feed(WHY + b"// Klipper state: Not ready\nok\n", 1.1)
-    assert machine.tick(machine.deadline) == [
-        said.FirmwareHalted("// Klipper state: Shutdown: MCU 'mcu' shutdown: Timer too close")
-    ]
 
 
 def test_a_printer_that_has_shut_down_before_is_known_by_its_first_answer() -> None:

@@ -66,13 +66,6 @@ def test_ok_that_comes_after_the_question_is_not_the_next_lines():
     assert protocol.take_output() == frame(token.number + 1, JOB[31])
 
 
-def test_ok_that_was_lost_is_not_waited_for():
-    protocol = started()
-    token = token_of(silent_then_taken(protocol, 31), protocol)
-    protocol.feed(echo_of(token) + b"ok\n", 3.3)
-    assert protocol.take_output() == frame(33, JOB[31])
-
-
 def test_answer_of_a_command_is_awaited_until_the_token_behind_it_comes_back():
     """M400 isn't answered by the ok of the line before it."""
     protocol = MarlinProtocol()
@@ -97,52 +90,6 @@ def test_several_oks_that_come_in_one_read_move_nothing_forward():
     assert [type(event) for event in events] == [StrayOk]  # two oks belong to no line
     assert protocol.take_output() == b""
     assert protocol.held
-
-
-def test_garbled_echo_is_asked_for_anew_with_another_text():
-    protocol = started()
-    first = token_of(silent_then_taken(protocol, 31), protocol)
-    protocol.feed(b"ok\n" + echo_of(first).replace(b"a", b"\x01") + b"ok\n", 3.0)
-    protocol.tick(3.1)
-    assert protocol.take_output() == QUESTION
-    protocol.feed(answer(32), 3.12)
-    second = token_of(list(protocol.tick(3.2)), protocol)
-    assert second.number == 33
-    assert second.command != first.command
-    protocol.feed(echo_of(second) + b"ok\n", 3.3)
-    assert protocol.take_output() == frame(34, JOB[31])
-
-
-def test_echo_of_a_token_without_its_number_is_no_evidence():
-    """A tail of the line, run unchecked, says its checksum as well."""
-    protocol = started()
-    token = token_of(silent_then_taken(protocol, 31), protocol)
-    protocol.feed(echo_of(token).replace(b"\n", b"*77\n") + b"ok\n", 3.3)
-    assert protocol.take_output() == b""
-    assert not protocol.idle
-
-
-def test_unknown_command_that_quotes_the_token_is_its_echo():
-    protocol = started()
-    token = token_of(silent_then_taken(protocol, 31), protocol)
-    quoted = b'echo:Unknown command: "%b"\nok\n' % guard_command(token.command)
-    assert not protocol.feed(quoted, 3.3)
-    assert protocol.take_output() == frame(33, JOB[31])
-
-
-def test_line_sent_again_is_followed_by_a_token():
-    """An ok of a fragment may come at any time after the question: it releases one line at most."""
-    protocol = started()
-    protocol.feed(b"Error:checksum mismatch, Last Line: 30\nResend: 31\nok\n", 0.1)
-    protocol.tick(0.2)
-    assert protocol.take_output() == QUESTION
-    protocol.feed(answer(30), 0.2)
-    protocol.tick(0.3)
-    assert protocol.take_output() == frame(31, JOB[30])
-    token = token_of(list(protocol.feed(b"ok\n", 0.4)), protocol)  # the fragment's
-    assert protocol.feed(b"ok\n" + echo_of(token) + b"ok\n", 5.0) == [StrayOk(32)]
-    assert protocol.held
-    assert protocol.take_output() == b""
 
 
 def test_line_that_was_not_taken_after_all_is_noticed_at_the_token():

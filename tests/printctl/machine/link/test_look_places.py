@@ -74,16 +74,6 @@ def test_a_look_is_due_behind_enough_way_time_or_height(care, mm):
     assert seen == mm
 
 
-def test_inserts_neither_count_nor_end_lines():
-    job = spaced()
-    at = places(job).index[0]
-    lines = [b"G1 Z3 F300", b"G0 X1 Y1 F600", b"G1 X9 E0.2 F600", b"G1 E0.1 F60", b"G0 X10 Y0 F600"]
-    grown = [*job.lines[:at], *lines, *job.lines[at:]]
-    marks = job.marks.shifted(at, len(lines))
-    of_grown = look_places(grown, marks, [(at, len(lines))], within=True)
-    assert of_grown == places(job).shifted(at, len(lines))
-
-
 def seen_s(found, first=0, looked=None):
     """Writing times of the looks that follow."""
     looked, care, seen = looked or Written(), Care(None, look_every_written_s=30.0), []

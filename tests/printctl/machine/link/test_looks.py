@@ -10,9 +10,8 @@ import pytest
 from printctl.machine.link.care import Care, NewSyringe
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.journal import Journal
-from printctl.machine.link.journalled_print import JournalledPrint, read_journal
+from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.look_book import LookDecision
-from printctl.machine.link.looks import _still_paused
 from printctl.machine.link.marks import MarkKind
 from printctl.machine.link.states import LinkState
 from sim.gcode.dry_run.run import dry_run
@@ -330,20 +329,3 @@ def pushes_of(motion):
     """Pushes of the layers' own strokes: the insert's is another, of 0.01 mm."""
     pushed = (motion.plunger_end - motion.plunger_start)[own_moves(motion)]
     return pushed[(pushed > 1e-6) & (pushed < 0.006)]
-
-
-@pytest.mark.parametrize(
-    ("state", "decision", "done", "again"),
-    [
-        (LinkState.PAUSED, "pause", 40, True),
-        (LinkState.PAUSING, "pause", 40, True),
-        (LinkState.RESUMING, "pause", 40, False),
-        (LinkState.PAUSED, "go_on", 40, False),
-        (LinkState.PAUSED, "pause", 41, False),
-    ],
-)
-def test_a_pause_that_came_of_a_look_is_looked_at_again_after_the_hosts_death(
-    state, decision, done, again
-):
-    history = JournalledPrint(state=state, looked=[{"look": 1, "decision": decision, "done": 40}])
-    assert _still_paused(history, done) is again

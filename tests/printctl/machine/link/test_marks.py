@@ -75,29 +75,3 @@ def test_no_mark_that_is_wanted_is_passed(found, done, kind, idle):
     assert stop == min([*ahead, 99])
     expected = DueTask.RELOAD if kind is MarkKind.RELOAD else DueTask.PAUSE
     assert (watch.due(1.0, stop) is expected) == (stop != 99)
-
-
-def test_looks_after_vessels_are_due_within_them_and_pauses_aren_t():
-    marks = Marks([Mark(5, MarkKind.PART, 0), Mark(10, MarkKind.VESSEL, 0)])
-    looks = Watch(marks, Care(None, look_after=MarkKind.VESSEL))
-    looks.begin(0.0)
-    assert (looks.next_stop(1.0, 0, True, 99), looks.due(1.0, 5)) == (5, DueTask.LOOK)
-    looks.looked(1.0, 5)
-    assert (looks.due(1.0, 5), looks.next_stop(1.0, 5, True, 99)) == (DueTask.NOTHING, 10)
-    unheard = Watch(marks, Care(checkpoint_s=1.0, deadman_s=1.0))
-    unheard.begin(0.0)
-    assert (unheard.due(9.0, 5), unheard.next_stop(9.0, 0, True, 99)) == (DueTask.NOTHING, 10)
-    assert unheard.due(9.0, 10) is DueTask.DEADMAN
-
-
-def test_deadman_waits_for_a_mark_and_not_longer_than_there_is_one():
-    watch = Watch(Marks([Mark(10, MarkKind.LAYER)]), Care(None, deadman_s=60.0))
-    watch.begin(100.0)
-    assert watch.next_stop(150.0, 3, False, 99) == 99
-    assert watch.next_stop(160.0, 3, False, 99) == 10
-    assert watch.due(160.0, 10) is DueTask.DEADMAN
-    assert watch.next_stop(160.0, 11, True, 99) == 12
-    assert watch.due(160.0, 12) is DueTask.DEADMAN
-    watch.confirmed = 130.0
-    assert watch.due(160.0, 10) is DueTask.NOTHING
-    assert watch.deadman_left(160.0) == 30.0

@@ -11,13 +11,11 @@ from printctl.checks.preflight.firmware import firmware_checks
 from printctl.cli.status import waiting_lines
 from printctl.machine.link.care import Care
 from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.gauges import Gauge
 from printctl.machine.link.journal import read_records
 from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState, Status
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.faults.fault_file import FaultFile, load_faults
 from sim.devices.faults.gauge import Gauge as SimGauge
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.jobs import parse_job
@@ -186,24 +184,6 @@ def test_a_host_that_dies_among_its_questions_goes_on_exactly(tmp_path, seed):
 
 
 @pytest.mark.parametrize(
-    ("answer", "value"),
-    [
-        ([b"Force: 2.50 N"], 2.5),
-        ([b"echo:something", b"Force: -1 N"], -1.0),
-        ([b"Force: 2.5.1 N"], None),
-        ([b"Force: +-. N"], None),
-        ([b"\xffForce: 3 N"], 3.0),
-        ([], None),
-    ],
-)
-def test_the_number_is_read_or_counted_as_unread(answer, value):
-    gauge = Gauge(WATCHED)
-    found = gauge.read(answer)
-    assert (None if np.isnan(found) else found) == value
-    assert gauge.unread == (value is None)
-
-
-@pytest.mark.parametrize(
     ("changes", "says"),
     [
         ({"regex": "Force"}, "0 groups"),
@@ -228,16 +208,3 @@ def test_a_question_that_the_firmware_doesn_t_know_is_refused_beforehand():
         checks = {check.place: check for check in firmware_checks(run, printer)}
         assert checks[f"{printer.name}: watch"].passed == passed
         assert checks[f"{printer.name}: watch"].refuses != passed
-
-
-def test_a_fault_file_s_gauge_is_a_ramp(tmp_path):
-    path = tmp_path / "faults.yaml"
-    path.write_text(
-        "gauges:\n  - {command: M871, says: 'Force: {value:.1f} N', ramp: [[10, 1], [20, 2]]}\n"
-    )
-    (gauge,) = load_faults(path).gauges
-    assert [gauge.at(time) for time in (0, 15, 99)] == [
-        "Force: 1.0 N", "Force: 1.5 N", "Force: 2.0 N"]  # fmt: skip
-    for wrong in ({"says": "{force}"}, {"ramp": [[2, 1], [1, 1]]}, {"command": "G1"}):
-        with pytest.raises(ValidationError):
-            FaultFile.model_validate({"gauges": [gauge.model_dump() | wrong]})

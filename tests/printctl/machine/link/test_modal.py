@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_profiles.families.position_reply import parse_position
-from printctl.machine.link.modal import Modal, ModalTrail, last_of, modal_state, relieved_mm
+from printctl.machine.link.modal import Modal, ModalTrail, modal_state, relieved_mm
 
 
 @pytest.mark.parametrize(
@@ -25,27 +24,6 @@ from printctl.machine.link.modal import Modal, ModalTrail, last_of, modal_state,
 )
 def test_relief_of_the_job_itself_is_found(lines, expected):
     assert relieved_mm(lines, len(lines)) == pytest.approx(expected)
-
-
-@given(st.lists(st.floats(-5, 5).map(lambda e: round(e, 3)), min_size=1, max_size=12))
-def test_relief_is_that_of_the_last_plunger_move(plunger):
-    lines = [b"G1 X%d E%.3f" % (k, e) for k, e in enumerate(plunger)]
-    moved = [e for k, e in enumerate(plunger) if k == 0 or e != plunger[k - 1]]
-    last = moved[-2] - moved[-1] if len(moved) > 1 else 0.0
-    assert relieved_mm(lines, len(lines)) == pytest.approx(max(0.0, last))
-
-
-def test_last_setting_before_a_line_is_found_by_its_whole_word():
-    lines = [b"M85 S600", b"M851 Z1", b"M85 S30", b"SET_IDLE_TIMEOUT TIMEOUT=9", b"M8 S1"]
-    assert last_of(lines, 5, (b"M85",)) == b"M85 S30"
-    assert last_of(lines, 2, (b"M85",)) == b"M85 S600"
-    assert last_of(lines, 5, (b"M85", b"SET_IDLE_TIMEOUT")) == b"SET_IDLE_TIMEOUT TIMEOUT=9"
-    assert last_of(lines, 0, (b"M85",)) is None
-
-
-def test_marlins_position_is_read_without_its_count():
-    told = parse_position([b"X:1.00 Y:2.50 Z:0.50 E:0.25 Count X:80 Y:200 Z:200"])
-    assert told == {"X": 1.0, "Y": 2.5, "Z": 0.5, "E": 0.25}
 
 
 WORDS = st.lists(st.sampled_from("XYZEF"), max_size=3, unique=True)

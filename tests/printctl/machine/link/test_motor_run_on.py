@@ -93,15 +93,6 @@ def test_told_time_is_true_within_a_fifth_and_never_too_short(make, seed: int) -
     assert true_s <= float(found[1]) <= 1.2 * true_s
 
 
-def test_arc_is_cut_as_the_firmware_cuts_it() -> None:
-    """72 pieces a turn, none longer than 1 mm; a half circle of 5 mm and one of 20 mm."""
-    lines = [b"G2 X10 Y0 I5 J0 F600", b"G3 X-30 Y0 R20"]
-    moves = planned_moves(lines, 0, 2, Modal(0.0, 0.0, 1.0, 0.0), PRINTER)
-    counts = [sum(move.line == line for move in moves) for line in (0, 1)]
-    assert counts == [36, 63]
-    assert sum(move.length_mm for move in moves) == pytest.approx(25 * math.pi, rel=1e-3)
-
-
 def test_place_that_nobody_has_told_makes_a_move_long() -> None:
     """Too long is told, never too short."""
     (move,) = planned_moves([b"G1 X5 F600"], 0, 1, Modal(), PRINTER)

@@ -7,7 +7,7 @@ import pytest
 
 from firmware_profiles import Printer, ProfileError, load
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
-from firmware_profiles.families.link_protocol import Fault, LinesResent, Notice, StrayOk, TokenSent
+from firmware_profiles.families.link_protocol import StrayOk
 from firmware_profiles.families.link_timing import Timing
 from firmware_profiles.families.marlin.doubt import QUESTION
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
@@ -44,14 +44,6 @@ def refusal(last: int, why: bytes = b"Line Number is not Last Line Number+1") ->
     return b"Error:%b, Last Line: %d\nResend: %d\nok\n" % (why, last, last + 1)
 
 
-def echo(protocol: MarlinProtocol, number: int, now: float) -> None:
-    """Have the token that was sent as line ``number`` come back, and answer it."""
-    said = protocol.take_output()
-    text = b"at %d." % number
-    assert said.startswith(b"N%d M0118 E1 %b" % (number, text))
-    protocol.feed(b"echo:%b1\nok\n" % text, now)
-
-
 def in_doubt(protocol: MarlinProtocol, last: int, now: float = 1.0) -> list:
     """Let the protocol ask, and answer."""
     protocol.tick(now + 0.051)
@@ -86,81 +78,6 @@ def test_pair_that_would_overfill_the_receive_buffer_leaves_one_by_one():
     assert started(long, buffer_bytes=256).take_output() == frame(1, long[0]) + frame(2, long[1])
 
 
-def test_first_refused_sends_both_again_one_by_one():
-    protocol = started(calm_lines=3)
-    protocol.take_output()
-    protocol.feed(refusal(0, b"checksum mismatch") + refusal(0), 1.0)
-    in_doubt(protocol, 0)
-    assert protocol.take_output() == frame(1, JOB[0])
-    protocol.feed(b"ok\n", 2.0)
-    echo(protocol, 2, 2.0)
-    assert protocol.take_output() == frame(3, JOB[1])
-    protocol.feed(b"ok\n", 2.1)
-    assert protocol.take_output() == frame(4, JOB[2]) + frame(5, JOB[3])
-    assert (protocol.lines_done, protocol.line_errors) == (2, 1)
-
-
-def test_second_refused_is_sent_again_after_the_ok_to_the_first():
-    protocol = started()
-    protocol.take_output()
-    protocol.feed(refusal(1, b"checksum mismatch"), 1.0)
-    in_doubt(protocol, 1)
-    protocol.feed(b"ok\n", 2.0)  # the first waited for its place in the planner
-    echo(protocol, 2, 2.1)
-    assert protocol.take_output() == frame(3, JOB[1]) + frame(4, JOB[2])
-
-
-def test_garbled_refusal_of_the_second_is_no_fault_of_the_first():
-    protocol = started()
-    protocol.take_output()
-    protocol.feed(b"ok\n", 0.5)
-    protocol.feed(b"Error:checks5m mismatch, Last Linez 1\nResend: 2\nok\n", 1.0)
-    assert in_doubt(protocol, 1) == []
-    assert protocol.take_output() == frame(2, JOB[1])
-    protocol = started()
-    protocol.take_output()
-    protocol.feed(b"Error:checks5m mismatch, Last Linez 1\nResend: 2\nok\n", 1.0)
-    assert not any(isinstance(event, Fault) for event in in_doubt(protocol, 1))
-    protocol.feed(b"ok\n", 1.5)
-    echo(protocol, 2, 1.6)
-    assert protocol.take_output() == frame(3, JOB[1]) + frame(4, JOB[2])
-
-
-@pytest.mark.parametrize("heard", [0, 1])
-def test_both_taken_is_waited_for_whatever_oks_were_heard(heard):
-    protocol = started()
-    protocol.take_output()
-    protocol.feed(b"ok\n" * heard, 0.9)
-    protocol.feed(b"echo:b\x00sy\n", 1.0)
-    in_doubt(protocol, 2)
-    assert protocol.lines_done == 2
-    protocol.feed(b"ok\n" * (2 - heard), 2.0)
-    echo(protocol, 3, 2.1)
-    assert protocol.take_output() == frame(4, JOB[2]) + frame(5, JOB[3])
-    assert not protocol.held
-
-
-def test_silence_behind_two_lines_that_were_taken_counts_both():
-    protocol = started()
-    protocol.take_output()
-    protocol.tick(2.6)
-    assert protocol.take_output() == QUESTION
-    protocol.feed(refusal(2), 2.7)
-    assert {type(event) for event in protocol.tick(2.8)} == {Notice, TokenSent}
-    assert protocol.lines_done == 2
-    echo(protocol, 3, 2.9)
-    assert protocol.take_output() == frame(4, JOB[2]) + frame(5, JOB[3])
-
-
-def test_advanced_ok_to_the_second_counts_both():
-    protocol = started()
-    protocol.take_output()
-    protocol.feed(b"ok N2 P15 B3\n", 1.0)
-    in_doubt(protocol, 2)
-    echo(protocol, 3, 2.0)
-    assert protocol.take_output() == frame(4, JOB[2]) + frame(5, JOB[3])
-
-
 def test_tail_of_the_second_that_was_run_holds_the_job():
     protocol = started()
     protocol.take_output()
@@ -168,29 +85,6 @@ def test_tail_of_the_second_that_was_run_holds_the_job():
     assert in_doubt(protocol, 0) == [StrayOk(1)]
     assert protocol.held
     assert protocol.take_output() == b""
-
-
-def test_belief_that_ran_ahead_is_taken_back_with_both():
-    protocol = started()
-    protocol.take_output()
-    protocol.feed(b"ok\nok\n", 0.5)
-    assert protocol.take_output() == pair(3)
-    protocol.feed(refusal(1), 1.0)
-    assert in_doubt(protocol, 1) == []
-    assert in_doubt(protocol, 1, 1.2) == [LinesResent(2, 2)]
-    protocol.held = False
-    protocol.go(2.0)
-    assert protocol.take_output() == frame(2, JOB[1])
-
-
-def test_control_command_flies_alone_after_both():
-    protocol = started()
-    protocol.take_output()
-    protocol.submit(b"M105", 0.1)
-    protocol.feed(b"ok\n", 0.2)
-    assert protocol.take_output() == b""
-    protocol.feed(b"ok\n", 0.3)
-    assert protocol.take_output() == frame(3, b"M105")
 
 
 def test_profile_chooses_and_families_without_a_count_refuse(tmp_path):

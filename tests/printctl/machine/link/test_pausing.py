@@ -164,17 +164,6 @@ def test_paused_at_random_moments_moves_as_the_dry_run_foresaw(tmp_path, seed):
     assert len(script.pauses) >= 1
 
 
-def test_pause_after_a_layer_waits_for_its_mark(tmp_path):
-    data = layered(3, 20)
-    script = Script(at_line={12: REQUESTS["layer"]})
-    status, job, _ = followed(data, tmp_path, script)
-    assert status.state is LinkState.DONE
-    assert [one.lines_done for one in script.pauses] == [job.marks.of(MarkKind.LAYER)[0].index]
-    assert "end of layer 1" in script.pauses[0].message
-    waiting = [one for one in script.seen if one.waits_for == "pause after layer"]
-    assert all(one.lines_done <= script.pauses[0].lines_done for one in waiting)
-
-
 def test_plunger_that_the_job_has_relieved_is_not_relieved_twice(tmp_path):
     def relieved_in(name: str, request: str) -> list[str]:
         script = Script(at_line={12: REQUESTS[request]})

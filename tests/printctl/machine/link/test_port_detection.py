@@ -22,9 +22,7 @@ from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.errors import HandshakeError, PortError, PortMissing
 from printctl.machine.link.port_detection import (
     AUTO,
-    PrinterPort,
     choose_port,
-    locate,
     matches,
     rates_to_try,
     sweep,
@@ -46,10 +44,6 @@ def with_ids(*ids: str) -> Printer:
 # --- the port
 
 
-def test_one_port_with_the_profiles_id_is_chosen():
-    assert choose_port(with_ids("27b1:0001", "2341:0042"), [OTHER, MEGA]) == "/dev/ttyACM0"
-
-
 def test_two_alike_are_refused_with_both_named_unless_the_serial_number_tells_them_apart():
     with pytest.raises(PortError, match=r"several ports.*ttyACM0 .*7583.*ttyACM1 .*9911.*--port"):
         choose_port(with_ids("2341:0042"), [MEGA, TWIN, OTHER])
@@ -62,11 +56,6 @@ def test_none_is_refused_with_what_there_is():
     with pytest.raises(PortMissing, match=r"names no USB id.*ttyACM0"):
         choose_port(with_ids(), [MEGA])
     assert not matches(with_ids(), OTHER)
-
-
-def test_what_is_given_is_not_asked_about():
-    assert locate("/dev/none", 57_600, PRINTER) == PrinterPort("/dev/none", 57_600)
-    assert locate("/dev/none", None, PRINTER) == PrinterPort("/dev/none", PRINTER.baud)
 
 
 @pytest.mark.parametrize("text", ["fast", "-1", "12.5", "9999999999", "²"])

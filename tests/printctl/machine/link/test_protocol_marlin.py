@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from firmware_profiles.families.link_protocol import (
     CommandReplied,
-    Fault,
-    FirmwareHalted,
     FirmwareReset,
     LinesResent,
     Notice,
@@ -53,47 +51,6 @@ def settle(protocol: MarlinProtocol, last: int, now: float) -> list:
     return [*events, *protocol.tick(now + 0.051)]
 
 
-def test_one_line_in_flight():
-    protocol = started()
-    assert not protocol.feed(b"o", 0.1)
-    assert protocol.take_output() == b""
-    assert not protocol.feed(b"k\n", 0.1)
-    assert protocol.take_output() == frame(2, JOB[1])
-    assert protocol.lines_done == 1
-
-
-def test_resend_repeats_only_the_lost_line():
-    protocol = started()
-    protocol.feed(b"ok\n", 0.0)
-    protocol.take_output()
-    protocol.feed(b"Error:checksum mismatch, Last Line: 1\nResend: 2\nok\n", 1.0)
-    assert protocol.take_output() == b""  # nothing while a reply may be under way
-    now = ask(protocol, 1.0)
-    settle(protocol, 1, now)
-    assert protocol.take_output() == frame(2, JOB[1])
-    assert (protocol.lines_done, protocol.line_errors) == (1, 1)
-
-
-def test_garbled_resend_number_is_not_believed():
-    protocol = started()
-    protocol.feed(b"Resend: 9\nok\n", 1.0)
-    now = ask(protocol, 1.0)
-    settle(protocol, 0, now)
-    assert protocol.take_output() == frame(1, JOB[0])
-
-
-def test_answer_whose_halves_disagree_is_asked_for_again():
-    protocol = started()
-    protocol.feed(b"?\n", 1.0)
-    now = ask(protocol, 1.0)
-    protocol.feed(answer(0).replace(b"Resend: 1", b"Resend: 3"), now)
-    protocol.tick(now + 0.051)
-    assert protocol.take_output() == b""
-    now = ask(protocol, now + 0.051)
-    settle(protocol, 0, now)
-    assert protocol.take_output() == frame(1, JOB[0])
-
-
 def test_silence_asks_which_line_was_taken_and_goes_on():
     protocol = started()
     assert not protocol.tick(2.4)
@@ -104,56 +61,6 @@ def test_silence_asks_which_line_was_taken_and_goes_on():
     assert protocol.take_output() == TOKEN
     protocol.feed(b"echo:at 2.1\nok\n", 2.8)  # the ok was lost
     assert protocol.take_output() == frame(3, JOB[1])
-
-
-def test_busy_printer_is_waited_for():
-    protocol = started()
-    for second in range(1, 60):
-        assert not protocol.feed(b"echo:busy: processing\n", float(second))
-        assert not protocol.tick(second + 0.9)
-        assert protocol.take_output() == b""
-
-
-def test_reports_are_no_sign_of_life():
-    protocol = started()
-    protocol.feed(b" T:21.00 /0.00 B:21.00 /0.00 @:0 B@:0\n", 2.0)
-    protocol.tick(2.6)
-    assert protocol.take_output() == QUESTION
-
-
-def test_taken_line_with_a_blocked_planner_is_waited_for_not_repeated():
-    protocol = started()
-    protocol.feed(b"ech\x00:bus\x01: proc\n", 1.0)  # garbled, the ok is still to come
-    now = ask(protocol, 1.0)
-    settle(protocol, 1, now)
-    assert protocol.take_output() == TOKEN
-    protocol.feed(b"ok\n", 2.0)
-    assert protocol.take_output() == b""
-    protocol.feed(b"echo:at 2.1\nok\n", 2.0)
-    assert protocol.take_output() == frame(3, JOB[1])
-
-
-def test_fragment_of_a_garbled_line_is_not_taken_for_an_acknowledgement():
-    protocol = started()
-    protocol.feed(b'echo:Unknown command: "O1 G1 X1"\nok\n', 1.0)
-    now = ask(protocol, 1.0)
-    settle(protocol, 0, now)
-    assert protocol.take_output() == frame(1, JOB[0])
-
-
-def test_unknown_command_is_a_fault_although_ok_follows():
-    protocol = started()
-    events = protocol.feed(b'echo:Unknown command: "G1 X1"\nok\n', 1.0)
-    assert next(event for event in events if isinstance(event, Fault)).line == 1
-    settle(protocol, 1, ask(protocol, 1.0))
-    assert b"G1" not in protocol.take_output()
-
-
-def test_cold_extrusion_is_a_fault_although_ok_follows():
-    protocol = started()
-    events = protocol.feed(b"echo: cold extrusion prevented\nok\n", 1.0)
-    assert events == [Fault("echo: cold extrusion prevented", 1, True, about_command=True)]
-    assert protocol.lines_done == 1
 
 
 def test_lines_acknowledged_by_a_surplus_ok_are_sent_again_once_confirmed():
@@ -223,38 +130,6 @@ def test_reset_in_mid_job_ends_it_even_if_start_was_garbled():
     now = ask(protocol, now + 0.051)
     assert settle(protocol, 0, now) == [Renumbered(0, 1)]  # the position then tells
     assert protocol.held
-
-
-def test_halt_ends_everything():
-    protocol = started()
-    said = b"echo:M112 Shutdown\nError:Printer halted. kill() called!\n//action:poweroff\n"
-    assert any(isinstance(event, FirmwareHalted) for event in protocol.feed(said, 1.0))
-    protocol.take_output()
-    assert not protocol.tick(100.0)
-    assert protocol.take_output() == b""
-
-
-def test_advanced_ok_to_another_line_is_doubted():
-    protocol = started()
-    protocol.feed(b"ok N1 P15 B3\n", 0.0)
-    assert protocol.take_output() == frame(2, JOB[1])
-    protocol.feed(b"ok N1 P15 B3\n", 0.1)
-    assert protocol.lines_done == 1
-    now = ask(protocol, 0.1)
-    settle(protocol, 1, now)
-    assert protocol.take_output() == frame(2, JOB[1])
-
-
-def test_manual_command_is_numbered_and_goes_between_two_lines():
-    protocol = started()
-    protocol.submit(b"M105", 0.0)
-    assert protocol.take_output() == b""
-    protocol.feed(b"ok\n", 0.0)
-    assert protocol.take_output() == frame(2, b"M105")
-    events = protocol.feed(b"ok T:21.00 /0.00 @:0\n", 0.1)
-    assert events == [CommandReplied(b"M105", 2, (b"ok T:21.00 /0.00 @:0",))]
-    assert protocol.take_output() == frame(3, JOB[1])
-    assert protocol.lines_done == 1
 
 
 def test_renumbering_is_repeated_until_the_printer_confirms_it():

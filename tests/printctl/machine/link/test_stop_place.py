@@ -28,40 +28,14 @@ JOB = HEADER + "".join(
 )
 
 
-def test_the_middle_of_a_move():
-    found = find_stop_line(PLACED, 1, 6, Modal(10.0, 4.0, 1.0, 1.4))
-    assert found == StopPlace(2, Modal(10.0, 4.0, 1.0, pytest.approx(1.4), None), True)
-
-
-def test_a_corner_belongs_to_the_next_line():
-    found = find_stop_line(PLACED, 1, 6, Modal(10.0, 10.0, 1.0, 2.0))
-    assert (found.line, found.certain) == (3, True)
-
-
-def test_the_end_of_all_lines():
-    assert find_stop_line(PLACED, 1, 3, Modal(10.0, 10.0, 1.0, 2.0)).line == 3
-
-
 def test_a_place_that_is_passed_twice_is_told_by_the_plunger():
     found = find_stop_line(PLACED, 1, 6, Modal(5.0, 0.0, 1.0, 4.5))
     assert (found.line, found.certain) == (5, True)
 
 
-def test_of_two_lines_that_fit_the_earlier_one_is_taken():
-    """Without a plunger nothing tells the way there from the way back."""
-    lines = [b"G92 X0 Y0 Z1", b"G1 X10 Y0 Z1", b"G1 X10 Y5", b"G1 X10 Y0", b"G1 X0 Y0"]
-    found = find_stop_line(lines, 1, 5, Modal(4.0, 0.0, 1.0))
-    assert (found.line, found.certain) == (1, False)
-
-
 @pytest.mark.parametrize("place", [Modal(5.0, 5.0, 1.0, 2.5), Modal(10.0, 4.0, 1.0, 3.0)])
 def test_a_place_beside_all_lines_offers_the_first_that_may_be_open(place):
     assert find_stop_line(PLACED, 1, 6, place) == StopPlace(1, None, False)
-
-
-def test_an_arc_offers_the_first_that_may_be_open():
-    arc = [*PLACED[:3], b"G2 X20 Y10 I5 J0 E3"]
-    assert find_stop_line(arc, 1, 4, Modal(10.0, 4.0, 1.0, 1.4)) == StopPlace(1, None, False)
 
 
 @pytest.mark.parametrize("e", [1.4, -0.6], ids=["the move's count", "the last count"])

@@ -8,7 +8,6 @@ import pytest
 from firmware_profiles.families.marlin.bit_flips import guard_command
 from printctl.machine.link.care import Care, NewSyringe
 from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.firmware import mode_lines
 from printctl.machine.link.journalled_print import JournalledPrint, read_journal
 from printctl.machine.link.marks import MarkKind
 from printctl.machine.link.modal import Modal
@@ -16,10 +15,9 @@ from printctl.machine.link.recovering import plan_recovery
 from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState
 from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.valve import is_about_valve, is_open, reopen, shut, shut_and_wait
+from printctl.machine.link.valve import is_open, shut, shut_and_wait
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.gcode.reading import read_line
-from tests.printctl.machine.link.airy import AIR, CLOSES, HEAD, OPENS, START, Airy, airy, laid_by
+from tests.printctl.machine.link.airy import AIR, CLOSES, OPENS, START, Airy, airy, laid_by
 from tests.printctl.machine.link.fake_marlin import FakeTransport
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import PRINTER, Arming, Script, played
@@ -57,49 +55,6 @@ def sent(printer: Airy) -> list[str]:
 # --- what is read and said -------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("line", "about"),
-    [
-        (b"M106 P0 S255", True),
-        (b"M106 S0 P0", True),
-        (b"M106P0S128", True),
-        (b"M0106 P0 S255.0", True),
-        (b"M106 P1 S255", False),
-        (b"M1060 P0 S255", False),
-        (b"G1 X1", False),
-        (b"M104 S0", False),
-    ],
-)
-def test_lines_about_the_valve_are_told_from_others(line, about):
-    assert is_about_valve(read_line(line, AIR).text, AIR) == about
-    assert not is_about_valve(line, PRINTER)
-
-
-@pytest.mark.parametrize(
-    ("line", "opened"),
-    [
-        (b"SET_PIN PIN=air VALUE=1", True),
-        (b"set_pin VALUE=1 PIN=air", True),
-        (b"SET_PIN PIN=air VALUE=0", False),
-        (b"SET_PIN PIN=air VALUE=0.5", False),
-        (b"SET_PIN PIN=lamp VALUE=1", True),
-    ],
-)
-def test_klipper_s_pins_are_told_by_name(line, opened):
-    words = {"opens": "SET_PIN PIN=air VALUE=1", "closes": "SET_PIN PIN=air VALUE=0"}
-    head = HEAD.model_copy(update=words)
-    klipper = AIR.model_copy(update={"firmware": "klipper", "dispenser": head})
-    assert is_open([b"SET_PIN PIN=air VALUE=1", line], 2, klipper) == opened
-
-
-def test_the_last_line_about_the_valve_counts():
-    lines = [CLOSING, b"G0 X1", b"M106 S255 P0", b"G4 P30", b"M106 P1 S0", b"G1 X2", CLOSING]
-    assert [is_open(lines, done, AIR) for done in range(8)] == [False] * 3 + [True] * 4 + [False]
-    assert reopen(lines, 5, AIR) == [OPENING, b"G4 P30"]
-    assert reopen(lines, 7, AIR) == []
-    assert reopen(lines, 5, PRINTER) == []
-
-
 def test_needle_leaves_with_the_valve_shut_and_without_e():
     at = Modal(x=1, y=2, z=3, e=4.0, f=600)
     assert Retreat(lift_mm=20).leave(at, AIR) == [CLOSING, b"G1 Z23.00000 F300"]
@@ -107,11 +62,6 @@ def test_needle_leaves_with_the_valve_shut_and_without_e():
     assert Retreat().leave(Modal(), AIR) == [CLOSING]
     assert shut(PRINTER) == []
     assert shut_and_wait(AIR) == [CLOSING, b"G4 P30"]
-
-
-def test_modes_of_a_head_without_plunger_have_no_e():
-    assert mode_lines(AIR) == (b"G21", b"G90")
-    assert mode_lines(PRINTER) == (b"G21", b"G90", b"M82")
 
 
 # --- stops and pauses --------------------------------------------------------------------------

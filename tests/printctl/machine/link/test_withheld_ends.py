@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.link_protocol import Fault, StrayOk
 from firmware_profiles.families.link_timing import Timing
-from firmware_profiles.families.marlin.doubt import QUESTION
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
 from firmware_profiles.families.pairing import Pairing
@@ -28,7 +25,6 @@ from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.slower import first_of
 
 JOB = [b"G1 X%d E%d" % (k, k) for k in range(8)]
-HARMFUL = re.compile(rb"\s*(G|M|T)\d")
 
 
 def text(number: int) -> bytes:
@@ -80,40 +76,6 @@ def test_a_foreign_line_end_has_the_printer_refuse_a_line_without_its_end():
     assert all(line.endswith(b"*0\n") for line in whole)
 
 
-def test_letters_of_the_next_command_are_in_the_buffer_before_a_refusal_is_said():
-    """Marlin empties its buffer behind the words; what it cuts off must not begin a command."""
-    protocol = started()
-    protocol.take_output()
-    for _ in range(5):
-        protocol.feed(b"ok\n", 0.1)
-        sent = protocol.take_output()
-        whole, words = sent.index(b"\n") + 1, len(b"Error:checksum mismatch, Last Line: 1")
-        cuts = [cut for cut in range(whole, len(sent)) if HARMFUL.match(sent[cut:])]
-        assert cuts
-        assert max(cuts) - whole < words - 20
-
-
-def test_a_pause_lets_the_second_line_go_and_no_third():
-    protocol = started()
-    protocol.take_output()
-    protocol.held = True
-    protocol.feed(b"ok\n", 0.1)
-    assert protocol.take_output() == end(2)
-    assert not protocol.idle
-    protocol.feed(b"ok\n", 0.2)
-    assert (protocol.take_output(), protocol.lines_done, protocol.idle) == (b"", 2, True)
-
-
-def test_control_command_goes_behind_the_second():
-    protocol = started()
-    protocol.take_output()
-    protocol.submit(b"M105", 0.05)
-    protocol.feed(b"ok\n", 0.1)
-    assert protocol.take_output() == end(2)
-    protocol.feed(b"ok\n", 0.2)
-    assert protocol.take_output() == frame(3, b"M105")
-
-
 @pytest.mark.parametrize("said", [b"echo: cold extrusion prevented\nok\n", b"Error:hot\nok\n"])
 def test_behind_an_error_the_second_line_is_refused_not_run(said):
     protocol, printer = started(), FakeMarlin()
@@ -135,73 +97,6 @@ def test_behind_an_error_the_second_line_is_refused_not_run(said):
         events += protocol.tick(now)
     assert printer.numbered == [line.decode() for line in JOB]
     assert not any(isinstance(event, StrayOk) for event in events)
-
-
-def test_answer_of_nobodys_line_has_the_second_refused_too():
-    protocol = started()
-    protocol.take_output()
-    protocol.feed(b"ok N1 P15 B3\n", 0.1)
-    assert protocol.take_output() == end(2) + text(3)
-    assert protocol.feed(b"ok P15 B3\n", 0.2) == [StrayOk(1, 1)]
-    protocol.feed(b"ok N2 P15 B3\n", 0.3)
-    assert protocol.take_output() == b"\n"
-
-
-def test_a_cut_answer_lets_nothing_go_before_it_is_whole():
-    protocol = started()
-    protocol.take_output()
-    protocol.feed(b"ok\nT:21", 0.1)
-    assert (protocol.take_output(), protocol.idle) == (b"", False)
-    protocol.feed(b".0 /0.0\n", 0.11)
-    assert protocol.take_output() == end(2) + text(3)
-
-
-@pytest.mark.parametrize("cut", [1, 6, 40])
-def test_a_line_that_noise_has_ended_is_sent_again(cut):
-    """Its `*` became a line end, and a read has cut the printer's refusal."""
-    protocol = started(calm_lines=3)
-    protocol.take_output()
-    said = b"Error:No Checksum with line number, Last Line: 1\nResend: 2\nok\n"
-    assert not protocol.feed(b"ok\n" + said[:cut], 0.1)
-    assert not protocol.feed(said[cut:], 0.11)
-    assert protocol.take_output() == b"\n"
-    protocol.tick(0.2)
-    assert protocol.take_output() == QUESTION
-    protocol.feed(
-        b"Error:Line Number is not Last Line Number+1, Last Line: 1\nResend: 2\nok\n", 0.21
-    )
-    assert not any(isinstance(event, (Fault, StrayOk)) for event in protocol.tick(0.3))
-    assert protocol.take_output() == frame(2, JOB[1])
-
-
-def test_behind_a_text_that_is_never_ended_the_second_is_refused_and_a_token_sent():
-    protocol = started()
-    protocol.take_output()
-    protocol.feed(b"ok\nT:21", 0.1)
-    protocol.tick(protocol.deadline)
-    assert re.match(rb"\nN2 M0?118 E1 at 2\.1\*", protocol.take_output())
-
-
-def test_stop_past_the_line_in_flight_lets_the_second_go_first():
-    protocol = started()
-    protocol.take_output()
-    protocol.held = True
-    assert protocol.cut_in([b"M410"], True, 0.1)
-    assert protocol.take_output() == end(2) + b"\nM410\n"
-
-
-def test_doubt_ends_the_second_before_it_asks():
-    protocol = started(calm_lines=3)
-    protocol.take_output()
-    protocol.feed(b"Error:checksum mismatch, Last Line: 0\nResend: 1\nok\n", 0.1)
-    assert protocol.take_output() == b"\n"
-    protocol.tick(0.2)
-    assert protocol.take_output() == QUESTION
-    protocol.feed(
-        b"Error:Line Number is not Last Line Number+1, Last Line: 0\nResend: 1\nok\n", 0.21
-    )
-    protocol.tick(0.3)
-    assert protocol.take_output() == frame(1, JOB[0])
 
 
 def test_profile_chooses_by_how_soon_answers_come():

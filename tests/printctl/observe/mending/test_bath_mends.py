@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from printctl.observe.mending import Gap, Voids, check_mend, plan_mend, written_paths
+from printctl.observe.mending import Gap, Voids, check_mend, plan_mend
 from tests.printctl.observe.mending.small_jobs import bath_job
 from tests.slower import first_of
 
 DEEP = [(100, 100, 5), (106, 100, 5.5), (112, 102, 5)]
 ABOVE = [(103, 97, 8), (103, 103, 8)]
-STEEP = [(100, 110, 5), (101, 110, 12), (106, 110, 14)]
 
 
 def test_a_break_is_written_again_from_above():
@@ -20,14 +19,6 @@ def test_a_break_is_written_again_from_above():
     assert (len(mend.patches), mend.left) == (1, ())
     assert checked.passed
     assert checked.covered == 1.0
-
-
-def test_an_unfinished_vessel_is_written_to_its_end():
-    held = bath_job(DEEP).held()
-    mend = plan_mend(held, [Gap(0, 7.0, written_paths(held)[0].length_mm)])
-    (patch,) = mend.patches
-    assert patch.beyond_mm == 0.0
-    assert check_mend(held, mend.lines, [patch.gap]).passed
 
 
 def test_what_lies_under_another_filament_stays_and_the_rest_is_mended():
@@ -47,21 +38,6 @@ def test_a_check_sees_a_shaft_through_ink():
     later = bath_job(DEEP, ABOVE).held()
     moved = [line for line in insert if not line.startswith(b"G92")]
     assert check_mend(later, moved, [gap]).ink_crossed > 0
-
-
-def test_ink_of_the_same_path_above_is_in_the_way_too():
-    held = bath_job(STEEP).held()
-    mend = plan_mend(held, [Gap(0, 2.0, 4.0)])
-    assert "same path" in mend.left[0].reason
-    assert check_mend(held, mend.lines, [Gap(0, 2.0, 4.0)]).ink_crossed == 0
-
-
-def test_the_deepest_comes_first():
-    held = bath_job(DEEP, [(100, 108, 9), (110, 108, 9)], [(100, 115, 7), (110, 115, 7)]).held()
-    gaps = [Gap(1, 3, 4), Gap(2, 3, 4), Gap(0, 3, 4)]
-    mend = plan_mend(held, gaps)
-    assert [patch.path.number for patch in mend.patches] == [0, 2, 1]
-    assert check_mend(held, mend.lines, gaps).passed
 
 
 def test_thin_filaments_are_left_to_the_flow():
@@ -90,27 +66,3 @@ def test_a_needle_never_comes_down_through_the_upright_ink_that_it_mends(upwards
     mend = plan_mend(held, [gap])
     assert not mend.lines
     assert "same path" in mend.left[0].reason
-
-
-def test_an_upright_filaments_upper_end_is_written_again():
-    held = bath_job([(100, 100, 4), (100, 100, 9)]).held()
-    gap = Gap(0, 4.0, 5.0)
-    mend = plan_mend(held, [gap])
-    assert mend.left == ()
-    assert check_mend(held, mend.lines, [gap]).passed
-
-
-def test_a_check_sees_a_shaft_through_ink_below_where_the_print_is_held():
-    paths = [(96, 100, 5), (100, 100, 5.2)], [(96, 100, 8), (100, 100, 8.2)]
-    held = bath_job(*paths).held()
-    down = [b"G0 Z12 F300", b"G0 Z5", b"G0 Z11"]
-    assert check_mend(held, down).ink_crossed > 0
-
-
-def test_sound_ink_between_two_near_gaps_is_in_the_way_too():
-    held = bath_job([(100, 100, 4), (100, 100, 9)]).held()
-    gaps = [Gap(0, 4.2, 4.5), Gap(0, 4.85, 5.0)]
-    mend = plan_mend(held, gaps)
-    assert check_mend(held, mend.lines, gaps).passed
-    assert [patch.gap.to_mm for patch in mend.patches] == [pytest.approx(5.0)]
-    assert any("same path" in one.reason for one in mend.left)
