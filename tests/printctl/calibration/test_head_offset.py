@@ -42,10 +42,6 @@ def test_the_tip_stands_as_much_farther_as_the_carriage_less_far(tmp_path: Path)
     assert all(f"{axis} {value}" in printer.source for axis, value in (("x", 39.9), ("z", -0.3)))
 
 
-def test_without_a_printer_it_is_the_difference_of_two_needles(tmp_path: Path) -> None:
-    assert "right less left, x" in offset(tmp_path)
-
-
 def test_a_head_that_isn_t_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="has no head 2"):
         offset(tmp_path, "--printer", "two_syringe_marlin", "--head", "2")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ from typer.testing import CliRunner, Result
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.calibration.lag import LagPattern, expected_width
 from printctl.calibration.patterns import WrittenPattern, read_pattern
-from printctl.calibration.widths import GivenValues, fit_widths, typed_widths
 from printctl.checks.bead import predict_job
 from printctl.checks.set_up import HeadLoading
 from printctl.cli.main import app
@@ -120,23 +118,6 @@ def test_lines_on_a_plate_of_a_known_flow_give_the_ink_s_bead(tmp_path: Path) ->
     assert ink.flow_factor == 0.9
 
 
-def test_a_vague_picture_s_factor_is_told_and_not_written(tmp_path: Path) -> None:
-    written = printed(tmp_path, "lines", *FEW)
-    sharp = typed_widths(typed_lines(tmp_path, written, 0.85, 0.25), written)
-    vague = fit_widths(written, replace(sharp, optics=0.1), GivenValues())
-    assert set(vague.changes) == {"lag"}
-    assert "aren't written" in vague.notes[-1]
-    factor = vague.estimates["flow factor"]
-    assert factor.low == pytest.approx(0.85 * math.exp(-0.2), rel=0.03)
-
-
-def test_a_cross_section_that_does_not_follow_the_speed_is_told(tmp_path: Path) -> None:
-    written = printed(tmp_path, "lines", *FEW, "--repeats", "2")
-    _, notes = answer(typed_lines(tmp_path, written, 1.0, 0.05, power=-0.1))
-    assert "doesn't follow the speed" in notes
-    assert "follows the flow" in notes
-
-
 def test_from_a_simulated_print_to_the_ink_s_profile(tmp_path: Path) -> None:
     """Flow factor 0.9 and a lag of 0.3 s, laid by `sim.gcode.bead`, swollen, painted, measured."""
     printer, syringe = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
@@ -207,19 +188,6 @@ def test_comb_gives_the_interval_between_closed_and_open(tmp_path: Path) -> None
     ink = load(Ink, str(tmp_path / "ink.yaml"))
     assert ink.smallest_gap_mm == 0.3
     assert "0.2 mm closed" in ink.source
-
-
-def test_a_comb_all_closed_or_out_of_order_says_so(tmp_path: Path) -> None:
-    printed(tmp_path, "comb", "--gaps", "0.1,0.2,0.3,0.5", "--round")
-    empty = (tmp_path / "p.csv").read_text()
-    path = sheet(tmp_path, ["0", "0", "0", "0"])
-    _, notes = answer(path)
-    assert "every gap closed" in notes
-    with pytest.raises(UsageError, match="isn't written"):
-        calibrate("widths", path, "--write", tmp_path / "ink.yaml")
-    path.write_text(empty)
-    _, notes = answer(sheet(tmp_path, ["0", "0.1", "0", "0.4"]))
-    assert "a smaller gap stayed open" in notes
 
 
 def test_joints_and_bridges_have_an_interval_and_no_key(tmp_path: Path) -> None:

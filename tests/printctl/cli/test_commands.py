@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import subprocess
 import sys
 
@@ -11,7 +10,6 @@ from typer.testing import CliRunner
 
 from printctl.cli.commands import COMMANDS, LazyGroup
 from printctl.cli.main import app
-from printctl.cli.summaries import summary
 
 LOADED = """
 import sys
@@ -37,20 +35,6 @@ def test_names_of_options_are_whole_in_a_terminal_of_80_columns(name: str) -> No
         names = [*param.opts, *param.secondary_opts]
         assert all(name in said for name in names if name.startswith("-"))
     assert max(map(len, said.splitlines())) <= 80
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_a_summary_is_what_the_command_says_of_itself(name: str) -> None:
-    module, attribute = COMMANDS[name].split(":")
-    own = LazyGroup().get_command(None, name).help
-    assert summary(f"printctl.cli.{module}", attribute) == inspect.cleandoc(own)
-
-
-def test_the_list_of_commands_imports_none_of_them() -> None:
-    code = LOADED.replace('"pause", "--help"', '"--help"').replace("registration", "numpy")
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert all(f" {name} " in done.stdout for name in COMMANDS)
-    assert done.stdout.splitlines()[-1] == "False"
 
 
 def test_a_slip_of_the_pen_is_answered_with_what_may_have_been_meant():

@@ -41,22 +41,6 @@ def test_commands_are_offered_by_what_they_begin_with(ask):
     assert ask("printctl re") == [name for name in COMMANDS if name.startswith("re")]
 
 
-def test_all_commands_are_offered_for_nothing(ask):
-    assert ask("printctl ") == list(COMMANDS)
-
-
-def test_commands_of_a_group_are_offered(ask):
-    assert ask("printctl recipe ") == ["schema", "migrate"]
-
-
-def test_options_are_offered(ask):
-    assert {"--printer", "--port"} <= set(ask("printctl print part.gcode --p"))
-
-
-def test_choices_are_offered(ask):
-    assert ask("printctl slice part.stl --infill g") == ["gyroid"]
-
-
 @pytest.mark.parametrize(
     ("option", "kind"),
     [("--printer", Printer), ("--syringe", Syringe), ("--ink", Ink), ("--needle", Needle)],

@@ -69,11 +69,6 @@ def _typed(*words: str) -> tuple[dict[str, object], str]:
     return section, ""
 
 
-def test_what_is_not_typed_is_left_to_the_section() -> None:
-    assert _typed() == ({}, "")
-    assert _typed("--bath") == ({"bath": {}}, "")
-
-
 def test_fields_become_options_of_their_own_and_of_sections_within(tmp_path: Path) -> None:
     (tmp_path / "colours.csv").touch()
     words = ("--depth-mm", "4", "--colours", str(tmp_path / "colours.csv"), "--colour", "blue")
@@ -85,12 +80,6 @@ def test_fields_become_options_of_their_own_and_of_sections_within(tmp_path: Pat
         "table": str((tmp_path / "colours.csv").resolve()),
         "bath": {"stirred": False, "warmth_c": 30.0},
     }
-
-
-def test_what_one_word_can_not_say_is_no_option() -> None:
-    assert [one.name for one in parameters(GROUPS)] == [
-        "depth_mm", "colour", "colours", "bath", "warmth_c", "stirred",
-    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -106,10 +95,3 @@ def test_what_one_word_can_not_say_is_no_option() -> None:
 )
 def test_mistakes_name_the_option(words: tuple[str, ...], said: str) -> None:
     assert said in _typed(*words)[1]
-
-
-def test_help_is_the_fields_and_names_options() -> None:
-    helped = {one.name: one.annotation.__metadata__[0] for one in parameters(GROUPS)}
-    assert helped["warmth_c"].help == "Of the bath, where --depth-mm doesn't say it."
-    assert helped["depth_mm"].show_default == "2.5"
-    assert helped["bath"].help == "Paint in a bath."

@@ -11,7 +11,6 @@ from manifold3d import Manifold
 
 from design.solids import write_stl
 from firmware_profiles import Printer, load
-from printctl.checks.gcode_view import Pushing, read_job
 from printctl.checks.lumens import Writing, read_layers
 from tests.design.toolpath.shapes import as_solid, block
 from tests.printctl.cli.shell import Shell
@@ -67,17 +66,6 @@ def test_each_layer_says_its_height_before_it_is_written(sliced: bytes) -> None:
     assert gaps[below_cap] > 0.3
     assert np.delete(gaps, below_cap) == pytest.approx(np.delete(heights[1:], below_cap))
     assert heights[below_cap + 1] == pytest.approx(0.06)
-
-
-def test_lumens_and_views_take_the_heights_that_are_said(sliced: bytes) -> None:
-    lines, _ = read_layers(sliced, Writing(PRINTER, UL_PER_MM))
-    said = [float(text) for text in re.findall(rb";HEIGHT:([\d.]+)", sliced)]
-    assert lines.high - lines.low == pytest.approx(said)
-    # Lines keep their width, whatever their layer's height.
-    middle = [float(np.median(lines.width[lines.layer == k])) for k in range(len(said))]
-    assert middle == pytest.approx([0.15] * len(said), rel=0.06)
-    job = read_job(sliced, "part", Pushing(PRINTER, BORE_MM, "test", BORE_MM, "test"), None)
-    assert job.layers.height_mm == pytest.approx(said)
 
 
 def test_whole_files_volume_is_the_part_s(sliced: bytes) -> None:

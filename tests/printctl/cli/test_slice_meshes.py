@@ -12,8 +12,6 @@ import pytest
 from manifold3d import Manifold
 
 from design.solids import write_stl
-from firmware_profiles import Printer, load
-from printctl.checks.gcode_view import Pushing, read_job
 from printctl.cli.main import main
 from tests.design.toolpath.shapes import as_solid, block
 
@@ -166,25 +164,6 @@ def test_a_modifier_beside_the_part_is_refused(
     known = ("slice", assembly[0], "--unit", "mm", "--out", str(tmp_path / "part.gcode"))
     assert run(monkeypatch, *known, "--modifier", f"{away}:infill-percent=10") == 2
     assert "lies outside of the part (x 20 to 21" in " ".join(capsys.readouterr().err.split())
-
-
-def test_a_view_draws_each_head_s_lines_where_its_tip_is(
-    assembly: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    out = tmp_path / "part.gcode"
-    known = ("slice", *assembly[:2], "--unit", "mm", "--out", str(out), *TWO, "--json")
-    assert run(monkeypatch, *known) == 0
-    place = np.array(json.loads(capsys.readouterr().out)["place_mm"])
-    printer = load(Printer, "two_syringe_marlin")
-    job = read_job(out.read_bytes(), "part", Pushing(printer, 4.61, "test", 4.61, "test"), None)
-    ends = job.end[job.writes, :2] - place[:2]
-    assert ends.min(axis=0) == pytest.approx([0.075, 0.075], abs=0.02)
-    assert ends.max(axis=0) == pytest.approx([5.925, 3.925], abs=0.02)
-    away = np.hypot(*(ends - [3.0, 2.0]).T)
-    assert 0.45 < away.min() < 0.55
 
 
 def test_lumens_reads_what_each_head_s_own_syringe_pushes(

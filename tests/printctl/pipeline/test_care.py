@@ -15,7 +15,7 @@ from rich.console import Console
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.errors import RecipeError, SafetyError
 from printctl.machine.link.care import Care
-from printctl.machine.printing import Order, usable_mm
+from printctl.machine.printing import Order
 from printctl.pipeline.head_contents import Filled
 from printctl.pipeline.run import toolpath_recipe
 from printctl.pipeline.stages import printing
@@ -60,14 +60,6 @@ def ordered(
     return orders[0]
 
 
-def test_recipe_that_says_nothing_prints_as_the_command_does_by_default(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    order = ordered(None, tmp_path, monkeypatch, [])
-    assert order.care == Care(syringe="hamilton_1ml", capacity_mm=usable_mm(SYRINGE, PRINTER))
-    assert order.retreat.prime_mm == 0
-
-
 @pytest.mark.parametrize(
     ("key", "value", "field", "expected"),
     [
@@ -96,20 +88,6 @@ def test_dead_man_may_stop_the_print(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert order.care.deadman_stops
     with pytest.raises(RecipeError, match=r"printer\.care.*deadman_min"):
         recipe({"deadman_stops": True})
-
-
-def test_ink_pushed_after_a_pause_becomes_plunger_travel(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    order = ordered({"prime_ul": 2.0}, tmp_path, monkeypatch, [])
-    assert order.retreat.prime_mm * np.pi * SYRINGE.inner_mm**2 / 4 == pytest.approx(2.0)
-
-
-def test_changes_that_the_dry_run_planned_are_given_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    order = ordered({"reload": True}, tmp_path, monkeypatch, [120, 240])
-    assert order.care.reload_at == (120, 240)
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from rich.console import Console
 from design.network import VesselKind, VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from firmware_profiles import Printer, load
-from printctl.errors import RecipeError, SafetyError, UsageError
+from printctl.errors import RecipeError, SafetyError
 from printctl.pipeline.heads import vessel_heads
 from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import parse_recipe
@@ -50,11 +50,6 @@ def test_vessels_go_to_heads_by_kind_by_tree_and_by_what_is_left() -> None:
     assert heads({}, {}) == [0, 0, 0]
 
 
-def test_a_vessel_that_nobody_writes_is_refused() -> None:
-    with pytest.raises(UsageError, match="vessel 2 \\(connection, tree 2\\) is written by no head"):
-        heads({"kinds": ["artery"]}, {"kinds": ["vein"]})
-
-
 def with_heads(*said: dict[str, Any], **printer: Any) -> dict[str, Any]:
     data = deepcopy(GOOD)
     data["printer"] |= {"heads": list(said), **printer}
@@ -74,11 +69,6 @@ def with_heads(*said: dict[str, Any], **printer: Any) -> dict[str, Any]:
 def test_heads_that_contradict_each_other_are_refused(data: dict[str, Any], words: str) -> None:
     with pytest.raises(RecipeError, match=words):
         parse_recipe(data, "test.yaml")
-
-
-def test_the_shipped_example_names_two() -> None:
-    recipe = parse_recipe(GOOD, "ring_two_inks.yaml")
-    assert [head.kinds for head in recipe.printer.heads] == [("artery", "connection"), ("vein",)]
 
 
 def whole(folder: Path, **printer: Any) -> dict[str, Any]:
@@ -124,11 +114,6 @@ def test_two_inks_are_planned_written_and_checked(tmp_path: Path) -> None:
     pushed = [one["ink_pushed_ul"] for one in found["dry_run"]["ink_of_heads"]]
     assert pushed == pytest.approx([np.pi * 0.04 * 8] * 2, rel=0.05)
     assert found["lumens"]["passed"]
-
-
-def test_a_profile_with_another_count_of_heads_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"names 2, and Generic Marlin 2\.1 bioprinter has 1"):
-        whole(tmp_path, profile="generic_marlin")
 
 
 def test_heads_that_stay_in_the_bath_are_refused(tmp_path: Path) -> None:

@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from rich.console import Console
 
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from firmware_profiles import Printer, load
-from printctl.errors import RecipeError, UsageError
+from printctl.errors import UsageError
 from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import parse_recipe
@@ -21,7 +20,6 @@ from printctl.recipe.heads import HeadPart
 from printctl.recipe.making import Fresh
 from sim.gcode.dry_run.run import dry_run
 
-ROOT = Path(__file__).parents[3]
 SIZE_MM = (6.0, 4.0, 1.5)
 WHOLE_UL = 6.0 * (4.0 * 1.5 - np.pi * 0.25**2)
 CREST = 0.06 * (1 - np.pi / 4) / 2
@@ -107,11 +105,6 @@ def lines(regions: list[dict[str, Any]], *heads: dict[str, Any], count: int = 2)
     return layer_lines_um(part, [HeadPart(**one) for one in heads], count)
 
 
-def test_a_head_writes_lines_of_the_width_that_its_regions_say() -> None:
-    assert lines([HALF]) == [150, 150]
-    assert lines([HALF | {"line_um": 200}, HALF, {"around_vessels_mm": 0.3}]) == [150, 200]
-
-
 @pytest.mark.parametrize(
     ("regions", "heads", "count", "words"),
     [
@@ -125,17 +118,3 @@ def test_heads_that_can_t_write_layers_so_are_refused(
 ) -> None:
     with pytest.raises(UsageError, match=words):
         lines(regions, *heads, count=count)
-
-
-def test_line_width_without_a_head_is_refused() -> None:
-    data = recipe([{"around_vessels_mm": 0.3, "line_um": 200}], HEADS)
-    with pytest.raises(RecipeError, match="no head is named that writes such lines"):
-        parse_recipe(data, "two.yaml")
-
-
-def test_the_shipped_example_gives_the_vessels_their_own_ink() -> None:
-    data = yaml.safe_load((ROOT / "examples" / "planar_two_inks.yaml").read_text())
-    found = parse_recipe(data, "planar_two_inks.yaml")
-    assert isinstance(found.toolpath, Fresh)
-    assert [region.head for region in found.toolpath.regions] == [1]
-    assert layer_lines_um(found.toolpath, found.printer.heads, 2) == [150, 150]

@@ -5,15 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 from lxml import etree
 
-from design.solids import block_solid
 from firmware_profiles import Printer, load
 from printctl.checks.gcode_view import Pushing
-from printctl.pipeline.layer_pictures import OUTLINED, layer_pictures
+from printctl.pipeline.layer_pictures import layer_pictures
 from tests.printctl.checks.lumens.small_gcode import BORE_MM, gcode
-from tests.printctl.checks.lumens.written_filaments import plunger_gcode
 
 PUSHING = Pushing(load(Printer, "generic_marlin"), BORE_MM, "test", BORE_MM, "test")
 ROWS = [np.array([[0.0, y], [10.0, y]]) for y in (0.0, 1.0, 2.0)]
@@ -40,29 +37,3 @@ def test_every_line_is_drawn_as_wide_as_its_own_ink(tmp_path: Path) -> None:
         svg = layer_pictures(path, PUSHING)["toolpath/Layer 2 of 3, tip at z = 0.12 mm"]
         sizes.append(float(np.median(heights(svg))))
     assert 1.8 < sizes[0] / sizes[1] < 2.3
-
-
-def test_layers_at_the_middle_are_shown(tmp_path: Path) -> None:
-    path = tmp_path / "part.gcode"
-    path.write_bytes(gcode([ROWS] * 4))
-    assert [name.split(",")[0] for name in layer_pictures(path, PUSHING)] == [
-        "toolpath/Layer 2 of 4",
-        "toolpath/Layer 3 of 4",
-    ]
-
-
-@pytest.mark.slow
-def test_the_first_layer_is_drawn_under_the_designs_outline_too(tmp_path: Path) -> None:
-    path = tmp_path / "part.gcode"
-    path.write_bytes(gcode([ROWS] * 4))
-    design = (block_solid((10.0, 2.0, 0.24)), np.zeros(3))
-    found = layer_pictures(path, PUSHING, design)
-    outlined = [name for name in found if OUTLINED in name]
-    assert (len(found), len(outlined)) == (3, 1)
-    assert b"Ink beyond design" in found[outlined[0]]
-
-
-def test_an_embedded_print_is_drawn_whole(tmp_path: Path) -> None:
-    path = tmp_path / "part.gcode"
-    path.write_bytes(plunger_gcode([([[0, 0, 5], [9, 0, 7]], 0.5), ([[9, 0, 7], [9, 9, 5]], 0.3)]))
-    assert list(layer_pictures(path, PUSHING)) == ["toolpath/2 passes, from above"]

@@ -13,8 +13,7 @@ from printctl.machine.link.inserts import Insert
 from printctl.machine.link.journal import encode
 from printctl.machine.link.record import JOURNAL
 from printctl.observe.records import LookRecord, look_folder, save_look
-from printctl.pipeline.look_pictures import chosen_looks, look_pictures, look_rows
-from registration.report.look_figure import LookRow
+from printctl.pipeline.look_pictures import look_pictures, look_rows
 
 
 def record(number: int, decision: str = "go_on", coverage: float | None = 1.0) -> LookRecord:
@@ -36,14 +35,6 @@ def test_rows_tell_what_the_journal_says_was_done() -> None:
     assert [row.held for row in rows] == [False, True, False, False]
     assert math.isnan(rows[1].ink)
     assert math.isnan(rows[1].seen)
-
-
-def test_a_long_prints_strip_keeps_the_looks_that_acted() -> None:
-    rows = [LookRow(k + 1, 1.0, 1.0, mended=k % 37 == 5, held=k == 200) for k in range(400)]
-    shown = chosen_looks(rows, 40)
-    assert len(shown) == len(set(shown)) == 40
-    assert {k for k in range(400) if k % 37 == 5} | {0, 200, 399} <= set(shown)
-    assert chosen_looks(rows[:3], 40) == [0, 1, 2]
 
 
 def test_strip_and_curve_of_a_print_folder(tmp_path: Path) -> None:

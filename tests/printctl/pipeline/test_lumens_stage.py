@@ -61,18 +61,6 @@ def test_open_lumens_pass_and_are_written_down(tmp_path: Path) -> None:
     assert written["lumens"][0]["narrowest_mm"] == pytest.approx(0.6, abs=2e-3)
 
 
-def test_a_lumen_below_the_ink_s_smallest_gap_is_told(tmp_path: Path) -> None:
-    layers = [tube(0.3, centre=(20, 30))] * LAYERS
-    for gap, part, told in ((0.5, fresh(), 0), (0.7, fresh(), 1)):
-        said = context(tmp_path, layers, part)
-        said.ink.smallest_gap_mm = gap
-        found, _ = lumens.work(said, lambda *_: None)
-        notes = [text for text in found["notes"] if "smallest gap" in text]
-        assert len(notes) == told
-    assert "0.6 mm wide" in notes[0]
-    assert "0.7 mm" in notes[0]
-
-
 def test_a_closed_lumen_is_refused(tmp_path: Path) -> None:
     plug = [np.array([[19.6, y], [20.4, y]]) for y in 30 + 0.1 * np.arange(-3, 4)]
     walls = tube(0.3, centre=(20, 30))

@@ -15,7 +15,7 @@ from printctl.machine.link.marks import MarkKind
 from printctl.observe.records import ORDER
 from printctl.pipeline import observing
 from printctl.pipeline.observable import refuse_unobservable
-from printctl.pipeline.observing import device_settings, look_care, unlooked_words
+from printctl.pipeline.observing import look_care, unlooked_words
 from printctl.pipeline.stages.toolpath import looks_within
 from printctl.recipe import parse_recipe
 from printctl.run_folder.artefacts import GCODE
@@ -49,28 +49,6 @@ def recipe(observe, **printer):
 def test_every_says_when_the_print_is_held(every, care):
     part = recipe({"device": "camera", "every": every}).observe
     assert look_care(part, embedded=False) == {"look_limit_s": 120.0, "look_park_mm": None, **care}
-
-
-def test_a_folder_that_isnt_there_yet_is_no_camera(tmp_path):
-    part = recipe({"device": "camera", "source": "pictures/", "frame": "frame.yaml"}).observe
-    settings = device_settings(SimpleNamespace(recipe_folder=tmp_path), part)
-    assert (settings.kind, settings.source) == ("folder", str(tmp_path.resolve() / "pictures"))
-
-
-def test_without_the_section_nobody_looks():
-    assert look_care(None, embedded=False) == {}
-
-
-def test_what_is_written_in_a_bath_is_looked_at_where_vessels_end():
-    part = recipe({"device": "camera", "every": "10 s written"}).observe
-    assert look_care(part, embedded=True)["look_after"] is MarkKind.VESSEL
-
-
-def test_a_cameras_number_may_stand_as_a_number():
-    part = recipe({"device": "camera", "source": 0, "frame": "frame.yaml"}).observe
-    assert part.source == "0"
-    with pytest.raises(RecipeError, match="source"):
-        recipe({"device": "camera", "source": -1, "frame": "frame.yaml"})
 
 
 @pytest.mark.parametrize(
@@ -113,13 +91,6 @@ def test_a_laser_line_doesnt_see_what_a_bath_covers():
     for one in (filled, embedded):
         with pytest.raises(UsageError, match="sees the bath's surface alone"):
             refuse_unobservable(one, marlin)
-
-
-def test_by_default_each_layer_or_vessel_is_looked_at_and_long_ones_within():
-    part = recipe({"device": "camera"}).observe
-    layered, bath = look_care(part, embedded=False), look_care(part, embedded=True)
-    assert (layered["look_after"], bath["look_after"]) == (MarkKind.LAYER, MarkKind.VESSEL)
-    assert layered["look_every_written_s"] == 60.0
 
 
 @pytest.mark.parametrize(("every", "within"), [("vessel", True), ("60 s written", False)])

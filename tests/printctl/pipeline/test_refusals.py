@@ -56,13 +56,6 @@ def short(folder: Path) -> str:
     return str(folder / "short.yaml")
 
 
-def test_what_can_be_printed_passes(tmp_path: Path) -> None:
-    refuse_before(recipe(tmp_path, network()), tmp_path)
-    fresh = {"method": "fresh"}
-    printer = {"ink": "collagen_fresh", "bath": "gelatin_support"}
-    refuse_before(recipe(tmp_path, network(), toolpath=fresh, printer=printer), tmp_path)
-
-
 @pytest.mark.parametrize(
     ("parts", "vessels", "error", "why"),
     [
@@ -162,13 +155,3 @@ def test_a_block_is_as_deep_as_it_says_and_other_tissue_as_its_network(tmp_path:
         "keep_within": [{"shape": "block", "from_mm": [0, 0, 0], "to_mm": [10, 6, 9.2]}],
     }
     refuse_before(recipe(tmp_path, network(), toolpath=toolpath, tissue=cut), tmp_path)
-
-
-def test_a_vessel_wider_than_a_filament_is_no_refusal(tmp_path: Path) -> None:
-    refuse_before(recipe(tmp_path, network(radius_mm=2.0, depth_mm=1.0)), tmp_path)
-
-
-def test_a_design_alone_asks_for_no_needle(tmp_path: Path) -> None:
-    made = recipe(tmp_path, network(radius_mm=0.06))
-    design_recipe(made, tmp_path, tmp_path / "run", Console(quiet=True))
-    assert (tmp_path / "run" / "solid.stl").exists()

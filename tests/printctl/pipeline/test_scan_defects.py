@@ -62,7 +62,3 @@ def test_vessel_that_isnt_there_is_refused_by_name() -> None:
 def test_unknown_kinds_and_keys_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         ordered(wrong)
-
-
-def test_no_defects_by_default() -> None:
-    assert ordered().defects == ()

@@ -10,9 +10,9 @@ import pytest
 
 from design.errors import SolidError
 from design.network import VesselNetwork
-from design.solids import Solid, block_solid, find_crossings, surface_genus
+from design.solids import block_solid, find_crossings, surface_genus
 from printctl.errors import RecipeError
-from printctl.pipeline.solid_build import RunSolids, build, without_crumbs
+from printctl.pipeline.solid_build import RunSolids, build
 from printctl.recipe.load import parse_recipe
 from printctl.recipe.solid import SolidPart
 from tests.design.solids.networks import channels, ladder
@@ -50,30 +50,9 @@ def test_barbs_stand_on_inlet_and_outlet_and_keep_the_lumen_open() -> None:
     assert across[faces[..., 0] < 0].min() == pytest.approx(0.4, abs=2e-3)
 
 
-def test_only_the_inlet_gets_a_fitting_where_only_it_is_named() -> None:
-    built = make(inlets=BARB)
-    assert built.fittings == 1
-    assert built.construct.bounds[:, 0] == pytest.approx([-5.0, 16.0], abs=1e-3)
-
-
-def test_shells_smaller_than_ten_micrometres_are_left_out() -> None:
-    block, crumb = block_solid((4.0, 4.0, 4.0)), block_solid((0.005, 0.005, 0.005), (2.0, 2.0, 2.0))
-    holed = np.concatenate([block.faces, crumb.faces[:, ::-1] + len(block.vertices)])
-    both = Solid(np.concatenate([block.vertices, crumb.vertices]), holed.astype(np.int32))
-    left = without_crumbs(both)
-    assert surface_genus(left.faces) == (0, 1)
-    assert np.array_equal(left.vertices[left.faces], block.vertices[block.faces])
-
-
 def test_a_bore_as_wide_as_its_tube_is_refused() -> None:
     with pytest.raises(SolidError, match=r"bore_mm 1\.9 .* as wide as the"):
         make(tubes={"wall_mm": 0.2}, inlets=BARB | {"bore_mm": 1.9, "outer_mm": 2.4})
-
-
-def test_tubes_take_the_tissues_place() -> None:
-    built = make(tubes={"wall_mm": 0.4}, inlets=BARB | {"outer_mm": 2.4})
-    assert built.construct.volume_mm3 < 0.4 * plain_block().volume_mm3
-    assert built.genus == 3 + 3 + 2 - 1
 
 
 def test_a_chamber_has_a_way_in_for_each_port_it_fits() -> None:
@@ -150,11 +129,3 @@ def test_a_recipe_is_told_what_is_wrong_with_it(solid: dict[str, Any], message: 
     with pytest.raises(RecipeError) as told:
         parse_recipe(recipe, "x.yaml")
     assert message in str(told.value)
-
-
-def test_facets_of_a_micrometre_on_many_vessels_are_told_beforehand() -> None:
-    told = SolidPart(facet_percent=0.0).heavy_facets(624)
-    assert "624 vessels" in told
-    assert "leave it out" in told
-    assert SolidPart(facet_percent=0.0).heavy_facets(500) == ""
-    assert SolidPart().heavy_facets(624) == ""

@@ -9,7 +9,6 @@ import pytest
 import trimesh
 from pydantic import TypeAdapter
 
-from design.errors import TissueError
 from design.tissue import block
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.recipe.tissue import TissuePart
@@ -52,12 +51,6 @@ def test_small_piece_of_a_large_mesh_may_be_kept(tmp_path: Path) -> None:
     within = [{"shape": "sphere", "centre_mm": [5, 5, 5], "radius_mm": 2}]
     tissue = made(tmp_path, mesh="box.stl", unit="mm", keep_within=within)
     assert tissue.volume_mm3 == pytest.approx(32 * np.pi / 3, rel=0.02)
-
-
-def test_size_of_a_mesh_is_judged(tmp_path: Path) -> None:
-    box_file(tmp_path / "box.stl")
-    with pytest.raises(TissueError, match="outside 20 to 30 mm"):
-        made(tmp_path, mesh="box.stl", unit="mm", size_limits_mm=[20, 30])
 
 
 def test_label_image_with_demand_from_another_image(tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ import pytest
 import yaml
 
 from design.network_files.csv_format import write_network_csv
-from printctl.progress_file import LEAST_S, ProgressFile
 from tests.printctl.cli.shell import Shell
 from tests.printctl.corrections.feedback.small_run import TWO, recipe_of
 
@@ -70,13 +69,6 @@ def test_a_failed_run_says_why_in_its_last_line(shell: Shell, tmp_path: Path) ->
     assert "none_such" in _told(told)[-1]["message"]
 
 
-def test_a_wrong_recipe_is_told_there_too(shell: Shell, tmp_path: Path) -> None:
-    told = tmp_path / "p.jsonl"
-    recipe = str(_recipe(tmp_path, colour="red"))
-    shell(recipe, "--out", str(tmp_path / "r"), "--progress-file", str(told))
-    assert "colour" in _told(told)[-1]["message"]
-
-
 def test_without_a_finished_print_there_is_none_to_take(shell: Shell, tmp_path: Path) -> None:
     write_network_csv(tmp_path / "two.csv", TWO)
     small = recipe_of(needle="22g", layer_um=150, line_um=400)
@@ -84,16 +76,6 @@ def test_without_a_finished_print_there_is_none_to_take(shell: Shell, tmp_path: 
     code, _, err = shell(recipe, "--out", str(tmp_path / "r"), "--printed")
     assert code == 4
     assert "no finished print of part.gcode" in err
-
-
-def test_a_stage_that_reports_often_writes_seldom(tmp_path: Path) -> None:
-    now = [100.0]
-    told = ProgressFile(tmp_path / "p.jsonl", clock=lambda: now[0])
-    told.begin(("flow",), "flow")
-    for step in range(100):
-        now[0] = 100.0 + step * LEAST_S / 10
-        told.stage("flow", step / 100)
-    assert len(_told(tmp_path / "p.jsonl")) == 1 + 10
 
 
 def test_a_design_ends_at_the_stage_that_is_named(shell: Shell, tmp_path: Path) -> None:
@@ -107,12 +89,3 @@ def test_a_design_ends_at_the_stage_that_is_named(shell: Shell, tmp_path: Path) 
     assert code == 0
     assert "unchanged" in err
     assert (run / "flow.csv").is_file()
-
-
-def test_a_design_doesnt_go_on_to_the_print(shell: Shell, tmp_path: Path) -> None:
-    shell.first = ("design",)
-    code, _, err = shell(str(_recipe(tmp_path)), "--out", str(tmp_path / "r"), "--until", "dry-run")
-    assert code == 2
-    assert "printctl design ends at solid" in err
-    assert "printctl run --until dry-run" in err
-    assert not (tmp_path / "r").exists()

@@ -10,7 +10,6 @@ from printctl.observe.records import LookRecord
 from printctl.pipeline.tracing import Job
 from printctl.pipeline.written_in_scan import (
     looks_and_scan,
-    missing_mm,
     save_written,
     written_places,
 )
@@ -55,14 +54,6 @@ def hole(x, y, z):
 
 
 TWO = [look(1, 12), look(2, 14)]
-
-
-def test_places_lie_in_the_middle_of_what_hangs_from_the_tip(job):
-    places = written_places(job, layered=True)
-    assert places.length_mm.sum() == pytest.approx(4 * LENGTH)
-    assert places.length_mm.max() <= 0.05 + 1e-9
-    assert sorted(set(np.round(places.at_mm[:, 2], 6))) == [0.05, 0.15]
-    assert set(np.round(written_places(job, layered=False).at_mm[:, 2], 6)) == {0.1, 0.2}
 
 
 def test_a_whole_print_agrees(tmp_path, job):
@@ -116,33 +107,3 @@ def test_what_a_mend_left_is_no_disagreement_with_a_scan_that_misses_it(tmp_path
     )
     assert first["words"] == "look: mended, 3.00 mm left; scan: missing"
     assert first["agree"] is True
-
-
-def test_neither_is_claimed_of_what_scan_or_look_did_not_see(tmp_path, job):
-    dark = compared(tmp_path, job, lambda x, y, z: np.nan if z < 0.1 else 1.0, TWO)
-    assert dark[0]["agree"] is None
-    assert dark[0]["words"] == "scan tells too little"
-    assert dark[0]["scan_ink"] is None
-    blind = compared(tmp_path, job, hole, [look(1, 12, seen=0.2), TWO[1]])
-    assert blind[0]["words"] == "look saw too little; scan: missing"
-
-
-def test_of_two_looks_at_one_place_the_second_counts(tmp_path, job):
-    rows = compared(tmp_path, job, whole, [look(1, 12), look(2, 12), look(3, 14)])
-    assert [row["look"] for row in rows] == [2, 3]
-
-
-def test_short_and_unknown_stretches_are_no_missing_ones():
-    length, stroke = np.full(40, 0.05), np.repeat([0, 1], 20)
-    ink = np.ones(40)
-    ink[3:6] = 0  # 0.15 mm
-    assert missing_mm(length, stroke, ink, 0.2) == 0.0
-    ink[30:36] = 0
-    assert missing_mm(length, stroke, ink, 0.2) == pytest.approx(0.3)
-    ink[32] = np.nan
-    assert missing_mm(length, stroke, ink, 0.2) == 0.0
-    across = np.ones(40)
-    across[17:23] = 0  # the end of one line and the begin of the next: two of 0.15 mm
-    assert missing_mm(length, stroke, across, 0.2) == 0.0
-    across[10:] = 0
-    assert missing_mm(length, stroke, across, 0.2) == pytest.approx(1.5)

@@ -59,11 +59,3 @@ def test_arteries_and_veins_make_loops_and_a_single_tree_none() -> None:
 def test_what_cannot_be_is_refused(networks: list[Any], keys: dict[str, Any], said: str) -> None:
     with pytest.raises(RecipeError, match=said):
         recipe_of(networks, **keys)
-
-
-def test_supplies_go_with_lumped_flow_alone() -> None:
-    supplies = [{"trees": [0], "flow_ml_min": 1}, {"trees": [0], "flow_ml_min": 2}]
-    with pytest.raises(RecipeError, match=r"supplies name tree 0 twice"):
-        recipe_of([{"trees": [ARTERY]}], {"supplies": supplies})
-    with pytest.raises(RecipeError, match=r"one_d and three_d know one supply"):
-        recipe_of([{"trees": [ARTERY]}], {"supplies": supplies[:1], "three_d": {}})

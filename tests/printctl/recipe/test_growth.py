@@ -45,14 +45,6 @@ def test_all_that_growth_knows_can_be_said() -> None:
     assert named.files() == ["wells.csv", "artery.swc"]
 
 
-def test_inlets_are_one_for_each_part_or_places() -> None:
-    assert grown(terminals=9, inlets="each_part").inlets == "each_part"
-    places = grown(terminals=9, inlets=[{"at_mm": [1, 2, 3], "direction": [0, 0, -1]}]).inlets
-    assert not isinstance(places, str)
-    assert places is not None
-    assert (places[0].at_mm, places[0].direction) == ((1.0, 2.0, 3.0), (0.0, 0.0, -1.0))
-
-
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
@@ -119,29 +111,3 @@ def test_a_given_network_says_its_unit_where_its_file_doesnt(
         parse_recipe(data, "test.yaml")
     data["vasculature"] = {"network": "a.json"}
     assert parse_recipe(data, "test.yaml").vasculature.files() == ["a.json"]
-
-
-def test_closed_loops_take_limits_but_no_points() -> None:
-    data = yaml.safe_load((ROOT / "examples" / "planar_fresh.yaml").read_text())
-    data["vasculature"] = {"grow": "closed_loop", "terminals": 9, "flow_ratio": 0.1}
-    parse_recipe(data, "test.yaml")
-    data["vasculature"]["terminal_points"] = "a.csv"
-    with pytest.raises(RecipeError, match=r"terminal_points.*remove it"):
-        parse_recipe(data, "test.yaml")
-
-
-@pytest.mark.parametrize(
-    ("anatomy", "why"),
-    [
-        ({"template": "heart", "inlets": {"left_coronary": [1, 2, 3]}}, "write left_coronary: {at"),
-        ({"template": "heart", "inlets": [[1, 2, 3]]}, "inlets have names"),
-        ({"template": "kidney", "inlets": {"hilum": {"at_mm": 3}}}, "inlet hilum is"),
-        ({"template": "kidney", "inlets": {"pial_artery": {"at_mm": [1, 2, 3]}}}, "hilum"),
-        ({"template": "heart", "vein": "beside"}, "vein isn't for a heart"),
-    ],
-)
-def test_anatomy_says_how_to_write_what_it_refuses(anatomy, why):
-    data = yaml.safe_load((ROOT / "examples" / "planar_fresh.yaml").read_text())
-    data["vasculature"] = {"grow": "tree", "terminals": 100, "anatomy": anatomy}
-    with pytest.raises(RecipeError, match=why):
-        parse_recipe(data, "test.yaml")

@@ -25,14 +25,6 @@ def test_every_lattice_can_be_asked_for(kind: str) -> None:
     assert parsed(lattice=kind).options().kind == kind
 
 
-def test_diameters_become_radii() -> None:
-    options = parsed(manifold_diameter_mm=1.2, axis="x", clearance_mm=0.2).options()
-    assert (options.radius_mm, options.manifold_mm, options.axis) == (0.3, 0.6, "x")
-    assert options.clearance_mm == 0.2
-    # Half as wide again where the recipe doesn't say.
-    assert parsed().options().manifold_mm == pytest.approx(0.45)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

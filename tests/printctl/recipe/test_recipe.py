@@ -8,7 +8,6 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from design.vasculature import PLANAR_BLOCK_MM
 from printctl.errors import RecipeError
 from printctl.recipe import load_recipe, parse_recipe
 from printctl.recipe.making import PrinterPart
@@ -138,17 +137,6 @@ def test_files_of_regions_are_the_recipe_s_files() -> None:
         {"around_vessels_mm": 1},
     ]
     assert parse_recipe(recipe, "test.yaml").toolpath.files() == ["a.stl"]
-
-
-def test_the_named_design_s_block_is_the_design_s() -> None:
-    parse_recipe(_changed("tissue.size_mm", list(PLANAR_BLOCK_MM)), "test.yaml")
-
-
-def test_numbers_with_an_exponent_alone_are_numbers(tmp_path: Path) -> None:
-    path = tmp_path / "small.yaml"
-    plain = yaml.safe_dump(_changed("print_scale", 0.5)).replace("0.5", "5e-1")
-    path.write_text(plain)
-    assert load_recipe(path).print_scale == 0.5
 
 
 def test_key_written_twice_is_refused_with_both_lines(tmp_path: Path) -> None:

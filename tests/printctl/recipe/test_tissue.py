@@ -6,7 +6,7 @@ import pytest
 
 from printctl.errors import RecipeError
 from printctl.recipe import parse_recipe
-from printctl.recipe.tissue import CylinderPart, DepthDemandPart, LabelTissue, MeshPart
+from printctl.recipe.tissue import CylinderPart, DepthDemandPart, MeshPart
 
 NEEDLE = {"shape": "cylinder", "from_mm": [0, 0, 0], "to_mm": [0, 0, 9], "radius_mm": 0.5}
 BALL = {"shape": "sphere", "centre_mm": [0, 0, 0], "radius_mm": 2}
@@ -39,14 +39,6 @@ def test_every_source_takes_zones_and_demand(source: dict[str, Any]) -> None:
     assert "port.stl" in part.files()
 
 
-def test_all_files_are_named() -> None:
-    part = recipe(**LABELS, keep_within=[PORT], demand={"image": "cells.nrrd", "unit": "um"})
-    assert isinstance(part, LabelTissue)
-    assert part.files() == ["seg.nii.gz", "port.stl", "cells.nrrd"]
-    assert part.label == "seg.nii.gz"
-    assert recipe(shape="folded_cortex").files() == []
-
-
 @pytest.mark.parametrize(
     ("tissue", "message"),
     [
@@ -64,8 +56,3 @@ def test_all_files_are_named() -> None:
 def test_wrong_section_names_place_and_value(tissue: dict[str, Any], message: str) -> None:
     with pytest.raises(RecipeError, match=message):
         recipe(shape="biventricle", **tissue)
-
-
-def test_label_needs_its_value() -> None:
-    with pytest.raises(RecipeError, match=r"tissue\.value.*add it"):
-        recipe(labels="seg.nii")

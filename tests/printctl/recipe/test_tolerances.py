@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from printctl.cli.tolerance_options import tolerances_of
-from printctl.errors import RecipeError, UsageError
+from printctl.errors import UsageError
 from printctl.recipe.making import RegistrationPart
 
 WHOLE = """
@@ -47,11 +47,6 @@ def test_a_file_sets_sides_features_and_vessels(tmp_path: Path) -> None:
     assert found.of(1, "artery").offset_um == 40
 
 
-def test_sides_on_the_command_line() -> None:
-    limit = tolerances_of(None, None, "+10/-5").limits.diameter
-    assert (limit.minus_percent, limit.plus_percent) == (5, 10)
-
-
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -73,13 +68,3 @@ def test_sides_on_the_command_line() -> None:
 def test_a_wrong_limit_is_named_with_its_remedy(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(UsageError, match=said):
         tolerances_of(file(tmp_path, text), None, None)
-
-
-def test_digits_with_colons_are_no_number(tmp_path: Path) -> None:
-    with pytest.raises(RecipeError, match="1:30 in line 1 would be read as minutes"):
-        tolerances_of(file(tmp_path, "offset_um: 1:30"), None, None)
-
-
-def test_a_limit_given_twice_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="both set one limit; leave one of them out"):
-        tolerances_of(file(tmp_path, WHOLE), None, "5")

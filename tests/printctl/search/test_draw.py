@@ -28,12 +28,6 @@ def test_a_grid_takes_every_value_with_every_other_the_last_key_fastest() -> Non
     ]  # fmt: skip
 
 
-def test_steps_of_whole_numbers_and_of_powers() -> None:
-    rows = drawn(search({"seed": {"from": 1, "to": 100, "steps": 3, "log": True, "whole": True}}))
-    assert column(rows, "seed") == [1, 10, 100]
-    assert all(isinstance(value, int) for value in column(rows, "seed"))
-
-
 def test_a_latin_hypercube_draws_once_from_each_nth_of_every_range() -> None:
     vary = {"a": {"from": 0, "to": 10}, "b": {"from": 1, "to": 1000, "log": True}}
     rows = drawn(search(vary, draw="latin_hypercube", count=20))
@@ -60,18 +54,6 @@ def test_the_same_seed_draws_the_same_and_another_another(draw: str) -> None:
     assert rows(1) == rows(1)
     assert rows(1) != rows(2)
     assert set(column(rows(1), "b")) <= {"x", "y", "z"}
-
-
-def test_whole_numbers_come_all_as_often_the_ends_too() -> None:
-    rows = drawn(search(
-        {"n": {"from": 1, "to": 4, "whole": True}, "a": {"from": 0, "to": 1}},
-        draw="latin_hypercube", count=400,
-    ))  # fmt: skip
-    assert np.bincount(column(rows, "n")).tolist() == [0, 100, 100, 100, 100]
-
-
-def test_what_is_drawn_twice_counts_once() -> None:
-    assert len(drawn(search({"seed": [1, 2]}, draw="random", count=50))) == 2
 
 
 def test_a_grid_of_too_many_is_refused() -> None:

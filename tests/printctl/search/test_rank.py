@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from printctl.search.candidates import Candidate
-from printctl.search.model import Objective, SearchFile
+from printctl.search.model import SearchFile
 from printctl.search.quantities import QUANTITIES
 from printctl.search.rank import RankedCandidate, pareto_fronts, ranked
 from tests.printctl.search.small import SEARCH
@@ -94,25 +94,3 @@ def test_limits_come_before_scores_and_what_can_t_be_judged_last() -> None:
     assert rows[4].said == "volume_mm3 has no meaning here"
     assert rows[5].said == "no room for a trunk"
     assert rows[3].score is rows[3].front is None
-
-
-def test_rounding_decides_nothing() -> None:
-    """Trees feed their terminals alike but for rounding, which is no reason to prefer one."""
-    rows = order(
-        {"flow_spread": {"goal": "minimise", "weight": 1000}, "volume_mm3": "minimise"},
-        {"flow_spread": 1e-16, "volume_mm3": 2.0},
-        {"flow_spread": 9e-15, "volume_mm3": 1.0},
-    )
-    assert numbers(rows) == [2, 1]
-    assert [row.front for row in rows] == [1, 2]
-
-
-def test_equals_stay_in_the_order_of_drawing() -> None:
-    assert numbers(order({"volume_mm3": "minimise"}, *[{"volume_mm3": 1.0}] * 5)) == [1, 2, 3, 4, 5]
-
-
-def test_a_limit_is_broken_relative_to_itself() -> None:
-    assert Objective(at_most=10).beyond(15) == pytest.approx(0.5)
-    assert Objective(at_least=10).beyond(5) == pytest.approx(0.5)
-    assert Objective(at_most=0).beyond(3) == pytest.approx(3)
-    assert Objective(at_least=1, at_most=2).beyond(2) == 0

@@ -14,7 +14,6 @@ import pytest
 import yaml
 from rich.console import Console
 
-from firmware_profiles import Needle, load
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import run_stages
 from printctl.pipeline.stages import flow, measures, tissue, vasculature
@@ -86,14 +85,6 @@ def test_other_goals_rank_what_is_known_anew(folder: Path) -> None:
     assert (found.made, found.kept) == (0, 4)
     assert found.best is None
     assert not (out / "best.yaml").exists()
-
-
-def test_another_scan_changes_no_candidate_and_another_wall_does(folder: Path) -> None:
-    out = folder / "out"
-    scanned = BASE | {"scan": {"simulated": "microct", "voxel_um": [50, 50, 50]}}
-    assert run(write(folder, SEARCH, scanned), out, limit=0).kept == 4
-    thicker = {**BASE["vasculature"], "clearance_mm": 0.11}
-    assert run(write(folder, SEARCH, BASE | {"vasculature": thicker}), out, limit=0).kept == 0
 
 
 def test_a_candidate_that_can_t_grow_is_recorded_with_its_message(tmp_path: Path) -> None:
@@ -169,17 +160,6 @@ def test_a_worker_with_other_files_or_another_printctl_is_not_believed(tmp_path:
         evaluate(replace(task, files={"ends.csv": "0" * 64}))
     with pytest.raises(WorkerError, match="a profile that the recipe names is another"):
         evaluate(replace(task, limits_mm=(0.1, 2.0, 0.3)))
-
-
-def test_a_profile_of_the_user_s_own_that_changes_makes_other_candidates(tmp_path: Path) -> None:
-    needle = tmp_path / "mine.yaml"
-    base = BASE | {"toolpath": {"method": "embedded", "needle": str(needle)}}
-    path, keys = write(tmp_path, SEARCH, base), []
-    for bore in (0.16, 0.21):
-        facts = load(Needle, "30g").model_dump(mode="json") | {"inner_mm": bore, "outer_mm": 0.41}
-        needle.write_text(yaml.safe_dump(facts), encoding="utf-8")
-        keys.append(draw_candidates(load_search(path), tmp_path).candidates[0].key)
-    assert keys[0] != keys[1]
 
 
 def test_the_command_prints_the_table_and_its_exit_code_tells_the_outcome(

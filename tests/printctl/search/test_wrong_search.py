@@ -79,20 +79,6 @@ def test_a_recipe_of_a_plate_and_one_that_isn_t_there_are_refused(tmp_path: Path
     assert not (tmp_path / "out").exists()
 
 
-def test_a_share_outside_the_band_needs_a_band(tmp_path: Path) -> None:
-    objectives = {"wall_shear_outside_percent": "minimise"}
-    search = load_search(write(tmp_path, SEARCH | {"objectives": objectives}))
-    with pytest.raises(RecipeError, match=r"needs a band; add flow\.shear_band_dyn_cm2"):
-        draw_candidates(search, tmp_path)
-
-
-def test_workers_are_here_or_there() -> None:
-    with pytest.raises(UsageError, match="has workers of its own; leave --workers out"):
-        Workers(2, "tcp://localhost:8786")
-    with pytest.raises(UsageError, match="isn't an address; give it as tcp://HOST:8786"):
-        Workers(None, "localhost")
-
-
 def test_a_scheduler_that_doesn_t_answer_is_told(tmp_path: Path) -> None:
     path = write(tmp_path, SEARCH)
     with pytest.raises(

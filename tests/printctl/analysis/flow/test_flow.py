@@ -10,15 +10,12 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from design.errors import FlowError
-from design.hemodynamics import Pries1994, WindkesselOutlet
+from design.hemodynamics import WindkesselOutlet
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
 from printctl.analysis.flow import pulsatile_conditions, steady_conditions
-from printctl.cli.flow_case import read_case
 from printctl.errors import UsageError
 from printctl.recipe.parts import FlowPart
-from registration.report.flow_figures import wave_figure
 from tests.system.cli import called as printctl
 
 FORK = (
@@ -95,14 +92,6 @@ def test_tables_are_the_same_numbers_as_arrays_of_one_file(fork: Path) -> None:
                 assert str(arrays[f"{name}/{column}"][0].item()) == text
 
 
-def test_a_broken_json_file_is_told_of_as_such(tmp_path: Path) -> None:
-    """Before any option is looked at."""
-    file = tmp_path / "case.json"
-    file.write_text('{"vessels": [1,')
-    with pytest.raises(FlowError, match=r"case\.json: not readable as JSON: .* line 1 column 16"):
-        read_case(file)
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -155,17 +144,6 @@ def test_an_outlet_of_the_pulse_holds_for_steady_flow_as_flow_outlet_does() -> N
     assert loads[0][1].resistance == pytest.approx(4 * PA_PER_MMHG / UL_S_PER_ML_MIN)
 
 
-def test_half_a_windkessel_and_two_waves_are_refused() -> None:
-    for pulse, words in (
-        ({"amplitude_ml_min": 1, "period_s": 1, "outlet": {"resistance_mmhg_min_ml": 4,
-          "compliance_ml_mmhg": 1}}, "give all three"),
-        ({"amplitude_ml_min": 1, "shape": "ejection", "period_s": 1}, "give one of"),
-        ({"amplitude_ml_min": 1, "period_s": 1, "wall_thickness_mm": 1}, "needs wall_young"),
-    ):  # fmt: skip
-        with pytest.raises(ValidationError, match=words):
-            FlowPart.model_validate({"pulse": pulse})
-
-
 def test_a_table_is_looked_for_beside_the_recipe(tmp_path: Path) -> None:
     (tmp_path / "wave.csv").write_text("time_s,flow_ml_min\n0,1\n1,3\n2,1\n")
     part = FlowPart.model_validate({"inlet_flow_ml_min": 2, "pulse": {"table": "wave.csv"}})
@@ -176,16 +154,6 @@ def test_a_table_is_looked_for_beside_the_recipe(tmp_path: Path) -> None:
         pulsatile_conditions(
             part.model_copy(update={"inlet_flow_ml_min": 1.0}), part.pulse, tmp_path
         )
-
-
-def test_the_waves_are_drawn_alike_each_time() -> None:
-    time = np.arange(20) / 20
-    names = ("inlet_flow_ml_min", "outlet_flow_ml_min", "inlet_pressure_mmhg",
-             "outlet_pressure_mmhg")  # fmt: skip
-    waves = {"time_s": time} | {name: np.sin(6.28 * time) + k for k, name in enumerate(names)}
-    drawn = wave_figure(waves)
-    assert drawn.startswith(b"<?xml") or b"<svg" in drawn[:200]
-    assert drawn == wave_figure(waves)
 
 
 @pytest.mark.parametrize(
@@ -205,18 +173,3 @@ def test_a_flow_section_that_says_too_much_or_too_little_is_refused(
 ) -> None:
     with pytest.raises(ValidationError, match=words):
         FlowPart.model_validate(section)
-
-
-def test_a_section_becomes_the_fluid_and_the_losses_it_names() -> None:
-    part = FlowPart.model_validate(
-        {
-            "inlet_pressure_mmhg": 2,
-            "viscosity": {"model": "pries_1994", "haematocrit": 0.4},
-            "losses": {"junction_k": 0.5},
-        }
-    )
-    made = steady_conditions(part)
-    assert made.inlet_pressure_pa == pytest.approx(2 * PA_PER_MMHG)
-    assert made.inlet_flow_ul_s is None
-    assert made.fluid == Pries1994(4e-3, 0.4)
-    assert made.losses.junction == 0.5

@@ -7,10 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
-from pydantic import ValidationError
 
-from printctl.analysis.flow import one_d_options
-from printctl.recipe.parts import FlowPart
 from tests.printctl.analysis.flow.test_flow import FORK, SINE
 from tests.system.cli import called as printctl
 
@@ -61,17 +58,3 @@ def test_mistakes_end_in_one_message(fork: Path, options: tuple[str, ...], words
     assert "Traceback" not in done.stderr
     assert words in done.stderr
     assert done.stdout == ""
-
-
-def test_a_recipes_section_becomes_options_and_needs_a_wall() -> None:
-    pulse = {"amplitude_ml_min": 0.1, "period_s": 1, "wall_young_kpa": 10}
-    part = FlowPart.model_validate(
-        {"pulse": pulse, "one_d": {"cell_mm": 0.5, "wall_viscosity_pa_s": 20}}
-    )
-    assert part.one_d is not None
-    options = one_d_options(part.one_d, 64)
-    assert (options.cell_mm, options.wall_viscosity_pa_s, options.samples) == (0.5, 20.0, 64)
-    del pulse["wall_young_kpa"]
-    for wrong in ({"one_d": {}}, {"one_d": {}, "pulse": pulse}):
-        with pytest.raises(ValidationError, match="walls that give way"):
-            FlowPart.model_validate(wrong)

@@ -209,10 +209,6 @@ def test_networks_that_carry_no_flow_are_refused_by_vessel(
     _refused(fork, words, code=1)
 
 
-def test_a_pressure_that_nothing_stands_is_questioned(fork: Path) -> None:
-    _refused(fork, "is the network in another unit", "--inlet-pressure-mmhg", "1e6", code=1)
-
-
 def _refused(folder: Path, words: str, *options: str, code: int = 2) -> None:
     done = printctl("flow", "fork.csv", "--unit", "mm", *options, cwd=folder)
     assert done.returncode == code, done.stdout

@@ -20,7 +20,6 @@ from design.hemodynamics.three_d.ranks import (
 )
 from printctl.analysis.flow.ranks import Engine, find_engine, run_on_ranks
 from printctl.analysis.flow.ranks.__main__ import main
-from printctl.analysis.flow.ranks.engine import rank_command
 from printctl.errors import PrintctlError, UsageError
 
 RADIUS, LENGTH, FLOW, VISCOSITY = 0.2, 0.6, 4.0, 1e-3
@@ -62,12 +61,6 @@ def stand_in(tmp_path) -> Path:
     return script(home / "python", "print('9.9.9')\n")
 
 
-def test_the_first_python_with_dolfinx_is_taken(stand_in, monkeypatch):
-    assert find_engine(stand_in) == Engine(stand_in, "9.9.9")
-    monkeypatch.setenv("PRINTCTL_DOLFINX_PYTHON", str(stand_in))
-    assert find_engine().python == stand_in
-
-
 def test_without_fenicsx_the_message_says_how_to_install_it(tmp_path, monkeypatch):
     bare = script(tmp_path / "python", "raise ModuleNotFoundError('dolfinx')\n")
     with pytest.raises(PrintctlError, match=r"doesn't import dolfinx \(ModuleNot.*apt-get install"):
@@ -80,25 +73,10 @@ def test_without_fenicsx_the_message_says_how_to_install_it(tmp_path, monkeypatc
         find_engine()
 
 
-def test_open_mpi_is_told_that_root_is_meant_only_where_it_is_root(tmp_path, monkeypatch):
-    open_mpi = script(tmp_path / "mpirun", "print('mpirun (Open MPI) 4.1.4')\n")
-    monkeypatch.setattr(os, "getuid", lambda: 0)
-    assert "--allow-run-as-root" in rank_command(open_mpi, 2)
-    monkeypatch.setattr(os, "getuid", lambda: 1000)
-    assert "--allow-run-as-root" not in rank_command(open_mpi, 2)
-    other = script(tmp_path / "mpiexec", "print('HYDRA build details')\n")
-    assert rank_command(other, 2) == [str(other), "-n", "2"]
-
-
 @pytest.mark.parametrize("ranks", [0, 1 + (os.cpu_count() or 1)])
 def test_more_ranks_than_processors_are_refused(case, ranks):
     with pytest.raises(UsageError, match=f"{ranks} ranks on .* processors; give 1 to"):
         run_on_ranks(case, ranks)
-
-
-def test_a_folder_without_a_case_is_refused(tmp_path):
-    with pytest.raises(UsageError, match=r"holds no case\.json"):
-        run_on_ranks(tmp_path, 1)
 
 
 def test_a_failing_engine_tells_its_last_lines(case, stand_in, tmp_path):

@@ -12,22 +12,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from design.hemodynamics import FlowConditions, ProbeWaves
-from design.hemodynamics.probes import clear_parts, midpoints
 from design.network_files.csv_format import read_network_csv
-from printctl.analysis.flow.comparison import (
-    IDEAL,
-    comparison_summary,
-    comparison_table,
-    places,
-    steady_comparison,
-)
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.space import ComparePart, ThreeDPart
-from registration.report.flow_figures import comparison_figure
-from tests.design.hemodynamics.networks import network_of
 from tests.printctl.analysis.flow.test_flow import SINE
-from tests.slower import first_of
 from tests.system.cli import called as printctl
 
 pytest.importorskip("ngsolve")
@@ -38,10 +26,6 @@ FORK = HEAD + (
     "1,1,2,2.5,0,0,4.5,0.3,0,0.4,0.4,artery,0\n"
     "2,1,3,2.5,0,0,3,-2,0,0.4,0.4,artery,0\n"
 )
-NETWORK = network_of(
-    [[0, 0, 0], [4, 0, 0], [8, 3, 0], [8, -3, 0]], [(0, 1), (1, 2), (1, 3)], [0.5, 0.4, 0.3]
-)
-CONDITIONS = FlowConditions(1e-3, inlet_flow_ul_s=4.0)
 
 
 @pytest.fixture
@@ -147,55 +131,6 @@ def test_wrong_options_have_a_message_each(fork: Path) -> None:
         done = printctl("flow", "fork.csv", "--unit", "mm", *options, cwd=fork)
         assert done.returncode != 0
         assert said in " ".join(done.stderr.split()), options
-
-
-def test_places_are_amid_vessels_then_along_the_clear_part_of_one() -> None:
-    probes, vessel = places(NETWORK, ComparePart(points=4))
-    assert vessel == 1
-    assert probes.vessel.tolist() == [0, 1, 2, 1, 1, 1, 1]
-    # 0.5 mm of the widest and 0.4 of its own before; nothing but its own at the free end.
-    first, last = 0.9 / 5.0, 1.0 - 0.4 / 5.0
-    assert clear_parts(NETWORK)[1] == pytest.approx([first, last])
-    step = (last - first) / 4.0
-    assert probes.fraction[3:] == pytest.approx(first + step * (np.arange(4) + 0.5))
-    assert clear_parts(network_of([[0, 0, 0], [1, 0, 0]], [(0, 1)], 0.5))[0] == pytest.approx(
-        [0.4, 0.6]
-    )
-
-
-def test_deviations_from_the_ideal_are_told_in_units_and_parts() -> None:
-    part = ComparePart(points=2)
-    probes, _ = places(NETWORK, part)
-    bare = steady_comparison(NETWORK, CONDITIONS, part, {})
-    ideal = bare.waves[IDEAL]
-    other = ProbeWaves(np.zeros(1), ideal.pressure + 1.33322, ideal.flow * 1.01)
-    found = steady_comparison(NETWORK, CONDITIONS, part, {"3D": other})
-    told = comparison_summary(found)
-    assert told["3D"]["flow_off_percent_of_inlet"] == pytest.approx(1.0)
-    assert told["3D"]["flow_off_ul_min"] == pytest.approx(0.04 * 60.0)
-    assert told["3D"]["pressure_off_mmhg"] == pytest.approx(0.01, rel=1e-4)
-    assert told["3D"]["flow_spread_percent"] == pytest.approx(told["ideal_flow_spread_percent"])
-    table = comparison_table(found)
-    assert len(table["vessel"]) == 2 * len(probes.vessel)
-    assert table["flow_off_ul_min"][: len(probes.vessel)] == pytest.approx(0.0)
-    assert len(midpoints(NETWORK).vessel) == 3
-
-
-@pytest.mark.parametrize("times", first_of([1, 6]))
-def test_the_figure_draws_every_fidelity(times: int) -> None:
-    rng = np.random.default_rng(times)
-    line = {
-        "vessel": 4,
-        "time_s": np.arange(times) / times,
-        "fraction": np.linspace(0.1, 0.9, 5),
-        "flow_ml_min": {n: 1.0 + rng.random((5, times)) for n in ("ideal", "1D", "3D")},
-        "pressure_mmhg": {n: rng.random((5, times)) for n in ("ideal", "1D", "3D")},
-    }
-    picture = comparison_figure(line)
-    root = ElementTree.fromstring(picture)
-    axes = [e for e in root.iter() if str(e.get("id", "")).startswith("axes_")]
-    assert len(axes) == (2 if times == 1 else 4)
-    assert comparison_figure(line) == picture
 
 
 def test_recipes_refuse_what_is_out_of_bounds() -> None:

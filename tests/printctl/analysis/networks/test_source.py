@@ -85,11 +85,6 @@ def test_folders_that_are_no_runs_are_refused(tmp_path: Path) -> None:
         load_source(tmp_path / "nothing", None, Drive())
 
 
-def test_a_run_is_in_mm(folder: Path) -> None:
-    with pytest.raises(UsageError, match="drop --unit"):
-        load_source(folder, "cm", Drive())
-
-
 def test_a_network_without_an_outlet_has_no_flow_and_it_is_told() -> None:
     ring = VesselNetwork.from_segments(
         np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]),

@@ -12,10 +12,8 @@ from rich.console import Console
 
 from design.solids import Solid, write_stl
 from design.tissue import block
-from printctl.errors import RecipeError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.design_stages import DESIGN
-from printctl.pipeline.facts import recipe_facts
 from printctl.pipeline.stage import wanted_stages
 from printctl.pipeline.stages import oxygen as stage
 from printctl.progress import StageBars
@@ -106,15 +104,6 @@ def _context(recipe: Recipe, folder: Path) -> RunContext:
     return RunContext(recipe, folder, folder, Manifest.load(folder), bars)
 
 
-def test_a_recipe_without_the_section_has_neither_stage_nor_word(tmp_path: Path) -> None:
-    plain = parse_recipe(BASE, "test")
-    asked = parse_recipe({**BASE, "oxygen": {"cells_per_ml": 1e6}}, "test")
-    assert "oxygen" not in recipe_facts(plain)
-    assert recipe_facts(asked)["oxygen"]["cells_per_ml"] == 1e6
-    assert stage.STAGE not in wanted_stages(_context(plain, tmp_path), DESIGN)
-    assert stage.STAGE in wanted_stages(_context(asked, tmp_path), DESIGN)
-
-
 def test_a_section_taken_out_is_forgotten(tmp_path: Path) -> None:
     context = _context(parse_recipe(BASE, "test"), tmp_path)
     context.manifest.stages["oxygen"] = None  # type: ignore[assignment]
@@ -136,8 +125,3 @@ def test_the_stage_depends_on_section_flow_and_scale(tmp_path: Path) -> None:
     behind = {"outlet": {"resistance_mmhg_min_ml": 4}}
     assert told(oxygen={}, flow=behind) == told(oxygen={}, flow={"pulse": wave["pulse"] | behind})
     assert one != told(oxygen={}, flow=behind)
-
-
-def test_a_misspelt_key_is_refused() -> None:
-    with pytest.raises(RecipeError, match=r"oxygen\.cell_density"):
-        parse_recipe({**BASE, "oxygen": {"cell_density": 1e7}}, "test")

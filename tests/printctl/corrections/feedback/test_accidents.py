@@ -41,13 +41,6 @@ def test_one_prints_accident_neither_is_corrected_nor_hides_what_repeats(
     assert made.radial.slope_um_per_mm == 0
 
 
-def test_a_small_fault_that_repeats_is_found_beside_an_accident() -> None:
-    found = estimate(prints_with_an_accident(4, {17: -0.02}, 0.002), CALIBRATED)
-    change = {part.vessel: part.diameter_um for part in found.vessels}
-    assert set(change) == {17}
-    assert 0.7 * LOCAL_GAIN * 20 < change[17] <= LOCAL_GAIN * 22
-
-
 def test_an_accident_changes_nothing_for_the_others() -> None:
     """Not their common size, nor how sure they are: as if that print hadn't had it."""
     with_it = estimate(prints_with_an_accident(3, ALWAYS, 0.002), CALIBRATED)
@@ -74,14 +67,6 @@ def test_cochrans_test_finds_what_does_not_repeat() -> None:
     assert repeating(np.zeros(3), free).all()
 
 
-def test_chance_is_seldom_taken_for_an_accident() -> None:
-    rng = np.random.default_rng(5)
-    free = np.full(20, 2)
-    variances = rng.chisquare(2, (2000, 20)) / 2
-    wrong = sum(not repeating(variance, free).all() for variance in variances)
-    assert wrong <= 30  # 1 % of 2000 are 20; more than 30 of them have a probability of 1 %
-
-
 def test_prints_of_different_depth_are_not_pooled_without_a_standard() -> None:
     lab = Lab(depth_standard=True)
     first = estimate([lab.print()])
@@ -99,13 +84,3 @@ def test_prints_of_different_depth_are_not_pooled_without_a_standard() -> None:
     word = Choices(depth_standard="block of 3.00 mm by micrometer")
     both = estimate([plain, higher], word)
     assert both.stretch.factor[2] == pytest.approx(first.stretch.factor[2], abs=2e-3)
-
-
-def test_different_depth_with_too_little_in_view_is_refused_for_that_reason() -> None:
-    lab = Lab(depth_standard=True)
-    first = estimate([lab.print()])
-    plain, higher = lab.print(), lab.print(first)
-    for one in (plain, higher):
-        one.found["depth_scale_fitted"] = False
-    with pytest.raises(UsageError, match=r"too little depth was in view.*same compensation"):
-        estimate([plain, higher])

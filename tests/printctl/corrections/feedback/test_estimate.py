@@ -9,7 +9,7 @@ import pytest
 
 from design.errors import ToolpathError
 from design.toolpath.correction import NEUTRAL
-from printctl.corrections.compensation import CompensationFile, GainPart, corrections_of_file
+from printctl.corrections.compensation import CompensationFile, corrections_of_file
 from printctl.corrections.feedback import Choices, Mean, Print, estimate
 from printctl.errors import UsageError
 from tests.printctl.corrections.feedback.lab import Lab
@@ -56,14 +56,6 @@ def test_depth_is_corrected_with_a_standard_of_the_scan_or_by_word() -> None:
     assert "step of 1.000 mm" in by_word.stretch.depth
 
 
-def test_a_standard_without_depth_in_view_corrects_nothing() -> None:
-    bare = Lab(depth_standard=True).print()
-    bare.found["depth_scale_fitted"] = False
-    made = estimate([bare])
-    assert made.stretch.factor[2] == 1.0
-    assert "too little depth" in made.stretch.depth
-
-
 def test_a_radial_offset_falls_and_stays_down_over_rounds() -> None:
     lab = Lab(spread_mm=-0.04)
     errors, made = [off(lab, None)], None
@@ -93,14 +85,6 @@ def test_an_unknown_bias_of_the_scanner_is_not_printed_into_the_part() -> None:
     assert all_bias.radial.offset_um == 0
 
 
-def test_chance_is_not_corrected() -> None:
-    lab = Lab(shrink=(1, 1, 1), noise_mm=0.01)
-    made = estimate([lab.print() for _ in range(4)])
-    assert made.radial.offset_um == 0
-    assert max([abs(vessel.diameter_um) for vessel in made.vessels], default=0) < 5
-    assert made.nodes == ()
-
-
 def test_one_vessel_that_is_always_too_narrow_is_found_among_noise() -> None:
     lab = Lab(noise_mm=0.004, faults_mm={16: -0.05})
     made = estimate([lab.print() for _ in range(4)], CALIBRATED)
@@ -122,20 +106,6 @@ def test_an_axis_that_is_pushed_aside_comes_back_without_oscillating() -> None:
     # What is left is no more than scans can be wrong by (and what moved all together), and stays.
     assert max(left[1:]) < 0.020
     assert left[3] == left[2] == left[1]
-
-
-def test_prints_made_with_different_compensations_are_pooled_by_what_they_ask_for() -> None:
-    lab = Lab(spread_mm=-0.03)
-    first = estimate([lab.print()], CALIBRATED)
-    both = estimate([lab.print(), lab.print(first)], CALIBRATED)
-    np.testing.assert_allclose(both.stretch.factor, first.stretch.factor, atol=1e-3)
-    assert both.radial.offset_um == pytest.approx(first.radial.offset_um, abs=2)
-
-
-def test_gain_corrects_that_share_and_no_more() -> None:
-    half = Choices(gain=GainPart(whole=0.5, local=0.5), bias=KNOWN)
-    made = estimate([Lab(shrink=(0.96, 0.96, 0.96)).print()], half)
-    assert made.stretch.factor[0] == pytest.approx(0.96**-0.5, abs=1e-3)
 
 
 def test_defects_are_left_out_of_what_is_measured() -> None:
@@ -177,18 +147,6 @@ def test_a_diameter_without_an_interval_corrects_nothing() -> None:
     assert 15 not in {vessel.vessel for vessel in untold.vessels}
 
 
-def test_a_fitted_scale_without_an_interval_is_not_corrected_by_the_surface() -> None:
-    # Lumens that don't tell the size: the surface alone would.
-    lab = Lab(shrink=(0.97, 0.97, 1.0))
-    print_ = lab.print()
-    nothing = [row | {"shift_along_um": [[None] * 3] * len(row["along_mm"])}
-               for row in print_.found["vessels"]]  # fmt: skip
-    found = replace(print_, found=print_.found | {"vessels": nothing})
-    assert estimate([found], CALIBRATED).stretch.factor[0] > 1.02
-    facts = found.facts.model_copy(update={"scale_interval_95": (None, None, None)})
-    assert estimate([replace(found, facts=facts)], CALIBRATED).stretch.factor[0] == 1.0
-
-
 @pytest.mark.parametrize(
     ("lab", "says"),
     [
@@ -202,13 +160,6 @@ def test_what_is_beyond_a_correction_is_refused(lab: Lab, says: str) -> None:
         estimate([lab.print(), lab.print()], CALIBRATED)
 
 
-def test_left_out_vessels_neither_give_nor_get() -> None:
-    lab = Lab(faults_mm={16: -0.05})
-    made = estimate([lab.print()], replace(CALIBRATED, without=frozenset({16})))
-    assert 16 not in {row["vessel"] for row in made.evidence["vessels"]}
-    assert any("vessels 16" in note for note in made.notes)
-
-
 def test_what_does_not_belong_together_is_not_pooled() -> None:
     lab = Lab()
     one, two = lab.print(), lab.print()
@@ -220,10 +171,3 @@ def test_what_does_not_belong_together_is_not_pooled() -> None:
         estimate([one, inked])
     with pytest.raises(UsageError, match="hold the same scan"):
         estimate([one, one])
-
-
-def test_same_prints_give_the_same_file() -> None:
-    def once() -> Print:
-        return Lab(spread_mm=-0.03, faults_mm={15: 0.04}).print()
-
-    assert estimate([once()]) == estimate([once()])

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from printctl.corrections.feedback import NO_ORIGIN, ORIGIN, keep_origin, read_print
+from printctl.corrections.feedback import NO_ORIGIN, keep_origin, read_print
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NETWORK, NUMBERS
 from printctl.run_folder.manifest import MANIFEST, Manifest, StageRecord, digest_file, of_simulator
@@ -77,30 +77,9 @@ def test_a_folder_without_a_manifest_and_an_unfinished_run_are_told_apart(
     assert "has no manifest.json of a run" in keep_origin(plain, scan, tmp_path)[NO_ORIGIN]
 
 
-def test_a_run_registered_anew_into_its_own_folder_still_says_how_it_was_made(
-    plain: Path, scan: Path, tmp_path: Path
-) -> None:
-    (plain / NUMBERS).write_text("{}")
-    assert ORIGIN in keep_origin(plain, scan, tmp_path / "out")
-
-
-def test_a_folder_of_slices_is_not_taken_for_a_simulated_scan(plain: Path, tmp_path: Path) -> None:
-    """Neither a run without a scan nor a folder has a digest: that makes them nothing alike."""
-    slices = tmp_path / "slices"
-    slices.mkdir()
-    assert Manifest.load(plain).stages.get("scan") is None
-    assert keep_origin(plain, slices, tmp_path / "out")[ORIGIN]["simulated"] is False
-
-
 def test_a_simulated_scan_is_known_where_it_lies(scan: Path) -> None:
     folder = Manifest(scan.parent)
     folder.stages["scan"] = StageRecord("key", {scan.name: "0"}, {}, 0.0, 0.0)
     folder.save()
     assert of_simulator(scan)
     assert not of_simulator(scan.with_name("mine.oct"))
-
-
-@pytest.mark.parametrize("text", ["[]", "{}", '{"stages": [1], "facts": {}}', '{"stages": 3}', "?"])
-def test_another_programs_manifest_beside_a_scan_does_no_harm(scan: Path, text: str) -> None:
-    (scan.parent / MANIFEST).write_text(text)
-    assert not of_simulator(scan)

@@ -159,11 +159,6 @@ def test_signature_of_another_key_is_told_and_not_trusted(tmp_path):
     assert "ISN'T KNOWN HERE" in " ".join(found.lines())
 
 
-def test_unsigned_bundle_says_so(tmp_path):
-    found = verified(filed(tmp_path, signed=False))
-    assert (found.whole, found.signature, found.good) == (True, Signature.NONE, False)
-
-
 def test_openssl_agrees_with_the_signature(tmp_path):
     (tmp_path / "out").mkdir()
     with zipfile.ZipFile(io.BytesIO(filed(tmp_path))) as opened:
@@ -266,13 +261,3 @@ def test_public_key_comes_back_from_its_file_and_garbage_is_refused(tmp_path):
         read_public(b"-----BEGIN PUBLIC KEY-----\nx", "x.pem")
     with pytest.raises(KeyTrouble, match="check the path"):
         read_public_file(tmp_path / "absent.pem")
-
-
-def test_cover_shows_hostile_text_as_text(tmp_path):
-    entry = printed(tmp_path / "run", alarm="<script>alert(1)</script>", message="<img src=x>")
-    write_bundle(tmp_path / "out.zip", entry, lab_key())
-    with zipfile.ZipFile(tmp_path / "out.zip") as opened:
-        page = opened.read("cover.html").decode()
-    assert "<script>" not in page
-    assert "<img" not in page
-    assert "&lt;script&gt;" in page

@@ -7,12 +7,10 @@ from dataclasses import replace
 
 import pytest
 
-from firmware_profiles import Printer, load
 from printctl.history.records.bundle import write_bundle
 from printctl.history.records.errors import RecordsError
 from printctl.history.records.keys import lab_key
 from printctl.history.records.repeat import entry_of_bundle, make_job, plan_repeat
-from printctl.machine.link.origin import digest_of, origin, profile_digest
 from tests.printctl.history.records.prints import GCODE, printed, with_run
 
 
@@ -39,13 +37,6 @@ def test_profile_that_is_gone_is_told(tmp_path):
     entry = replace(printed(tmp_path / "run"), profile="sold_last_year")
     (told,) = plan_repeat(entry).differences
     assert (told.what, told.then) == ("printer's profile", "sold_last_year")
-
-
-def test_port_that_is_gone_is_told(tmp_path):
-    entry = replace(printed(tmp_path / "run"), port="/dev/ttyUSB77")
-    assert [d.line() for d in plan_repeat(entry).differences] == [
-        "port: was /dev/ttyUSB77, is not there"
-    ]
 
 
 def test_changed_gcode_is_refused_and_its_bundle_brings_it_back(tmp_path):
@@ -95,11 +86,3 @@ def test_file_that_changes_between_check_and_copy_makes_no_job(tmp_path):
     with pytest.raises(RecordsError, match="nothing was made"):
         make_job(plan, tmp_path / "jobs")
     assert not list((tmp_path / "jobs").glob("*"))
-
-
-def test_digest_of_a_profile_is_of_its_values():
-    printer = load(Printer, "generic_marlin")
-    told = json.loads(json.dumps(origin(printer)))
-    assert digest_of(dict(reversed(told["printer"].items()))) == profile_digest(printer)
-    other = load(Printer, "marlin_avr")
-    assert profile_digest(other) != digest_of(told["printer"])

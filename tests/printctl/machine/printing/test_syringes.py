@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from firmware_profiles import Printer, Syringe, load
@@ -51,17 +49,3 @@ def test_change_that_is_agreed_to_satisfies_the_checks_it_concerns_and_no_other(
     wrong = Check("x, highest", 300.0, 200.0, "mm", False)
     with pytest.raises(SafetyError, match="x, highest"):
         refuse_failed(with_reloads([wrong, *checks()], job(), 0.5, wanted=True)[0])
-
-
-def test_job_without_reload_points_says_why_no_change_fits():
-    bare = replace(job(), marks=parse_job(b"G90", "a").marks)
-    told, reload_at = with_reloads(checks(), bare, 0.5, wanted=True)
-    assert reload_at == ()
-    with pytest.raises(SafetyError, match="no reload point lies between"):
-        refuse_failed(told)
-
-
-def test_job_that_one_syringe_does_for_is_left_alone():
-    printer = load(Printer, "generic_marlin")
-    whole = gcode_checks(dry_run(DATA, printer, START), printer)
-    assert with_reloads(whole, job(), 60.0, wanted=True) == (whole, ())

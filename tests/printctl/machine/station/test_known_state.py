@@ -6,9 +6,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from printctl.machine.link.errors import Refused
-from printctl.machine.link.temperatures import Temperature
 from printctl.machine.station.known_state import Knowledge
-from printctl.machine.station.status import MountedParts, StationState, StationStatus
 
 PRINTER = load(Printer, "generic_marlin")
 
@@ -66,14 +64,6 @@ def test_syringe_that_is_named_is_full_unless_said_otherwise(known):
     assert known.plunger_mm == 12.5, "another ink's name doesn't fill it"
 
 
-def test_another_dish_holds_no_print(known):
-    known.part_in_dish = True
-    known.mount({"ink": "carbopol"})
-    assert known.part_in_dish
-    known.mount({"dish": "petri_35mm"})
-    assert not known.part_in_dish
-
-
 @pytest.mark.parametrize(
     "said",
     [
@@ -93,16 +83,3 @@ def test_nonsense_is_refused_and_changes_nothing(known, said):
     with pytest.raises(Refused):
         known.mount(said)
     assert (known.mounted, known.plunger_mm, known.homed, known.profiles) == before
-
-
-def test_status_travels_as_json():
-    status = StationStatus(
-        StationState.READY,
-        position_mm=(1.0, 2.0, 3.0),
-        homed=(True, False, True),
-        temperatures=(Temperature("bed", 21.0, None),),
-        soft_low_mm=(0.0, 0.0, 0.0),
-        mounted=MountedParts(needle="25g", dish_centre_mm=(1.0, 2.0)),
-    )
-    assert StationStatus.from_dict(status.to_dict()) == status
-    assert StationStatus.from_dict({**status.to_dict(), "later": 1}) == status

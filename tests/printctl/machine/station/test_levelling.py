@@ -84,8 +84,3 @@ def test_skew_correction_is_refused_with_its_factors(line, factors):
     assert f"skew correction is on (M852 {factors})" in found.what
     assert not found.reset
     assert not found.tolerated
-
-
-def test_skew_correction_of_nothing_is_no_difference():
-    told = ["  M852 I0.000000 J0.000000 K0.000000 ; XY, XZ, YZ"]
-    assert not differences({"M503 S0": told}, load(Printer, "marlin_avr"))

@@ -6,7 +6,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from printctl.checks.gate import Bounds, NotAllowed, PrinterSituation, check_heat
-from printctl.machine.link.temperatures import Temperature, parse_temperatures, target_command
+from printctl.machine.link.temperatures import Temperature
 from printctl.machine.station.heat_limits import heat_limits
 from printctl.machine.station.mounted_profiles import read_mounted_profiles
 from printctl.machine.station.status import MountedParts
@@ -21,27 +21,6 @@ def check_target(known, name, celsius, profiles, part_in_dish):
 
 
 BOTH = (Temperature("nozzle", 21.0, 0.0), Temperature("bed", 21.0, 0.0))
-
-
-@pytest.mark.parametrize(
-    ("reply", "names"),
-    [
-        (b"ok T:23.40 /37.00 B:21.00 /0.00 @:0 B@:0", ["nozzle", "bed"]),
-        (b"T:20.0 /0.0 B:20 /0 C:5.0 /0.0 T0:20.0 /0.0 T1:31.5 /0 @:0 B@:0",
-         ["nozzle", "bed", "chamber", "nozzle 1"]),
-        (b"ok T0:20.0 /0.0 B:-1.5 /0.0", ["nozzle", "bed"]),
-        (b"ok", []),
-        (b"echo:busy: processing", []),
-    ],
-)  # fmt: skip
-def test_heaters_are_found_by_name(reply, names):
-    assert [one.name for one in parse_temperatures((reply,))] == names
-
-
-def test_reading_and_target():
-    nozzle, bed = parse_temperatures((b"T:23.40 /37.00 B:-1.5 /0.00 @:0",))
-    assert (nozzle.now_c, nozzle.target_c) == (23.4, 37.0)
-    assert bed.now_c == -1.5
 
 
 def test_ink_and_bath_limit_what_they_bear():
@@ -69,11 +48,6 @@ def test_without_a_name_no_more_than_cells_bear(celsius):
 def test_heater_that_isnt_there_is_named():
     with pytest.raises(NotAllowed, match="no 'chamber', only of nozzle, bed"):
         check_target(BOTH, "chamber", 30, read_mounted_profiles(MountedParts()), False)
-
-
-def test_commands_set_and_dont_wait():
-    assert target_command("bed", 37) == "M140 S37"
-    assert target_command("nozzle 1", 4.5) == "M104 T1 S4.5"
 
 
 def test_off_is_always_right():

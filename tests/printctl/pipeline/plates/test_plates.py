@@ -40,13 +40,6 @@ def test_shipped_plates_have_their_wells_inside_the_standard_outside(count: int)
     assert shipped(Plate).count(f"corning_{count}") == 1
 
 
-def test_the_96_well_plate_is_the_standard_s() -> None:
-    """ANSI/SLAS 4-2004: a pitch of 9 mm, the array in the middle of the plate."""
-    plate = load(Plate, "corning_96")
-    assert plate.offset_mm("A1") == pytest.approx((-11 * 4.5, 7 * 4.5))
-    assert plate.offset_mm("H12") == pytest.approx((11 * 4.5, -7 * 4.5))
-
-
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -81,13 +74,6 @@ def test_a_turned_plate_has_a1_where_one_sees_it() -> None:
     assert (turned.inner_x_mm, turned.inner_y_mm) == (30.0, 34.8)
 
 
-@pytest.mark.parametrize("turn", [0, 90, 180, 270])
-def test_a1_stands_where_the_recipe_says(turn: int) -> None:
-    standing = standing_plate(PLATE, PRINTER, (60.0, 80.0), turn)
-    assert standing.centre_mm("A1") == (60.0, 80.0)
-    assert dist(standing.centre_mm("A2"), (60, 80)) == pytest.approx(19.3)
-
-
 def test_a_plate_too_high_for_the_printer_is_refused() -> None:
     low = PRINTER.model_copy(
         update={"z_mm": PRINTER.z_mm.model_copy(update={"low": 0.0, "high": 21.0})}
@@ -97,11 +83,6 @@ def test_a_plate_too_high_for_the_printer_is_refused() -> None:
 
 
 # --- names and ways -------------------------------------------------------------------------------
-
-
-def test_wells_are_named_one_by_one_along_a_row_and_as_a_block() -> None:
-    assert names("A1", "b2..b4", "C01") == ["A1", "B2", "B3", "B4", "C1"]
-    assert names("A5..B6") == ["A5", "A6", "B5", "B6"]
 
 
 @pytest.mark.parametrize(
@@ -129,10 +110,6 @@ def test_the_way_visits_each_well_once_and_isn_t_longer_than_row_by_row(wells: s
     found = route(sorted(wells), STANDING)
     assert sorted(found) == sorted(wells)
     assert length(found) <= length(sorted(wells)) + 1e-9
-
-
-def test_the_way_over_a_whole_plate_goes_from_neighbour_to_neighbour() -> None:
-    assert length(route(PLATE.wells, STANDING)) == pytest.approx(23 * 19.3)
 
 
 # --- variants -------------------------------------------------------------------------------------
@@ -165,22 +142,6 @@ def test_a_grid_holds_every_pair_and_a_list_only_those_named() -> None:
 def test_what_no_sweep_can_vary_is_refused(sweep: dict[str, Any], words: str) -> None:
     with pytest.raises(RecipeError, match=words):
         points(sweep, "grid")
-
-
-def where(**said: Any) -> dict[str, tuple[int, int]]:
-    return {well.name: (well.variant, well.copy) for well in assigned(part(**said), PLATE)}
-
-
-def test_copies_follow_each_other_in_whole_rounds() -> None:
-    assert where(sweep={"seed": [1, 2]}, copies=2) == {
-        "A1": (0, 1), "A2": (1, 1), "A3": (0, 2), "A4": (1, 2),
-    }  # fmt: skip
-    assert where(sweep={"seed": [1, 2]}, wells=["D6", "A1..A3"]) == {
-        "D6": (0, 1), "A1": (1, 1), "A2": (0, 2), "A3": (1, 2),
-    }  # fmt: skip
-    assert where(wells="all") == {name: (0, k + 1) for k, name in enumerate(PLATE.wells)}
-    assert where() == {"A1": (0, 1)}
-    assert list(where(wells="B2, C1..C2")) == ["B2", "C1", "C2"]
 
 
 @pytest.mark.parametrize(

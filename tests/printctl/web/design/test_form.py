@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 import yaml
 
-from firmware_profiles import Ink, load
 from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.starter import STARTER
 from printctl.web.design import form as forms
@@ -79,43 +78,6 @@ def test_every_key_of_the_model_is_in_the_form() -> None:
     assert free - limits == plate | inlets
 
 
-def test_fields_know_bounds_units_choices_and_defaults() -> None:
-    fields = dict(FORM.walk())
-    layer = fields["toolpath", "layer_um"]
-    assert (layer.node.low, layer.node.high, layer.unit, layer.default) == (10, 2000, "µm", 60.0)
-    assert fields["printer", "ink"].node.profile == "inks"
-    assert fields["flow", "pulse", "shape"].node.values == ("ejection", "kassab", "roller_pump")
-    tags = [option.tag for option in fields["vasculature",].node.options]
-    grown = ["grow: tree", "grow: closed_loop", "grow: forest"]
-    assert tags == ["design", "network", "lattice", *grown]
-
-
-def test_each_option_of_a_choice_is_told_by_what_it_begins_with() -> None:
-    choices = [field.node for _, field in FORM.walk() if field.node.sort == "choice"]
-    assert len(choices) > 5
-    for node in choices:
-        for option in node.options:
-            found = node.option(option.begin)
-            assert found is not None
-            assert found.tag == option.tag
-
-
-def test_a_value_inside_a_section_that_isnt_there_brings_its_kind() -> None:
-    data = forms.set_value(FORM, PLANAR, ("toolpath", "layer_um"), 50)
-    assert data["toolpath"] == {"method": "fresh", "layer_um": 50}
-    assert "toolpath" not in PLANAR
-
-
-def test_what_is_taken_back_leaves_no_empty_section() -> None:
-    data = forms.set_value(FORM, PLANAR, ("printer", "care", "reload"), True)
-    assert forms.remove_value(FORM, data, ("printer", "care", "reload")) == PLANAR
-
-
-def test_an_optional_section_stays_when_it_is_empty() -> None:
-    data = forms.set_value(FORM, {**PLANAR, "oxygen": {}}, ("oxygen", "sherwood"), 4)
-    assert forms.remove_value(FORM, data, ("oxygen", "sherwood"))["oxygen"] == {}
-
-
 @pytest.mark.parametrize(
     ("more", "place", "words"),
     [
@@ -146,27 +108,6 @@ def test_a_problem_stands_at_its_field(
     assert words in found[0].message
 
 
-def test_own_profiles_are_those_in_the_store(tmp_path: Path) -> None:
-    store = ProfileStore(tmp_path)
-    own = store.folder(Ink) / "measured.yaml"
-    own.parent.mkdir(parents=True)
-    own.write_text(yaml.safe_dump(load(Ink, "collagen_fresh").model_dump(mode="json")))
-    (own.parent / "no name.yaml").write_text("{}")
-    elsewhere = tmp_path / "elsewhere.yaml"
-    elsewhere.write_text(own.read_text())
-
-    def problems(name: str) -> list[str]:
-        data = {**PLANAR, "printer": {"ink": name}}
-        return [one.message for one in check_data(data, tmp_path, store).problems]
-
-    assert problems(store.given(Ink, "measured")) == []
-    assert "of your own in" in problems(str(elsewhere))[0]
-    assert "of your own in" in problems("../profiles/inks/measured.yaml")[0]
-    own.write_text("viscosity: x")
-    assert problems(store.given(Ink, "measured")) != []
-    assert store.names(Ink)[0] == "measured"
-
-
 def test_a_changed_value_leaves_the_comments(tmp_path: Path) -> None:
     text = STARTER.read_text(encoding="utf-8")
     data = read_text(text)
@@ -177,13 +118,6 @@ def test_a_changed_value_leaves_the_comments(tmp_path: Path) -> None:
     assert read_text(again) == changed
     assert again.count("#") == text.count("#")
     assert "layer_um: 75" in again
-
-
-def test_a_section_in_one_line_stays_in_one() -> None:
-    text = "# mine\nname: n  # its name\ntoolpath: {method: fresh, layer_um: 60}  # thin\n"
-    data = forms.set_value(FORM, read_text(text), ("toolpath", "layer_um"), 1)
-    wanted = "# mine\nname: n  # its name\ntoolpath: {method: fresh, layer_um: 1}  # thin\n"
-    assert rewrite_yaml(text, data) == wanted
 
 
 BOMB = "a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\nname: n\n"

@@ -45,14 +45,6 @@ def test_a_place_goes_where_the_growth_looks_for_it(
 
 
 @pytest.mark.parametrize(
-    "data", [{}, {"vasculature": None}, {"vasculature": {"design": "planar_four_vessel"}},
-             {"vasculature": {"grow": "forest", "networks": [1, {"trees": 2}]}}]
-)  # fmt: skip
-def test_other_vessels_have_no_places(data: Any) -> None:
-    assert pick_targets(data) == ()
-
-
-@pytest.mark.parametrize(
     "given", [None, {}, {"at": [1, 2]}, {"at": [1, 2, "3"]}, {"at": [1, True, 3]},
               {"at": [1, 2, float("nan")]}, {"at": [1, 2, 1e9]}, [1, 2, 3]]
 )  # fmt: skip

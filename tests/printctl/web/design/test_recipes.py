@@ -9,19 +9,13 @@ import yaml
 
 from printctl.web.design.recipes import Recipes
 from printctl.web.design.widgets.editor import Editor
-from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
+from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.workspace import Workspace
 
 
 @pytest.fixture
 def recipes(tmp_path: Path) -> Recipes:
     return Recipes(Workspace(tmp_path / "ws").make())
-
-
-def test_a_new_recipe_is_named_and_has_nothing_to_mend(recipes: Recipes) -> None:
-    made = recipes.new("one")
-    assert yaml.safe_load(made.text)["name"] == "one"
-    assert [(row.name, row.problems) for row in recipes.rows()] == [("one", 0)]
 
 
 def test_every_example_can_be_begun_from(recipes: Recipes) -> None:
@@ -33,23 +27,6 @@ def test_a_taken_name_is_refused(recipes: Recipes) -> None:
     recipes.new("one")
     with pytest.raises(ConflictError, match="already"):
         recipes.new("one")
-
-
-def test_a_copy_and_a_rename_carry_the_name(recipes: Recipes) -> None:
-    recipes.new("one")
-    recipes.duplicate("one", "two")
-    recipes.rename("two", "three")
-    assert recipes.names() == ["one", "three"]
-    assert yaml.safe_load(recipes.read("three").text)["name"] == "three"
-
-
-def test_what_is_thrown_away_comes_back(recipes: Recipes) -> None:
-    text = recipes.new("one").text
-    recipes.delete("one")
-    assert recipes.names() == []
-    assert recipes.restore("one").text == text
-    with pytest.raises(NotFoundError):
-        recipes.restore("one")
 
 
 def test_a_text_changed_elsewhere_isnt_overwritten(recipes: Recipes) -> None:
@@ -65,14 +42,6 @@ def test_names_that_lead_elsewhere_are_refused(recipes: Recipes, name: str) -> N
         recipes.new(name)
     with pytest.raises(BadRequestError):
         recipes.read(name)
-
-
-def test_an_import_gets_a_name_of_its_own(recipes: Recipes) -> None:
-    data = recipes.new("mine").text.encode()
-    assert recipes.take_in("../../mine <b>.yaml", data).name == "mine_b"
-    assert recipes.take_in("mine.yaml", data).name == "mine_2"
-    with pytest.raises(BadRequestError, match="UTF-8"):
-        recipes.take_in("x.yaml", b"\xff\xfe\x00")
 
 
 def test_only_files_that_recipes_read_are_taken(recipes: Recipes) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import time
@@ -12,8 +11,7 @@ import pytest
 
 from printctl.errors import UsageError
 from printctl.web.core import Core
-from printctl.web.design.run_processes import RunProgress, read_progress
-from printctl.web.design.run_processes.detached import LOG, PROGRESS
+from printctl.web.design.run_processes import RunProgress
 from printctl.web.design.service import DesignService
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.settings import ServeSettings
@@ -69,19 +67,6 @@ def test_a_design_is_made_as_far_as_asked(service: DesignService) -> None:
     assert service.page("one", "network").stat().st_mtime_ns == made
     with pytest.raises(ConflictError, match="no G-code yet"):
         service.page("one", "layers")
-
-
-@pytest.mark.slow
-def test_a_page_that_cannot_be_made_says_why_in_one_line(
-    service: DesignService, workspace: Workspace
-) -> None:
-    folder = workspace.run("one")
-    folder.mkdir(parents=True)
-    (folder / "network.csv").write_text("nonsense\n")
-    with pytest.raises(ConflictError, match=r"couldn't be made: .*network\.csv") as told:
-        service.page("one", "network")
-    assert "Traceback" not in str(told.value)
-    assert "\n" not in str(told.value)
 
 
 @pytest.mark.slow
@@ -145,27 +130,3 @@ def test_a_wrong_recipe_isnt_started(service: DesignService) -> None:
         service.runs.start("one")
     with pytest.raises(NotFoundError):
         service.runs.start("two")
-
-
-def test_a_half_written_line_is_passed_over(tmp_path: Path) -> None:
-    begin = {"event": "begin", "time": 5.0, "pid": 1, "stages": ["a", "b"], "until": "b"}
-    steps = [begin, {"event": "stage", "time": 6.0, "name": "a", "fraction": 0.5, "note": "n"}]
-    text = "\n".join(json.dumps(step) for step in steps) + '\n{"event": "do'
-    (tmp_path / PROGRESS).write_text(text)
-    run = read_progress("r", tmp_path / PROGRESS)
-    assert (run.state, run.fraction, run.begun, run.told) == ("running", 0.25, 5.0, 6.0)
-    assert run.stages[0].note == "n"
-
-
-def test_a_run_that_never_began_says_its_last_words(
-    service: DesignService, workspace: Workspace
-) -> None:
-    folder = workspace.run("one")
-    folder.mkdir()
-    (folder / LOG).write_text("first\nprintctl: the disk is full\n")
-    (folder / PROGRESS).write_text(
-        json.dumps({"event": "begin", "time": 1.0, "pid": 2**22 + 5, "stages": [], "until": ""})
-    )
-    found = service.runs.progress("one")
-    assert found.state == "interrupted"
-    assert "process is gone: printctl: the disk is full" in found.message

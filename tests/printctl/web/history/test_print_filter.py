@@ -27,10 +27,6 @@ def test_an_address_says_the_same_as_its_form(print_filter: PrintFilter, page: i
     assert PrintFilter.asked(asked) == (print_filter, page)
 
 
-def test_the_usual_list_has_a_plain_address() -> None:
-    assert PrintFilter().address(0) == "/history"
-
-
 @pytest.mark.parametrize(
     "asked",
     [
@@ -45,7 +41,3 @@ def test_the_usual_list_has_a_plain_address() -> None:
 )
 def test_nonsense_is_left_out(asked: dict[str, str]) -> None:
     assert PrintFilter.asked(asked) == (PrintFilter(), 0)
-
-
-def test_a_long_text_is_cut() -> None:
-    assert len(PrintFilter.asked({"words": "x" * 10_000})[0].words) == 200

@@ -70,15 +70,6 @@ def test_the_table_tells_ink_line_and_layer_of_every_command():
         assert table.layers_done[rows[-2]] == layer
 
 
-def test_the_table_is_read_as_it_was_written(tmp_path):
-    table = table_of(layered(2, 5))
-    table.save(tmp_path / "table.npz")
-    again = JobTable.load(tmp_path / "table.npz")
-    np.testing.assert_array_equal(table.time_s, again.time_s)
-    assert again.layer_count == 2
-    assert again.passes is False
-
-
 def test_ink_left_counts_from_the_syringe_that_was_put_in():
     table = table_of(layered(4, 12))
     area = math.pi / 4 * SYRINGE.inner_mm**2
@@ -88,23 +79,6 @@ def test_ink_left_counts_from_the_syringe_that_was_put_in():
     used = (table.plunger_mm[-1] - table.plunger_mm[half]) * area
     assert told.ink_left_ul == pytest.approx(5.0 * area - used)
     assert progress(table, 3, 0.0, 0.0, Estimate(1.0, None, 1.0)).ink_left_ul is None
-
-
-def test_before_anything_is_known_the_dry_run_is_believed():
-    remaining = Remaining(1000.0)
-    remaining.saw(0.0, 0.0)
-    remaining.saw(5.0, 50.0)
-    assert remaining.estimate(5.0) == Estimate(995.0, None, 1.0)
-
-
-def test_a_steady_ratio_is_found_without_error():
-    remaining = Remaining(1000.0)
-    for predicted in np.linspace(0, 400, 801):
-        remaining.saw(float(predicted), 1.25 * float(predicted))
-    told = remaining.estimate(400.0)
-    assert told.ratio == pytest.approx(1.25)
-    assert told.remaining_s == pytest.approx(750.0)
-    assert told.error_s == pytest.approx(0.0, abs=1e-6)
 
 
 def test_the_error_told_covers_19_of_20_prints():

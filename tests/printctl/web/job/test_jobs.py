@@ -10,10 +10,10 @@ import pytest
 from PIL import Image
 
 from printctl.checks.preflight import Budget
-from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
+from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.set_up import JobSetUp
-from printctl.web.job.steps_after import Ramp, flush_limit, ramped_c
+from printctl.web.job.steps_after import flush_limit
 from printctl.web.job.viability import viability
 from tests.printctl.machine.link.layered import layered
 from tests.printctl.web.job.conftest import OPERATOR, START, add
@@ -96,19 +96,6 @@ def test_the_record_keeps_every_change_with_who(service):
     assert {one["who"] for one in kept["changes"]} == {"Ada"}
 
 
-def test_steps_are_ticked_once_and_can_be_taken_back(service):
-    job = add(service)
-    first = service.after.steps(job)[0]["id"]
-    service.after.tick(OPERATOR, job, first, True)
-    steps = service.after.tick(OPERATOR, job, first, True)
-    assert (steps[0]["done"], steps[0]["who"]) == (True, "Ada")
-    assert not service.after.tick(OPERATOR, job, first, False)[0]["done"]
-    kept = service.records.load(service.records.current(job))
-    assert [one["done"] for one in kept["steps"]] == [True, False]
-    with pytest.raises(NotFoundError):
-        service.after.tick(OPERATOR, job, "dance", True)
-
-
 def test_only_pictures_become_photos_and_are_written_anew(service):
     job = add(service)
     with pytest.raises(BadRequestError):
@@ -137,18 +124,6 @@ def test_the_clock_of_the_cells_says_whether_the_print_will_be_in_time():
         viability(mixed.model_copy(update={"viability_min": 5.0}), budget, 1600.0, None).state
         == "late"
     )
-
-
-def test_warming_follows_its_rate_and_never_passes_the_target():
-    assert ramped_c(20.0, 37.0, 1.0, 0.0) == 20.0
-    assert ramped_c(20.0, 37.0, 1.0, 90.0) == pytest.approx(21.5)
-    assert ramped_c(20.0, 37.0, 1.0, 1e6) == 37.0
-    assert ramped_c(40.0, 37.0, 1.0, 60.0) == 39.0
-
-
-def test_warming_wants_a_heater_that_is_there(service):
-    with pytest.raises(ConflictError, match="no heater 'bed'"):
-        Ramp(service.printing, "bed", 37.0, 1.0)
 
 
 def test_the_flush_limit_scales_poiseuille_flow_to_the_wall_shear_allowed(tmp_path):

@@ -41,7 +41,3 @@ def told(state: str, **more: Any) -> dict[str, Any]:
 )
 def test_a_needle_that_a_pause_or_a_stop_has_raised_isn_t_told_to_be_in_the_part(state, said):
     assert facts(told(state), None)["tip"] == said
-
-
-def test_where_the_needle_is_isn_t_told_where_nobody_knows():
-    assert facts(told("interrupted", position_known=False), None)["tip"] == "not known"

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from firmware_profiles import Printer, Syringe, load
 from printctl.errors import UsageError
@@ -117,10 +116,3 @@ def test_readings_that_say_nothing_are_refused(idle: PrinterService) -> None:
         idle.calibrating.fit("nothing", weighed(1.0))
     with pytest.raises(ConflictError, match="printctl calibrate lag"):
         idle.calibrating.fit("lag", weighed(1.0))
-
-
-def test_a_profile_of_the_workspace_that_is_broken_is_not_offered(idle: PrinterService) -> None:
-    folder = idle.store.folder(Printer)
-    folder.mkdir(parents=True)
-    (folder / "broken.yaml").write_text(yaml.safe_dump({"name": "x"}))
-    assert "broken" not in idle.store.printers()

@@ -1,11 +1,9 @@
 """Console and macros of the Printer page."""
 
-from pathlib import Path
-
 import pytest
 
 from printctl.machine.link.errors import Refused
-from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
+from printctl.web.errors import BadRequestError, NotFoundError
 from printctl.web.printer.macros import Macro
 from printctl.web.printer.service import PrinterService
 from tests.printctl.web.printer.conftest import ME
@@ -58,17 +56,3 @@ def test_a_macro_that_was_smuggled_into_the_file_is_not_run(service: PrinterServ
         service.macros.run(ME, "bad")
     assert len(service.console.entries()) == sent
     path.unlink()
-
-
-def test_a_broken_file_of_macros_is_named(idle: PrinterService, tmp_path: Path) -> None:
-    path = tmp_path / ".printctl" / "macros" / "marlin_avr.yaml"
-    path.parent.mkdir()
-    path.write_text("macros: 3")
-    with pytest.raises(ConflictError, match=r"marlin_avr\.yaml"):
-        idle.macros.of("marlin_avr")
-
-
-@pytest.mark.parametrize("profile", ["../../etc/passwd", "no_such", ".hidden"])
-def test_macros_of_no_profile_are_not_looked_for(idle: PrinterService, profile: str) -> None:
-    with pytest.raises((NotFoundError, BadRequestError)):
-        idle.macros.of(profile)

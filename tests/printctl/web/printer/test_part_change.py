@@ -8,14 +8,6 @@ from printctl.web.printer.service import PrinterService
 from tests.printctl.web.printer.conftest import ME
 
 
-def test_a_half_full_syringe_has_half_left(service: PrinterService) -> None:
-    status = service.changing.syringe(ME, "hamilton_1ml", "collagen_fresh", 500.0)
-    full = service.changing.syringe(ME, "hamilton_1ml", "collagen_fresh", 1000.0)
-    assert status.ul_left is not None
-    assert full.ul_left is not None
-    assert full.ul_left - status.ul_left == pytest.approx(500.0, abs=0.01)
-
-
 def test_more_than_a_syringe_holds_is_refused(service: PrinterService) -> None:
     with pytest.raises(BadRequestError, match="1000"):
         service.changing.syringe(ME, "hamilton_1ml", "", 1500.0)

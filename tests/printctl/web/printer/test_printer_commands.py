@@ -8,7 +8,7 @@ from printctl.machine.station import StationState
 from printctl.web.errors import ConflictError, NotFoundError, NotInControlError
 from printctl.web.printer.printer_commands import BLIND_LIFT_MM, CLEAR_MM
 from printctl.web.printer.service import PrinterService
-from tests.printctl.web.printer.conftest import ME, OTHER, make_service, wait_for
+from tests.printctl.web.printer.conftest import ME, OTHER, wait_for
 
 
 def test_without_a_printer_nothing_moves_and_the_message_says_what_to_do(
@@ -29,11 +29,6 @@ def test_a_profile_that_is_not_there_is_refused_before_a_port_is_opened(
 def test_a_new_server_finds_the_station_again(service: PrinterService) -> None:
     assert service.status.open
     assert service.status.profile == "generic_marlin"
-
-
-def test_a_second_printer_is_not_connected_over_the_first(service: PrinterService) -> None:
-    with pytest.raises(ConflictError, match="disconnect it first"):
-        service.connect(ME, "marlin_avr", "simulated")
 
 
 def test_jog_moves_by_the_step_and_news_say_where_it_is(service: PrinterService) -> None:
@@ -122,13 +117,3 @@ def targets(service: PrinterService) -> list[float | None]:
 def test_a_needle_above_a_dish_is_to_be_touched_off(service: PrinterService) -> None:
     assert not service.status.mounted.touch_off_due
     assert service.hands.mount(ME, needle="25g", dish="petri_60mm").mounted.touch_off_due
-
-
-def test_two_services_hear_the_same(service: PrinterService) -> None:
-    other = make_service(service.core.workspace.root)
-    try:
-        wait_for(other, lambda: other.status.open)
-        moved = service.hands.jog(ME, "y", 1.0).position_mm
-        wait_for(other, lambda: other.status.position_mm == moved)
-    finally:
-        other.close()

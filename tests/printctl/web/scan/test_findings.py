@@ -72,12 +72,6 @@ def test_each_vessel_has_a_verdict(tmp_path: Path) -> None:
     ]
 
 
-def test_undecided_is_told_as_such(tmp_path: Path) -> None:
-    told = {"verdict": {"passed": False, "undecided": True, "reasons": []}}
-    (tmp_path / "registration.json").write_text(json.dumps({**NUMBERS, **told}))
-    assert findings(tmp_path).outcome == "undecided"
-
-
 @pytest.mark.parametrize("text", ["", "{", "[1]"])
 def test_without_a_registration_there_are_none(tmp_path: Path, text: str) -> None:
     (tmp_path / "registration.json").write_text(text)

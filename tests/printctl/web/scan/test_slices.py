@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from printctl.web.errors import BadRequestError
-from printctl.web.scan.slices import TINT, Slices, open_scan, picture, plane
+from printctl.web.scan.slices import TINT, Slices, picture, plane
 from registration.files.readers import write_scan_tiff
 from registration.scan import Scan
 
@@ -63,43 +62,9 @@ def test_what_is_above_the_threshold_is_tinted() -> None:
     assert (seen[1, 0] != seen[1, 0, 0]).any()
 
 
-def test_values_that_arent_numbers_are_black() -> None:
-    seen = picture(np.array([[np.nan, 1.0]]), 0.0, 1.0)
-    np.testing.assert_array_equal(seen[0, :, 0], [0, 255])
-
-
-def test_the_threshold_parts_two_classes() -> None:
-    rng = np.random.default_rng(1)
-    low, high = rng.normal(10, 1, 4000), rng.normal(30, 1, 2000)
-    volume = rng.permutation(np.concatenate([low, high])).reshape(10, 20, 30)
-    found = open_scan(Scan(**{**vars(_scan()), "volume": volume})).threshold
-    assert low.max() < found < high.min()
-
-
-def test_a_constant_volume_is_shown_too() -> None:
-    scan = _scan()
-    found = open_scan(Scan(**{**vars(scan), "volume": np.full(SHAPE, 7, np.uint8)}))
-    assert found.low < found.high
-    assert np.isfinite(found.threshold)
-
-
-def test_a_slice_outside_is_refused(path: Path) -> None:
-    with pytest.raises(BadRequestError, match="slice 9 lies outside 0 to 8 along x"):
-        Slices().png(path, "x", 9)
-
-
-def test_an_empty_window_is_refused(path: Path) -> None:
-    with pytest.raises(BadRequestError, match="let it rise"):
-        Slices().png(path, "x", 1, window=(5.0, 5.0))
-
-
 def test_a_changed_scan_is_read_again(path: Path) -> None:
     slices = Slices()
     before = slices.open(path)
     path.with_suffix(".json").write_text('{"modality": "confocal"}')
     assert before.scan.modality == "microct"
     assert slices.open(path).scan.modality == "confocal"
-
-
-def test_size_follows_the_voxels(path: Path) -> None:
-    assert Slices().open(path).size_mm == pytest.approx((9 * 0.02, 7 * 0.03, 5 * 0.04))

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import io
 import os
 import shutil
 import signal
 from pathlib import Path
 
 import pytest
-from PIL import Image
 
-from printctl.errors import UsageError
-from printctl.web.job.camera.camera import CameraProcess, CameraState, source_of
-from tests.printctl.web.job.camera.pictures import BLUE, RED, film, seen_colour, sequence, until
+from printctl.web.job.camera.camera import CameraProcess, CameraState
+from tests.printctl.web.job.camera.pictures import BLUE, RED, seen_colour, sequence, until
 from tests.printctl.web.serving import served
 
 
@@ -35,16 +32,6 @@ def test_pictures_come_one_after_another(camera):
     assert (blue, green, red) == pytest.approx(BLUE, abs=6)
     until(lambda: camera.seen.still.number > 10)  # the sequence of four begins anew
     assert camera.seen.state == "there"
-
-
-def test_a_large_film_is_made_smaller(tmp_path, told):
-    camera = CameraProcess(film(tmp_path / "film.avi"), told.append, apart_s=0.05)
-    try:
-        still = until(lambda: camera.seen.still)
-        with Image.open(io.BytesIO(still.jpeg)) as picture:
-            assert picture.size == (1280, 960)
-    finally:
-        camera.close()
 
 
 def test_a_lost_camera_is_told_of_and_found_again(camera, told, tmp_path):
@@ -73,13 +60,6 @@ def test_a_password_in_an_address_is_not_told(told):
         assert "secret" not in camera.seen.message
     finally:
         camera.close()
-
-
-def test_a_source_that_can_be_nothing_is_refused(tmp_path):
-    assert source_of("0") == "0"
-    assert source_of(str(tmp_path / "frames_%03d.png")) == str(tmp_path / "frames_%03d.png")
-    with pytest.raises(UsageError, match="no folder"):
-        source_of(str(tmp_path / "nowhere" / "film.avi"))
 
 
 def test_the_still_is_served_fresh_and_only_where_there_is_a_camera(tmp_path):

@@ -66,18 +66,6 @@ def pictures(folder: Path, count: int, size: tuple[int, int] = (64, 48)) -> Path
     return folder
 
 
-def test_a_film_shows_each_picture_in_its_order(tmp_path):
-    folder = pictures(tmp_path / "frames", 5)
-    (folder / "000006.jpg").write_bytes(b"half a picture")
-    assert write_film(folder, tmp_path / "film.webp") == 5
-    with Image.open(tmp_path / "film.webp") as film:
-        assert film.n_frames == 5
-        for k in range(5):
-            film.seek(k)
-            shade = film.convert("RGB").getpixel((32, 24))
-            assert shade == pytest.approx((k * 37 % 256, k * 91 % 256, 200), abs=12)
-
-
 def test_a_long_film_takes_pictures_evenly_from_first_to_last(tmp_path):
     folder = pictures(tmp_path / "frames", MOST_FRAMES + 50, (8, 8))
     assert write_film(folder, tmp_path / "film.webp") == MOST_FRAMES
@@ -86,11 +74,6 @@ def test_a_long_film_takes_pictures_evenly_from_first_to_last(tmp_path):
         last = MOST_FRAMES + 49
         shade = film.convert("RGB").getpixel((4, 4))
         assert shade == pytest.approx((last * 37 % 256, last * 91 % 256, 200), abs=12)
-
-
-def test_one_picture_makes_no_film(tmp_path):
-    assert write_film(pictures(tmp_path / "frames", 1), tmp_path / "film.webp") == 0
-    assert not (tmp_path / "film.webp").exists()
 
 
 def test_the_pictures_have_a_limit_of_number_size_and_disk(tmp_path, monkeypatch):
