@@ -2,14 +2,31 @@
 
 from __future__ import annotations
 
+import errno
+import json
+import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
+from typing import Annotated, Literal
 
 import pytest
+import typer
+from pydantic import Field, ValidationError
 from typer.testing import CliRunner
 
+from firmware_profiles import Ink, Needle, Printer, Syringe, load, shipped
+from firmware_profiles.strict_model import StrictModel
+from printctl.cli import commands
 from printctl.cli.commands import COMMANDS, LazyGroup
 from printctl.cli.main import app
+from printctl.cli.option_group import with_options
+from printctl.cli.section_options import SectionOptions, parameters, section_values, wrong_option
+from printctl.errors import UsageError
+from printctl.recipe.marks import FILE
+from printctl.system_errors import explain
+from tests.printctl.cli.shell import Shell
 
 LOADED = """
 import sys
@@ -48,3 +65,254 @@ def test_pausing_waits_for_no_library_of_another_command():
         [sys.executable, "-c", LOADED], capture_output=True, text=True, check=True
     )
     assert done.stdout.splitlines()[-1] == "False"
+
+
+# --- bash completion of words, asked as bash asks
+
+
+ROOT = Path(__file__).parents[3]
+IN_BASH = """
+eval "$(_PRINTCTL_COMPLETE=source_bash printctl)"
+COMP_WORDS=(printctl recipe mi); COMP_CWORD=2
+_printctl_completion printctl
+printf '%s\\n' "${COMPREPLY[@]}"
+"""
+
+
+@pytest.fixture
+def ask(monkeypatch, capsys):
+    """Words that bash would be offered after these; the last, maybe empty, is being typed."""
+
+    def words_after(words: str, variable: str = "complete_bash") -> list[str]:
+        monkeypatch.setenv("_PRINTCTL_COMPLETE", variable)
+        monkeypatch.setenv("COMP_WORDS", words.replace(" ", "\n"))
+        monkeypatch.setenv("COMP_CWORD", str(words.count(" ")))
+        capsys.readouterr()
+        with pytest.raises(SystemExit):
+            app(prog_name="printctl")
+        return [line for line in capsys.readouterr().out.splitlines() if line]
+
+    return words_after
+
+
+def test_commands_are_offered_by_what_they_begin_with(ask):
+    assert ask("printctl re") == [name for name in COMMANDS if name.startswith("re")]
+
+
+@pytest.mark.parametrize(
+    ("option", "kind"),
+    [("--printer", Printer), ("--syringe", Syringe), ("--ink", Ink), ("--needle", Needle)],
+)
+def test_shipped_profiles_are_offered(ask, option, kind):
+    assert ask(f"printctl slice part.stl {option} ") == list(shipped(kind))
+
+
+def test_a_profile_is_offered_by_what_it_begins_with(ask):
+    offered = ask("printctl print part.gcode --printer gen")
+    assert offered
+    assert all(name.startswith("gen") for name in offered)
+
+
+def test_a_file_is_left_to_the_shell(ask):
+    assert ask("printctl run exam") == []
+    assert ask("printctl slice part.stl --printer ./mi") == []
+
+
+def test_the_script_completes_files_itself_where_nothing_is_offered(ask):
+    script = ask("printctl", "source_bash")
+    assert any("complete -o default" in line for line in script)
+
+
+def test_an_option_of_that_name_that_means_another_thing_offers_no_printer(ask):
+    assert ask("printctl flow a.csv --profile gen") == []
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
+def test_bash_itself_completes(tmp_path: Path):
+    command = tmp_path / "printctl"
+    script = "from printctl.cli.main import app; app(prog_name='printctl')"
+    command.write_text(f'#!/bin/sh\nPYTHONPATH={ROOT} exec {sys.executable} -c "{script}"\n')
+    command.chmod(0o755)
+    done = subprocess.run(
+        ["bash", "-c", IN_BASH],
+        env={**os.environ, "PATH": f"{tmp_path}:/usr/bin:/bin"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout.split() == ["migrate"], done.stderr
+
+
+# --- options made from the fields of a recipe's section
+
+
+class Bath(StrictModel):
+    """A section within the section."""
+
+    warmth_c: Annotated[float, Field(le=60)] | None = Field(
+        default=None, description="Of the bath, where depth_mm doesn't say it."
+    )
+    stirred: bool = True
+
+
+class Paint(StrictModel):
+    """A section."""
+
+    depth_mm: Annotated[float, Field(gt=0)] = Field(default=2.5, description="Of the paint.")
+    colour: Literal["red", "blue"] = "red"
+    table: str | None = Field(default=None, json_schema_extra=FILE)
+    layers: tuple[float, ...] = ()
+    bath: Bath | None = None
+
+
+GROUPS = (
+    SectionOptions(Paint, renamed={"table": "colours"}),
+    SectionOptions(Bath, ("bath",), flag="Paint in a bath."),
+)
+
+
+def _typed(*words: str) -> tuple[dict[str, object], str]:
+    """The section that the words stand for, or what is wrong with it."""
+    app, seen = typer.Typer(), []
+
+    @app.command()
+    @with_options(parameters(GROUPS), "typed", dict)
+    def draw(*, typed: dict[str, object]) -> None:
+        seen.append(typed)
+
+    done = CliRunner().invoke(app, list(words), catch_exceptions=False)
+    if done.exit_code != 0:
+        return {}, done.output
+    try:
+        section = section_values(GROUPS, seen[0])
+        Paint.model_validate(section)
+    except ValidationError as exc:
+        return {}, str(wrong_option(exc, GROUPS, "paint"))
+    except UsageError as exc:
+        return {}, str(exc)
+    return section, ""
+
+
+def test_fields_become_options_of_their_own_and_of_sections_within(tmp_path: Path) -> None:
+    (tmp_path / "colours.csv").touch()
+    words = ("--depth-mm", "4", "--colours", str(tmp_path / "colours.csv"), "--colour", "blue")
+    section, wrong = _typed(*words, "--bath", "--no-stirred", "--warmth-c", "30")
+    assert wrong == ""
+    assert section == {
+        "depth_mm": 4.0,
+        "colour": "blue",
+        "table": str((tmp_path / "colours.csv").resolve()),
+        "bath": {"stirred": False, "warmth_c": 30.0},
+    }
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--depth-mm", "0"), "--depth-mm: must be above 0 (is 0.0)"),
+        (("--bath", "--warmth-c", "90"), "--warmth-c: must be at most 60 (is 90.0)"),
+        (("--warmth-c", "30"), "--warmth-c is for --bath; add that, or leave it out"),
+        (("--no-stirred",), "--no-stirred is for --bath"),
+        (("--colours", "no.csv"), "--colours no.csv isn't there, or no file"),
+        (("--colour", "green"), "'blue'"),
+    ],
+)
+def test_mistakes_name_the_option(words: tuple[str, ...], said: str) -> None:
+    assert said in _typed(*words)[1]
+
+
+# --- one JSON object on stdout for a failure of any kind, beside the text on stderr
+
+
+@pytest.fixture
+def shell(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> Shell:
+    monkeypatch.chdir(tmp_path)
+    return Shell(monkeypatch, capsys)
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "why"),
+    [
+        (["simulate", "--json"], 2, "file"),
+        (["run", "a.yaml", "--jsno", "--json"], 2, "jsno"),
+        (["nope", "--json"], 2, "nope"),
+        (["simulate", "nix.gcode", "--json"], 2, "nix.gcode can't be read"),
+        (["simulate", "a", "--ink", "x", "--ink", "y", "--json"], 2, "twice"),
+        (["station", "status", "--folder", "nix", "--json"], 1, "no printer was ever connected"),
+        (
+            ["print", "a.gcode", "--printer", "generic_marlin", "--port", "/dev/null", "--json"],
+            3,
+            "--yes",
+        ),
+    ],
+)
+def test_a_failure_is_one_object_with_code_and_message(
+    shell: Shell, words: list[str], code: int, why: str
+) -> None:
+    Path("a.gcode").write_text("G21\nG90\nG1 X1 F600\n")
+    ended, out, err = shell(*words)
+    error = json.loads(out)["error"]
+    assert (ended, error["code"]) == (code, code)
+    assert why in error["message"]
+    assert err
+
+
+def test_a_refused_simulation_is_one_object_with_its_checks_and_the_error(shell: Shell) -> None:
+    Path("a.gcode").write_text("G21\nG90\nG1 X1000 F600\n")
+    ended, out, _ = shell("simulate", "a.gcode", "--json")
+    told = json.loads(out)
+    assert ended == told["error"]["code"] == 3
+    assert "x, highest" in told["error"]["message"]
+    assert not told["passed"]
+
+
+@pytest.mark.parametrize(("raised", "code"), [(KeyboardInterrupt, 130), (ZeroDivisionError, None)])
+def test_ctrl_c_and_faults_of_our_own_are_told_too(
+    shell: Shell,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    raised: type[BaseException],
+    code: int | None,
+) -> None:
+    def fails(*words: object) -> None:
+        raise raised
+
+    monkeypatch.setattr(commands, "import_module", fails)
+    if code is None:
+        with pytest.raises(ZeroDivisionError):
+            shell("doctor", "--json")
+        assert json.loads(capsys.readouterr().out)["error"]["code"] == 1
+    else:
+        ended, out, _ = shell("doctor", "--json")
+        assert ended == json.loads(out)["error"]["code"] == code
+
+
+# --- command-line error messages
+
+
+def test_full_disk_is_named_with_the_remedy() -> None:
+    text = explain(OSError(errno.ENOSPC, "No space left on device", "/runs/a/scan.tif")).message
+    assert "disk is full" in text
+    assert "/runs/a/scan.tif" in text
+    assert "free some space" in text
+
+
+# --- `printctl profiles show`: copies a shipped profile to a file of one's own
+
+
+def test_a_shipped_profile_is_copied_to_a_new_file_of_ones_own(tmp_path: Path) -> None:
+    for model, name in ((Printer, "generic_marlin"), (Ink, "collagen_fresh")):
+        out = tmp_path / f"{name}.yaml"
+        words = ["profiles", name, "--write", str(out)]
+        assert CliRunner().invoke(app, words).exit_code == 0
+        assert load(model, str(out)) == load(model, name)
+        with pytest.raises(UsageError, match="there already"):
+            CliRunner().invoke(app, words, catch_exceptions=False)
+
+
+def test_only_a_shipped_profile_is_copied_and_to_yaml_alone(tmp_path: Path) -> None:
+    for words in (["--write", "mine.yaml"], ["generic_marlin", "--write", "mine.txt"]):
+        with pytest.raises(UsageError):
+            CliRunner().invoke(app, ["profiles", *words], catch_exceptions=False)

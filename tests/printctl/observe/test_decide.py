@@ -7,10 +7,12 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
+from printctl.observe.decider_state import restore, state_of
 from printctl.observe.deciding import (
     Decider,
     DecisionKind,
     FlowBlocks,
+    FlowControl,
     InkSupply,
     Limits,
     SupplyState,
@@ -18,8 +20,10 @@ from printctl.observe.deciding import (
 from printctl.observe.deciding.evidence import Narrowed, UnseenPath
 from printctl.observe.deciding.thin import Thin
 from printctl.observe.map_check import MapCheck
+from registration.inspection.findings import ToldOfInk
 from registration.inspection.values import Blob, Gap
 from tests.printctl.observe.decisions import GAP, decided, evidence, flow
+from tests.printctl.observe.observer_bench import LOOK, Bench
 
 GO_ON, PAUSE, MEND, FLOW = (
     DecisionKind.GO_ON,
@@ -193,3 +197,294 @@ def test_what_cannot_be_told_next_to_a_gap_is_asked_about(apart: float, asked: b
     found = decided(gaps=(GAP,), hidden=(UnseenPath("vessel 2", rest, 9.0),))
     assert (found.kind, found.gaps) == ((PAUSE, (GAP, rest)) if asked else (MEND, (GAP,)))
     assert ("1.0 of 9.0 mm of vessel 2" in found.why) or not asked
+
+
+# --- decisions by how much earlier looks saw, and what nothing told of
+
+
+def test_after_a_clog_a_layer_that_cannot_be_told_is_asked_about_once():
+    clog = replace(GAP, to_mm=6.0)
+    hidden = {"seen_share": 0.0, "over_old_share": 0.97}
+    for mode, gap, kind in (
+        ("mend", clog, DecisionKind.PAUSE),
+        ("mend", GAP, DecisionKind.GO_ON),
+        ("tell", clog, DecisionKind.GO_ON),
+    ):
+        decider = Decider(Limits(mend=mode))
+        decider.decide(evidence(gaps=(gap,), level_mm=0.1))
+        seen = decider.decide(evidence(level_mm=0.2))
+        first, second = (decider.decide(evidence(level_mm=z, **hidden)) for z in (0.3, 0.4))
+        assert seen.kind is DecisionKind.GO_ON
+        assert (first.kind, second.kind) == (kind, DecisionKind.GO_ON)
+        assert ("another clog would go unseen" in first.why) == (gap is clog)
+
+
+@pytest.mark.parametrize(
+    ("steps", "shows", "paused"),
+    [
+        ((0.2, 0.0004, 0.0004), True, True),
+        ((0.2, 0.1, 0.03, 0.004, 0.002), True, False),
+        ((0.01, 0.0004), True, False),
+        ((0.11, 0.05, 0.11, 0.003), False, False),  # sound: sides of ridges changed, nothing more
+    ],
+)
+def test_a_layer_over_older_ink_of_which_nothing_changes_pauses_once(steps, shows, paused):
+    """A clog for good went unseen for five layers, each told as not to be told from older ink."""
+    decider = Decider(Limits(mend="mend"))
+    older = {"seen_share": 0.0, "over_old_share": 1.0, "older_mm": 12.0}
+    shown = {**older, "faint_share": 1.0}
+    decider.decide(evidence(**(shown if shows else older), level_mm=0.1, older_step=steps[0]))
+    found = [decider.decide(evidence(**older, level_mm=0.2, older_step=one)) for one in steps[1:]]
+    pauses = [one for one in found if one.kind is DecisionKind.PAUSE]
+    assert len(pauses) == paused
+    assert all("nothing has changed along the last 12 mm" in one.why for one in pauses)
+
+
+def stretch(stroke, length_mm):
+    return Gap(stroke, 0.0, length_mm, (98.0, 101.0), (98.0 + length_mm, 101.0), 0.1, 1.0)
+
+
+def test_a_first_layer_of_which_no_ink_is_seen_can_be_written_again():
+    """A needle clogged from the start paused, proposed nothing, and 82 mm stayed bare."""
+    bare = {"seen_share": 0.0, "coverage": float("nan"), "level_mm": 0.1}
+    tail = (stretch(0, 6.0), stretch(1, 4.0))
+    found = Decider(Limits(mend="mend")).decide(
+        evidence(**bare, told=ToldOfInk(head_mm=10.0, untold=tail, tail=tail))
+    )
+    assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
+    assert found.gaps == tail
+    assert "no ink is seen yet" in found.why
+
+
+def untold(way_mm, stroke=7, **changed):
+    """A look of which nothing is told, over older ink."""
+    tail = (stretch(stroke, way_mm),)
+    told = ToldOfInk(head_mm=way_mm, untold=tail, tail=tail)
+    older = {"seen_share": 0.0, "over_old_share": 1.0, "older_mm": way_mm, "way_mm": way_mm}
+    return evidence(**{**older, "told": told, "level_mm": 0.2, **changed})
+
+
+def test_an_observer_that_is_blind_says_so_once_and_names_the_stretch():
+    """100 mm were missing over older ink on which fresh ink never showed, without a word."""
+    decider = Decider(Limits(mend="mend"))
+    found = [decider.decide(untold(8.0, stroke=k, older_step=0.001)) for k in range(12)]
+    paused = [k for k, one in enumerate(found) if one.kind is DecisionKind.PAUSE]
+    assert paused == [2]
+    assert "nothing tells whether ink lies on the last 24 mm (X 98.0 Y 101.0 to" in found[2].why
+
+
+def test_a_clog_over_ink_that_never_was_seen_there_is_asked_about_with_what_was_left_untold():
+    """The look before had left the clog's first 3 mm untold; they were lost to the mend."""
+    decider = Decider(Limits(mend="mend"))
+    tail = (stretch(3, 3.0),)
+    begun = ToldOfInk(came_mm=9.0, ink_mm=9.0, untold=tail, tail=tail)
+    limit = {"older_limit": 0.0005}
+    assert (
+        decider.decide(untold(12.0, told=begun, older_step=0.05, **limit)).kind
+        is DecisionKind.GO_ON
+    )
+    found = decider.decide(untold(12.0, older_step=0.0004, **limit))
+    assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
+    assert [one.stroke for one in found.gaps] == [3, 7]
+    assert "15.0 mm)" in found.why
+
+
+def test_what_did_not_change_beside_what_did_is_asked_about():
+    still = ToldOfInk(came_mm=90.0, ink_mm=90.0, still=(stretch(4, 3.0), stretch(5, 1.0)))
+    found = decided(seen_share=0.0, told=still, level_mm=0.2)
+    assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
+    assert [one.stroke for one in found.gaps] == [4]
+    assert "nothing has changed along 3.0 mm" in found.why
+
+
+def test_a_stretch_that_looks_bare_though_the_picture_changed_is_asked_about():
+    bare = ToldOfInk(ink_mm=90.0, doubted=(stretch(4, 2.2), stretch(5, 1.0)))
+    found = decided(told=bare, level_mm=0.2)
+    assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
+    assert [one.stroke for one in found.gaps] == [4]
+    assert "2.2 mm (X 98.0 Y 101.0 to X 100.2 Y 101.0, 2.2 mm) look bare" in found.why
+
+
+THIN_LAYERS_SEEN = ToldOfInk(came_mm=90.0, ink_mm=90.0, thin=(stretch(4, 6.0),))
+
+
+def test_ink_that_may_be_thin_is_asked_about_and_half_of_it_written_again():
+    """Clogs in part over older ink went on as "the picture changed as by fresh ink"."""
+    for mode in ("mend", "ask"):
+        found = decided(mode, told=THIN_LAYERS_SEEN, level_mm=0.2)
+        assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
+        assert [(one.stroke, one.length_mm, one.missing) for one in found.thin] == [(4, 6.0, 0.5)]
+        assert "along 6.0 mm (X 98.0 Y 101.0 to X 104.0 Y 101.0, 6.0 mm)" in found.why
+        assert "ink may be thin there" in found.why
+
+
+def test_approving_a_gap_takes_along_what_joins_it_and_is_not_seen():
+    """5.4 mm beside an approved gap of 2.7 mm stayed bare: the shade of a wall's other line."""
+    shaded = replace(GAP, to_mm=2.7, shaded=True)
+    beside, far, long = (
+        replace(GAP, from_mm=a, to_mm=b) for a, b in ((2.8, 8.2), (9, 12), (3, 40))
+    )
+    unseen = ToldOfInk(ink_mm=60.0, unseen=(beside, far))
+    found = decided(gaps=(shaded,), told=unseen, level_mm=0.2)
+    assert (found.kind, found.ask) == (DecisionKind.PAUSE, DecisionKind.MEND)
+    assert found.gaps == (shaded, beside)
+    assert "approve also writes 5.4 mm beside it that isn't told" in found.why
+    longer = decided(gaps=(shaded,), told=ToldOfInk(ink_mm=60.0, unseen=(long,)), level_mm=0.2)
+    assert longer.gaps == (shaded,)
+    assert decided(gaps=(GAP,), told=unseen, level_mm=0.2).gaps == (GAP,)  # mended unasked
+
+
+def test_what_looks_left_untold_is_kept_for_another_observer():
+    decider, other = Decider(Limits()), Decider(Limits())
+    decider.decide(untold(8.0, older_step=0.001))
+    restore(other, json.loads(json.dumps(state_of(decider))))
+    assert [one.stroke for one in other.layers.tail] == [7]
+    assert other.layers.tail[0].length_mm == 8.0
+
+
+def test_a_print_of_which_no_ink_is_seen_pauses_at_its_first_look_and_once():
+    """A needle that was clogged from the first line on wrote two layers of nothing before."""
+    decider = Decider(Limits(mend="mend"))
+    nothing = {"seen_share": 0.0, "way_mm": 4.0, "level_mm": 0.1}
+    kinds = [decider.decide(evidence(**nothing)).kind for _ in range(3)]
+    assert kinds == [DecisionKind.GO_ON, DecisionKind.PAUSE, DecisionKind.GO_ON]
+
+
+def test_a_view_in_which_little_is_seen_pauses_at_each_third_layer():
+    """Five sound layers in a row that showed nothing paused after the third and at every look."""
+    decider = Decider(Limits(mend="mend"))
+    decider.decide(evidence(level_mm=0.1))
+    levels = (0.2, 0.3, 0.4, 0.4, 0.5, 0.6, 0.7)
+    found = [decider.decide(evidence(level_mm=z, seen_share=0.1)).kind for z in levels]
+    assert [k for k, kind in enumerate(found) if kind is DecisionKind.PAUSE] == [2, 6]
+
+
+# --- a flow that is likely off, though widths don't tell it surely, is asked about
+
+
+def look(ratio, common, factor=1.0):
+    """A picture of lines with so much of the ink asked for, of all known alike to ``common``."""
+    full, time = np.full(5, ratio), np.arange(5.0)
+    return evidence(flow=FlowBlocks(time, full, np.hypot(common, 0.02) * full, 0 * full + factor,
+                                    common))  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("ratio", "common", "asked"),
+    [(0.57, 0.22, True), (0.7, 0.12, True), (1.3, 0.12, True), (0.9, 0.05, False),
+     (0.9, 0.12, False), (0.7, 0.4, False)],
+)  # fmt: skip
+def test_a_print_that_begins_with_another_flow_is_asked_about(ratio, common, asked):
+    """White ink that flowed at 70 % from its first millimetre on was "as expected"."""
+    decider = Decider(Limits(mend="mend"))
+    found = decider.decide(look(ratio, common))
+    assert (found.ask is DecisionKind.FLOW) is asked
+    if asked:
+        assert found.factor == pytest.approx(1 / ratio, abs=0.06)
+        assert f"{ratio:.0%} ±" in found.why
+        assert decider.decide(look(ratio, common)).kind is DecisionKind.GO_ON  # asked once
+    assert Decider(Limits(mend="tell")).decide(look(ratio, common)).kind is DecisionKind.GO_ON
+
+
+def test_a_change_is_asked_about_though_levels_are_unsure():
+    decider = Decider(Limits(mend="mend"))
+    kinds = [decider.decide(look(ratio, 0.2)).ask for ratio in (1.1, 1.1, 0.75, 0.75, 1.1)]
+    assert kinds == [None, None, DecisionKind.FLOW, None, None]
+
+
+def test_what_was_asked_is_kept_for_another_observer():
+    decider, other = Decider(Limits(mend="mend")), Decider(Limits(mend="mend"))
+    assert decider.decide(look(0.7, 0.12)).ask is DecisionKind.FLOW
+    restore(other, json.loads(json.dumps(state_of(decider))))
+    assert other.decide(look(0.7, 0.12)).ask is None
+
+
+# --- corrections of the flow that the amount of ink seen doesn't answer are taken back
+
+
+NOISE = 0.03
+
+
+def looked(rng, seconds, ratios, factor, common=0.05):
+    """One look's readings: amounts seen over asked for, a second each."""
+    ratios = np.asarray(ratios) * (1 + NOISE * rng.standard_normal(len(ratios)))
+    u = np.full(len(ratios), math.hypot(NOISE, common))
+    return FlowBlocks(
+        seconds + np.arange(len(ratios), dtype=float), ratios, u * ratios,
+        np.full(len(ratios), factor), common,
+    )  # fmt: skip
+
+
+def printed(seed, seen, looks=8, count=6):
+    """Decisions of looks; ``seen(second, factor)`` is the amount over the one asked for."""
+    rng, decider, decisions = np.random.default_rng(seed), Decider(Limits(mend="mend")), []
+    for k in range(looks):
+        factor = decider.control.factor
+        ratios = [seen(count * k + second, factor) for second in range(count)]
+        flow = looked(rng, float(count * k), ratios, factor)
+        decisions.append(decider.decide(evidence(flow=flow)))
+        if decisions[-1].factor is not None:
+            decider.control.put_in_force(decisions[-1].factor)
+    return decider, decisions
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_amounts_that_answer_no_correction_are_corrected_no_more(seed):
+    """A halo made sound ink look 129 % wide; corrections went on to 0.6 (20 mm of false fill)."""
+    decider, decisions = printed(seed, lambda second, factor: 1.35 * factor**0.1)
+    pauses = [one for one in decisions if one.kind is DecisionKind.PAUSE]
+    assert decider.control.factor == 1.0
+    assert len(pauses) == 1
+    assert "hardly changed" in pauses[0].why
+    assert pauses[0].factor == 1.0
+    assert "isn't corrected" in decisions[-1].why
+    assert sum(one.kind is DecisionKind.FLOW for one in decisions) <= 2
+
+
+@pytest.mark.parametrize("step", [0.7, 1.3])
+@pytest.mark.parametrize("at", range(13, 25))
+def test_a_step_of_the_flow_within_a_look_is_answered(step, at):
+    decider, decisions = printed(at, lambda second, factor: factor * (step if second >= at else 1))
+    assert not [one for one in decisions if one.kind is DecisionKind.PAUSE]
+    assert decider.control.factor * step == pytest.approx(1.0, abs=0.07)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_flow_that_falls_for_long_is_answered(seed):
+    """Each look sees what the flow lost since the last correction: no sign of no answer."""
+    decider, decisions = printed(
+        seed, lambda second, factor: factor * math.exp(-0.015 * max(0, second - 10)), looks=6
+    )
+    assert not [one for one in decisions if one.kind is DecisionKind.PAUSE]
+    assert decider.control.factor > 1.2
+
+
+def test_the_last_correction_that_was_answered_stays():
+    """The flow fell; later light made lines look wide, and factors were lost on that."""
+    decider, decisions = printed(
+        3, lambda second, factor: 0.7 * factor if second < 24 else 1.4, looks=9
+    )
+    assert decider.control.answers.failed
+    assert decider.control.factor == pytest.approx(1 / 0.7, abs=0.11)
+    assert sum(one.kind is DecisionKind.PAUSE for one in decisions) == 1
+
+
+def failed(mode="mend", factor=0.7):
+    decider = Decider(Limits(mend=mode), FlowControl(factor=factor))
+    decider.control.answers.failed = True
+    return decider
+
+
+def test_the_correction_is_taken_back_before_the_print_is_paused(tmp_path):
+    bench = Bench(tmp_path)
+    control = bench.observer.decider.control
+    control.answers.failed = True
+    bench.observer.judge = judged_at(bench.observer.judge, 0.7)
+    record = bench.observer.look(LOOK)
+    assert [one[0] for one in bench.link.said] == ["insert", "pause"]
+    assert bench.link.said[0][3] == 1.0
+    assert (record.decision, record.factor) == ("pause", 1.0)
+
+
+def judged_at(judge, flow):
+    return lambda *said: replace(judge(*said), flow=flow)

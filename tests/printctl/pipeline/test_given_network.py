@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import json
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +11,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from benchmarks.checkers import near_pairs, read_network
 from design.errors import NetworkError
+from design.hemodynamics import FlowConditions, solve_flow
 from design.network import VesselNetwork
 from design.network_files.by_suffix import read_with_notes
 from design.network_files.csv_format import read_network_csv, write_network_csv
@@ -19,10 +23,10 @@ from design.tissue.shapes import annulus, block
 from design.tissue.surface import tissue_from_surface
 from printctl.errors import RecipeError
 from printctl.pipeline.outside import outside_note
-from printctl.pipeline.run import toolpath_recipe
+from printctl.pipeline.run import design_recipe, toolpath_recipe
 from printctl.pipeline.stages.vasculature import parts_note
 from printctl.pipeline.tissue_source import make_tissue
-from printctl.recipe import parse_recipe
+from printctl.recipe import Recipe, parse_recipe
 
 # A straight vessel, and another that runs 0.3 mm above it: radii of 0.2 mm, 0.1 mm in each other.
 OVER = VesselNetwork.from_segments(
@@ -133,3 +137,82 @@ def test_an_embedded_print_of_a_given_network_needs_no_tissue(tmp_path: Path) ->
     assert "2 mm (tissue.margin_mm)" in tissue.notes[0]
     with pytest.raises(RecipeError, match="tissue: is missing"):
         parse_recipe(data | {"toolpath": {"method": "fresh"}}, "one.yaml")
+
+
+# --- forests from a recipe: mixing beside given vessels, notes on what isn't supplied
+
+
+CHANNEL = (
+    "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
+    "0,0,1,0,8,6,20,8,6,0.8,0.8,channel,0\n"
+)
+
+
+def designed(folder: Path, vessels: dict[str, Any]) -> dict[str, Any]:
+    block = {"shape": "block", "size_mm": [20, 16, 12]}
+    forest = {"grow": "forest", **vessels}
+    data = {"schema": 1, "name": "forest", "tissue": block, "vasculature": forest}
+    recipe = parse_recipe(data, "forest.yaml")
+    console = Console(file=io.StringIO())
+    design_recipe(recipe, folder, folder, console, until="vasculature")
+    manifest = json.loads((folder / "manifest.json").read_text())
+    summary: dict[str, Any] = manifest["stages"]["vasculature"]["summary"]
+    return summary
+
+
+def test_a_mixing_network_grows_round_given_vessels(tmp_path: Path) -> None:
+    (tmp_path / "given.csv").write_text(CHANNEL)
+    kinds = ("artery", "artery", "vein")
+    mixed = {"trees": [{"kind": kind} for kind in kinds], "join": "mixing"}
+    given = {"network": "given.csv", "unit": "mm"}
+    found = designed(tmp_path, {"terminals": 6, "networks": [given, mixed]})
+    assert found["networks"][0]["connections"] == 6
+    net = read_network(tmp_path / "network.csv")
+    assert len(near_pairs(net, clearance_ratio=0.1).colliding) == 0
+    # Trees 0 to 2, the limbs of their nodes, what was there.
+    np.testing.assert_array_equal(np.unique(net.tree), np.arange(5))
+
+
+def test_trees_that_divide_the_tissue_are_held_against_it_together(tmp_path: Path) -> None:
+    networks = [{"trees": [{"kind": "artery"}]}] * 2
+    vessels = {"terminals": 30, "networks": networks, "territories": "divided"}
+    assert "notes" not in designed(tmp_path, vessels)
+
+
+# --- trees with curves in the place of bends, judged by a checker of their files
+
+
+TREE = {"grow": "tree", "terminals": 60, "curves": True}
+
+
+def recipe(vessels: dict[str, Any]) -> Recipe:
+    block = {"shape": "block", "size_mm": [12, 10, 8]}
+    data = {"schema": 1, "name": "curved", "tissue": block, "vasculature": vessels}
+    return parse_recipe(data, "curved.yaml")
+
+
+def test_main_lines_are_curves_clear_of_each_other_with_flows_as_asked(tmp_path: Path) -> None:
+    said = io.StringIO()
+    design_recipe(recipe(TREE), tmp_path, tmp_path, Console(file=said), until="vasculature")
+    assert "0 curved" in said.getvalue().replace("\n", " ")
+    found = near_pairs(read_network(tmp_path / "network.csv"), 0.0, 0.1)
+    assert len(found.colliding) == 0
+    network = read_network_csv(tmp_path / "network.csv", "mm")
+    assert network.vessel_count == 2 * 60 - 1
+    assert len(network.points) > 3 * network.vessel_count
+    flow = solve_flow(network, FlowConditions(4e-3, inlet_flow_ul_s=1.0)).flow
+    ends = np.isin(network.vessel_nodes[:, 1], network.outlets())
+    assert flow[ends] == pytest.approx(1.0 / 60, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"printable": True}, "curves wouldn't keep to printable"),
+        ({"turn_angle_degrees": [0, 90]}, "curves wouldn't keep to turn_angle_degrees"),
+        ({"anatomy": {"template": "heart"}}, "curved as it is; leave curves out"),
+    ],
+)
+def test_what_curves_would_break_is_refused(more: dict[str, Any], message: str) -> None:
+    with pytest.raises(RecipeError, match=message):
+        recipe(TREE | more)

@@ -10,12 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from design.geometry.surface import Surface
 from design.network import VesselNetwork
 from firmware_profiles import Printer, load
 from firmware_profiles.bead import BeadSection
+from kernels.arrays import FloatArray, IntArray
 from printctl.errors import SafetyError
 from printctl.pipeline.stages import lumens
+from printctl.pipeline.tracing import Job, by_layer, made_by
 from printctl.recipe.making import Embedded, Fresh
+from sim.gcode.deposit.strands import Strands
 from tests.printctl.checks.lumens.small_gcode import BORE_MM, LAYER_MM, Strokes, gcode, tube
 
 LAYERS = 8
@@ -88,3 +92,100 @@ def test_a_vessel_left_out_by_the_plan_is_told_with_its_place_and_not_refused(
     note = next(text for text in found["notes"] if "leave_out" in text)
     assert "vessel 0 (too near to vessel 7 at (1.00, 2.00, 3.50) mm)" in note
     assert "without supply: 5, 6" in note
+
+
+# --- trace from a place of the print to its G-code lines
+
+
+NO_FACES = np.empty((0, 3), dtype=np.int64)
+
+NETWORK = VesselNetwork.from_segments(
+    np.array([[0.0, 0, 0.5], [10, 0, 0.5]]),
+    np.array([[0, 1]]),
+    np.array([0.2]),
+    np.zeros(1),
+    np.zeros(1),
+)
+
+
+def written(start: FloatArray, end: FloatArray, line: IntArray) -> Strands:
+    return Strands.dosed(start, end, np.ones(len(line)), np.arange(len(line)), line)
+
+
+def job(of_vessels: bool = False) -> Job:
+    """Ten layers of 0.1 mm; in each a line on either side of the vessel, at y = ±0.3."""
+    start, end, line, source = [], [], [], []
+    for layer in range(10):
+        z = 0.1 * (layer + 1)
+        for side in (-0.3, 0.3):
+            start.append((0.0, side, z))
+            end.append((10.0, side, z))
+            line.append(10 * layer + (3 if side < 0 else 6))
+            source.append(layer)
+    first = 10 * np.arange(10) + 1
+    return Job(
+        written(np.array(start), np.array(end), np.array(line)),
+        np.array(source), of_vessels, first, first + 9,
+    )  # fmt: skip
+
+
+def defect(kind: str = "stenosis", **more: object) -> dict[str, object]:
+    return {"kind": kind, "vessel": 0, "from_mm": 4.0, "to_mm": 5.0, **more}
+
+
+def test_lines_beside_a_stenosis_are_those_of_its_layers() -> None:
+    found = made_by(defect(), job(), NETWORK, 0.1)
+    # Within 0.2 + 0.15 mm of the axis at z = 0.5: the walls at 0.3 mm, 0.18 mm up and down.
+    assert found["layers"] == [3, 4, 5]
+    assert (found["first_line"], found["last_line"], found["line_count"]) == (33, 56, 6)
+
+
+def test_a_vessels_own_line_is_named_in_an_embedded_print() -> None:
+    one = Job(
+        written(
+            np.array([[0.0, 0, 0.5], [0, 5, 0.5]]), np.array([[10.0, 0, 0.5], [10, 5, 0.5]]),
+            np.array([7, 9]),
+        ), np.array([0, 1]), True, np.array([6, 8]), np.array([7, 9]),
+    )  # fmt: skip
+    found = made_by(defect("occlusion"), one, NETWORK, 0.0)
+    assert found == {"vessels": [0], "first_line": 7, "last_line": 7, "line_count": 1}
+
+
+def test_deviation_goes_to_the_layer_it_lies_in() -> None:
+    vertices = np.array([[0, 0, 0.05], [0, 0, 0.08], [0, 0, 0.55], [0, 0, 0.56]])
+    report = SimpleNamespace(
+        transform_scan_to_part=np.eye(4),
+        scaled_scan_to_part=np.eye(4),
+        surface=Surface(vertices, NO_FACES),
+        seen=np.array([True, True, True, False]),
+        scaled_deviation_um=np.array([10.0, -30.0, 7.0, 1e6]),
+    )
+    rows = by_layer(report, job())  # type: ignore[arg-type]
+    assert len(rows) == 10
+    assert (rows[0]["points"], rows[0]["mean_um"]) == (2, -10.0)
+    assert rows[0]["rms_um"] == pytest.approx(np.sqrt(500))
+    assert (rows[5]["mean_um"], rows[5]["rms_um"]) == (7.0, 7.0)
+    assert rows[3]["mean_um"] is None
+    assert (rows[5]["first_line"], rows[5]["last_line"]) == (51, 60)
+    assert rows[5]["z_mm"] == pytest.approx(0.6)
+
+
+def test_layers_of_different_heights_take_what_lies_in_them() -> None:
+    """Two of 0.1 mm, the next without lines, then thinner ones; the first primes higher up."""
+    tops = np.array([0.1, 0.1, 0.5, 0.2, 0.24, 0.26])
+    end = np.column_stack([np.ones(6), np.zeros(6), tops])
+    source = np.array([0, 0, 0, 1, 3, 4])
+    lines = np.arange(1, 7)
+    one = Job(written(end - [1, 0, 0], end, lines), source, False, np.arange(5), np.arange(5))
+    report = SimpleNamespace(
+        transform_scan_to_part=np.eye(4),
+        scaled_scan_to_part=np.eye(4),
+        surface=Surface(
+            np.array([[0, 0, z] for z in (0.05, 0.15, 0.21, 0.23, 0.25, 0.4)]), NO_FACES
+        ),
+        seen=np.ones(6, dtype=bool),
+        scaled_deviation_um=np.array([1.0, 2.0, 3.0, 4.0, 5.0, 7.0]),
+    )
+    rows = by_layer(report, one)  # type: ignore[arg-type]
+    assert [row["mean_um"] for row in rows] == [1.0, 2.0, 3.0, 4.0, 6.0]
+    assert [row["z_mm"] for row in rows] == pytest.approx([0.1, 0.2, 0.22, 0.24, 0.26])

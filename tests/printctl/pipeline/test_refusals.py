@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,11 +16,14 @@ from rich.console import Console
 from design.errors import SolidError, ToolpathError
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
-from firmware_profiles import Needle, load
+from firmware_profiles import Bath, Ink, Needle, load
 from printctl.errors import SafetyError, UsageError
+from printctl.pipeline.printability import printability
 from printctl.pipeline.refusals import refuse_before
 from printctl.pipeline.run import design_recipe, toolpath_recipe
 from printctl.recipe import Recipe, parse_recipe
+from printctl.recipe.making import Embedded, Fresh
+from tests.printctl.corrections.feedback.small_run import TWO, recipe_of
 
 EMBEDDED = {"method": "embedded", "needle": "30g_50mm"}
 GELATIN = {"ink": "gelatin_sacrificial", "bath": "cell_matrix"}
@@ -155,3 +160,79 @@ def test_a_block_is_as_deep_as_it_says_and_other_tissue_as_its_network(tmp_path:
         "keep_within": [{"shape": "block", "from_mm": [0, 0, 0], "to_mm": [10, 6, 9.2]}],
     }
     refuse_before(recipe(tmp_path, network(), toolpath=toolpath, tissue=cut), tmp_path)
+
+
+# --- printability limits of needle, bath and method
+
+
+def context(part: Embedded | Fresh, print_scale: float = 1.0, **bath: float) -> Any:
+    """As much of a run's context as is asked."""
+    ink = load(Ink, "gelatin_sacrificial")
+    return SimpleNamespace(
+        recipe=SimpleNamespace(toolpath=part, print_scale=print_scale),
+        needle=load(Needle, part.needle),
+        ink=ink,
+        bath=load(Bath, "cell_matrix").model_copy(update=bath),
+    )
+
+
+def test_a_firm_bath_leaves_the_limit_to_the_plunger() -> None:
+    limits = printability(context(Embedded(method="embedded")))
+    assert limits.widest_mm == pytest.approx(3.568, rel=1e-3)  # 2 µL/s at 0.2 mm/s
+    assert "plunger" in limits.says
+
+
+def test_a_weak_bath_limits_the_widest_vessel() -> None:
+    weak = context(Embedded(method="embedded"), yield_stress_pa=0.02, density_g_cm3=1.05)
+    limits = printability(weak)
+    # 0.02 Pa / (0.07 × 20 kg/m³ × 9.81 m/s²)
+    assert limits.widest_mm == pytest.approx(1.456, rel=1e-3)
+    assert "1.46 mm, which the bath's yield stress holds" in limits.says
+
+
+# --- print time against cell lifetime, and ink use, on a complete simulated job
+
+
+def dry_run(folder: Path, **care: Any) -> dict[str, Any]:
+    write_network_csv(folder / "two.csv", TWO)
+    recipe = recipe_of(needle="22g", layer_um=150, line_um=400) | {"printer": {"care": care}}
+    found = toolpath_recipe(
+        parse_recipe(recipe, "test"), folder, folder, Console(file=io.StringIO())
+    )
+    summary: dict[str, Any] = found["dry_run"]
+    return summary
+
+
+SAID = {"viability_source": "our protocol"}
+REFUSED = r"print time, of what the cells have.*our protocol"
+
+
+def test_a_print_longer_than_its_cells_have_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SafetyError, match=REFUSED):
+        dry_run(tmp_path, viability_min=0.5, **SAID)
+
+
+@pytest.mark.slow
+def test_a_print_as_long_as_half_its_cells_time_is_taken_as_long_as_twice_refused(
+    tmp_path: Path,
+) -> None:
+    long = dry_run(tmp_path, viability_min=1000, **SAID)
+    assert long["time_the_cells_have"] == "1000 min (our protocol)"
+    minutes = long["print_time_s"] / 60
+    assert long["changes_of_syringe"] == 0
+    assert minutes > 0.5
+    dry_run(tmp_path, viability_min=2 * minutes, **SAID)
+    with pytest.raises(SafetyError, match=REFUSED):
+        dry_run(tmp_path, viability_min=minutes / 2, **SAID)
+
+
+@pytest.mark.slow
+def test_ink_is_told_with_what_stays_behind(tmp_path: Path) -> None:
+    found = dry_run(tmp_path)
+    assert "not known" in found["time_the_cells_have"]
+    # 20 µL of the syringe, and the bore of a 22G needle of half an inch.
+    assert found["ink_left_per_filling_ul"] == pytest.approx(21.68, abs=0.01)
+    assert found["ink_needed_ul"] == pytest.approx(
+        found["ink_pushed_ul"] + found["ink_left_per_filling_ul"], abs=2e-3
+    )
+    assert found["fillings"] == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,18 +12,28 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
+from pydantic import TypeAdapter, ValidationError
 
-from printctl.errors import UsageError
+from design.network import VesselNetwork
+from printctl.errors import RecipeError, UsageError
 from printctl.machine.link.history_entry import PrintEntry, entry_of
 from printctl.machine.link.journal import Journal
 from printctl.machine.link.record import LinkRecord
 from printctl.pipeline.print_scan import StatedPrint, scan_print
+from printctl.pipeline.scan_defects import scan_defects
 from printctl.pipeline.simulated_scan import scan_size_words
 from printctl.pipeline.stages import scan
-from printctl.recipe.making import SimulatedScan
+from printctl.pipeline.stages.scan import digest_user_files, load_scan
+from printctl.recipe.making import FileScan, SimulatedScan
 from registration import read_scan
+from registration.devices.optics.beam import OctCalibration
+from registration.devices.optics.file import write_calibration
+from registration.files.writers import write_scan
+from registration.wall_reference import WallCalibration
 from sim.gcode.deposit.ink_faults import Clog
 from sim.gcode.motion.executed import ExecutedMotion
+from tests.registration.files.readers.crafted import counts
+from tests.registration.files.readers.crafted import scan as scan_scan_files
 
 BOX = np.array([[0.0, 0.0, 0.0], [24.0, 20.0, 3.0]])
 E_STEPS = 6400.0
@@ -110,3 +121,115 @@ def test_a_large_scan_wants_to_be_asked_for_and_a_smaller_one_is_proposed() -> N
     smaller = scan_size_words(fine.model_copy(update={"voxel_um": (x, y, z)}), BOX, 1, "")
     assert 120 < float(smaller.split("will be ")[1].split(" MB")[0]) <= 200
     assert "GB" in scan_size_words(fine.model_copy(update={"large": True}), BOX, 1, "")
+
+
+# --- rerun of a run's scan stage after any change of the user's scan
+
+
+def loaded(folder: Path, **said: Any) -> Any:
+    """A scan as a recipe that says this of it reads it."""
+    context: Any = SimpleNamespace(recipe_folder=folder, scan_part=FileScan(**said))
+    return load_scan(context)
+
+
+def test_a_recipe_says_what_the_file_doesnt(tmp_path: Path) -> None:
+    counts(9, 10, 11).tofile(tmp_path / "s.raw")
+    sidecar = {"shape": [9, 10, 11], "dtype": "uint16", "byte_order": "little", "axes": "zyx"}
+    (tmp_path / "s.json").write_text(json.dumps(sidecar))
+    found = loaded(
+        tmp_path,
+        file="s.raw",
+        voxel_um=(30, 20, 10),
+        axes="yzx",
+        refractive_index=1.4,
+        optical_depth=True,
+        modality="oct",
+        scale="db",
+        counts_per_db=1,
+        depth_down=False,
+        mirrored=False,
+    )
+    assert found.volume.shape == (10, 9, 11)
+    assert found.voxel_mm == pytest.approx((0.01, 0.02, 0.03))
+    assert (found.scale, found.refractive_index, found.optical_depth) == ("db", 1.4, True)
+    assert not found.depth_down
+
+
+def test_a_recipe_names_the_devices_calibration(tmp_path: Path) -> None:
+    write_scan(tmp_path / "s.tif", scan_scan_files(volume=counts(20, 20, 20)))
+    said = {"file": "s.tif", "oct_calibration": "device.yaml"}
+    before = digest_user_files(tmp_path, FileScan(**said))
+    walls = WallCalibration(4.5, 0.6, 400.0, 1000.0, 3)
+    device = OctCalibration(refractive_index=1.45, depth_standard=True, walls=walls)
+    write_calibration(tmp_path / "device.yaml", device)
+    assert digest_user_files(tmp_path, FileScan(**said)) != before
+    assert loaded(tmp_path, **said).depth_standard
+    assert loaded(tmp_path, **said).walls == walls
+    assert not loaded(tmp_path, file="s.tif").depth_standard
+    write_calibration(tmp_path / "device.yaml", OctCalibration(walls=walls))
+    # Walls alone lay no voxel anew.
+    found = loaded(tmp_path, **said)
+    assert found.walls == walls
+    assert found.volume.dtype == np.uint16
+
+
+def test_only_an_oct_writes_a_thorlabs_file() -> None:
+    assert SimulatedScan(simulated="oct", format="oct").format == "oct"
+    with pytest.raises(ValidationError, match="micro-CT writes no"):
+        SimulatedScan(simulated="microct", voxel_um=(30, 30, 30), format="oct")
+
+
+# --- recipe's simulated print defects: their positions in the printer's frame
+
+
+NETWORK = VesselNetwork.from_segments(
+    np.array([[0.0, 0, 1], [10, 0, 1]]), np.array([[0, 1]]), np.array([0.2]), np.zeros(1),
+    np.zeros(1),
+)  # fmt: skip
+PLACE = np.array([60.0, 50.0, 0.5])
+
+
+def ordered(*defects: dict[str, object]) -> SimulatedScan:
+    return TypeAdapter(SimulatedScan).validate_python(
+        {"simulated": "oct", "defects": list(defects)}
+    )
+
+
+def test_each_kind_lies_along_its_vessel_in_the_printers_frame() -> None:
+    part = ordered(
+        {"defect": "bulge", "vessel": 0, "at": 0.3, "height_um": 60, "towards": [0, 1, 0]},
+        {"defect": "stenosis", "vessel": 0, "percent": 40},
+        {"defect": "occlusion", "vessel": 0, "length_mm": 0.8},
+        {"defect": "missing", "vessel": 0},
+        {"defect": "leak", "vessel": 0, "diameter_um": 200, "to": [5, 0, 4]},
+    )
+    bulge, stenosis, occlusion, missing, leak = scan_defects(part.defects, NETWORK, PLACE)
+    np.testing.assert_allclose(bulge.path, [[60, 50, 1.5], [70, 50, 1.5]])
+    assert (bulge.at_mm, bulge.height_mm, bulge.radius_mm) == (3.0, 0.06, 0.2)
+    np.testing.assert_array_equal(bulge.side, [0, 1, 0])
+    assert stenosis.left == pytest.approx(0.6)
+    assert occlusion.length_mm == 0.8
+    assert occlusion.radius_mm > 0.2
+    assert missing.kind == "missing"
+    np.testing.assert_allclose(leak.path, [[65, 50, 1.5], [65, 50, 4.5]])
+    assert leak.radius_mm == pytest.approx(0.1)
+
+
+def test_vessel_that_isnt_there_is_refused_by_name() -> None:
+    part = ordered({"defect": "missing", "vessel": 3})
+    with pytest.raises(RecipeError, match="vessels 0 to 0"):
+        scan_defects(part.defects, NETWORK, PLACE)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"defect": "crack", "vessel": 0},
+        {"defect": "missing", "vessel": 0, "length_mm": 1.0},
+        {"defect": "leak", "vessel": 0},
+        {"defect": "stenosis", "vessel": 0, "percent": 120},
+    ],
+)
+def test_unknown_kinds_and_keys_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(ValidationError):
+        ordered(wrong)

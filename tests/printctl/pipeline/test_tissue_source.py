@@ -1,5 +1,7 @@
 """Tissue built from a recipe's section, with files beside the recipe."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +10,23 @@ import numpy as np
 import pytest
 import trimesh
 from pydantic import TypeAdapter
+from rich.console import Console
 
-from design.tissue import block
+from design.errors import DesignError, TissueError
+from design.network import VesselNetwork
+from design.network_files.swc import write_network_swc
+from design.solids import block_solid, write_stl
+from design.tissue import block, tissue_from_surface
+from design.vasculature import DepthPenalty, GrowthOptions, grow_tree, tree_to_network
+from printctl.errors import RecipeError
+from printctl.pipeline.growth_source import growth_options, read_terminals, read_trunk
+from printctl.pipeline.regions import make_region
+from printctl.pipeline.run import run_recipe
+from printctl.pipeline.run_options import RunOptions
 from printctl.pipeline.tissue_source import make_tissue
+from printctl.recipe import parse_recipe
+from printctl.recipe.growth import GrownNetwork
+from printctl.recipe.regions import RegionPart
 from printctl.recipe.tissue import TissuePart
 
 PART: TypeAdapter[Any] = TypeAdapter(TissuePart)
@@ -80,3 +96,160 @@ def test_demand_by_depth(tmp_path: Path) -> None:
     )
     # At depth d the shell is 6 (10 - 2 d)² large: the mean depth is 10/8.
     assert tissue.demand.mean_weight == pytest.approx(0.25, rel=0.01)
+
+
+# --- regions with their own infill or head, from a recipe
+
+
+NONE = np.zeros(1, dtype=np.int64)
+TUBE = VesselNetwork.from_segments(
+    np.array([[0.0, 0, 0], [10, 0, 0]]), np.array([[0, 1]]), np.array([0.5]), NONE, NONE
+)
+
+
+def made_regions(words: dict[str, object], folder: Path = Path()) -> float:
+    part = TypeAdapter(RegionPart).validate_python(words)
+    return make_region(part, 2, folder, TUBE).solid.volume_mm3
+
+
+def test_around_vessels_is_the_vessels_widened() -> None:
+    # A rod of radius 1.5 with round ends.
+    rod = np.pi * 1.5**2 * 10 + 4 / 3 * np.pi * 1.5**3
+    assert made_regions({"around_vessels_mm": 1.0}) == pytest.approx(rod, rel=0.01)
+
+
+def test_shapes_and_meshes_have_their_volume(tmp_path: Path) -> None:
+    ball = {"shape": "sphere", "centre_mm": [0, 0, 0], "radius_mm": 2.0}
+    assert made_regions({"where": ball}) == pytest.approx(4 / 3 * np.pi * 8, rel=0.02)
+    block = {"shape": "block", "from_mm": [0, 0, 0], "to_mm": [1, 2, 3]}
+    assert made_regions({"where": block}) == pytest.approx(6.0)
+    write_stl(tmp_path / "a.stl", block_solid((2, 2, 2)))
+    mesh = {"mesh": "a.stl", "unit": "cm"}
+    assert made_regions({"where": mesh}, tmp_path) == pytest.approx(8000.0)
+
+
+def test_a_flat_region_is_refused_by_name() -> None:
+    flat = {"shape": "block", "from_mm": [0, 0, 0], "to_mm": [1, 2, 0]}
+    with pytest.raises(DesignError, match=r"toolpath\.regions\.2"):
+        made_regions({"where": flat})
+
+
+# --- recipe's growth section: conversion to growth options, files read
+
+
+def test_every_word_arrives_in_the_design_s_units(tmp_path: Path) -> None:
+    part = GrownNetwork.model_validate(
+        {
+            "grow": "tree",
+            "terminal_flow": "demand",
+            "viscosity_law": "pries_1994",
+            "haematocrit": 0.4,
+            "smallest_diameter_mm": 0.2,
+            "branch_angle_degrees": [30, 140],
+            "turn_angle_degrees": [0, 80],
+            "flow_ratio": 0.05,
+            "length_to_radius": 2,
+            "follow_demand": False,
+            "penalty": {"depth_mm": [0, 1], "factor": [3, 1]},
+            "root": "search",
+            "root_candidates": 8,
+            "stages": [
+                {"terminals": 50, "clearance_mm": 0.3, "penalty": {"depth_mm": [0], "factor": [2]}},
+                {"terminals": 800},
+            ],
+        }
+    )
+    options = growth_options(part, 7, tmp_path)
+    assert (options.terminals, options.seed, options.terminal_flow) == (800, 7, "demand")
+    assert (options.viscosity_law, options.haematocrit) == ("pries_1994", 0.4)
+    assert options.smallest_radius_mm == 0.1
+    assert (options.branch_angle_degrees, options.turn_angle_degrees) == ((30, 140), (0, 80))
+    assert (options.flow_ratio, options.length_to_radius) == (0.05, 2.0)
+    assert not options.follow_demand
+    assert options.penalty == DepthPenalty((0.0, 1.0), (3.0, 1.0))
+    assert options.root_candidates == 8
+    assert options.stages[0].clearance_mm == 0.3
+    assert options.stages[0].penalty == DepthPenalty((0.0,), (2.0,))
+    assert options.stages[1].clearance_mm is None
+
+
+def test_terminals_come_from_a_table_with_or_without_flows(tmp_path: Path) -> None:
+    path = tmp_path / "wells.csv"
+    path.write_text("name, x_mm, y_mm, z_mm\nA1, 1, 2, 3\nA2, 4, 5, 6\n")
+    points, flows = read_terminals(path)
+    np.testing.assert_array_equal(points, [[1, 2, 3], [4, 5, 6]])
+    assert flows is None
+    path.write_text("flow,z_mm,y_mm,x_mm\n0.5,3,2,1\n2,6,5,4\n")
+    part = GrownNetwork.model_validate({"grow": "tree", "terminal_points": "wells.csv"})
+    options = growth_options(part, 1, tmp_path)
+    assert options.terminals == 2
+    assert options.terminal_points_mm == ((1, 2, 3), (4, 5, 6))
+    assert options.terminal_flows == (0.5, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x,y,z\n1,2,3\n", r"columns are x, y, z; give x_mm"),
+        ("", r"columns are missing"),
+        ("x_mm,y_mm,z_mm\n1,2,3\n1,b,3\n", r"line 3: \['1', 'b', '3'\] aren't numbers"),
+        ("x_mm,y_mm,z_mm\n1,2\n", r"line 2: .*None.* aren't numbers"),
+        ("x_mm,y_mm,z_mm\n1,2,nan\n", r"line 2: \['1', '2', 'nan'\] aren't all finite"),
+        ("x_mm,y_mm,z_mm,flow\n1,2,3,-1\n", r"line 2: flow is -1; give one above 0"),
+        ("x_mm,y_mm,z_mm\n1,2,3\n4,5,6\n1,2,3\n", r"\(1, 2, 3\) mm stands in line 2 and in line 4"),
+    ],
+)
+def test_a_table_of_another_kind_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "wells.csv"
+    path.write_text(text)
+    with pytest.raises(RecipeError, match=message):
+        read_terminals(path)
+    with pytest.raises(RecipeError, match="can't be read"):
+        read_terminals(tmp_path / "none.csv")
+
+
+def test_a_trunk_is_read_from_swc(tmp_path: Path) -> None:
+    shape = block((12.0, 10.0, 8.0))
+    tissue = tissue_from_surface(shape.vertices, shape.faces)
+    first = tree_to_network(grow_tree(tissue, GrowthOptions(terminals=4)))
+    write_network_swc(tmp_path / "artery.swc", first)
+    part = GrownNetwork.model_validate({"grow": "tree", "terminals": 40, "trunk": "artery.swc"})
+    trunk = read_trunk(part, tmp_path)
+    assert trunk is not None
+    tree = grow_tree(tissue, growth_options(part, 1, tmp_path), trunk=trunk)
+    assert (tree.children[:, 0] < 0).sum() == 40
+    assert tree.given.sum() >= 7
+
+
+# --- a recipe whose tissue has two parts
+
+
+def design(folder: Path, **vasculature: Any) -> dict[str, Any]:
+    one, two = trimesh.creation.box((10, 10, 10)), trimesh.creation.box((6, 6, 6))
+    two.apply_translation((20, 0, 0))
+    trimesh.util.concatenate([one, two]).export(folder / "two.stl")
+    recipe = {
+        "schema": 1,
+        "name": "two",
+        "tissue": {"mesh": "two.stl", "unit": "mm"},
+        "vasculature": vasculature,
+    }
+    made = parse_recipe(recipe, "two.yaml")
+    return run_recipe(made, folder, folder / "out", Console(quiet=True), RunOptions(until="flow"))
+
+
+@pytest.mark.parametrize("grow", ["tree", "closed_loop"])
+def test_a_part_without_vessels_is_refused_by_size_and_place(tmp_path: Path, grow: str) -> None:
+    with pytest.raises(TissueError, match=r"part of 216 mm³ around \(20, 0, 0\)"):
+        design(tmp_path, grow=grow, terminals=4)
+
+
+def test_with_an_inlet_each_both_are_supplied_and_the_manifest_says_by_how_much(
+    tmp_path: Path,
+) -> None:
+    network = design(tmp_path, grow="tree", terminals=40, inlets="each_part")["network"]
+    assert [part["terminals"] for part in network["supply"]] == [33, 7]
+    assert [part["flow_share"] for part in network["supply"]] == pytest.approx(
+        [1000 / 1216, 216 / 1216]
+    )
+    assert "2 separate parts, each with vessels" in network["notes"][-1]

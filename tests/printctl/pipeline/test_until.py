@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from design.network_files.csv_format import write_network_csv
+from printctl.pipeline.lock import is_run_active, run_lock
 from tests.printctl.cli.shell import Shell
 from tests.printctl.corrections.feedback.small_run import TWO, recipe_of
 
@@ -89,3 +90,13 @@ def test_a_design_ends_at_the_stage_that_is_named(shell: Shell, tmp_path: Path) 
     assert code == 0
     assert "unchanged" in err
     assert (run / "flow.csv").is_file()
+
+
+# --- lock of a run folder
+
+
+def test_a_lock_tells_whether_a_run_is_going_on(tmp_path: Path) -> None:
+    assert not is_run_active(tmp_path)
+    with run_lock(tmp_path):
+        assert is_run_active(tmp_path)
+    assert not is_run_active(tmp_path)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from printctl.pipeline.plate.results import plate_verdict, well_figures
 from printctl.pipeline.verdict import MOST_REASONS, verdict
 from registration.measuring.judging import Tolerances, VesselLimits, judge, judge_plain
 from tests.registration.measuring.judging.registered import (
@@ -195,3 +196,34 @@ def test_the_worst_fails_are_listed_first() -> None:
 def test_a_registration_that_wasnt_judged_is_refused() -> None:
     with pytest.raises(KeyError, match="judging"):
         verdict(registration(good(0)))
+
+
+# --- verdict on a plate, from the verdicts on its wells
+
+
+def well(passed: bool, undecided: bool) -> dict[str, Any]:
+    verdict = {"passed": passed, "undecided": undecided, "reasons": ["Vessel 0: open"]}
+    numbers = {"vessels": [{"error_percent": 1.0}], "scaled": {"rms_um": 9.0}}
+    found = well_figures({"verdict": verdict, "registration": numbers})
+    return {"well": "A1", "label": "one", **found}
+
+
+GOOD, OPEN, BAD = well(True, False), well(False, True), well(False, False)
+
+
+@pytest.mark.parametrize(
+    ("wells", "passed", "undecided"),
+    [
+        ([GOOD, GOOD], True, False),
+        ([GOOD, OPEN], False, True),
+        ([OPEN, BAD], False, False),
+        ([BAD, GOOD], False, False),
+    ],
+)
+def test_one_undecided_well_leaves_the_plate_undecided(
+    wells: list[dict[str, Any]], passed: bool, undecided: bool
+) -> None:
+    found = plate_verdict(wells, 3)
+    assert (found["passed"], found["undecided"]) == (passed, undecided)
+    assert found["reasons"][0].startswith(f"A1 (one) {wells[0]['outcome']}: Vessel 0")
+    assert "1 of 3 wells weren't scanned" in found["reasons"][-1]

@@ -1,14 +1,18 @@
 """Recipe section on tree growth: invalid values refused with key and remedy."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 import yaml
 
+from design.lattices import LatticeKind
 from printctl.errors import RecipeError
 from printctl.recipe import Recipe, parse_recipe
+from printctl.recipe.forest import Forest
 from printctl.recipe.growth import GrownNetwork
+from printctl.recipe.lattice import LatticeNetwork
+from printctl.recipe.tissue import CylinderPart, DepthDemandPart, MeshPart
 
 ROOT = Path(__file__).parents[3]
 
@@ -111,3 +115,144 @@ def test_a_given_network_says_its_unit_where_its_file_doesnt(
         parse_recipe(data, "test.yaml")
     data["vasculature"] = {"network": "a.json"}
     assert parse_recipe(data, "test.yaml").vasculature.files() == ["a.json"]
+
+
+# --- recipe section on forests: what is implied, and what is refused with a remedy
+
+
+ARTERY, VEIN, LYMPH = ({"kind": kind} for kind in ("artery", "vein", "lymph"))
+
+
+def recipe_of_forest(
+    networks: list[Any], flow: dict[str, Any] | None = None, **keys: Any
+) -> Recipe:
+    data = yaml.safe_load((ROOT / "examples" / "planar_fresh.yaml").read_text())
+    data["vasculature"] = {"grow": "forest", "terminals": 9, "networks": networks, **keys}
+    data["flow"] = flow or {}
+    return parse_recipe(data, "test.yaml")
+
+
+def test_arteries_and_veins_make_loops_and_a_single_tree_none() -> None:
+    fed = {"supplies": [{"trees": [2], "flow_ml_min": 0.1}], "density_g_cm3": 1.02}
+    part = recipe_of_forest(
+        [{"trees": [ARTERY, VEIN]}, {"trees": [LYMPH]}, {"network": "old.csv", "unit": "mm"}], fed
+    ).vasculature
+    assert isinstance(part, Forest)
+    assert [one.how for one in part.grown] == ["loops", "none"]
+    assert [tree.kind for tree in part.trees] == ["artery", "vein", "lymph"]
+    assert part.files() == ["old.csv"]
+
+
+@pytest.mark.parametrize(
+    ("networks", "keys", "said"),
+    [
+        ([{"trees": [LYMPH]}], {}, r"tree 0 of the forest is a lymph without partner.*supplies"),
+        ([{"trees": [ARTERY, LYMPH]}], {}, r"trees are artery, lymph; say join"),
+        ([{"trees": [ARTERY, VEIN, LYMPH], "join": "loops"}], {}, r"give lymph a network"),
+        ([{"trees": [ARTERY, VEIN], "join": "mixing"}], {}, r"mixing takes three trees or more"),
+        (
+            [{"trees": [ARTERY, VEIN | {"terminals": 5}]}],
+            {},
+            r"networks\.0 joins 9 arterial terminals to 5 venous",
+        ),
+        (
+            [{"trees": [ARTERY, ARTERY, VEIN | {"terminals": 5}], "join": "mixing"}],
+            {},
+            r"networks\.0 mixes trees of 9, 9, 5 terminals",
+        ),
+        ([{"trees": [ARTERY]}], {"root_mm": [0, 0, 0]}, r"each tree of a forest has its root_mm"),
+        ([{"network": "old.csv", "unit": "mm"}], {}, r"a forest grows at least one tree"),
+        ([{"trees": [ARTERY]}, {"network": "old.csv"}], {}, r"give unit"),
+        ([{"trees": [ARTERY | {"trunk": "a.swc", "root_mm": [0, 0, 0]}]}], {}, r"without root_mm"),
+        ([{"trees": [ARTERY]}], {"radius_exponent": 9}, r"radius_exponent"),
+    ],
+)
+def test_what_cannot_be_is_refused(networks: list[Any], keys: dict[str, Any], said: str) -> None:
+    with pytest.raises(RecipeError, match=said):
+        recipe_of_forest(networks, **keys)
+
+
+# --- recipe section on lattices
+
+
+BLOCK = {"shape": "block", "size_mm": [16, 8, 8]}
+
+
+def parsed(**lattice: Any) -> LatticeNetwork:
+    part = {"lattice": "grid", "cell_mm": 3.0, "diameter_mm": 0.6, **lattice}
+    data = {"schema": 1, "name": "x", "tissue": BLOCK, "vasculature": part}
+    found = parse_recipe(data, "recipe.yaml").vasculature
+    assert isinstance(found, LatticeNetwork)
+    return found
+
+
+@pytest.mark.parametrize("kind", get_args(LatticeKind))
+def test_every_lattice_can_be_asked_for(kind: str) -> None:
+    assert parsed(lattice=kind).options().kind == kind
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"lattice": "cube"}, r"vasculature\.lattice.*gyroid.*'cube'"),
+        ({"cell_mm": -1}, r"vasculature\.cell_mm.*-1"),
+        ({"cell": 3}, r"vasculature\.cell: .*remove it"),
+        ({"axis": "w"}, r"vasculature\.axis"),
+    ],
+)
+def test_wrong_lattices_are_refused(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(RecipeError, match=message):
+        parsed(**change)
+
+
+# --- recipe section on tissue: zones, demand, label images; errors named with their place
+
+
+NEEDLE = {"shape": "cylinder", "from_mm": [0, 0, 0], "to_mm": [0, 0, 9], "radius_mm": 0.5}
+BALL = {"shape": "sphere", "centre_mm": [0, 0, 0], "radius_mm": 2}
+BOX = {"shape": "block", "from_mm": [0, 0, 0], "to_mm": [1, 1, 1]}
+PORT = {"mesh": "port.stl", "unit": "mm"}
+LABELS = {"labels": "seg.nii.gz", "value": 3}
+
+
+def recipe(**tissue: Any) -> Any:
+    """A recipe with this tissue."""
+    data = {"schema": 1, "name": "x", "vasculature": {"grow": "tree", "terminals": 9}}
+    return parse_recipe({**data, "tissue": tissue}, "test.yaml").tissue
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        {"shape": "biventricle"},
+        {"mesh": "heart.stl", "unit": "mm"},
+        {"points": "heart.xyz", "unit": "cm"},
+        LABELS,
+    ],
+)
+def test_every_source_takes_zones_and_demand(source: dict[str, Any]) -> None:
+    table = {"depth_mm": [0, 1], "relative": [1, 2]}
+    part = recipe(**source, keep_out=[NEEDLE, BALL, PORT], keep_within=[BOX], demand=table)
+    assert isinstance(part.keep_out[0], CylinderPart)
+    assert isinstance(part.keep_out[2], MeshPart)
+    assert isinstance(part.demand, DepthDemandPart)
+    assert "port.stl" in part.files()
+
+
+@pytest.mark.parametrize(
+    ("tissue", "message"),
+    [
+        ({"keep_out": [{**NEEDLE, "radius_mm": 0}]}, r"keep_out\.0.*radius_mm.*0"),
+        ({"keep_out": [{**NEEDLE, "radius": 1}]}, r"keep_out\.0.*radius.*remove it"),
+        ({"keep_out": [{"shape": "cone"}]}, r"cone.*cylinder"),
+        ({"keep_out": [{"mesh": "a.stl"}]}, r"keep_out\.0.*unit.*add it"),
+        ({"demand": {"depth_mm": [0, 1], "relative": [1]}}, r"demand.*2 depths but 1 relative"),
+        ({"demand": {"depth_mm": [1, 0], "relative": [1, 1]}}, r"demand.*doesn't ascend"),
+        ({"demand": {"depth_mm": [0, 1], "relative": [0, 0]}}, r"demand.*0 throughout"),
+        ({"demand": {"depth_mm": [0], "relative": [-1]}}, r"demand.*relative.*-1"),
+        ({"demand": {"image": "a.nii", "voxel_mm": [1, 1, 0]}}, r"demand.*voxel_mm.*0"),
+    ],
+)
+def test_wrong_section_names_place_and_value(tissue: dict[str, Any], message: str) -> None:
+    with pytest.raises(RecipeError, match=message):
+        recipe(shape="biventricle", **tissue)

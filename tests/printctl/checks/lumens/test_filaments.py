@@ -7,17 +7,30 @@ import pytest
 
 from design.network import VesselNetwork
 from firmware_profiles import Printer, load
+from firmware_profiles.bead import BeadSection
 from printctl.checks.lumens import (
     FilamentCheck,
     Writing,
     check_filaments,
+    check_network,
     find_filament_place,
     read_filaments,
+    read_layers,
+    read_lines,
 )
 from printctl.checks.lumens.merges import segment_distances
 from printctl.errors import UsageError
-from tests.printctl.checks.lumens.small_gcode import UL_PER_E
-from tests.printctl.checks.lumens.written_filaments import plunger_gcode
+from sim.gcode.deposit.pneumatic import pneumatic_deposit
+from sim.gcode.dry_run.run import dry_run
+from tests.printctl.checks.lumens.small_gcode import (
+    LAYER_MM,
+    LINE_MM,
+    UL_PER_E,
+    gcode,
+    section,
+    tube,
+)
+from tests.printctl.checks.lumens.written_filaments import plunger_gcode, valve_gcode
 
 PRINTER = load(Printer, "generic_marlin")
 WRITING = Writing(PRINTER, UL_PER_E)
@@ -160,3 +173,161 @@ def test_distances_of_pieces_are_those_of_many_sampled_points() -> None:
         assert away[k] <= sampled + 1e-9
         assert away[k] == pytest.approx(sampled, abs=0.02)
         assert np.isfinite(at[k]).all()
+
+
+# --- ink of several heads, read at each tip's own position
+
+
+PRINTER_HEADS = load(Printer, "two_syringe_marlin")
+# Both tips' lines meet at x = 60: the second stands 40 mm beside the first.
+JOB = b"""M218 T1 X0 Y0 Z0
+M280 P1 S90
+T0 S1
+M280 P0 S10
+G92 E0
+G1 X50 Y50 Z10 F300
+G1 X60 E1 F600
+M280 P0 S90
+T1 S1
+G92 E0
+M280 P1 S10
+G1 X20 Y50 F3000
+G1 X30 E2 F600
+G1 Z10.1 F300
+G1 X20 E4 F600
+"""
+START = (50.0, 50.0, 10.0)
+AREAS = (0.15, 0.30)
+
+
+def writing(**said: object) -> Writing:
+    return Writing(PRINTER_HEADS, start_mm=START, **said)  # type: ignore[arg-type]
+
+
+def layers(**said: object) -> Writing:
+    return writing(layer_mm=0.1, beads=(BeadSection("rectangle"),), **said)
+
+
+def test_layers_of_two_heads_lie_where_their_tips_were() -> None:
+    for lines in read_layers(JOB, layers(ul_per_e_of_heads=AREAS)):
+        np.testing.assert_allclose(lines.start[:, 0], [50, 60, 70], atol=1e-9)
+        np.testing.assert_allclose(lines.end[:, 0], [60, 70, 60], atol=1e-9)
+        assert lines.layer.tolist() == [0, 0, 1]
+        # Cross-section over the layer: each head by its own syringe.
+        np.testing.assert_allclose(lines.width, [0.15, 0.6, 0.6], rtol=1e-6)
+
+
+def test_filaments_of_two_heads_are_strokes_of_their_own() -> None:
+    ideal, stepped = read_filaments(JOB, writing(ul_per_e_of_heads=AREAS))
+    assert ideal.passes == 3
+    np.testing.assert_allclose(ideal.start[:, 0], [50, 60, 70], atol=1e-9)
+    np.testing.assert_allclose(np.pi * ideal.radius**2, [0.015, 0.06, 0.06], rtol=1e-6)
+    assert stepped.start[:, 0].min() == pytest.approx(50)
+    assert stepped.end[:, 0].max() == pytest.approx(70)
+    assert (np.diff(stepped.stroke) >= 0).all()
+
+
+def test_a_job_that_writes_nothing_and_an_unknown_syringe_are_refused() -> None:
+    with pytest.raises(UsageError, match="what one E means"):
+        read_layers(JOB, writing())
+    idle = JOB.replace(b" E1", b"").replace(b" E2", b"").replace(b" E4", b"")
+    for read in (read_layers, read_filaments):
+        with pytest.raises(UsageError, match="is E in it"):
+            read(idle, writing(ul_per_e=0.15))
+
+
+# --- pneumatic head's line widths: from feed rates, and as simulated
+
+
+PRINTER_AIR = load(Printer, "pneumatic_marlin")
+HEAD = PRINTER_AIR.pneumatic
+assert HEAD is not None
+FLOW, SPEED, LAYERS = 0.09, 0.09 / section(LINE_MM), 8
+"""The flow that makes lines of the small prints' width at 10 mm/s."""
+WRITING_AIR = Writing(PRINTER_AIR, flow_ul_s=FLOW)
+CENTRE = (20.0, 30.0)
+
+
+def tubes(speed: float = SPEED) -> bytes:
+    passes = []
+    for k in range(LAYERS):
+        height = np.full((97, 1), (k + 1) * LAYER_MM)
+        passes += [(np.hstack([ring, height]), speed) for ring in tube(0.3, centre=CENTRE)]
+    return valve_gcode(passes, HEAD.opens, HEAD.closes, HEAD.opening_delay_s)
+
+
+def test_lines_are_those_that_a_plunger_would_write() -> None:
+    air, _ = read_layers(tubes(), WRITING_AIR)
+    pushed = read_lines(gcode([tube(0.3, centre=CENTRE)] * LAYERS), UL_PER_E)
+    assert len(air) == len(pushed)
+    assert air.width == pytest.approx(pushed.width, rel=1e-3)
+    assert air.start == pytest.approx(pushed.start, abs=1e-4)
+    assert air.layer.tolist() == pushed.layer.tolist()
+
+
+def test_the_dry_run_lays_more_where_the_head_is_slow() -> None:
+    """A move of length s from stand to stand takes s/v + v/a: a short one gets more per mm.
+
+    A little less, since Marlin's motors don't begin from zero.
+    """
+    passes = [
+        ([[10, y, (k + 1) * LAYER_MM], [10 + way, y, (k + 1) * LAYER_MM]], SPEED)
+        for k in range(3)
+        for y, way in ((10.0, 20.0), (11.0, 1.0))
+    ]
+    file = valve_gcode(passes, HEAD.opens, HEAD.closes, HEAD.opening_delay_s)
+    ideal, ran = read_layers(file, WRITING_AIR)
+    more = SPEED / PRINTER_AIR.acceleration_mm_s2
+    asked = section(LINE_MM)
+    laid = BeadSection().area(ran.width, LAYER_MM)
+    assert laid[::2] == pytest.approx(asked * (1 + more * SPEED / 20), rel=2e-3)
+    assert (laid[1::2] < asked * (1 + more * SPEED)).all()
+    assert (laid[1::2] > asked * (1 + 0.7 * more * SPEED)).all()
+    assert ran.start * 80 == pytest.approx(np.rint(ran.start * 80), abs=1e-6)
+    assert ideal.width == pytest.approx(LINE_MM, rel=1e-6)
+
+
+def test_a_tube_is_open_and_half_the_speed_closes_it() -> None:
+    network = VesselNetwork.from_segments(
+        np.array([[0, 0, 0], [0, 0, LAYERS * LAYER_MM]]), np.array([[0, 1]]), np.array([0.3]),
+        np.zeros(1, np.int64), np.zeros(1, np.int64),
+    )  # fmt: skip
+    place = np.array([*CENTRE, 0.0])
+    lines, ran = read_layers(tubes(), WRITING_AIR)
+    found = check_network(lines, network, place, ran, 0.05)
+    assert found.refusal is None
+    assert found.ideal.narrowest_mm[0] == pytest.approx(0.6, abs=3e-3)
+    # Lines of four times the ink about a lumen of 0.6 whose innermost axis is at 0.375.
+    slow, ran = read_layers(tubes(SPEED / 4), WRITING_AIR)
+    wide = LINE_MM + 3 * section(LINE_MM) / LAYER_MM
+    swollen = check_network(slow, network, place, ran, 0.05)
+    assert swollen.ideal.narrowest_mm[0] == pytest.approx(0.75 - wide, abs=6e-3)
+    assert swollen.ideal.conductance[0] < 0.02
+
+
+def test_filaments_of_a_valve_are_as_thick_as_flow_over_speed() -> None:
+    way = [[10, 10, 5], [20, 10, 5], [20, 14, 5]]
+    file = valve_gcode([(way, 2.0)], HEAD.opens, HEAD.closes, HEAD.opening_delay_s)
+    ideal, ran = read_filaments(file, WRITING_AIR)
+    thick = 2 * np.sqrt(FLOW / 2.0 / np.pi)
+    assert 2 * ideal.radius == pytest.approx(np.full(2, thick), rel=1e-6)
+    assert 2 * np.median(ran.radius) == pytest.approx(thick, rel=0.01)
+
+
+def test_a_file_that_never_opens_the_valve_or_a_flow_that_nobody_knows_is_refused() -> None:
+    plunger = gcode([tube(0.3)] * 2)
+    with pytest.raises(UsageError, match="valve open"):
+        read_layers(plunger, WRITING_AIR)
+    with pytest.raises(UsageError, match="--flow-ul-s"):
+        read_layers(tubes(), Writing(PRINTER_AIR))
+
+
+def test_the_lines_hold_the_ink_that_the_deposit_model_lays() -> None:
+    file = tubes()
+    _, ran = read_layers(file, WRITING_AIR)
+    run = dry_run(file, PRINTER_AIR)
+    laid = pneumatic_deposit(run.executed, file, PRINTER_AIR, FLOW, 0.03)
+    length = np.linalg.norm(ran.end - ran.start, axis=1)
+    high = (ran.high - ran.low)[ran.layer]
+    held = (BeadSection().area(ran.width, high) * length).sum()
+    assert held == pytest.approx(laid.written_ul, rel=1e-9)

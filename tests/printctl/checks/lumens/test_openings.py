@@ -6,23 +6,36 @@ from typing import Any
 
 import numpy as np
 import pytest
+from manifold3d import CrossSection, Manifold
 
 from design.network import VesselNetwork
+from design.solids import Solid, solid_from_surface
 from firmware_profiles.bead import BeadSection
 from printctl.checks.lumens import (
+    Leak,
     Openings,
     SectionStations,
+    WrittenLines,
+    check_model,
+    find_leaks,
+    find_place,
     measure,
+    model_lumens,
     network_lumens,
+    network_trees,
     read_lines,
     report_lumens,
+    rounded_to_steps,
 )
+from printctl.errors import UsageError
 from tests.printctl.checks.lumens.small_gcode import (
     LAYER_MM,
     LINE_MM,
+    SIDES,
     UL_PER_E,
     Strokes,
     gcode,
+    ring,
     tube,
 )
 
@@ -139,3 +152,233 @@ def test_conductance_adds_resistances_of_the_fourth_power() -> None:
     assert report.conductance_least[0] == pytest.approx(expected)
     assert report.mean_mm[0] == pytest.approx(0.4 * expected**0.25)
     assert report.narrowest_mm[0] == 0.3
+
+
+# --- printed lines read from G-code
+
+
+def test_a_line_is_as_wide_as_its_volume_says() -> None:
+    lines = read_lines(gcode([tube(0.3), tube(0.3)]), UL_PER_E)
+    assert lines.width == pytest.approx(LINE_MM, abs=2e-5)
+    assert lines.low == pytest.approx([0, LAYER_MM])
+    assert lines.high == pytest.approx([LAYER_MM, 2 * LAYER_MM])
+
+
+def test_relative_e_and_a_reset_say_the_same() -> None:
+    absolute = b"M82\nG0 Z0.06\nG1 X1 E0.01\nG1 X2 E0.02\nG0 Z0.12\nG1 X0 E0.04\n"
+    relative = b"M83\nG0 Z0.06\nG1 X1 E0.01\nG92 E5\nG1 X2 E0.01\nG0 Z0.12\nG1 X0 E0.02\n"
+    one, other = (read_lines(data, UL_PER_E) for data in (absolute, relative))
+    assert one.width == pytest.approx(other.width)
+    assert one.end == pytest.approx(other.end)
+
+
+def test_the_ink_s_bead_says_how_wide_a_line_is() -> None:
+    data = gcode([tube(0.3), tube(0.3)])
+    mean = LINE_MM - LAYER_MM * (1 - np.pi / 4)
+    for model, width in (("rectangle", mean), ("ellipse", mean * 4 / np.pi), (20.0, mean + 0.02)):
+        found = read_lines(data, UL_PER_E, bead=BeadSection(model)).width
+        assert found == pytest.approx(width, abs=2e-5)
+
+
+def test_one_layer_asks_for_its_thickness() -> None:
+    with pytest.raises(UsageError, match="--layer-um"):
+        read_lines(gcode([tube(0.3)]), UL_PER_E)
+    assert read_lines(gcode([tube(0.3)]), UL_PER_E, layer_mm=LAYER_MM).width == pytest.approx(
+        LINE_MM, abs=2e-5
+    )
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"G0 X1\nG0 X2\n", "no move"),
+        (b"G1 X1 Z1 E1\nG1 X2 Z2 E2\n", "line 1 writes from z 0 to 1"),
+        (b"G0 Z0.06\nG1 X1 E9\nG0 Z0.12\nG1 X2 E99\n", "check what E means"),
+    ],
+)
+def test_what_cant_be_read_is_refused(data: bytes, said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        read_lines(data, UL_PER_E)
+
+
+# --- lumen openings and leaks: real ones found, none invented
+
+
+LAYERS = 6
+TOP = LAYERS * LAYER_MM
+APART = 0.3 + 4 * LINE_MM
+"""Of the axes of two tubes with four walls each, that touch."""
+
+
+def network(*at: tuple[float, float]) -> VesselNetwork:
+    """Upright vessels of 0.3 mm radius, a tree each."""
+    nodes = np.array([[x, y, z] for x, y in at for z in (0.0, TOP)])
+    count = len(at)
+    return VesselNetwork.from_segments(
+        nodes, np.arange(2 * count).reshape(-1, 2), np.full(count, 0.3), NONE[:count],
+        np.arange(count) + 10,
+    )  # fmt: skip
+
+
+def leaks(layers: list[Strokes], designed: VesselNetwork, width: float = 0.05) -> tuple[Leak, ...]:
+    lines = read_lines(gcode(layers), UL_PER_E)
+    return find_leaks(lines, network_trees(designed, lines, HERE), width)
+
+
+def slit(radius: float, width: float) -> Strokes:
+    """A tube whose rings all stand open by ``width`` at angle 0."""
+    return [
+        ring((0, 0), r, (-half, half))
+        for r in (radius + (k + 0.5) * LINE_MM for k in range(4))
+        for half in [np.arcsin((width + LINE_MM) / 2 / r)]
+    ]
+
+
+def long_tubes(layers: int = 24) -> VesselNetwork:
+    """Long enough that its ports are far from its middle."""
+    nodes = np.array([[0, 0, 0], [0, 0, layers * LAYER_MM]], dtype=float)
+    return VesselNetwork.from_segments(
+        nodes, np.array([[0, 1]]), np.array([0.3]), NONE[:1], np.array([7])
+    )
+
+
+def test_a_tight_tube_doesnt_leak_through_its_ports() -> None:
+    assert leaks([tube(0.3)] * LAYERS, network((0, 0))) == ()
+
+
+def test_a_slit_as_wide_as_a_leak_is_found_where_it_is() -> None:
+    layers = [slit(0.3, 0.15) if k == 12 else tube(0.3) for k in range(24)]
+    (leak,) = leaks(layers, long_tubes())
+    assert (leak.tree, leak.into, leak.layer) == ("7", "outside", 12)
+    assert leak.at_mm[0] == pytest.approx(0.35, abs=0.1)
+    assert leak.at_mm[1] == pytest.approx(0.0, abs=0.1)
+
+
+def test_a_slit_too_narrow_is_none() -> None:
+    layers = [slit(0.3, 0.03) if k == 12 else tube(0.3) for k in range(24)]
+    assert leaks(layers, long_tubes()) == ()
+    assert len(leaks(layers, long_tubes(), width=0.01)) == 1
+
+
+def test_a_pocket_beside_a_lumen_is_none() -> None:
+    """Inner rings stand open, the outermost doesn't."""
+    layers = [slit(0.3, 0.15)[:3] + tube(0.3)[3:] if k == 12 else tube(0.3) for k in range(24)]
+    assert leaks(layers, long_tubes()) == ()
+
+
+def test_a_way_over_several_layers_is_found() -> None:
+    """Two inner rings open in one layer, two outer ones in the next."""
+    tight, open_ = tube(0.3), slit(0.3, 0.2)
+    change = {12: open_[:3] + tight[3:], 13: tight[:2] + open_[2:]}
+    assert len(leaks([change.get(k, tight) for k in range(24)], long_tubes())) == 1
+
+
+def test_two_trees_that_open_into_each_other_are_named() -> None:
+    nodes = np.array([[x, 0, z] for x in (0.0, 1.8) for z in (0.0, 24 * LAYER_MM)])
+    pair = VesselNetwork.from_segments(
+        nodes,
+        np.array([[0, 1], [2, 3]]),
+        np.full(2, 0.3),
+        NONE[:2],
+        np.array([3, 4]),
+    )
+
+    def layer(gap: bool) -> Strokes:
+        """A plate of lines along x, left out where the lumens are, and between them."""
+        strokes = []
+        for y in np.arange(-8, 9) * LINE_MM:
+            away = np.sqrt(max(0.45**2 - y * y, 0.0))
+            cuts = [-away, away, 1.8 - away, 1.8 + away] if away else []
+            if gap and abs(y) < 0.1:
+                cuts = [cuts[0], cuts[3]]
+            ends = [-1.2, *cuts, 3.0]
+            strokes += [
+                np.array([[a, y], [b, y]]) for a, b in zip(ends[::2], ends[1::2], strict=True)
+            ]
+        return strokes
+
+    assert leaks([layer(False)] * 24, pair) == ()
+    found = leaks([layer(k == 12) for k in range(24)], pair)
+    assert [(leak.tree, leak.into) for leak in found] == [("3", "4"), ("4", "3")]
+    assert {leak.layer for leak in found} == {12}
+
+
+# --- lumens of a part without a network, and the part's position
+
+
+OUTER = 0.3 + 4 * LINE_MM
+LAYERS_MODEL = 10
+PLACE = np.array([20.0, 30.0, 0.0])
+
+
+def solid(body: Manifold) -> Solid:
+    mesh = body.to_mesh()
+    return solid_from_surface(
+        np.asarray(mesh.vert_properties, dtype=np.float64)[:, :3], np.asarray(mesh.tri_verts)
+    )
+
+
+def disc(radius: float) -> CrossSection:
+    return CrossSection.circle(radius, SIDES)
+
+
+def pipe(layers: int = LAYERS_MODEL) -> Solid:
+    return solid(Manifold.extrude(disc(OUTER) - disc(0.3), layers * LAYER_MM))
+
+
+def print_of_pipe() -> WrittenLines:
+    return read_lines(gcode([tube(0.3, centre=(20, 30))] * LAYERS_MODEL), UL_PER_E)
+
+
+def test_a_hole_through_all_layers_is_one_lumen() -> None:
+    lines = print_of_pipe()
+    stations, trees, unfollowed = model_lumens(pipe(), lines, PLACE)
+    assert stations.count == 1
+    assert len(stations) == LAYERS_MODEL
+    assert stations.designed_mm == pytest.approx(0.6 * np.cos(np.pi / SIDES), abs=1e-3)
+    assert measure(lines, stations).diameter == pytest.approx(0.6, abs=2e-3)
+    assert find_leaks(lines, trees, 0.05) == ()
+    assert unfollowed == 0
+
+
+def test_a_level_way_through_the_part_is_told_as_not_checked() -> None:
+    tunnel = Manifold.cylinder(4 * OUTER, LAYER_MM, circular_segments=SIDES).rotate((0, 90, 0))
+    body = Manifold.extrude(disc(OUTER) - disc(0.3), LAYERS_MODEL * LAYER_MM)
+    beside = Manifold.cube((1.0, 1.0, LAYERS_MODEL * LAYER_MM)).translate((OUTER - 0.1, -0.5, 0))
+    drilled = beside - tunnel.rotate((0, 0, 90)).translate((OUTER + 0.5, -2 * OUTER, 0.3))
+    lines = print_of_pipe()
+    check = check_model(
+        lines, solid(body + drilled), PLACE, rounded_to_steps(lines, (80.0, 80.0)), 0.05
+    )
+    assert check.unfollowed == 1
+    assert check.refusal is not None
+    assert "ways through the part that lie level, 1," in check.refusal
+
+
+def test_a_slit_in_a_tubes_wall_leaks() -> None:
+    layers = 30
+    open_ = [ring((20, 30), 0.3 + (k + 0.5) * LINE_MM, (-0.4, 0.4)) for k in range(4)]
+    written = [open_ if k == 15 else tube(0.3, centre=(20, 30)) for k in range(layers)]
+    lines = read_lines(gcode(written), UL_PER_E)
+    check = check_model(lines, pipe(layers), PLACE, rounded_to_steps(lines, (80.0, 80.0)), 0.05)
+    assert [(leak.into, leak.layer) for leak in check.leaks] == [("outside", 15)]
+    assert check.refusal is not None
+    assert "leaking: tree 0 into outside in layer 16" in check.refusal
+
+
+def test_a_part_without_holes_is_refused() -> None:
+    with pytest.raises(UsageError, match="no lumen to measure"):
+        model_lumens(solid(Manifold.extrude(disc(1), 0.6)), print_of_pipe(), PLACE)
+
+
+def test_the_place_is_found_from_the_ink() -> None:
+    assert find_place(print_of_pipe(), pipe()) == pytest.approx(PLACE, abs=1e-3)
+
+
+def test_a_skirt_or_another_part_asks_for_the_place() -> None:
+    skirt = ring((20, 30), 3.0)
+    layers = [[skirt, *tube(0.3, centre=(20, 30))]] * LAYERS_MODEL
+    with pytest.raises(UsageError, match="--place"):
+        find_place(read_lines(gcode(layers), UL_PER_E), pipe())
+    with pytest.raises(UsageError, match="mm high"):
+        find_place(print_of_pipe(), pipe(2 * LAYERS_MODEL))

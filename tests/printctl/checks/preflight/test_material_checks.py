@@ -7,6 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from firmware_profiles import (
     Bath,
@@ -22,14 +25,24 @@ from firmware_profiles import (
 from printctl.checks.preflight import (
     Check,
     PlacedDish,
+    PrintTime,
     SetUp,
+    budget_of,
     chemistry_check,
     dish_checks,
     file_checks,
     force_checks,
     hardest_push,
     held_check,
+    ink_use,
+    step_checks,
+    viability_checks,
+    viability_facts,
 )
+from printctl.checks.preflight.bore import line_checks
+from printctl.checks.preflight.wall_gaps import hub_gap, wall_gap
+from printctl.checks.set_up import HeadLoading, hub_gap_of, wall_gap_of
+from printctl.recipe.care import CarePart
 from sim.gcode.dry_run.run import DryRun, dry_run
 
 PRINTER = load(Printer, "generic_marlin")
@@ -198,3 +211,154 @@ def test_probing_with_the_needle_mounted_is_refused(line: str) -> None:
     check = named(file_checks(run, SetUp(klipper, SYRINGE, COLLAGEN)), "probing with the needle")
     assert check.refuses
     assert check.place == "line 2"
+
+
+# --- lines of a G-code file against the needle's bore
+
+
+INK = load(Ink, "collagen_fresh")
+
+
+def check_of(area_mm2: float, needle: str, rise_mm: float, layer_mm: float = 0.06) -> Check:
+    """Two strokes of 20 mm with so much ink a mm, on two levels or each rising."""
+    per_mm = area_mm2 / (math.pi / 4 * SYRINGE.inner_mm**2 * INK.flow_factor)
+    lines, e = ["G21", "G90", "M82", "M302 P1", "G1 X50 Y50 Z10 F1200"], 0.0
+    for k in range(2):
+        z, e = 10 + k * layer_mm, e + 20 * per_mm
+        lines += [f"G1 X50 Z{z:g} F1200", f"G1 X70 Z{z + rise_mm:g} E{e:.6f} F300"]
+    run = dry_run("\n".join(lines).encode(), PRINTER, (50, 50, 10))
+    (check,) = line_checks(run, PRINTER, HeadLoading(SYRINGE, INK, load(Needle, needle)))
+    return check
+
+
+@pytest.mark.parametrize(
+    ("needle", "passed"), [("fresh_150um", True), ("30g", True), ("27g", False), ("18g", False)]
+)
+def test_lines_of_layers_are_held_against_the_bore(needle: str, passed: bool) -> None:
+    area = float(INK.bead_section.area(0.15, 0.06))
+    check = check_of(area, needle, 0.0)
+    assert check.value == pytest.approx(0.15, rel=0.02)
+    assert check.passed == passed
+    assert "line 7" in check.place
+
+
+@pytest.mark.parametrize(("filament_mm", "passed"), [(0.128, True), (0.10, False)])
+def test_filaments_are_held_against_the_bore(filament_mm: float, passed: bool) -> None:
+    check = check_of(math.pi / 4 * filament_mm**2, "30g", 5.0)
+    assert check.value == pytest.approx(filament_mm, rel=0.02)
+    assert check.passed == passed
+
+
+# --- clearance between needle and dish wall, for single and for many moves
+
+
+NEEDLE_WALL_GAPS = load(Needle, "25g")
+coordinate = st.floats(-50, 150)
+place = st.tuples(coordinate, coordinate, st.floats(-5, 40))
+
+
+@given(st.sampled_from(["petri_60mm", "chamber_slide"]), st.lists(st.tuples(place, place)))
+def test_one_move_has_the_gap_that_it_has_among_many(name, moves):
+    standing = PlacedDish(load(Dish, name), (40.0, 50.0), 3.0)
+    tips, rows = np.array(moves).reshape(-1, 2, 3), np.ones(len(moves), np.bool_)
+    alone = [wall_gap_of(ends, standing, 0.5) for ends in moves]
+    assert alone == pytest.approx(wall_gap(tips, rows, standing, 0.5))
+    alone = [hub_gap_of(ends, standing, NEEDLE_WALL_GAPS) for ends in moves]
+    assert alone == pytest.approx(hub_gap(tips, rows, standing, NEEDLE_WALL_GAPS))
+
+
+# --- checks of time against cell lifetime, ink against syringe, motor steps against moves
+
+
+AREA = math.pi / 4 * SYRINGE.inner_mm**2
+SAID = {"viability_min": 30.0, "viability_source": "live/dead counts of lot 7"}
+
+
+def run_of_process_checks(*lines: str, printer: Printer = PRINTER) -> DryRun:
+    return dry_run("\n".join(["M302 P1", "G0 X10 Y10 Z5 F6000", *lines]).encode(), printer)
+
+
+def ink(**more: object) -> Ink:
+    return Ink.model_validate(INK.model_dump() | SAID | more)
+
+
+def test_a_budget_wants_its_source() -> None:
+    with pytest.raises(ValidationError, match="viability_source"):
+        ink(viability_source=None)
+    with pytest.raises(ValidationError, match="viability_source"):
+        CarePart(viability_min=20)
+
+
+@pytest.mark.parametrize(("minutes", "passed"), [(29.9, True), (30.0, True), (30.1, False)])
+def test_print_time_is_held_against_the_budget(minutes: float, passed: bool) -> None:
+    (check,) = viability_checks(PrintTime(60 * minutes), budget_of(ink()))
+    assert check.passed == passed
+    assert not check.refuses
+    assert "live/dead counts of lot 7" in check.place
+
+
+def test_a_measured_ink_or_the_recipe_itself_refuses() -> None:
+    sure = ink(calibrated=True, starting_values=())
+    (check,) = viability_checks(PrintTime(3600.0), budget_of(sure))
+    assert check.refuses
+    (check,) = viability_checks(PrintTime(3600.0), budget_of(INK, 45.0, "our protocol"))
+    assert check.refuses
+    assert check.limit == 45
+
+
+def test_changes_of_syringe_count_with_their_time_or_are_named() -> None:
+    budget = budget_of(ink())
+    (check,) = viability_checks(PrintTime(1200.0, 2, 6.0), budget)
+    assert check.value == pytest.approx(32)
+    assert not check.passed
+    known, unknown = viability_checks(PrintTime(1200.0, 2), budget)
+    assert known.passed
+    assert not unknown.passed
+    assert "2 changes" in unknown.remedy
+    assert viability_facts(PrintTime(1200.0, 2), budget)["changes_timed"] is False
+
+
+def test_ink_is_what_is_pushed_and_what_each_filling_leaves_behind() -> None:
+    run = run_of_process_checks("G1 X20 E10 F60", "G1 E9 F60", "G1 X30 E30 F60")
+    use = ink_use(run, PRINTER, SYRINGE)
+    assert use.pushed_ul == pytest.approx(30 * AREA)
+    assert use.dead_ul == 20
+    assert use.fillings == 1
+    assert use.needed_ul == pytest.approx(30 * AREA + 20)
+    needle = load(Needle, "30g")
+    assert ink_use(run, PRINTER, SYRINGE, needle).dead_ul == pytest.approx(
+        20 + math.pi / 4 * needle.inner_mm**2 * needle.length_mm
+    )
+
+
+def names(run: DryRun, printer: Printer = PRINTER, syringe: Syringe = SYRINGE) -> list[str]:
+    checks = step_checks(run, printer, syringe)
+    assert not any(check.refuses for check in checks)
+    return [check.check for check in checks if not check.passed]
+
+
+def line(length: float, width: float = 0.15, height: float = 0.06) -> float:
+    """Plunger travel of a line, mm."""
+    return length * width * height / AREA
+
+
+def test_a_step_of_the_plunger_longer_than_a_move_is_told() -> None:
+    """One step is 2.6 nL: 0.29 mm of a line of 150 by 60 µm."""
+    run = run_of_process_checks(f"G1 X20 E{line(10):.6f} F600", f"G1 X20.2 E{line(10.2):.6f}")
+    (name,) = names(run)
+    assert name.startswith("line that one step of the plunger makes")
+    check = next(c for c in step_checks(run, PRINTER, SYRINGE) if not c.passed)
+    assert check.value == pytest.approx(1 / 6400 * AREA / (0.15 * 0.06), rel=1e-4)
+    assert check.limit == pytest.approx(0.2, abs=1e-9)
+    assert check.place == "line 4"
+    assert "1 of 2 moves" in check.remedy
+
+
+def test_an_axis_step_longer_than_a_move_is_told() -> None:
+    coarse = PRINTER.model_copy(
+        update={"steps_per_mm": PRINTER.steps_per_mm.model_copy(update={"x": 4.0, "e": 1e6})}
+    )
+    run = run_of_process_checks(
+        f"G1 X20 E{line(10):.6f} F600", f"G1 X20.2 E{line(10.2):.6f}", printer=coarse
+    )
+    assert names(run, coarse) == ["motor step of an axis, against the shortest written move"]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,9 +13,21 @@ import pytest
 from design.errors import ToolpathError
 from design.toolpath.correction import NEUTRAL
 from printctl.corrections.compensation import CompensationFile, corrections_of_file
-from printctl.corrections.feedback import Choices, Mean, Print, estimate
+from printctl.corrections.feedback import (
+    NO_ORIGIN,
+    Choices,
+    Mean,
+    Print,
+    estimate,
+    keep_origin,
+    read_print,
+)
+from printctl.corrections.feedback.local import repeating
 from printctl.errors import UsageError
+from printctl.run_folder.artefacts import NETWORK, NUMBERS
+from printctl.run_folder.manifest import MANIFEST, Manifest, StageRecord, digest_file, of_simulator
 from tests.printctl.corrections.feedback.lab import Lab
+from tests.printctl.corrections.feedback.small_run import TWO, registered, small_run
 
 KNOWN = Mean(0.0, 1e-3)
 """A scanner whose bias was measured on a phantom."""
@@ -171,3 +186,154 @@ def test_what_does_not_belong_together_is_not_pooled() -> None:
         estimate([one, inked])
     with pytest.raises(UsageError, match="hold the same scan"):
         estimate([one, one])
+
+
+# --- compensation: errors of one print told from errors of all; incompatible prints refused
+
+
+CALIBRATED_ACCIDENTS = Choices(bias=Mean(0.0, 1e-3))
+ALWAYS = {17: -0.04, 20: 0.04}
+LOCAL_GAIN = 0.7
+
+
+def prints_with_an_accident(count: int, always: dict[int, float], noise_mm: float) -> list[Print]:
+    """Vessel 15 is 60 um too narrow over all of its length, in the first print alone."""
+    lab = Lab(shrink=(1, 1, 1), noise_mm=noise_mm)
+    made = []
+    for number in range(count):
+        lab.faults_mm = always | ({15: -0.06} if number == 0 else {})
+        made.append(lab.print())
+    return made
+
+
+@pytest.mark.parametrize("count", [2, 3, 6])
+@pytest.mark.parametrize("noise_mm", [0.002, 0.006])
+def test_one_prints_accident_neither_is_corrected_nor_hides_what_repeats(
+    count: int, noise_mm: float
+) -> None:
+    made = estimate(prints_with_an_accident(count, ALWAYS, noise_mm), CALIBRATED_ACCIDENTS)
+    change = {part.vessel: part.diameter_um for part in made.vessels}
+    assert 15 not in change
+    # Nearly all of the 40 um times the gain; the noise's mean is told in as many prints.
+    slack = 2.5 + 3e3 * LOCAL_GAIN * noise_mm / count**0.5
+    assert change[17] == pytest.approx(LOCAL_GAIN * 40, abs=slack)
+    assert change[20] == pytest.approx(-LOCAL_GAIN * 40, abs=slack)
+    assert made.radial.offset_um == 0
+    assert made.radial.slope_um_per_mm == 0
+
+
+def test_an_accident_changes_nothing_for_the_others() -> None:
+    """Not their common size, nor how sure they are: as if that print hadn't had it."""
+    with_it = estimate(prints_with_an_accident(3, ALWAYS, 0.002), CALIBRATED_ACCIDENTS)
+    lab = Lab(shrink=(1, 1, 1), faults_mm=ALWAYS)
+    without = estimate([lab.print() for _ in range(3)], CALIBRATED_ACCIDENTS)
+    rows = [
+        {row["vessel"]: row["excess_um"] for row in made.evidence["vessels"]}
+        for made in (with_it, without)
+    ]
+    others = sorted(set(rows[0]) - {15})
+    difference = [rows[0][vessel] - rows[1][vessel] for vessel in others]
+    assert np.abs(difference).max() < 0.3
+    assert rows[0][15] == pytest.approx(-20, abs=3)
+
+
+def test_cochrans_test_finds_what_does_not_repeat() -> None:
+    """Three of 3 prints each. Of variances 1, 1 and 30 the largest over the mean of the others is
+    30; F(2, 4) exceeds 30 with a probability of (1 + 30 / 2)^-2 = 0.0039, times 3 vessels 0.012."""
+    free = np.array([2, 2, 2])
+    assert repeating(np.array([1.0, 1.0, 30.0]), free).all()
+    # 40: (1 + 20)^-2 = 0.0023, times 3 is 0.0068.
+    assert repeating(np.array([1.0, 1.0, 40.0]), free).tolist() == [True, True, False]
+    assert repeating(np.zeros(4), np.zeros(4, dtype=np.int64)).all()
+    assert repeating(np.zeros(3), free).all()
+
+
+def test_prints_of_different_depth_are_not_pooled_without_a_standard() -> None:
+    lab = Lab(depth_standard=True)
+    first = estimate([lab.print()])
+    assert first.stretch.factor[2] == pytest.approx(1 / 0.975, abs=2e-3)
+    lab.depth_standard = False
+    plain, higher, again = lab.print(), lab.print(first), lab.print(first)
+    says = (
+        r"run2 was written 1\.0000 times as high as designed, run3 1\.02\d\d times.*"
+        r"no depth standard stands behind the scan of run2 and 1 more.*--depth-standard"
+    )
+    with pytest.raises(UsageError, match=says):
+        estimate([plain, higher])
+    # Alike, they are pooled, and their common depth is left as it was.
+    assert estimate([higher, again]).stretch.factor[2] == first.stretch.factor[2]
+    word = Choices(depth_standard="block of 3.00 mm by micrometer")
+    both = estimate([plain, higher], word)
+    assert both.stretch.factor[2] == pytest.approx(first.stretch.factor[2], abs=2e-3)
+
+
+# --- origin of a scanned part in `printctl register`: its run, or none known
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run as far as its G-code, registered."""
+    folder = small_run(tmp_path_factory)
+    registered(folder / "plain", Lab(network=TWO))
+    return folder / "plain"
+
+
+@pytest.fixture
+def plain(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(made, tmp_path / "plain"))
+
+
+@pytest.fixture
+def scan(tmp_path: Path) -> Path:
+    path = tmp_path / "lab" / "scan.oct"
+    path.parent.mkdir()
+    path.write_bytes(b"a scan")
+    return path
+
+
+def registration(out: Path, run_folder: Path, scan: Path) -> None:
+    """What `register` writes, of the numbers that the run has."""
+    out.mkdir(exist_ok=True)
+    numbers = json.loads((run_folder / NUMBERS).read_text())
+    kept = keep_origin(run_folder, scan, out)
+    (out / NUMBERS).write_text(json.dumps({"registration": numbers, **kept}))
+
+
+def test_a_whole_runs_origin_is_kept(plain: Path, scan: Path, tmp_path: Path) -> None:
+    registration(tmp_path / "out", plain, scan)
+    found = read_print(tmp_path / "out")
+    assert found.facts.scan_sha256 == digest_file(scan)
+    assert not found.simulated
+    assert found.design == read_print(plain).design
+
+
+def test_why_it_is_not_known_is_said_by_both_commands(
+    plain: Path, scan: Path, tmp_path: Path
+) -> None:
+    """A network that was edited after the run: its vessels may have other numbers."""
+    (plain / NETWORK).write_text((plain / NETWORK).read_text() + "\n")
+    why = keep_origin(plain, scan, tmp_path / "out")
+    assert set(why) == {NO_ORIGIN}
+    assert "network.csv isn't as the run wrote it" in why[NO_ORIGIN]
+    registration(tmp_path / "out", plain, scan)
+    with pytest.raises(UsageError, match=r"network\.csv isn't as the run wrote it.*anew"):
+        read_print(tmp_path / "out")
+
+
+def test_a_folder_without_a_manifest_and_an_unfinished_run_are_told_apart(
+    plain: Path, scan: Path, tmp_path: Path
+) -> None:
+    manifest = Manifest.load(plain)
+    del manifest.stages["toolpath"]
+    manifest.save()
+    assert "its toolpath isn't made" in keep_origin(plain, scan, tmp_path)[NO_ORIGIN]
+    (plain / MANIFEST).unlink()
+    assert "has no manifest.json of a run" in keep_origin(plain, scan, tmp_path)[NO_ORIGIN]
+
+
+def test_a_simulated_scan_is_known_where_it_lies(scan: Path) -> None:
+    folder = Manifest(scan.parent)
+    folder.stages["scan"] = StageRecord("key", {scan.name: "0"}, {}, 0.0, 0.0)
+    folder.save()
+    assert of_simulator(scan)
+    assert not of_simulator(scan.with_name("mine.oct"))

@@ -8,6 +8,7 @@ import os
 import stat
 import subprocess
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,12 +16,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from printctl.history.records.bundle import write_bundle
+from printctl.history.records.cover import cover_page
 from printctl.history.records.errors import BundleError, KeyTrouble
 from printctl.history.records.keys import PRIVATE, lab_key, read_public, read_public_file
 from printctl.history.records.manifest import read_manifest
 from printctl.history.records.plain_zip import PlainZipWriter, read_members, safe_name
 from printctl.history.records.verify import Signature, verify_bundle, verify_stream
+from printctl.machine.link.history_entry import Alarm
 from printctl.machine.printing.films import film_file
+from printctl.pipeline.evidence import evidence
 from tests.printctl.history.records.prints import GCODE, printed, with_run
 from tests.slower import examples
 
@@ -261,3 +265,26 @@ def test_public_key_comes_back_from_its_file_and_garbage_is_refused(tmp_path):
         read_public(b"-----BEGIN PUBLIC KEY-----\nx", "x.pem")
     with pytest.raises(KeyTrouble, match="check the path"):
         read_public_file(tmp_path / "absent.pem")
+
+
+# --- cover page of a record bundle
+
+
+HOSTILE = "<b>&<script>\x00\x1b[31m\n" + "x" * 5000
+
+
+def test_cover_has_verdict_hash_and_operator(tmp_path):
+    entry = printed(tmp_path / "run")
+    with_run(tmp_path / "run")
+    page = cover_page(evidence(entry))
+    assert page == cover_page(evidence(entry))
+    for words in ("<li>pass</li>", "ada at lab", entry.sha256):
+        assert words in page
+
+
+def test_cover_takes_hostile_text(tmp_path):
+    alarms = tuple(Alarm(1e9, HOSTILE) for _ in range(50))
+    entry = replace(printed(tmp_path / "run"), file=HOSTILE, message=HOSTILE, alarms=alarms)
+    page = cover_page(evidence(entry))
+    assert "<script>" not in page
+    assert "&lt;script&gt;" in page

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from functools import partial
 
 import pytest
 
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
 from firmware_profiles.families.known_messages import MessageMeaning, load_messages
-from firmware_profiles.families.link_protocol import Fault, FirmwareHalted, Remark
+from firmware_profiles.families.link_protocol import (
+    Fault,
+    FirmwareHalted,
+    FirmwareReset,
+    Halting,
+    Remark,
+)
 from firmware_profiles.families.marlin.doubt import QUESTION
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.pairing import Pairing
@@ -353,3 +360,205 @@ def test_a_halt_behind_unknown_text_is_a_halt():
     assert [event.text for event in events if isinstance(event, FirmwareHalted)] == [
         "Error:MINTEMP triggered"
     ]
+
+
+# --- error message split between two reads: no line is sent before its end
+
+
+RRF = partial(RrfProtocol, places)
+ERRORS = [
+    (KlipperProtocol, b"!! Move out of range: 501.000 0.000 0.000 [0.000]\n"),
+    (KlipperProtocol, b'// Unknown command:"G1"\n'),
+    (KlipperProtocol, b"// Klipper state: Shutdown\n"),
+    (RRF, b"Error: G1: outside machine limits\n"),
+    (RRF, b"Warning: motor was not driven because it failed\n"),
+    (MarlinProtocol, b"Error:Heating failed\n"),
+    (MarlinProtocol, b"echo: cold extrusion prevented\r\n"),
+    (partial(MarlinProtocol, pairing=Pairing(128)), b"Error:Heating failed\n"),
+]
+CUTS = [(family, said, cut) for family, said in ERRORS for cut in range(1, len(said))]
+
+
+def streaming_cut_errors(family):
+    protocol = family()
+    protocol.load(JOB, 0, 0)
+    protocol.held = False
+    protocol.go(0.0)
+    return protocol, protocol.take_output().count(b"G1")
+
+
+@pytest.mark.parametrize(("family", "said", "cut"), CUTS)
+def test_no_line_leaves_between_the_halves_of_an_error_behind_the_ok(family, said, cut):
+    protocol, in_flight = streaming_cut_errors(family)
+    protocol.feed(b"ok\n" * in_flight + said[:cut], 0.1)
+    assert b"G1" not in protocol.take_output()
+    events = protocol.feed(said[cut:], 0.11)
+    assert any(isinstance(event, (Fault, FirmwareHalted, Halting)) for event in events)
+    assert b"G1" not in protocol.take_output()
+    for second in range(1, 50):
+        protocol.feed(b"ok\n", second)
+        protocol.tick(float(second))
+        assert b"G1" not in protocol.take_output()
+
+
+@pytest.mark.parametrize(("family", "said", "cut"), CUTS)
+def test_no_line_leaves_between_the_halves_of_an_error_before_the_ok(family, said, cut):
+    protocol, _ = streaming_cut_errors(family)
+    protocol.feed(said[:cut], 0.1)
+    assert b"G1" not in protocol.take_output()
+    events = protocol.feed(said[cut:] + b"ok\n", 0.11)
+    assert any(isinstance(event, (Fault, FirmwareHalted, Halting)) for event in events) or (
+        not protocol.idle  # Marlin is asked what became of the line, and then told of
+    )
+    assert b"G1" not in protocol.take_output()
+
+
+@pytest.mark.parametrize(("family", "said", "cut"), CUTS)
+def test_a_half_whose_other_half_is_late_by_seconds_lets_no_line_of_the_job_go(family, said, cut):
+    protocol, in_flight = streaming_cut_errors(family)
+    protocol.feed(b"ok\n" * in_flight + said[:cut], 0.1)
+    for step in range(1, 60):
+        protocol.tick(0.1 + step * 0.1)
+        assert b"G1" not in protocol.take_output()
+    protocol.feed(said[cut:], 6.2)
+    assert b"G1" not in protocol.take_output()
+
+
+@pytest.mark.parametrize("family", [KlipperProtocol, RRF, MarlinProtocol])
+def test_the_job_goes_on_once_a_cut_text_is_whole(family):
+    protocol, _ = streaming_cut_errors(family)
+    protocol.feed(b"ok\nT:21", 0.1)
+    assert b"G1" not in protocol.take_output()
+    protocol.feed(b".0 /0.0\n", 0.11)
+    assert b"G1 X2" in protocol.take_output()
+
+
+@pytest.mark.parametrize("family", [KlipperProtocol, RRF])
+def test_the_job_goes_on_where_a_harmless_text_is_never_ended(family):
+    protocol, _ = streaming_cut_errors(family)
+    protocol.feed(b"ok\nT:21", 0.1)
+    protocol.tick(protocol.deadline)
+    assert b"G1 X2" in protocol.take_output()
+
+
+def test_a_text_that_is_never_ended_is_followed_by_a_token_and_then_by_the_job():
+    protocol, _ = streaming_cut_errors(MarlinProtocol)
+    protocol.feed(b"ok\nT:21", 0.1)
+    protocol.tick(protocol.deadline)
+    sent = protocol.take_output()
+    assert b"G1" not in sent
+    token = sent.split(b"E1 ")[1].split(b"*")[0]
+    protocol.feed(b"\n" + token + b"\nok\n", 1.0)
+    assert b"G1 X2" in protocol.take_output()
+
+
+# --- error, halt or reset right behind an ok in the same read: no further line is sent
+
+
+FAULTS = [
+    (KlipperProtocol, b"ok\n!! Move out of range: 501.000 0.000 0.000 [0.000]\n"),
+    (KlipperProtocol, b'ok\n// Unknown command:"G1"\nok\n'),
+    (RRF, b"ok\nError: G1: outside machine limits\n"),
+    (RRF, b"ok\nWarning: motor was not driven because it failed\nok\n"),
+    (MarlinProtocol, b"ok\nError:Heating failed\n"),
+    (MarlinProtocol, b"ok\r\nX:1.00\r\necho: cold extrusion prevented\r\n"),
+]
+GLUED = [
+    (KlipperProtocol, b"ok!! Driver wobble\n"),
+    (KlipperProtocol, b"ok !! Driver wobble\n"),
+    (KlipperProtocol, b'ok// Unknown command:"G1"\n'),
+    (RRF, b"okError: G1: outside machine limits\n"),
+]
+ENDS = [
+    (KlipperProtocol, b"ok\n// Klipper state: Shutdown\n", FirmwareHalted),
+    (KlipperProtocol, b"ok\n// Klipper state: Ready\n", FirmwareReset),
+    (RRF, b"ok\nEmergency Stop! Reset the controller to continue.\n", FirmwareHalted),
+    (MarlinProtocol, b"ok\nError:Printer halted. kill() called!\n", FirmwareHalted),
+    (MarlinProtocol, b"ok\n//action:poweroff\n", FirmwareHalted),
+    (MarlinProtocol, b"ok\nstart\n", FirmwareReset),
+]
+
+
+def in_flight(family):
+    protocol = family()
+    protocol.load(JOB, 0, 0)
+    protocol.held = False
+    protocol.go(0.0)
+    assert b"G1 X1" in protocol.take_output()
+    return protocol
+
+
+def assert_nothing_leaves(protocol):
+    assert b"G1" not in protocol.take_output()
+    for second in range(1, 100):
+        protocol.feed(b"ok\n", second)
+        protocol.tick(float(second))
+        assert b"G1" not in protocol.take_output()
+
+
+@pytest.mark.parametrize(("family", "said"), FAULTS)
+def test_no_further_line_leaves_where_an_error_is_behind_the_ok(family, said):
+    protocol = in_flight(family)
+    events = protocol.feed(said, 0.1)
+    assert [event.line for event in events if isinstance(event, Fault)] == [1]
+    assert (protocol.idle, protocol.lines_done) == (True, 1)
+    assert_nothing_leaves(protocol)
+    assert protocol.lines_done == 1
+
+
+@pytest.mark.parametrize(("family", "said"), GLUED)
+def test_an_ok_glued_to_an_error_is_both_answer_and_error(family, said):
+    protocol = in_flight(family)
+    (fault,) = protocol.feed(said, 0.1)
+    assert (fault.line, fault.refused) == (1, True)
+    assert (protocol.idle, protocol.lines_done) == (True, 1)
+    assert_nothing_leaves(protocol)
+
+
+def test_a_line_answered_by_an_error_whose_ok_is_lost_isnt_sent_again():
+    protocol = KlipperProtocol(places)
+    protocol.load(JOB, 1, 1)
+    protocol.held = False
+    protocol.go(0.0)
+    assert protocol.take_output() == b"G1 X2\n"
+    protocol.feed(b"!! Driver wobbleok\n", 0.1)
+    protocol.tick(protocol.deadline)
+    assert protocol.take_output() == b"M114\n"
+    protocol.feed(b"X:1.000 Y:0.000 Z:0.000 E:0.000\nok\n", 2.0)
+    protocol.tick(protocol.deadline)
+    assert (protocol.take_output(), protocol.idle) == (b"", True)
+
+
+@pytest.mark.parametrize(("family", "said", "end"), ENDS)
+def test_no_further_line_leaves_where_a_halt_or_reset_is_behind_the_ok(family, said, end):
+    protocol = in_flight(family)
+    events = [*protocol.feed(said, 0.1), *protocol.tick(9.0)]
+    assert isinstance(events[-1], end)
+    assert protocol.lines_done == 1
+    assert_nothing_leaves(protocol)
+
+
+@pytest.mark.parametrize("said", [b"ok\nError:Heating failed\n", b"ok\nError:Printer halted\n"])
+def test_of_two_in_flight_no_third_leaves_behind_an_error(said):
+    protocol = in_flight(lambda: MarlinProtocol(pairing=Pairing(128)))
+    protocol.feed(said, 0.1)
+    assert b"G1 X3" not in protocol.take_output()
+
+
+@pytest.mark.parametrize("family", [KlipperProtocol, RRF, MarlinProtocol])
+def test_a_command_that_waits_leaves_once_the_error_is_heard_and_the_job_once_it_may(family):
+    protocol = in_flight(family)
+    protocol.submit(b"M114", 0.05)
+    protocol.feed(b"ok\necho: cold extrusion prevented\nError: it is cold\n!! cold\n", 0.1)
+    assert re.search(rb"M0?114", protocol.take_output())
+    protocol.feed(b"X:1.00 Y:0.00 Z:0.00 E:0.00\nok\n", 0.2)
+    protocol.held = False
+    protocol.go(0.3)
+    assert b"G1 X2" in protocol.take_output()
+
+
+@pytest.mark.parametrize("family", [KlipperProtocol, RRF, MarlinProtocol])
+def test_a_text_behind_the_ok_holds_nothing(family):
+    protocol = in_flight(family)
+    protocol.feed(b"ok\nT:21.0 /0.0\n", 0.1)
+    assert b"G1 X2" in protocol.take_output()

@@ -11,13 +11,15 @@ from hypothesis import strategies as st
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.position_reply import parse_position
-from printctl.machine.link.errors import JobError
-from printctl.machine.link.modal import (
-    Modal,
-    disagreement,
-    modal_state,
-)
+from printctl.machine.link.care import Care
+from printctl.machine.link.completed_moves import CompletedMoves
+from printctl.machine.link.errors import JobError, LinkError
+from printctl.machine.link.job_start import declared_start
+from printctl.machine.link.look_places import Written, look_places
+from printctl.machine.link.marks import Mark, MarkKind, Marks
+from printctl.machine.link.modal import Modal, ModalTrail, disagreement, modal_state, relieved_mm
 from printctl.machine.link.retreat import Retreat, heaters_off
+from printctl.machine.link.watch import DueTask, Watch
 from tests.printctl.machine.link.jobs import load_job, parse_job
 
 PRINTER = load(Printer, "generic_marlin")
@@ -119,3 +121,270 @@ def test_cooling_stays_on_where_the_profile_says_so():
 def test_what_is_dangerous_goes_off_before_the_heaters():
     lamp = load(Printer, "marlin_avr").model_copy(update={"safe_state_off": ("M106 P1 S0",)})
     assert heaters_off(lamp) == [b"M106 P1 S0", b"M104 S0", b"M140 S0"]
+
+
+# --- commanded state after some lines of a job: position, relief, settings
+
+
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        ([], 0.0),
+        ([b"G1 E1", b"G1 E0.75 F60", b"G0 Z5"], 0.25),
+        ([b"G1 E1", b"G1 X1 E1.5"], 0.0),
+        ([b"G1 E1", b"G1 E0.75", b"G1 E1"], 0.0),
+        ([b"G1 E5", b"G92 E0", b"G0 X1"], 0.0),
+        ([b"G1 E5", b"G92 E0", b"G1 E-0.25"], 0.25),
+        ([b"G1 E1", b"G1 E0.75", b"G0 X1 Y1", b"M105", b"G1 F600"], 0.25),
+        ([b"G1 E1"], 0.0),
+    ],
+)
+def test_relief_of_the_job_itself_is_found(lines, expected):
+    assert relieved_mm(lines, len(lines)) == pytest.approx(expected)
+
+
+WORDS = st.lists(st.sampled_from("XYZEF"), max_size=3, unique=True)
+LINES = st.tuples(st.sampled_from(["G1", "G0", "G92", "G28", "M105"]), WORDS, st.integers(0, 9))
+
+
+@given(st.lists(LINES, max_size=30), st.lists(st.integers(0, 30), max_size=8))
+def test_trail_is_the_modal_state_at_every_line_forwards_and_back(lines, asked):
+    job = [" ".join([code, *(f"{w}{at}" for w in words)]).encode() for code, words, at in lines]
+    trail = ModalTrail(job)
+    for done in asked:
+        assert trail.at(min(done, len(job))) == modal_state(job, min(done, len(job)))
+
+
+def test_a_place_told_by_a_command_with_a_name_counts():
+    lines = [b"SET_KINEMATIC_POSITION X=100 Y=90 Z=20", b"G92 E0", b"G1 X101 E1 F600"]
+    assert modal_state(lines, 2) == Modal(100, 90, 20, 0)
+    assert modal_state(lines, 3) == Modal(101, 90, 20, 1, 600)
+    lines += [b"SET_KINEMATIC_POSITION Z=5"]
+    assert ModalTrail(lines).at(4) == Modal(101, 90, 5, 1, 600)
+
+
+# --- count of certainly executed lines: a lower bound, exact at standstill
+
+
+MARLIN = load(Printer, "generic_marlin")
+AHEAD = MARLIN.planner_blocks + MARLIN.command_queue
+lines = st.lists(st.sampled_from([b"G1 X1", b"G0 Z2", b"M105", b"G4 P10"]), max_size=80)
+
+
+@given(lines, st.data())
+def test_as_many_moves_as_planner_and_queue_hold_may_be_ahead(job, data):
+    made, last = CompletedMoves(job, MARLIN), 0
+    for taken in sorted(data.draw(st.lists(st.integers(0, len(job)), max_size=6))):
+        found = made.after(taken)
+        ahead = sum(line[:1] == b"G" and line[:2] != b"G4" for line in job[found:taken])
+        assert last <= found <= taken
+        assert found == 0 or ahead == AHEAD
+        last = found
+
+
+@pytest.mark.parametrize("taken", [1, 40])
+def test_of_a_planner_by_time_only_a_standstill_counts(taken):
+    klipper = MARLIN.model_copy(update={"firmware": "klipper"})
+    made = CompletedMoves([b"G1 X1"] * 50, klipper)
+    assert made.after(taken) == 0
+    made.waited(taken)
+    assert made.after(taken) == taken
+
+
+# --- interruption marks in a job (ours and slicers'), and holds at them
+
+
+def test_marks_stand_between_command_lines():
+    text = b"G90\n;LAYER_END:0\n;RELOAD\nG1 X1\n\n;PART_END:3\n;PASS_END:12\r\nG1 X2\n"
+    job = parse_job(text, "a")
+    assert job.marks.all == (
+        Mark(1, MarkKind.LAYER, 0),
+        Mark(1, MarkKind.RELOAD),
+        Mark(2, MarkKind.PART, 3),
+        Mark(2, MarkKind.VESSEL, 12),
+    )
+    assert [str(mark) for mark in job.marks.all] == [
+        "end of layer 1",
+        "reload point",
+        "end of a part of vessel 3",
+        "end of vessel 12",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [
+        (b";LAYER:%d", 4),
+        (b";LAYER_CHANGE", -1),
+        (b"; CHANGE_LAYER", -1),
+        (b"; layer %d, Z = 0.600", 3),
+    ],
+)
+def test_slicers_layers_end_where_the_next_one_begins(text, number):
+    begins = [text.replace(b"%d", b"%d" % k) for k in (4, 5)]
+    job = parse_job(b"G90\n" + begins[0] + b"\nG1 X1\n" + begins[1] + b"\nG1 X2\n", "a")
+    assert job.marks.all == (Mark(2, MarkKind.LAYER, number),)
+
+
+@pytest.mark.parametrize("text", [b";LAYERS:5", b"; a layer", b";LAYER_ENDING:1", b"G1 X2 ;RELOAD"])
+def test_other_comments_are_no_marks(text):
+    assert len(parse_job(b"G90\n" + text + b"\nG1 X1\n" + text + b"\n", "a").marks) == 0
+
+
+marks = st.lists(st.builds(Mark, st.integers(0, 40), st.sampled_from(MarkKind)), max_size=15).map(
+    lambda found: sorted(found, key=lambda mark: mark.index)
+)
+
+
+@given(marks, st.integers(0, 41), st.sampled_from(MarkKind))
+def test_search_agrees_with_a_walk(found, index, kind):
+    of = [mark for mark in found if mark.kind is kind]
+    searched = Marks(found)
+    assert searched.next(kind, index) == next((m for m in of if m.index >= index), None)
+    before = [m.index for m in of if m.index <= index]
+    last = searched.last(kind, index)
+    assert (last.index if last else None) == (before[-1] if before else None)
+    assert {m.kind for m in searched.here(index)} == {m.kind for m in found if m.index == index}
+
+
+@given(marks, st.integers(0, 40), st.sampled_from(MarkKind), st.booleans())
+def test_no_mark_that_is_wanted_is_passed(found, done, kind, idle):
+    watch = Watch(Marks(found), Care(checkpoint_s=None))
+    watch.begin(0.0)
+    watch.after = kind
+    ahead = [m.index for m in found if m.kind is kind and m.index > done + (not idle)]
+    stop = watch.next_stop(1.0, done, idle, 99)
+    assert stop == min([*ahead, 99])
+    expected = DueTask.RELOAD if kind is MarkKind.RELOAD else DueTask.PAUSE
+    assert (watch.due(1.0, stop) is expected) == (stop != 99)
+
+
+# --- declared tip position (G92) in a job's first lines
+
+
+PLACE = (100.0, 90.0, 50.0)
+
+
+def told(*lines: str) -> tuple[float, float, float] | None:
+    return declared_start(parse_job("\n".join(lines).encode() + b"\n", "job.gcode"))
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ["G92 X100 Y90 Z50 E0", "G1 X101 F600"],
+        ["G92 X100 Y90", "G92 Z50", "G1 X101 F600"],
+        ["G92 X100 Y90 Z50", "G92 Z20", "G1 X101 F600"],
+        ["G92 X100 Y90 Z50", "G1 X101 F600", "G92 Z50", "G1 X250"],
+        ["G92 X100 Y90 Z50", "G1 X101 F600", "G92 X0 Y0 Z0", "G1 X120"],
+    ],
+)
+def test_the_first_word_of_each_axis_before_any_move_counts(lines):
+    assert told(*lines) == PLACE
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [["G92 X100 Y90", "G1 X101 F600"], ["G1 X101 F600", "G92 X0 Y0 Z0", "G1 X1"]],
+)
+def test_a_place_that_is_told_in_part_or_late_is_refused(lines):
+    with pytest.raises(LinkError, match=r"G92 X.* tells the printer where the tip stands"):
+        told(*lines)
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ["G92 E0", "G1 X1 Z2 F60", "G92 Z2"],
+        ["G92 E0", "G1 X1 F60"],
+        ["G28", "G92 X5 Y5 Z0", "G1 X1 F60"],
+    ],
+)
+def test_a_job_that_tells_none_or_homes_begins_where_it_is_said_to(lines):
+    assert told(*lines) is None
+
+
+# --- places at which looks are due: by way, time of writing and height; ends of lines in layers
+
+
+def spaced(layers=2, lines=3, mark="LAYER_END", relieves=True, wipes=False):
+    """Lines of 10 mm at 10 mm/s in layers of 0.25 mm, each left by a travel."""
+    text, e = ["G90", "M82", "G92 X0 Y0 Z5 E0"], 0.0
+    for layer in range(layers):
+        z = 1 + 0.25 * layer
+        for k in range(lines):
+            x = k % 2 * 10
+            text += [f"G0 X{x} Y{k} F6000", f"G1 Z{z:g} F300"]
+            text += [f"G1 E{e:.4f} F60"] * relieves
+            e += 0.1
+            text.append(f"G1 X{10 - x} E{e:.4f} F600")
+            text += [f"G0 X{10 - x} Y{k + 0.2} F6000"] * wipes
+            text += [f"G1 E{e - 0.05:.4f} F60"] * relieves
+            text.append(f"G0 Z{z + 0.5:g} F300")
+        text.append(f";{mark}:{layer}")
+    return parse_job(("\n".join(text) + "\nG0 X50 F600\n").encode(), "a")
+
+
+def places(job, within=True):
+    return look_places(job.lines, job.marks, job.positions, within=within)
+
+
+@pytest.mark.parametrize(("relieves", "wipes"), [(True, False), (False, False), (True, True)])
+def test_lines_end_where_the_needle_leaves_the_ink_relieved_and_lifted(relieves, wipes):
+    job = spaced(relieves=relieves, wipes=wipes)
+    found = places(job)
+    assert [round(one.way_mm) for one in found.written] == [10, 20, 30, 40, 50, 60]
+    assert found.marked == [False, False, True] * 2
+    for index in found.index:
+        assert job.lines[index - 1].startswith(b"G0 Z"), "not before it is relieved and lifted"
+        assert job.lines[index].startswith(b"G0 X")
+
+
+def test_a_path_that_turns_is_never_interrupted():
+    text = "G90\nG92 X0 Y0 Z1 E0\n" + "".join(
+        f"G1 X{k % 2 * 5} Y{k} E{k * 0.1:g} F600\n" for k in range(1, 9)
+    )
+    job = parse_job((text + "G0 Z2 F300\n;LAYER_END:0\nG0 X50 F600\n").encode(), "a")
+    assert places(job).index == [len(job.lines) - 1]
+
+
+def test_in_a_bath_only_passes_end():
+    job = spaced(mark="PASS_END")
+    assert places(job).index == [mark.index for mark in job.marks.all]
+
+
+@pytest.mark.parametrize(
+    ("care", "mm"),
+    [
+        (Care(look_every_mm=15.0), [20, 40, 60]),
+        (Care(look_every_written_s=1.5), [20, 40, 60]),
+        (Care(look_every_height_mm=0.5), [60 + 30, 60 + 90]),
+        (Care(look_every_height_mm=0.25), [60, 90, 120, 150]),
+        (Care(look_every_height_mm=9.0), []),
+    ],
+)
+def test_a_look_is_due_behind_enough_way_time_or_height(care, mm):
+    job = spaced(5 if care.look_every_height_mm else 2)
+    found, looked, first, seen = places(job), Written(), 0, []
+    while (index := found.next_due(first, looked, care)) is not None:
+        looked, first = found.at(index), index + 1
+        seen.append(round(looked.way_mm))
+    assert seen == mm
+
+
+def seen_s(found, first=0, looked=None):
+    """Writing times of the looks that follow."""
+    looked, care, seen = looked or Written(), Care(None, look_every_written_s=30.0), []
+    while (index := found.next_due(first, looked, care)) is not None:
+        looked, first = found.at(index), index + 1
+        seen.append(round(looked.time_s))
+    return seen
+
+
+def test_looks_by_writing_time_come_soon_after_the_start_and_after_a_change():
+    job = spaced(layers=1, lines=120)
+    found = places(job)
+    assert seen_s(found) == [10, 20, 40, 70, 100]
+    at = found.index[39]  # a flow is corrected there, without a line
+    changed = found.shifted(at, 0)
+    assert seen_s(changed, at + 1, changed.at(at)) == [50, 60, 80, 110]

@@ -7,7 +7,7 @@ import pytest
 
 from firmware_profiles import Printer, ProfileError, load
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
-from firmware_profiles.families.link_protocol import StrayOk
+from firmware_profiles.families.link_protocol import Fault, StrayOk
 from firmware_profiles.families.link_timing import Timing
 from firmware_profiles.families.marlin.doubt import QUESTION
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
@@ -21,6 +21,7 @@ from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.wiring import Wiring
 from sim.devices.families.marlin.printer import MarlinPrinter
 from sim.gcode.dry_run.run import dry_run
+from tests.printctl.machine.link.fake_marlin import FakeMarlin
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.slower import first_of
@@ -110,6 +111,106 @@ def test_noisy_print_in_pairs_is_exact(tmp_path, seed):
     rng = np.random.default_rng(seed)
     wire = SimTransport(printer, clock, rng, noise=0.0004, drop_ok=0.002, delay=0.002)
     protocol = MarlinProtocol(Timing(calm_lines=0), Pairing(facts.receive_buffer_bytes))
+    wiring = Wiring(wire, protocol, clock, Journal(tmp_path / "journal.log"), facts)
+    status = Streamer(wiring, parse_job(data, "test.gcode")).run()
+    assert status.state is LinkState.DONE, status
+    foreseen = dry_run(data, facts, start, cold_extrusion=True).executed
+    assert np.array_equal(printer.executed().end, foreseen.end)
+    assert np.array_equal(printer.executed().plunger_end, foreseen.plunger_end)
+
+
+# --- line sent without its end: executed only once the end follows, else refused
+
+
+def text(number: int) -> bytes:
+    return frame(number, JOB[number - 1])[:-2]
+
+
+def end(number: int) -> bytes:
+    return frame(number, JOB[number - 1])[-2:]
+
+
+def started_withheld_ends(job=JOB, **timing: float) -> MarlinProtocol:
+    protocol = MarlinProtocol(Timing(**{"calm_lines": 0, **timing}), Pairing(128, withholds=True))
+    protocol.load(job, 0, 0)
+    protocol.held = False
+    protocol.go(0.0)
+    return protocol
+
+
+def test_each_ok_sends_the_end_of_one_line_and_the_text_of_the_next():
+    protocol = started_withheld_ends()
+    assert protocol.take_output() == frame(1, JOB[0]) + text(2)
+    protocol.feed(b"ok\n", 0.1)
+    assert protocol.take_output() == end(2) + text(3)
+    protocol.feed(b"ok\n", 0.2)
+    assert (protocol.take_output(), protocol.lines_done) == (end(3) + text(4), 2)
+
+
+def test_no_line_is_whole_before_the_one_before_it_was_answered():
+    printer, protocol = FakeMarlin(), started_withheld_ends()
+    for _ in JOB:
+        said = printer.receive(protocol.take_output())
+        assert said == b"ok\n"
+        assert len(printer.numbered) == protocol.lines_done + 1
+        protocol.feed(said, 0.1)
+    assert printer.numbered == [line.decode() for line in JOB]
+
+
+def test_a_foreign_line_end_has_the_printer_refuse_a_line_without_its_end():
+    pairing = Pairing(128, withholds=True)
+    lines = [frame(number, b"G1 X%d F%d" % (number, 7 * number)) for number in range(1, 2000)]
+    for number, line in enumerate(lines, 1):
+        printer, count = FakeMarlin(), pairing.withheld(line)
+        printer.last = number - 1
+        said = printer.receive(line[: len(line) - count] + b"\n") if count else b""
+        assert printer.executed == []
+        assert said.startswith(b"Error") == bool(count)
+    whole = [line for line in lines if not pairing.withheld(line)]
+    assert 0 < len(whole) < 100
+    assert all(line.endswith(b"*0\n") for line in whole)
+
+
+@pytest.mark.parametrize("said", [b"echo: cold extrusion prevented\nok\n", b"Error:hot\nok\n"])
+def test_behind_an_error_the_second_line_is_refused_not_run(said):
+    protocol, printer = started_withheld_ends(), FakeMarlin()
+    printer.receive(protocol.take_output())
+    events = list(protocol.feed(said, 0.1))
+    now = 0.1
+    for _ in range(12):
+        now = max(now, protocol.deadline if protocol.deadline < 99 else now) + 0.001
+        events += protocol.tick(now)
+        events += protocol.feed(printer.receive(protocol.take_output()), now)
+    assert sum(isinstance(event, Fault) for event in events) == 1
+    assert printer.numbered == [JOB[0].decode()]
+    assert protocol.held
+    protocol.held = False
+    protocol.go(now)
+    for _ in range(60):
+        events += protocol.feed(printer.receive(protocol.take_output()), now)
+        now += 0.01
+        events += protocol.tick(now)
+    assert printer.numbered == [line.decode() for line in JOB]
+    assert not any(isinstance(event, StrayOk) for event in events)
+
+
+def test_profile_chooses_by_how_soon_answers_come():
+    facts = load(Printer, "generic_marlin")
+    two = facts.model_copy(update={"lines_in_flight": 2, "baud": 115_200})
+    assert protocol_for(two, 0.05).state.pairing == Pairing(128, withholds=True)
+    slow = two.model_copy(update={"host_turnaround_s": 0.016})
+    assert protocol_for(slow, 0.05).state.pairing == Pairing(128)
+
+
+@pytest.mark.parametrize("seed", first_of(range(8), 2))
+def test_noisy_print_is_exact(tmp_path, seed):
+    facts, start = load(Printer, "generic_marlin"), (50.0, 50.0, 10.0)
+    moves = [b"G1 X%.3f E%.4f F1800" % (50 + k % 2 * 3.5, 0.0035 * (k + 1)) for k in range(400)]
+    data = b"M302 P1\nG90\nM82\nG92 X50 Y50 Z10 E0\n" + b"\n".join(moves) + b"\n"
+    printer, clock = MarlinPrinter(facts, start), VirtualClock()
+    rng = np.random.default_rng(seed)
+    wire = SimTransport(printer, clock, rng, noise=0.0006, drop_ok=0.002, delay=0.0003)
+    protocol = MarlinProtocol(Timing(calm_lines=0), Pairing(facts.receive_buffer_bytes, True))
     wiring = Wiring(wire, protocol, clock, Journal(tmp_path / "journal.log"), facts)
     status = Streamer(wiring, parse_job(data, "test.gcode")).run()
     assert status.state is LinkState.DONE, status

@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from firmware_profiles.families.link_protocol import (
     CommandReplied,
     FirmwareReset,
@@ -12,9 +19,20 @@ from firmware_profiles.families.link_protocol import (
     Synchronised,
     TokenSent,
 )
+from firmware_profiles.families.marlin.bit_flips import guard_command
 from firmware_profiles.families.marlin.doubt import QUESTION, RENUMBER
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
-from firmware_profiles.families.marlin.replies import frame
+from firmware_profiles.families.marlin.replies import Kind, classify, frame
+from printctl.machine.link.clock import VirtualClock
+from printctl.machine.link.journal import read_records
+from printctl.machine.link.states import LinkState
+from sim.devices.board.wire import Wire
+from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.families.marlin.urgent import EMERGENCY
+from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
+from tests.printctl.machine.link.sim_transport import SimTransport
+from tests.printctl.machine.link.simulated import PRINTER, START, gcode, printed
+from tests.printctl.machine.link.test_streamer import job_of, streamer_of
 
 JOB = [b"G1 X1", b"G1 X2", b"G1 X3", b"G1 X4"]
 TOKEN = frame(2, b"M0118 E1 at 2.1")
@@ -143,3 +161,323 @@ def test_renumbering_is_repeated_until_the_printer_confirms_it():
     now = ask(protocol, now + 0.051)
     assert settle(protocol, 0, now) == [Synchronised(0)]
     assert protocol.idle
+
+
+# --- late oks: none is taken as the answer to a later line
+
+
+JOB_LATE_OKS = [b"G1 X%d" % k for k in range(1, 41)]
+
+
+def started_late_oks(first: int = 30) -> MarlinProtocol:
+    """Line ``first`` + 1 is in flight at time 0."""
+    protocol = MarlinProtocol()
+    protocol.load(JOB_LATE_OKS, first, first)
+    protocol.held = False
+    protocol.go(0.0)
+    assert protocol.take_output() == frame(first + 1, JOB_LATE_OKS[first])
+    return protocol
+
+
+def silent_then_taken(protocol: MarlinProtocol, last: int, now: float = 0.0) -> list:
+    """Fall silent; say that the line in flight was taken; give the events of what follows."""
+    protocol.tick(now + 2.6)
+    assert protocol.take_output() == QUESTION
+    events = list(protocol.feed(answer(last), now + 2.62))
+    return [*events, *protocol.tick(now + 2.7)]
+
+
+def token_of(events: list, protocol: MarlinProtocol) -> TokenSent:
+    (sent,) = [event for event in events if isinstance(event, TokenSent)]
+    assert protocol.take_output() == frame(sent.number, guard_command(sent.command))
+    return sent
+
+
+def echo_of(token: TokenSent) -> bytes:
+    return b"echo:" + token.command.removeprefix(b"M118 E1 ") + b"\n"
+
+
+def test_ok_that_comes_after_the_question_is_not_the_next_lines():
+    """Found on a real Marlin: each later ok was one line early, and the print was done too soon."""
+    protocol = started_late_oks()
+    token = token_of(silent_then_taken(protocol, 31), protocol)
+    assert protocol.lines_done == 31  # it is taken, as the printer says
+    assert not protocol.feed(b"ok\n", 3.2)  # line 31's, 0.57 s later
+    assert protocol.take_output() == b""
+    protocol.feed(echo_of(token), 3.3)
+    assert protocol.take_output() == b""
+    protocol.feed(b"ok\n", 3.3)
+    assert protocol.take_output() == frame(token.number + 1, JOB_LATE_OKS[31])
+
+
+def test_answer_of_a_command_is_awaited_until_the_token_behind_it_comes_back():
+    """M400 isn't answered by the ok of the line before it."""
+    protocol = MarlinProtocol()
+    protocol.load(JOB_LATE_OKS, 40, 40)
+    protocol.submit(b"M400", 0.0)
+    assert protocol.take_output() == frame(41, b"M0400")
+    events = silent_then_taken(protocol, 41)
+    token = token_of(events, protocol)
+    assert not any(isinstance(event, CommandReplied) for event in events)
+    assert not protocol.feed(b"ok\n", 3.0)
+    assert not protocol.feed(echo_of(token), 9.0)
+    assert protocol.feed(b"ok\n", 9.0) == [CommandReplied(b"M0400", 41, ())]
+    assert protocol.idle
+
+
+def test_several_oks_that_come_in_one_read_move_nothing_forward():
+    protocol = started_late_oks()
+    token = token_of(silent_then_taken(protocol, 31), protocol)
+    assert protocol.feed(b"ok\nok\nok\n", 3.0) == []
+    assert protocol.take_output() == b""
+    events = protocol.feed(echo_of(token) + b"ok\n", 3.1)
+    assert [type(event) for event in events] == [StrayOk]  # two oks belong to no line
+    assert protocol.take_output() == b""
+    assert protocol.held
+
+
+def test_line_that_was_not_taken_after_all_is_noticed_at_the_token():
+    protocol = started_late_oks()
+    protocol.feed(b"Error:checksum mismatch, Last Line: 30\nResend: 31\nok\n", 0.1)
+    protocol.tick(0.2)
+    protocol.take_output()
+    protocol.feed(answer(30), 0.2)
+    protocol.tick(0.3)
+    protocol.take_output()
+    token_of(list(protocol.feed(b"ok\n", 0.4)), protocol)  # a fragment's; line 31 was garbled again
+    protocol.feed(answer(30), 0.5)
+    for now in (0.6, 0.8):
+        protocol.tick(now)
+        assert protocol.take_output() == QUESTION
+        protocol.feed(answer(30), now)
+        events = protocol.tick(now + 0.1)
+    assert events == [LinesResent(31, 31)]
+    protocol.held = False
+    protocol.go(1.0)
+    assert protocol.take_output() == frame(31, JOB_LATE_OKS[30])
+
+
+def test_confirming_waits_for_the_echo_however_many_oks_come():
+    protocol = MarlinProtocol()
+    protocol.load(JOB_LATE_OKS, 40, 40)
+    protocol.confirm(0.0)
+    assert protocol.take_output() == b""  # it is written down first
+    token = token_of(list(protocol.tick(0.0)), protocol)
+    assert not any(isinstance(e, Synchronised) for e in protocol.feed(b"ok\nok\n", 0.1))
+    events = protocol.feed(echo_of(token) + b"ok\n", 0.2)
+    assert Synchronised(41) in events
+    assert protocol.idle
+
+
+def test_slow_board_is_asked_again_within_two_seconds_and_waited_for():
+    """Taken, and its echo not back: no more tokens than the board's queue has room for."""
+    protocol = started_late_oks()
+    token = token_of(silent_then_taken(protocol, 31), protocol)
+    now, asked_s, tokens = 2.7, 2.7, 0
+    while now < 600.0:
+        now = max(now, protocol.deadline)
+        events = list(protocol.tick(now))
+        assert all(isinstance(event, Notice | TokenSent) for event in events)
+        tokens += sum(isinstance(event, TokenSent) for event in events)
+        if QUESTION in protocol.take_output():
+            assert now - asked_s < 2.0
+            asked_s = now
+            protocol.feed(b"echo:busy: processing\n" + answer(32 + tokens), now)
+    assert tokens <= 1
+    assert token
+
+
+# --- garbled echo of a synchronisation token: queried again at once
+
+
+JOB_GARBLED_TOKENS = [b"G1 X%d" % k for k in range(1, 101)]
+GARBLED = [
+    b"echo:at 3.q",
+    b"echo:it 3.1",
+    b"echn:at 3.1",
+    b"at s.1",
+    b"echo:at3.1",
+    b"echo: at 3.1\x8a",
+]
+
+
+def waiting_for_echo() -> MarlinProtocol:
+    """Line 2 of the job was taken after a doubt; a token is behind it."""
+    protocol = MarlinProtocol()
+    protocol.load(JOB_GARBLED_TOKENS, 0, 0)
+    protocol.held = False
+    protocol.go(0.0)
+    protocol.feed(b"ok\n", 0.1)
+    protocol.feed(b"o\x8a\n", 0.2)
+    protocol.tick(0.3)
+    protocol.take_output()
+    protocol.feed(
+        b"Error:Line Number is not Last Line Number+1, Last Line: 2\nResend: 3\nok\n", 0.4
+    )
+    protocol.tick(protocol.deadline)
+    assert b"M0118 E1 at 3.1*" in protocol.take_output()
+    return protocol
+
+
+@pytest.mark.parametrize("echo", GARBLED)
+def test_a_garbled_echo_is_followed_by_a_question_and_another_token_at_once(echo):
+    protocol = waiting_for_echo()
+    begun = 0.5
+    protocol.feed(echo + b"\nok\n", begun)
+    while b"M0118" not in (sent := protocol.take_output()):
+        assert b"G1" not in sent
+        now = protocol.deadline
+        assert now < begun + 0.5
+        protocol.tick(now)
+        if b"M0118" not in (sent := protocol.take_output()):
+            answer = b"Error:Line Number is not Last Line Number+1, Last Line: 3\nResend: 4\nok\n"
+            protocol.feed(answer, now)
+            continue
+        break
+    assert b"at 4.2*" in sent
+    protocol.feed(b"echo:at 4.2\nok\n", 1.0)
+    assert b"G1 X3" in protocol.take_output()
+
+
+# --- interpretation of a real Marlin's replies, and framing of lines to it
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "number"),
+    [
+        (b"ok", Kind.OK, -1),
+        (b"ok T:-15.00 /0.00 B:-15.00 /0.00 @:0 B@:0", Kind.OK, -1),
+        (b"ok N18 P0 B0", Kind.OK, 18),
+        (b"ok P15 B3", Kind.OK, -1),
+        (b"okok", Kind.JUNK, -1),
+        (b"oj", Kind.JUNK, -1),
+        (b"Resend: 25", Kind.RESEND, 25),
+        (b"Resend: 2?", Kind.TEXT, -1),
+        (b"Error:checksum mismatch, Last Line: 24", Kind.ERROR, 24),
+        (b"Error:MINTEMP triggered, system stopped! Heater_ID: E0", Kind.FAULT, -1),
+        (b"Error:Printer halted. kill() called!", Kind.HALT, -1),
+        (b"echo:busy: processing", Kind.BUSY, -1),
+        (b"echo:busy: paused for user", Kind.BUSY, -1),
+        (b'echo:Unknown command: "\x80\xff\x01G1"', Kind.UNKNOWN_COMMAND, -1),
+        (b"echo: cold extrusion prevented", Kind.REFUSAL, -1),
+        (b"//action:notification Settings Stored", Kind.ACTION, -1),
+        (b"start", Kind.START, -1),
+        (b"Marlin bugfix-2.1.x", Kind.START, -1),
+        (b"wait", Kind.WAIT, -1),
+        (b" T:-15.00 /0.00 B:-15.00 /0.00 @:0 B@:0", Kind.REPORT, -1),
+        (b"X:0.00 Y:0.00 Z:0.00 E:5.00 Count X:800 Y:0 Z:0", Kind.REPORT, -1),
+        (b"  M92 X80.00 Y80.00 Z400.00 E500.00", Kind.TEXT, -1),
+    ],
+)
+def test_recorded_forms(text, kind, number):
+    reply = classify(text)
+    assert (reply.kind, reply.number) == (kind, number)
+
+
+@given(st.binary(max_size=80))
+def test_any_bytes_are_classified(text):
+    assert classify(text).text == text
+
+
+@given(st.integers(0, 7), st.integers(0, 1))
+def test_a_garbled_ok_is_never_an_ok(bit, place):
+    text = bytearray(b"ok")
+    text[place] ^= 1 << bit
+    assert classify(bytes(text)).kind is not Kind.OK
+
+
+def test_frames_are_the_recorded_ones():
+    assert frame(0, b"M110 N0") == b"N0 M110 N0*125\n"
+    assert frame(1, b"M105") == b"N1 M105*38\n"
+    assert frame(3, b"G1 X2") == b"N3 G1 X2*97\n"
+
+
+# --- sent lines: no single flipped bit turns one into a stop code
+
+
+def seen_by_the_emergency_parser(line: bytes) -> list[bytes]:
+    wire = Wire(250_000, 128, EMERGENCY)
+    wire.send(0.0, line)
+    wire.deliver(1.0)
+    return wire.urgent
+
+
+def flipped(line: bytes) -> list[bytes]:
+    return [
+        line[:place] + bytes([line[place] ^ 1 << bit]) + line[place + 1 :]
+        for place in range(len(line) - 1)
+        for bit in range(8)
+    ]
+
+
+def written_in_a_print(tmp_path) -> list[bytes]:
+    """All lines of a print with a pause, renumbering apart, which comes before any move."""
+    printer, clock = FakeMarlin(), VirtualClock()
+    transport = FakeTransport(printer, clock)
+    job = job_of([b"M104 S37", b"M400", b"M114", *zigzag(20)])
+
+    def on_status(status):
+        if status.state is LinkState.PAUSED:
+            streamer.resume()
+
+    streamer = streamer_of(job, transport, tmp_path, on_status)
+    streamer.pause()
+    assert streamer.run().state is LinkState.DONE
+    lines = {line + b"\n" for line in bytes(transport.written).split(b"\n") if line}
+    return sorted(lines - {RENUMBER.strip() + b"\n"})
+
+
+def test_no_flipped_bit_makes_a_stop_or_a_renumbering_of_what_is_sent(tmp_path):
+    lines = written_in_a_print(tmp_path)
+    assert QUESTION.strip() + b"\n" in lines
+    for line in lines:
+        for garbled in flipped(line):
+            assert not {b"112", b"410"}.intersection(seen_by_the_emergency_parser(garbled)), garbled
+            assert b"M110" not in garbled
+
+
+# --- invalid ADVANCED_OK fields: treated as a plain ok, reported once
+
+
+FACTS = PRINTER.model_copy(update={"advanced_ok": True})
+
+
+class Lying(SimTransport):
+    """Rewrites each answer."""
+
+    def __init__(self, pattern: bytes, by: bytes) -> None:
+        super().__init__(MarlinPrinter(FACTS, START), VirtualClock())
+        self._pattern, self._by, self._rest = re.compile(pattern), by, b""
+
+    def read(self, timeout: float) -> bytes:
+        whole, end, self._rest = (self._rest + super().read(timeout)).rpartition(b"\n")
+        return self._pattern.sub(self._by, whole + end)
+
+
+def told_odd(folder: Path) -> list[str]:
+    texts = [r["text"] for r in read_records(folder / "journal.log") if r and r["t"] == "notice"]
+    return [text for text in texts if "ADVANCED_OK" in text]
+
+
+@pytest.mark.parametrize(
+    "room",
+    [b"P99 B99", b"P0 B0", b"P-1 B999999999999999999999", b"P1.5 B0.25", b"P-3 B-3", b"P7 B2"],
+)
+def test_room_that_lies_costs_nothing(tmp_path, room):
+    transport = Lying(rb"P\d+ B\d+", room)
+    status, _ = printed(gcode(100), tmp_path, transport)
+    assert status.state is LinkState.DONE
+    assert status.line_errors == status.alarms == 0
+    assert len(told_odd(tmp_path)) == (room.startswith((b"P-", b"P1.")))
+    assert transport.clock.now() < 60
+
+
+def test_number_that_never_changes_is_read_as_a_plain_ok(tmp_path):
+    status, _ = printed(gcode(100), tmp_path, Lying(rb"ok N\d+", b"ok N5"))
+    assert status.state is LinkState.DONE
+    assert len(told_odd(tmp_path)) == 1
+
+
+@pytest.mark.parametrize("text", [b"ok N48 P1x B3", b"ok N4? P15 B3", b"ok P-1 Bx"])
+def test_garbled_fields_are_no_ok(text):
+    assert classify(text).kind is not Kind.OK

@@ -1,15 +1,23 @@
 """Mends of layered prints."""
 
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from design.network_files.csv_format import read_network_csv
 from design.toolpath.priming import Purge
+from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.machine.link.insert_check import InsertPlace, judged_lines
+from printctl.machine.link.job import load_job
 from printctl.machine.link.job_reach import JobReach
+from printctl.machine.link.marks import MarkKind
 from printctl.observe.mending import (
     Gap,
+    HeldPrint,
     MendError,
     MendOptions,
     Voids,
@@ -18,11 +26,8 @@ from printctl.observe.mending import (
     plan_mend,
     written_paths,
 )
-from tests.printctl.observe.mending.small_jobs import (
-    LAYER_MM,
-    WIDTH_MM,
-    layered_job,
-)
+from tests.printctl.observe.mending.small_jobs import LAYER_MM, WIDTH_MM, bath_job, layered_job
+from tests.slower import first_of
 
 
 @pytest.fixture(scope="module")
@@ -199,3 +204,126 @@ def test_a_check_counts_the_sound_ink_that_an_insert_is_written_onto(held):
     insert = plan_mend(held, [gap]).lines
     assert not check_mend(held, insert, [Gap(path.number, 2.0, 4.0)], voids).lumens_entered
     assert check_mend(held, insert, [gap], voids).lumens_entered
+
+
+# --- mends of filaments in a bath
+
+
+DEEP = [(100, 100, 5), (106, 100, 5.5), (112, 102, 5)]
+ABOVE = [(103, 97, 8), (103, 103, 8)]
+
+
+def test_a_break_is_written_again_from_above():
+    held = bath_job(DEEP).held()
+    gap = Gap(0, 4.0, 6.5)
+    mend = plan_mend(held, [gap])
+    checked = check_mend(held, mend.lines, [gap])
+    assert (len(mend.patches), mend.left) == (1, ())
+    assert checked.passed
+    assert checked.covered == 1.0
+
+
+def test_what_lies_under_another_filament_stays_and_the_rest_is_mended():
+    held = bath_job(DEEP, ABOVE).held()
+    gap = Gap(0, 1.0, 5.0)
+    mend = plan_mend(held, [gap])
+    assert "another filament" in mend.left[0].reason
+    assert len(mend.patches) == 2
+    assert check_mend(held, mend.lines, [gap]).passed
+    assert mend.left[0].length_mm == pytest.approx(2 * (0.155 + 0.2), abs=0.35)
+
+
+def test_a_check_sees_a_shaft_through_ink():
+    gap = Gap(0, 1.0, 5.0)
+    lower = bath_job(DEEP).held()
+    insert = plan_mend(lower, [gap]).lines
+    later = bath_job(DEEP, ABOVE).held()
+    moved = [line for line in insert if not line.startswith(b"G92")]
+    assert check_mend(later, moved, [gap]).ink_crossed > 0
+
+
+def test_thin_filaments_are_left_to_the_flow():
+    mend = plan_mend(bath_job(DEEP).held(), [Gap(0, 3.0, 4.0, missing=0.3)])
+    assert not mend.lines
+    assert "correct the flow" in mend.left[0].reason
+
+
+def test_vessels_that_the_job_writes_are_no_voids_and_others_are():
+    held, gap = bath_job(DEEP).held(), Gap(0, 4.0, 6.5)
+    own = np.array(DEEP, dtype=float)
+    across = np.array([[105.0, 90, 5.4], [105, 110, 5.4]])
+    start, end = (np.vstack([own[k : k + 2], across[k]]) for k in (0, 1))
+    voids = Voids(start, end, np.full((3, 2), 0.2))
+    mend = plan_mend(held, [gap], voids)
+    assert len(mend.patches) == 2
+    assert ["lumen" in one.reason for one in mend.left] == [True]
+    assert check_mend(held, mend.lines, [gap], voids).passed
+
+
+@pytest.mark.parametrize("upwards", first_of([True, False]))
+def test_a_needle_never_comes_down_through_the_upright_ink_that_it_mends(upwards):
+    upright = [(100, 100, 4), (100, 100, 9)]
+    held = bath_job(upright if upwards else upright[::-1]).held()  # held straight above it
+    gap = Gap(0, 2.0, 2.5)
+    mend = plan_mend(held, [gap])
+    assert not mend.lines
+    assert "same path" in mend.left[0].reason
+
+
+# --- gaps planned into the jobs of two examples
+
+
+ROOT = Path(__file__).parents[4]
+
+
+def planned(folder, name):
+    words = [
+        sys.executable,
+        "-m",
+        "printctl",
+        "run",
+        f"examples/{name}.yaml",
+        "--until",
+        "toolpath",
+    ]
+    subprocess.run([*words, "--out", str(folder)], cwd=ROOT, check=True, capture_output=True)
+    return load_job(folder / "part.gcode", load(Printer, "generic_marlin"))
+
+
+def held_at(job, mark, ink, needle):
+    parts = load(Syringe, "hamilton_1ml"), load(Ink, ink), load(Needle, needle)
+    return HeldPrint(job.lines, mark.index, load(Printer, "generic_marlin"), *parts)
+
+
+@pytest.mark.slow
+def test_gaps_beside_the_channels_of_planar_fresh_are_mended(tmp_path):
+    job = planned(tmp_path, "planar_fresh")
+    mark = job.marks.of(MarkKind.LAYER)[25]
+    held = held_at(job, mark, "collagen_fresh", "fresh_150um")
+    network = read_network_csv(tmp_path / "network.csv", "mm")
+    voids = Voids.of_network(network, (92.0, 96.0, 1.0))
+    paths = written_paths(held)
+    top = max(path.points[0, 2] for path in paths)
+    longest = sorted((p for p in paths if p.points[0, 2] == top), key=lambda p: p.length_mm)[-5:]
+    gaps = [Gap(p.number, p.length_mm / 3, p.length_mm / 3 + 0.6) for p in longest]
+    mend = plan_mend(held, gaps, voids)
+    checked = check_mend(held, mend.lines, gaps, voids)
+    assert not mend.left
+    assert checked.passed
+    assert checked.covered == 1.0
+
+
+@pytest.mark.slow
+def test_breaks_of_a_trees_newest_vessel_are_mended(tmp_path):
+    job = planned(tmp_path, "planar_tree")
+    mended = []
+    for mark in job.marks.of(MarkKind.VESSEL)[::3]:
+        held = held_at(job, mark, "gelatin_sacrificial", "30g_50mm")
+        path = written_paths(held)[-1]
+        low, high = np.array([0.4, 0.7]) * path.length_mm
+        gap = Gap(path.number, float(low), float(high))
+        mend = plan_mend(held, [gap])
+        checked = check_mend(held, mend.lines, [gap])
+        assert checked.passed
+        mended.append(checked.covered)
+    assert np.mean(mended) > 0.85

@@ -12,12 +12,16 @@ from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.starter import STARTER
 from printctl.web.design import form as forms
 from printctl.web.design.checking import check_data, check_text
-from printctl.web.design.recipes import EXAMPLES
+from printctl.web.design.pick_targets import pick_targets
+from printctl.web.design.recipes import EXAMPLES, Recipes
 from printctl.web.design.schema import recipe_form
+from printctl.web.design.widgets.editor import Editor
 from printctl.web.design.widgets.field_text import input_text, parse_typed
+from printctl.web.design.widgets.pick_pane import place_of
 from printctl.web.design.yaml_text import read_text, rewrite_yaml
-from printctl.web.errors import BadRequestError
+from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.profile_store import ProfileStore
+from printctl.web.workspace import Workspace
 
 SHIPPED = [STARTER, *sorted(EXAMPLES.glob("*.yaml"))]
 FORM = recipe_form()
@@ -162,3 +166,115 @@ def test_hostile_text_is_refused(text: str, words: str) -> None:
 )
 def test_nonsense_is_told_and_never_a_fault(text: str, tmp_path: Path) -> None:
     assert check_text(text, tmp_path, ProfileStore(tmp_path)).problems
+
+
+# --- recipe keys that a click on the tissue sets, by kind of growth
+
+
+LEFT = {"left_coronary": {"at_mm": [1, 2, 3]}}
+HEART = {"template": "heart", "inlets": LEFT}
+TREES = [{"kind": "artery"}, {"kind": "vein"}]
+
+
+@pytest.mark.parametrize(
+    ("vessels", "name", "path", "value"),
+    [
+        ({"grow": "tree"}, "a further inlet", ("inlets",), [{"at_mm": [0.1, 2.0, 3.0]}]),
+        (
+            {"grow": "tree", "inlets": [{"at_mm": [0, 0, 0], "direction": [0, 0, 1]}]},
+            "inlet 1", ("inlets",), [{"at_mm": [0.1, 2.0, 3.0]}],
+        ),
+        ({"grow": "tree", "inlets": "each_part"}, "a further inlet", ("inlets",),
+         [{"at_mm": [0.1, 2.0, 3.0]}]),
+        (
+            {"grow": "tree", "anatomy": HEART}, "right coronary", ("anatomy", "inlets"),
+            {**LEFT, "right_coronary": {"at_mm": [0.1, 2.0, 3.0]}},
+        ),
+        ({"grow": "closed_loop"}, "the vein's outlet", ("vein_root_mm",), [0.1, 2.0, 3.0]),
+        (
+            {"grow": "forest", "networks": [{"network": "old.csv"}, {"trees": TREES}]},
+            "network 2: vein 2", ("networks", 1, "trees", 1, "root_mm"), [0.1, 2.0, 3.0],
+        ),
+    ],
+)  # fmt: skip
+def test_a_place_goes_where_the_growth_looks_for_it(
+    vessels: dict[str, Any], name: str, path: tuple[str | int, ...], value: Any
+) -> None:
+    data = {"vasculature": vessels}
+    target = next(one for one in pick_targets(data) if one.name == name)
+    assert target.path == ("vasculature", *path)
+    assert target.value(data, [0.10004, 2.0, 3.0]) == value
+
+
+@pytest.mark.parametrize(
+    "given", [None, {}, {"at": [1, 2]}, {"at": [1, 2, "3"]}, {"at": [1, True, 3]},
+              {"at": [1, 2, float("nan")]}, {"at": [1, 2, 1e9]}, [1, 2, 3]]
+)  # fmt: skip
+def test_what_a_frame_sends_is_a_place_or_nothing(given: Any) -> None:
+    assert place_of(given) is None
+    assert place_of({"at": [1, 2.5, -3]}) == [1.0, 2.5, -3.0]
+
+
+# --- stored recipes of a workspace
+
+
+@pytest.fixture
+def recipes(tmp_path: Path) -> Recipes:
+    return Recipes(Workspace(tmp_path / "ws").make())
+
+
+def test_every_example_can_be_begun_from(recipes: Recipes) -> None:
+    for number, source in enumerate(recipes.examples()):
+        assert recipes.check(recipes.new(f"r{number}", source).text).data is not None
+
+
+def test_a_taken_name_is_refused(recipes: Recipes) -> None:
+    recipes.new("one")
+    with pytest.raises(ConflictError, match="already"):
+        recipes.new("one")
+
+
+def test_a_text_changed_elsewhere_isnt_overwritten(recipes: Recipes) -> None:
+    first = recipes.new("one")
+    recipes.write("one", first.text + "# mine\n", first.version)
+    with pytest.raises(ConflictError, match="changed elsewhere"):
+        recipes.write("one", first.text + "# yours\n", first.version)
+
+
+@pytest.mark.parametrize("name", ["../x", "a/b", "", ".x", "x" * 99, "a b", "ä", "..", "x\n"])
+def test_names_that_lead_elsewhere_are_refused(recipes: Recipes, name: str) -> None:
+    with pytest.raises(BadRequestError):
+        recipes.new(name)
+    with pytest.raises(BadRequestError):
+        recipes.read(name)
+
+
+def test_only_files_that_recipes_read_are_taken(recipes: Recipes) -> None:
+    assert recipes.take_file("a/heart.stl", b"solid") == "heart.stl"
+    with pytest.raises(BadRequestError, match="recipes name files"):
+        recipes.take_file("x.py", b"")
+    with pytest.raises(ConflictError):
+        recipes.take_file("heart.stl", b"another")
+
+
+def test_the_editor_keeps_what_cant_be_read_out_of_the_file(recipes: Recipes) -> None:
+    text = recipes.new("one").text
+    editor = Editor(recipes)
+    editor.load("one")
+    editor.set_text("a: [")
+    assert not editor.saved
+    assert "isn't YAML" in editor.problems[0].message
+    assert recipes.read("one").text == text
+
+
+def test_the_editor_writes_a_wrong_value_and_says_where(recipes: Recipes) -> None:
+    recipes.new("one")
+    editor = Editor(recipes)
+    editor.load("one")
+    editor.put(("toolpath", "layer_um"), 1)
+    assert "10" in editor.problem_at(("toolpath", "layer_um"))
+    assert editor.problems_below(("toolpath",)) == 1
+    assert "layer_um: 1\n" in recipes.read("one").text
+    editor.remove(("toolpath", "layer_um"))
+    assert editor.problems == ()
+    assert "layer_um" not in yaml.safe_load(recipes.read("one").text)["toolpath"]

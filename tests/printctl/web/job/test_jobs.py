@@ -2,21 +2,41 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
 import json
 import math
+from pathlib import Path
+from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from PIL import Image
 
+from firmware_profiles import Printer, load
 from printctl.checks.preflight import Budget
+from printctl.machine.link.errors import LinkError
+from printctl.machine.link.job_start import declared_start
+from printctl.web.core import Core
 from printctl.web.errors import BadRequestError, ConflictError
+from printctl.web.job import first_job
+from printctl.web.job.declared_start import declared_of
+from printctl.web.job.machine import Machine, mounted_checks, set_up_of
+from printctl.web.job.print_facts import facts
 from printctl.web.job.record import PrintRecord
+from printctl.web.job.service import JobService
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.job.steps_after import flush_limit
+from printctl.web.job.to_start import places_to
 from printctl.web.job.viability import viability
+from printctl.web.settings import ServeSettings
+from printctl.web.workspace import Workspace
+from tests.printctl.machine.link.jobs import load_job
 from tests.printctl.machine.link.layered import layered
 from tests.printctl.web.job.conftest import OPERATOR, START, add
+from tests.printctl.web.live import jobs
+from tests.slower import first_rows
 
 
 @pytest.mark.parametrize("name", ["../up.gcode", "a b.gcode", ".gcode", "x/y.gcode", "job.exe"])
@@ -138,3 +158,148 @@ def test_the_flush_limit_scales_poiseuille_flow_to_the_wall_shear_allowed(tmp_pa
     assert found.vessel == "3"
     assert found.pressure_pa == pytest.approx(2.0 * 2 * length / r)
     assert flush_limit(tmp_path / "none.csv", 2.0) is None
+
+
+# --- tip travel to a job's start, and its description in the set-up
+
+
+PLACE = st.tuples(*[st.floats(0, 200)] * 3)
+
+
+@given(PLACE, PLACE, st.none() | st.floats(0, 200))
+def test_the_tip_goes_aside_only_above_all_that_is_known(tip, start, over):
+    places = places_to(tip, start, over)
+    assert places[-1] == start
+    for before, after in zip([tip, *places], places, strict=False):
+        if before[:2] != after[:2]:
+            assert before[2] == after[2] >= max(tip[2], start[2], over or 0.0)
+
+
+def test_a_job_that_declares_its_start_keeps_it_wherever_the_tip_stands():
+    machine = Machine("generic_marlin", "simulated", tip_mm=(30.0, 30.0, 30.0))
+    assert set_up_of(machine, JobSetUp(), (100.0, 100.0, 9.0)).start_mm == (100.0, 100.0, 9.0)
+    assert set_up_of(machine, JobSetUp()).start_mm == (30.0, 30.0, 30.0)
+
+
+@pytest.mark.parametrize("due", [True, False])
+def test_a_needle_that_wasnt_touched_off_refuses_the_print(due):
+    tip = JobSetUp().start_mm
+    machine = Machine("generic_marlin", "simulated", tip_mm=tip, touch_off_due=due)
+    said = JobSetUp().model_copy(update={"printer": "generic_marlin"})
+    found = [check.check for check in mounted_checks(machine, said, 1.0) if check.refuses]
+    assert found == (["needle's touch-off"] if due else [])
+
+
+# --- declared start position of a large job, found quickly
+
+
+MOVES = b"".join(b"G1 X%d Y2 F600\n" % (k % 9) for k in range(5000))
+PLACED = b"G21\nG92 X1 Y2 Z3 E0\n"
+
+
+@pytest.mark.parametrize(
+    ("data", "found"),
+    [
+        (PLACED + MOVES, (1.0, 2.0, 3.0)),
+        (PLACED + MOVES + b"G92 E0\n" + MOVES, (1.0, 2.0, 3.0)),
+        (PLACED + MOVES + b"; G92 X9 Y9 Z9\n" + MOVES, (1.0, 2.0, 3.0)),
+        (PLACED + MOVES + b"  G92 X9 Y9 Z9", (1.0, 2.0, 3.0)),
+        (MOVES + PLACED + MOVES, None),
+        (MOVES, None),
+        (b"M105\n" * 3000 + PLACED + MOVES, (1.0, 2.0, 3.0)),
+        (b"M105\n" * 3000 + MOVES + PLACED, None),
+        (b"SET_KINEMATIC_POSITION X=1 Y=2 Z=3\n" + MOVES, (1.0, 2.0, 3.0)),
+        (b"", None),
+    ],
+)
+def test_the_start_is_that_of_the_whole_job(
+    data: bytes, found: tuple[float, float, float] | None, tmp_path: Path
+) -> None:
+    path = tmp_path / "job.gcode"
+    path.write_bytes(data)
+    name = "klipper_bioprinter" if b"KINEMATIC" in data else "generic_marlin"
+    assert declared_of(path, name) == found
+    try:
+        job = load_job(path, load(Printer, name))
+        assert declared_start(job) == found
+    except LinkError:
+        assert found is None
+
+
+# --- facts of a print on the first screen, in words
+
+
+PROGRESS = {
+    "remaining_error_s": None,
+    "ends_at": 0.0,
+    "passes": False,
+    "layer": 1,
+    "layers": 2,
+    "layers_done": 0,
+    "vessels": 0,
+    "ink_ul": 1.0,
+    "ink_total_ul": 2.0,
+    "ink_left_ul": None,
+    "tip_mm": (53.5, 55.0, 10.0),
+}
+
+
+def told(state: str, **more: Any) -> dict[str, Any]:
+    about = {"time_left_s": 1.0, "ended": False, "alarms": 0, "line_errors": 0, "last_alarm": ""}
+    return {"state": state, "position_known": True, "progress": PROGRESS, **about, **more}
+
+
+@pytest.mark.parametrize(
+    ("state", "said"),
+    [
+        ("printing", "X53.50 Y55.00 Z10.00"),
+        ("pausing", "X53.50 Y55.00 Z10.00"),
+        ("paused", "raised from X53.50 Y55.00 Z10.00"),
+        ("resuming", "raised from X53.50 Y55.00 Z10.00"),
+        ("stopped", "raised from about X53.50 Y55.00 Z10.00"),
+        ("done", "X53.50 Y55.00 Z10.00"),
+    ],
+)
+def test_a_needle_that_a_pause_or_a_stop_has_raised_isn_t_told_to_be_in_the_part(state, said):
+    assert facts(told(state), None)["tip"] == said
+
+
+# --- scene of the first shown job, prepared in advance
+
+
+SQUARES = jobs.squares(1)
+
+
+@pytest.mark.parametrize(
+    ("largest", "content", "made"),
+    first_rows(
+        [
+            (len(SQUARES), SQUARES, 1),
+            (len(SQUARES) - 1, SQUARES, 0),
+            (100, None, 0),
+            (100, b"\0", 0),
+        ],
+        3,
+    ),
+)
+def test_it_is_made_unless_it_is_very_large(
+    largest: int, content: bytes | None, made: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(first_job, "_FOUND_S", 0.0)
+    monkeypatch.setattr(first_job, "_LARGEST_BYTES", largest)
+    settings = ServeSettings(workspace=tmp_path)
+    service = JobService(Core(settings, Workspace(tmp_path).make()))
+    if content is not None:
+        (tmp_path / "jobs" / "a.gcode").write_bytes(content)
+
+    async def run() -> None:
+        try:
+            await first_job.make_first_scene(service)
+        finally:
+            await service.scenes.close()
+
+    try:
+        asyncio.run(run())
+    finally:
+        service.close()
+    assert len(list(tmp_path.rglob("*.scene"))) == made

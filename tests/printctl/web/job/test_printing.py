@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import logging
+import os
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from printctl.errors import SafetyError
 from printctl.machine.link import LinkState
-from printctl.machine.link.record import load_record
+from printctl.machine.link.history import PrintHistory
+from printctl.machine.link.journal import Journal
+from printctl.machine.link.print_notes import read_notes
+from printctl.machine.link.record import JOURNAL, LinkRecord, load_record
+from printctl.machine.link.states import Status
 from printctl.web.errors import ConflictError, NotInControlError
+from printctl.web.job.record import Records
 from printctl.web.job.service import JobService
+from tests.printctl.machine.link.test_journal import begun
 from tests.printctl.web.job.camera.pictures import until as heard
 from tests.printctl.web.job.conftest import OPERATOR, OTHER, add, ready
 
@@ -131,3 +141,79 @@ def test_a_start_wants_name_list_machine_and_controls(service, station):
     with pytest.raises(SafetyError, match=r"tip's distance from the start: 10 mm, limit 0\.05"):
         service.start(OPERATOR, job, away, WORDS)
     assert service.heard(job) is None
+
+
+# --- print on a full disk: state reported, end recorded later
+
+
+def ended(service: JobService) -> tuple[str, str]:
+    """Leave a print that is over and whose end isn't noted; give its job and record."""
+    job = add(service)
+    folder = service.core.workspace.print_folder(job)
+    folder.mkdir(parents=True)
+    journal = Journal(folder / JOURNAL)
+    journal.add("job", name=job, path="", sha256="", lines=1, started=time.time())
+    journal.close()
+    status = Status(LinkState.DONE).to_dict()
+    LinkRecord(0, "", "", "", "generic_marlin", "p", time.time(), status=status).save(folder)
+    record = service.records.current(job)
+    service.records.mark(record, "one", started=time.time())
+    return job, record
+
+
+def test_state_is_told_though_its_end_can_t_be_noted(
+    service: JobService, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    job, record = ended(service)
+    write = service.records.mark
+
+    def full(*asked: object, **more: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(service.records, "mark", full)
+    with caplog.at_level(logging.ERROR):
+        for _ in range(3):
+            heard = service.heard(job)
+            assert heard is not None
+            assert heard.status.state is LinkState.DONE
+    assert len([one for one in caplog.records if "can't be noted" in one.message]) == 1
+    space_came = time.time()
+    monkeypatch.setattr(service.records, "mark", write)
+    service.heard(job)
+    kept = service.records.load(record)
+    assert kept["state"] == "done"
+    assert kept["ended"] < space_came
+
+
+# --- notes made after a print's end: in the history, with their print
+
+
+@pytest.fixture(autouse=True)
+def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PRINTCTL_DATA", str(tmp_path / "data"))
+
+
+def until_filed(operators: list[str]) -> None:
+    """The history is told in a thread of its own."""
+    limit = time.monotonic() + 20.0
+    while [one.operator for one in PrintHistory().entries()] != operators:
+        assert time.monotonic() < limit, PrintHistory().entries()
+        time.sleep(0.05)
+
+
+def test_a_name_given_after_the_end_is_found_and_stays_with_its_print(tmp_path: Path) -> None:
+    records, folder = Records(tmp_path / "records"), tmp_path / "print"
+    folder.mkdir()
+    begun(folder, 1e9)
+    PrintHistory().note(folder)
+    record = records.current("file~a.gcode")
+    records.mark(record, "Ada", started=1e9 + 1, folder=str(folder), ended=1e9 + 2)
+    records.change(record, "Ada", {"operator": "Ada"})
+    until_filed(["Ada"])
+    journal = begun(folder, 2e9)  # the command line prints it once more
+    PrintHistory().note(folder)
+    records.change(record, "Ada", {"cells": "HUVEC"})
+    until_filed(["", "Ada"])
+    assert read_notes(journal) == {}
+    beside = json.loads((folder / "record.1.json").read_text())
+    assert beside["values"]["cells"] == "HUVEC"

@@ -1,13 +1,26 @@
 """Manual moves, heaters, plunger and connection, with a simulated printer."""
 
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from firmware_profiles import Dish, load
 from printctl.machine.link.errors import Refused
-from printctl.machine.station import StationState
-from printctl.web.errors import ConflictError, NotFoundError, NotInControlError
+from printctl.machine.station import StationState, StationStatus, Temperature
+from printctl.web.errors import BadRequestError, ConflictError, NotFoundError, NotInControlError
+from printctl.web.printer import following
+from printctl.web.printer.macros import Macro
+from printctl.web.printer.part_change import PURGE_STEP_UL, PURGE_UL
+from printctl.web.printer.plots import KEPT_S, Plots
 from printctl.web.printer.printer_commands import BLIND_LIFT_MM, CLEAR_MM
 from printctl.web.printer.service import PrinterService
+from printctl.web.printer.touch_off import SPREAD_MM, Touching
 from tests.printctl.web.printer.conftest import ME, OTHER, wait_for
 
 
@@ -117,3 +130,203 @@ def targets(service: PrinterService) -> list[float | None]:
 def test_a_needle_above_a_dish_is_to_be_touched_off(service: PrinterService) -> None:
     assert not service.status.mounted.touch_off_due
     assert service.hands.mount(ME, needle="25g", dish="petri_60mm").mounted.touch_off_due
+
+
+# --- console and macros of the Printer page
+
+
+def test_replies_and_refusals_stand_in_the_log_of_all(service: PrinterService) -> None:
+    assert any("FIRMWARE_NAME" in line for line in service.console.send(ME, "M115"))
+    with pytest.raises(Refused, match="manual use"):
+        service.console.send(ME, "M112")
+    said, refused = service.console.entries()[-2:]
+    assert (said.text, said.who, said.refused) == ("M115", "the operator", "")
+    assert "manual use" in refused.refused
+    assert service.core.events.latest["console"]["text"] == "M112"
+    assert service.console.entries(after=said.number) == [refused]
+
+
+@pytest.mark.parametrize("typed", ["", "  ", "M105\nM112", "M117 é", "G1" + "0" * 300])
+def test_what_is_not_one_command_is_not_sent(service: PrinterService, typed: str) -> None:
+    with pytest.raises(BadRequestError, match="isn't one command"):
+        service.console.send(ME, typed)
+
+
+def test_a_macro_is_kept_run_and_removed(service: PrinterService) -> None:
+    macro = Macro(name="where <b>", commands=("M114", "M105"))
+    service.macros.save(ME, "generic_marlin", macro)
+    again = Macro(name="where <b>", commands=("M114",))
+    service.macros.save(ME, "generic_marlin", again)
+    assert service.macros.of("generic_marlin") == [again]
+    kept = service.core.workspace.private / "macros" / "generic_marlin.yaml"
+    assert kept.is_file()
+    assert any("X:" in line for line in service.macros.run(ME, "where <b>"))
+    service.macros.remove(ME, "generic_marlin", "where <b>")
+    with pytest.raises(NotFoundError):
+        service.macros.run(ME, "where <b>")
+
+
+def test_a_macro_holds_nothing_that_the_console_refuses(idle: PrinterService) -> None:
+    bad = Macro(name="halt", commands=("M105", "M112"))
+    with pytest.raises(BadRequestError, match="line 2: M112"):
+        idle.macros.save(ME, "generic_marlin", bad)
+    assert idle.macros.of("generic_marlin") == []
+
+
+def test_a_macro_that_was_smuggled_into_the_file_is_not_run(service: PrinterService) -> None:
+    path = service.core.workspace.private / "macros" / "generic_marlin.yaml"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("macros: [{name: bad, commands: [M105, G91]}]")
+    sent = len(service.console.entries())
+    with pytest.raises(BadRequestError, match="G91"):
+        service.macros.run(ME, "bad")
+    assert len(service.console.entries()) == sent
+    path.unlink()
+
+
+# --- syringe or needle change on the Printer page
+
+
+def test_more_than_a_syringe_holds_is_refused(service: PrinterService) -> None:
+    with pytest.raises(BadRequestError, match="1000"):
+        service.changing.syringe(ME, "hamilton_1ml", "", 1500.0)
+
+
+def test_a_purge_is_slow_small_and_limited_in_all(service: PrinterService) -> None:
+    before = service.changing.syringe(ME, "hamilton_1ml", "collagen_fresh", 1000.0).ul_left
+    with pytest.raises(BadRequestError, match="at most 5"):
+        service.changing.purge(ME, 20.0)
+    with pytest.raises(BadRequestError, match=r"at most at 0\.4 µL/s"):
+        service.changing.purge(ME, 1.0, 4.0)
+    for _ in range(int(PURGE_UL / PURGE_STEP_UL)):
+        status = service.changing.purge(ME, PURGE_STEP_UL)
+    assert before is not None
+    assert status.ul_left == pytest.approx(before - PURGE_UL, abs=0.1)
+    with pytest.raises(ConflictError, match="clog"):
+        service.changing.purge(ME, 1.0)
+    service.changing.syringe(ME, "hamilton_1ml", "collagen_fresh", 1000.0)
+    assert service.changing.purged_ul == 0
+
+
+def test_another_needle_forgets_floor_and_bath(service: PrinterService) -> None:
+    service.hands.mount(ME, needle="25g", dish="petri_60mm", bath_level_mm=9.0)
+    service.guide.start(ME, "floor")
+    for _ in range(3):
+        service.guide.read(ME)
+    service.guide.use(ME)
+    status = service.changing.needle(ME, "30g")
+    assert status.mounted.needle == "30g"
+    assert status.mounted.floor_mm is None
+    assert status.mounted.bath_level_mm is None
+
+
+# --- touch-off: three readings must agree
+
+
+@given(st.lists(st.floats(-100, 100), max_size=8))
+def test_readings_agree_only_when_the_last_three_are_close(readings: list[float]) -> None:
+    touching = Touching("floor", 0.0, tuple(readings))
+    last = readings[-3:]
+    close = len(last) == 3 and max(last) - min(last) <= SPREAD_MM + 1e-9
+    assert touching.agrees == close
+    assert (touching.height_mm is not None) == close
+
+
+def test_floor_is_the_middle_reading_less_the_foil(service: PrinterService) -> None:
+    service.hands.mount(ME, needle="25g", dish="petri_60mm")
+    service.guide.start(ME, "floor", foil_mm=0.02)
+    service.hands.jog(ME, "z", 0.5)
+    service.guide.read(ME)
+    with pytest.raises(ConflictError, match="1 of 3 readings"):
+        service.guide.use(ME)
+    for step in (0.02, 0.02):
+        service.hands.jog(ME, "z", step)
+        touching = service.guide.read(ME)
+    assert touching.agrees
+    status = service.guide.use(ME)
+    assert status.mounted.floor_mm == pytest.approx(0.52 - 0.02, abs=1e-6)
+    assert service.guide.touching is None
+
+
+def test_readings_that_scatter_are_not_used(service: PrinterService) -> None:
+    service.hands.mount(ME, needle="25g", dish="petri_60mm")
+    service.guide.start(ME, "bath")
+    for _ in range(3):
+        service.hands.jog(ME, "z", 0.1)
+        service.guide.read(ME)
+    with pytest.raises(ConflictError, match="don't agree"):
+        service.guide.use(ME)
+    service.guide.read(ME)
+    service.guide.read(ME)
+    status = service.guide.use(ME)
+    assert status.mounted.bath_level_mm == pytest.approx(0.3, abs=1e-6)
+
+
+def test_a_guide_wants_needle_and_dish_and_a_foil_that_is_one(service: PrinterService) -> None:
+    with pytest.raises(ConflictError, match="needle and dish"):
+        service.guide.start(ME, "floor")
+    with pytest.raises(BadRequestError, match="0 to 2 mm"):
+        service.guide.start(ME, "floor", foil_mm=3.0)
+    with pytest.raises(ConflictError, match="start it first"):
+        service.guide.read(ME)
+
+
+# --- ring buffer of the last ten minutes' readings
+
+
+def status(now: float, target: float | None = 0.0) -> StationStatus:
+    return StationStatus(
+        StationState.READY,
+        temperatures=(Temperature("bed", now, target),),
+        readings=("M871: 12.5 N, at most 40 N", "M872: not read yet, at most 3 kPa"),
+    )
+
+
+def test_ten_minutes_are_kept_once_a_second() -> None:
+    now = [0.0]
+    plots = Plots(lambda: now[0])
+    for tick in range(2 * 1500):
+        now[0] = tick / 2
+        plots.add(status(20.0))
+    samples = plots.samples()
+    assert samples[-1].at_s - samples[0].at_s <= KEPT_S
+    assert len(samples) == KEPT_S + 1
+
+
+# --- a station that was killed, followed: heard once, and looked for again after a while
+
+
+GONE = StationStatus(StationState.LOST, "the station ended without a word")
+
+
+class Dead:
+    """What is attached to where a station was killed."""
+
+    status = GONE
+    heard = 0
+
+    def events(self) -> Iterator[StationStatus]:
+        Dead.heard += 1
+        yield GONE
+
+    def detach(self) -> None:
+        """There is nothing to detach from."""
+
+
+def test_a_dead_station_keeps_no_core_busy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its last word was read thousands of times a second, from a journal that grew."""
+    elsewhere = following.attach  # servers of other tests may still follow theirs
+    monkeypatch.setattr(
+        following, "attach", lambda folder: Dead() if folder == tmp_path else elsewhere(folder)
+    )
+    monkeypatch.setattr(following, "LOOK_AGAIN_S", 60.0)
+    told = threading.Event()
+    follower = following.Follower(tmp_path, lambda status: told.set())
+    follower.begin()
+    try:
+        assert told.wait(20)
+        threading.Event().wait(0.3)
+        assert follower.status is GONE
+        assert Dead.heard == 1
+    finally:
+        follower.end()
