@@ -80,14 +80,6 @@ def printed(folder: Path, text: bytes, data: bytes | None = None) -> tuple[Statu
     return status, wire.printer.executed()
 
 
-def test_a_print_with_its_own_renamings_is_done_and_whole(tmp_path):
-    own = {30: "G92 E0", 31: "G1 E0.9", 32: "G92 E0.32", 60: "G92 X60\nG1 X60\nG92 X50"}
-    status, made = printed(tmp_path, b"", job(own))
-    assert status.state is LinkState.DONE
-    assert not read_journal(tmp_path / "journal.log").alarms
-    assert len(made.end) >= MOVES
-
-
 @pytest.mark.parametrize(
     "text",
     ["G91", "M83", "M221 S50", "SET_GCODE_OFFSET X=2", "SET_GCODE_OFFSET Z=-2", "G92 X9", "G92 E5"]

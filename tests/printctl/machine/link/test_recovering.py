@@ -154,27 +154,6 @@ def test_checkpoint_whose_moves_may_still_have_been_queued_is_not_believed():
         plan_recovery(JOB, DATA, JournalledPrint(done=30, checkpoints=made[:1]), PRINTER, RETREAT)
 
 
-def test_later_beginnings_are_offered():
-    marks = JOB.marks.of(MarkKind.LAYER)
-    made = [{"done": marks[0].index, "mark": "end of layer 0"}]
-    history = JournalledPrint(done=marks[1].index + 3, checkpoints=made)
-    steps = " ".join(plan_recovery(JOB, DATA, history, PRINTER, RETREAT).steps)
-    line = JOB.file_lines[marks[2].index]
-    assert f"--from-line, such as {line} (after the end of layer 3)" in steps
-    assert "straight up" in steps.split(".")[0]
-    assert "Don't home" in steps
-
-
-def test_homed_machine_is_told_to_home_clear_of_the_part():
-    data = DATA.replace(b"G92 X50 Y50 Z10 E0", b"G92 E0")
-    job = parse_job(data, "a")
-    line = job.file_lines[job.marks.of(MarkKind.LAYER)[1].index]
-    plan = plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line)
-    assert plan.start is None
-    assert any("Don't home Z with the needle mounted" in text for text in plan.steps)
-    assert b"G92 X" not in plan.gcode
-
-
 def renamed(at: int, by: dict[str, float]) -> bytes:
     """The job with a G92 after a layer's end that calls X, Y and Z so much more from there on."""
     lines, place, seen = DATA.decode().split("\n"), dict[str, float](), False
@@ -225,13 +204,6 @@ def test_a_place_that_is_told_behind_the_first_move_keeps_the_rest_from_being_pl
     line = job.file_lines[job.marks.of(MarkKind.LAYER)[1].index]
     with pytest.raises(LinkError, match=r"line \d+ \(G92 X0\) calls a place otherwise"):
         plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line)
-
-
-def test_a_homed_machines_job_may_name_the_place_it_is_at():
-    data = renamed(1, {"Z": 0.0}).replace(b"G92 X50 Y50 Z10 E0", b"G92 E0")
-    job = parse_job(data, "a")
-    line = job.file_lines[job.marks.of(MarkKind.LAYER)[3].index]
-    assert plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line).start is None
 
 
 @pytest.mark.parametrize(

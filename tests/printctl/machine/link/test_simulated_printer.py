@@ -57,33 +57,12 @@ def test_printer_executes_the_file_as_the_dry_run_foresaw(tmp_path):
     assert np.count_nonzero(steps == 2) <= transport.clock.now() / EVERY_S
 
 
-def test_lost_ok_costs_one_question_and_no_line(tmp_path):
-    data, transport = gcode(100), wire("drop_ok@20")
-    status, _ = printed(data, tmp_path, transport)
-    assert status.state is LinkState.DONE
-    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
-    assert same_motion(transport.printer.executed(), foreseen)
-
-
-def test_reset_in_mid_print_ends_as_position_unknown(tmp_path):
-    status, _ = printed(gcode(100), tmp_path, wire("reset@40"))
-    assert status.state is LinkState.POSITION_UNKNOWN
-    assert not status.position_known
-    assert 38 <= status.lines_done <= 40
-
-
 def test_reset_during_the_handshake_ends_as_failed_and_moves_nothing(tmp_path):
     transport = wire("reset@3")
     status, _ = printed(gcode(100), tmp_path, transport)
     assert (status.state, status.error) == (LinkState.FAILED, "HandshakeError")
     assert "reset during the handshake" in status.message
     assert len(transport.printer.executed()) == 0
-
-
-def test_firmware_that_kills_itself_ends_as_killed(tmp_path):
-    status, _ = printed(gcode(100), tmp_path, wire("kill@40"))
-    assert status.state is LinkState.KILLED
-    assert "halted itself" in status.message
 
 
 def test_cold_extrusion_is_a_fault_although_the_printer_says_ok(tmp_path):

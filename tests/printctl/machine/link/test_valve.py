@@ -122,19 +122,6 @@ def test_paused_at_random_moments_the_same_is_laid_as_without(tmp_path, seed):
     assert not any(" E" in line or line.startswith("M82") for line in own)
 
 
-@pytest.mark.parametrize("seed", first_of(range(10), 3))
-def test_pauses_on_a_noisy_line_lay_the_same_as_well(tmp_path, seed):
-    rng = np.random.default_rng(seed)
-    moments = rng.choice(np.arange(7, len(JOB) - 40), size=4, replace=False).tolist()
-    script = Script(at_line={line: lambda streamer: streamer.pause() for line in moments})
-    printer = Airy(job=JOB, script=script)
-    transport = FakeTransport(printer, VirtualClock(), rng, noise=0.001, drop_ok=0.01)
-    status = played(DATA, tmp_path, transport, script, Care(checkpoint_s=0.0), printer=AIR)
-    assert status.state is LinkState.DONE, status
-    assert printer.laid == laid_by(JOB).laid
-    assert not printer.is_open
-
-
 def test_resumed_within_a_path_the_valve_opens_last_and_its_delay_is_waited_for(tmp_path):
     script = Script(at_line={within_a_path(): lambda streamer: streamer.pause()})
     status, printer = printed(tmp_path, script)
