@@ -15,10 +15,8 @@ from printctl.calibration import (
     fit_backlash,
     fit_flow,
     fit_lag,
-    fit_level,
     fit_offset,
     fit_weighing,
-    gap_between,
 )
 from printctl.calibration.lag import expected_width
 from printctl.errors import UsageError
@@ -97,28 +95,6 @@ def test_backlash_is_covered_as_promised() -> None:
     def trial(rng: np.random.Generator) -> tuple[Estimate, float]:
         dial = 3.1 + 1.002 * TARGETS - SIDES * 0.08 / 2 + rng.normal(0, 0.01, len(TARGETS))
         return fit_backlash(TARGETS, SIDES, dial).lost_mm, 0.08
-
-    assert as_promised(covered(trial))
-
-
-GRID = np.array([(x, y) for x in (0, 40, 80) for y in (0, 40, 80)], dtype=float)
-
-
-def test_slope_is_covered_as_promised() -> None:
-    def trial(rng: np.random.Generator) -> tuple[Estimate, float]:
-        z = 1 + 0.002 * GRID[:, 0] - 0.001 * GRID[:, 1] + rng.normal(0, 0.02, len(GRID))
-        return fit_level(GRID[:, 0], GRID[:, 1], z).slope_x, 0.2
-
-    assert as_promised(covered(trial))
-
-
-def test_depth_of_the_bath_is_covered_as_promised() -> None:
-    def trial(rng: np.random.Generator) -> tuple[Estimate, float]:
-        x, y = GRID.T
-        bed = fit_level(x, y, 0.1 + 0.001 * x + rng.normal(0, 0.01, len(x)), (40, 40))
-        few = slice(0, 5)
-        bath = fit_level(x[few], y[few], 8.14 + rng.normal(0, 0.1, 5), centre_mm=(40, 40))
-        return gap_between(bed, bath), 8.0
 
     assert as_promised(covered(trial))
 

@@ -90,30 +90,6 @@ def test_other_patterns_stay_in_their_frame_and_write_what_they_say(
     assert found.top_mm > 0.5 - 1e-9 if name == "bridge" else found.top_mm == 0
 
 
-@pytest.mark.parametrize(("across", "lines"), [(16, 4), (30, 6), (48, 8), (80, 8)])
-def test_squares_are_straight_lines_apart_in_a_circle(
-    across: float, lines: int, tmp_path: Path
-) -> None:
-    job = tmp_path / "job.gcode"
-    words = ("--needle", "25g", "--across", str(across), "-o", job)
-    assert pattern("squares", *words).exit_code == 0
-    assert not job.with_suffix(".csv").exists()
-    begin, end, _, _ = written(dry_run(job.read_bytes(), PRINTER, AT))
-    assert np.hypot(*(np.vstack([begin, end])[:, :2] - AT[:2]).T).max() <= across / 2
-    along = (end - begin)[:, :2]
-    for axis in (0, 1):
-        row = np.abs(along[:, axis]) < 1e-6
-        places = np.unique(np.round(begin[row, axis] - AT[axis], 2))
-        assert len(places) == lines
-        assert np.diff(places).min() >= 4.79
-        np.testing.assert_allclose(places, -places[::-1], atol=0.011)
-    path = job.with_suffix(".json")
-    assert read_pattern(path).at_mm == AT
-    words = ("calibrate", "widths", str(job), "--pattern", str(path))
-    with pytest.raises(UsageError, match="has no widths"):
-        CliRunner().invoke(app, words, catch_exceptions=False)
-
-
 @pytest.mark.parametrize(
     ("words", "says"),
     [

@@ -193,21 +193,6 @@ def test_comb_gives_the_interval_between_closed_and_open(tmp_path: Path) -> None
     assert "0.2 mm closed" in ink.source
 
 
-def test_joints_and_bridges_have_an_interval_and_no_key(tmp_path: Path) -> None:
-    printed(tmp_path, "joint", "--overlaps", "-1,0,0.5,1")
-    found, notes = answer(sheet(tmp_path, ["0.1", "0.02", "0", "0"]))
-    least = found["least overlap that joins"]
-    assert (least["value"], least["low"], least["high"]) == (0.5, 0, 0.5)
-    assert "overlap_radii" in notes
-    printed(tmp_path, "bridge", "--spans", "1,2,4,6", "--height", "0.5")
-    found, _ = answer(sheet(tmp_path, ["1", "1", "0", "0"]))
-    longest = found["longest span that held"]
-    assert (longest["value"], longest["low"], longest["high"]) == (2, 2, 4)
-    (tmp_path / "p.png").write_bytes(b"")
-    with pytest.raises(UsageError, match="can't be seen from above"):
-        calibrate("widths", tmp_path / "p.png")
-
-
 @pytest.mark.parametrize(
     ("row", "says"),
     [

@@ -163,17 +163,3 @@ def test_a_scan_is_corrected_by_its_devices_calibration(tmp_path: Path) -> None:
     assert "index 1.4 " in found.notes[-1]
     with pytest.raises(ScanFileError, match="no calibration"):
         corrected_scan(path, ScanOverrides(), tmp_path / "none.yaml", False)
-
-
-def test_register_takes_what_a_file_may_not_say(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    register = Shell(monkeypatch, capsys, "register")
-    options = (
-        "--voxel-um 30,30,20 --refractive-index 1.34 --optical-depth --scale db --modality oct "
-        "--axes yxz --depth-down --not-mirrored --oct-calibration device.yaml --air-above"
-    )
-    where = ["s.raw", "--model", f"{tmp_path / 'none'}", "--out", f"{tmp_path}"]
-    code, _, said = register(*where, *options.split())
-    assert code == 2
-    assert "doesn't exist; give a run folder" in said

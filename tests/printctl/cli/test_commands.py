@@ -9,22 +9,15 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Annotated, Literal
 
 import pytest
-import typer
-from pydantic import Field, ValidationError
 from typer.testing import CliRunner
 
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, shipped
-from firmware_profiles.strict_model import StrictModel
 from printctl.cli import commands
 from printctl.cli.commands import COMMANDS, LazyGroup
 from printctl.cli.main import app
-from printctl.cli.option_group import with_options
-from printctl.cli.section_options import SectionOptions, parameters, section_values, wrong_option
 from printctl.errors import UsageError
-from printctl.recipe.marks import FILE
 from printctl.system_errors import explain
 from tests.printctl.cli.shell import Shell
 
@@ -107,24 +100,9 @@ def test_shipped_profiles_are_offered(ask, option, kind):
     assert ask(f"printctl slice part.stl {option} ") == list(shipped(kind))
 
 
-def test_a_profile_is_offered_by_what_it_begins_with(ask):
-    offered = ask("printctl print part.gcode --printer gen")
-    assert offered
-    assert all(name.startswith("gen") for name in offered)
-
-
 def test_a_file_is_left_to_the_shell(ask):
     assert ask("printctl run exam") == []
     assert ask("printctl slice part.stl --printer ./mi") == []
-
-
-def test_the_script_completes_files_itself_where_nothing_is_offered(ask):
-    script = ask("printctl", "source_bash")
-    assert any("complete -o default" in line for line in script)
-
-
-def test_an_option_of_that_name_that_means_another_thing_offers_no_printer(ask):
-    assert ask("printctl flow a.csv --profile gen") == []
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
@@ -144,81 +122,6 @@ def test_bash_itself_completes(tmp_path: Path):
 
 
 # --- options made from the fields of a recipe's section
-
-
-class Bath(StrictModel):
-    """A section within the section."""
-
-    warmth_c: Annotated[float, Field(le=60)] | None = Field(
-        default=None, description="Of the bath, where depth_mm doesn't say it."
-    )
-    stirred: bool = True
-
-
-class Paint(StrictModel):
-    """A section."""
-
-    depth_mm: Annotated[float, Field(gt=0)] = Field(default=2.5, description="Of the paint.")
-    colour: Literal["red", "blue"] = "red"
-    table: str | None = Field(default=None, json_schema_extra=FILE)
-    layers: tuple[float, ...] = ()
-    bath: Bath | None = None
-
-
-GROUPS = (
-    SectionOptions(Paint, renamed={"table": "colours"}),
-    SectionOptions(Bath, ("bath",), flag="Paint in a bath."),
-)
-
-
-def _typed(*words: str) -> tuple[dict[str, object], str]:
-    """The section that the words stand for, or what is wrong with it."""
-    app, seen = typer.Typer(), []
-
-    @app.command()
-    @with_options(parameters(GROUPS), "typed", dict)
-    def draw(*, typed: dict[str, object]) -> None:
-        seen.append(typed)
-
-    done = CliRunner().invoke(app, list(words), catch_exceptions=False)
-    if done.exit_code != 0:
-        return {}, done.output
-    try:
-        section = section_values(GROUPS, seen[0])
-        Paint.model_validate(section)
-    except ValidationError as exc:
-        return {}, str(wrong_option(exc, GROUPS, "paint"))
-    except UsageError as exc:
-        return {}, str(exc)
-    return section, ""
-
-
-def test_fields_become_options_of_their_own_and_of_sections_within(tmp_path: Path) -> None:
-    (tmp_path / "colours.csv").touch()
-    words = ("--depth-mm", "4", "--colours", str(tmp_path / "colours.csv"), "--colour", "blue")
-    section, wrong = _typed(*words, "--bath", "--no-stirred", "--warmth-c", "30")
-    assert wrong == ""
-    assert section == {
-        "depth_mm": 4.0,
-        "colour": "blue",
-        "table": str((tmp_path / "colours.csv").resolve()),
-        "bath": {"stirred": False, "warmth_c": 30.0},
-    }
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("--depth-mm", "0"), "--depth-mm: must be above 0 (is 0.0)"),
-        (("--bath", "--warmth-c", "90"), "--warmth-c: must be at most 60 (is 90.0)"),
-        (("--warmth-c", "30"), "--warmth-c is for --bath; add that, or leave it out"),
-        (("--no-stirred",), "--no-stirred is for --bath"),
-        (("--colours", "no.csv"), "--colours no.csv isn't there, or no file"),
-        (("--colour", "green"), "'blue'"),
-    ],
-)
-def test_mistakes_name_the_option(words: tuple[str, ...], said: str) -> None:
-    assert said in _typed(*words)[1]
 
 
 # --- one JSON object on stdout for a failure of any kind, beside the text on stderr
@@ -310,9 +213,3 @@ def test_a_shipped_profile_is_copied_to_a_new_file_of_ones_own(tmp_path: Path) -
         assert load(model, str(out)) == load(model, name)
         with pytest.raises(UsageError, match="there already"):
             CliRunner().invoke(app, words, catch_exceptions=False)
-
-
-def test_only_a_shipped_profile_is_copied_and_to_yaml_alone(tmp_path: Path) -> None:
-    for words in (["--write", "mine.yaml"], ["generic_marlin", "--write", "mine.txt"]):
-        with pytest.raises(UsageError):
-            CliRunner().invoke(app, ["profiles", *words], catch_exceptions=False)

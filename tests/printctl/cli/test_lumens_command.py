@@ -88,14 +88,6 @@ def test_the_model_gives_a_network_its_place(shell: Shell) -> None:
     assert "--place" in err
 
 
-def test_a_wrong_place_is_doubted(shell: Shell) -> None:
-    code, _, err = shell(
-        "good.gcode", "--network", "net.csv", "--unit", "mm", "--place", "20.6,30,0", *E_MEANS
-    )
-    assert code == 3
-    assert "does the part stand where --place says" in err
-
-
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -108,16 +100,6 @@ def test_what_isnt_said_is_asked_for(shell: Shell, options: tuple[str, ...], sai
     code, _, err = shell("good.gcode", *options)
     assert code in (1, 2)
     assert said in err
-
-
-def test_an_inks_flow_factor_scales_the_lines(shell: Shell, tmp_path: Path) -> None:
-    profile = Path(firmware_profiles.__file__).parent / "data" / "inks" / "collagen_fresh.yaml"
-    (tmp_path / "thin.yaml").write_text(f"{profile.read_text()}\nflow_factor: 0.8\n")
-    command = ("good.gcode", "--model", "part.stl", "--unit", "mm", "--place", "20,30,0", "--json")
-    _, out, err = shell(*command, *E_MEANS, "--ink", "thin.yaml")
-    round_sides = 1e3 * (LINE_MM - section(LINE_MM) / LAYER_MM)
-    expected = 0.8 * (150 - round_sides) + round_sides
-    assert json.loads(out)["line_um"] == pytest.approx(expected, abs=0.1), err
 
 
 NETWORK = "0,0,1,{x0},10,5,{x1},10,5,0.3,0.3,channel,0\n"

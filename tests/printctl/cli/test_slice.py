@@ -13,7 +13,6 @@ from manifold3d import Manifold
 
 from design.solids import block_solid, write_3mf, write_stl
 from firmware_profiles import Printer, load
-from printctl.checks.lumens import Writing, read_layers
 from printctl.cli.main import main
 from sim.gcode.dry_run.run import dry_run
 from tests.design.toolpath.shapes import as_solid, block
@@ -105,11 +104,6 @@ def test_a_height_that_layers_cant_make_is_told(
 # --- `printctl slice --thinnest-layer-um`: adaptive layer heights in the file
 
 
-BORE_MM = 4.61
-UL_PER_MM = np.pi / 4 * BORE_MM**2
-PRINTER = load(Printer, "generic_marlin")
-
-
 @pytest.fixture
 def shell(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -156,14 +150,6 @@ def test_each_layer_says_its_height_before_it_is_written(sliced: bytes) -> None:
     assert gaps[below_cap] > 0.3
     assert np.delete(gaps, below_cap) == pytest.approx(np.delete(heights[1:], below_cap))
     assert heights[below_cap + 1] == pytest.approx(0.06)
-
-
-def test_whole_files_volume_is_the_part_s(sliced: bytes) -> None:
-    lines, _ = read_layers(sliced, Writing(PRINTER, UL_PER_MM))
-    thick = (lines.high - lines.low)[lines.layer]
-    ink = (lines.mean * thick * np.linalg.norm(lines.end - lines.start, axis=1)).sum()
-    part = 6 * 0.36 + 2 * 0.6 * (3 + 0.3 * np.tan(np.radians(50.0))) + 6 * 0.3
-    assert ink == pytest.approx(part, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -318,19 +304,6 @@ def test_what_can_t_be_is_refused_with_its_remedy(
     assert run(monkeypatch, *known, *words) == 2
     assert said in " ".join(capsys.readouterr().err.split())
     assert not out.exists()
-
-
-def test_a_modifier_beside_the_part_is_refused(
-    assembly: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    away = tmp_path / "away.stl"
-    write_stl(away, as_solid(block(1, 1, 1).translate([20, 0, 0])))
-    known = ("slice", assembly[0], "--unit", "mm", "--out", str(tmp_path / "part.gcode"))
-    assert run(monkeypatch, *known, "--modifier", f"{away}:infill-percent=10") == 2
-    assert "lies outside of the part (x 20 to 21" in " ".join(capsys.readouterr().err.split())
 
 
 def test_lumens_reads_what_each_head_s_own_syringe_pushes(

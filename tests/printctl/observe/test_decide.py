@@ -392,13 +392,6 @@ def test_a_change_is_asked_about_though_levels_are_unsure():
     assert kinds == [None, None, DecisionKind.FLOW, None, None]
 
 
-def test_what_was_asked_is_kept_for_another_observer():
-    decider, other = Decider(Limits(mend="mend")), Decider(Limits(mend="mend"))
-    assert decider.decide(look(0.7, 0.12)).ask is DecisionKind.FLOW
-    restore(other, json.loads(json.dumps(state_of(decider))))
-    assert other.decide(look(0.7, 0.12)).ask is None
-
-
 # --- corrections of the flow that the amount of ink seen doesn't answer are taken back
 
 
@@ -441,14 +434,6 @@ def test_amounts_that_answer_no_correction_are_corrected_no_more(seed):
     assert sum(one.kind is DecisionKind.FLOW for one in decisions) <= 2
 
 
-@pytest.mark.parametrize("step", [0.7, 1.3])
-@pytest.mark.parametrize("at", range(13, 25))
-def test_a_step_of_the_flow_within_a_look_is_answered(step, at):
-    decider, decisions = printed(at, lambda second, factor: factor * (step if second >= at else 1))
-    assert not [one for one in decisions if one.kind is DecisionKind.PAUSE]
-    assert decider.control.factor * step == pytest.approx(1.0, abs=0.07)
-
-
 @pytest.mark.parametrize("seed", range(10))
 def test_a_flow_that_falls_for_long_is_answered(seed):
     """Each look sees what the flow lost since the last correction: no sign of no answer."""
@@ -457,16 +442,6 @@ def test_a_flow_that_falls_for_long_is_answered(seed):
     )
     assert not [one for one in decisions if one.kind is DecisionKind.PAUSE]
     assert decider.control.factor > 1.2
-
-
-def test_the_last_correction_that_was_answered_stays():
-    """The flow fell; later light made lines look wide, and factors were lost on that."""
-    decider, decisions = printed(
-        3, lambda second, factor: 0.7 * factor if second < 24 else 1.4, looks=9
-    )
-    assert decider.control.answers.failed
-    assert decider.control.factor == pytest.approx(1 / 0.7, abs=0.11)
-    assert sum(one.kind is DecisionKind.PAUSE for one in decisions) == 1
 
 
 def failed(mode="mend", factor=0.7):

@@ -17,11 +17,10 @@ from printctl.observe.deciding import (
     confirmed_gaps,
     judge_supply,
 )
-from printctl.observe.deciding.thin import Thin, seen_twice
 from printctl.observe.expected import ExpectedInk
-from printctl.observe.judging import _flow, _thin, narrowed_lumens, shift_of, telling
-from printctl.observe.thin_lines import low_stretches, thin_lines
-from registration.inspection import Lumen, LumenSeen, Shift, Stations, Stretch
+from printctl.observe.judging import _flow, shift_of, telling
+from printctl.observe.thin_lines import low_stretches
+from registration.inspection import Shift, Stations, Stretch
 from registration.inspection.values import Gap
 
 HEIGHT, WIDTH = 0.1, 0.25
@@ -73,18 +72,6 @@ def test_filaments_in_a_bath_correct_the_flow_only_where_several_looks_agree():
     assert factors[-1] == pytest.approx(1 / 0.7, abs=0.12)
 
 
-def test_narrowed_lumens_are_those_surely_narrower():
-    place = np.array([1.0, 1.0, 0.1])
-    lumens = [Lumen.capsule(name, place, place, 0.4) for name in "abcd"]
-    seen = [
-        LumenSeen(name, 0.4, width, 0.01, 1.0, known, 1.0)
-        for name, width, known in (
-            ("a", 0.4, True), ("b", 0.2, True), ("c", 0.34, True), ("d", np.nan, False)
-        )
-    ]  # fmt: skip
-    assert [one.name for one in narrowed_lumens(lumens, seen, 0.9)] == ["b"]
-
-
 def test_a_layer_lies_where_the_second_picture_shows_it_if_the_first_shows_none():
     """A vessel of 1 mm, moved by 0.3 mm, went on: the first picture knew no place."""
 
@@ -95,24 +82,6 @@ def test_a_layer_lies_where_the_second_picture_shows_it_if_the_first_shows_none(
     none, moved, there = picture(0.0, 0.0), picture(0.8, 0.3), picture(0.8, 0.0)
     for each, told in (((none, moved), 0.3), ((there, moved), 0.0), ((none, None), 0.0)):
         assert shift_of(telling(*each))[0] == told
-
-
-def test_thin_lines_that_touch_are_filled_up_by_the_share_of_ink_at_their_seams():
-    m, section = 60, load(Ink, "collagen_fresh").bead_section
-    full, row = np.ones(m), np.zeros(m, dtype=np.int64)
-    along = 0.15 * (np.arange(m) + 0.5)
-    share = np.where((along > 3.0) & (along < 6.0), 0.4, 1.0)
-    stations = Stations(
-        np.zeros((m, 2)), full, np.zeros((m, 2)), row, row, along, full * 0.15,
-        full * WIDTH, full * np.nan, full * np.nan, full * np.nan, full, full > 0, row, share,
-    )  # fmt: skip
-    stretch = Stretch("thin", 0, 3.5, 5.5, 0.4, 0.01, 1e-9)
-    findings = SimpleNamespace(stations=stations, stretches=(stretch,))
-    one = np.ones(1)
-    ink = SimpleNamespace(style="layered", height_mm=HEIGHT * one, width_mm=WIDTH * one)
-    (found,) = _thin(findings, ink, SimpleNamespace(row=row), section)
-    assert (found.from_mm, found.to_mm) == pytest.approx((3.0, 6.0), abs=0.2)
-    assert found.missing == pytest.approx(0.6, abs=0.02)
 
 
 # --- gaps are believed at a stated rate, and only where both pictures show them
@@ -130,14 +99,6 @@ def test_a_second_picture_must_show_it_too():
     elsewhere = [gap_of(4, 1.0, 2.0, 1e-9), gap_of(3, 1.8, 3.0, 1e-9)]
     assert confirmed_gaps([gap], 500, [], TEST) == ()
     assert confirmed_gaps([gap], 500, elsewhere, TEST) == ()
-
-
-def test_of_a_gap_that_one_picture_shows_longer_what_both_show_is_mended():
-    gap, two = gap_of(3, 1.0, 9.0, 1e-9), [gap_of(3, 1.0, 2.5, 1e-9), gap_of(3, 8.5, 9.0, 1e-9)]
-    both = confirmed_gaps([gap], 500, two, TEST)
-    assert [(one.from_mm, one.to_mm) for one in both] == [(1.0, 2.5), (8.5, 9.0)]
-    assert both[0].end_mm == (2.5, 0.0)
-    assert confirmed_gaps([gap], 500, [gap_of(3, 8.9, 9.9, 1e-9)], TEST) == ()
 
 
 def test_sound_layers_are_mended_at_the_stated_rate():
@@ -214,21 +175,6 @@ def thin(kind="thin", low=3.0, high=3.6, stroke=1):
     return Stretch(kind, stroke, low, high, 0.7, 0.02, 1e-9)
 
 
-def test_a_thin_stretch_goes_as_far_as_the_line_is_thin():
-    given, rng = stations(), np.random.default_rng(0)
-    ratio = 1 + 0.04 * rng.standard_normal(120)
-    ratio[70:100] -= 0.3  # 1.5 to 6 mm of stroke 1
-    (found,) = thin_lines((thin(),), given, np.ones(120, bool), ratio)
-    assert found.stroke == 1
-    assert (found.from_mm, found.to_mm) == pytest.approx((1.5, 6.0), abs=0.3)
-    assert found.missing == pytest.approx(0.3, abs=0.03)
-
-
-def test_what_one_picture_alone_shows_isnt_filled_up():
-    one, other = Thin(1, 2.0, 4.0, 0.3), Thin(1, 6.0, 8.0, 0.3)
-    assert seen_twice((one, other), (Thin(1, 3.0, 5.0, 0.3), Thin(2, 6.0, 8.0, 0.3))) == (one,)
-
-
 def test_ink_that_stands_low_on_older_ink_is_told_where_no_width_is() -> None:
     given = stations()
     given.present[75:105] = 0.8  # 2.25 to 6.75 mm of stroke 1
@@ -300,14 +246,6 @@ def test_a_bound_is_kept_and_left_at_once():
     control.put_in_force(control.limits.high)
     control.learn(blocks(200.0, np.full(10, 1.7), factor=1.7))  # the needle is free again
     assert control.proposal() == pytest.approx(1.0, abs=0.02)
-
-
-def test_readings_of_an_older_factor_count_as_what_they_were():
-    control = FlowControl()
-    control.learn(blocks(0.0, np.full(30, 0.8)))
-    control.put_in_force(1.25)
-    control.learn(blocks(30.0, np.full(5, 0.8), factor=1.0))
-    assert control.proposal() is None
 
 
 def picture(rng, mean, begin_s, factor, bias):

@@ -242,36 +242,6 @@ def test_a_line_that_is_as_long_as_it_should_be_is_moved_along_itself(gaps, ink_
     assert found.coverage == (0.98 if aside else 0.93)
 
 
-@pytest.mark.parametrize(("unseen", "aside"), [(0, True), (2, False)])
-def test_a_move_along_lines_tells_nothing_where_its_leading_end_is_not_seen(unseen, aside):
-    """A clog at the end of a steep part, whose begin lies in older ink, was told as lost steps."""
-
-    def see(options: SeeingOptions) -> Found:
-        if options.shift_mm < 0.5:
-            return Found(Shift(0.0, 0.0, 0.01 * np.eye(2)), 0.6, ink_mm=1.6, normal=(1.0, 0.0))
-        sure = Shift(0.0, 0.4, 1e-4 * np.eye(2))
-        return Found(sure, 0.99, normal=(1.0, 0.0), unseen=unseen)
-
-    found = seen_where_ink_shows(cast(Any, see), SeeingOptions(shift_mm=0.5), 0.1)
-    assert found.aside is aside
-    assert found.coverage == (0.99 if aside else 0.6)
-
-
-@pytest.mark.parametrize(("first", "aside"), [(1, False), (0, True)])
-def test_ends_that_hardly_show_tell_no_move(first: int, aside: bool) -> None:
-    """Of a round double wall one place of four showed at its ends, and none within tolerance."""
-
-    def see(options: SeeingOptions) -> Found:
-        unsure = Shift(0.0, 0.3, 0.1**2 * np.eye(2))
-        if options.shift_mm < 0.5:
-            hidden = {"unseen": 2, "first": 2} if first else {"ink_mm": 1.8}
-            return Found(Shift(0.0, 0.0, 0.01 * np.eye(2)), 0.98, **cast(Any, hidden))
-        return Found(unsure, 0.98, first=first, unseen=2 * first)
-
-    found = seen_where_ink_shows(cast(Any, see), SeeingOptions(shift_mm=0.5), 0.1)
-    assert found.aside is aside
-
-
 # --- state that an observer learned from its looks, as another one that begins anew reads it
 
 

@@ -99,12 +99,6 @@ def test_a_gap_of_which_no_second_picture_comes_is_asked_about(tmp_path, mode, s
     assert "by one picture: no new picture came into pics" in record.why
 
 
-def test_a_gap_in_one_picture_alone_isnt(tmp_path):
-    bench = Bench(tmp_path, gaps=(GAP,), again=False)
-    bench.observer.look(LOOK)
-    assert bench.link.said == [("go_on", 1)]
-
-
 def test_the_flow_is_corrected_without_lines(tmp_path):
     bench = Bench(tmp_path, ratio=0.8)
     bench.observer.look(LOOK)
@@ -173,14 +167,6 @@ def test_what_a_mend_leaves_is_told(tmp_path, monkeypatch, mode):
     assert record.found["left_mm"] == 0.22
     assert read_looks(tmp_path) == [record]
     assert answer_of(tmp_path, 1) == ("approve" if mode == "ask" else None)
-
-
-def test_a_mend_that_is_impossible_is_recorded_as_a_pause(tmp_path):
-    bench = Bench(tmp_path, gaps=(GAP,), lines=(), left="0.40 mm (another layer lies above)")
-    record = bench.observer.look(LOOK)
-    assert bench.link.said == [("pause", 1)]
-    assert record.decision == "pause"
-    assert "0.40 mm (another layer lies above); it can't be mended from here" in record.why
 
 
 def test_looks_belong_to_their_print_when_the_clock_is_set_back(tmp_path):
@@ -295,13 +281,3 @@ def test_what_was_mended_in_vain_is_written_once_more_when_the_operator_approves
     assert record.asked == "mend"
     assert [one[0] for one in bench.link.said] == ["pause", "insert", "resume"]
     assert "not mended" not in read_looks(tmp_path)[-1].why
-
-
-def test_what_was_mended_in_vain_stays_as_it_is_when_the_operator_says_go_on(tmp_path, monkeypatch):
-    bench = Bench(tmp_path, gaps=(GAP,), in_vain=True)
-    monkeypatch.setattr(bench.link, "look_done", answering(bench, "go_on"))
-    bench.observer.look(LOOK)
-    assert [one[0] for one in bench.link.said] == ["pause", "resume"]
-    kept = read_looks(tmp_path)[-1]
-    assert "written 2 times more" in kept.why
-    assert kept.found["left_mm"] == 1.0  # all of it, what could have been mended included

@@ -89,15 +89,6 @@ def test_a_profilers_file_is_opened_by_its_frame_and_a_simulated_ones_by_its_own
     np.testing.assert_array_equal(told.taken, map_.heights)
 
 
-def test_a_map_of_another_place_or_without_a_spacing_is_told(tmp_path: Path) -> None:
-    map_ = profiled(1, "plate")
-    with pytest.raises(DeviceError, match=r"pixel_mm: \[x, y\]"):
-        opened(tmp_path, map_.heights, write_frame(tmp_path / "frame.yaml"))
-    elsewhere = write_frame(tmp_path / "frame.yaml", pixel_mm=[0.02, 0.02])
-    with pytest.raises(DeviceError, match="0% of the lines lie in the scan"):
-        opened(tmp_path, map_.heights, elsewhere)
-
-
 @pytest.mark.parametrize("seed", range(6))
 def test_heights_in_another_unit_are_told_by_what_stands_on_the_plate(
     tmp_path: Path, seed: int
@@ -198,12 +189,6 @@ def test_a_new_folder_of_pictures_is_kept_with_the_look(
     assert (found / "0.png").read_bytes() == b"new"
     assert picture_of(look, "picture") == found
     assert not list(emptied_look_folder(tmp_path, 1).iterdir())
-
-
-def test_a_command_may_write_a_folder(tmp_path: Path) -> None:
-    words = f'{sys.executable} -c \'import os; os.mkdir(r"{{out}}"); open(r"{{out}}/0.png", "w")\''
-    found = acquire(DeviceSettings("command", words, tables=True), tmp_path / "picture")
-    assert [one.name for one in found.iterdir()] == ["0.png"]
 
 
 # --- a look's map beside the last look's
@@ -339,16 +324,3 @@ def test_a_scan_that_tells_nothing_of_another_spacing_than_the_last_is_refused()
     assert known.size_words(sizes[0]).startswith("the scan has")
     with pytest.raises(DeviceError, match=r"30 × 60 × 20 .* the last one that did had .* 30 × 30"):
         known.size_words(sizes[1])
-
-
-def test_a_height_map_that_holds_the_lines_passes_whatever_its_heights() -> None:
-    to_map = np.array([[1.0, 0, 0, -100], [0, 1, 0, -50], [0, 0, 1, -2], [0, 0, 0, 1]])
-    heights = np.full((200, 200), 7.0, np.float32)
-    whole = ScanSize.of_heights(HeightMap(heights, (0.03, 0.03)), to_map)
-    refuse_elsewhere(whole, lines())
-    assert whole.words == (
-        "200 × 200 heights of 30 × 30 µm (x, y) and covers x 100.00 to 105.97, y 50.00 to 55.97 mm"
-    )
-    narrow = ScanSize.of_heights(HeightMap(heights[:60], (0.03, 0.03)), to_map)
-    with pytest.raises(DeviceError, match=r"29% of the lines .* the scan has 200 × 60 heights"):
-        refuse_elsewhere(narrow, lines())

@@ -18,8 +18,6 @@ from printctl.observe.records import LookRecord, look_folder, save_look
 from printctl.observe.view_before import EMPTY, image_before, picture_before
 from registration.devices.camera_frame.frame import CameraFrame
 from registration.inspection import ExpectedLines
-from sim.devices.camera.optics import Camera
-from sim.devices.camera.scene import Bath
 
 
 @dataclass
@@ -80,20 +78,6 @@ def test_an_octs_frame_is_four_by_four(tmp_path, text):
     path.write_text(text)
     with pytest.raises(UsageError, match="printer_to_scan"):
         views.read_oct_frame(path)
-
-
-def test_a_simulated_frame_looks_through_the_baths_surface():
-    camera = Camera(size_px=(400, 300), um_per_px=20, target_mm=(50, 40, 4), tilt_deg=20)
-    place = np.array([[50.5, 40.5, 1.0]])
-    straight = views.SimulatedFrame(camera, Bath()).to_pixels(place)
-    assert straight == pytest.approx(camera.pixels(place))
-    bent = views.SimulatedFrame(camera, Bath(surface_z_mm=4.0)).to_pixels(place)
-    entry = np.append(camera.on_plane(bent, 4.0)[0][:2], 4.0)
-    sine = [
-        np.linalg.norm((one - other)[:2]) / np.linalg.norm(one - other)
-        for one, other in ((camera.eye_mm, entry), (entry, place[0]))
-    ]
-    assert sine[0] / sine[1] == pytest.approx(1.33, rel=1e-4)
 
 
 def _scanned(tmp_path):

@@ -15,16 +15,12 @@ from benchmarks.checkers import near_pairs, read_network
 from design.errors import NetworkError
 from design.hemodynamics import FlowConditions, solve_flow
 from design.network import VesselNetwork
-from design.network_files.by_suffix import read_with_notes
 from design.network_files.csv_format import read_network_csv, write_network_csv
-from design.network_files.json_format import write_network_json
-from design.network_files.vtp import write_network_vtp
 from design.tissue.shapes import annulus, block
 from design.tissue.surface import tissue_from_surface
 from printctl.errors import RecipeError
 from printctl.pipeline.outside import outside_note
 from printctl.pipeline.run import design_recipe, toolpath_recipe
-from printctl.pipeline.stages.vasculature import parts_note
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.recipe import Recipe, parse_recipe
 
@@ -36,21 +32,6 @@ OVER = VesselNetwork.from_segments(
     np.zeros(2, dtype=np.int64),
     np.zeros(2, dtype=np.int64),
 )
-
-
-def test_every_format_gives_the_same_network(tmp_path: Path) -> None:
-    write_network_json(tmp_path / "a.json", OVER)
-    write_network_vtp(tmp_path / "a.vtp", OVER, {})
-    write_network_csv(tmp_path / "a.csv", OVER)
-    for name, unit in (("a.json", None), ("a.vtp", "mm"), ("a.csv", "mm")):
-        network, notes = read_with_notes(tmp_path / name, unit)
-        assert network.points == pytest.approx(OVER.points)
-        assert notes == ()
-    rows = ["Vessel: 0, Number of Points: 2", "0.1, 0.3, 0.2, 0.02", "0.9, 0.3, 0.2, 0.02"]
-    (tmp_path / "a.txt").write_text("\n".join(rows))
-    network, notes = read_with_notes(tmp_path / "a.txt", None)
-    assert network.points == pytest.approx(OVER.points[:2])
-    assert len(notes) == 1
 
 
 def _made(folder: Path, **vasculature: Any) -> dict[str, Any]:
@@ -78,19 +59,6 @@ def test_vessels_that_run_into_each_other_are_refused_or_told_of(tmp_path: Path)
     assert "vessels 0 and 1, -0.1 mm apart at (5, 3, 2.15) mm" in note
     kept = read_network_csv(tmp_path / "run" / "network.csv", unit="mm")
     assert kept.vessel_count == 2
-
-
-@pytest.mark.parametrize(
-    ("gap", "said"), [(0.005, "0.005 mm from it, at (5.005, 0, 0)"), (0.0, "")]
-)
-def test_parts_that_share_no_node_are_told_with_how_near_they_come(gap: float, said: str) -> None:
-    nodes = np.array([[0.0, 0, 0], [5, 0, 0], [3, 2, 0], [5 + gap, 0, 0], [9, 0, 0]])
-    vessels = np.array([[0, 1], [1, 2], [3 if gap else 1, 4]])
-    radius, zeros = np.full(3, 0.2), np.zeros(3)
-    network = VesselNetwork.from_segments(nodes, vessels, radius, zeros, zeros)
-    told = parts_note(network)
-    assert len(told) == bool(said)
-    assert said in "".join(told)
 
 
 def test_vessels_outside_the_tissue_are_told_and_none_within_is_refused() -> None:
@@ -171,12 +139,6 @@ def test_a_mixing_network_grows_round_given_vessels(tmp_path: Path) -> None:
     assert len(near_pairs(net, clearance_ratio=0.1).colliding) == 0
     # Trees 0 to 2, the limbs of their nodes, what was there.
     np.testing.assert_array_equal(np.unique(net.tree), np.arange(5))
-
-
-def test_trees_that_divide_the_tissue_are_held_against_it_together(tmp_path: Path) -> None:
-    networks = [{"trees": [{"kind": "artery"}]}] * 2
-    vessels = {"terminals": 30, "networks": networks, "territories": "divided"}
-    assert "notes" not in designed(tmp_path, vessels)
 
 
 # --- trees with curves in the place of bends, judged by a checker of their files

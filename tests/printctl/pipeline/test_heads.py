@@ -20,7 +20,6 @@ from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import parse_recipe
 from printctl.recipe.heads import HeadPart
 from printctl.recipe.making import Fresh
-from sim.gcode.dry_run.run import dry_run
 
 ROOT = Path(__file__).parents[3]
 GOOD = yaml.safe_load((ROOT / "examples" / "ring_two_inks.yaml").read_text())
@@ -190,25 +189,6 @@ def test_two_inks_pass_the_checks_and_leave_the_lumen_as_open_as_one(
     for size in ("narrowest_mm", "mean_mm"):
         assert lumen[1][size] == pytest.approx(lumen[0][size], abs=5e-3)
     assert two["lumens"]["passed"]
-
-
-@pytest.mark.slow
-def test_written_text_holds_each_head_on_its_own_side(tmp_path: Path) -> None:
-    planned(tmp_path, [HALF])
-    printer = load(Printer, "two_syringe_marlin")
-    run = dry_run((tmp_path / "run" / "part.gcode").read_bytes(), printer, (0.0, 0.0, 0.0))
-    reach = []
-    for number in range(2):
-        program = run.of_head(number).program
-        wrote = np.flatnonzero(
-            (program.pushed > 0) & (np.diff(program.target[:, 0], prepend=0) != 0)
-        )
-        ends = np.concatenate([program.target[wrote - 1, 0], program.target[wrote, 0]])
-        reach.append((ends.min(), ends.max()))
-    (_, left), (right, _) = reach
-    # Half a line on either side of the border, by the true places of both tips, but for the crests
-    # of their round sides: these pass the border.
-    assert right - left == pytest.approx(0.15 - 2 * CREST, abs=2e-3)
 
 
 def lines(regions: list[dict[str, Any]], *heads: dict[str, Any], count: int = 2) -> list[float]:

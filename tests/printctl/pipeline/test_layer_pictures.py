@@ -15,24 +15,17 @@ from PIL import Image
 from rich.console import Console
 
 from design.network_files.csv_format import write_network_csv
-from firmware_profiles import Printer, load
-from printctl.checks.gcode_view import Pushing
 from printctl.machine.link.inserts import Insert
 from printctl.machine.link.journal import encode
 from printctl.machine.link.record import JOURNAL
 from printctl.observe.records import LookRecord, look_folder, save_look
-from printctl.pipeline.layer_pictures import layer_pictures
 from printctl.pipeline.look_pictures import look_pictures, look_rows
 from printctl.pipeline.run import toolpath_recipe
 from printctl.pipeline.tracing import Job
 from printctl.pipeline.written_in_scan import looks_and_scan, save_written, written_places
 from printctl.recipe import parse_recipe
 from sim.gcode.deposit.strands import Strands
-from tests.printctl.checks.lumens.small_gcode import BORE_MM, gcode
 from tests.printctl.pipeline.test_heads import SIZE_MM, TUBE, WHOLE_UL, recipe
-
-PUSHING = Pushing(load(Printer, "generic_marlin"), BORE_MM, "test", BORE_MM, "test")
-ROWS = [np.array([[0.0, y], [10.0, y]]) for y in (0.0, 1.0, 2.0)]
 
 
 def heights(svg: bytes) -> list[float]:
@@ -45,17 +38,6 @@ def heights(svg: bytes) -> list[float]:
         if "L" in path.get("d", "") and len(numbers) > 40:
             found.append(max(numbers[1::2]) - min(numbers[1::2]))
     return found
-
-
-def test_every_line_is_drawn_as_wide_as_its_own_ink(tmp_path: Path) -> None:
-    """Two layers alike, but that the second has lines of half the width."""
-    path = tmp_path / "part.gcode"
-    sizes = []
-    for width in (0.4, 0.2):
-        path.write_bytes(gcode([ROWS] * 3, line_mm=width))
-        svg = layer_pictures(path, PUSHING)["toolpath/Layer 2 of 3, tip at z = 0.12 mm"]
-        sizes.append(float(np.median(heights(svg))))
-    assert 1.8 < sizes[0] / sizes[1] < 2.3
 
 
 # --- adaptive layer heights, from recipe to checked G-code
@@ -200,24 +182,6 @@ def test_so_is_a_mend_that_the_scan_does_not_find(tmp_path, job):
     first, _ = compared(tmp_path, job, hole, looks, [mend])
     assert (first["agree"], first["mended"]) == (False, True)
     assert first["words"] == "look: mended; scan: missing"
-
-
-def test_what_lies_where_the_look_did_not_judge_is_told_as_that(tmp_path, job):
-    first, _ = compared(tmp_path, job, hole, [look(1, 12, seen=0.8), TWO[1]])
-    assert first["agree"] is None
-    assert first["words"] == "look: whole; scan: missing, perhaps unjudged"
-    thin, _ = compared(tmp_path, job, hole, [look(1, 12, seen=0.8, ink=0.85), TWO[1]])
-    assert thin["words"] == "look: whole; its own ink 85%; scan: missing, perhaps unjudged"
-
-
-def test_gaps_that_were_left_and_are_not_in_the_scan_are_a_disagreement(tmp_path, job):
-    gaps = [{"from_mm": 4.0, "to_mm": 7.0}]
-    looks = [look(1, 12, ink=0.85, decision="pause", gaps=gaps), TWO[1]]
-    first, _ = compared(tmp_path, job, whole, looks)
-    assert first["agree"] is False
-    assert first["words"] == "look: 3.00 mm left; scan: whole"
-    both, _ = compared(tmp_path, job, hole, looks)
-    assert both["agree"] is True
 
 
 def test_what_a_mend_left_is_no_disagreement_with_a_scan_that_misses_it(tmp_path, job):

@@ -112,32 +112,8 @@ def written(start: FloatArray, end: FloatArray, line: IntArray) -> Strands:
     return Strands.dosed(start, end, np.ones(len(line)), np.arange(len(line)), line)
 
 
-def job(of_vessels: bool = False) -> Job:
-    """Ten layers of 0.1 mm; in each a line on either side of the vessel, at y = ±0.3."""
-    start, end, line, source = [], [], [], []
-    for layer in range(10):
-        z = 0.1 * (layer + 1)
-        for side in (-0.3, 0.3):
-            start.append((0.0, side, z))
-            end.append((10.0, side, z))
-            line.append(10 * layer + (3 if side < 0 else 6))
-            source.append(layer)
-    first = 10 * np.arange(10) + 1
-    return Job(
-        written(np.array(start), np.array(end), np.array(line)),
-        np.array(source), of_vessels, first, first + 9,
-    )  # fmt: skip
-
-
 def defect(kind: str = "stenosis", **more: object) -> dict[str, object]:
     return {"kind": kind, "vessel": 0, "from_mm": 4.0, "to_mm": 5.0, **more}
-
-
-def test_lines_beside_a_stenosis_are_those_of_its_layers() -> None:
-    found = made_by(defect(), job(), NETWORK, 0.1)
-    # Within 0.2 + 0.15 mm of the axis at z = 0.5: the walls at 0.3 mm, 0.18 mm up and down.
-    assert found["layers"] == [3, 4, 5]
-    assert (found["first_line"], found["last_line"], found["line_count"]) == (33, 56, 6)
 
 
 def test_a_vessels_own_line_is_named_in_an_embedded_print() -> None:
@@ -149,25 +125,6 @@ def test_a_vessels_own_line_is_named_in_an_embedded_print() -> None:
     )  # fmt: skip
     found = made_by(defect("occlusion"), one, NETWORK, 0.0)
     assert found == {"vessels": [0], "first_line": 7, "last_line": 7, "line_count": 1}
-
-
-def test_deviation_goes_to_the_layer_it_lies_in() -> None:
-    vertices = np.array([[0, 0, 0.05], [0, 0, 0.08], [0, 0, 0.55], [0, 0, 0.56]])
-    report = SimpleNamespace(
-        transform_scan_to_part=np.eye(4),
-        scaled_scan_to_part=np.eye(4),
-        surface=Surface(vertices, NO_FACES),
-        seen=np.array([True, True, True, False]),
-        scaled_deviation_um=np.array([10.0, -30.0, 7.0, 1e6]),
-    )
-    rows = by_layer(report, job())  # type: ignore[arg-type]
-    assert len(rows) == 10
-    assert (rows[0]["points"], rows[0]["mean_um"]) == (2, -10.0)
-    assert rows[0]["rms_um"] == pytest.approx(np.sqrt(500))
-    assert (rows[5]["mean_um"], rows[5]["rms_um"]) == (7.0, 7.0)
-    assert rows[3]["mean_um"] is None
-    assert (rows[5]["first_line"], rows[5]["last_line"]) == (51, 60)
-    assert rows[5]["z_mm"] == pytest.approx(0.6)
 
 
 def test_layers_of_different_heights_take_what_lies_in_them() -> None:

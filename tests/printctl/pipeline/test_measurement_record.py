@@ -14,8 +14,6 @@ from printctl.cli.part_file import read_record
 from printctl.errors import UsageError
 from printctl.pipeline.measurement_record import Corrections, add_record
 from printctl.recipe.record import RecordPart
-from registration.report.page import report_html
-from registration.report.record import record_facts
 from registration.scan import Scan
 from registration.wall_reference import WallCalibration
 
@@ -59,18 +57,6 @@ def test_a_record_is_kept_and_what_is_wrong_with_it_noted(tmp_path: Path) -> Non
     assert len(notes) == 4
     assert "place of the walls, by a reference of known diameters" in record["corrected"]
     assert "beam's fan and bow" in record["not_corrected"]
-
-
-def test_what_is_missing_is_said_to_be_not_stated() -> None:
-    found = recorded(RecordPart())
-    assert found["notes"] == ["first"]
-    said = {fact.label: fact.value for fact in record_facts(found)}
-    assert said["Operator"] == said["Certificate"] == said["Time of the scan"] == "not stated"
-    assert said["Decision rule"] == "JCGM 106: words"
-    page = report_html({"registration": found, "scan": {"source": "s.tif"}}, [], None, {})
-    assert "Measurement record" in page
-    assert "not stated" in page
-    assert record_facts({}) == []
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,6 @@ from printctl.observe.records import ORDER
 from printctl.pipeline import observing
 from printctl.pipeline.observable import refuse_unobservable
 from printctl.pipeline.observing import look_care, unlooked_words
-from printctl.pipeline.stages.toolpath import looks_within
 from printctl.recipe import parse_recipe
 from printctl.run_folder.artefacts import GCODE
 
@@ -77,12 +76,6 @@ def test_a_real_printer_needs_a_real_device():
         )
 
 
-@pytest.mark.parametrize("device", ["oct", "laser_line"])
-def test_a_simulated_one_is_observed_by_its_twin(device):
-    bare = recipe({"device": device}, bath_depth_mm=None)
-    refuse_unobservable(bare, load(Printer, "generic_marlin"))
-
-
 def test_a_laser_line_doesnt_see_what_a_bath_covers():
     marlin = load(Printer, "generic_marlin")
     filled = recipe({"device": "laser_line"}, dish="petri_60mm", bath_depth_mm=8)
@@ -91,16 +84,6 @@ def test_a_laser_line_doesnt_see_what_a_bath_covers():
     for one in (filled, embedded):
         with pytest.raises(UsageError, match="sees the bath's surface alone"):
             refuse_unobservable(one, marlin)
-
-
-@pytest.mark.parametrize(("every", "within"), [("vessel", True), ("60 s written", False)])
-def test_vessels_are_looked_at_within_where_each_is_asked_for(every, within):
-    data = yaml.safe_load((ROOT / "examples" / "planar_tree.yaml").read_text())
-    embedded = parse_recipe(data | {"observe": {"device": "oct", "every": every}}, "test.yaml")
-    layered = recipe({"device": "oct", "every": every})
-    assert looks_within(SimpleNamespace(recipe=embedded)) is within
-    assert not looks_within(SimpleNamespace(recipe=layered))
-    assert not looks_within(SimpleNamespace(recipe=parse_recipe(data, "test.yaml")))
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from rich.console import Console
 
 from design.errors import SolidError, ToolpathError
@@ -19,7 +18,6 @@ from design.network_files.csv_format import write_network_csv
 from firmware_profiles import Bath, Ink, Needle, load
 from printctl.errors import SafetyError, UsageError
 from printctl.pipeline.printability import printability
-from printctl.pipeline.refusals import refuse_before
 from printctl.pipeline.run import design_recipe, toolpath_recipe
 from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.making import Embedded, Fresh
@@ -52,13 +50,6 @@ def recipe(folder: Path, vessels: VesselNetwork, **parts: Any) -> Recipe:
         **parts,
     }
     return parse_recipe(data, "one.yaml")
-
-
-def short(folder: Path) -> str:
-    """A needle of 9.5 mm, shorter than the block and longer than the vessel is deep."""
-    facts = load(Needle, "30g").model_dump(mode="json", exclude_none=True) | {"length_mm": 9.5}
-    (folder / "short.yaml").write_text(yaml.safe_dump(facts))
-    return str(folder / "short.yaml")
 
 
 @pytest.mark.parametrize(
@@ -150,18 +141,6 @@ def test_a_file_that_is_not_there_is_refused_first(tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
-def test_a_block_is_as_deep_as_it_says_and_other_tissue_as_its_network(tmp_path: Path) -> None:
-    toolpath = {**EMBEDDED, "needle": short(tmp_path)}
-    with pytest.raises(SafetyError, match=r"needle's length: 10 mm, limit 9\.5"):
-        refuse_before(recipe(tmp_path, network(), toolpath=toolpath), tmp_path)
-    cut = {
-        "shape": "block",
-        "size_mm": [10, 6, 10],
-        "keep_within": [{"shape": "block", "from_mm": [0, 0, 0], "to_mm": [10, 6, 9.2]}],
-    }
-    refuse_before(recipe(tmp_path, network(), toolpath=toolpath, tissue=cut), tmp_path)
-
-
 # --- printability limits of needle, bath and method
 
 
@@ -174,12 +153,6 @@ def context(part: Embedded | Fresh, print_scale: float = 1.0, **bath: float) -> 
         ink=ink,
         bath=load(Bath, "cell_matrix").model_copy(update=bath),
     )
-
-
-def test_a_firm_bath_leaves_the_limit_to_the_plunger() -> None:
-    limits = printability(context(Embedded(method="embedded")))
-    assert limits.widest_mm == pytest.approx(3.568, rel=1e-3)  # 2 µL/s at 0.2 mm/s
-    assert "plunger" in limits.says
 
 
 def test_a_weak_bath_limits_the_widest_vessel() -> None:

@@ -15,7 +15,7 @@ import tifffile
 from pydantic import TypeAdapter, ValidationError
 
 from design.network import VesselNetwork
-from printctl.errors import RecipeError, UsageError
+from printctl.errors import UsageError
 from printctl.machine.link.history_entry import PrintEntry, entry_of
 from printctl.machine.link.journal import Journal
 from printctl.machine.link.record import LinkRecord
@@ -23,17 +23,12 @@ from printctl.pipeline.print_scan import StatedPrint, scan_print
 from printctl.pipeline.scan_defects import scan_defects
 from printctl.pipeline.simulated_scan import scan_size_words
 from printctl.pipeline.stages import scan
-from printctl.pipeline.stages.scan import digest_user_files, load_scan
+from printctl.pipeline.stages.scan import load_scan
 from printctl.recipe.making import FileScan, SimulatedScan
 from registration import read_scan
-from registration.devices.optics.beam import OctCalibration
-from registration.devices.optics.file import write_calibration
-from registration.files.writers import write_scan
-from registration.wall_reference import WallCalibration
 from sim.gcode.deposit.ink_faults import Clog
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.registration.files.readers.crafted import counts
-from tests.registration.files.readers.crafted import scan as scan_scan_files
 
 BOX = np.array([[0.0, 0.0, 0.0], [24.0, 20.0, 3.0]])
 E_STEPS = 6400.0
@@ -155,30 +150,6 @@ def test_a_recipe_says_what_the_file_doesnt(tmp_path: Path) -> None:
     assert not found.depth_down
 
 
-def test_a_recipe_names_the_devices_calibration(tmp_path: Path) -> None:
-    write_scan(tmp_path / "s.tif", scan_scan_files(volume=counts(20, 20, 20)))
-    said = {"file": "s.tif", "oct_calibration": "device.yaml"}
-    before = digest_user_files(tmp_path, FileScan(**said))
-    walls = WallCalibration(4.5, 0.6, 400.0, 1000.0, 3)
-    device = OctCalibration(refractive_index=1.45, depth_standard=True, walls=walls)
-    write_calibration(tmp_path / "device.yaml", device)
-    assert digest_user_files(tmp_path, FileScan(**said)) != before
-    assert loaded(tmp_path, **said).depth_standard
-    assert loaded(tmp_path, **said).walls == walls
-    assert not loaded(tmp_path, file="s.tif").depth_standard
-    write_calibration(tmp_path / "device.yaml", OctCalibration(walls=walls))
-    # Walls alone lay no voxel anew.
-    found = loaded(tmp_path, **said)
-    assert found.walls == walls
-    assert found.volume.dtype == np.uint16
-
-
-def test_only_an_oct_writes_a_thorlabs_file() -> None:
-    assert SimulatedScan(simulated="oct", format="oct").format == "oct"
-    with pytest.raises(ValidationError, match="micro-CT writes no"):
-        SimulatedScan(simulated="microct", voxel_um=(30, 30, 30), format="oct")
-
-
 # --- recipe's simulated print defects: their positions in the printer's frame
 
 
@@ -213,12 +184,6 @@ def test_each_kind_lies_along_its_vessel_in_the_printers_frame() -> None:
     assert missing.kind == "missing"
     np.testing.assert_allclose(leak.path, [[65, 50, 1.5], [65, 50, 4.5]])
     assert leak.radius_mm == pytest.approx(0.1)
-
-
-def test_vessel_that_isnt_there_is_refused_by_name() -> None:
-    part = ordered({"defect": "missing", "vessel": 3})
-    with pytest.raises(RecipeError, match="vessels 0 to 0"):
-        scan_defects(part.defects, NETWORK, PLACE)
 
 
 @pytest.mark.parametrize(

@@ -14,12 +14,10 @@ from rich.console import Console
 
 from design.errors import DesignError, TissueError
 from design.network import VesselNetwork
-from design.network_files.swc import write_network_swc
 from design.solids import block_solid, write_stl
-from design.tissue import block, tissue_from_surface
-from design.vasculature import DepthPenalty, GrowthOptions, grow_tree, tree_to_network
+from design.vasculature import DepthPenalty
 from printctl.errors import RecipeError
-from printctl.pipeline.growth_source import growth_options, read_terminals, read_trunk
+from printctl.pipeline.growth_source import growth_options, read_terminals
 from printctl.pipeline.regions import make_region
 from printctl.pipeline.run import run_recipe
 from printctl.pipeline.run_options import RunOptions
@@ -35,12 +33,6 @@ PART: TypeAdapter[Any] = TypeAdapter(TissuePart)
 def made(folder: Path, **tissue: Any) -> Any:
     """The tissue of this section."""
     return make_tissue(PART.validate_python(tissue), folder)
-
-
-def box_file(path: Path, keep: slice = slice(None)) -> None:
-    """A box of 10 mm as STL, or what is left of it."""
-    shape = block((10.0, 10.0, 10.0))
-    trimesh.Trimesh(shape.vertices, shape.faces[keep], process=False).export(path)
 
 
 def test_needle_and_port_are_cut_out_of_a_shape(tmp_path: Path) -> None:
@@ -62,13 +54,6 @@ def test_needle_and_port_are_cut_out_of_a_shape(tmp_path: Path) -> None:
     assert "keep_out 3 (cylinder) doesn't meet the tissue" in tissue.notes[0]
 
 
-def test_small_piece_of_a_large_mesh_may_be_kept(tmp_path: Path) -> None:
-    box_file(tmp_path / "box.stl")
-    within = [{"shape": "sphere", "centre_mm": [5, 5, 5], "radius_mm": 2}]
-    tissue = made(tmp_path, mesh="box.stl", unit="mm", keep_within=within)
-    assert tissue.volume_mm3 == pytest.approx(32 * np.pi / 3, rel=0.02)
-
-
 def test_label_image_with_demand_from_another_image(tmp_path: Path) -> None:
     voxels = np.zeros((20, 20, 20), np.uint8)
     voxels[4:16, 4:16, 4:16] = 2
@@ -87,17 +72,6 @@ def test_label_image_with_demand_from_another_image(tmp_path: Path) -> None:
     assert (low, high) == (pytest.approx(5 / 19), pytest.approx(14 / 19))
 
 
-def test_demand_by_depth(tmp_path: Path) -> None:
-    tissue = made(
-        tmp_path,
-        shape="block",
-        size_mm=[10, 10, 10],
-        demand={"depth_mm": [0, 5], "relative": [0, 3]},
-    )
-    # At depth d the shell is 6 (10 - 2 d)² large: the mean depth is 10/8.
-    assert tissue.demand.mean_weight == pytest.approx(0.25, rel=0.01)
-
-
 # --- regions with their own infill or head, from a recipe
 
 
@@ -110,12 +84,6 @@ TUBE = VesselNetwork.from_segments(
 def made_regions(words: dict[str, object], folder: Path = Path()) -> float:
     part = TypeAdapter(RegionPart).validate_python(words)
     return make_region(part, 2, folder, TUBE).solid.volume_mm3
-
-
-def test_around_vessels_is_the_vessels_widened() -> None:
-    # A rod of radius 1.5 with round ends.
-    rod = np.pi * 1.5**2 * 10 + 4 / 3 * np.pi * 1.5**3
-    assert made_regions({"around_vessels_mm": 1.0}) == pytest.approx(rod, rel=0.01)
 
 
 def test_shapes_and_meshes_have_their_volume(tmp_path: Path) -> None:
@@ -206,19 +174,6 @@ def test_a_table_of_another_kind_is_refused(tmp_path: Path, text: str, message: 
         read_terminals(path)
     with pytest.raises(RecipeError, match="can't be read"):
         read_terminals(tmp_path / "none.csv")
-
-
-def test_a_trunk_is_read_from_swc(tmp_path: Path) -> None:
-    shape = block((12.0, 10.0, 8.0))
-    tissue = tissue_from_surface(shape.vertices, shape.faces)
-    first = tree_to_network(grow_tree(tissue, GrowthOptions(terminals=4)))
-    write_network_swc(tmp_path / "artery.swc", first)
-    part = GrownNetwork.model_validate({"grow": "tree", "terminals": 40, "trunk": "artery.swc"})
-    trunk = read_trunk(part, tmp_path)
-    assert trunk is not None
-    tree = grow_tree(tissue, growth_options(part, 1, tmp_path), trunk=trunk)
-    assert (tree.children[:, 0] < 0).sum() == 40
-    assert tree.given.sum() >= 7
 
 
 # --- a recipe whose tissue has two parts

@@ -52,13 +52,6 @@ def test_a_run_ends_at_the_stage_that_is_named(shell: Shell, tmp_path: Path) -> 
     assert steps[-1]["result"] == "done"
 
 
-def test_an_unknown_stage_is_named_with_those_there_are(shell: Shell, tmp_path: Path) -> None:
-    code, _, err = shell(str(_recipe(tmp_path)), "--out", str(tmp_path / "r"), "--until", "wall")
-    assert code == 2
-    assert "no stage 'wall'" in err
-    assert "dry run, lumens, print" in err
-
-
 def test_a_failed_run_says_why_in_its_last_line(shell: Shell, tmp_path: Path) -> None:
     told = tmp_path / "p.jsonl"
     recipe = str(_recipe(tmp_path, toolpath={"method": "fresh", "needle": "none_such"}))

@@ -111,16 +111,6 @@ def test_places_that_stand_out_are_told_with_or_without_a_limit() -> None:
         assert said.endswith("; 1 more")
 
 
-@pytest.mark.parametrize(
-    "surfaces",
-    [None, {}, {"outer_faces": None}, {"outer_faces": {"scaled": {"max_um": None}}}],
-)
-def test_outer_faces_that_were_not_seen_are_named_without_a_figure(surfaces: Any) -> None:
-    numbers = registration(good(0), good(1), perfusion=FLOW, by_surface=surfaces)
-    reasons = verdict(judge(numbers, Tolerances()))["reasons"]
-    assert any(reason.endswith("outer faces (face_profile_um)") for reason in reasons)
-
-
 def test_what_has_a_limit_is_not_called_unjudged() -> None:
     placed = VesselLimits(position_um=60.0)
     (said,) = not_judged(Tolerances(placed))
@@ -191,11 +181,6 @@ def test_the_worst_fails_are_listed_first() -> None:
     assert result["causes"] == []
     fails = [one for one in result["reasons"] if "proven beyond" in one]
     assert [one.split(",")[0] for one in fails] == ["Vessel 30", "Vessel 12"]
-
-
-def test_a_registration_that_wasnt_judged_is_refused() -> None:
-    with pytest.raises(KeyError, match="judging"):
-        verdict(registration(good(0)))
 
 
 # --- verdict on a plate, from the verdicts on its wells

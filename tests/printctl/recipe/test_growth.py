@@ -1,15 +1,13 @@
 """Recipe section on tree growth: invalid values refused with key and remedy."""
 
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import pytest
 import yaml
 
-from design.lattices import LatticeKind
 from printctl.errors import RecipeError
 from printctl.recipe import Recipe, parse_recipe
-from printctl.recipe.forest import Forest
 from printctl.recipe.growth import GrownNetwork
 from printctl.recipe.lattice import LatticeNetwork
 from printctl.recipe.tissue import CylinderPart, DepthDemandPart, MeshPart
@@ -132,17 +130,6 @@ def recipe_of_forest(
     return parse_recipe(data, "test.yaml")
 
 
-def test_arteries_and_veins_make_loops_and_a_single_tree_none() -> None:
-    fed = {"supplies": [{"trees": [2], "flow_ml_min": 0.1}], "density_g_cm3": 1.02}
-    part = recipe_of_forest(
-        [{"trees": [ARTERY, VEIN]}, {"trees": [LYMPH]}, {"network": "old.csv", "unit": "mm"}], fed
-    ).vasculature
-    assert isinstance(part, Forest)
-    assert [one.how for one in part.grown] == ["loops", "none"]
-    assert [tree.kind for tree in part.trees] == ["artery", "vein", "lymph"]
-    assert part.files() == ["old.csv"]
-
-
 @pytest.mark.parametrize(
     ("networks", "keys", "said"),
     [
@@ -184,11 +171,6 @@ def parsed(**lattice: Any) -> LatticeNetwork:
     found = parse_recipe(data, "recipe.yaml").vasculature
     assert isinstance(found, LatticeNetwork)
     return found
-
-
-@pytest.mark.parametrize("kind", get_args(LatticeKind))
-def test_every_lattice_can_be_asked_for(kind: str) -> None:
-    assert parsed(lattice=kind).options().kind == kind
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from printctl.errors import PrintctlError, RecipeError, UsageError
+from printctl.errors import PrintctlError, RecipeError
 from printctl.search import load_search
 from printctl.search.candidates import Candidate, draw_candidates
 from printctl.search.draw import drawn
@@ -62,12 +62,6 @@ def test_the_same_seed_draws_the_same_and_another_another(draw: str) -> None:
     assert rows(1) == rows(1)
     assert rows(1) != rows(2)
     assert set(column(rows(1), "b")) <= {"x", "y", "z"}
-
-
-def test_a_grid_of_too_many_is_refused() -> None:
-    axis = {"from": 0, "to": 1, "steps": 1000}
-    with pytest.raises(RecipeError, match=r"1,000,000 candidates, 100,000 at most; vary less"):
-        drawn(search({"a": axis, "b": axis}))
 
 
 # --- ranking of search candidates, against a slow oracle
@@ -228,9 +222,3 @@ def test_a_scheduler_that_doesn_t_answer_is_told(tmp_path: Path) -> None:
         PrintctlError, match=r"no Dask scheduler .* within 0.003 min \(--wait-min\)"
     ):
         run(path, tmp_path / "out", Workers(None, "tcp://127.0.0.1:9", 0.003))
-
-
-def test_without_dask_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "distributed", None)
-    with pytest.raises(UsageError, match=r"pip install 'printctl\[search\]', or give --workers 0"):
-        run(write(tmp_path, SEARCH), tmp_path / "out", Workers(1))

@@ -26,7 +26,6 @@ from printctl.errors import UsageError
 from printctl.pipeline.facts import recipe_facts
 from printctl.recipe import Recipe
 from printctl.recipe.parts import FlowPart
-from printctl.recipe.space import ThreeDPart
 from tests.system.cli import called as printctl
 
 WATER = 1e-3
@@ -106,14 +105,6 @@ def test_without_a_way_through_the_closed_vessels_are_named() -> None:
     printed = printed_lumens(network, rows(network, EVERY, closed=(5,)))
     with pytest.raises(FlowError, match=r"closed \(5\) leave no way open"):
         open_part(printed, network)
-
-
-def test_rows_of_another_network_are_refused() -> None:
-    network = ladder()
-    with pytest.raises(UsageError, match="isn't of this"):
-        printed_lumens(network, rows(network, EVERY)[:1])
-    with pytest.raises(UsageError, match="no vessel's diameter was measured"):
-        printed_lumens(network, rows(network, {}))
 
 
 @pytest.fixture
@@ -230,23 +221,6 @@ def test_a_file_and_a_run_without_registration_are_told(run: Path) -> None:
         recipe_of(run / "network.csv")
 
 
-@pytest.mark.slow
-def test_3d_says_what_0d_says_of_long_vessels(run: Path) -> None:
-    pytest.importorskip("ngsolve")
-    part = FlowPart(three_d=ThreeDPart(inertia=False))
-    solve_as_printed(PrintedCase(run, Driven(part), 0.5), run / "found", print)
-    with (run / "found" / AS_PRINTED).open() as handle:
-        table = list(csv.DictReader(handle))
-    lumped_rows, space = ([r for r in table if r["fidelity"] == name] for name in ("0D", "3D"))
-    for vessel in (0, 1, 3, 4, 5):
-        for key in ("resistance_pa_s_ul", "designed_resistance_pa_s_ul", "resistance_ratio"):
-            ideal = float(lumped_rows[vessel][key])
-            assert float(space[vessel][key]) == pytest.approx(ideal, rel=5e-3)
-    # Closed: nothing flows. The bridge of a symmetric design: next to nothing.
-    assert float(space[2]["share"]) == 0.0
-    assert np.isnan(float(space[6]["designed_resistance_pa_s_ul"]))
-
-
 def with_intervals(found: Any, half: float, shared: float) -> Any:
     """Rows whose resistances are known to ± `half` (95 %, of the logarithm)."""
     budget = [{"type": "B", "share": shared}, {"type": "A", "share": 1.0 - shared}]
@@ -270,14 +244,6 @@ def test_an_error_that_all_lumens_share_goes_whole_into_the_pressure_and_not_int
     # R of each vessel is off by the same factor, and so is the drop.
     assert np.log(ends.drop_pa[1] / ends.drop_pa[0]) == pytest.approx(0.4, rel=0.12)
     assert_allclose(ends.share[1], ends.share[0], atol=1e-9)
-
-
-def test_errors_of_their_own_average_out_in_the_pressure_and_move_the_split() -> None:
-    alike, own = ends_of(half=0.2, shared=1.0), ends_of(half=0.2, shared=0.0)
-    assert np.ptp(own.drop_pa) < 0.8 * np.ptp(alike.drop_pa)
-    assert (own.share[1] - own.share[0])[1] > 0.02
-    # Half of the flow goes each way: ends lie on both sides.
-    assert own.share[0, 1] < 0.5 < own.share[1, 1]
 
 
 def test_a_withdrawn_diameter_leaves_no_interval_of_any_flow() -> None:

@@ -12,10 +12,8 @@ import pytest
 from pydantic import ValidationError
 
 from design.hemodynamics import WindkesselOutlet
-from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
-from printctl.analysis.flow import pulsatile_conditions, steady_conditions
-from printctl.errors import UsageError
+from printctl.analysis.flow import pulsatile_conditions
 from printctl.recipe.parts import FlowPart
 from tests.system.cli import called as printctl
 
@@ -75,24 +73,6 @@ def test_a_steady_case_for_another_solver_gives_the_steady_flow(fork: Path) -> N
     assert (fork / "sv" / "solver.xml").is_file()
 
 
-def test_tables_are_the_same_numbers_as_arrays_of_one_file(fork: Path) -> None:
-    asked = ("flow", "fork.csv", "--unit", "mm", *SINE, "--wall-young-kpa", "10", "--one-d",
-             "--shear-band-dyn-cm2", "1,5")  # fmt: skip
-    for kind in ("csv", "npz"):
-        done = printctl(*asked, "--results", kind, "--out", kind, cwd=fork)
-        assert done.returncode == 0, done.stderr
-    assert [file.name for file in (fork / "npz").iterdir()] == ["flow.npz"]
-    names = ("flow", "flow_1d", "flow_1d_waves", "flow_pulsatile", "flow_waves")
-    assert sorted(file.stem for file in (fork / "csv").iterdir()) == list(names)
-    with np.load(fork / "npz" / "flow.npz", allow_pickle=False) as arrays:
-        assert {name.partition("/")[0] for name in arrays.files} == set(names)
-        for name in names:
-            with (fork / "csv" / f"{name}.csv").open() as handle:
-                rows = list(csv.DictReader(handle))
-            for column, text in rows[0].items():
-                assert str(arrays[f"{name}/{column}"][0].item()) == text
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -129,32 +109,6 @@ def test_a_windkessel_is_converted_and_scaled_with_the_print() -> None:
     assert made.distal == pytest.approx(4 * PA_PER_MMHG / UL_S_PER_ML_MIN / 8)
     assert made.compliance == pytest.approx(10 / PA_PER_MMHG * 8)
     assert made.distal_pa == pytest.approx(1333.22)
-
-
-def test_an_outlet_of_the_pulse_holds_for_steady_flow_as_flow_outlet_does() -> None:
-    """The mean of the pulse had a resistance behind it, and the steady flow hadn't."""
-    kind = tree = np.zeros(1, dtype=np.int64)
-    nodes = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 5.0]])
-    network = VesselNetwork.from_segments(nodes, np.array([[0, 1]]), np.array([0.5]), kind, tree)
-    wave = {"amplitude_ml_min": 0.1, "period_s": 1}
-    outlet = {"resistance_mmhg_min_ml": 4}
-    one = FlowPart.model_validate({"pulse": wave, "outlet": outlet})
-    other = FlowPart.model_validate({"pulse": {**wave, "outlet": outlet}})
-    loads = [steady_conditions(part, network=network).behind for part in (one, other)]
-    assert loads[0] == loads[1]
-    assert loads[0][1].resistance == pytest.approx(4 * PA_PER_MMHG / UL_S_PER_ML_MIN)
-
-
-def test_a_table_is_looked_for_beside_the_recipe(tmp_path: Path) -> None:
-    (tmp_path / "wave.csv").write_text("time_s,flow_ml_min\n0,1\n1,3\n2,1\n")
-    part = FlowPart.model_validate({"inlet_flow_ml_min": 2, "pulse": {"table": "wave.csv"}})
-    assert part.pulse is not None
-    made = pulsatile_conditions(part, part.pulse, tmp_path)
-    assert made.inlet.at(np.array([1.0])) == pytest.approx([3 * UL_S_PER_ML_MIN])
-    with pytest.raises(UsageError, match="set inlet_flow_ml_min: 2"):
-        pulsatile_conditions(
-            part.model_copy(update={"inlet_flow_ml_min": 1.0}), part.pulse, tmp_path
-        )
 
 
 @pytest.mark.parametrize(
@@ -410,19 +364,6 @@ def test_flow_that_goes_backwards_is_told(
     notes = json.loads(done.stdout).get("notes", [])
     assert bool(notes) == bool(words)
     assert all(note in done.stderr for note in notes)
-
-
-def test_ranks_take_what_is_said_of_elements_and_inertia(fork_options: Path) -> None:
-    """The case is written before FEniCSx is looked for."""
-    call = ("flow", "fork.csv", "--unit", "mm", "--ranks", "1", "--ranks-python", "nowhere")
-    cells = []
-    for ratio in ("0.9", "0.7"):
-        done = printctl(*call, "--no-inertia", "--edge-ratio", ratio, cwd=fork_options)
-        assert "nowhere" in done.stderr
-        case = fork_options / "flow" / "ranks"
-        assert json.loads((case / "case.json").read_text())["model"] == "stokes"
-        cells.append((case / "tets.npy").stat().st_size)
-    assert cells[1] > cells[0]
 
 
 @pytest.mark.parametrize(

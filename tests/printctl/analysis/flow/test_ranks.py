@@ -19,7 +19,6 @@ from design.hemodynamics.three_d.ranks import (
     write_case,
 )
 from printctl.analysis.flow.ranks import Engine, find_engine, run_on_ranks
-from printctl.analysis.flow.ranks.__main__ import main
 from printctl.errors import PrintctlError, UsageError
 
 RADIUS, LENGTH, FLOW, VISCOSITY = 0.2, 0.6, 4.0, 1e-3
@@ -79,14 +78,6 @@ def test_more_ranks_than_processors_are_refused(case, ranks):
         run_on_ranks(case, ranks)
 
 
-def test_a_failing_engine_tells_its_last_lines(case, stand_in, tmp_path):
-    (tmp_path / "job.py").write_text("print('step 1'); raise SystemExit('out of memory')")
-    told = []
-    with pytest.raises(PrintctlError, match=r"ended with code 1:\nstep 1\nout of memory"):
-        run_on_ranks(case, 1, stand_in, told.append)
-    assert told == ["step 1", "out of memory"]
-
-
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "end"])
 def test_what_ends_us_ends_the_ranks(case, stand_in, tmp_path, how):
     (tmp_path / "job.py").write_text("import os, time\nprint(os.getpid(), flush=True)\n"
@@ -107,12 +98,6 @@ def test_what_ends_us_ends_the_ranks(case, stand_in, tmp_path, how):
     with pytest.raises(ProcessLookupError):
         os.kill(begun[0], 0)
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
-
-
-def test_the_door_ends_in_one_message(case, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["ranks", str(case), "--ranks", "0"])
-    assert main() == 2
-    assert "0 ranks on" in capsys.readouterr().err
 
 
 def solved(folder: Path, engine: Engine, ranks: int, *ports, mesh=MESH, **options) -> RankResult:
@@ -167,9 +152,3 @@ def test_a_supplys_flow_and_given_pressures_come_out(engine, tmp_path):
     driven = PortPressure(found.port_pressure[0]), PortPressure(found.port_pressure[1])
     again = solved(tmp_path, engine, 1, *driven, model="stokes")
     assert again.port_flow == pytest.approx(found.port_flow, rel=1e-3)
-
-
-def test_what_fails_on_the_ranks_is_told(engine, case):
-    (case / "faces.npy").unlink()
-    with pytest.raises(PrintctlError, match=r"rank \d: FileNotFoundError.*faces\.npy"):
-        run_on_ranks(case, min(2, os.cpu_count() or 1), engine.python)

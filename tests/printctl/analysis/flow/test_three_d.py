@@ -23,7 +23,6 @@ from design.solids.manifolds import to_manifold
 from kernels.arrays import FloatArray
 from printctl.analysis.flow.scanned import scanned_lumen
 from printctl.analysis.flow.scanned_size import blur_squared, set_out
-from printctl.errors import UsageError
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.space import ComparePart, ThreeDPart
 from tests.design.hemodynamics.three_d.surfaces import faceted_tube, straight
@@ -115,17 +114,6 @@ def test_radii_are_matched_to_flows_that_are_wanted(fork: Path) -> None:
     assert float(rows[2]["flow_ml_min"]) == pytest.approx(0.15, abs=0.0026)
     scale = [float(row["radius_scale"]) for row in rows]
     assert matched.mean_radius() == pytest.approx(np.array([0.5, 0.4, 0.4]) * scale)
-
-
-@pytest.mark.slow
-def test_a_split_that_bounds_forbid_is_said_not_to_be_met(fork: Path) -> None:
-    done = printctl(
-        "flow", "fork.csv", "--unit", "mm", "--match-split", "--want", "2,0.001",
-        "--least-lumen-mm", "0.79", cwd=fork,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert "isn't met" in done.stderr
-    assert "stand at a bound" in done.stderr
 
 
 def test_wrong_options_have_a_message_each(fork: Path) -> None:
@@ -221,18 +209,6 @@ def test_a_lumen_that_isn_t_there_is_refused_with_volumes(run: Path) -> None:
     network = straight(RADIUS, LENGTH / SHRUNK).moved(np.array([5.0, 0.0, 0.0]))
     with pytest.raises(FlowError, match="µL of lumen where the measured vessels have"):
         scanned_lumen(run, network)
-
-
-def test_a_run_without_the_scan_s_surface_is_told(run: Path) -> None:
-    (run / "deviation.ply").unlink()
-    with pytest.raises(UsageError, match="there is none at"):
-        scanned_lumen(run, designed())
-
-
-def test_a_registration_without_transforms_is_told(run: Path) -> None:
-    (run / "registration.json").write_text("{}")
-    with pytest.raises(UsageError, match="has no measured_by"):
-        scanned_lumen(run, designed())
 
 
 def test_a_wall_that_blur_moved_inwards_is_set_out_again() -> None:

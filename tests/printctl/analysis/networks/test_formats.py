@@ -11,7 +11,7 @@ from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from design.units import LengthUnit
 from design.vasculature import planar_four_vessel
-from printctl.analysis.networks import Drive, check_target, load_source, read_noted, write_network
+from printctl.analysis.networks import Drive, load_source, read_noted, write_network
 from printctl.analysis.networks.source import Source, with_flow
 from printctl.errors import UsageError
 from registration.report.picture import VesselQuantities
@@ -41,14 +41,6 @@ def test_every_format_becomes_every_other(tmp_path: Path, first: str, second: st
     write_network(a, network)
     write_network(b, read_noted(a, UNITS[first]).network)
     same(read_noted(b, UNITS[second]).network, network, 1e-9)
-
-
-def test_simvascular_paths_are_a_new_folder(tmp_path: Path) -> None:
-    write_network(tmp_path / "Paths", random_trees(3, 9, 2))
-    assert list((tmp_path / "Paths").glob("*.pth"))
-    with pytest.raises(UsageError, match="new folder"):
-        write_network(tmp_path / "Paths", random_trees(3, 9, 2))
-    assert {path.name for path in tmp_path.iterdir()} == {"Paths"}
 
 
 def test_a_format_that_cannot_hold_a_network_leaves_nothing(tmp_path: Path) -> None:
@@ -90,14 +82,6 @@ def test_wrong_sources_are_refused(tmp_path: Path, name: str, word: str) -> None
         read_noted(tmp_path / name, "mm")
 
 
-def test_wrong_targets_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "folder.csv").mkdir()
-    with pytest.raises(UsageError, match="is a folder"):
-        check_target(tmp_path / "folder.csv")
-    with pytest.raises(UsageError, match=r"\.obj can't be written"):
-        check_target(tmp_path / "a.obj")
-
-
 # --- test_source
 
 
@@ -128,15 +112,6 @@ def test_a_run_brings_all_that_is_known_of_it(folder: Path) -> None:
     assert source.notes == ()
 
 
-def test_a_flow_of_another_network_is_left_out_and_told(folder: Path) -> None:
-    lines = (folder / "flow.csv").read_text().splitlines()
-    (folder / "flow.csv").write_text("\n".join(lines[:-1]) + "\n")
-    source = load_source(folder, None, Drive())
-    assert any("flow.csv isn't that of network.csv" in note for note in source.notes)
-    assert any("0.25 mL/min" in note for note in source.notes)
-    assert source.known.flow["flow_ml_min"].max() == pytest.approx(0.25)
-
-
 def test_a_number_typed_takes_the_place_of_a_run_s_own_and_the_rest_stays(folder: Path) -> None:
     """The flow that wasn't typed was the default's, not the run's."""
     recipe = {
@@ -155,14 +130,6 @@ def test_a_number_typed_takes_the_place_of_a_run_s_own_and_the_rest_stays(folder
     (folder / "flow.csv").unlink()
     own = load_source(folder, None, Drive())
     assert typed.known.flow["wall_shear_pa"] == pytest.approx(2 * own.known.flow["wall_shear_pa"])
-
-
-@pytest.mark.parametrize("text", ["{", "[]", '{"vessels": 3}', '{"vessels": ["x"]}'])
-def test_a_broken_registration_is_left_out_and_told(folder: Path, text: str) -> None:
-    (folder / "registration.json").write_text(text)
-    source = load_source(folder, None, Drive())
-    assert source.known.gauged == {}
-    assert any("registration.json" in note for note in source.notes)
 
 
 def test_folders_that_are_no_runs_are_refused(tmp_path: Path) -> None:

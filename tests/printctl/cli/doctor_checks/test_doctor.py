@@ -1,10 +1,8 @@
 """Findings of `printctl doctor`, and its exit code."""
 
-import json
 import os
 import socket
 import sys
-from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -12,12 +10,11 @@ from typer.testing import CliRunner
 
 from printctl.cli.doctor_checks import places
 from printctl.cli.doctor_checks.extras import extras
-from printctl.cli.doctor_checks.ports import check_ports, permission_findings, udev_rule
+from printctl.cli.doctor_checks.ports import permission_findings, udev_rule
 from printctl.cli.main import app
 from printctl.machine.link.ports import PortInfo
 
 USB = PortInfo("/dev/ttyACM0", "Marlin", "2a03:0042", "x")
-BUILT_IN = PortInfo("/dev/ttyS0", "", "", "")
 
 
 def doctor(*words: str):
@@ -33,13 +30,6 @@ def test_a_machine_that_can_run_the_tests_is_fit():
     assert done.exit_code == 0, done.output
     assert "OpenGL               not needed" in done.output
     assert sys.executable in done.output
-
-
-def test_json_holds_all_and_says_fit():
-    told = json.loads(doctor("--json").stdout)
-    assert told["fit"] is True
-    assert {"machine", "extras", "folders", "kernels", "operator's page", "ports"} <= set(told)
-    assert told["libraries"]["numpy"] == metadata.version("numpy")
 
 
 def test_a_data_folder_that_cannot_be_written_blocks(monkeypatch):
@@ -79,15 +69,6 @@ def test_a_port_that_may_not_be_opened_comes_with_group_and_udev_rule(monkeypatc
     assert 'ATTRS{idVendor}=="2a03", ATTRS{idProduct}=="0042"' in found.text
     assert "ID_MM_DEVICE_IGNORE" in udev_rule(USB.usb_id)
     assert not found.blocks
-
-
-def test_ports_are_listed_with_id_and_permission():
-    assert check_ports([USB, BUILT_IN], lambda device: True) == {
-        "/dev/ttyACM0": "2a03:0042, readable and writable",
-        "/dev/ttyS0": "no USB id, readable and writable",
-    }
-    assert check_ports([USB], nobody_may)["/dev/ttyACM0"].endswith("no permission")
-    assert permission_findings([USB], lambda device: "dialout", lambda device: True) == []
 
 
 def test_a_missing_extra_comes_with_its_command(monkeypatch):

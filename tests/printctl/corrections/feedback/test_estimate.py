@@ -25,7 +25,7 @@ from printctl.corrections.feedback import (
 from printctl.corrections.feedback.local import repeating
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NETWORK, NUMBERS
-from printctl.run_folder.manifest import MANIFEST, Manifest, StageRecord, digest_file, of_simulator
+from printctl.run_folder.manifest import Manifest, StageRecord, digest_file, of_simulator
 from tests.printctl.corrections.feedback.lab import Lab
 from tests.printctl.corrections.feedback.small_run import TWO, registered, small_run
 
@@ -111,57 +111,6 @@ def test_one_vessel_that_is_always_too_narrow_is_found_among_noise() -> None:
     assert twice < once < off(lab, None)
 
 
-def test_an_axis_that_is_pushed_aside_comes_back_without_oscillating() -> None:
-    lab = Lab(push_mm={3: (0.0, 0.05, 0.0), 11: (0.0, 0.05, 0.0)})
-    left, made = [], None
-    for _ in range(4):
-        made = estimate([lab.print(made), lab.print(made)])
-        left.append(float(np.linalg.norm(lab.places(corrections_of_file(made))[3])))
-    assert left[0] < 0.030
-    # What is left is no more than scans can be wrong by (and what moved all together), and stays.
-    assert max(left[1:]) < 0.020
-    assert left[3] == left[2] == left[1]
-
-
-def test_defects_are_left_out_of_what_is_measured() -> None:
-    lab = Lab(faults_mm={15: -0.06})
-    lab.defects = [
-        {"kind": "stenosis", "vessel": 15, "other": None, "from_mm": 0.0, "to_mm": 4.0,
-         "at_mm": 2.0, "size_um": -60.0},
-    ]  # fmt: skip
-    alone = estimate([lab.print()], CALIBRATED)
-    assert 15 not in {vessel.vessel for vessel in alone.vessels}
-    # Beyond its limit as its whole vessel is: that is what a compensation is for.
-    beyond = Lab(faults_mm={15: -0.06})
-    beyond.defects = [lab.defects[0] | {"local": False, "decision": "fail"}]
-    assert 15 in {vessel.vessel for vessel in estimate([beyond.print()], CALIBRATED).vessels}
-    # Of a run with a change within it only the change is left out.
-    within = Lab(faults_mm={15: -0.06})
-    short = lab.defects[0] | {"from_mm": 1.9, "to_mm": 2.1}
-    within.defects = [lab.defects[0] | {"changes": [short]}]
-    assert 15 in {vessel.vessel for vessel in estimate([within.print()], CALIBRATED).vessels}
-    # In every print, and over all of its length: not an accident.
-    always = estimate([lab.print() for _ in range(3)], CALIBRATED)
-    assert 15 in {vessel.vessel for vessel in always.vessels}
-
-
-def withdrawn(print_: Print, vessels: range) -> Print:
-    """A print of which some vessels' diameters have no interval."""
-    rows = [
-        row | {"interval_95_um": [None if row["vessel"] in vessels else 4.0] * len(row["along_mm"])}
-        for row in print_.found["vessels"]
-    ]
-    return replace(print_, found=print_.found | {"vessels": rows})
-
-
-def test_a_diameter_without_an_interval_corrects_nothing() -> None:
-    lab = Lab(faults_mm={15: -0.06})
-    told = estimate([withdrawn(lab.print(), range(0)) for _ in range(3)], CALIBRATED)
-    assert 15 in {vessel.vessel for vessel in told.vessels}
-    untold = estimate([withdrawn(lab.print(), range(15, 16)) for _ in range(3)], CALIBRATED)
-    assert 15 not in {vessel.vessel for vessel in untold.vessels}
-
-
 @pytest.mark.parametrize(
     ("lab", "says"),
     [
@@ -222,21 +171,6 @@ def test_one_prints_accident_neither_is_corrected_nor_hides_what_repeats(
     assert made.radial.slope_um_per_mm == 0
 
 
-def test_an_accident_changes_nothing_for_the_others() -> None:
-    """Not their common size, nor how sure they are: as if that print hadn't had it."""
-    with_it = estimate(prints_with_an_accident(3, ALWAYS, 0.002), CALIBRATED_ACCIDENTS)
-    lab = Lab(shrink=(1, 1, 1), faults_mm=ALWAYS)
-    without = estimate([lab.print() for _ in range(3)], CALIBRATED_ACCIDENTS)
-    rows = [
-        {row["vessel"]: row["excess_um"] for row in made.evidence["vessels"]}
-        for made in (with_it, without)
-    ]
-    others = sorted(set(rows[0]) - {15})
-    difference = [rows[0][vessel] - rows[1][vessel] for vessel in others]
-    assert np.abs(difference).max() < 0.3
-    assert rows[0][15] == pytest.approx(-20, abs=3)
-
-
 def test_cochrans_test_finds_what_does_not_repeat() -> None:
     """Three of 3 prints each. Of variances 1, 1 and 30 the largest over the mean of the others is
     30; F(2, 4) exceeds 30 with a probability of (1 + 30 / 2)^-2 = 0.0039, times 3 vessels 0.012."""
@@ -246,25 +180,6 @@ def test_cochrans_test_finds_what_does_not_repeat() -> None:
     assert repeating(np.array([1.0, 1.0, 40.0]), free).tolist() == [True, True, False]
     assert repeating(np.zeros(4), np.zeros(4, dtype=np.int64)).all()
     assert repeating(np.zeros(3), free).all()
-
-
-def test_prints_of_different_depth_are_not_pooled_without_a_standard() -> None:
-    lab = Lab(depth_standard=True)
-    first = estimate([lab.print()])
-    assert first.stretch.factor[2] == pytest.approx(1 / 0.975, abs=2e-3)
-    lab.depth_standard = False
-    plain, higher, again = lab.print(), lab.print(first), lab.print(first)
-    says = (
-        r"run2 was written 1\.0000 times as high as designed, run3 1\.02\d\d times.*"
-        r"no depth standard stands behind the scan of run2 and 1 more.*--depth-standard"
-    )
-    with pytest.raises(UsageError, match=says):
-        estimate([plain, higher])
-    # Alike, they are pooled, and their common depth is left as it was.
-    assert estimate([higher, again]).stretch.factor[2] == first.stretch.factor[2]
-    word = Choices(depth_standard="block of 3.00 mm by micrometer")
-    both = estimate([plain, higher], word)
-    assert both.stretch.factor[2] == pytest.approx(first.stretch.factor[2], abs=2e-3)
 
 
 # --- origin of a scanned part in `printctl register`: its run, or none known
@@ -318,17 +233,6 @@ def test_why_it_is_not_known_is_said_by_both_commands(
     registration(tmp_path / "out", plain, scan)
     with pytest.raises(UsageError, match=r"network\.csv isn't as the run wrote it.*anew"):
         read_print(tmp_path / "out")
-
-
-def test_a_folder_without_a_manifest_and_an_unfinished_run_are_told_apart(
-    plain: Path, scan: Path, tmp_path: Path
-) -> None:
-    manifest = Manifest.load(plain)
-    del manifest.stages["toolpath"]
-    manifest.save()
-    assert "its toolpath isn't made" in keep_origin(plain, scan, tmp_path)[NO_ORIGIN]
-    (plain / MANIFEST).unlink()
-    assert "has no manifest.json of a run" in keep_origin(plain, scan, tmp_path)[NO_ORIGIN]
 
 
 def test_a_simulated_scan_is_known_where_it_lies(scan: Path) -> None:

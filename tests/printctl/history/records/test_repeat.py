@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from dataclasses import replace
 
@@ -15,8 +13,7 @@ from printctl.history.records.bundle import write_bundle
 from printctl.history.records.errors import RecordsError
 from printctl.history.records.keys import lab_key
 from printctl.history.records.repeat import entry_of_bundle, make_job, plan_repeat
-from printctl.history.records.table import csv_lines, safe_cell
-from printctl.history.records.timeline import time_line
+from printctl.history.records.table import safe_cell
 from tests.printctl.history.records.prints import GCODE, printed, with_run
 
 
@@ -37,12 +34,6 @@ def test_profiles_that_differ_today_are_told_key_by_key(tmp_path):
     told = {one.what: (one.then, one.now) for one in plan_repeat(entry).differences}
     assert told["ink's profile collagen_fresh, name"][0] == "another"
     assert not any("printer's profile" in what for what in told)
-
-
-def test_profile_that_is_gone_is_told(tmp_path):
-    entry = replace(printed(tmp_path / "run"), profile="sold_last_year")
-    (told,) = plan_repeat(entry).differences
-    assert (told.what, told.then) == ("printer's profile", "sold_last_year")
 
 
 def test_changed_gcode_is_refused_and_its_bundle_brings_it_back(tmp_path):
@@ -124,19 +115,3 @@ def test_no_text_begins_as_a_formula_and_none_is_lost(text):
     cell = safe_cell(text)
     assert not cell.lstrip(" \ufeff\u00a0").startswith(tuple(CALCULATED))
     assert cell.removeprefix("'") == text.replace("\0", "").removeprefix("'")
-
-
-def test_every_text_of_a_print_is_made_safe(tmp_path):
-    entry = replace(printed(tmp_path / "run"), who="=1+1", file='a,"b"\n=2', message="-3")
-    (row,) = csv.DictReader(io.StringIO("".join(csv_lines([entry]))))
-    assert (row["who"], row["file"], row["message"]) == ("'=1+1", 'a,"b"\n=2', "'-3")
-    assert (row["state"], row["done"]) == ("done", "3")
-
-
-def test_time_line_tells_states_alarms_and_how_long_it_was_held(tmp_path):
-    entry = printed(tmp_path / "run")
-    line = time_line(entry.journal)
-    assert [event.kind for event in line.events] == ["begun", "state", "state", "alarm", "end"]
-    assert [stretch.state for stretch in line.stretches] == ["printing", "paused"]
-    assert line.held_s == line.stretches[1].end_s - line.stretches[1].start_s
-    assert line.more == 0

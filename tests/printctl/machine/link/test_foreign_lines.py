@@ -10,13 +10,10 @@ import pytest
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.link_protocol import StrayOk
-from firmware_profiles.families.link_timing import Timing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
-from firmware_profiles.families.pairing import Pairing
 from printctl.machine.link.answer_count import EVERY_S
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.families import protocol_for
-from printctl.machine.link.journal import Journal
 from printctl.machine.link.journalled_print import JournalledPrint, read_journal
 from printctl.machine.link.ports import PortPrograms
 from printctl.machine.link.states import LinkState, Status
@@ -82,15 +79,6 @@ def printed(
     return status, read_journal(tmp_path / "journal.log"), transport
 
 
-def test_move_that_another_program_writes_is_told_at_the_end(tmp_path):
-    status, history, _ = printed(tmp_path, b"G1 X150 F6000\n")
-    assert status.state is LinkState.DONE
-    assert OTHERS in status.message
-    assert not status.position_known
-    assert status.alarms == 1
-    assert OTHERS in history.alarms[0]
-
-
 def test_needle_that_another_program_has_lifted_ends_the_print(tmp_path):
     status, history, _ = printed(tmp_path, b"G1 Z60 F600\n")
     assert status.state is LinkState.POSITION_UNKNOWN
@@ -122,57 +110,10 @@ def test_place_renamed_without_an_answer_that_is_noticed_ends_the_print(tmp_path
     assert "X is called" in status.message
 
 
-def test_lines_are_counted_by_the_journal_as_by_the_printer(tmp_path):
-    status, history, transport = printed(tmp_path, b"M105\n", each_s=0.05, count=600)
-    assert status.state is LinkState.DONE
-    assert history.frame["offset"].keys() == set("XYZ")
-    assert history.job_line(transport.printer.last) == status.lines_total
-
-
 def test_surplus_answer_is_noticed_soon_in_a_long_print(tmp_path):
     status, _, transport = printed(tmp_path, b"G1 Z60 F600\n", each_s=0.05, count=600)
     assert status.state is LinkState.POSITION_UNKNOWN
     assert status.lines_done < transport.foreign_at + EVERY_S / 0.05 + 5
-
-
-def test_move_between_two_lines_of_a_pause_is_told(tmp_path):
-    said: list[str] = []
-
-    def on_status(status: Status) -> None:
-        said.append(status.state)
-
-    class Paused(SharedTransport):
-        def read(self, timeout: float) -> bytes:
-            if said and said[-1] == "paused" and self._writes:
-                self.waiting += self.printer.receive(self._writes)
-                self._writes = b""
-                streamer.resume()
-            return super().read(timeout)
-
-    transport = Paused(FakeMarlin(), VirtualClock(), b"nothing", b"M105\n")
-    streamer = streamer_of(job_of([b"G1 Z0.5 F300", *zigzag(20)]), transport, tmp_path, on_status)
-    streamer.pause()
-    status = streamer.run()
-    assert status.state is LinkState.DONE
-    assert OTHERS in status.message
-
-
-def test_surplus_answer_is_noticed_with_two_lines_in_flight(tmp_path):
-    clock, said = VirtualClock(), MarlinProtocol(Timing(calm_lines=0), Pairing(128))
-    transport = SharedTransport(FakeMarlin(), clock, b" E0.05000 ", b"G1 X150 F6000\n")
-    wiring = Wiring(
-        transport=transport,
-        protocol=said,
-        clock=clock,
-        journal=Journal(tmp_path / "journal.log"),
-        printer=load(Printer, "generic_marlin"),
-        on_status=lambda status: streamer.resume() if status.state is LinkState.PAUSED else None,
-    )
-    streamer = Streamer(wiring, job_of(zigzag(LINES)))
-    status = streamer.run()
-    assert transport.pairs
-    assert status.state is LinkState.DONE
-    assert OTHERS in status.message
 
 
 def test_clean_print_of_minutes_tells_of_nobody(tmp_path):

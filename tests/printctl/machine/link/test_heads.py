@@ -66,28 +66,6 @@ def test_printer_executes_the_file_as_the_dry_run_foresaw(tmp_path):
     assert {0, 1} == set(strokes(FORESEEN)[:, 0])
 
 
-@pytest.mark.parametrize("seed", first_of(range(12), 4))
-def test_pauses_at_random_moments_lose_and_double_nothing(tmp_path, seed):
-    rng = np.random.default_rng(seed)
-    printer, clock = machine()
-    script, transport = Script(), SimTransport(printer, clock)
-    transport_lines = sorted(rng.choice(np.arange(12, len(JOB) - 3), 4, replace=False).tolist())
-
-    class Watched(SimTransport):
-        def write(self, data):
-            super().write(data)
-            done = script.streamer.status.lines_done
-            while transport_lines and done >= transport_lines[0]:
-                transport_lines.pop(0)
-                script.streamer.pause()
-
-    transport = Watched(printer, clock)
-    status = played(DATA, tmp_path, transport, script, printer=QUICK, retreat=RETREAT)
-    assert status.state is LinkState.DONE, status
-    assert len(script.pauses) >= 1
-    assert_same_print(printer.executed())
-
-
 @pytest.mark.parametrize("seed", first_of(range(60), 6))
 def test_a_host_killed_at_any_moment_goes_on_with_the_same_head(tmp_path, seed):
     rng = np.random.default_rng(seed)

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from firmware_profiles import Printer, load
 from printctl.cli.main import app
 from printctl.machine.link import LinkState, start_print
-from printctl.machine.link.errors import HistoryError, NoSuchPrint
+from printctl.machine.link.errors import HistoryError
 from printctl.machine.link.history import PrintHistory, remember
 from printctl.machine.link.history_entry import INTERRUPTED, entry_of
 from printctl.machine.link.history_query import HistoryQuery
@@ -189,12 +189,6 @@ def test_command_lists_searches_and_writes_csv(data, tmp_path):
     assert rows[0]["sha256"] == "liver.gcode-hash"
 
 
-def test_command_rebuilds_from_a_folder(data, tmp_path):
-    printed(tmp_path / "shelf" / "one")
-    result = CliRunner().invoke(app, ["history", "rebuild", str(tmp_path / "shelf"), "--json"])
-    assert json.loads(result.stdout)["prints"] == 1
-
-
 # --- asked for a part of it
 
 
@@ -208,17 +202,6 @@ def test_command_rebuilds_from_a_folder(data, tmp_path):
 def test_no_question_breaks_the_index(data, tmp_path, words, who, states, offset):
     asked = HistoryQuery(words, tuple(states), who=who, offset=offset, limit=10)
     assert PrintHistory().find(asked).total == 0
-
-
-def test_one_print_is_found_by_so_much_of_its_id_as_is_its_own(data, tmp_path):
-    history = PrintHistory()
-    history.note(printed(tmp_path / "one"))
-    history.note(printed(tmp_path / "two", started=1e9 + 1))
-    first = history.entries()[0]
-    assert history.one(first.id) == history.one(first.id[:12]) == first
-    for unclear in ("100000000", "", "%", "9"):
-        with pytest.raises(NoSuchPrint, match="history"):
-            history.one(unclear)
 
 
 def test_index_of_an_older_version_is_gone_on_with(data, tmp_path):

@@ -37,7 +37,7 @@ from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.journals import journal_in
 from tests.printctl.machine.link.layered import doomed, layered
 from tests.printctl.machine.link.sim_transport import SimTransport
-from tests.printctl.machine.link.simulated import PRINTER, START, gcode, printed, wire
+from tests.printctl.machine.link.simulated import PRINTER, START, gcode, printed
 from tests.printctl.machine.link.simulated_transport import HostDiedError
 from tests.slower import first_of
 
@@ -69,38 +69,6 @@ def resumed(data: bytes, folder: Path, transport: SimTransport) -> Status:
         printer=PRINTER,
     )
     return Streamer(wiring, parse_job(data, "test.gcode")).run(history)
-
-
-def test_host_killed_in_a_pause_comes_down_and_primes_again(tmp_path):
-    data, transport = gcode(300), wire()
-    at: list[Streamer] = []
-
-    def on_status(status: Status) -> None:
-        if status.state is LinkState.PRINTING and status.lines_done > 50:
-            at[0].pause()
-        if status.state is LinkState.PAUSED:
-            raise HostDiedError
-
-    wiring = Wiring(
-        transport=transport,
-        protocol=MarlinProtocol(),
-        clock=transport.clock,
-        journal=journal_in(tmp_path),
-        printer=PRINTER,
-        on_status=on_status,
-    )
-    at.append(Streamer(wiring, parse_job(data, "test.gcode")))
-    with pytest.raises(HostDiedError):
-        at[0].run()
-    lifted = transport.printer.executed().end[-1]
-    assert lifted[2] == pytest.approx(30.0)
-    status = resumed(data, tmp_path, SimTransport(transport.printer, transport.clock))
-    assert status.state is LinkState.DONE, status
-    motion = transport.printer.executed()
-    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
-    assert np.array_equal(motion.end[-1], foreseen.end[-1])
-    assert motion.plunger_end[-1] == foreseen.plunger_end[-1]
-    assert len(motion) == len(foreseen) + 13  # relieve, lift, ten steps down, prime
 
 
 @pytest.mark.parametrize("paused", [False, True])

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import ast
 import errno
-import json
 import os
-import time
 from pathlib import Path
 
 import pytest
@@ -15,7 +13,6 @@ from hypothesis import strategies as st
 
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.errors import JournalError, Refused
-from printctl.machine.link.history import PrintHistory
 from printctl.machine.link.journal import RESERVE, Journal, decode, encode
 from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.print_notes import archive_journal, journal_of, notes_path, read_notes
@@ -227,27 +224,6 @@ def begun(folder: Path, started: float) -> Path:
     return path
 
 
-def note(journal: Path, operator: str) -> None:
-    notes_path(journal).write_text(json.dumps({"values": {"operator": operator}}))
-
-
-def test_a_record_is_put_aside_with_its_journal(tmp_path: Path) -> None:
-    note(begun(tmp_path, 1e9), "Ada")
-    note(begun(tmp_path, 2e9), "Grace")
-    begun(tmp_path, 3e9)
-    history = PrintHistory(tmp_path / "data")
-    history.note(tmp_path)
-    assert [(one.file, one.operator) for one in history.entries()] == [
-        ("3e+09.gcode", ""),
-        ("2e+09.gcode", "Grace"),
-        ("1e+09.gcode", "Ada"),
-    ]
-    assert sorted(path.name for path in tmp_path.glob("record*")) == [
-        "record.1.json",
-        "record.2.json",
-    ]
-
-
 def test_a_journal_is_found_by_when_its_print_began(tmp_path: Path) -> None:
     for started in (1e9, 2e9, 3e9):
         begun(tmp_path, started)
@@ -299,19 +275,6 @@ def test_only_the_last_traffic_is_held_in_memory(tmp_path):
     lines = traffic((tmp_path / "kept.log").read_text())
     assert sum(len(data) for _, data in lines) < RING_BYTES
     assert lines[-1][1].startswith(b"N19999 ")
-
-
-def test_second_nought_is_told_by_the_wall_clock(tmp_path):
-    """Else the log's times can't be held against the journal's."""
-    began = time.time()
-    log = WireLog(tmp_path)
-    log.add(">", b"M105\n")
-    log.keep(tmp_path / "kept.log")
-    log.close()
-    for name in ("kept.log", "wire.log"):
-        first = (tmp_path / name).read_text().splitlines()[0].split()
-        assert first[:2] == ["0.000000", "#"]
-        assert began <= float(ast.literal_eval(first[2])) <= time.time()
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")

@@ -73,25 +73,6 @@ def two_in_flight() -> MarlinProtocol:
 
 
 @pytest.mark.parametrize("protocol", [one_in_flight, two_in_flight])
-@pytest.mark.parametrize("seed", first_of(range(30), 4))
-def test_paused_at_random_moments_does_every_line_once_and_in_order(tmp_path, seed, protocol):
-    rng = np.random.default_rng(seed)
-    data = layered(6, 25)
-    count = len(parse_job(data, "a")) - 30
-    moments = sorted(rng.choice(np.arange(6, count), size=5, replace=False).tolist())
-    script = Script(on_paused=change_or_resume)
-    script.at_line = {line: REQUESTS[rng.choice(list(REQUESTS))] for line in moments}
-    care = Care(checkpoint_s=float(rng.choice([0.0, 0.1])))
-    status, job, printer = followed(data, tmp_path, script, care=care, protocol=protocol())
-    assert status.state is LinkState.DONE, status
-    assert script.at_line == {}
-    assert len(script.pauses) >= 1
-    assert with_x(printer.numbered) == with_x(line.decode() for line in job.lines)
-    assert printer.taken == len(job)
-    assert read_journal(tmp_path / "journal.log").done == len(job)
-
-
-@pytest.mark.parametrize("protocol", [one_in_flight, two_in_flight])
 @pytest.mark.parametrize("seed", first_of(range(10), 3))
 def test_pauses_on_a_noisy_line_lose_and_double_nothing(tmp_path, seed, protocol):
     rng = np.random.default_rng(seed)
@@ -162,20 +143,6 @@ def test_paused_at_random_moments_moves_as_the_dry_run_foresaw(tmp_path, seed):
             assert np.array_equal(row[:2], expected[at - 1][:2]), "sideways in a retreat"
     assert at == len(expected)
     assert len(script.pauses) >= 1
-
-
-def test_plunger_that_the_job_has_relieved_is_not_relieved_twice(tmp_path):
-    def relieved_in(name: str, request: str) -> list[str]:
-        script = Script(at_line={12: REQUESTS[request]})
-        (tmp_path / name).mkdir()
-        _, _, printer = followed(
-            layered(3, 20), tmp_path / name, script, retreat=Retreat(relief_mm=0.1)
-        )
-        lift = next(k for k, line in enumerate(printer.numbered) if " Z30" in line)
-        return printer.numbered[lift - 3 : lift]
-
-    assert any(line.startswith("G1 E") for line in relieved_in("now", "now"))
-    assert not any(line.startswith("G1 E") for line in relieved_in("after", "layer"))
 
 
 def test_pause_after_what_the_job_does_not_mark_is_refused(tmp_path):

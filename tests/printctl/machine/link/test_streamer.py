@@ -217,60 +217,6 @@ def test_stop_after_homing_asks_where_the_needle_is(tmp_path):
     assert printer.numbered[-3:] == ["G1 E0.90000 F30", "G1 Z23.00000 F300", "M400"]
 
 
-class SurplusTransport(FakeTransport):
-    """One ok more than lines, from line 50 on."""
-
-    def write(self, data: bytes) -> None:
-        if data.startswith(b"N50 "):
-            self.waiting += b"ok\n"
-        super().write(data)
-
-    def read(self, timeout: float) -> bytes:
-        """Give one answer a read: two in one would tell of the surplus at once."""
-        answer, ok, rest = self.waiting.partition(b"ok\n")
-        self.waiting = answer + ok
-        data = super().read(timeout)
-        self.waiting += rest
-        return data
-
-
-@pytest.mark.parametrize("moved", [0.0, 2.0])
-def test_surplus_ok_is_noticed_and_the_position_verified_before_going_on(tmp_path, moved):
-    printer, clock = FakeMarlin(), VirtualClock()
-    transport = SurplusTransport(printer, clock)
-    garbled: list[bytes] = []
-    take = printer._take
-
-    def taking(line: str) -> bytes:
-        if line.startswith("N60 ") and not garbled:
-            garbled.append(line.encode())
-            said = take(line.replace("G1", "G7"))
-            printer.at["X"] += moved
-            return said
-        return take(line)
-
-    printer._take = taking  # type: ignore[method-assign]
-    lines = zigzag(100)
-    status = streamer_of(job_of(lines), transport, tmp_path).run()
-    alarms = read_journal(tmp_path / "journal.log").alarms
-    assert any("weren't taken after all" in text for text in alarms)
-    if moved:
-        assert status.state is LinkState.POSITION_UNKNOWN
-    else:
-        assert status.state is LinkState.DONE
-        sent = [line for line in handshake_and(printer) if line not in ("M114", "M400", "M105")]
-        assert sent == [line.decode() for line in lines]
-
-
-def test_firmware_without_busy_messages_is_noted_and_printed_on(tmp_path):
-    printer, clock = FakeMarlin(), VirtualClock()
-    printer.keepalive = False
-    streamer = streamer_of(job_of(zigzag(30)), FakeTransport(printer, clock), tmp_path)
-    assert streamer.run().state is LinkState.DONE
-    assert not streamer.protocol.keepalive
-    assert any("busy messages" in text for text in read_journal(tmp_path / "journal.log").alarms)
-
-
 class SurplusInPause(FakeTransport):
     """The line by which the plunger comes back from a pause is lost, and an ok of nobody's heard.
 

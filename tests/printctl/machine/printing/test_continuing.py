@@ -68,13 +68,6 @@ def test_a_print_with_looks_does_not_go_on_without_an_observer_unless_told_so(tm
         continue_print(tmp_path, unobserved=True)
 
 
-def test_a_print_without_looks_asks_for_no_observer(tmp_path):
-    broken_off(tmp_path, "")
-    (tmp_path / ORDER).write_text("{}")
-    with pytest.raises(PortMissing):
-        continue_print(tmp_path)
-
-
 @pytest.mark.parametrize(
     ("state", "started", "asked", "resumed"),
     [
@@ -168,10 +161,6 @@ def test_moves_that_a_stop_dropped_count_as_not_made(tmp_path, stood, made):
     assert truth.share == pytest.approx(made / truth.status.lines_total)
     assert truth.words["made"] == f"at least {made} of {truth.status.lines_total} lines made"
     assert truth.to_dict()["lines_executed"] == made
-
-
-def test_a_print_that_was_done_was_made_whole(tmp_path):
-    assert left_behind(tmp_path, LinkState.DONE, None).status.lines_executed == TAKEN
 
 
 def test_a_print_of_which_no_line_was_sent_has_nothing_to_recover(tmp_path):

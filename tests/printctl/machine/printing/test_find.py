@@ -17,30 +17,24 @@ from firmware_profiles import Printer, Syringe, load
 from printctl.checks.preflight import Check, gcode_checks, refuse_failed, syringe_checks
 from printctl.errors import PrintctlError, SafetyError
 from printctl.machine.link.find_link import alive
-from printctl.machine.link.inserts import Insert
 from printctl.machine.link.job import Job
 from printctl.machine.link.journal import Journal
 from printctl.machine.link.locking import lock
-from printctl.machine.link.marks import MarkKind
 from printctl.machine.link.record import JOURNAL
 from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState, PrintOutcome, Status
 from printctl.machine.link.syringe_change import CHANGE
 from printctl.machine.printing import (
     Order,
-    capacity_mm,
     find_or_start,
     running,
-    usable_mm,
     with_reloads,
 )
-from printctl.machine.printing.mend_strokes import mend_strokes
 from printctl.machine.printing.watch import follow
 from printctl.progress import StageBars
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import START, layered
-from tests.printctl.machine.link.looking import at_end, patch
 from tests.sim_process import printer_process
 
 MOVES = 3000
@@ -104,13 +98,6 @@ def test_interrupted_print_is_neither_repeated_nor_resumed_unasked(
     resumed = find_or_start(replace(order, resume=True), lambda: port)
     resumed.kill()
     resumed.wait(30)
-
-
-def test_what_is_printed_counts_once_for_a_run(tmp_path: Path, port: str) -> None:
-    order = replace(_order(tmp_path, port, moves=5), once=True)
-    assert find_or_start(order, lambda: port).wait(60).state is LinkState.DONE
-    again = find_or_start(order, lambda: pytest.fail("printed twice"))
-    assert again.wait(5).state is LinkState.DONE
 
 
 # --- test_who_is_alive
@@ -211,12 +198,6 @@ def job() -> Job:
     return parse_job(DATA, "test.gcode")
 
 
-def test_drive_or_syringe_limits_whichever_is_shorter():
-    assert capacity_mm(SYRINGE) == pytest.approx(58.71, abs=0.01)
-    assert usable_mm(SYRINGE, PRINTER) == 0.5
-    assert usable_mm(SYRINGE, load(Printer, "generic_marlin")) == capacity_mm(SYRINGE)
-
-
 def test_job_that_needs_more_is_refused_with_the_lines_of_a_change():
     told, reload_at = with_reloads(checks(), job(), 0.5, wanted=False)
     assert reload_at == ()
@@ -236,23 +217,3 @@ def test_change_that_is_agreed_to_satisfies_the_checks_it_concerns_and_no_other(
 
 
 # --- lines of inserts for the live view: where they write, and whether they are executed
-
-
-def grown(*flows: float):
-    data = layered(2, 12)
-    job = parse_job(data, "a")
-    mark = next(one for one in job.marks.of(MarkKind.LAYER) if one.number == 0)
-    lines = [line.partition(";")[0].strip().encode() for line in patch(data, 0)]
-    return job.grown(Insert(1, mark.index, tuple(lines), "a gap", 1.0)), mark.index, len(lines)
-
-
-def test_a_mend_is_its_writing_way_at_its_height():
-    job, after, count = grown()
-    (mend,) = mend_strokes(job)
-    z = at_end(job.lines, after)["Z"]
-    ((begin, end),) = mend.strokes
-    assert begin == (51.5, 50.25, round(z - 0.1, 3))
-    assert end == (52.5, 50.25, round(z - 0.1, 3))
-    assert (mend.look, mend.last) == (1, after + count)
-    assert not mend.to_dict(after + count - 1)["written"]
-    assert mend.to_dict(after + count)["written"]

@@ -35,10 +35,6 @@ def known() -> Knowledge:
     return found
 
 
-def test_naming_the_needle_that_is_there_keeps_the_position(known):
-    assert known.trusted
-
-
 def test_another_needle_has_another_length(known):
     known.mount({"floor_mm": 3.0})
     known.mount({"needle": "25g"})
@@ -70,14 +66,6 @@ def test_place_of_the_dish_was_told_in_the_true_frame(known):
     known.count_anew((0, 0, 0), (50, 60, 70), {"x", "y", "z"})
     assert known.mounted.dish_centre_mm == (100, 90)
     assert known.trusted
-
-
-def test_syringe_that_is_named_is_full_unless_said_otherwise(known):
-    assert known.plunger_mm == 0
-    known.mount({"syringe": "bd_3ml", "plunger_mm": 12.5})
-    assert known.plunger_mm == 12.5
-    known.mount({"ink": "carbopol"})
-    assert known.plunger_mm == 12.5, "another ink's name doesn't fill it"
 
 
 @pytest.mark.parametrize(
@@ -138,12 +126,6 @@ def test_levelling_that_homing_by_hand_switches_on_is_off_again():
     answer, standing = homed(Board(bed_slope=SLOPE, levels_after_homing=True))
     assert "homing switched bed levelling on" in answer["message"]
     assert any("M420 S0" in line for line in standing.do("M503 S0"))
-
-
-def test_homing_by_hand_that_leaves_levelling_off_sets_nothing():
-    answer, standing = homed(Board(bed_slope=SLOPE))
-    assert not answer["message"]
-    assert not any(one.startswith("M420") for one in standing.sent)
 
 
 def test_levelling_that_is_on_before_the_start_is_refused(tmp_path):

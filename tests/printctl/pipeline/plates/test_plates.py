@@ -55,25 +55,6 @@ def test_a_plate_that_can_t_be_is_refused(changes: dict[str, Any], words: str) -
         Plate.model_validate(PLATE.model_dump() | changes)
 
 
-def test_a_turned_plate_has_a1_where_one_sees_it() -> None:
-    """Behind on the left; a quarter against the clock in front on the left; and so on."""
-    signs = [
-        tuple(
-            at > middle
-            for at, middle in zip(
-                standing_plate(PLATE, PRINTER, turned_deg=turn).centre_mm("A1"),
-                (100, 100),
-                strict=True,
-            )
-        )
-        for turn in (0, 90, 180, 270)
-    ]
-    assert signs == [(False, True), (False, False), (True, False), (True, True)]
-    box = load(Plate, "corning_6").model_copy(update={"shape": "box", "well_y_mm": 30.0})
-    turned = standing_plate(box, PRINTER, turned_deg=90).dish
-    assert (turned.inner_x_mm, turned.inner_y_mm) == (30.0, 34.8)
-
-
 def test_a_plate_too_high_for_the_printer_is_refused() -> None:
     low = PRINTER.model_copy(
         update={"z_mm": PRINTER.z_mm.model_copy(update={"low": 0.0, "high": 21.0})}

@@ -223,17 +223,6 @@ def recipes(tmp_path: Path) -> Recipes:
     return Recipes(Workspace(tmp_path / "ws").make())
 
 
-def test_every_example_can_be_begun_from(recipes: Recipes) -> None:
-    for number, source in enumerate(recipes.examples()):
-        assert recipes.check(recipes.new(f"r{number}", source).text).data is not None
-
-
-def test_a_taken_name_is_refused(recipes: Recipes) -> None:
-    recipes.new("one")
-    with pytest.raises(ConflictError, match="already"):
-        recipes.new("one")
-
-
 def test_a_text_changed_elsewhere_isnt_overwritten(recipes: Recipes) -> None:
     first = recipes.new("one")
     recipes.write("one", first.text + "# mine\n", first.version)

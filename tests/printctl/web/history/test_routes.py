@@ -7,11 +7,8 @@ import io
 import json
 import zipfile
 from pathlib import Path
-from urllib.parse import parse_qsl, urlsplit
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from starlette.testclient import TestClient
 
 from printctl.history.records.keys import lab_key
@@ -200,23 +197,6 @@ def test_nothing_is_told_or_made_without_a_token(app, tmp_path):
 
 
 # --- history filter: form values and URL round trip; invalid ones dropped
-
-
-FILTERS = st.builds(
-    PrintFilter,
-    words=st.text(max_size=20),
-    state=st.sampled_from(["", "done", "killed"]),
-    who=st.text(max_size=20),
-    since=st.sampled_from(["", "2026-01-31"]),
-    sort=st.sampled_from(["started", "file"]),
-    descending=st.booleans(),
-)
-
-
-@given(FILTERS, st.integers(0, 10_000))
-def test_an_address_says_the_same_as_its_form(print_filter: PrintFilter, page: int) -> None:
-    asked = dict(parse_qsl(urlsplit(print_filter.address(page)).query, keep_blank_values=True))
-    assert PrintFilter.asked(asked) == (print_filter, page)
 
 
 @pytest.mark.parametrize(

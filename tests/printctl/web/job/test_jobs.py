@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import io
 import json
 import math
@@ -18,25 +17,18 @@ from firmware_profiles import Printer, load
 from printctl.checks.preflight import Budget
 from printctl.machine.link.errors import LinkError
 from printctl.machine.link.job_start import declared_start
-from printctl.web.core import Core
-from printctl.web.errors import BadRequestError, ConflictError
-from printctl.web.job import first_job
+from printctl.web.errors import BadRequestError
 from printctl.web.job.declared_start import declared_of
 from printctl.web.job.machine import Machine, mounted_checks, set_up_of
 from printctl.web.job.print_facts import facts
 from printctl.web.job.record import PrintRecord
-from printctl.web.job.service import JobService
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.job.steps_after import flush_limit
 from printctl.web.job.to_start import places_to
 from printctl.web.job.viability import viability
-from printctl.web.settings import ServeSettings
-from printctl.web.workspace import Workspace
 from tests.printctl.machine.link.jobs import load_job
 from tests.printctl.machine.link.layered import layered
 from tests.printctl.web.job.conftest import OPERATOR, START, add
-from tests.printctl.web.live import jobs
-from tests.slower import first_rows
 
 
 @pytest.mark.parametrize("name", ["../up.gcode", "a b.gcode", ".gcode", "x/y.gcode", "job.exe"])
@@ -52,13 +44,6 @@ def test_what_is_no_text_or_too_large_is_refused_and_leaves_nothing(service):
     with pytest.raises(BadRequestError):
         service.upload("a.gcode", [])
     assert not list((service.core.workspace.root / "jobs").iterdir())
-
-
-def test_the_same_file_again_does_no_harm_another_one_is_refused(service):
-    first = service.upload("a.gco", [b"G1 X1\n"])
-    assert service.upload("a.gcode", [b"G1 X1\n"]).sha256 == first.sha256
-    with pytest.raises(ConflictError, match=r"another file a\.gcode"):
-        service.upload("a.gcode", [b"G1 X2\n"])
 
 
 def test_a_job_is_checked_as_on_the_command_line_and_remembered(service):
@@ -265,41 +250,3 @@ def test_a_needle_that_a_pause_or_a_stop_has_raised_isn_t_told_to_be_in_the_part
 
 
 # --- scene of the first shown job, prepared in advance
-
-
-SQUARES = jobs.squares(1)
-
-
-@pytest.mark.parametrize(
-    ("largest", "content", "made"),
-    first_rows(
-        [
-            (len(SQUARES), SQUARES, 1),
-            (len(SQUARES) - 1, SQUARES, 0),
-            (100, None, 0),
-            (100, b"\0", 0),
-        ],
-        3,
-    ),
-)
-def test_it_is_made_unless_it_is_very_large(
-    largest: int, content: bytes | None, made: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(first_job, "_FOUND_S", 0.0)
-    monkeypatch.setattr(first_job, "_LARGEST_BYTES", largest)
-    settings = ServeSettings(workspace=tmp_path)
-    service = JobService(Core(settings, Workspace(tmp_path).make()))
-    if content is not None:
-        (tmp_path / "jobs" / "a.gcode").write_bytes(content)
-
-    async def run() -> None:
-        try:
-            await first_job.make_first_scene(service)
-        finally:
-            await service.scenes.close()
-
-    try:
-        asyncio.run(run())
-    finally:
-        service.close()
-    assert len(list(tmp_path.rglob("*.scene"))) == made

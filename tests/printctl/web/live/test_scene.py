@@ -85,14 +85,3 @@ def test_a_file_that_cannot_be_shown_says_why(tmp_path: Path, gcode: bytes, said
     with pytest.raises(SceneError, match=said):
         write_scene(jobs.source(tmp_path, gcode))
     assert not list((tmp_path / "cache").glob("*"))
-
-
-def test_a_scene_is_made_once_and_again_for_another_file(tmp_path: Path) -> None:
-    source = jobs.source(tmp_path, jobs.squares(1))
-    first = write_scene(source)
-    made = first.stat().st_mtime_ns
-    assert write_scene(source) == first
-    assert first.stat().st_mtime_ns == made
-    other = write_scene(jobs.source(tmp_path, jobs.squares(2)))
-    assert other != first
-    assert sorted(source.cache.iterdir()) == sorted([first, other])

@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from firmware_profiles import Dish, load
 from printctl.machine.link.errors import Refused
@@ -17,10 +15,8 @@ from printctl.web.errors import BadRequestError, ConflictError, NotFoundError, N
 from printctl.web.printer import following
 from printctl.web.printer.macros import Macro
 from printctl.web.printer.part_change import PURGE_STEP_UL, PURGE_UL
-from printctl.web.printer.plots import KEPT_S, Plots
 from printctl.web.printer.printer_commands import BLIND_LIFT_MM, CLEAR_MM
 from printctl.web.printer.service import PrinterService
-from printctl.web.printer.touch_off import SPREAD_MM, Touching
 from tests.printctl.web.printer.conftest import ME, OTHER, wait_for
 
 
@@ -32,32 +28,9 @@ def test_without_a_printer_nothing_moves_and_the_message_says_what_to_do(
     assert idle.status.state is StationState.CLOSED
 
 
-def test_a_profile_that_is_not_there_is_refused_before_a_port_is_opened(
-    idle: PrinterService,
-) -> None:
-    with pytest.raises(NotFoundError, match="marlin_avr"):
-        idle.connect(ME, "no_such_printer", "simulated")
-
-
 def test_a_new_server_finds_the_station_again(service: PrinterService) -> None:
     assert service.status.open
     assert service.status.profile == "generic_marlin"
-
-
-def test_jog_moves_by_the_step_and_news_say_where_it_is(service: PrinterService) -> None:
-    before = service.status.position_mm
-    assert before is not None
-    after = service.hands.jog(ME, "x", 0.1).position_mm
-    assert after == pytest.approx((before[0] + 0.1, before[1], before[2]))
-    wait_for(
-        service,
-        lambda: service.core.events.latest["station"]["position_mm"] == pytest.approx(after),
-    )
-
-
-def test_a_move_beyond_the_axis_is_refused_with_value_and_limit(service: PrinterService) -> None:
-    with pytest.raises(Refused, match=r"-10\.00 mm is outside 0 to 200 mm"):
-        service.hands.jog(ME, "x", -10.0)
 
 
 def test_only_who_holds_the_controls_moves_but_anyone_stops(service: PrinterService) -> None:
@@ -146,12 +119,6 @@ def test_replies_and_refusals_stand_in_the_log_of_all(service: PrinterService) -
     assert service.console.entries(after=said.number) == [refused]
 
 
-@pytest.mark.parametrize("typed", ["", "  ", "M105\nM112", "M117 é", "G1" + "0" * 300])
-def test_what_is_not_one_command_is_not_sent(service: PrinterService, typed: str) -> None:
-    with pytest.raises(BadRequestError, match="isn't one command"):
-        service.console.send(ME, typed)
-
-
 def test_a_macro_is_kept_run_and_removed(service: PrinterService) -> None:
     macro = Macro(name="where <b>", commands=("M114", "M105"))
     service.macros.save(ME, "generic_marlin", macro)
@@ -223,15 +190,6 @@ def test_another_needle_forgets_floor_and_bath(service: PrinterService) -> None:
 # --- touch-off: three readings must agree
 
 
-@given(st.lists(st.floats(-100, 100), max_size=8))
-def test_readings_agree_only_when_the_last_three_are_close(readings: list[float]) -> None:
-    touching = Touching("floor", 0.0, tuple(readings))
-    last = readings[-3:]
-    close = len(last) == 3 and max(last) - min(last) <= SPREAD_MM + 1e-9
-    assert touching.agrees == close
-    assert (touching.height_mm is not None) == close
-
-
 def test_floor_is_the_middle_reading_less_the_foil(service: PrinterService) -> None:
     service.hands.mount(ME, needle="25g", dish="petri_60mm")
     service.guide.start(ME, "floor", foil_mm=0.02)
@@ -280,17 +238,6 @@ def status(now: float, target: float | None = 0.0) -> StationStatus:
         temperatures=(Temperature("bed", now, target),),
         readings=("M871: 12.5 N, at most 40 N", "M872: not read yet, at most 3 kPa"),
     )
-
-
-def test_ten_minutes_are_kept_once_a_second() -> None:
-    now = [0.0]
-    plots = Plots(lambda: now[0])
-    for tick in range(2 * 1500):
-        now[0] = tick / 2
-        plots.add(status(20.0))
-    samples = plots.samples()
-    assert samples[-1].at_s - samples[0].at_s <= KEPT_S
-    assert len(samples) == KEPT_S + 1
 
 
 # --- a station that was killed, followed: heard once, and looked for again after a while
