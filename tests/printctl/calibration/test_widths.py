@@ -234,10 +234,7 @@ def test_another_print_s_sheet_and_answers_that_are_none_are_refused(tmp_path: P
 
 def test_comb_and_joints_are_read_from_their_pictures(tmp_path: Path) -> None:
     """Lines 60 µm wider than commanded close gaps up to 60 µm, and reach 30 µm farther."""
-    asked = {
-        "comb": ("--gaps", "0.04,0.15,0.25,0.4"),
-        "joint": ("--overlaps", "-4,-3,-1,1"),
-    }
+    asked = {"comb": ("--gaps", "0.04,0.15,0.25,0.4"), "joint": ("--overlaps", "-4,-3,-1,1")}
     found: dict[str, Any] = {}
     for name, words in asked.items():
         written = printed(tmp_path, name, *words, "--round", "--width", "0.3")

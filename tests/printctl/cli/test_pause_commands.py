@@ -107,10 +107,7 @@ def test_status_of_a_print_that_waits_for_a_layer_is_json(tmp_path, profile, cap
 
 @pytest.mark.parametrize(
     ("end", "state", "told"),
-    [
-        (stop, LinkState.STOPPED, "stopped: "),
-        (kill, LinkState.KILLED, "killed: killed by"),
-    ],
+    [(stop, LinkState.STOPPED, "stopped: "), (kill, LinkState.KILLED, "killed: killed by")],
 )
 def test_print_is_ended_from_another_terminal(tmp_path, profile, capsys, end, state, told):
     with pty_printer(FakeMarlin(), hold_at=40) as served:

@@ -65,10 +65,7 @@ def test_a_syringe_too_small_is_told(
 
 @pytest.mark.parametrize("name", ["cube.stl", "./cube.stl"])
 def test_a_mesh_is_never_written_over(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    name: str,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write_stl(tmp_path / "cube.stl", block_solid(np.array([3.0, 2.0, 0.6])))
@@ -160,10 +157,7 @@ def test_each_layer_says_its_height_before_it_is_written(sliced: bytes) -> None:
     ],
 )
 def test_heights_that_can_t_be_are_refused(
-    tmp_path: Path,
-    shell: Shell,
-    words: tuple[str, str],
-    said: str,
+    tmp_path: Path, shell: Shell, words: tuple[str, str], said: str
 ) -> None:
     write_stl(tmp_path / "part.stl", as_solid(block(3, 2, 0.36)))
     code, _, err = shell("slice", "part.stl", "--unit", "mm", "--out", "a.gcode", *words)

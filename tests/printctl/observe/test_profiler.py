@@ -297,11 +297,7 @@ def lines() -> ExpectedLines:
 @pytest.mark.parametrize(
     ("voxel_mm", "shape", "share"),
     [
-        (
-            (0.02, 0.03, 0.012),
-            (100, 200, 200),
-            "40%",
-        ),  # too narrow a spacing
+        ((0.02, 0.03, 0.012), (100, 200, 200), "40%"),  # too narrow a spacing
         ((0.02, 0.03, 0.03), (100, 60, 200), "29%"),  # a third of the sections
         ((0.005, 0.03, 0.03), (100, 200, 200), "0%"),  # not as deep
     ],

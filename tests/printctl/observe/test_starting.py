@@ -144,9 +144,7 @@ def print_before(path: Path) -> None:
     ).save(path)
 
 
-def test_a_simulated_camera_shows_no_ink_of_the_print_before(
-    tmp_path: Path,
-) -> None:
+def test_a_simulated_camera_shows_no_ink_of_the_print_before(tmp_path: Path) -> None:
     record, camera = tmp_path / "executed.npz", tmp_path / "camera.yaml"
     camera.write_text(yaml.safe_dump(CAMERA))
     print_before(record)

@@ -71,12 +71,7 @@ def ordered(
     ],
 )
 def test_each_choice_is_given_on(
-    key: str,
-    value: Any,
-    field: str,
-    expected: Any,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    key: str, value: Any, field: str, expected: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     order = ordered({key: value}, tmp_path, monkeypatch, [])
     assert getattr(order.care, field) == expected

@@ -139,11 +139,7 @@ def test_vessels_that_merge_are_told_by_number_and_place(tmp_path: Path) -> None
     ],
 )
 def test_broken_walls_and_closed_lumens_are_told(
-    tmp_path: Path,
-    first: tuple[float, ...],
-    last: tuple[float, ...],
-    radius: float,
-    said: str,
+    tmp_path: Path, first: tuple[float, ...], last: tuple[float, ...], radius: float, said: str
 ) -> None:
     told = design_notes(tmp_path, np.array([first, last]), radius)
     assert ("handles, the network" in told or "0 ports" in told) == bool(said)

@@ -77,9 +77,7 @@ NETWORK = network_of([[0, 0, 0], [0, 0, 4.0]], [(0, 1)], 0.5)
 def _context(folder: Path, fillet_ratio: float = 0.5, **flow: Any) -> Any:
     return SimpleNamespace(
         recipe=SimpleNamespace(
-            flow=FlowPart(**flow),
-            solid=SimpleNamespace(fillet_ratio=fillet_ratio),
-            print_scale=1.0,
+            flow=FlowPart(**flow), solid=SimpleNamespace(fillet_ratio=fillet_ratio), print_scale=1.0
         ),
         recipe_folder=folder,
         folder=folder,

@@ -94,8 +94,7 @@ def test_all_problems_are_told_at_once() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
-    [("", "holds no keys"), ("a: [", "isn't YAML"), ("- 1", "holds no keys")],
+    ("text", "message"), [("", "holds no keys"), ("a: [", "isn't YAML"), ("- 1", "holds no keys")]
 )
 def test_file_that_is_no_recipe_is_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "recipe.yaml"

@@ -12,9 +12,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from design.errors import FlowError
-from design.hemodynamics import (
-    FlowConditions,
-)
+from design.hemodynamics import FlowConditions
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from printctl.analysis.flow.as_printed import open_part, printed_lumens
@@ -154,9 +152,7 @@ def _solved(run: Path, recipe: dict[str, Any], *options: str) -> dict[str, Any]:
     return dict(json.loads(done.stdout))
 
 
-def test_a_run_is_solved_by_its_own_conditions_and_what_was_typed_in_their_place(
-    run: Path,
-) -> None:
+def test_a_run_is_solved_by_its_own_conditions_and_what_was_typed_in_their_place(run: Path) -> None:
     """It was solved at the options' defaults, and nothing said so."""
     windkessel = {"resistance_mmhg_min_ml": 4, "proximal_mmhg_min_ml": 1,
                   "compliance_ml_mmhg": 0.01}  # fmt: skip

@@ -74,8 +74,7 @@ def test_the_unit_is_asked_for_where_the_format_is_silent(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("name", "word"),
-    [("a.xyz", "isn't a network's"), ("a", "no suffix"), ("a.csv", "isn't there")],
+    ("name", "word"), [("a.xyz", "isn't a network's"), ("a", "no suffix"), ("a.csv", "isn't there")]
 )
 def test_wrong_sources_are_refused(tmp_path: Path, name: str, word: str) -> None:
     with pytest.raises(UsageError, match=word):

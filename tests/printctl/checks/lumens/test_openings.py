@@ -276,11 +276,7 @@ def test_a_way_over_several_layers_is_found() -> None:
 def test_two_trees_that_open_into_each_other_are_named() -> None:
     nodes = np.array([[x, 0, z] for x in (0.0, 1.8) for z in (0.0, 24 * LAYER_MM)])
     pair = VesselNetwork.from_segments(
-        nodes,
-        np.array([[0, 1], [2, 3]]),
-        np.full(2, 0.3),
-        NONE[:2],
-        np.array([3, 4]),
+        nodes, np.array([[0, 1], [2, 3]]), np.full(2, 0.3), NONE[:2], np.array([3, 4])
     )
 
     def layer(gap: bool) -> Strokes:

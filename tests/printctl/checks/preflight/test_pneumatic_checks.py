@@ -7,17 +7,7 @@ from typing import Any
 
 import pytest
 
-from firmware_profiles import (
-    Bath,
-    Dish,
-    Ink,
-    MeasuredFlow,
-    Needle,
-    Printer,
-    Span,
-    Syringe,
-    load,
-)
+from firmware_profiles import Bath, Dish, Ink, MeasuredFlow, Needle, Printer, Span, Syringe, load
 from printctl.checks.preflight import Check, PlacedDish, SetUp, file_checks
 from sim.gcode.dry_run.run import dry_run
 

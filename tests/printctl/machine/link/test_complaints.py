@@ -34,10 +34,7 @@ JOB = [b"G1 X%d" % k for k in range(1, 101)]
 ANSWER = b"Error:Line Number is not Last Line Number+1, Last Line: %d\nResend: %d\nok\n"
 STOPPED = b"Printer stopped due to errors. Fix the error and use M999 to restart."
 SAID = [b"Error:MINTEMP triggered, system stopped! Heater_ID: 0", STOPPED, b"Error:any other"]
-FAMILIES = {
-    "marlin": MarlinProtocol,
-    "pairs": partial(MarlinProtocol, pairing=Pairing(128)),
-}
+FAMILIES = {"marlin": MarlinProtocol, "pairs": partial(MarlinProtocol, pairing=Pairing(128))}
 
 
 def streaming(family=MarlinProtocol):

@@ -8,9 +8,7 @@ import pytest
 from printctl.machine.link.care import Care, NewSyringe
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.errors import Refused
-from printctl.machine.link.heads import (
-    head_at,
-)
+from printctl.machine.link.heads import head_at
 from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.marks import MarkKind
 from printctl.machine.link.recovering import plan_recovery

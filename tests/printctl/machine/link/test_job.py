@@ -284,8 +284,7 @@ def test_the_first_word_of_each_axis_before_any_move_counts(lines):
 
 
 @pytest.mark.parametrize(
-    "lines",
-    [["G92 X100 Y90", "G1 X101 F600"], ["G1 X101 F600", "G92 X0 Y0 Z0", "G1 X1"]],
+    "lines", [["G92 X100 Y90", "G1 X101 F600"], ["G1 X101 F600", "G92 X0 Y0 Z0", "G1 X1"]]
 )
 def test_a_place_that_is_told_in_part_or_late_is_refused(lines):
     with pytest.raises(LinkError, match=r"G92 X.* tells the printer where the tip stands"):

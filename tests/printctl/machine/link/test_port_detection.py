@@ -20,13 +20,7 @@ from printctl.cli.main import app
 from printctl.machine.link import LinkState, port_detection, start_print
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.errors import HandshakeError, PortError, PortMissing
-from printctl.machine.link.port_detection import (
-    AUTO,
-    choose_port,
-    matches,
-    rates_to_try,
-    sweep,
-)
+from printctl.machine.link.port_detection import AUTO, choose_port, matches, rates_to_try, sweep
 from printctl.machine.link.ports import PortInfo
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, write_job

@@ -40,10 +40,7 @@ class Spy:
         self.requests.append("reload")
 
     def resume(
-        self,
-        change: NewSyringe | None = None,
-        unchanged: bool = False,
-        unobserved: bool = False,
+        self, change: NewSyringe | None = None, unchanged: bool = False, unobserved: bool = False
     ) -> None:
         self.requests.append(f"resume {change}" if change else "resume")
 

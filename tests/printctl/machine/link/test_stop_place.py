@@ -13,13 +13,7 @@ from printctl.machine.link.stop_place import StopPlace, find_stop_line
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.test_stop_in_waits import (
-    HEADER,
-    MARLIN,
-    RETREAT,
-    Moment,
-    stopped,
-)
+from tests.printctl.machine.link.test_stop_in_waits import HEADER, MARLIN, RETREAT, Moment, stopped
 
 LINES = [b"G1 X10 Y0 Z1 E1", b"G1 X10 Y10 E2", b"G1 X0 Y10 E3", b"G1 X0 Y0 E4", b"G1 X10 Y0 E5"]
 PLACED = [b"G92 X0 Y0 Z1 E0", *LINES]

@@ -24,12 +24,7 @@ from printctl.machine.link.record import JOURNAL
 from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState, PrintOutcome, Status
 from printctl.machine.link.syringe_change import CHANGE
-from printctl.machine.printing import (
-    Order,
-    find_or_start,
-    running,
-    with_reloads,
-)
+from printctl.machine.printing import Order, find_or_start, running, with_reloads
 from printctl.machine.printing.watch import follow
 from printctl.progress import StageBars
 from sim.gcode.dry_run.run import dry_run

@@ -92,9 +92,7 @@ def test_endstops_that_are_off_are_told() -> None:
     assert settings.values["x_mm.high"] == 200
 
 
-def test_corrected_profile_has_the_printer_s_values_and_fewer_starting_ones(
-    tmp_path: Path,
-) -> None:
+def test_corrected_profile_has_the_printer_s_values_and_fewer_starting_ones(tmp_path: Path) -> None:
     profile = load(Printer, "makergear_m2_duet2")
     settings = Settings(
         "RepRapFirmware",

@@ -63,10 +63,7 @@ def test_refusal_says_why_and_moves_nothing(at_rest, asked, why):
 
 def test_homing_needs_the_needle_off(at_rest):
     at_rest.mount(needle="25g", dish="petri_60mm")
-    with pytest.raises(
-        Refused,
-        match=r"needle .25G, half an inch. mounted above the dish",
-    ):
+    with pytest.raises(Refused, match=r"needle .25G, half an inch. mounted above the dish"):
         at_rest.home()
     with pytest.raises(Refused, match="would drive it"):
         at_rest.command("G28 Z")
