@@ -16,7 +16,6 @@ from printctl.checks.lumens import (
     find_filament_place,
     read_filaments,
     read_layers,
-    read_lines,
 )
 from printctl.checks.lumens.merges import segment_distances
 from printctl.errors import UsageError
@@ -96,18 +95,6 @@ def test_filaments_that_only_touch_leave_a_neck() -> None:
     found = check(passes, network)
     assert found.ideal.narrowest_mm[0] == pytest.approx(2 * np.sqrt(0.05), abs=0.02)
     assert found.refusal is None
-
-
-def test_passes_side_by_side_make_one_lumen() -> None:
-    """Four filaments of 0.4 mm around an axis: a lumen wider than each."""
-    whole = np.array([[10.0, 10, 5], [20, 10, 5]])
-    network = VesselNetwork.from_segments(
-        whole, np.array([[0, 1]]), np.array([0.35]), np.zeros(1, np.int64), np.zeros(1, np.int64)
-    )
-    around = [(whole + [0, y, z], 0.4) for y in (-0.13, 0.13) for z in (-0.13, 0.13)]
-    found = check(around, network)
-    assert found.refusal is None
-    assert found.ideal.mean_mm[0] > 0.5
 
 
 def parallel(gap: float, trees: tuple[int, int]) -> VesselNetwork:
@@ -227,15 +214,6 @@ def test_filaments_of_two_heads_are_strokes_of_their_own() -> None:
     assert (np.diff(stepped.stroke) >= 0).all()
 
 
-def test_a_job_that_writes_nothing_and_an_unknown_syringe_are_refused() -> None:
-    with pytest.raises(UsageError, match="what one E means"):
-        read_layers(JOB, writing())
-    idle = JOB.replace(b" E1", b"").replace(b" E2", b"").replace(b" E4", b"")
-    for read in (read_layers, read_filaments):
-        with pytest.raises(UsageError, match="is E in it"):
-            read(idle, writing(ul_per_e=0.15))
-
-
 # --- pneumatic head's line widths: from feed rates, and as simulated
 
 
@@ -254,15 +232,6 @@ def tubes(speed: float = SPEED) -> bytes:
         height = np.full((97, 1), (k + 1) * LAYER_MM)
         passes += [(np.hstack([ring, height]), speed) for ring in tube(0.3, centre=CENTRE)]
     return valve_gcode(passes, HEAD.opens, HEAD.closes, HEAD.opening_delay_s)
-
-
-def test_lines_are_those_that_a_plunger_would_write() -> None:
-    air, _ = read_layers(tubes(), WRITING_AIR)
-    pushed = read_lines(gcode([tube(0.3, centre=CENTRE)] * LAYERS), UL_PER_E)
-    assert len(air) == len(pushed)
-    assert air.width == pytest.approx(pushed.width, rel=1e-3)
-    assert air.start == pytest.approx(pushed.start, abs=1e-4)
-    assert air.layer.tolist() == pushed.layer.tolist()
 
 
 def test_the_dry_run_lays_more_where_the_head_is_slow() -> None:
@@ -303,15 +272,6 @@ def test_a_tube_is_open_and_half_the_speed_closes_it() -> None:
     swollen = check_network(slow, network, place, ran, 0.05)
     assert swollen.ideal.narrowest_mm[0] == pytest.approx(0.75 - wide, abs=6e-3)
     assert swollen.ideal.conductance[0] < 0.02
-
-
-def test_filaments_of_a_valve_are_as_thick_as_flow_over_speed() -> None:
-    way = [[10, 10, 5], [20, 10, 5], [20, 14, 5]]
-    file = valve_gcode([(way, 2.0)], HEAD.opens, HEAD.closes, HEAD.opening_delay_s)
-    ideal, ran = read_filaments(file, WRITING_AIR)
-    thick = 2 * np.sqrt(FLOW / 2.0 / np.pi)
-    assert 2 * ideal.radius == pytest.approx(np.full(2, thick), rel=1e-6)
-    assert 2 * np.median(ran.radius) == pytest.approx(thick, rel=0.01)
 
 
 def test_a_file_that_never_opens_the_valve_or_a_flow_that_nobody_knows_is_refused() -> None:

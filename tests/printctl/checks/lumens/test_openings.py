@@ -164,14 +164,6 @@ def test_a_line_is_as_wide_as_its_volume_says() -> None:
     assert lines.high == pytest.approx([LAYER_MM, 2 * LAYER_MM])
 
 
-def test_relative_e_and_a_reset_say_the_same() -> None:
-    absolute = b"M82\nG0 Z0.06\nG1 X1 E0.01\nG1 X2 E0.02\nG0 Z0.12\nG1 X0 E0.04\n"
-    relative = b"M83\nG0 Z0.06\nG1 X1 E0.01\nG92 E5\nG1 X2 E0.01\nG0 Z0.12\nG1 X0 E0.02\n"
-    one, other = (read_lines(data, UL_PER_E) for data in (absolute, relative))
-    assert one.width == pytest.approx(other.width)
-    assert one.end == pytest.approx(other.end)
-
-
 def test_the_ink_s_bead_says_how_wide_a_line_is() -> None:
     data = gcode([tube(0.3), tube(0.3)])
     mean = LINE_MM - LAYER_MM * (1 - np.pi / 4)
@@ -206,7 +198,6 @@ def test_what_cant_be_read_is_refused(data: bytes, said: str) -> None:
 
 LAYERS = 6
 TOP = LAYERS * LAYER_MM
-APART = 0.3 + 4 * LINE_MM
 """Of the axes of two tubes with four walls each, that touch."""
 
 
@@ -252,12 +243,6 @@ def test_a_slit_as_wide_as_a_leak_is_found_where_it_is() -> None:
     assert (leak.tree, leak.into, leak.layer) == ("7", "outside", 12)
     assert leak.at_mm[0] == pytest.approx(0.35, abs=0.1)
     assert leak.at_mm[1] == pytest.approx(0.0, abs=0.1)
-
-
-def test_a_slit_too_narrow_is_none() -> None:
-    layers = [slit(0.3, 0.03) if k == 12 else tube(0.3) for k in range(24)]
-    assert leaks(layers, long_tubes()) == ()
-    assert len(leaks(layers, long_tubes(), width=0.01)) == 1
 
 
 def test_a_pocket_beside_a_lumen_is_none() -> None:
@@ -360,11 +345,6 @@ def test_a_slit_in_a_tubes_wall_leaks() -> None:
     assert [(leak.into, leak.layer) for leak in check.leaks] == [("outside", 15)]
     assert check.refusal is not None
     assert "leaking: tree 0 into outside in layer 16" in check.refusal
-
-
-def test_a_part_without_holes_is_refused() -> None:
-    with pytest.raises(UsageError, match="no lumen to measure"):
-        model_lumens(solid(Manifold.extrude(disc(1), 0.6)), print_of_pipe(), PLACE)
 
 
 def test_the_place_is_found_from_the_ink() -> None:

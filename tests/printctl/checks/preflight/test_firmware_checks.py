@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from firmware_profiles import Bath, FileController, Ink, Plunger, Printer, Syringe, load
+from firmware_profiles import Bath, Ink, Printer, Syringe, load
 from printctl.checks.preflight import (
     Check,
     gcode_checks,
@@ -75,20 +75,6 @@ def test_a_job_that_heats_without_a_timeout_is_refused(late: str) -> None:
     check = named(checks_of(f"M140 S37\n{body()}{late}", MARLIN), "the firmware's own switch-off")
     assert check.refuses
     assert "M85 S600" in check.remedy
-
-
-def test_a_timeout_that_the_job_takes_back_is_none() -> None:
-    text = f"M85 S600\nM140 S25\n{body()}M85 S0\nG1 X50 F600\n"
-    check = named(checks_of(text, MARLIN), "the firmware's own switch-off")
-    assert check.refuses
-    assert "line 10" in check.place
-    asked = text.replace("M85 S0", "M85")  # a question takes nothing back
-    assert named(checks_of(asked, MARLIN), "the firmware's own switch-off").passed
-
-
-def test_a_heater_set_by_klipper_s_own_command_heats() -> None:
-    text = "SET_HEATER_TEMPERATURE HEATER=heater_bed TARGET=30\n" + body("")
-    assert named(checks_of(text, KLIPPER), "the firmware's own switch-off").refuses
 
 
 def test_a_cold_job_without_a_timeout_is_told_of_it() -> None:
@@ -222,13 +208,6 @@ def test_a_time_after_which_motors_lose_their_power_is_refused_before_the_last_m
 
 
 A3200 = load(Printer, "aerotech_pneumatic")
-NEWER = A3200.model_copy(
-    update={
-        "file_controller": FileController(controller="automation1", plunger_axis="A"),
-        "dispenser": Plunger(),
-        "plunger_travel_mm": 60.0,
-    }
-)
 FILE = "$DO[0].X=0\nG71\nG76\nG90\nVELOCITY ON\nG92 X60 Y70 Z30\n{}\nG1 X61 F5\n"
 
 
@@ -254,10 +233,6 @@ def test_any_other_output_is_refused_by_its_line(line):
     assert (found.refuses, found.place) == (True, "line 7")
     assert "take it out" in found.remedy
     assert "$DO[0].X=1" in found.remedy
-
-
-def test_a_plunger_s_controller_has_no_output_to_switch():
-    assert outputs("G90", NEWER).place == "line 1"
 
 
 # --- tip positions declared in a job: once, before the first move

@@ -138,29 +138,6 @@ def test_a_complaint_counts_once_glued_to_other_text_and_split_over_reads(said, 
     assert b"G1 X2" not in protocol.take_output()
 
 
-def test_an_error_without_its_end_counts_once_the_rest_is_late():
-    protocol = streaming()
-    assert not protocol.feed(b"Error:MINTEMP trigg", 0.1)
-    events = protocol.tick(protocol.deadline)
-    assert [event.text for event in events if isinstance(event, Fault)] == ["Error:MINTEMP trigg"]
-
-
-@pytest.mark.parametrize("half", [b"Error:", b"Error:check", b"Error:Line Num"])
-def test_the_beginning_of_a_line_error_is_no_complaint(half):
-    protocol = streaming()
-    protocol.feed(half, 0.1)
-    assert not any(isinstance(event, Fault) for event in protocol.tick(protocol.deadline))
-
-
-@pytest.mark.parametrize(
-    "said", [b"Error:checksum m\x01smatch, Last Li\x00e: 0\n", b"Error:No Checksum with line num"]
-)
-def test_a_garbled_line_error_is_no_complaint(said):
-    protocol = streaming()
-    events = protocol.feed(said + b"\nResend: 1\nok\n", 0.1)
-    assert not any(isinstance(event, Fault) for event in events)
-
-
 def test_ordinary_chatter_begins_no_doubt_and_unknown_text_is_reported():
     protocol = streaming()
     chatter = b"NORMAL MODE: Percent done: 9; print time remaining in mins: 15\n"
@@ -168,31 +145,6 @@ def test_ordinary_chatter_begins_no_doubt_and_unknown_text_is_reported():
     assert not protocol.feed(b"ok\n", 0.11)
     assert b"G1 X2" in protocol.take_output()
     assert protocol.feed(b"Wobble exceeded\n", 0.2) == [Remark("Wobble exceeded")]
-
-
-ACKNOWLEDGING = [
-    (KlipperProtocol, b"noise\nok!! Must home axis first\n", True),
-    (KlipperProtocol, b'// noise\n// Unknown command:"G1"\nok\n', True),
-    (KlipperProtocol, b"!! Heater extruder not heating at expected rate\n", False),
-    (partial(RrfProtocol, places), b"X:0.0 Error: G1: insufficient axes homed\nok\n", True),
-    (
-        partial(RrfProtocol, places),
-        b"Error: Heater 1 fault: temperature rising too slowly\n",
-        False,
-    ),
-    (partial(RrfProtocol, places), b"Warning: Driver 0 stall\n", False),
-]
-
-
-@pytest.mark.parametrize(("family", "said", "about_command"), ACKNOWLEDGING)
-@pytest.mark.parametrize("asked", [False, True])
-def test_families_that_count_no_lines_drop_none_either(family, said, about_command, asked):
-    protocol = streaming(family)
-    if asked:
-        protocol.tick(protocol.deadline)
-    events = protocol.feed(said, 4.0)
-    faults = [event for event in events if isinstance(event, Fault)]
-    assert [fault.about_command for fault in faults] == [about_command]
 
 
 # --- the tables ----------------------------------------------------------------------------------
@@ -350,15 +302,6 @@ def test_an_unknown_text_is_told_at_the_end(tmp_path):
     assert len(read_journal(tmp_path / "journal.log").alarms) == 1
 
 
-def test_a_halt_behind_unknown_text_is_a_halt():
-    protocol = streaming()
-    protocol.feed(b"some text\n", 0.1)
-    events = protocol.feed(b"Error:MINTEMP triggered\nError:Printer halted. kill() called!\n", 0.12)
-    assert [event.text for event in events if isinstance(event, FirmwareHalted)] == [
-        "Error:MINTEMP triggered"
-    ]
-
-
 # --- error message split between two reads: no line is sent before its end
 
 
@@ -427,25 +370,6 @@ def test_the_job_goes_on_once_a_cut_text_is_whole(family):
     protocol.feed(b"ok\nT:21", 0.1)
     assert b"G1" not in protocol.take_output()
     protocol.feed(b".0 /0.0\n", 0.11)
-    assert b"G1 X2" in protocol.take_output()
-
-
-@pytest.mark.parametrize("family", [KlipperProtocol, RRF])
-def test_the_job_goes_on_where_a_harmless_text_is_never_ended(family):
-    protocol, _ = streaming_cut_errors(family)
-    protocol.feed(b"ok\nT:21", 0.1)
-    protocol.tick(protocol.deadline)
-    assert b"G1 X2" in protocol.take_output()
-
-
-def test_a_text_that_is_never_ended_is_followed_by_a_token_and_then_by_the_job():
-    protocol, _ = streaming_cut_errors(MarlinProtocol)
-    protocol.feed(b"ok\nT:21", 0.1)
-    protocol.tick(protocol.deadline)
-    sent = protocol.take_output()
-    assert b"G1" not in sent
-    token = sent.split(b"E1 ")[1].split(b"*")[0]
-    protocol.feed(b"\n" + token + b"\nok\n", 1.0)
     assert b"G1 X2" in protocol.take_output()
 
 
@@ -535,13 +459,6 @@ def test_no_further_line_leaves_where_a_halt_or_reset_is_behind_the_ok(family, s
     assert_nothing_leaves(protocol)
 
 
-@pytest.mark.parametrize("said", [b"ok\nError:Heating failed\n", b"ok\nError:Printer halted\n"])
-def test_of_two_in_flight_no_third_leaves_behind_an_error(said):
-    protocol = in_flight(lambda: MarlinProtocol(pairing=Pairing(128)))
-    protocol.feed(said, 0.1)
-    assert b"G1 X3" not in protocol.take_output()
-
-
 @pytest.mark.parametrize("family", [KlipperProtocol, RRF, MarlinProtocol])
 def test_a_command_that_waits_leaves_once_the_error_is_heard_and_the_job_once_it_may(family):
     protocol = in_flight(family)
@@ -551,11 +468,4 @@ def test_a_command_that_waits_leaves_once_the_error_is_heard_and_the_job_once_it
     protocol.feed(b"X:1.00 Y:0.00 Z:0.00 E:0.00\nok\n", 0.2)
     protocol.held = False
     protocol.go(0.3)
-    assert b"G1 X2" in protocol.take_output()
-
-
-@pytest.mark.parametrize("family", [KlipperProtocol, RRF, MarlinProtocol])
-def test_a_text_behind_the_ok_holds_nothing(family):
-    protocol = in_flight(family)
-    protocol.feed(b"ok\nT:21.0 /0.0\n", 0.1)
     assert b"G1 X2" in protocol.take_output()

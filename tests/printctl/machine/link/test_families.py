@@ -6,9 +6,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.link_protocol import Halting
-from printctl.machine.link.care import Care
 from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.families import protocol_for
 from printctl.machine.link.journal import Journal
 from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.states import LinkState
@@ -91,14 +89,6 @@ def test_klipper_isnt_done_before_its_board_has_answered(tmp_path):
     assert status.state is LinkState.KILLED
     assert not status.position_known
     assert status.lines_executed == 0
-
-
-def test_klipper_move_out_of_range_is_a_fault(tmp_path):
-    job = [*JOB[:10], b"G1 X501", *JOB[10:]]
-    status = streamer_of("klipper", FakeKlipper(), tmp_path, job).run()
-    assert status.state is LinkState.FAILED
-    assert "out of range" in status.message
-    assert status.position_known  # the way out was made
 
 
 class StuckKlipper(FakeKlipper):
@@ -222,21 +212,6 @@ def test_end_compares_the_motors_steps_of_a_duet(tmp_path, astray_mm, axes, stat
     assert status.state is state
     assert words in status.message
     assert "aren't" in words or "aren't" not in status.message
-
-
-@pytest.mark.parametrize(
-    ("profile", "field", "by_default"),
-    [
-        ("generic_marlin", "silent_limit_s", 60.0),
-        ("klipper_bioprinter", "busy_limit_s", 1800.0),
-        ("makergear_m2_duet2", "busy_limit_s", 1800.0),
-    ],
-)
-def test_the_limit_on_silence_can_be_chosen_for_each_family(profile, field, by_default):
-    printer = load(Printer, profile)
-    assert getattr(protocol_for(printer, 0.05).timing, field) == by_default
-    chosen = protocol_for(printer, 0.05, Care(silent_limit_s=300.0)).timing
-    assert getattr(chosen, field) == 300.0
 
 
 class TellingKlipper(FakeKlipper):

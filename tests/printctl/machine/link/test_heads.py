@@ -7,7 +7,6 @@ import pytest
 
 from printctl.machine.link.care import Care, NewSyringe
 from printctl.machine.link.clock import VirtualClock
-from printctl.machine.link.errors import Refused
 from printctl.machine.link.heads import head_at
 from printctl.machine.link.journalled_print import read_journal
 from printctl.machine.link.marks import MarkKind
@@ -54,14 +53,6 @@ def went_on(folder, printer, clock, script=None, **more):
 
 
 # --- whole prints -----------------------------------------------------------------------------
-
-
-def test_printer_executes_the_file_as_the_dry_run_foresaw(tmp_path):
-    printer, clock = machine()
-    status = played(DATA, tmp_path, SimTransport(printer, clock), Script(), printer=QUICK)
-    assert status.state is LinkState.DONE, status
-    assert_same_print(printer.executed())
-    assert {0, 1} == set(strokes(FORESEEN)[:, 0])
 
 
 @pytest.mark.parametrize("seed", first_of(range(60), 6))
@@ -208,14 +199,6 @@ def test_reloads_are_planned_for_each_head_where_its_own_syringe_ends():
         assert max(travel[head]) - travel[head][index] <= most
     none, _ = plan_head_reloads(job, (0.0, 100.0))
     assert none == ()
-
-
-def test_a_head_that_isn_t_there_can_t_be_reloaded(tmp_path):
-    printer, clock = machine()
-    script = Script()
-    played(DATA, tmp_path, SimTransport(printer, clock), script, printer=QUICK)
-    with pytest.raises(Refused, match="has 0 to 1"):
-        script.streamer.reload(2)
 
 
 def test_a_firmware_that_doesn_t_take_the_head_is_not_moved(tmp_path):

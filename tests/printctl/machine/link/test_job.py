@@ -17,7 +17,7 @@ from printctl.machine.link.errors import JobError, LinkError
 from printctl.machine.link.job_start import declared_start
 from printctl.machine.link.look_places import Written, look_places
 from printctl.machine.link.marks import Mark, MarkKind, Marks
-from printctl.machine.link.modal import Modal, ModalTrail, disagreement, modal_state, relieved_mm
+from printctl.machine.link.modal import Modal, ModalTrail, disagreement, modal_state
 from printctl.machine.link.retreat import Retreat, heaters_off
 from printctl.machine.link.watch import DueTask, Watch
 from tests.printctl.machine.link.jobs import load_job, parse_job
@@ -126,23 +126,6 @@ def test_what_is_dangerous_goes_off_before_the_heaters():
 # --- commanded state after some lines of a job: position, relief, settings
 
 
-@pytest.mark.parametrize(
-    ("lines", "expected"),
-    [
-        ([], 0.0),
-        ([b"G1 E1", b"G1 E0.75 F60", b"G0 Z5"], 0.25),
-        ([b"G1 E1", b"G1 X1 E1.5"], 0.0),
-        ([b"G1 E1", b"G1 E0.75", b"G1 E1"], 0.0),
-        ([b"G1 E5", b"G92 E0", b"G0 X1"], 0.0),
-        ([b"G1 E5", b"G92 E0", b"G1 E-0.25"], 0.25),
-        ([b"G1 E1", b"G1 E0.75", b"G0 X1 Y1", b"M105", b"G1 F600"], 0.25),
-        ([b"G1 E1"], 0.0),
-    ],
-)
-def test_relief_of_the_job_itself_is_found(lines, expected):
-    assert relieved_mm(lines, len(lines)) == pytest.approx(expected)
-
-
 WORDS = st.lists(st.sampled_from("XYZEF"), max_size=3, unique=True)
 LINES = st.tuples(st.sampled_from(["G1", "G0", "G92", "G28", "M105"]), WORDS, st.integers(0, 9))
 
@@ -153,14 +136,6 @@ def test_trail_is_the_modal_state_at_every_line_forwards_and_back(lines, asked):
     trail = ModalTrail(job)
     for done in asked:
         assert trail.at(min(done, len(job))) == modal_state(job, min(done, len(job)))
-
-
-def test_a_place_told_by_a_command_with_a_name_counts():
-    lines = [b"SET_KINEMATIC_POSITION X=100 Y=90 Z=20", b"G92 E0", b"G1 X101 E1 F600"]
-    assert modal_state(lines, 2) == Modal(100, 90, 20, 0)
-    assert modal_state(lines, 3) == Modal(101, 90, 20, 1, 600)
-    lines += [b"SET_KINEMATIC_POSITION Z=5"]
-    assert ModalTrail(lines).at(4) == Modal(101, 90, 5, 1, 600)
 
 
 # --- count of certainly executed lines: a lower bound, exact at standstill
@@ -224,11 +199,6 @@ def test_slicers_layers_end_where_the_next_one_begins(text, number):
     begins = [text.replace(b"%d", b"%d" % k) for k in (4, 5)]
     job = parse_job(b"G90\n" + begins[0] + b"\nG1 X1\n" + begins[1] + b"\nG1 X2\n", "a")
     assert job.marks.all == (Mark(2, MarkKind.LAYER, number),)
-
-
-@pytest.mark.parametrize("text", [b";LAYERS:5", b"; a layer", b";LAYER_ENDING:1", b"G1 X2 ;RELOAD"])
-def test_other_comments_are_no_marks(text):
-    assert len(parse_job(b"G90\n" + text + b"\nG1 X1\n" + text + b"\n", "a").marks) == 0
 
 
 marks = st.lists(st.builds(Mark, st.integers(0, 40), st.sampled_from(MarkKind)), max_size=15).map(
@@ -345,11 +315,6 @@ def test_a_path_that_turns_is_never_interrupted():
     )
     job = parse_job((text + "G0 Z2 F300\n;LAYER_END:0\nG0 X50 F600\n").encode(), "a")
     assert places(job).index == [len(job.lines) - 1]
-
-
-def test_in_a_bath_only_passes_end():
-    job = spaced(mark="PASS_END")
-    assert places(job).index == [mark.index for mark in job.marks.all]
 
 
 @pytest.mark.parametrize(

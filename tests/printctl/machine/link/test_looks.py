@@ -357,19 +357,6 @@ def test_a_look_is_made_where_an_insert_ends_if_asked_for(tmp_path, again):
     assert own_strokes(transport.printer.executed()) == own_strokes(foreseen.executed)
 
 
-def test_one_that_failed_there_keeps_its_name_when_it_is_made_again(tmp_path):
-    observer = Observer(
-        {1: patch(data := layered(2, 12), 0)},
-        looks_behind=(1,),
-        decides=lambda number: LookDecision.PAUSE if number == 2 else LookDecision.GO_ON,
-        fails=(2,),
-    )
-    assert observed(data, tmp_path, fresh(), observer).state is LinkState.DONE
-    told = {one.look["number"]: one.look["mark"] for one in observer.seen if one.look}
-    assert told[2] == told[3] == "end of what was inserted"
-    assert told[4] != told[3]
-
-
 @pytest.mark.parametrize("dies_at", ["insert", "looked"])
 def test_it_is_made_by_another_host_as_well(tmp_path, monkeypatch, dies_at):
     data, transport, add = layered(2, 12), fresh(), Journal.add

@@ -70,13 +70,6 @@ def test_a_look_that_failed_twice_is_gone_on_without(tmp_path):
     assert "goes on without this look" in paused(observer)[1]
 
 
-def test_one_that_fails_at_another_place_is_made_again(tmp_path):
-    observer = failing(1, 3)
-    status = observed(layered(2, 12), tmp_path, fresh(), observer)
-    assert status.state is LinkState.DONE, status
-    assert [decision for _, decision in looks_at(tmp_path)] == ["pause", "go_on"] * 2
-
-
 @pytest.mark.parametrize(("unobserved", "times"), [(False, 2), (True, 1)])
 def test_a_look_that_nobody_decided_is_made_again_unless_none_observes(tmp_path, unobserved, times):
     observer = Observer(

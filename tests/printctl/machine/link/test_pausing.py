@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-
 import numpy as np
 import pytest
 
@@ -107,42 +105,6 @@ def test_other_families_pause_and_change_the_syringe_as_well(tmp_path, firmware)
     assert status.state is LinkState.DONE, status
     assert [one.lines_done for one in script.pauses] == list(reloads)
     assert not any(line.startswith("M84") for line in fake.executed)
-
-
-@pytest.mark.parametrize("seed", first_of(range(12), 4))
-def test_paused_at_random_moments_moves_as_the_dry_run_foresaw(tmp_path, seed):
-    rng = np.random.default_rng(seed)
-    data = layered(4, 30)
-    clock = VirtualClock()
-    transport = SimTransport(MarlinPrinter(PRINTER, START), clock)
-    script = Script(on_paused=change_or_resume)
-    when = sorted(rng.uniform(3.5, 9.0, size=3).tolist())
-    kinds = rng.choice(list(REQUESTS), size=3)
-    read = transport.read
-
-    def reading(timeout: float) -> bytes:
-        while when and clock.now() > when[0] and script.streamer is not None:
-            when.pop(0)
-            if script.streamer.status.state is LinkState.PRINTING:
-                with contextlib.suppress(LinkError):  # no mark is left ahead
-                    REQUESTS[kinds[len(when)]](script.streamer)
-        return read(timeout)
-
-    transport.read = reading  # type: ignore[method-assign]
-    status = played(data, tmp_path, transport, script, care=Care(checkpoint_s=0.0))
-    assert status.state is LinkState.DONE, status
-    motion = transport.printer.executed()
-    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
-    ends = np.column_stack([motion.end, motion.plunger_end])
-    expected = np.column_stack([foreseen.end, foreseen.plunger_end])
-    at = 0
-    for row in ends:  # what was foreseen is done in order; between lie retreats and returns alone
-        if at < len(expected) and np.array_equal(row, expected[at]):
-            at += 1
-        else:
-            assert np.array_equal(row[:2], expected[at - 1][:2]), "sideways in a retreat"
-    assert at == len(expected)
-    assert len(script.pauses) >= 1
 
 
 def test_pause_after_what_the_job_does_not_mark_is_refused(tmp_path):
@@ -273,19 +235,6 @@ def test_checkpoints_are_made_at_marks_as_often_as_asked(tmp_path, every, expect
     assert (
         printer.numbered.count("M400") == 3
     )  # the job's own, and the link's before it and at the end
-
-
-def test_checkpoints_cost_no_printing_time_while_the_planner_is_full(tmp_path):
-    ended = []
-    for every in (None, 0.0):
-        folder = tmp_path / str(every)
-        folder.mkdir()
-        transport = SimTransport(MarlinPrinter(PRINTER, START), VirtualClock())
-        played(layered(12, 20), folder, transport, Script(), Care(checkpoint_s=every))
-        motion = transport.printer.executed()
-        ended.append(motion.time_end[-1] - motion.time_start[0])
-    assert len(read_journal(tmp_path / "0.0" / "journal.log").checkpoints) == 12
-    assert ended[1] == pytest.approx(ended[0], rel=1e-4)
 
 
 @pytest.mark.parametrize("last", range(1, 16))

@@ -16,7 +16,6 @@ from firmware_profiles.families.link_protocol import (
     Notice,
     Renumbered,
     StrayOk,
-    Synchronised,
     TokenSent,
 )
 from firmware_profiles.families.marlin.bit_flips import guard_command
@@ -150,19 +149,6 @@ def test_reset_in_mid_job_ends_it_even_if_start_was_garbled():
     assert protocol.held
 
 
-def test_renumbering_is_repeated_until_the_printer_confirms_it():
-    protocol = MarlinProtocol()
-    protocol.renumber(0.0)
-    assert protocol.take_output() == RENUMBER
-    now = ask(protocol, 0.0)
-    protocol.feed(answer(7), now)
-    protocol.tick(now + 0.051)
-    assert protocol.take_output() == RENUMBER
-    now = ask(protocol, now + 0.051)
-    assert settle(protocol, 0, now) == [Synchronised(0)]
-    assert protocol.idle
-
-
 # --- late oks: none is taken as the answer to a later line
 
 
@@ -210,21 +196,6 @@ def test_ok_that_comes_after_the_question_is_not_the_next_lines():
     assert protocol.take_output() == frame(token.number + 1, JOB_LATE_OKS[31])
 
 
-def test_answer_of_a_command_is_awaited_until_the_token_behind_it_comes_back():
-    """M400 isn't answered by the ok of the line before it."""
-    protocol = MarlinProtocol()
-    protocol.load(JOB_LATE_OKS, 40, 40)
-    protocol.submit(b"M400", 0.0)
-    assert protocol.take_output() == frame(41, b"M0400")
-    events = silent_then_taken(protocol, 41)
-    token = token_of(events, protocol)
-    assert not any(isinstance(event, CommandReplied) for event in events)
-    assert not protocol.feed(b"ok\n", 3.0)
-    assert not protocol.feed(echo_of(token), 9.0)
-    assert protocol.feed(b"ok\n", 9.0) == [CommandReplied(b"M0400", 41, ())]
-    assert protocol.idle
-
-
 def test_several_oks_that_come_in_one_read_move_nothing_forward():
     protocol = started_late_oks()
     token = token_of(silent_then_taken(protocol, 31), protocol)
@@ -234,39 +205,6 @@ def test_several_oks_that_come_in_one_read_move_nothing_forward():
     assert [type(event) for event in events] == [StrayOk]  # two oks belong to no line
     assert protocol.take_output() == b""
     assert protocol.held
-
-
-def test_line_that_was_not_taken_after_all_is_noticed_at_the_token():
-    protocol = started_late_oks()
-    protocol.feed(b"Error:checksum mismatch, Last Line: 30\nResend: 31\nok\n", 0.1)
-    protocol.tick(0.2)
-    protocol.take_output()
-    protocol.feed(answer(30), 0.2)
-    protocol.tick(0.3)
-    protocol.take_output()
-    token_of(list(protocol.feed(b"ok\n", 0.4)), protocol)  # a fragment's; line 31 was garbled again
-    protocol.feed(answer(30), 0.5)
-    for now in (0.6, 0.8):
-        protocol.tick(now)
-        assert protocol.take_output() == QUESTION
-        protocol.feed(answer(30), now)
-        events = protocol.tick(now + 0.1)
-    assert events == [LinesResent(31, 31)]
-    protocol.held = False
-    protocol.go(1.0)
-    assert protocol.take_output() == frame(31, JOB_LATE_OKS[30])
-
-
-def test_confirming_waits_for_the_echo_however_many_oks_come():
-    protocol = MarlinProtocol()
-    protocol.load(JOB_LATE_OKS, 40, 40)
-    protocol.confirm(0.0)
-    assert protocol.take_output() == b""  # it is written down first
-    token = token_of(list(protocol.tick(0.0)), protocol)
-    assert not any(isinstance(e, Synchronised) for e in protocol.feed(b"ok\nok\n", 0.1))
-    events = protocol.feed(echo_of(token) + b"ok\n", 0.2)
-    assert Synchronised(41) in events
-    assert protocol.idle
 
 
 def test_slow_board_is_asked_again_within_two_seconds_and_waited_for():
@@ -288,55 +226,6 @@ def test_slow_board_is_asked_again_within_two_seconds_and_waited_for():
 
 
 # --- garbled echo of a synchronisation token: queried again at once
-
-
-JOB_GARBLED_TOKENS = [b"G1 X%d" % k for k in range(1, 101)]
-GARBLED = [
-    b"echo:at 3.q",
-    b"echo:it 3.1",
-    b"echn:at 3.1",
-    b"at s.1",
-    b"echo:at3.1",
-    b"echo: at 3.1\x8a",
-]
-
-
-def waiting_for_echo() -> MarlinProtocol:
-    """Line 2 of the job was taken after a doubt; a token is behind it."""
-    protocol = MarlinProtocol()
-    protocol.load(JOB_GARBLED_TOKENS, 0, 0)
-    protocol.held = False
-    protocol.go(0.0)
-    protocol.feed(b"ok\n", 0.1)
-    protocol.feed(b"o\x8a\n", 0.2)
-    protocol.tick(0.3)
-    protocol.take_output()
-    protocol.feed(
-        b"Error:Line Number is not Last Line Number+1, Last Line: 2\nResend: 3\nok\n", 0.4
-    )
-    protocol.tick(protocol.deadline)
-    assert b"M0118 E1 at 3.1*" in protocol.take_output()
-    return protocol
-
-
-@pytest.mark.parametrize("echo", GARBLED)
-def test_a_garbled_echo_is_followed_by_a_question_and_another_token_at_once(echo):
-    protocol = waiting_for_echo()
-    begun = 0.5
-    protocol.feed(echo + b"\nok\n", begun)
-    while b"M0118" not in (sent := protocol.take_output()):
-        assert b"G1" not in sent
-        now = protocol.deadline
-        assert now < begun + 0.5
-        protocol.tick(now)
-        if b"M0118" not in (sent := protocol.take_output()):
-            answer = b"Error:Line Number is not Last Line Number+1, Last Line: 3\nResend: 4\nok\n"
-            protocol.feed(answer, now)
-            continue
-        break
-    assert b"at 4.2*" in sent
-    protocol.feed(b"echo:at 4.2\nok\n", 1.0)
-    assert b"G1 X3" in protocol.take_output()
 
 
 # --- interpretation of a real Marlin's replies, and framing of lines to it
@@ -384,12 +273,6 @@ def test_a_garbled_ok_is_never_an_ok(bit, place):
     text = bytearray(b"ok")
     text[place] ^= 1 << bit
     assert classify(bytes(text)).kind is not Kind.OK
-
-
-def test_frames_are_the_recorded_ones():
-    assert frame(0, b"M110 N0") == b"N0 M110 N0*125\n"
-    assert frame(1, b"M105") == b"N1 M105*38\n"
-    assert frame(3, b"G1 X2") == b"N3 G1 X2*97\n"
 
 
 # --- sent lines: no single flipped bit turns one into a stop code
@@ -470,14 +353,3 @@ def test_room_that_lies_costs_nothing(tmp_path, room):
     assert status.line_errors == status.alarms == 0
     assert len(told_odd(tmp_path)) == (room.startswith((b"P-", b"P1.")))
     assert transport.clock.now() < 60
-
-
-def test_number_that_never_changes_is_read_as_a_plain_ok(tmp_path):
-    status, _ = printed(gcode(100), tmp_path, Lying(rb"ok N\d+", b"ok N5"))
-    assert status.state is LinkState.DONE
-    assert len(told_odd(tmp_path)) == 1
-
-
-@pytest.mark.parametrize("text", [b"ok N48 P1x B3", b"ok N4? P15 B3", b"ok P-1 Bx"])
-def test_garbled_fields_are_no_ok(text):
-    assert classify(text).kind is not Kind.OK

@@ -233,21 +233,6 @@ def test_a_job_that_tells_a_part_of_its_place_is_gone_on_with_from_where_it_was_
         plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line)
 
 
-@pytest.mark.parametrize("told", ["G92 Z10 E0", "G92 X50 Y50 E0", "G92 E0"])
-def test_an_axis_that_no_line_has_told_yet_is_where_the_checks_took_the_tip_to_stand(told):
-    data = DATA.replace(b"G92 X50 Y50 Z10 E0", told.encode())
-    job = parse_job(data, "test.gcode")
-    line = job.file_lines[12]  # of the first layer, before any Z
-    plan = plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line, start_mm=START)
-    run = dry_run(plan.gcode, PRINTER, START, cold_extrusion=False).executed
-    before = len(parse_job(plan.gcode, "rest")) - (len(job) - plan.begin)
-    whole = dry_run(data, PRINTER, START, cold_extrusion=True).executed
-    ours, foreseen = rows(run, run.line >= before), rows(whole, whole.line >= plan.begin)
-    np.testing.assert_allclose(ours, foreseen, atol=1e-4)
-    with pytest.raises(LinkError, match=r"doesn't say where the needle|nobody can tell"):
-        plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line)
-
-
 ARCS = b"""M302 P1
 G90
 M82
@@ -304,12 +289,6 @@ def test_klipper_is_told_the_place_in_its_own_words():
     assert plan.gcode.endswith(b"G1 X108 Y100 Z20 E0.8 F600\nSET_KINEMATIC_POSITION X=108\nM400\n")
     again = [one.check for one in gcode_checks(dry_run(plan.gcode, klipper, start), klipper)]
     assert not any("told anew" in check for check in again)
-
-
-@pytest.mark.parametrize("line", [1, 10_000])
-def test_line_outside_the_job_is_refused(line):
-    with pytest.raises(LinkError, match="isn't between"):
-        plan_recovery(JOB, DATA, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line)
 
 
 def test_a_rest_is_planned_where_klipper_alone_was_told_the_height():

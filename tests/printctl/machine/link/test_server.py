@@ -127,20 +127,6 @@ def test_request_that_asks_for_an_answer_is_heard_or_refused(door):
     assert spy.requests == ["pause after layer", f"resume {change}", "reload", "alive"]
 
 
-def test_only_subscribers_are_told(door):
-    _, server, enter, token = door
-    one, other = enter(), enter()
-    say(one, do="subscribe", token=token)
-    assert hear(one)["state"] == "printing"
-    say(other, do="status", token=token)
-    assert hear(other)["asked"]
-    server.publish(Status(LinkState.PAUSED))
-    assert hear(one)["state"] == "paused"
-    say(other, do="status", token=token)
-    assert hear(other)["asked"]  # and not what was published
-    say(one, do="detach", token=token)
-
-
 NONSENSE = [b"nonsense\n", b"[]\n", b'{"do": "dance"}\n', b"{}\n", b"\xff\n", b"[" * 9000 + b"\n"]
 
 

@@ -29,11 +29,10 @@ from sim.devices.faults.fault_file import Fault, PermanentFaults
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.motion.hardware import Board
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
-from tests.printctl.machine.link.jobs import parse_job, with_codes
+from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.journals import journal_in
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated import (
-    HEADER,
     PRINTER,
     START,
     gcode,
@@ -71,14 +70,6 @@ def test_cold_extrusion_is_a_fault_although_the_printer_says_ok(tmp_path):
     assert status.state is LinkState.FAILED
     assert "cold extrusion prevented" in status.message
     assert "line 5 of test.gcode" in status.message
-
-
-def test_unknown_command_is_a_fault_although_the_printer_says_ok(tmp_path):
-    """A code that the profile says the board has, and the board doesn't."""
-    data = HEADER + b"M9998\n" + gcode(10)[len(HEADER) :]
-    status, _ = printed(data, tmp_path, wire(), printer=with_codes(PRINTER, "M9998"))
-    assert status.state is LinkState.FAILED
-    assert "M9998" in status.message
 
 
 class FaultAtTheEnd(SimTransport):
@@ -228,15 +219,6 @@ def test_a_stop_during_the_last_moves_relieves_the_plunger_before_settings_are_p
     assert relief < forbidden
 
 
-def test_advanced_ok_is_understood(tmp_path):
-    facts = PRINTER.model_copy(update={"advanced_ok": True})
-    data = gcode(200)
-    transport = SimTransport(MarlinPrinter(facts, START), VirtualClock())
-    status, _ = printed(data, tmp_path, transport)
-    assert status.state is LinkState.DONE
-    assert status.line_errors == 0
-
-
 # --- ends whose motors stand some steps off: a last move too short to be made, and a fault
 
 
@@ -341,12 +323,6 @@ def test_oks_that_come_bunched(tmp_path, delays):
 def test_all_answers_late_by_up_to_five_seconds_from_the_handshake_on(tmp_path, seed):
     """An answer to an earlier question is none to a later doubt's, and no sign of a reset."""
     check_print(wire_slow_boards(seed=seed, ok_delay_up_to_s=5.0), tmp_path)
-
-
-def test_board_that_stands_still_for_four_seconds(tmp_path):
-    transport = wire_slow_boards(STALL)
-    check_print(transport, tmp_path)
-    assert transport.printer.pace.host_time(transport.printer.now) > transport.printer.now + 3.9
 
 
 @pytest.mark.parametrize("share", first_of([0.3, 0.5]))

@@ -160,22 +160,6 @@ def test_the_board_s_own_switch_off_is_as_before_at_a_job_s_end(tmp_path, before
     assert printer.machine.idle_limit_s == (900.0 if before else 0.0)
 
 
-def test_the_board_s_own_switch_off_stays_while_a_heater_is_on(tmp_path):
-    data = DATA.replace(b"M400\n", b"M104 S30\nM400\n")
-    status, printer, alarms = printed(tmp_path, data)
-    assert status.state is LinkState.DONE, status
-    assert printer.machine.idle_limit_s == 600.0
-    assert any("a heater is on" in text and "M85 S0 takes it back" in text for text in alarms)
-
-
-def test_klipper_s_own_switch_off_is_set_back_by_its_name():
-    told = {"SET_IDLE_TIMEOUT": ["// idle_timeout: Timeout set to 1800.00 s"]}
-    klipper = load(Printer, "klipper_bioprinter")
-    assert reported_settings(told, klipper) == {
-        "SET_IDLE_TIMEOUT": "SET_IDLE_TIMEOUT TIMEOUT=1800.00"
-    }
-
-
 def test_the_recorded_firmware_s_answers_are_read():
     told = {
         "M503 S0": ["  G21 ; (mm)", "  M149 C ; Units in Celsius", "  M200 S0 D1.75",

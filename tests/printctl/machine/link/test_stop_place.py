@@ -32,28 +32,6 @@ def test_a_place_beside_all_lines_offers_the_first_that_may_be_open(place):
     assert find_stop_line(PLACED, 1, 6, place) == StopPlace(1, None, False)
 
 
-@pytest.mark.parametrize("e", [1.4, -0.6], ids=["the move's count", "the last count"])
-def test_a_plunger_counted_anew_behind_a_move_hinders_no_search(e):
-    """A firmware may set the count when it reads the line, or among the moves."""
-    anew = [*PLACED[:3], b"G92 E0"]
-    found = find_stop_line(anew, 1, 4, Modal(10.0, 4.0, 1.0, e))
-    assert found == StopPlace(2, Modal(10.0, 4.0, 1.0, pytest.approx(1.4), None), True)
-
-
-def test_the_same_way_in_two_counts_is_uncertain():
-    lines = [*PLACED[:3], b"G92 E1", b"G1 X10 Y0 E1", b"G1 X10 Y10 E2"]
-    found = find_stop_line(lines, 1, 6, Modal(10.0, 4.0, 1.0, 1.4))
-    assert (found.line, found.certain) == (2, False)
-
-
-def test_a_line_that_names_the_place_it_is_at_hinders_no_search():
-    same = [*PLACED[:3], b"G92 Z1", *PLACED[3:]]
-    found = find_stop_line(same, 1, 7, Modal(10.0, 4.0, 1.0, 1.4))
-    assert found == StopPlace(2, Modal(10.0, 4.0, 1.0, pytest.approx(1.4), None), True)
-    moved = [*PLACED[:3], b"G92 Z2", *PLACED[3:]]
-    assert find_stop_line(moved, 1, 7, Modal(10.0, 4.0, 1.0, 1.4)) == StopPlace(1, None, False)
-
-
 def written(motion: ExecutedMotion) -> tuple[np.ndarray, float]:
     """Length and plunger travel of what is written sideways, all in all."""
     sideways = np.any(motion.start[:, :2] != motion.end[:, :2], axis=1)

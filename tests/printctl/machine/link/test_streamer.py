@@ -54,22 +54,6 @@ def streamer_of(
     return streamer
 
 
-def handshake_and(printer: FakeMarlin) -> list[str]:
-    """What was executed under a number after M84 S0, the last command before the job."""
-    return printer.numbered[printer.numbered.index("M84 S0") + 1 :]
-
-
-def test_executes_every_line_once_and_in_order(tmp_path):
-    printer, clock = FakeMarlin(), VirtualClock()
-    lines = [b"G92 E0", *zigzag(300)]
-    status = streamer_of(job_of(lines), FakeTransport(printer, clock), tmp_path).run()
-    assert status.state is LinkState.DONE
-    assert handshake_and(printer) == [line.decode() for line in lines] + ["M400", "M114", "M105"]
-    history = read_journal(tmp_path / "journal.log")
-    assert history.done == len(lines)
-    assert history.state is LinkState.DONE
-
-
 def test_silent_printer_is_a_handshake_error_within_its_time_limit(tmp_path):
     printer, clock = FakeMarlin(), VirtualClock()
     printer.mute = True

@@ -11,21 +11,17 @@ import pytest
 from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Printer, Syringe, load
-from firmware_profiles.families import family_names
 from printctl.checks.preflight.firmware import firmware_checks
 from printctl.machine.link.errors import Refused
-from printctl.machine.link.families import link_facts, protocol_for, refuse_unsent
 from printctl.machine.link.marks import MarkKind
 from printctl.machine.link.retreat import Retreat
 from printctl.machine.printing import Order, find_or_start
-from printctl.machine.probing import query_settings
 from printctl.pipeline.stages import printing
 from printctl.recipe.making import FileScan, SimulatedScan
 from sim.gcode.dry_run.run import dry_run
 from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block
 from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.protocols import STREAMED
 
 PROFILE = "aerotech_pneumatic"
 PRINTER = load(Printer, PROFILE)
@@ -42,11 +38,6 @@ def nothing() -> str:
     raise AssertionError("a port was opened")
 
 
-def test_every_other_family_is_sent_to() -> None:
-    assert set(family_names()) == {*STREAMED, "aerotech"}
-    refuse_unsent(load(Printer, "generic_marlin"))
-
-
 @pytest.mark.parametrize("resume", [False, True])
 @pytest.mark.parametrize("port", ["simulated", "/dev/ttyACM0"])
 def test_a_print_is_refused_before_a_port_is_looked_for(
@@ -58,14 +49,6 @@ def test_a_print_is_refused_before_a_port_is_looked_for(
     with pytest.raises(Refused, match=r"Load .*part\.gcode in the controller's own software"):
         find_or_start(order, nothing)
     assert [path.name for path in tmp_path.iterdir()] == ["part.gcode"]
-
-
-def test_no_state_machine_and_no_question_is_for_it() -> None:
-    for ask in (lambda: protocol_for(PRINTER, 0.05), lambda: link_facts(PRINTER)):
-        with pytest.raises(Refused, match="takes no lines from a host"):
-            ask()
-    with pytest.raises(Refused, match="takes no lines from a host"):
-        query_settings("/dev/null", PRINTER)
 
 
 def test_its_marks_are_read() -> None:
