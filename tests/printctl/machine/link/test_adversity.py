@@ -35,7 +35,7 @@ from tests.printctl.machine.link.layered import (
     played,
 )
 from tests.printctl.machine.link.simulated_transport import HostDiedError
-from tests.printctl.machine.link.test_streamer import handshake_and, job_of, streamer_of
+from tests.printctl.machine.link.test_streamer import job_of, streamer_of
 from tests.slower import first_of
 
 
@@ -96,7 +96,7 @@ def test_clock_that_jumps_does_no_harm(tmp_path):
     lines = zigzag(300)
     status = streamer_of(job_of(lines), transport, tmp_path).run()
     assert status.state is LinkState.DONE, status
-    sent = [line for line in handshake_and(printer) if line.startswith("G1")]
+    sent = [line for line in printer.numbered if line.startswith("G1")]
     assert sent == [line.decode() for line in lines]
 
 
