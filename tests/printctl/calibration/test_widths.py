@@ -181,18 +181,6 @@ def test_a_spiral_tells_factor_drift_and_the_lag_of_its_begin(tmp_path: Path) ->
     assert "the flow drifts" in notes
 
 
-def test_comb_gives_the_interval_between_closed_and_open(tmp_path: Path) -> None:
-    printed(tmp_path, "comb", "--gaps", "0.1,0.2,0.3,0.5", "--round")
-    path = sheet(tmp_path, ["0", "0", "0.21", "0.41"])
-    found, _ = answer(path, "--write", tmp_path / "ink.yaml")
-    gap = found["smallest gap that stays open"]
-    assert (gap["value"], gap["low"], gap["high"]) == (0.3, 0.2, 0.3)
-    assert found["teeth wider than commanded by"]["value"] == pytest.approx(0.09)
-    ink = load(Ink, str(tmp_path / "ink.yaml"))
-    assert ink.smallest_gap_mm == 0.3
-    assert "0.2 mm closed" in ink.source
-
-
 @pytest.mark.parametrize(
     ("row", "says"),
     [

@@ -174,11 +174,6 @@ def test_a_shift_that_grows_stops():
     assert decider.decide(evidence(shift_mm=0.6, u_shift_mm=0.02)).kind is DecisionKind.STOP
 
 
-def test_what_readings_share_is_never_known_better():
-    blocks = FlowBlocks(np.zeros(50), np.full(50, 0.96), np.full(50, 0.03), np.ones(50), 0.03)
-    assert decided(flow=blocks).kind is GO_ON
-
-
 def test_a_flow_beyond_all_bounds_pauses_where_a_look_tells_it():
     """A clog in part that was over paused at each look that told no width; once is enough."""
     decider = Decider(Limits(mend="mend"))
@@ -350,15 +345,6 @@ def test_a_print_of_which_no_ink_is_seen_pauses_at_its_first_look_and_once():
     assert kinds == [DecisionKind.GO_ON, DecisionKind.PAUSE, DecisionKind.GO_ON]
 
 
-def test_a_view_in_which_little_is_seen_pauses_at_each_third_layer():
-    """Five sound layers in a row that showed nothing paused after the third and at every look."""
-    decider = Decider(Limits(mend="mend"))
-    decider.decide(evidence(level_mm=0.1))
-    levels = (0.2, 0.3, 0.4, 0.4, 0.5, 0.6, 0.7)
-    found = [decider.decide(evidence(level_mm=z, seen_share=0.1)).kind for z in levels]
-    assert [k for k, kind in enumerate(found) if kind is DecisionKind.PAUSE] == [2, 6]
-
-
 # --- a flow that is likely off, though widths don't tell it surely, is asked about
 
 
@@ -384,12 +370,6 @@ def test_a_print_that_begins_with_another_flow_is_asked_about(ratio, common, ask
         assert f"{ratio:.0%} ±" in found.why
         assert decider.decide(look(ratio, common)).kind is DecisionKind.GO_ON  # asked once
     assert Decider(Limits(mend="tell")).decide(look(ratio, common)).kind is DecisionKind.GO_ON
-
-
-def test_a_change_is_asked_about_though_levels_are_unsure():
-    decider = Decider(Limits(mend="mend"))
-    kinds = [decider.decide(look(ratio, 0.2)).ask for ratio in (1.1, 1.1, 0.75, 0.75, 1.1)]
-    assert kinds == [None, None, DecisionKind.FLOW, None, None]
 
 
 # --- corrections of the flow that the amount of ink seen doesn't answer are taken back

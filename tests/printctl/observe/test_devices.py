@@ -47,39 +47,10 @@ def test_a_new_file_of_a_folder_is_kept_with_the_look(tmp_path, monkeypatch, ahe
     assert picture_of(look, "picture") == found
 
 
-def test_a_profilers_table_is_its_file(tmp_path, monkeypatch):
-    folder, look = tmp_path / "scans", tmp_path / "0001"
-    folder.mkdir()
-    look.mkdir()
-
-    def listed_then_written(path, tables):
-        listed = files_in(path, tables)
-        (folder / "scan.CSV").write_text("1,2,3\n")
-        (folder / "scan.log").write_text("done")
-        return listed
-
-    monkeypatch.setattr(sys.modules[acquire.__module__], "files_in", listed_then_written)
-    found = acquire(DeviceSettings("folder", str(folder), tables=True), look / "picture")
-    assert found == look / "picture.CSV"
-    assert picture_of(look, "picture") == found
-    (look / "picture.tif").write_bytes(b"heights")
-    assert picture_of(look, "picture") == look / "picture.tif"
-
-
 def test_a_command_writes_the_file(tmp_path):
     words = f"{sys.executable} -c \"open('{{out}}.png', 'w').write('x')\""
     found = acquire(DeviceSettings("command", words), tmp_path / "picture")
     assert found == tmp_path / "picture.png"
-
-
-def test_what_a_command_writes_beside_its_file_isnt_taken(tmp_path):
-    program = tmp_path / "scan.py"
-    program.write_text(
-        "import sys\nfor end in ('.json', '.raw'): open(sys.argv[1] + end, 'w').write('x')\n"
-    )
-    words = f"{sys.executable} {program} {{out}}"
-    found = acquire(DeviceSettings("command", words), tmp_path / "picture")
-    assert found == tmp_path / "picture.raw"
 
 
 @pytest.mark.parametrize(

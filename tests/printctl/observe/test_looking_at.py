@@ -14,7 +14,7 @@ import pytest
 from printctl.machine.link.marks import Marks
 from printctl.observe.camera_holds import frame_holds
 from printctl.observe.devices import DeviceError
-from printctl.observe.held_look import HeldLook, hidden_stretches, slab, unseen_paths
+from printctl.observe.held_look import HeldLook, slab, unseen_paths
 from printctl.observe.judging import shift_of
 from printctl.observe.learned import STATE, Learned
 from printctl.observe.looking_at import ObservedJob
@@ -27,7 +27,6 @@ from registration.inspection import (
     SeeingOptions,
     Shift,
     Stations,
-    Unseen,
 )
 from tests.registration.devices.camera_frame import scene
 
@@ -123,37 +122,6 @@ def test_what_one_picture_does_not_tell_and_the_other_shows_as_a_gap_is_asked_ab
             cast(Any, SimpleNamespace(order=order)), cast(Any, bath), [nothing]
         )
         assert len(seen) == 1
-
-
-@pytest.mark.parametrize(
-    ("sees", "gaps", "told"),
-    [
-        (False, (), [(1.0, 1.8)]),
-        (True, (), []),
-        (True, ((2.0, 2.95),), [(3.0, 3.6)]),  # over older ink, and a gap runs into it
-        (True, ((2.0, 2.7),), []),
-    ],
-)
-def test_a_stretch_that_no_picture_sees_is_told_by_its_length(sees, gaps, told):
-    gaps = tuple(Gap(0, *one, (0.0, 0.0), (0.0, 0.0), 0.0, 0.0) for one in gaps)
-    along = np.arange(0.05, 4.0, 0.1)
-    hidden = (along > 1.0) & (along < 1.8) | (along > 2.5) & (along < 2.6)
-    older = (along > 3.0) & (along < 3.6)
-
-    def picture(seen):
-        why = np.where(older, int(Unseen.OLD_INK), np.where(seen, 0, int(Unseen.GLARE)))
-        return SimpleNamespace(stations=stations_of(along, seen, why), gaps=gaps)
-
-    path = SimpleNamespace(
-        at=lambda along: np.column_stack([along, 0 * along, 0 * along]), length_mm=4.0,
-        command=np.array([0]),
-    )  # fmt: skip
-    at = SimpleNamespace(
-        ink=SimpleNamespace(paths=(path,)), marks=Marks([]), layer=SimpleNamespace(mended=())
-    )
-    each = [picture(~(hidden | older)), picture(np.full(len(along), sees) & ~older)]
-    found = hidden_stretches(cast(HeldLook, at), cast(list[LayerFindings], each), 0.2)
-    assert [(round(one.gap.from_mm, 6), round(one.gap.to_mm, 6)) for one in found] == told
 
 
 # --- a layer whose ink lies aside as a whole is told as moved, and nothing of it as missing

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,13 +14,11 @@ import yaml
 from benchmarks.checkers.profiler_painter import profiled
 from benchmarks.observe_laser import expected
 from printctl.errors import UsageError
-from printctl.observe.devices import DeviceError, DeviceSettings, acquire, picture_of
-from printctl.observe.devices.files import files_in
+from printctl.observe.devices import DeviceError
 from printctl.observe.last_map import LastMap
 from printctl.observe.learned import Learned
 from printctl.observe.map_check import MapCheck
 from printctl.observe.profiler import read_profiler_frame, refuse_other_height, try_laser_frame
-from printctl.observe.records import emptied_look_folder
 from printctl.observe.scan_place import ScanSize, refuse_elsewhere
 from printctl.observe.views import View, open_view
 from registration.devices.camera_frame import write_frame as write_frame_laser_sweep
@@ -69,24 +66,6 @@ def opened(folder: Path, heights: np.ndarray, frame: Path | None) -> View:
         np.savez(path, height_mm=heights, pixel_mm=np.full(2, map_.px), printer_to_scan=map_.to_map)
     order = SimpleNamespace(oct=False, laser=True, frame=str(frame or ""))
     return open_view(path, cast(Any, order), map_.middle_z, map_.thickness, expected(map_))
-
-
-def test_a_profilers_file_is_opened_by_its_frame_and_a_simulated_ones_by_its_own(
-    tmp_path: Path,
-) -> None:
-    map_ = profiled(1, "plate")
-    frame = write_frame(
-        tmp_path / "frame.yaml", printer_to_scan=map_.to_map.tolist(), pixel_mm=[map_.px] * 2
-    )
-    told, own = (opened(tmp_path, map_.heights, one) for one in (frame, None))
-    np.testing.assert_array_equal(told.image, own.image)
-    assert told.size is not None
-    assert "µm over the layer's top along the lines" in told.size.words
-    assert told.hidden is not None
-    assert told.hidden.any()
-    assert told.shown is not None
-    assert told.shown.shape == (*map_.heights.shape, 3)
-    np.testing.assert_array_equal(told.taken, map_.heights)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -167,28 +146,6 @@ def test_the_command_fits_a_laser(tmp_path: Path) -> None:
     assert "of 24 used" in done.stdout
     assert "heights             ±" in done.stdout
     try_laser_frame(out)
-
-
-def test_a_new_folder_of_pictures_is_kept_with_the_look(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    source = tmp_path / "sweeps"
-    (source / "old").mkdir(parents=True)
-    (source / "old" / "0.png").write_bytes(b"old")
-    look = emptied_look_folder(tmp_path, 1)
-
-    def listed_then_written(path: Path, tables: bool) -> object:
-        listed = files_in(path, tables)
-        (source / "new").mkdir()
-        (source / "new" / "0.png").write_bytes(b"new")
-        return listed
-
-    monkeypatch.setattr(sys.modules[acquire.__module__], "files_in", listed_then_written)
-    found = acquire(DeviceSettings("folder", str(source), tables=True), look / "picture")
-    assert found == look / "picture"
-    assert (found / "0.png").read_bytes() == b"new"
-    assert picture_of(look, "picture") == found
-    assert not list(emptied_look_folder(tmp_path, 1).iterdir())
 
 
 # --- a look's map beside the last look's

@@ -17,7 +17,6 @@ from printctl.observe.look_values import Look
 from printctl.observe.records import LookRecord, look_folder, save_look
 from printctl.observe.view_before import EMPTY, image_before, picture_before
 from registration.devices.camera_frame.frame import CameraFrame
-from registration.inspection import ExpectedLines
 
 
 @dataclass
@@ -78,45 +77,6 @@ def test_an_octs_frame_is_four_by_four(tmp_path, text):
     path.write_text(text)
     with pytest.raises(UsageError, match="printer_to_scan"):
         views.read_oct_frame(path)
-
-
-def _scanned(tmp_path):
-    """A folder with a volume of noise and its frame; both files."""
-    bright = np.linspace(100, 3000, 120)[:, None, None]
-    volume = (np.random.default_rng(2).exponential(1, (120, 30, 40)) * bright).astype(np.uint16)
-    path, frame = tmp_path / "picture.npz", tmp_path / "frame.yaml"
-    np.savez(
-        path, volume=volume, voxel_mm=np.array([0.01, 0.02, 0.02]), refractive_index=1.0,
-        optical_depth=False, scale="linear", modality="oct", depth_down=True,
-    )  # fmt: skip
-    frame.write_text("printer_to_scan: [[1,0,0,0], [0,-1,0,0.6], [0,0,-1,1.2], [0,0,0,1]]")
-    return path, frame
-
-
-def test_a_volume_taken_twice_is_known_at_another_layer(tmp_path):
-    """A hanging scanner's volume looks another way in each layer's height map."""
-    path, frame = _scanned(tmp_path)
-    order = type("Order", (), {"oct": True, "laser": False, "frame": str(frame)})()
-    low, high = (views.open_view(path, order, z, 0.06) for z in (0.5, 0.7))
-    assert not np.array_equal(low.image, high.image)
-    np.testing.assert_array_equal(low.taken, high.taken)
-    assert len(low.taken) < 20
-
-
-@pytest.mark.parametrize("embedded", [True, False])
-def test_a_volume_of_a_bath_has_a_picture_at_the_filaments_depths(tmp_path, embedded):
-    path, frame = _scanned(tmp_path)
-    facts = {"oct": True, "laser": False, "embedded": embedded, "frame": str(frame)}
-    once = np.zeros(1, dtype=np.int64)
-    lines = ExpectedLines(
-        np.array([[0.1, 0.3, 0.4]]), np.array([[0.7, 0.3, 0.8]]), np.full(1, 0.15),
-        once, once, np.ones(1, dtype=np.bool_),
-    )  # fmt: skip
-    view = views.open_view(path, type("Order", (), facts)(), 0.6, 0.5, lines)
-    assert (view.filaments is not None) == embedded
-    assert view.hidden is None
-    if embedded:
-        assert view.filaments.shape[:2] == view.image.shape[:2]
 
 
 # --- the picture that counts as the one before a look's layer

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import math
 import re
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from printctl.machine.link.inserts import Insert
 from printctl.machine.link.journal import encode
 from printctl.machine.link.record import JOURNAL
 from printctl.observe.records import LookRecord, look_folder, save_look
-from printctl.pipeline.look_pictures import look_pictures, look_rows
+from printctl.pipeline.look_pictures import look_pictures
 from printctl.pipeline.run import toolpath_recipe
 from printctl.pipeline.tracing import Job
 from printctl.pipeline.written_in_scan import looks_and_scan, save_written, written_places
@@ -72,22 +71,6 @@ def test_a_recipe_s_layers_are_thinner_round_a_lying_lumen(tmp_path: Path) -> No
 def record(number: int, decision: str = "go_on", coverage: float | None = 1.0) -> LookRecord:
     found = {"coverage": coverage, "seen_share": None if coverage is None else 0.9}
     return LookRecord(number, 9, 9, "end of layer 1", 100.0, decision, "why", found=found)
-
-
-def test_rows_tell_what_the_journal_says_was_done() -> None:
-    """A proposed mend that never came into the job isn't one."""
-    looks = [record(1, "mend"), record(2, "pause", None), record(3), record(4, "pause")]
-    inserts = [
-        Insert(1, 9, (b"G1 X1",)),
-        Insert(3, 30, (), "drift", 1.1),
-        Insert(4, 40, (b"G4",), "", 1.1),
-    ]
-    rows = look_rows(looks, inserts)
-    assert [row.mended for row in rows] == [True, False, False, True]
-    assert [row.flow for row in rows] == [None, None, 1.1, None]
-    assert [row.held for row in rows] == [False, True, False, False]
-    assert math.isnan(rows[1].ink)
-    assert math.isnan(rows[1].seen)
 
 
 def test_strip_and_curve_of_a_print_folder(tmp_path: Path) -> None:
@@ -182,13 +165,3 @@ def test_so_is_a_mend_that_the_scan_does_not_find(tmp_path, job):
     first, _ = compared(tmp_path, job, hole, looks, [mend])
     assert (first["agree"], first["mended"]) == (False, True)
     assert first["words"] == "look: mended; scan: missing"
-
-
-def test_what_a_mend_left_is_no_disagreement_with_a_scan_that_misses_it(tmp_path, job):
-    mended = look(1, 12, ink=0.7, decision="mend", gaps=[{"from_mm": 1.0, "to_mm": 7.0}])
-    mended.found["left_mm"] = 3.0
-    first, _ = compared(
-        tmp_path, job, hole, [mended, TWO[1]], [Insert(1, 12, (b"G1 X1",), "gaps", 1.0)]
-    )
-    assert first["words"] == "look: mended, 3.00 mm left; scan: missing"
-    assert first["agree"] is True

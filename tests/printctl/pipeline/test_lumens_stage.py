@@ -10,14 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from design.geometry.surface import Surface
 from design.network import VesselNetwork
 from firmware_profiles import Printer, load
 from firmware_profiles.bead import BeadSection
 from kernels.arrays import FloatArray, IntArray
 from printctl.errors import SafetyError
 from printctl.pipeline.stages import lumens
-from printctl.pipeline.tracing import Job, by_layer, made_by
 from printctl.recipe.making import Embedded, Fresh
 from sim.gcode.deposit.strands import Strands
 from tests.printctl.checks.lumens.small_gcode import BORE_MM, LAYER_MM, Strokes, gcode, tube
@@ -97,8 +95,6 @@ def test_a_vessel_left_out_by_the_plan_is_told_with_its_place_and_not_refused(
 # --- trace from a place of the print to its G-code lines
 
 
-NO_FACES = np.empty((0, 3), dtype=np.int64)
-
 NETWORK = VesselNetwork.from_segments(
     np.array([[0.0, 0, 0.5], [10, 0, 0.5]]),
     np.array([[0, 1]]),
@@ -110,39 +106,3 @@ NETWORK = VesselNetwork.from_segments(
 
 def written(start: FloatArray, end: FloatArray, line: IntArray) -> Strands:
     return Strands.dosed(start, end, np.ones(len(line)), np.arange(len(line)), line)
-
-
-def defect(kind: str = "stenosis", **more: object) -> dict[str, object]:
-    return {"kind": kind, "vessel": 0, "from_mm": 4.0, "to_mm": 5.0, **more}
-
-
-def test_a_vessels_own_line_is_named_in_an_embedded_print() -> None:
-    one = Job(
-        written(
-            np.array([[0.0, 0, 0.5], [0, 5, 0.5]]), np.array([[10.0, 0, 0.5], [10, 5, 0.5]]),
-            np.array([7, 9]),
-        ), np.array([0, 1]), True, np.array([6, 8]), np.array([7, 9]),
-    )  # fmt: skip
-    found = made_by(defect("occlusion"), one, NETWORK, 0.0)
-    assert found == {"vessels": [0], "first_line": 7, "last_line": 7, "line_count": 1}
-
-
-def test_layers_of_different_heights_take_what_lies_in_them() -> None:
-    """Two of 0.1 mm, the next without lines, then thinner ones; the first primes higher up."""
-    tops = np.array([0.1, 0.1, 0.5, 0.2, 0.24, 0.26])
-    end = np.column_stack([np.ones(6), np.zeros(6), tops])
-    source = np.array([0, 0, 0, 1, 3, 4])
-    lines = np.arange(1, 7)
-    one = Job(written(end - [1, 0, 0], end, lines), source, False, np.arange(5), np.arange(5))
-    report = SimpleNamespace(
-        transform_scan_to_part=np.eye(4),
-        scaled_scan_to_part=np.eye(4),
-        surface=Surface(
-            np.array([[0, 0, z] for z in (0.05, 0.15, 0.21, 0.23, 0.25, 0.4)]), NO_FACES
-        ),
-        seen=np.ones(6, dtype=bool),
-        scaled_deviation_um=np.array([1.0, 2.0, 3.0, 4.0, 5.0, 7.0]),
-    )
-    rows = by_layer(report, one)  # type: ignore[arg-type]
-    assert [row["mean_um"] for row in rows] == [1.0, 2.0, 3.0, 4.0, 6.0]
-    assert [row["z_mm"] for row in rows] == pytest.approx([0.1, 0.2, 0.22, 0.24, 0.26])

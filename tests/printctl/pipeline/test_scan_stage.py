@@ -22,33 +22,13 @@ from printctl.machine.link.record import LinkRecord
 from printctl.pipeline.print_scan import StatedPrint, scan_print
 from printctl.pipeline.scan_defects import scan_defects
 from printctl.pipeline.simulated_scan import scan_size_words
-from printctl.pipeline.stages import scan
 from printctl.pipeline.stages.scan import load_scan
 from printctl.recipe.making import FileScan, SimulatedScan
 from registration import read_scan
-from sim.gcode.deposit.ink_faults import Clog
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.registration.files.readers.crafted import counts
 
 BOX = np.array([[0.0, 0.0, 0.0], [24.0, 20.0, 3.0]])
-E_STEPS = 6400.0
-
-
-@pytest.mark.parametrize("factor", [1.0, 0.8])
-def test_what_comes_out_is_laid_and_not_what_is_pushed(factor: float, tmp_path: Any) -> None:
-    (tmp_path / "faults.yaml").write_text("ink: [{fault: clog, line: 30}]\n")
-    context: Any = SimpleNamespace(
-        recipe_folder=tmp_path,
-        poured=SimpleNamespace(
-            syringe=SimpleNamespace(area_mm2=math.pi), ink=SimpleNamespace(flow_factor=factor)
-        ),
-        recipe=SimpleNamespace(printer=SimpleNamespace(faults="faults.yaml")),
-        flow_ul_s=None,
-        printer=SimpleNamespace(steps_per_mm=SimpleNamespace(e=E_STEPS), heads=()),
-    )
-    ink = scan.printed_ink(context, strokes())
-    assert ink.area_mm2 == pytest.approx([math.pi * factor])
-    assert ink.faults.each == (Clog(fault="clog", line=30),)
 
 
 def strokes(area_mm2: float = 1.0) -> ExecutedMotion:

@@ -14,7 +14,6 @@ from rich.console import Console
 
 from design.errors import DesignError, TissueError
 from design.network import VesselNetwork
-from design.solids import block_solid, write_stl
 from design.vasculature import DepthPenalty
 from printctl.errors import RecipeError
 from printctl.pipeline.growth_source import growth_options, read_terminals
@@ -84,16 +83,6 @@ TUBE = VesselNetwork.from_segments(
 def made_regions(words: dict[str, object], folder: Path = Path()) -> float:
     part = TypeAdapter(RegionPart).validate_python(words)
     return make_region(part, 2, folder, TUBE).solid.volume_mm3
-
-
-def test_shapes_and_meshes_have_their_volume(tmp_path: Path) -> None:
-    ball = {"shape": "sphere", "centre_mm": [0, 0, 0], "radius_mm": 2.0}
-    assert made_regions({"where": ball}) == pytest.approx(4 / 3 * np.pi * 8, rel=0.02)
-    block = {"shape": "block", "from_mm": [0, 0, 0], "to_mm": [1, 2, 3]}
-    assert made_regions({"where": block}) == pytest.approx(6.0)
-    write_stl(tmp_path / "a.stl", block_solid((2, 2, 2)))
-    mesh = {"mesh": "a.stl", "unit": "cm"}
-    assert made_regions({"where": mesh}, tmp_path) == pytest.approx(8000.0)
 
 
 def test_a_flat_region_is_refused_by_name() -> None:

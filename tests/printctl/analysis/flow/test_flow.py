@@ -11,9 +11,6 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from design.hemodynamics import WindkesselOutlet
-from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
-from printctl.analysis.flow import pulsatile_conditions
 from printctl.recipe.parts import FlowPart
 from tests.system.cli import called as printctl
 
@@ -97,18 +94,6 @@ def test_mistakes_end_in_one_message(fork: Path, options: tuple[str, ...], words
     assert "Traceback" not in done.stderr
     assert words in done.stderr
     assert done.stdout == ""
-
-
-def test_a_windkessel_is_converted_and_scaled_with_the_print() -> None:
-    outlet = {"resistance_mmhg_min_ml": 4, "proximal_mmhg_min_ml": 1, "compliance_ml_mmhg": 0.01}
-    pulse = {"amplitude_ml_min": 0.1, "period_s": 1, "outlet": outlet}
-    part = FlowPart.model_validate({"pulse": pulse, "outlet_pressure_mmhg": 10})
-    assert part.pulse is not None
-    made = pulsatile_conditions(part, part.pulse, Path(), 2.0).outlet
-    assert isinstance(made, WindkesselOutlet)
-    assert made.distal == pytest.approx(4 * PA_PER_MMHG / UL_S_PER_ML_MIN / 8)
-    assert made.compliance == pytest.approx(10 / PA_PER_MMHG * 8)
-    assert made.distal_pa == pytest.approx(1333.22)
 
 
 @pytest.mark.parametrize(

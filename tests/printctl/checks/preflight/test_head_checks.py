@@ -8,15 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_profiles import Bath, Dish, Ink, Needle, Plate, Printer, load
+from firmware_profiles import Dish, Needle, Plate, Printer, load
 from printctl.checks.preflight import (
     Check,
-    HeadLoading,
     PlacedDish,
-    SetUp,
     Wells,
     check_each_head,
-    file_checks,
     gcode_checks,
     head_checks,
     syringe_checks,
@@ -117,18 +114,6 @@ def test_each_head_is_held_against_its_own_syringe():
     checks = check_each_head(run, QUICK, lambda k, view, one: syringe_checks(view, one, loads[k]))
     failed = [check.check for check in checks if check.refuses and "profile" not in check.check]
     assert failed == ["head 1 (right): ink, with 0 µL dead volume"]
-
-
-def test_all_checks_of_a_file_know_what_each_head_holds():
-    ink = load(Ink, "gelatin_sacrificial")
-    loads = tuple(HeadLoading(syringe, ink, NEEDLE) for syringe in SYRINGES)
-    setup = SetUp(QUICK, SYRINGES[0], ink, NEEDLE, load(Bath, "cell_matrix"), STANDING, heads=loads)
-    checks = file_checks(dry_run(DATA, QUICK, START), setup)
-    assert not [check.check for check in checks if check.refuses]
-    names = [check.check for check in checks]
-    for head in ("head 0 (left): ", "head 1 (right): "):
-        assert f"{head}needle to the dish's wall" in names
-        assert f"{head}plunger travel" in names
 
 
 def test_findings_of_heads_refuse_by_their_names():

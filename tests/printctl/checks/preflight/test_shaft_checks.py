@@ -20,7 +20,6 @@ from design.toolpath.gcode import Gcode, GcodeOptions, save_gcode, stream_gcode,
 from design.toolpath.moves import MoveBuilder
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.checks.preflight import shaft_clearance, written_arrays
-from printctl.checks.preflight.shaft import shaft_checks
 from printctl.checks.preflight.shaft_map import read_written_arrays
 from printctl.checks.set_up import HeadLoading
 from printctl.errors import SafetyError
@@ -202,19 +201,6 @@ def test_a_run_refuses_what_its_recipe_doesnt_allow(
         assert (told["passed"], told["weight"]) == (False, "warns")
     kept = json.loads((tmp_path / "run" / "dry_run.json").read_text())["clearance"]
     assert kept["crossing"][0]["crossed"] == 0
-
-
-def test_an_accepted_crossing_is_told_without_asking_again() -> None:
-    """Of a crossing that the recipe allows the note said how to allow it."""
-    contact: Any = type("Contact", (), {"line": 7, "sentence": lambda self: "line 7 crosses"})()
-    clearance: Any = type(
-        "Found", (), {"pairs": 1, "crossings": (contact,), "clearance_mm": 0.05,
-                      "grazed_pairs": 0, "grazes": ()},
-    )()  # fmt: skip
-    refused, taken = (shaft_checks(clearance, allowed)[0] for allowed in (0, 1))
-    assert "or accept them" in refused.sentence()
-    assert "accept them" not in taken.sentence()
-    assert "line 7 crosses" in taken.sentence()
 
 
 # --- planned embedded jobs pass the shaft checker, except where the plan reports it

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import pytest
@@ -15,17 +14,6 @@ from printctl.history.records.keys import lab_key
 from printctl.history.records.repeat import entry_of_bundle, make_job, plan_repeat
 from printctl.history.records.table import safe_cell
 from tests.printctl.history.records.prints import GCODE, printed, with_run
-
-
-def test_unchanged_print_is_made_ready_under_a_new_name_and_nothing_differs(tmp_path):
-    entry = printed(tmp_path / "run", name="he<art>.gcode")
-    plan = plan_repeat(entry)
-    assert plan.differences == ()
-    first, second = make_job(plan, tmp_path / "jobs"), make_job(plan, tmp_path / "jobs")
-    assert (first.name, second.name) == ("he_art__again_1.gcode", "he_art__again_2.gcode")
-    assert first.read_bytes() == GCODE
-    told = json.loads((tmp_path / "jobs" / f"{first.name}.repeat.json").read_text())
-    assert told["repeats"] == entry.id
 
 
 def test_profiles_that_differ_today_are_told_key_by_key(tmp_path):
@@ -46,20 +34,6 @@ def test_changed_gcode_is_refused_and_its_bundle_brings_it_back(tmp_path):
     made = make_job(plan_repeat(entry, bundle), tmp_path / "jobs")
     assert made.read_bytes() == GCODE
     assert entry_of_bundle(bundle).id == entry.id
-
-
-def test_a_bundle_from_another_machine_tells_its_profiles_and_set_up(tmp_path):
-    entry = printed(tmp_path / "run")
-    with_run(tmp_path / "run")
-    bundle = tmp_path / "away" / "out.zip"
-    bundle.parent.mkdir()
-    write_bundle(bundle, entry, lab_key())
-    here = plan_repeat(entry)
-    away = plan_repeat(entry_of_bundle(bundle), bundle)
-    assert away.bundle
-    assert away.unknown == () == here.unknown
-    assert away.differences == here.differences
-    assert away.set_up == here.set_up
 
 
 def test_damaged_or_foreign_bundle_is_refused(tmp_path):

@@ -277,14 +277,6 @@ def test_board_that_stands_still_is_told(tmp_path, mm):
     assert status.alarms == 1
 
 
-def test_dwell_and_pause_are_no_standstill(tmp_path):
-    data = gcode(60) + b"G4 P4000\nG1 X60 F600\nG4 S3\nG1 X50\n"
-    line = SimulatedTransport(MarlinPrinter(PRINTER, START), VirtualClock())
-    status, _ = printed(data, tmp_path, line, "pause")
-    assert status.state is LinkState.DONE
-    assert status.alarms == 0
-
-
 def test_print_that_a_silent_line_ends_tells_for_how_long_and_where_its_motors_stand(tmp_path):
     line = DeadLine(math.inf, held=False)
     status, _ = printed(gcode(400), tmp_path, line)

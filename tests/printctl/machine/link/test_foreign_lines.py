@@ -11,7 +11,6 @@ import pytest
 from firmware_profiles import Printer, load
 from firmware_profiles.families.link_protocol import StrayOk
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
-from printctl.machine.link.answer_count import EVERY_S
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.families import protocol_for
 from printctl.machine.link.journalled_print import JournalledPrint, read_journal
@@ -108,12 +107,6 @@ def test_place_renamed_without_an_answer_that_is_noticed_ends_the_print(tmp_path
     assert not transport._writes
     assert status.state is LinkState.POSITION_UNKNOWN
     assert "X is called" in status.message
-
-
-def test_surplus_answer_is_noticed_soon_in_a_long_print(tmp_path):
-    status, _, transport = printed(tmp_path, b"G1 Z60 F600\n", each_s=0.05, count=600)
-    assert status.state is LinkState.POSITION_UNKNOWN
-    assert status.lines_done < transport.foreign_at + EVERY_S / 0.05 + 5
 
 
 def test_clean_print_of_minutes_tells_of_nobody(tmp_path):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from printctl.cli.status import waiting_lines
@@ -27,7 +26,6 @@ from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState, Status
 from printctl.machine.print_state.actions import possible_actions
 from printctl.machine.printing.inserted_ink import filling_in_file, inserted_ink
-from printctl.machine.printing.map_of_rest import OF_LINES, write_map
 from printctl.machine.printing.progress import Filling
 from tests.printctl.machine.link.jobs import parse_job
 from tests.printctl.machine.link.layered import PRINTER
@@ -70,26 +68,6 @@ def test_rest_of_a_job_whose_flow_was_corrected_has_its_doses(begin):
     writes = [k for k in range(*third) if b" X" in grown.lines[k] and b" E" in grown.lines[k]]
     ratios = [(travel[k + 1] - travel[k]) / (own[k - 10] - own[k - 11]) for k in writes]
     assert ratios == pytest.approx([0.9] * len(writes), abs=5e-3)
-
-
-def test_the_rests_map_has_nothing_of_what_was_put_in(tmp_path):
-    count = DATA.count(b"\n")
-    job = tmp_path / "a.gcode"
-    job.write_bytes(DATA)
-    np.savez(tmp_path / "a.map.npz", **{name: np.arange(count) for name in OF_LINES})
-    begin = FIRST.after + 4
-    stood = {"line": begin, "begin_at": None, "certain": True, "dropped": False, "done": begin}
-    plan = plan_recovery(GROWN, DATA, JournalledPrint(stood=stood), PRINTER, Retreat())
-    rest = tmp_path / "rest.gcode"
-    rest.write_bytes(plan.gcode)
-    write_map(job, plan, rest)
-    source = np.load(tmp_path / "rest.map.npz")["source"].tolist()
-    rows = plan.gcode.splitlines()
-    assert len(source) == len(rows)
-    own = DATA.splitlines()
-    told = [(own[at], row) for at, row in zip(source, rows, strict=True) if at >= 0]
-    assert all(one == other for one, other in told)
-    assert len(told) == count - (OWN.file_lines[FIRST.after] - 1)
 
 
 def test_an_interrupted_print_counts_what_was_put_in(tmp_path):
@@ -177,23 +155,6 @@ PLACE = InsertPlace(AT, REACH, PRINTER)
 def test_refused_with_the_reason(lines, why):
     with pytest.raises(Refused, match=why):
         judged_lines(lines, PLACE, "the insert")
-
-
-def test_taken_as_a_job_is_read():
-    lines = [
-        "g1 z 9 f300 ; up, then across above the job's greatest height",
-        "G1 X40 Y40 F1200",
-        "G1 E1.5 F60",
-        "G1 X10 Y10 F1200",
-        "G1 Z2 F300",
-        "G92 E1",
-        "",
-        "; done",
-        "G1 F600",
-    ]
-    taken = judged_lines(lines, PLACE, "the insert")
-    assert taken[0] == b"G1 Z9 F300"
-    assert len(taken) == 7
 
 
 def test_only_the_look_that_goes_on_takes_one_insert(tmp_path):

@@ -72,33 +72,6 @@ def test_a_host_killed_at_any_moment_goes_on_with_the_same_head(tmp_path, seed):
     assert_same_print(printer.executed())
 
 
-@pytest.mark.parametrize("seed", first_of(range(30), 8))
-def test_a_host_killed_in_a_pause_goes_on_with_the_same_head(tmp_path, seed):
-    rng = np.random.default_rng(100 + seed)
-    printer, clock = machine()
-    transport = SimTransport(printer, clock)
-    script = Arming(transport, int(rng.integers(1, 14)), float(rng.uniform()))
-    when = int(rng.integers(12, len(JOB) - 5))
-
-    class Watched(SimTransport):
-        asked = False
-
-        def write(self, data):
-            super().write(data)
-            if not self.asked and script.streamer.status.lines_done >= when:
-                self.asked = True
-                script.streamer.pause()
-
-    transport = Watched(printer, clock)
-    script._transport = transport
-    try:
-        status = played(DATA, tmp_path, transport, script, printer=QUICK, retreat=RETREAT)
-    except HostDiedError:
-        status = went_on(tmp_path, printer, clock)
-    assert status.state is LinkState.DONE, status
-    assert_same_print(printer.executed())
-
-
 def test_a_stop_leaves_with_the_head_in_use_relieved(tmp_path):
     printer, clock = machine()
     first = JOB.lines.index(b"T1 S1")

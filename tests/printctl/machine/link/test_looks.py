@@ -50,23 +50,6 @@ def test_print_is_held_after_each_layer_until_somebody_has_decided(tmp_path):
     assert own_strokes(transport.printer.executed()) == own_strokes(foreseen)
 
 
-def test_inserts_are_streamed_as_lines_of_the_job(tmp_path):
-    data, transport = layered(3, 20), fresh()
-    observer = Observer({1: patch(data, 0), 3: patch(data, 2)})
-    status = observed(data, tmp_path, transport, observer)
-    assert status.state is LinkState.DONE, (status, observer.refusals)
-    history = read_journal(tmp_path / "journal.log")
-    assert [one.look for one in history.inserts] == [1, 3], observer.refusals
-    assert status.lines_total == status.lines_done == len(parse_job(data, "a")) + 22
-    assert status.inserted == history.positions
-    grown = grown_file(data, history.inserts)
-    foreseen = dry_run(grown, PRINTER, START, cold_extrusion=True).executed
-    made = transport.printer.executed()
-    assert own_strokes(made) == own_strokes(foreseen)
-    assert np.array_equal(made.end[-1], foreseen.end[-1])
-    assert made.plunger_end[-1] == pytest.approx(foreseen.plunger_end[-1])
-
-
 WRITES = [1, 13, 25, 37, 49, *range(7, 60, 12), *range(2, 60, 6)]
 
 

@@ -9,7 +9,6 @@ from pydantic import ValidationError
 from firmware_profiles import Printer, WatchedGauge
 from printctl.checks.preflight.firmware import firmware_checks
 from printctl.cli.status import waiting_lines
-from printctl.machine.link.care import Care
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.journal import read_records
 from printctl.machine.link.journalled_print import read_journal
@@ -147,16 +146,6 @@ def test_a_question_that_the_firmware_doesn_t_know_ends_before_the_first_line(tm
     transport = SimTransport(MarlinPrinter(PRINTER, START), VirtualClock())
     status = printed(tmp_path, transport)
     assert (status.state, status.lines_done) == (LinkState.FAILED, 0)
-
-
-@pytest.mark.parametrize("seed", first_of(range(6), 2))
-def test_noisy_lines_with_questions_between_lose_and_double_nothing(tmp_path, seed):
-    transport = transport_of(
-        [[0, 1.0]], rng=np.random.default_rng(seed), noise=0.0004, drop_ok=0.005
-    )
-    status = printed(tmp_path, transport, care=Care(checkpoint_s=0.0))
-    assert status.state is LinkState.DONE, status
-    assert_moved_as_foreseen(transport)
 
 
 @pytest.mark.parametrize("seed", first_of(range(8), 3))

@@ -35,17 +35,6 @@ class RangedDuet(FakeDuet):
         return super().do(command)
 
 
-class ColdDuet(RangedDuet):
-    """Behind that move it refuses the plunger's as well."""
-
-    def do(self, command: str) -> str:
-        if any(line.startswith("G1 X501") for line in self.executed) and " E" in command:
-            return "Warning: Tool 0 was not driven because its heater is cold\nok\n"
-        if command == "G1 X501":
-            self.executed.append(command)
-        return super().do(command)
-
-
 FAKES = {"klipper": FakeKlipper, "reprapfirmware": RangedDuet}
 
 
@@ -58,14 +47,6 @@ def test_a_refused_line_is_told_as_refused_and_not_counted(firmware, tmp_path):
     history = read_journal(tmp_path / "journal.log")
     assert history.done == REFUSED
     assert history.end["refused"] == REFUSED
-
-
-def test_the_cause_is_quoted_before_what_it_made_of_the_way_out(tmp_path):
-    streamer = streamer_of("reprapfirmware", ColdDuet(), tmp_path, BAD)
-    message = streamer.run().message
-    assert message.startswith(f"the printer refused line {REFUSED + 1} of test.gcode: 'Error: G1:")
-    assert "the way out wasn't made as meant" in message
-    assert message.index("outside machine limits") < message.index("Tool 0 was not driven")
 
 
 @pytest.mark.parametrize("firmware", FAKES)

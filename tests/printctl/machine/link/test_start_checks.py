@@ -123,14 +123,6 @@ def test_a_start_that_the_printer_or_the_job_confirms_is_printed(tmp_path):
     assert "the job's first lines say" in status.message
 
 
-def test_what_a_job_set_is_as_before_at_its_end(tmp_path):
-    own = b"M204 P%g T%g\n" % ((PRINTER.acceleration_mm_s2,) * 2)
-    status, printer, _ = printed(tmp_path, own + DATA, b"M204 P500 T500\n")
-    assert status.state is LinkState.DONE, status
-    assert float(printer.machine.motion.state["acceleration"][0]) == 500
-    assert not printer.machine.heat.cold_allowed
-
-
 @pytest.mark.parametrize("job", [b"M302 S0\n", b"M302 S100\n", b"M302 S5 P1\n"])
 @pytest.mark.parametrize(("dirty", "allowed"), [(b"", False), (b"M302 P1\n", True)])
 def test_the_least_temperature_of_extrusion_is_as_before_at_a_job_s_end(

@@ -10,17 +10,16 @@ from printctl.machine.link.care import Care, NewSyringe
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.journalled_print import JournalledPrint, read_journal
 from printctl.machine.link.marks import MarkKind
-from printctl.machine.link.modal import Modal
 from printctl.machine.link.recovering import plan_recovery
 from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState
 from printctl.machine.link.streamer import Streamer
-from printctl.machine.link.valve import is_open, shut, shut_and_wait
+from printctl.machine.link.valve import is_open
 from sim.devices.families.marlin.printer import MarlinPrinter
 from tests.printctl.machine.link.airy import AIR, CLOSES, OPENS, START, Airy, airy, laid_by
 from tests.printctl.machine.link.fake_marlin import FakeTransport
 from tests.printctl.machine.link.jobs import parse_job
-from tests.printctl.machine.link.layered import PRINTER, Arming, Script, played
+from tests.printctl.machine.link.layered import Script, played
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated_transport import HostDiedError
 from tests.slower import first_of
@@ -53,15 +52,6 @@ def sent(printer: Airy) -> list[str]:
 
 
 # --- what is read and said -------------------------------------------------------------------
-
-
-def test_needle_leaves_with_the_valve_shut_and_without_e():
-    at = Modal(x=1, y=2, z=3, e=4.0, f=600)
-    assert Retreat(lift_mm=20).leave(at, AIR) == [CLOSING, b"G1 Z23.00000 F300"]
-    assert Retreat().rejoin(at, AIR, prime_mm=0.5) == [b"G1 Z3.00000 F300", b"G1 F600"]
-    assert Retreat().leave(Modal(), AIR) == [CLOSING]
-    assert shut(PRINTER) == []
-    assert shut_and_wait(AIR) == [CLOSING, b"G4 P30"]
 
 
 # --- stops and pauses --------------------------------------------------------------------------
@@ -136,14 +126,6 @@ def test_resumed_within_a_path_the_valve_opens_last_and_its_delay_is_waited_for(
     assert "M400" in commands[down:ours]
     lift = next(k for k in range(down - 1, 0, -1) if commands[k].startswith("G1 Z30"))
     assert CLOSES in commands[lift - 2 : lift]
-
-
-def test_paused_between_paths_the_valve_stays_shut(tmp_path):
-    travel = JOB.lines.index(CLOSING, 10) + 3
-    script = Script(at_line={travel: lambda streamer: streamer.pause()})
-    status, printer = printed(tmp_path, script)
-    assert status.state is LinkState.DONE
-    assert printer.executed.count(OPENS) == JOB.lines.count(OPENING)
 
 
 def test_a_position_that_is_wrong_ends_the_print_with_the_valve_shut(tmp_path):
@@ -224,38 +206,6 @@ def test_a_host_that_died_shuts_the_valve_first_and_rejoins(tmp_path, seed):
     down = next(k for k, line in enumerate(commands) if b"G1 Z" in line)
     assert len(opened) == stood_open
     assert all(down < k for k in opened)
-
-
-def test_a_host_that_died_in_a_change_of_syringe_told_or_not(tmp_path):
-    told = set()
-    for last in range(1, 24):
-        folder = tmp_path / str(last)
-        folder.mkdir()
-        clock, printer = VirtualClock(), MarlinPrinter(AIR, START)
-        transport = SimTransport(printer, clock)
-
-        def change(streamer: Streamer) -> None:
-            streamer.resume(NewSyringe() if streamer.status.waits_for == "syringe" else None)
-
-        script = Arming(transport, last, 1.0, on_paused=change)
-        script.at_line = {}
-        try:
-            reload_at = (JOB.marks.of(MarkKind.RELOAD)[0].index,)
-            played(DATA, folder, transport, script, Care(reload_at=reload_at), printer=AIR)
-        except HostDiedError:
-            history = read_journal(folder / "journal.log")
-            printer.settle()
-            counted = history.syringe and history.syringe["n"] <= printer.lines.last_number
-            again = Script(on_paused=change)
-            status = played(
-                DATA, folder, SimTransport(printer, clock), again, history=history, printer=AIR
-            )
-            assert status.state is LinkState.DONE, (last, status)
-            asked = any(one.waits_for == "syringe" for one in again.pauses)
-            told.add((history.reload is not None, bool(counted), asked))
-    changing, counted_too = (True, False, True), (True, True, False)
-    assert {changing, counted_too} <= told <= {changing, counted_too, (False, False, True),
-                                               (False, False, False)}  # fmt: skip
 
 
 # --- the rest of a job ---------------------------------------------------------------------------

@@ -153,16 +153,6 @@ def test_a_thin_stretch_is_filled_up_where_the_line_stands_as_high_as_its_layer(
     assert all("lumen" in one.reason for one in beside.left)
 
 
-def test_a_thin_stretch_that_may_be_low_is_written_over_only_where_height_allows(held):
-    thin = {"missing": 0.4}
-    unknown = plan_mend(held, [Gap(last(held), 1.0, 3.0, **thin)])
-    full = plan_mend(held, [Gap(last(held), 1.0, 3.0, seen_height_mm=LAYER_MM, **thin)])
-    low = plan_mend(held, [Gap(last(held), 1.0, 3.0, seen_height_mm=0.6 * LAYER_MM, **thin)])
-    assert "may stand lower" in unknown.left[0].reason
-    assert "correct the flow" in full.left[0].reason
-    assert low.patches[0].flow == pytest.approx(0.4, rel=0.1)
-
-
 def test_a_print_held_within_a_stroke_goes_on_with_its_plunger_as_it_was():
     whole = layered_job().held()
     path = written_paths(whole)[-1]
@@ -240,12 +230,6 @@ def test_a_check_sees_a_shaft_through_ink():
     later = bath_job(DEEP, ABOVE).held()
     moved = [line for line in insert if not line.startswith(b"G92")]
     assert check_mend(later, moved, [gap]).ink_crossed > 0
-
-
-def test_thin_filaments_are_left_to_the_flow():
-    mend = plan_mend(bath_job(DEEP).held(), [Gap(0, 3.0, 4.0, missing=0.3)])
-    assert not mend.lines
-    assert "correct the flow" in mend.left[0].reason
 
 
 def test_vessels_that_the_job_writes_are_no_voids_and_others_are():

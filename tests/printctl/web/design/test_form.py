@@ -12,7 +12,6 @@ from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.starter import STARTER
 from printctl.web.design import form as forms
 from printctl.web.design.checking import check_data, check_text
-from printctl.web.design.pick_targets import pick_targets
 from printctl.web.design.recipes import EXAMPLES, Recipes
 from printctl.web.design.schema import recipe_form
 from printctl.web.design.widgets.editor import Editor
@@ -173,37 +172,6 @@ def test_nonsense_is_told_and_never_a_fault(text: str, tmp_path: Path) -> None:
 
 LEFT = {"left_coronary": {"at_mm": [1, 2, 3]}}
 HEART = {"template": "heart", "inlets": LEFT}
-TREES = [{"kind": "artery"}, {"kind": "vein"}]
-
-
-@pytest.mark.parametrize(
-    ("vessels", "name", "path", "value"),
-    [
-        ({"grow": "tree"}, "a further inlet", ("inlets",), [{"at_mm": [0.1, 2.0, 3.0]}]),
-        (
-            {"grow": "tree", "inlets": [{"at_mm": [0, 0, 0], "direction": [0, 0, 1]}]},
-            "inlet 1", ("inlets",), [{"at_mm": [0.1, 2.0, 3.0]}],
-        ),
-        ({"grow": "tree", "inlets": "each_part"}, "a further inlet", ("inlets",),
-         [{"at_mm": [0.1, 2.0, 3.0]}]),
-        (
-            {"grow": "tree", "anatomy": HEART}, "right coronary", ("anatomy", "inlets"),
-            {**LEFT, "right_coronary": {"at_mm": [0.1, 2.0, 3.0]}},
-        ),
-        ({"grow": "closed_loop"}, "the vein's outlet", ("vein_root_mm",), [0.1, 2.0, 3.0]),
-        (
-            {"grow": "forest", "networks": [{"network": "old.csv"}, {"trees": TREES}]},
-            "network 2: vein 2", ("networks", 1, "trees", 1, "root_mm"), [0.1, 2.0, 3.0],
-        ),
-    ],
-)  # fmt: skip
-def test_a_place_goes_where_the_growth_looks_for_it(
-    vessels: dict[str, Any], name: str, path: tuple[str | int, ...], value: Any
-) -> None:
-    data = {"vasculature": vessels}
-    target = next(one for one in pick_targets(data) if one.name == name)
-    assert target.path == ("vasculature", *path)
-    assert target.value(data, [0.10004, 2.0, 3.0]) == value
 
 
 @pytest.mark.parametrize(

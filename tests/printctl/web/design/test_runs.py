@@ -46,29 +46,6 @@ def _until(service: DesignService, *states: str) -> RunProgress:
     raise AssertionError(f"never {states}: {service.runs.progress('one')}")
 
 
-def test_a_design_is_made_as_far_as_asked(service: DesignService) -> None:
-    assert service.runs.progress("one").state == "never"
-    service.runs.start("one", "flow")
-    with pytest.raises(ConflictError, match="going on"):
-        service.runs.start("one", "flow")
-    run = _until(service, "done", "failed", "interrupted")
-    assert (run.state, run.until) == ("done", "flow")
-    assert [(stage.name, stage.state) for stage in run.stages] == [
-        ("tissue", "done"),
-        ("vasculature", "done"),
-        ("flow", "done"),
-    ]
-    assert {figure.key for figure in service.figures("one")} >= {"vessels", "drop_pa", "shear_max"}
-    assert "network.csv" in service.artefacts("one")
-    assert "lumens" not in {figure.key for figure in service.figures("one")}
-    page = service.page("one", "network")
-    assert 'import "report/main"' in page.read_text(encoding="utf-8")
-    made = page.stat().st_mtime_ns
-    assert service.page("one", "network").stat().st_mtime_ns == made
-    with pytest.raises(ConflictError, match="no G-code yet"):
-        service.page("one", "layers")
-
-
 @pytest.mark.slow
 def test_another_server_finds_a_run_and_cancels_it(
     service: DesignService, workspace: Workspace

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, Syringe, load
-from printctl.errors import UsageError
-from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
+from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.printer.calibration_requests import CalibrationRequest, Read
 from printctl.web.printer.service import PrinterService
 from tests.printctl.web.printer.conftest import ME
@@ -73,46 +72,3 @@ def test_a_copy_does_not_take_a_shipped_name_or_leave_its_folder(
     with pytest.raises(BadRequestError):
         idle.calibrating.save(ME, weighed(0.9), "printer", "../evil")
     assert sorted(tmp_path.rglob("*.yaml")) == before
-
-
-def test_level_and_offset_and_backlash_tell_what_was_put_in(idle: PrinterService) -> None:
-    places = [(0.0, 0.0), (20.0, 0.0), (0.0, 20.0), (20.0, 20.0), (10.0, 10.0)]
-    rows = [
-        (surface, f"{x}", f"{y}", f"{z + 0.002 * x:.3f}")
-        for surface, z in (("bed", 1.0), ("bath", 9.0))
-        for x, y in places
-    ]
-    level = idle.calibrating.fit("level", Read(rows=tuple(rows))).lines
-    assert level["bed, rise along x"].value == pytest.approx(0.2, abs=1e-6)
-    assert level["depth of the bath (bath_depth_mm)"].value == pytest.approx(8.0, abs=1e-6)
-
-    touched = [
-        (needle, f"{100 + dx}", "100.00", f"{5 + dz:.2f}")
-        for needle, dx, dz in (("A", 0.0, 0.0), ("B", 0.3, -0.2))
-        for _ in range(3)
-    ]
-    offset = idle.calibrating.fit("offset", Read(rows=tuple(touched))).lines
-    assert offset["B less A, x"].value == pytest.approx(0.3)
-    assert offset["B less A, z"].value == pytest.approx(-0.2)
-
-    dial = [
-        (f"{target}", f"{side}", f"{target - side * 0.03 + 0.001 * (i % 2):.3f}")
-        for i, (target, side) in enumerate((t, s) for t in (2, 4, 6, 8) for s in (1, -1))
-    ]
-    lost = idle.calibrating.fit("backlash", Read(rows=tuple(dial))).lines["lost motion"]
-    assert lost.value == pytest.approx(0.06, abs=0.005)
-
-
-def test_readings_that_say_nothing_are_refused(idle: PrinterService) -> None:
-    with pytest.raises(BadRequestError, match="not a number"):
-        idle.calibrating.fit("weigh", Read(rows=(("1.0", "abc"),)))
-    with pytest.raises(BadRequestError, match="2 columns"):
-        idle.calibrating.fit("weigh", Read(rows=(("1.0", "2.0", "3.0"),)))
-    with pytest.raises(BadRequestError, match="at most"):
-        idle.calibrating.fit("weigh", Read(rows=(("1e30", "1e30"),) * 4))
-    with pytest.raises(UsageError):
-        idle.calibrating.fit("weigh", Read(rows=(("1.0", "2.0"),)))
-    with pytest.raises(NotFoundError):
-        idle.calibrating.fit("nothing", weighed(1.0))
-    with pytest.raises(ConflictError, match="printctl calibrate lag"):
-        idle.calibrating.fit("lag", weighed(1.0))

@@ -11,42 +11,13 @@ import pytest
 from firmware_profiles import Dish, load
 from printctl.machine.link.errors import Refused
 from printctl.machine.station import StationState, StationStatus, Temperature
-from printctl.web.errors import BadRequestError, ConflictError, NotFoundError, NotInControlError
+from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.printer import following
 from printctl.web.printer.macros import Macro
 from printctl.web.printer.part_change import PURGE_STEP_UL, PURGE_UL
 from printctl.web.printer.printer_commands import BLIND_LIFT_MM, CLEAR_MM
 from printctl.web.printer.service import PrinterService
-from tests.printctl.web.printer.conftest import ME, OTHER, wait_for
-
-
-def test_without_a_printer_nothing_moves_and_the_message_says_what_to_do(
-    idle: PrinterService,
-) -> None:
-    with pytest.raises(ConflictError, match="connect one first"):
-        idle.hands.jog(ME, "x", 1.0)
-    assert idle.status.state is StationState.CLOSED
-
-
-def test_a_new_server_finds_the_station_again(service: PrinterService) -> None:
-    assert service.status.open
-    assert service.status.profile == "generic_marlin"
-
-
-def test_only_who_holds_the_controls_moves_but_anyone_stops(service: PrinterService) -> None:
-    service.core.controls.take(ME)
-    for refused in (
-        lambda: service.hands.jog(OTHER, "x", 1.0),
-        lambda: service.hands.heat(OTHER, "bed", 30.0),
-        lambda: service.hands.plunger(OTHER, 1.0),
-        lambda: service.hands.mount(OTHER, needle="25g"),
-        lambda: service.console.send(OTHER, "M105"),
-        lambda: service.guide.start(OTHER, "floor"),
-        lambda: service.disconnect(OTHER),
-    ):
-        with pytest.raises(NotInControlError, match="the operator holds the controls"):
-            refused()
-    assert service.stop_motion().open
+from tests.printctl.web.printer.conftest import ME, wait_for
 
 
 def test_out_of_the_bath_is_above_the_rim_where_that_is_known(service: PrinterService) -> None:
@@ -106,31 +77,6 @@ def test_a_needle_above_a_dish_is_to_be_touched_off(service: PrinterService) -> 
 
 
 # --- console and macros of the Printer page
-
-
-def test_replies_and_refusals_stand_in_the_log_of_all(service: PrinterService) -> None:
-    assert any("FIRMWARE_NAME" in line for line in service.console.send(ME, "M115"))
-    with pytest.raises(Refused, match="manual use"):
-        service.console.send(ME, "M112")
-    said, refused = service.console.entries()[-2:]
-    assert (said.text, said.who, said.refused) == ("M115", "the operator", "")
-    assert "manual use" in refused.refused
-    assert service.core.events.latest["console"]["text"] == "M112"
-    assert service.console.entries(after=said.number) == [refused]
-
-
-def test_a_macro_is_kept_run_and_removed(service: PrinterService) -> None:
-    macro = Macro(name="where <b>", commands=("M114", "M105"))
-    service.macros.save(ME, "generic_marlin", macro)
-    again = Macro(name="where <b>", commands=("M114",))
-    service.macros.save(ME, "generic_marlin", again)
-    assert service.macros.of("generic_marlin") == [again]
-    kept = service.core.workspace.private / "macros" / "generic_marlin.yaml"
-    assert kept.is_file()
-    assert any("X:" in line for line in service.macros.run(ME, "where <b>"))
-    service.macros.remove(ME, "generic_marlin", "where <b>")
-    with pytest.raises(NotFoundError):
-        service.macros.run(ME, "where <b>")
 
 
 def test_a_macro_holds_nothing_that_the_console_refuses(idle: PrinterService) -> None:
@@ -218,15 +164,6 @@ def test_readings_that_scatter_are_not_used(service: PrinterService) -> None:
     service.guide.read(ME)
     status = service.guide.use(ME)
     assert status.mounted.bath_level_mm == pytest.approx(0.3, abs=1e-6)
-
-
-def test_a_guide_wants_needle_and_dish_and_a_foil_that_is_one(service: PrinterService) -> None:
-    with pytest.raises(ConflictError, match="needle and dish"):
-        service.guide.start(ME, "floor")
-    with pytest.raises(BadRequestError, match="0 to 2 mm"):
-        service.guide.start(ME, "floor", foil_mm=3.0)
-    with pytest.raises(ConflictError, match="start it first"):
-        service.guide.read(ME)
 
 
 # --- ring buffer of the last ten minutes' readings
