@@ -12,12 +12,35 @@ from printctl.observe.look_words import total_words
 from printctl.observe.records import answer_look, answer_of, read_looks
 from tests.printctl.observe.observer_bench import GAP, LOOK, Bench, answering
 
+GO_ON, PAUSE, INSERT = ("go_on", 1), ("pause", 1), ("insert", 1, ("G1 X1 E1",), None)
+MENDED = {"path": 2, "from_mm": 0.0, "to_mm": 1.0, "tries": 1}
+THIN, CLOG_IN_PART = (Thin(2, 0.0, 3.0, 0.3),), (Thin(2, 0.0, 3.0, 0.6),)
+ABOVE = "0.40 mm (another layer lies above)"
 
-def test_a_sound_layer_needs_one_picture(tmp_path):
-    bench = Bench(tmp_path)
-    bench.observer.look(LOOK)
-    assert bench.link.said == [("go_on", 1)]
-    assert bench.pictures == ["picture"]
+
+@pytest.mark.parametrize(
+    ("bench", "said", "pictures", "words"),
+    [
+        ({}, [GO_ON], 1, "as expected"),
+        ({"gaps": (GAP,)}, [INSERT, GO_ON], 2, "1 gap"),
+        ({"gaps": (GAP,), "mended": (MENDED,)}, [(*INSERT, "again"), GO_ON], 2, ""),
+        ({"gaps": (GAP,), "again": False}, [GO_ON], 2, "in one of two pictures alone"),
+        ({"gaps": (GAP,), "refuses": True}, [PAUSE], 2, ""),
+        ({"gaps": (GAP,), "lines": (), "left": ABOVE}, [PAUSE], 2, "can't be mended from here"),
+        ({"thin": THIN}, [INSERT, GO_ON], 2, ""),
+        ({"thin": THIN, "lines": ()}, [GO_ON], 2, ""),
+        ({"thin": THIN, "one_each": True}, [GO_ON], 1, "by one picture"),
+        ({"thin": CLOG_IN_PART, "lines": ()}, [PAUSE], 2, ""),
+        ({"hangs": True}, [(*PAUSE, "again")], 0, "no picture"),
+    ],
+)
+def test_a_look_tells_the_link_what_was_decided(tmp_path, bench, said, pictures, words):
+    at = Bench(tmp_path, **bench)
+    record = at.observer.look(LOOK)
+    assert (at.link.said, len(at.pictures)) == (said, pictures)
+    assert words in record.why
+    assert read_looks(tmp_path) == [record]
+    assert record.found.get("mended", []) == list(bench.get("mended", []))
 
 
 def test_a_part_of_a_vessel_that_tells_little_is_left_to_the_next_look(tmp_path):
@@ -61,30 +84,6 @@ def test_a_look_that_somebody_ends_while_it_is_judged_keeps_nothing_of_its_pictu
     assert not record.judged
 
 
-def test_a_gap_in_two_pictures_is_mended_and_told(tmp_path):
-    bench = Bench(tmp_path, gaps=(GAP,))
-    record = bench.observer.look(LOOK)
-    assert bench.link.said == [("insert", 1, ("G1 X1 E1",), None), ("go_on", 1)]
-    assert bench.pictures == ["picture", "again"]
-    assert record.decision == "mend"
-    assert read_looks(tmp_path) == [record]
-
-
-@pytest.mark.parametrize(("lines", "said"), [(["G1 X1 E1"], ["insert", "go_on"]), ([], ["go_on"])])
-def test_thin_lines_are_looked_at_twice_and_never_stop_a_print(tmp_path, lines, said):
-    bench = Bench(tmp_path, thin=(Thin(2, 0.0, 3.0, 0.3),), lines=lines)
-    bench.observer.look(LOOK)
-    assert [one[0] for one in bench.link.said] == said
-    assert bench.pictures == ["picture", "again"]
-
-
-def test_lines_that_lack_most_of_their_ink_and_cant_be_filled_up_pause(tmp_path):
-    """A clog in part: 8 mm of a line with 36 % of its ink went on, told in the look's words."""
-    bench = Bench(tmp_path, thin=(Thin(2, 0.0, 3.0, 0.6),), lines=[])
-    bench.observer.look(LOOK)
-    assert bench.link.said == [("pause", 1)]
-
-
 @pytest.mark.parametrize("seen_share", [0.9, 0.04])
 @pytest.mark.parametrize("mode", ["mend", "ask"])
 def test_a_gap_of_which_no_second_picture_comes_is_asked_about(tmp_path, mode, seen_share):
@@ -105,27 +104,6 @@ def test_the_flow_is_corrected_without_lines(tmp_path):
     (kind, _, lines, flow), done = bench.link.said
     assert (kind, lines, done) == ("insert", (), ("go_on", 1))
     assert flow == pytest.approx(1.25, abs=0.02)
-
-
-def test_a_refused_insert_pauses(tmp_path):
-    bench = Bench(tmp_path, gaps=(GAP,), refuses=True)
-    bench.observer.look(LOOK)
-    assert bench.link.said == [("pause", 1)]
-
-
-def test_a_device_that_hangs_pauses(tmp_path):
-    bench = Bench(tmp_path, hangs=True)
-    assert "no picture" in bench.observer.look(LOOK).why
-    assert bench.link.said == [("pause", 1, "again")]
-
-
-def test_a_look_behind_a_mend_is_asked_for_and_what_it_mends_is_recorded(tmp_path):
-    mended = {"path": 2, "from_mm": 0.0, "to_mm": 1.0, "tries": 1}
-    bench = Bench(tmp_path, gaps=(GAP,), mended=(mended,))
-    bench.observer.look(LOOK)
-    assert bench.link.said[0] == ("insert", 1, ("G1 X1 E1",), None, "again")
-    (record,) = read_looks(tmp_path)
-    assert record.found["mended"] == [mended]
 
 
 def test_a_look_that_failed_is_recorded_and_leaves_the_control_as_it_was(tmp_path):
