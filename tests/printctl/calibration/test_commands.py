@@ -198,8 +198,6 @@ def test_a_test_that_leaves_the_work_area_is_refused(tmp_path: Path) -> None:
 
 
 # --- `printctl calibrate offset --printer`: offset of a second head, with its sign
-
-
 SHEET = """needle,x_mm,y_mm,z_mm
 left,100.00,80.00,12.00
 left,100.02,80.01,12.01

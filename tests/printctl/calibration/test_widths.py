@@ -247,8 +247,6 @@ def test_comb_and_joints_are_read_from_their_pictures(tmp_path: Path) -> None:
 
 
 # --- `printctl calibrate board` and `camera`: widths scaled by a board
-
-
 BOARD = ("--squares", "11,8", "--square-mm", "2")
 TOO_LARGE = 1.01
 

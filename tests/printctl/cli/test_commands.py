@@ -61,8 +61,6 @@ def test_pausing_waits_for_no_library_of_another_command():
 
 
 # --- bash completion of words, asked as bash asks
-
-
 ROOT = Path(__file__).parents[3]
 IN_BASH = """
 eval "$(_PRINTCTL_COMPLETE=source_bash printctl)"
@@ -122,11 +120,7 @@ def test_bash_itself_completes(tmp_path: Path):
 
 
 # --- options made from the fields of a recipe's section
-
-
 # --- one JSON object on stdout for a failure of any kind, beside the text on stderr
-
-
 @pytest.fixture
 def shell(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
@@ -193,8 +187,6 @@ def test_ctrl_c_and_faults_of_our_own_are_told_too(
 
 
 # --- command-line error messages
-
-
 def test_full_disk_is_named_with_the_remedy() -> None:
     text = explain(OSError(errno.ENOSPC, "No space left on device", "/runs/a/scan.tif")).message
     assert "disk is full" in text
@@ -203,8 +195,6 @@ def test_full_disk_is_named_with_the_remedy() -> None:
 
 
 # --- `printctl profiles show`: copies a shipped profile to a file of one's own
-
-
 def test_a_shipped_profile_is_copied_to_a_new_file_of_ones_own(tmp_path: Path) -> None:
     for model, name in ((Printer, "generic_marlin"), (Ink, "collagen_fresh")):
         out = tmp_path / f"{name}.yaml"

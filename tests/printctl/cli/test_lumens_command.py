@@ -171,8 +171,6 @@ def test_a_valves_file_is_read_by_its_flow(shell: Shell, tmp_path: Path) -> None
 
 
 # --- `printctl solid`, in an empty directory
-
-
 @pytest.fixture
 def shell_solid_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

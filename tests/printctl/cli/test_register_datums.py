@@ -72,8 +72,6 @@ def test_tolerances_of_no_vessel_are_wrong_use_and_no_scan_is_read(
 
 
 # --- `printctl register --model RUN`: holds a scan against what the run's print leaves to be seen
-
-
 @pytest.mark.parametrize(
     ("method", "lumens", "whole"),
     [

@@ -99,8 +99,6 @@ def test_a_height_that_layers_cant_make_is_told(
 
 
 # --- `printctl slice --thinnest-layer-um`: adaptive layer heights in the file
-
-
 @pytest.fixture
 def shell(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -167,8 +165,6 @@ def test_heights_that_can_t_be_are_refused(
 
 
 # --- `printctl slice` of several meshes and modifiers: heads and infill per region
-
-
 OFFSET_MM = 40.0
 """Of the second head of two_syringe_marlin, along x."""
 BORE_MM2 = np.pi / 4 * 4.61**2

@@ -195,8 +195,6 @@ def test_what_cannot_be_told_next_to_a_gap_is_asked_about(apart: float, asked: b
 
 
 # --- decisions by how much earlier looks saw, and what nothing told of
-
-
 def test_after_a_clog_a_layer_that_cannot_be_told_is_asked_about_once():
     clog = replace(GAP, to_mm=6.0)
     hidden = {"seen_share": 0.0, "over_old_share": 0.97}
@@ -346,8 +344,6 @@ def test_a_print_of_which_no_ink_is_seen_pauses_at_its_first_look_and_once():
 
 
 # --- a flow that is likely off, though widths don't tell it surely, is asked about
-
-
 def look(ratio, common, factor=1.0):
     """A picture of lines with so much of the ink asked for, of all known alike to ``common``."""
     full, time = np.full(5, ratio), np.arange(5.0)
@@ -373,8 +369,6 @@ def test_a_print_that_begins_with_another_flow_is_asked_about(ratio, common, ask
 
 
 # --- corrections of the flow that the amount of ink seen doesn't answer are taken back
-
-
 NOISE = 0.03
 
 

@@ -84,8 +84,6 @@ def test_a_layer_lies_where_the_second_picture_shows_it_if_the_first_shows_none(
 
 
 # --- gaps are believed at a stated rate, and only where both pictures show them
-
-
 TEST = GapTest()
 
 
@@ -111,8 +109,6 @@ def test_sound_layers_are_mended_at_the_stated_rate():
 
 
 # --- clog, empty syringe, bubble and lost line are told apart
-
-
 STROKE = np.repeat(np.arange(10), 20)
 
 
@@ -147,8 +143,6 @@ def test_state(missing, left_ul, state):
 
 
 # --- thin stretches: how far they go, how much ink they lack, and what two pictures show
-
-
 STEP = 0.15
 
 
@@ -180,8 +174,6 @@ def test_ink_that_stands_low_on_older_ink_is_told_where_no_width_is() -> None:
 
 
 # --- flow control: steps found, noise let be, bounds kept, no wind-up
-
-
 def blocks(begin_s, ratios, u=0.03, factor=1.0):
     count = len(ratios)
     time = begin_s + np.arange(count, dtype=float)

@@ -125,8 +125,6 @@ def test_what_one_picture_does_not_tell_and_the_other_shows_as_a_gap_is_asked_ab
 
 
 # --- a layer whose ink lies aside as a whole is told as moved, and nothing of it as missing
-
-
 @dataclass(frozen=True)
 class Found:
     """What is found within one reach."""
@@ -211,8 +209,6 @@ def test_a_line_that_is_as_long_as_it_should_be_is_moved_along_itself(gaps, ink_
 
 
 # --- state that an observer learned from its looks, as another one that begins anew reads it
-
-
 def test_an_observer_that_begins_anew_knows_what_the_last_look_had_learned() -> None:
     """The first look after a restart learned ink anew, and told nothing of a layer without ink."""
     look = Appearance(np.array([0.5, -1.0, 0.2]), np.ones((3, 61)), True, np.array([1.0, 2.0, 3.0]))
@@ -229,8 +225,6 @@ def test_an_observer_that_begins_anew_knows_what_the_last_look_had_learned() -> 
 
 
 # --- whether an earlier picture was taken where a camera's frame holds
-
-
 def test_an_earlier_picture_holds_only_in_the_frame_that_was_fitted_where_it_was_taken() -> None:
     """A camera that was bumped and fitted anew has moved since the picture before."""
     frame = scene.frame()

@@ -170,8 +170,6 @@ def test_what_an_earlier_print_left_is_no_part_of_this_one(tmp_path):
 
 
 # --- answers of the operator to a look that asks, and what an observer does by them
-
-
 @pytest.mark.parametrize(
     ("word", "said"),
     [

@@ -102,8 +102,6 @@ def test_a_map_in_which_nothing_was_measured_holds_the_print(tmp_path: Path) -> 
 
 
 # --- a laser line with a camera, as an observer sees it: a folder of pictures becomes a layer
-
-
 def lines_on_blocks() -> ExpectedLines:
     """A line along each block's top, written as 0.9 mm high ones."""
     at = [(sweeps.LOW[0] + (left + right) / 2, high) for left, right, high in sweeps.BLOCKS]
@@ -149,8 +147,6 @@ def test_the_command_fits_a_laser(tmp_path: Path) -> None:
 
 
 # --- a look's map beside the last look's
-
-
 _TO_MAP = np.eye(4)
 
 
@@ -233,8 +229,6 @@ def test_ink_is_lifted_by_the_map_of_the_layer_below_alone(below: float) -> None
 
 
 # --- a scan of another place, size or spacing is told as that
-
-
 TO_SCAN = np.array([[1.0, 0, 0, -100], [0, 1, 0, -50], [0, 0, -1, 3], [0, 0, 0, 1]])
 """The scan's corner at x 100, y 50; its first section at z 3."""
 

@@ -118,8 +118,6 @@ def _gone(pid: int) -> bool:
 
 
 # --- a print's device is tried before anything moves, and the empty dish is kept
-
-
 CAMERA = {
     "camera": {"size_px": [60, 40], "um_per_px": 100, "target_mm": [50, 40, 1]},
     "scene": {

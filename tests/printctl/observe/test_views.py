@@ -80,8 +80,6 @@ def test_an_octs_frame_is_four_by_four(tmp_path, text):
 
 
 # --- the picture that counts as the one before a look's layer
-
-
 LOOK = Look(3, 300, 300, 200, "end of layer 2")
 
 

@@ -108,8 +108,6 @@ def test_an_embedded_print_of_a_given_network_needs_no_tissue(tmp_path: Path) ->
 
 
 # --- forests from a recipe: mixing beside given vessels, notes on what isn't supplied
-
-
 CHANNEL = (
     "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
     "0,0,1,0,8,6,20,8,6,0.8,0.8,channel,0\n"
@@ -142,8 +140,6 @@ def test_a_mixing_network_grows_round_given_vessels(tmp_path: Path) -> None:
 
 
 # --- trees with curves in the place of bends, judged by a checker of their files
-
-
 TREE = {"grow": "tree", "terminals": 60, "curves": True}
 
 

@@ -128,8 +128,6 @@ def test_heads_that_stay_in_the_bath_are_refused(tmp_path: Path) -> None:
 
 
 # --- fRESH layers in two inks, from recipe to checked G-code
-
-
 SIZE_MM = (6.0, 4.0, 1.5)
 WHOLE_UL = 6.0 * (4.0 * 1.5 - np.pi * 0.25**2)
 CREST = 0.06 * (1 - np.pi / 4) / 2

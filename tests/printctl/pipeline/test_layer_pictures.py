@@ -40,8 +40,6 @@ def heights(svg: bytes) -> list[float]:
 
 
 # --- adaptive layer heights, from recipe to checked G-code
-
-
 def test_a_recipe_s_layers_are_thinner_round_a_lying_lumen(tmp_path: Path) -> None:
     """Heights as its G-code says them; both checks take each layer by its own."""
     write_network_csv(tmp_path / "tube.csv", TUBE)
@@ -66,8 +64,6 @@ def test_a_recipe_s_layers_are_thinner_round_a_lying_lumen(tmp_path: Path) -> No
 
 
 # --- strip and curve of the looks at a print, for the report
-
-
 def record(number: int, decision: str = "go_on", coverage: float | None = 1.0) -> LookRecord:
     found = {"coverage": coverage, "seen_share": None if coverage is None else 0.9}
     return LookRecord(number, 9, 9, "end of layer 1", 100.0, decision, "why", found=found)
@@ -99,8 +95,6 @@ def test_strip_and_curve_of_a_print_folder(tmp_path: Path) -> None:
 
 
 # --- looks held against the final scan: where lines should lie, what is missing, who disagrees
-
-
 LENGTH = 10.0
 
 

@@ -142,8 +142,6 @@ def test_a_file_that_is_not_there_is_refused_first(tmp_path: Path) -> None:
 
 
 # --- printability limits of needle, bath and method
-
-
 def context(part: Embedded | Fresh, print_scale: float = 1.0, **bath: float) -> Any:
     """As much of a run's context as is asked."""
     ink = load(Ink, "gelatin_sacrificial")
@@ -164,8 +162,6 @@ def test_a_weak_bath_limits_the_widest_vessel() -> None:
 
 
 # --- print time against cell lifetime, and ink use, on a complete simulated job
-
-
 def dry_run(folder: Path, **care: Any) -> dict[str, Any]:
     write_network_csv(folder / "two.csv", TWO)
     recipe = recipe_of(needle="22g", layer_um=150, line_um=400) | {"printer": {"care": care}}

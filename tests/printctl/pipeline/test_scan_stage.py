@@ -99,8 +99,6 @@ def test_a_large_scan_wants_to_be_asked_for_and_a_smaller_one_is_proposed() -> N
 
 
 # --- rerun of a run's scan stage after any change of the user's scan
-
-
 def loaded(folder: Path, **said: Any) -> Any:
     """A scan as a recipe that says this of it reads it."""
     context: Any = SimpleNamespace(recipe_folder=folder, scan_part=FileScan(**said))
@@ -131,8 +129,6 @@ def test_a_recipe_says_what_the_file_doesnt(tmp_path: Path) -> None:
 
 
 # --- recipe's simulated print defects: their positions in the printer's frame
-
-
 NETWORK = VesselNetwork.from_segments(
     np.array([[0.0, 0, 1], [10, 0, 1]]), np.array([[0, 1]]), np.array([0.2]), np.zeros(1),
     np.zeros(1),

@@ -119,8 +119,6 @@ def test_a_recipe_is_told_what_is_wrong_with_it(solid: dict[str, Any], message: 
 
 
 # --- notes on constructs whose handles or open ends differ from the network's
-
-
 def test_vessels_that_merge_are_told_by_number_and_place(tmp_path: Path) -> None:
     """Two channels side by side, whose lumens become one; a foreign network has 329 such places."""
     ends = np.array([(0.0, 3, 2), (10, 3, 2), (0, 3.6, 2), (10, 3.6, 2)])

@@ -72,8 +72,6 @@ def test_label_image_with_demand_from_another_image(tmp_path: Path) -> None:
 
 
 # --- regions with their own infill or head, from a recipe
-
-
 NONE = np.zeros(1, dtype=np.int64)
 TUBE = VesselNetwork.from_segments(
     np.array([[0.0, 0, 0], [10, 0, 0]]), np.array([[0, 1]]), np.array([0.5]), NONE, NONE
@@ -92,8 +90,6 @@ def test_a_flat_region_is_refused_by_name() -> None:
 
 
 # --- recipe's growth section: conversion to growth options, files read
-
-
 def test_every_word_arrives_in_the_design_s_units(tmp_path: Path) -> None:
     part = GrownNetwork.model_validate(
         {
@@ -166,8 +162,6 @@ def test_a_table_of_another_kind_is_refused(tmp_path: Path, text: str, message: 
 
 
 # --- a recipe whose tissue has two parts
-
-
 def design(folder: Path, **vasculature: Any) -> dict[str, Any]:
     one, two = trimesh.creation.box((10, 10, 10)), trimesh.creation.box((6, 6, 6))
     two.apply_translation((20, 0, 0))

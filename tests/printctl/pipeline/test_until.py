@@ -86,8 +86,6 @@ def test_a_design_ends_at_the_stage_that_is_named(shell: Shell, tmp_path: Path) 
 
 
 # --- lock of a run folder
-
-
 def test_a_lock_tells_whether_a_run_is_going_on(tmp_path: Path) -> None:
     assert not is_run_active(tmp_path)
     with run_lock(tmp_path):

@@ -184,8 +184,6 @@ def test_the_worst_fails_are_listed_first() -> None:
 
 
 # --- verdict on a plate, from the verdicts on its wells
-
-
 def well(passed: bool, undecided: bool) -> dict[str, Any]:
     verdict = {"passed": passed, "undecided": undecided, "reasons": ["Vessel 0: open"]}
     numbers = {"vessels": [{"error_percent": 1.0}], "scaled": {"rms_um": 9.0}}

@@ -69,8 +69,6 @@ def test_a_print_twice_the_size_carries_eight_times_the_flow(tmp_path: Path) -> 
 
 
 # --- pipeline stage of 3D flow: runs on request, reruns when its inputs change
-
-
 NETWORK = network_of([[0, 0, 0], [0, 0, 4.0]], [(0, 1)], 0.5)
 
 

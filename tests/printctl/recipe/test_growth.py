@@ -116,8 +116,6 @@ def test_a_given_network_says_its_unit_where_its_file_doesnt(
 
 
 # --- recipe section on forests: what is implied, and what is refused with a remedy
-
-
 ARTERY, VEIN, LYMPH = ({"kind": kind} for kind in ("artery", "vein", "lymph"))
 
 
@@ -160,8 +158,6 @@ def test_what_cannot_be_is_refused(networks: list[Any], keys: dict[str, Any], sa
 
 
 # --- recipe section on lattices
-
-
 BLOCK = {"shape": "block", "size_mm": [16, 8, 8]}
 
 
@@ -188,8 +184,6 @@ def test_wrong_lattices_are_refused(change: dict[str, Any], message: str) -> Non
 
 
 # --- recipe section on tissue: zones, demand, label images; errors named with their place
-
-
 NEEDLE = {"shape": "cylinder", "from_mm": [0, 0, 0], "to_mm": [0, 0, 9], "radius_mm": 0.5}
 BALL = {"shape": "sphere", "centre_mm": [0, 0, 0], "radius_mm": 2}
 BOX = {"shape": "block", "from_mm": [0, 0, 0], "to_mm": [1, 1, 1]}

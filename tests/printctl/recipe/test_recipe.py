@@ -139,8 +139,6 @@ def test_key_written_twice_is_refused_with_both_lines(tmp_path: Path) -> None:
 
 
 # --- recipe round trip: written with all defaults and read back equal
-
-
 EXAMPLES = sorted((Path(__file__).parents[3] / "examples").glob("*.yaml"))
 
 
@@ -157,8 +155,6 @@ def test_recipe_of_a_manifest_reads_back_as_the_same(path: Path) -> None:
 
 
 # --- recipe section on datums
-
-
 def test_a_recipe_names_its_datums_and_slips_are_refused() -> None:
     part = RegistrationPart.model_validate({"datums": ["face -z", "axis 3"]})
     assert part.datums == ["face -z", "axis 3"]
@@ -168,8 +164,6 @@ def test_a_recipe_names_its_datums_and_slips_are_refused() -> None:
 
 
 # --- tolerances in a recipe, a file and on the command line
-
-
 WHOLE = """
 diameter_percent: +8/-4
 mean_um: 12
@@ -231,8 +225,6 @@ def test_a_wrong_limit_is_named_with_its_remedy(tmp_path: Path, text: str, said:
 
 
 # --- migration of recipes from older schemas; refusal of newer ones
-
-
 TWICE = Step(
     0,
     "a cylinder is said by its diameter",

@@ -65,8 +65,6 @@ def test_the_same_seed_draws_the_same_and_another_another(draw: str) -> None:
 
 
 # --- ranking of search candidates, against a slow oracle
-
-
 class Named:
     """Stands for a candidate: nothing of it but its number and key is looked at."""
 
@@ -148,8 +146,6 @@ def test_limits_come_before_scores_and_what_can_t_be_judged_last() -> None:
 
 
 # --- search file errors and their messages
-
-
 RANGE = {"from": 1, "to": 2}
 
 

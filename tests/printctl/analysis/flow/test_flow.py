@@ -116,8 +116,6 @@ def test_a_flow_section_that_says_too_much_or_too_little_is_refused(
 
 
 # --- 1D flow: recipe section `flow.one_d` and `printctl flow --one-d`
-
-
 GEL = ("--wall-young-kpa", "10")
 
 
@@ -164,8 +162,6 @@ def test_mistakes_end_in_one_message_one_d(
 
 
 # --- `printctl flow case.yaml`: openBF's networks as waves
-
-
 CASE = """\
 project_name: tube
 blood: {rho: 1060.0, mu: 4.0e-3}
@@ -230,8 +226,6 @@ def test_mistakes_end_in_one_message_openbf(
 
 
 # --- options of `printctl flow`: inlet pressure, outlets, fluids, losses, wall shear range
-
-
 HEAD = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
 ROWS = (
     "0,0,1,7,7,0,7,7,3,0.5,0.5,artery,0\n",

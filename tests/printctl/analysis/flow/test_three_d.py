@@ -144,8 +144,6 @@ def test_recipes_refuse_what_is_out_of_bounds() -> None:
 
 
 # --- lumen surface from a scan: true size, ends extended to the ports
-
-
 RADIUS, LENGTH, STEP, SHRUNK = 0.25, 1.5, 0.025, 0.98
 
 

@@ -82,8 +82,6 @@ def test_wrong_sources_are_refused(tmp_path: Path, name: str, word: str) -> None
 
 
 # --- test_source
-
-
 DRIVE = Drive(0.5, 4.0)
 
 

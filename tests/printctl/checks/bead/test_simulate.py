@@ -132,8 +132,6 @@ def test_a_job_that_writes_nothing_is_told(tmp_path: Path) -> None:
 
 
 # --- playback page of a predicted print, as `printctl simulate --out` writes it
-
-
 def page_of(path: Path) -> tuple[dict[str, Any], str]:
     text = path.read_text(encoding="utf-8")
     found = re.search(r'id="play-data">(.*?)</script>', text, re.S)

@@ -163,8 +163,6 @@ def test_distances_of_pieces_are_those_of_many_sampled_points() -> None:
 
 
 # --- ink of several heads, read at each tip's own position
-
-
 PRINTER_HEADS = load(Printer, "two_syringe_marlin")
 # Both tips' lines meet at x = 60: the second stands 40 mm beside the first.
 JOB = b"""M218 T1 X0 Y0 Z0
@@ -215,8 +213,6 @@ def test_filaments_of_two_heads_are_strokes_of_their_own() -> None:
 
 
 # --- pneumatic head's line widths: from feed rates, and as simulated
-
-
 PRINTER_AIR = load(Printer, "pneumatic_marlin")
 HEAD = PRINTER_AIR.pneumatic
 assert HEAD is not None

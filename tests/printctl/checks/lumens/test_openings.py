@@ -155,8 +155,6 @@ def test_conductance_adds_resistances_of_the_fourth_power() -> None:
 
 
 # --- printed lines read from G-code
-
-
 def test_a_line_is_as_wide_as_its_volume_says() -> None:
     lines = read_lines(gcode([tube(0.3), tube(0.3)]), UL_PER_E)
     assert lines.width == pytest.approx(LINE_MM, abs=2e-5)
@@ -194,8 +192,6 @@ def test_what_cant_be_read_is_refused(data: bytes, said: str) -> None:
 
 
 # --- lumen openings and leaks: real ones found, none invented
-
-
 LAYERS = 6
 TOP = LAYERS * LAYER_MM
 """Of the axes of two tubes with four walls each, that touch."""
@@ -285,8 +281,6 @@ def test_two_trees_that_open_into_each_other_are_named() -> None:
 
 
 # --- lumens of a part without a network, and the part's position
-
-
 OUTER = 0.3 + 4 * LINE_MM
 LAYERS_MODEL = 10
 PLACE = np.array([20.0, 30.0, 0.0])

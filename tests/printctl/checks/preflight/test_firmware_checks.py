@@ -205,8 +205,6 @@ def test_a_time_after_which_motors_lose_their_power_is_refused_before_the_last_m
 
 
 # --- digital outputs set by a controller's program file: checks
-
-
 A3200 = load(Printer, "aerotech_pneumatic")
 FILE = "$DO[0].X=0\nG71\nG76\nG90\nVELOCITY ON\nG92 X60 Y70 Z30\n{}\nG1 X61 F5\n"
 
@@ -236,8 +234,6 @@ def test_any_other_output_is_refused_by_its_line(line):
 
 
 # --- tip positions declared in a job: once, before the first move
-
-
 DUET_PLACE_CHECKS = load(Printer, "ender5_duet3_replistruder5")
 START_PLACE_CHECKS = (100, 100, 20)
 
@@ -288,8 +284,6 @@ def test_the_same_place_and_the_plunger_s_count_pass(printer, lines):
 
 
 # --- temperature waits that no heater can satisfy
-
-
 DUET_WAIT_CHECKS = load(Printer, "ender5_duet3_replistruder5")
 
 
@@ -345,8 +339,6 @@ def test_a_wait_that_heaters_end_passes(printer, lines):
 
 
 # --- heater commands in a job: of another head, without a target, beyond the limit
-
-
 PRINTERS = {
     "marlin": MARLIN,
     "prusa": MARLIN.model_copy(update={"firmware": "prusa"}),

@@ -124,8 +124,6 @@ def test_findings_of_heads_refuse_by_their_names():
 
 
 # --- checks of plate wells, on handwritten jobs
-
-
 PRINTER = load(Printer, "generic_marlin")
 PLATE = load(Plate, "corning_24")
 LONG = load(Needle, "30g_50mm")

@@ -214,8 +214,6 @@ def test_probing_with_the_needle_mounted_is_refused(line: str) -> None:
 
 
 # --- lines of a G-code file against the needle's bore
-
-
 INK = load(Ink, "collagen_fresh")
 
 
@@ -250,8 +248,6 @@ def test_filaments_are_held_against_the_bore(filament_mm: float, passed: bool) -
 
 
 # --- clearance between needle and dish wall, for single and for many moves
-
-
 NEEDLE_WALL_GAPS = load(Needle, "25g")
 coordinate = st.floats(-50, 150)
 place = st.tuples(coordinate, coordinate, st.floats(-5, 40))
@@ -268,8 +264,6 @@ def test_one_move_has_the_gap_that_it_has_among_many(name, moves):
 
 
 # --- checks of time against cell lifetime, ink against syringe, motor steps against moves
-
-
 AREA = math.pi / 4 * SYRINGE.inner_mm**2
 SAID = {"viability_min": 30.0, "viability_source": "live/dead counts of lot 7"}
 

@@ -204,8 +204,6 @@ def test_a_run_refuses_what_its_recipe_doesnt_allow(
 
 
 # --- planned embedded jobs pass the shaft checker, except where the plan reports it
-
-
 """Outer diameter, its tip's, and the height of its cone."""
 START_SHAFT_PLANS = (60.0, 60.0, 90.0)
 PLACE_SHAFT_PLANS = np.array([80.0, 80.0, 40.0])
@@ -272,8 +270,6 @@ def test_bundles_pass_the_checker_but_for_what_the_plan_tells(seed: int, size_mm
 
 
 # --- embedded plan's own collision report agrees with the check of its G-code
-
-
 START_PLAN_AND_CHECK = (60.0, 60.0, 190.0)
 PLACE_PLAN_AND_CHECK = np.array([80.0, 80.0, 40.0])
 ROUNDED_MM = 0.002

@@ -138,8 +138,6 @@ def test_what_does_not_belong_together_is_not_pooled() -> None:
 
 
 # --- compensation: errors of one print told from errors of all; incompatible prints refused
-
-
 CALIBRATED_ACCIDENTS = Choices(bias=Mean(0.0, 1e-3))
 ALWAYS = {17: -0.04, 20: 0.04}
 LOCAL_GAIN = 0.7
@@ -183,8 +181,6 @@ def test_cochrans_test_finds_what_does_not_repeat() -> None:
 
 
 # --- origin of a scanned part in `printctl register`: its run, or none known
-
-
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run as far as its G-code, registered."""

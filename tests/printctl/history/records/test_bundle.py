@@ -234,8 +234,6 @@ def test_labs_key_is_made_once_and_for_its_owner_alone(data):
 
 
 # --- cover page of a record bundle
-
-
 HOSTILE = "<b>&<script>\x00\x1b[31m\n" + "x" * 5000
 
 

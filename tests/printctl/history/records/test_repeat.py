@@ -60,8 +60,6 @@ def test_file_that_changes_between_check_and_copy_makes_no_job(tmp_path):
 
 
 # --- history as CSV, and a print's timeline
-
-
 CALCULATED = "=+-@"
 
 

@@ -231,8 +231,6 @@ def test_kill_while_the_port_is_closed_writes_to_the_port_or_nowhere(monkeypatch
 
 
 # --- random sequences of pauses, syringe changes and host deaths in one print
-
-
 DATA = layered(5, 20)
 JOB = parse_job(DATA, "test.gcode")
 FORESEEN = dry_run(DATA, PRINTER, START, cold_extrusion=True).executed

@@ -303,8 +303,6 @@ def test_an_unknown_text_is_told_at_the_end(tmp_path):
 
 
 # --- error message split between two reads: no line is sent before its end
-
-
 RRF = partial(RrfProtocol, places)
 ERRORS = [
     (KlipperProtocol, b"!! Move out of range: 501.000 0.000 0.000 [0.000]\n"),
@@ -374,8 +372,6 @@ def test_the_job_goes_on_once_a_cut_text_is_whole(family):
 
 
 # --- error, halt or reset right behind an ok in the same read: no further line is sent
-
-
 FAULTS = [
     (KlipperProtocol, b"ok\n!! Move out of range: 501.000 0.000 0.000 [0.000]\n"),
     (KlipperProtocol, b'ok\n// Unknown command:"G1"\nok\n'),

@@ -193,8 +193,6 @@ def test_another_program_s_line_on_other_boards_pauses_once_and_is_told(tmp_path
 
 
 # --- other programs' changes of modes and settings during a print on the simulated Marlin
-
-
 MOVES = 240
 TOKEN = b"M0118 E1 at"
 
@@ -306,14 +304,6 @@ def test_heater_that_another_program_switches_on_is_set_back(tmp_path):
     assert "the bed is set to 60 °C, and this print had set 0 °C" in alarms
 
 
-def test_heater_that_the_job_sets_stays(tmp_path):
-    wire = SharedWire(b"M105\n", b" E0.07000 ")
-    status, _ = printed_foreign_changes(b"M140 S30\n" + gcode(MOVES), tmp_path, wire)
-    assert status.state is LinkState.DONE
-    assert wire.printer.machine.heat.bed.target_c == 30
-    assert "is set to" not in " ".join(read_journal(tmp_path / "journal.log").alarms)
-
-
 @pytest.mark.parametrize(("celsius", "told"), [(37, False), (110, True)])
 def test_heater_that_is_too_hot_before_the_first_line_is_refused(tmp_path, celsius, told):
     wire = SharedWire(b"", b" E0.07000 ")
@@ -346,8 +336,6 @@ def test_garbled_target_is_not_believed(tmp_path):
 
 
 # --- other programs' commands during a pause on the simulated Marlin, then `resume`
-
-
 JOB_Z_MM = 10.0
 
 

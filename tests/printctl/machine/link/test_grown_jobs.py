@@ -108,8 +108,6 @@ def test_a_print_that_is_held_for_a_look_may_be_gone_on_with_by_the_operator(tmp
 
 
 # --- inserts that are refused, each with its reason; nothing of them is journalled or sent
-
-
 AT = Modal(x=10.0, y=10.0, z=2.0, e=1.0, f=600.0)
 LOW = ((0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0))
 HIGH = ((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0))

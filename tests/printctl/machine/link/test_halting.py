@@ -133,8 +133,6 @@ def test_each_line_in_flight_has_a_quickstop_behind_the_one_that_stops_the_motor
 
 
 # --- run-on time of motors after a kill: predicted within 20 %, never too short
-
-
 PRINTER = load(Printer, "marlin_avr").model_copy(update={"emergency_parser": False})
 LOOK_S = 0.002
 
@@ -235,8 +233,6 @@ def test_places_under_way_are_found_with_each_line_read_about_once(monkeypatch) 
 
 
 # --- controlled stop on Marlin: M410 discards planned moves; the retreat starts there
-
-
 PRINTER_QUICKSTOP = load(Printer, "generic_marlin")
 HEADER = "M302 P1\nG90\nM82\nM85 S600\n"
 

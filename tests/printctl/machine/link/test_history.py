@@ -172,8 +172,6 @@ def test_link_process_adds_its_print(data, tmp_path, writable):
 
 
 # --- the command
-
-
 def test_command_lists_searches_and_writes_csv(data, tmp_path):
     remember(printed(tmp_path / "one", "heart.gcode"))
     remember(printed(tmp_path / "two", "liver.gcode", 2e9, end="killed"))
@@ -190,8 +188,6 @@ def test_command_lists_searches_and_writes_csv(data, tmp_path):
 
 
 # --- asked for a part of it
-
-
 @given(
     words=st.text(max_size=30),
     who=st.text(max_size=10),
@@ -202,12 +198,3 @@ def test_command_lists_searches_and_writes_csv(data, tmp_path):
 def test_no_question_breaks_the_index(data, tmp_path, words, who, states, offset):
     asked = HistoryQuery(words, tuple(states), who=who, offset=offset, limit=10)
     assert PrintHistory().find(asked).total == 0
-
-
-def test_index_of_an_older_version_is_gone_on_with(data, tmp_path):
-    PrintHistory().note(printed(tmp_path / "one"))
-    with sqlite3.connect(PrintHistory().path) as index:
-        index.executescript("DROP TABLE seen; DROP TABLE operators; DROP INDEX by_start;")
-    index.close()
-    assert [e.file for e in PrintHistory().entries()] == ["a.gcode"]
-    assert not list(data.glob("history.damaged-*"))

@@ -218,8 +218,6 @@ def test_what_another_program_set_while_the_host_was_dead_is_taken_back(tmp_path
 
 
 # --- message about a print whose link process was killed: the printer's behaviour, by family
-
-
 def killed(folder, profile: str, state: LinkState, done: int = 60, port: str = "/dev/printer"):
     job = folder / "job of mine.gcode"
     job.write_bytes(layered(4, 60))

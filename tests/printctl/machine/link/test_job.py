@@ -124,8 +124,6 @@ def test_what_is_dangerous_goes_off_before_the_heaters():
 
 
 # --- commanded state after some lines of a job: position, relief, settings
-
-
 WORDS = st.lists(st.sampled_from("XYZEF"), max_size=3, unique=True)
 LINES = st.tuples(st.sampled_from(["G1", "G0", "G92", "G28", "M105"]), WORDS, st.integers(0, 9))
 
@@ -139,8 +137,6 @@ def test_trail_is_the_modal_state_at_every_line_forwards_and_back(lines, asked):
 
 
 # --- count of certainly executed lines: a lower bound, exact at standstill
-
-
 MARLIN = load(Printer, "generic_marlin")
 AHEAD = MARLIN.planner_blocks + MARLIN.command_queue
 lines = st.lists(st.sampled_from([b"G1 X1", b"G0 Z2", b"M105", b"G4 P10"]), max_size=80)
@@ -167,8 +163,6 @@ def test_of_a_planner_by_time_only_a_standstill_counts(taken):
 
 
 # --- interruption marks in a job (ours and slicers'), and holds at them
-
-
 def test_marks_stand_between_command_lines():
     text = b"G90\n;LAYER_END:0\n;RELOAD\nG1 X1\n\n;PART_END:3\n;PASS_END:12\r\nG1 X2\n"
     job = parse_job(text, "a")
@@ -230,8 +224,6 @@ def test_no_mark_that_is_wanted_is_passed(found, done, kind, idle):
 
 
 # --- declared tip position (G92) in a job's first lines
-
-
 PLACE = (100.0, 90.0, 50.0)
 
 
@@ -274,8 +266,6 @@ def test_a_job_that_tells_none_or_homes_begins_where_it_is_said_to(lines):
 
 
 # --- places at which looks are due: by way, time of writing and height; ends of lines in layers
-
-
 def spaced(layers=2, lines=3, mark="LAYER_END", relieves=True, wipes=False):
     """Lines of 10 mm at 10 mm/s in layers of 0.25 mm, each left by a travel."""
     text, e = ["G90", "M82", "G92 X0 Y0 Z5 E0"], 0.0
@@ -298,25 +288,6 @@ def places(job, within=True):
     return look_places(job.lines, job.marks, job.positions, within=within)
 
 
-@pytest.mark.parametrize(("relieves", "wipes"), [(True, False), (False, False), (True, True)])
-def test_lines_end_where_the_needle_leaves_the_ink_relieved_and_lifted(relieves, wipes):
-    job = spaced(relieves=relieves, wipes=wipes)
-    found = places(job)
-    assert [round(one.way_mm) for one in found.written] == [10, 20, 30, 40, 50, 60]
-    assert found.marked == [False, False, True] * 2
-    for index in found.index:
-        assert job.lines[index - 1].startswith(b"G0 Z"), "not before it is relieved and lifted"
-        assert job.lines[index].startswith(b"G0 X")
-
-
-def test_a_path_that_turns_is_never_interrupted():
-    text = "G90\nG92 X0 Y0 Z1 E0\n" + "".join(
-        f"G1 X{k % 2 * 5} Y{k} E{k * 0.1:g} F600\n" for k in range(1, 9)
-    )
-    job = parse_job((text + "G0 Z2 F300\n;LAYER_END:0\nG0 X50 F600\n").encode(), "a")
-    assert places(job).index == [len(job.lines) - 1]
-
-
 @pytest.mark.parametrize(
     ("care", "mm"),
     [
@@ -334,21 +305,3 @@ def test_a_look_is_due_behind_enough_way_time_or_height(care, mm):
         looked, first = found.at(index), index + 1
         seen.append(round(looked.way_mm))
     assert seen == mm
-
-
-def seen_s(found, first=0, looked=None):
-    """Writing times of the looks that follow."""
-    looked, care, seen = looked or Written(), Care(None, look_every_written_s=30.0), []
-    while (index := found.next_due(first, looked, care)) is not None:
-        looked, first = found.at(index), index + 1
-        seen.append(round(looked.time_s))
-    return seen
-
-
-def test_looks_by_writing_time_come_soon_after_the_start_and_after_a_change():
-    job = spaced(layers=1, lines=120)
-    found = places(job)
-    assert seen_s(found) == [10, 20, 40, 70, 100]
-    at = found.index[39]  # a flow is corrected there, without a line
-    changed = found.shifted(at, 0)
-    assert seen_s(changed, at + 1, changed.at(at)) == [50, 60, 80, 110]

@@ -138,8 +138,6 @@ def test_record_that_is_missing_in_the_middle_is_a_gap_and_a_torn_end_is_none(tm
 
 
 # --- disk full during a print: the journal keeps reserved space for final records
-
-
 class SmallDisk:
     """Stands for ``os.write`` on a disk that takes so many bytes; each write takes what fits."""
 
@@ -212,8 +210,6 @@ def test_reserve_stays_for_a_print_that_is_gone_on_with(tmp_path):
 
 
 # --- operator's notes stay with their print when its folder is reused
-
-
 def begun(folder: Path, started: float) -> Path:
     """A print's journal in a folder, those before put aside."""
     path = archive_journal(folder)
@@ -242,8 +238,6 @@ def test_what_cannot_be_read_counts_as_nothing(tmp_path: Path) -> None:
 
 
 # --- wire log: bounded, ordered, kept after a failure
-
-
 def traffic(text: str) -> list[tuple[str, bytes]]:
     return [
         (line.split()[1], ast.literal_eval(line.split(None, 2)[2]))

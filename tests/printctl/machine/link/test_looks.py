@@ -169,25 +169,6 @@ def test_a_look_that_nobody_decides_becomes_a_pause_with_an_alarm(tmp_path):
     assert transport.clock.now() > 33
 
 
-def test_alarms_before_a_hosts_death_stay_in_the_count(tmp_path):
-    data, transport = layered(2, 12), fresh()
-    observer = Observer(decides=lambda number: None, resumes=False)
-
-    def says(status):
-        if status.state is LinkState.PAUSED:
-            raise HostDiedError
-
-    observer.seen_by = says
-    with pytest.raises(HostDiedError):
-        observed(data, tmp_path, transport, observer)
-    wire, later = SimTransport(transport.printer, transport.clock), Observer()
-    status = observed(data, tmp_path, wire, later, resume=True)
-    assert status.state is LinkState.DONE, status
-    told = {one.alarms for one in later.seen if one.state is not LinkState.CONNECTING}
-    assert told == {status.alarms} == {1}
-    assert status.alarms == len(read_journal(tmp_path / "journal.log").alarms)
-
-
 @pytest.mark.parametrize("decides", [LookDecision.STOP, None])
 def test_a_look_is_stopped_by_observer_or_operator(tmp_path, decides):
     data, transport = layered(2, 12), fresh()
@@ -315,8 +296,6 @@ def pushes_of(motion):
 
 
 # --- looks behind what was inserted: made where its lines end, by another host as well
-
-
 def made(folder) -> list[tuple[int, str]]:
     """Lines taken and what ended, at each look that an observer was told of."""
     history = read_journal(folder / "journal.log")

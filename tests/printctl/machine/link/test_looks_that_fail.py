@@ -127,8 +127,6 @@ def test_a_look_in_which_a_pause_is_asked_for_is_made_again(tmp_path, mended):
 
 
 # --- looks that pause: what is put in then is written once, parked needles and dead links included
-
-
 @pytest.mark.parametrize("park", [None, (20.0, 30.0, 40.0)])
 def test_pause_decided_in_a_look_takes_inserts_until_the_operator_goes_on(tmp_path, park):
     data, transport = layered(2, 12), fresh()

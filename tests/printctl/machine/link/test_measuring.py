@@ -142,12 +142,6 @@ def test_before_the_first_line_a_reading_must_be_there_and_below(tmp_path, ramp,
     assert len(transport.printer.executed()) == 0
 
 
-def test_a_question_that_the_firmware_doesn_t_know_ends_before_the_first_line(tmp_path):
-    transport = SimTransport(MarlinPrinter(PRINTER, START), VirtualClock())
-    status = printed(tmp_path, transport)
-    assert (status.state, status.lines_done) == (LinkState.FAILED, 0)
-
-
 @pytest.mark.parametrize("seed", first_of(range(8), 3))
 def test_a_host_that_dies_among_its_questions_goes_on_exactly(tmp_path, seed):
     rng, clock = np.random.default_rng(seed), VirtualClock()

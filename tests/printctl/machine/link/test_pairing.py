@@ -120,8 +120,6 @@ def test_noisy_print_in_pairs_is_exact(tmp_path, seed):
 
 
 # --- line sent without its end: executed only once the end follows, else refused
-
-
 def text(number: int) -> bytes:
     return frame(number, JOB[number - 1])[:-2]
 

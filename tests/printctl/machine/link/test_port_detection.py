@@ -36,8 +36,6 @@ def with_ids(*ids: str) -> Printer:
 
 
 # --- the port
-
-
 def test_two_alike_are_refused_with_both_named_unless_the_serial_number_tells_them_apart():
     with pytest.raises(PortError, match=r"several ports.*ttyACM0 .*7583.*ttyACM1 .*9911.*--port"):
         choose_port(with_ids("2341:0042"), [MEGA, TWIN, OTHER])
@@ -53,8 +51,6 @@ def test_none_is_refused_with_what_there_is():
 
 
 # --- the rate
-
-
 class Line:
     """A wire that reads well at one rate; at others both sides hear noise."""
 
@@ -137,8 +133,6 @@ def test_question_at_a_wrong_rate_reads_as_no_command():
 
 
 # --- through a real port
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="a terminal's rate is looked up as on Linux")
 def test_auto_port_and_rate_start_a_print(tmp_path, monkeypatch):
     import termios

@@ -138,8 +138,6 @@ TestLateOksAndNoise = as_test(LateNoise, 80)
 
 
 # --- link protocols of other families, property-based; only noise that their checks detect
-
-
 class FamilyWire(WireMachine):
     printer_class = FakeDuet
     protocol_class = staticmethod(partial(RrfProtocol, places))

@@ -150,8 +150,6 @@ def test_reset_in_mid_job_ends_it_even_if_start_was_garbled():
 
 
 # --- late oks: none is taken as the answer to a later line
-
-
 JOB_LATE_OKS = [b"G1 X%d" % k for k in range(1, 41)]
 
 
@@ -226,11 +224,7 @@ def test_slow_board_is_asked_again_within_two_seconds_and_waited_for():
 
 
 # --- garbled echo of a synchronisation token: queried again at once
-
-
 # --- interpretation of a real Marlin's replies, and framing of lines to it
-
-
 @pytest.mark.parametrize(
     ("text", "kind", "number"),
     [
@@ -276,8 +270,6 @@ def test_a_garbled_ok_is_never_an_ok(bit, place):
 
 
 # --- sent lines: no single flipped bit turns one into a stop code
-
-
 def seen_by_the_emergency_parser(line: bytes) -> list[bytes]:
     wire = Wire(250_000, 128, EMERGENCY)
     wire.send(0.0, line)
@@ -320,8 +312,6 @@ def test_no_flipped_bit_makes_a_stop_or_a_renumbering_of_what_is_sent(tmp_path):
 
 
 # --- invalid ADVANCED_OK fields: treated as a plain ok, reported once
-
-
 FACTS = PRINTER.model_copy(update={"advanced_ok": True})
 
 

@@ -320,8 +320,6 @@ def test_the_rest_says_its_first_layer_s_height(tmp_path):
 
 
 # --- recovery without a checkpoint, from a held print's, and from one whose motors stood
-
-
 def test_without_a_checkpoint_the_first_line_that_may_not_be_made_is_named():
     """Command 60 was taken, 20 moves may be ahead: begin with the line of command 41."""
     with pytest.raises(NoCheckpoint) as refused:

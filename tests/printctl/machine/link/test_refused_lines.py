@@ -135,8 +135,6 @@ def test_a_refused_wait_behind_the_last_line_ends_as_failed_with_the_retreat(z, 
 
 
 # --- printer that answers everything after an error with another error: the print ends
-
-
 SAID = {"klipper": "!! Lost communication with MCU", "reprapfirmware": "Error: Driver 3 failed"}
 
 
@@ -165,8 +163,6 @@ def test_the_error_ends_the_print_by_its_own_words(firmware, tmp_path):
 
 
 # --- klipper's shutdown reason, queried after the shutdown
-
-
 WHY = b"// MCU 'mcu' shutdown: Timer too close\n// This often indicates the host is overloaded.\n"
 
 

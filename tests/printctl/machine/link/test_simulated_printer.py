@@ -220,8 +220,6 @@ def test_a_stop_during_the_last_moves_relieves_the_plunger_before_settings_are_p
 
 
 # --- ends whose motors stand some steps off: a last move too short to be made, and a fault
-
-
 @pytest.mark.parametrize("moves", [3, 40])
 def test_last_move_below_the_firmwares_least_steps_is_no_renamed_place(tmp_path, moves):
     """Seen on a real Marlin: 5 steps of X and Y short of the place that it tells."""
@@ -273,8 +271,6 @@ def test_a_printer_without_bed_is_not_told_to_switch_it_off(tmp_path, monkeypatc
 
 
 # --- late or bunched oks and slow boards: done is reported after the last motor step
-
-
 MOVES = 40
 LATE = Fault(fault="late_oks", line=30, seconds=5.0)
 STALL = Fault(fault="stall", line=30, seconds=4.0)
@@ -338,8 +334,6 @@ def test_slow_board_that_stalls_behind_late_and_lost_oks(tmp_path):
 
 
 # --- lines garbled past the checksum: found by comparing positions
-
-
 class SlippingTransport(SimTransport):
     """From N300 on, once: an X becomes a Z on its way, and the checksum is right.
 
@@ -434,8 +428,6 @@ def test_clean_line_is_never_held_up_for_a_comparison(tmp_path):
 
 
 # --- repeated alarms are counted; whoever stopped a print is reported
-
-
 class Doubled(SimTransport):
     """A bridge that repeats each of the printer's answers."""
 

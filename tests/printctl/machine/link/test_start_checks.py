@@ -200,8 +200,6 @@ def test_places_that_klipper_still_shifts_by_an_earlier_g92_are_reset(tmp_path):
 
 
 # --- start of a print on a machine that still moves, or is hotter than the set-up allows
-
-
 START_BUSY_START = (50.0, 50.0, 10.0)
 HERE = {
     "generic_marlin": "G92 X50 Y50 Z10 E0\n",

@@ -190,8 +190,6 @@ def test_a_firmware_without_quickstop_comes_down_no_further_than_the_step_in_han
 
 
 # --- stop during an arc: Marlin continues generating segments after M410
-
-
 CIRCLES = HEADER + "G3 X90 Y50 I20 J0 E0.5 F900\nG3 X50 Y50 I-20 J0 E1.0 F900\n" * 2
 MIDDLE, RADIUS_MM = np.array([70.0, 50.0]), 20.0
 

@@ -125,8 +125,6 @@ def test_of_a_print_that_failed_the_way_to_its_rest_is_told(tmp_path):
 
 
 # --- true state of a stopped print: `stood`, if certain, says how much was printed
-
-
 TAKEN, STOOD = 30, 17
 
 

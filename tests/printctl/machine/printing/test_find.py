@@ -96,8 +96,6 @@ def test_interrupted_print_is_neither_repeated_nor_resumed_unasked(
 
 
 # --- test_who_is_alive
-
-
 HELD = "some.lock"
 
 
@@ -120,8 +118,6 @@ def test_a_holder_is_seen(tmp_path: Path) -> None:
 
 
 # --- following a print from the command line
-
-
 class Told:
     """A client of a print whose board disagrees twice with the profile."""
 
@@ -177,8 +173,6 @@ def test_what_a_pause_waits_for_is_said_once_with_the_command_that_goes_on(tmp_p
 
 
 # --- job needing several syringes: refused with an offer, or planned with changes
-
-
 PRINTER = load(Printer, "generic_marlin").model_copy(update={"plunger_travel_mm": 0.5})
 SYRINGE = load(Syringe, "hamilton_1ml")
 DATA = layered(6, 60)

@@ -147,8 +147,6 @@ def test_second_station_in_the_folder_is_refused(at_rest, monkeypatch):
 
 
 # --- `printctl station` from the command line: connect, query, move
-
-
 @pytest.fixture
 def shell(monkeypatch, capsys, at_rest):
     inner = Shell(monkeypatch, capsys, "station")

@@ -90,8 +90,6 @@ def test_nonsense_is_refused_and_changes_nothing(known, said):
 
 
 # --- bed levelling and skew correction active in the firmware: refused or switched off
-
-
 SLOPE = 0.01
 
 
@@ -155,8 +153,6 @@ def test_skew_correction_is_refused_with_its_factors(line, factors):
 
 
 # --- temperatures by firmware, and limits of mounted materials
-
-
 def check_target(known, name, celsius, profiles, part_in_dish):
     told = tuple(one.name for one in known)
     limits = heat_limits(profiles, part_in_dish)

@@ -69,8 +69,6 @@ def test_whatever_is_asked_of_a_station_that_is_gone_is_answered_alike(tmp_path:
 
 
 # --- full disk at a station's start or end
-
-
 class Disk:
     """Full on demand: whatever is written to it then is refused, as the system does."""
 

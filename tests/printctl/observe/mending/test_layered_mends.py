@@ -197,8 +197,6 @@ def test_a_check_counts_the_sound_ink_that_an_insert_is_written_onto(held):
 
 
 # --- mends of filaments in a bath
-
-
 DEEP = [(100, 100, 5), (106, 100, 5.5), (112, 102, 5)]
 ABOVE = [(103, 97, 8), (103, 103, 8)]
 
@@ -255,8 +253,6 @@ def test_a_needle_never_comes_down_through_the_upright_ink_that_it_mends(upwards
 
 
 # --- gaps planned into the jobs of two examples
-
-
 ROOT = Path(__file__).parents[4]
 
 

@@ -168,8 +168,6 @@ def test_nonsense_is_told_and_never_a_fault(text: str, tmp_path: Path) -> None:
 
 
 # --- recipe keys that a click on the tissue sets, by kind of growth
-
-
 LEFT = {"left_coronary": {"at_mm": [1, 2, 3]}}
 HEART = {"template": "heart", "inlets": LEFT}
 
@@ -184,8 +182,6 @@ def test_what_a_frame_sends_is_a_place_or_nothing(given: Any) -> None:
 
 
 # --- stored recipes of a workspace
-
-
 @pytest.fixture
 def recipes(tmp_path: Path) -> Recipes:
     return Recipes(Workspace(tmp_path / "ws").make())

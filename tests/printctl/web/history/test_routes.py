@@ -197,8 +197,6 @@ def test_nothing_is_told_or_made_without_a_token(app, tmp_path):
 
 
 # --- history filter: form values and URL round trip; invalid ones dropped
-
-
 @pytest.mark.parametrize(
     "asked",
     [

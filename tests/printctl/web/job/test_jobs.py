@@ -146,8 +146,6 @@ def test_the_flush_limit_scales_poiseuille_flow_to_the_wall_shear_allowed(tmp_pa
 
 
 # --- tip travel to a job's start, and its description in the set-up
-
-
 PLACE = st.tuples(*[st.floats(0, 200)] * 3)
 
 
@@ -176,8 +174,6 @@ def test_a_needle_that_wasnt_touched_off_refuses_the_print(due):
 
 
 # --- declared start position of a large job, found quickly
-
-
 MOVES = b"".join(b"G1 X%d Y2 F600\n" % (k % 9) for k in range(5000))
 PLACED = b"G21\nG92 X1 Y2 Z3 E0\n"
 
@@ -212,8 +208,6 @@ def test_the_start_is_that_of_the_whole_job(
 
 
 # --- facts of a print on the first screen, in words
-
-
 PROGRESS = {
     "remaining_error_s": None,
     "ends_at": 0.0,

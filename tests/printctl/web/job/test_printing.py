@@ -144,8 +144,6 @@ def test_a_start_wants_name_list_machine_and_controls(service, station):
 
 
 # --- print on a full disk: state reported, end recorded later
-
-
 def ended(service: JobService) -> tuple[str, str]:
     """Leave a print that is over and whose end isn't noted; give its job and record."""
     job = add(service)
@@ -186,8 +184,6 @@ def test_state_is_told_though_its_end_can_t_be_noted(
 
 
 # --- notes made after a print's end: in the history, with their print
-
-
 @pytest.fixture(autouse=True)
 def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PRINTCTL_DATA", str(tmp_path / "data"))

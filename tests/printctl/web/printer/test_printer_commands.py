@@ -77,8 +77,6 @@ def test_a_needle_above_a_dish_is_to_be_touched_off(service: PrinterService) -> 
 
 
 # --- console and macros of the Printer page
-
-
 def test_a_macro_holds_nothing_that_the_console_refuses(idle: PrinterService) -> None:
     bad = Macro(name="halt", commands=("M105", "M112"))
     with pytest.raises(BadRequestError, match="line 2: M112"):
@@ -98,8 +96,6 @@ def test_a_macro_that_was_smuggled_into_the_file_is_not_run(service: PrinterServ
 
 
 # --- syringe or needle change on the Printer page
-
-
 def test_more_than_a_syringe_holds_is_refused(service: PrinterService) -> None:
     with pytest.raises(BadRequestError, match="1000"):
         service.changing.syringe(ME, "hamilton_1ml", "", 1500.0)
@@ -134,8 +130,6 @@ def test_another_needle_forgets_floor_and_bath(service: PrinterService) -> None:
 
 
 # --- touch-off: three readings must agree
-
-
 def test_floor_is_the_middle_reading_less_the_foil(service: PrinterService) -> None:
     service.hands.mount(ME, needle="25g", dish="petri_60mm")
     service.guide.start(ME, "floor", foil_mm=0.02)
@@ -167,8 +161,6 @@ def test_readings_that_scatter_are_not_used(service: PrinterService) -> None:
 
 
 # --- ring buffer of the last ten minutes' readings
-
-
 def status(now: float, target: float | None = 0.0) -> StationStatus:
     return StationStatus(
         StationState.READY,
@@ -178,8 +170,6 @@ def status(now: float, target: float | None = 0.0) -> StationStatus:
 
 
 # --- a station that was killed, followed: heard once, and looked for again after a while
-
-
 GONE = StationStatus(StationState.LOST, "the station ended without a word")
 
 

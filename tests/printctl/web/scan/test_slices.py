@@ -63,8 +63,6 @@ def test_a_changed_scan_is_read_again(path: Path) -> None:
 
 
 # --- registration findings in words
-
-
 def _turned(degrees: float) -> list[list[float]]:
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     return [[c, -s, 0, 1.5], [s, c, 0, -2.25], [0, 0, 1, 0.125], [0, 0, 0, 1]]

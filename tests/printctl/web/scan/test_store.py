@@ -129,8 +129,6 @@ def test_what_cant_be_a_scans_name_is_refused(name: str) -> None:
 
 
 # --- decompression bombs: scans that unpack to far more than was sent are refused
-
-
 MOST = 10**10
 SIZE = 2_600_000
 
