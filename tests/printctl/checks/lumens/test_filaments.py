@@ -12,8 +12,6 @@ from printctl.checks.lumens import (
     FilamentCheck,
     Writing,
     check_filaments,
-    check_network,
-    find_filament_place,
     read_filaments,
     read_layers,
 )
@@ -65,16 +63,6 @@ def test_vessels_are_as_open_as_their_filaments_are_thick() -> None:
     assert found.joints == pytest.approx([0.5 / 0.6], abs=0.01)
 
 
-def test_a_filament_that_ends_short_of_the_joint_is_named() -> None:
-    away = np.array(FORK) + 0.3 * (np.array(C) - FORK)
-    found = check([([A, FORK, B], 0.8), ([away, C], 0.6)], fork())
-    assert found.ideal.closed.tolist() == [False, False, True]
-    assert "not written through: vessel 2 (1 of 3)" in str(found.refusal)
-    assert found.joints.min() == 0
-    at = found.ideal.at_mm[2]
-    assert 0 < np.linalg.norm(at - FORK) < np.linalg.norm(away - FORK)
-
-
 def test_a_vessel_that_the_plan_left_out_is_no_reason_to_refuse() -> None:
     """`toolpath.leave_out`, a refused crossing's remedy, was refused here (2026-11-26)."""
     ideal, stepped = read_filaments(plunger_gcode([([A, FORK, B], 0.8)]), WRITING)
@@ -123,27 +111,6 @@ def test_filaments_that_swell_into_each_other_merge(trees: tuple[int, int]) -> N
     else:
         assert thick.refusal is None
         assert "merge beside their joints: 0 with 1" in thick.notes[0]
-
-
-def test_the_place_follows_from_the_axes() -> None:
-    place = np.array([3.0, -2.0, 1.0])
-    network = VesselNetwork.from_segments(
-        np.array([A, FORK, B, C]) - place, np.array([[0, 1], [1, 2], [1, 3]]),
-        np.array([0.4, 0.3, 0.3]), np.zeros(3, np.int64), np.zeros(3, np.int64),
-    )  # fmt: skip
-    ideal, _ = read_filaments(plunger_gcode(WHOLE), WRITING)
-    assert find_filament_place(ideal, network) == pytest.approx(place, abs=1e-6)
-    purge = [([(0, 0, 5), (5, 0, 5)], 0.8), *WHOLE]
-    more, _ = read_filaments(plunger_gcode(purge), WRITING)
-    with pytest.raises(UsageError, match="--place"):
-        find_filament_place(more, network)
-
-
-def test_a_file_without_ink_or_without_a_bore_is_refused() -> None:
-    with pytest.raises(UsageError, match="pushes ink"):
-        read_filaments(b"G0 X1 Y1 Z1 F600\nG0 X2\n", WRITING)
-    with pytest.raises(UsageError, match="what one E means"):
-        read_filaments(plunger_gcode(WHOLE), Writing(PRINTER))
 
 
 def test_distances_of_pieces_are_those_of_many_sampled_points() -> None:
@@ -202,16 +169,6 @@ def test_layers_of_two_heads_lie_where_their_tips_were() -> None:
         np.testing.assert_allclose(lines.width, [0.15, 0.6, 0.6], rtol=1e-6)
 
 
-def test_filaments_of_two_heads_are_strokes_of_their_own() -> None:
-    ideal, stepped = read_filaments(JOB, writing(ul_per_e_of_heads=AREAS))
-    assert ideal.passes == 3
-    np.testing.assert_allclose(ideal.start[:, 0], [50, 60, 70], atol=1e-9)
-    np.testing.assert_allclose(np.pi * ideal.radius**2, [0.015, 0.06, 0.06], rtol=1e-6)
-    assert stepped.start[:, 0].min() == pytest.approx(50)
-    assert stepped.end[:, 0].max() == pytest.approx(70)
-    assert (np.diff(stepped.stroke) >= 0).all()
-
-
 # --- pneumatic head's line widths: from feed rates, and as simulated
 PRINTER_AIR = load(Printer, "pneumatic_marlin")
 HEAD = PRINTER_AIR.pneumatic
@@ -250,24 +207,6 @@ def test_the_dry_run_lays_more_where_the_head_is_slow() -> None:
     assert (laid[1::2] > asked * (1 + 0.7 * more * SPEED)).all()
     assert ran.start * 80 == pytest.approx(np.rint(ran.start * 80), abs=1e-6)
     assert ideal.width == pytest.approx(LINE_MM, rel=1e-6)
-
-
-def test_a_tube_is_open_and_half_the_speed_closes_it() -> None:
-    network = VesselNetwork.from_segments(
-        np.array([[0, 0, 0], [0, 0, LAYERS * LAYER_MM]]), np.array([[0, 1]]), np.array([0.3]),
-        np.zeros(1, np.int64), np.zeros(1, np.int64),
-    )  # fmt: skip
-    place = np.array([*CENTRE, 0.0])
-    lines, ran = read_layers(tubes(), WRITING_AIR)
-    found = check_network(lines, network, place, ran, 0.05)
-    assert found.refusal is None
-    assert found.ideal.narrowest_mm[0] == pytest.approx(0.6, abs=3e-3)
-    # Lines of four times the ink about a lumen of 0.6 whose innermost axis is at 0.375.
-    slow, ran = read_layers(tubes(SPEED / 4), WRITING_AIR)
-    wide = LINE_MM + 3 * section(LINE_MM) / LAYER_MM
-    swollen = check_network(slow, network, place, ran, 0.05)
-    assert swollen.ideal.narrowest_mm[0] == pytest.approx(0.75 - wide, abs=6e-3)
-    assert swollen.ideal.conductance[0] < 0.02
 
 
 def test_a_file_that_never_opens_the_valve_or_a_flow_that_nobody_knows_is_refused() -> None:

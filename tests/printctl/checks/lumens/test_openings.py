@@ -127,19 +127,6 @@ def test_a_slanted_lumen_is_narrowed_by_the_layers_steps(bead: Any, inside: floa
     assert found.area[inner] == pytest.approx(np.pi * (radius + notch) ** 2, rel=0.03)
 
 
-def test_a_closed_layer_is_found_and_named() -> None:
-    fill = [np.array([[-0.4, y], [0.4, y]]) for y in np.arange(-3, 4) * 0.1]
-    layers = [[*tube(0.3), *(fill if k == 3 else [])] for k in range(8)]
-    lines = read_lines(gcode(layers), UL_PER_E)
-    stations = network_lumens(upright(8, 0.3), HERE, LAYER_MM, LINE_MM)
-    report = report_lumens(stations, measure(lines, stations), lines, HERE)
-    assert report.closed.all()
-    assert report.closed_layers[0].tolist() == [3]
-    assert report.layer[0] == 3
-    assert report.conductance[0] == 0
-    assert report.narrowest_mm[0] == 0
-
-
 def _stations(radius: np.ndarray, own: np.ndarray) -> SectionStations:
     n = len(radius)
     axis = np.column_stack([np.zeros((n, 2)), np.linspace(0.01, 0.05, n)])
@@ -162,28 +149,12 @@ def test_conductance_adds_resistances_of_the_fourth_power() -> None:
     assert report.narrowest_mm[0] == 0.3
 
 
-# --- printed lines read from G-code
-def test_a_line_is_as_wide_as_its_volume_says() -> None:
-    lines = read_lines(gcode([tube(0.3), tube(0.3)]), UL_PER_E)
-    assert lines.width == pytest.approx(LINE_MM, abs=2e-5)
-    assert lines.low == pytest.approx([0, LAYER_MM])
-    assert lines.high == pytest.approx([LAYER_MM, 2 * LAYER_MM])
-
-
 def test_the_ink_s_bead_says_how_wide_a_line_is() -> None:
     data = gcode([tube(0.3), tube(0.3)])
     mean = LINE_MM - LAYER_MM * (1 - np.pi / 4)
     for model, width in (("rectangle", mean), ("ellipse", mean * 4 / np.pi), (20.0, mean + 0.02)):
         found = read_lines(data, UL_PER_E, bead=BeadSection(model)).width
         assert found == pytest.approx(width, abs=2e-5)
-
-
-def test_one_layer_asks_for_its_thickness() -> None:
-    with pytest.raises(UsageError, match="--layer-um"):
-        read_lines(gcode([tube(0.3)]), UL_PER_E)
-    assert read_lines(gcode([tube(0.3)]), UL_PER_E, layer_mm=LAYER_MM).width == pytest.approx(
-        LINE_MM, abs=2e-5
-    )
 
 
 @pytest.mark.parametrize(
@@ -247,12 +218,6 @@ def test_a_slit_as_wide_as_a_leak_is_found_where_it_is() -> None:
     assert (leak.tree, leak.into, leak.layer) == ("7", "outside", 12)
     assert leak.at_mm[0] == pytest.approx(0.35, abs=0.1)
     assert leak.at_mm[1] == pytest.approx(0.0, abs=0.1)
-
-
-def test_a_pocket_beside_a_lumen_is_none() -> None:
-    """Inner rings stand open, the outermost doesn't."""
-    layers = [slit(0.3, 0.15)[:3] + tube(0.3)[3:] if k == 12 else tube(0.3) for k in range(24)]
-    assert leaks(layers, long_tubes()) == ()
 
 
 def test_a_way_over_several_layers_is_found() -> None:
@@ -336,21 +301,6 @@ def test_a_level_way_through_the_part_is_told_as_not_checked() -> None:
     assert check.unfollowed == 1
     assert check.refusal is not None
     assert "ways through the part that lie level, 1," in check.refusal
-
-
-def test_a_slit_in_a_tubes_wall_leaks() -> None:
-    layers = 30
-    open_ = [ring((20, 30), 0.3 + (k + 0.5) * LINE_MM, (-0.4, 0.4)) for k in range(4)]
-    written = [open_ if k == 15 else tube(0.3, centre=(20, 30)) for k in range(layers)]
-    lines = read_lines(gcode(written), UL_PER_E)
-    check = check_model(lines, pipe(layers), PLACE, rounded_to_steps(lines, (80.0, 80.0)), 0.05)
-    assert [(leak.into, leak.layer) for leak in check.leaks] == [("outside", 15)]
-    assert check.refusal is not None
-    assert "leaking: tree 0 into outside in layer 16" in check.refusal
-
-
-def test_the_place_is_found_from_the_ink() -> None:
-    assert find_place(print_of_pipe(), pipe()) == pytest.approx(PLACE, abs=1e-3)
 
 
 def test_a_skirt_or_another_part_asks_for_the_place() -> None:
