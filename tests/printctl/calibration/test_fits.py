@@ -15,8 +15,10 @@ from printctl.calibration import (
     fit_backlash,
     fit_flow,
     fit_lag,
+    fit_level,
     fit_offset,
     fit_weighing,
+    gap_between,
 )
 from printctl.calibration.lag import expected_width
 from printctl.errors import UsageError
@@ -162,3 +164,25 @@ def test_an_ink_that_holds_pressure_is_told_from_a_linear_one() -> None:
     noise = np.random.default_rng(5).normal(0, 0.01, len(X))
     assert fit_lag(X, expected_width(X, 1, 0.5, 0.5, PATTERN) + noise, PATTERN).linear
     assert not fit_lag(X, expected_width(X, 1, 0.5, 1.5, PATTERN) + noise, PATTERN).linear
+
+
+GRID = np.array([(x, y) for x in (0, 40, 80) for y in (0, 40, 80)], dtype=float)
+
+
+def test_slope_is_covered_as_promised() -> None:
+    def trial(rng: np.random.Generator) -> tuple[Estimate, float]:
+        z = 1 + 0.002 * GRID[:, 0] - 0.001 * GRID[:, 1] + rng.normal(0, 0.02, len(GRID))
+        return fit_level(GRID[:, 0], GRID[:, 1], z).slope_x, 0.2
+
+    assert as_promised(covered(trial))
+
+
+def test_depth_of_the_bath_is_covered_as_promised() -> None:
+    def trial(rng: np.random.Generator) -> tuple[Estimate, float]:
+        x, y = GRID.T
+        bed = fit_level(x, y, 0.1 + 0.001 * x + rng.normal(0, 0.01, len(x)), (40, 40))
+        few = slice(0, 5)
+        bath = fit_level(x[few], y[few], 8.14 + rng.normal(0, 0.1, 5), centre_mm=(40, 40))
+        return gap_between(bed, bath), 8.0
+
+    assert as_promised(covered(trial))

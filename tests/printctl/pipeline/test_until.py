@@ -163,6 +163,14 @@ def test_each_choice_is_given_on(
     assert getattr(Care(), field) != expected
 
 
+def test_ink_pushed_after_a_pause_and_planned_changes_are_given_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    order = ordered({"prime_ul": 2.0, "reload": True}, tmp_path, monkeypatch, [120, 240])
+    assert order.retreat.prime_mm * np.pi * SYRINGE.inner_mm**2 / 4 == pytest.approx(2.0)
+    assert order.care.reload_at == (120, 240)
+
+
 def test_dead_man_may_stop_the_print(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     order = ordered({"deadman_min": 5, "deadman_stops": True}, tmp_path, monkeypatch, [])
     assert order.care.deadman_stops

@@ -305,3 +305,15 @@ def test_migrate_refuses_what_would_be_wrong_afterwards(old: Path):
     done = CliRunner().invoke(app, ["recipe", "migrate", str(old)])
     assert "colour" in str(done.exception)
     assert old.read_text() == wrong
+
+
+def test_digits_with_colons_are_no_number(tmp_path: Path) -> None:
+    with pytest.raises(RecipeError, match="1:30 in line 1 would be read as minutes"):
+        tolerances_of(file(tmp_path, "offset_um: 1:30"), None, None)
+
+
+def test_numbers_with_an_exponent_alone_are_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "small.yaml"
+    plain = yaml.safe_dump(_changed("print_scale", 0.5)).replace("0.5", "5e-1")
+    path.write_text(plain)
+    assert load_recipe(path).print_scale == 0.5

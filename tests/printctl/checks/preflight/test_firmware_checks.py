@@ -418,3 +418,8 @@ def test_heat_that_ink_and_machine_bear_passes(family):
     fine = [f"M104 S{WARM:g}", f"M104 T0 S{WARM:g}", "M104 S0", "M140 S0", f"M140 S{WARM:g}"]
     for line in (*fine, *FINE.get(family, ())):
         assert failed_rows(family, line) == [], line
+
+
+def test_a_heater_set_by_klipper_s_own_command_heats() -> None:
+    text = "SET_HEATER_TEMPERATURE HEATER=heater_bed TARGET=30\n" + body("")
+    assert named(checks_of(text, KLIPPER), "the firmware's own switch-off").refuses

@@ -237,3 +237,20 @@ def test_a_simulated_scan_is_known_where_it_lies(scan: Path) -> None:
     folder.save()
     assert of_simulator(scan)
     assert not of_simulator(scan.with_name("mine.oct"))
+
+
+def withdrawn(print_: Print, vessels: range) -> Print:
+    """A print of which some vessels' diameters have no interval."""
+    rows = [
+        row | {"interval_95_um": [None if row["vessel"] in vessels else 4.0] * len(row["along_mm"])}
+        for row in print_.found["vessels"]
+    ]
+    return replace(print_, found=print_.found | {"vessels": rows})
+
+
+def test_a_diameter_without_an_interval_corrects_nothing() -> None:
+    lab = Lab(faults_mm={15: -0.06})
+    told = estimate([withdrawn(lab.print(), range(0)) for _ in range(3)], CALIBRATED)
+    assert 15 in {vessel.vessel for vessel in told.vessels}
+    untold = estimate([withdrawn(lab.print(), range(15, 16)) for _ in range(3)], CALIBRATED)
+    assert 15 not in {vessel.vessel for vessel in untold.vessels}

@@ -328,3 +328,17 @@ def test_no_text_begins_as_a_formula_and_none_is_lost(text):
     cell = safe_cell(text)
     assert not cell.lstrip(" \ufeff\u00a0").startswith(tuple(CALCULATED))
     assert cell.removeprefix("'") == text.replace("\0", "").removeprefix("'")
+
+
+@settings(max_examples=examples(40), suppress_health_check=list(HealthCheck), deadline=None)
+@given(end=st.floats(0, 1, exclude_max=True), more=st.binary(max_size=20))
+def test_cut_or_lengthened_bundle_is_found(tmp_path_factory, end, more):
+    data = _once(tmp_path_factory, True)
+    assert not verified(data[: int(end * len(data))]).whole
+    assert verified(data + more).whole == (not more)
+
+
+@pytest.mark.parametrize("manifest", [b"[" * 200_000, b"{}", b"\xff", b'{"files": 3}', b"null"])
+def test_hostile_manifest_is_told(tmp_path, manifest):
+    data = rewritten(filed(tmp_path), lambda files: files.update({"manifest.json": manifest}))
+    assert "manifest.json" in verified(data).changed[0]

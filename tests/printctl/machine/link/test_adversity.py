@@ -26,6 +26,7 @@ from printctl.machine.link.states import LinkState, Status
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.transport_serial import SerialTransport
 from sim.devices.families.marlin.printer import MarlinPrinter
+from sim.devices.faults.fault_file import FaultFile, load_faults
 from sim.devices.faults.gauge import Gauge as SimGauge
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
@@ -480,3 +481,16 @@ def test_a_question_that_the_firmware_doesn_t_know_is_refused_beforehand():
         checks = {check.place: check for check in firmware_checks(run, printer)}
         assert checks[f"{printer.name}: watch"].passed == passed
         assert checks[f"{printer.name}: watch"].refuses != passed
+
+
+def test_a_fault_file_s_gauge_is_a_ramp(tmp_path):
+    path = tmp_path / "faults.yaml"
+    path.write_text(
+        "gauges:\n  - {command: M871, says: 'Force: {value:.1f} N', ramp: [[10, 1], [20, 2]]}\n"
+    )
+    (gauge,) = load_faults(path).gauges
+    assert [gauge.at(time) for time in (0, 15, 99)] == [
+        "Force: 1.0 N", "Force: 1.5 N", "Force: 2.0 N"]  # fmt: skip
+    for wrong in ({"says": "{force}"}, {"ramp": [[2, 1], [1, 1]]}, {"command": "G1"}):
+        with pytest.raises(ValidationError):
+            FaultFile.model_validate({"gauges": [gauge.model_dump() | wrong]})

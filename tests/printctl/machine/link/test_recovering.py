@@ -493,3 +493,9 @@ def test_an_uncertain_beginning_says_how_much_is_written_twice():
     plan = plan_recovery(read, job.encode(), history, MARLIN, RETREAT_STOP_PLACE, ul_per_mm=10.0)
     told = "at most 25.7 mm of path and 10.00 µL (1.000 mm of plunger), lines 7 to 9."
     assert f"Written twice may be {told}" in plan.steps[-1]
+
+
+@pytest.mark.parametrize("line", [1, 10_000])
+def test_line_outside_the_job_is_refused(line):
+    with pytest.raises(LinkError, match="isn't between"):
+        plan_recovery(JOB, DATA, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line)

@@ -288,3 +288,19 @@ def test_machine_that_never_stands_is_waited_for_30_s_and_refused(tmp_path, prin
     assert REST_LIMIT_S < wire.clock.now() < REST_LIMIT_S + 5.0
     assert any("waiting for it, up to 30 s" in text for text in messages)
     assert not any(line.startswith("G1") for line in printer.executed)
+
+
+def test_the_board_s_own_switch_off_stays_while_a_heater_is_on(tmp_path):
+    data = DATA.replace(b"M400\n", b"M104 S30\nM400\n")
+    status, printer, alarms = printed(tmp_path, data)
+    assert status.state is LinkState.DONE, status
+    assert printer.machine.idle_limit_s == 600.0
+    assert any("a heater is on" in text and "M85 S0 takes it back" in text for text in alarms)
+
+
+def test_klipper_s_own_switch_off_is_set_back_by_its_name():
+    told = {"SET_IDLE_TIMEOUT": ["// idle_timeout: Timeout set to 1800.00 s"]}
+    klipper = load(Printer, "klipper_bioprinter")
+    assert reported_settings(told, klipper) == {
+        "SET_IDLE_TIMEOUT": "SET_IDLE_TIMEOUT TIMEOUT=1800.00"
+    }

@@ -368,3 +368,10 @@ def test_command_lists_ports_with_ids_and_the_profiles_they_match(monkeypatch):
     assert found[0]["usb_id"] == "2341:0042"
     assert "marlin_avr" in found[0]["profiles"]
     assert run(app, ["ports", "--find"]).exit_code == 2
+
+
+def test_file_that_is_no_port_is_refused(tmp_path):
+    path = tmp_path / "file"
+    path.write_text("x")
+    with pytest.raises(PortError, match="serial port"):
+        open_port(str(path), PRINTER)

@@ -23,7 +23,7 @@ from printctl.machine.printing.job_table import JobTable
 from printctl.machine.printing.journal_facts import read_so_far
 from printctl.machine.printing.progress import Filling, progress
 from printctl.machine.printing.remaining import Estimate, Remaining
-from printctl.web.errors import BadRequestError
+from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.job.declared_start import declared_of
 from printctl.web.job.machine import Machine, mounted_checks, set_up_of
 from printctl.web.job.print_facts import facts
@@ -346,3 +346,10 @@ def test_pauses_are_left_out_of_the_time_at_work():
     ended = read_so_far([*records, {"t": "end", "state": "done", "at": 420.0}])
     assert ended.active_until(999.0) == pytest.approx(50.0)
     assert read_so_far([*records, {**records[0], "at": 500.0}]).active_s == pytest.approx(40.0)
+
+
+def test_the_same_file_again_does_no_harm_another_one_is_refused(service):
+    first = service.upload("a.gco", [b"G1 X1\n"])
+    assert service.upload("a.gcode", [b"G1 X1\n"]).sha256 == first.sha256
+    with pytest.raises(ConflictError, match=r"another file a\.gcode"):
+        service.upload("a.gcode", [b"G1 X2\n"])

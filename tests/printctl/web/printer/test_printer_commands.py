@@ -13,14 +13,14 @@ import pytest
 from firmware_profiles import Dish, Printer, Syringe, load
 from printctl.machine.link.errors import Refused
 from printctl.machine.station import StationState, StationStatus, Temperature
-from printctl.web.errors import BadRequestError, ConflictError
+from printctl.web.errors import BadRequestError, ConflictError, NotInControlError
 from printctl.web.printer import following
 from printctl.web.printer.calibration_requests import CalibrationRequest, Read
 from printctl.web.printer.macros import Macro
 from printctl.web.printer.part_change import PURGE_STEP_UL, PURGE_UL
 from printctl.web.printer.printer_commands import BLIND_LIFT_MM, CLEAR_MM
 from printctl.web.printer.service import PrinterService
-from tests.printctl.web.printer.conftest import ME, wait_for
+from tests.printctl.web.printer.conftest import ME, OTHER, wait_for
 
 
 def test_out_of_the_bath_is_above_the_rim_where_that_is_known(service: PrinterService) -> None:
@@ -270,3 +270,24 @@ def test_a_copy_does_not_take_a_shipped_name_or_leave_its_folder(
     with pytest.raises(BadRequestError):
         idle.calibrating.save(ME, weighed(0.9), "printer", "../evil")
     assert sorted(tmp_path.rglob("*.yaml")) == before
+
+
+def test_a_second_printer_is_not_connected_over_the_first(service: PrinterService) -> None:
+    with pytest.raises(ConflictError, match="disconnect it first"):
+        service.connect(ME, "marlin_avr", "simulated")
+
+
+def test_only_who_holds_the_controls_moves_but_anyone_stops(service: PrinterService) -> None:
+    service.core.controls.take(ME)
+    for refused in (
+        lambda: service.hands.jog(OTHER, "x", 1.0),
+        lambda: service.hands.heat(OTHER, "bed", 30.0),
+        lambda: service.hands.plunger(OTHER, 1.0),
+        lambda: service.hands.mount(OTHER, needle="25g"),
+        lambda: service.console.send(OTHER, "M105"),
+        lambda: service.guide.start(OTHER, "floor"),
+        lambda: service.disconnect(OTHER),
+    ):
+        with pytest.raises(NotInControlError, match="the operator holds the controls"):
+            refused()
+    assert service.stop_motion().open

@@ -283,3 +283,15 @@ def test_without_a_registration_there_are_none(tmp_path: Path, text: str) -> Non
     (tmp_path / "registration.json").write_text(text)
     with pytest.raises(NotFoundError, match="no scan is registered"):
         findings(tmp_path)
+
+
+@pytest.mark.parametrize("scan", ["file~../x", "file~", "run~../..", "x", "file~a/b", "file~.x"])
+def test_scans_elsewhere_arent_found(store: ScanStore, scan: str) -> None:
+    with pytest.raises((BadRequestError, NotFoundError)):
+        store.path(scan)
+
+
+def test_more_than_is_taken_is_refused_at_any_ratio(tmp_path: Path) -> None:
+    (tmp_path / "scan.nii.gz").write_bytes(gzip.compress(bytes(range(256)) * 8000))
+    with pytest.raises(BadRequestError, match="at most 1 MB"):
+        refuse_growth(tmp_path / "scan.nii.gz", 10**6)
