@@ -16,11 +16,13 @@ from rich.console import Console
 from design.errors import DesignError, SolidError, TissueError
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
+from design.network_files.swc import write_network_swc
 from design.solids import block_solid, find_crossings, surface_genus
-from design.vasculature import DepthPenalty
+from design.tissue import block, tissue_from_surface
+from design.vasculature import DepthPenalty, GrowthOptions, grow_tree, tree_to_network
 from kernels.arrays import FloatArray
 from printctl.errors import RecipeError
-from printctl.pipeline.growth_source import growth_options, read_terminals
+from printctl.pipeline.growth_source import growth_options, read_terminals, read_trunk
 from printctl.pipeline.regions import make_region
 from printctl.pipeline.run import design_recipe, run_recipe
 from printctl.pipeline.run_options import RunOptions
@@ -341,3 +343,16 @@ def test_with_an_inlet_each_both_are_supplied_and_the_manifest_says_by_how_much(
         [1000 / 1216, 216 / 1216]
     )
     assert "2 separate parts, each with vessels" in network["notes"][-1]
+
+
+def test_a_trunk_is_read_from_swc(tmp_path: Path) -> None:
+    shape = block((12.0, 10.0, 8.0))
+    tissue = tissue_from_surface(shape.vertices, shape.faces)
+    first = tree_to_network(grow_tree(tissue, GrowthOptions(terminals=4)))
+    write_network_swc(tmp_path / "artery.swc", first)
+    part = GrownNetwork.model_validate({"grow": "tree", "terminals": 40, "trunk": "artery.swc"})
+    trunk = read_trunk(part, tmp_path)
+    assert trunk is not None
+    tree = grow_tree(tissue, growth_options(part, 1, tmp_path), trunk=trunk)
+    assert (tree.children[:, 0] < 0).sum() == 40
+    assert tree.given.sum() >= 7

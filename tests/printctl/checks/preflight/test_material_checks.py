@@ -334,3 +334,15 @@ def names(run: DryRun, printer: Printer = PRINTER, syringe: Syringe = SYRINGE) -
 def line(length: float, width: float = 0.15, height: float = 0.06) -> float:
     """Plunger travel of a line, mm."""
     return length * width * height / AREA
+
+
+def test_a_step_of_the_plunger_longer_than_a_move_is_told() -> None:
+    """One step is 2.6 nL: 0.29 mm of a line of 150 by 60 µm."""
+    run = run_of_process_checks(f"G1 X20 E{line(10):.6f} F600", f"G1 X20.2 E{line(10.2):.6f}")
+    (name,) = names(run)
+    assert name.startswith("line that one step of the plunger makes")
+    check = next(c for c in step_checks(run, PRINTER, SYRINGE) if not c.passed)
+    assert check.value == pytest.approx(1 / 6400 * AREA / (0.15 * 0.06), rel=1e-4)
+    assert check.limit == pytest.approx(0.2, abs=1e-9)
+    assert check.place == "line 4"
+    assert "1 of 2 moves" in check.remedy

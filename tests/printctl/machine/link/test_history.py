@@ -20,7 +20,7 @@ from firmware_profiles import Printer, load
 from printctl.cli.main import app
 from printctl.machine.link import LinkState, start_print
 from printctl.machine.link.errors import HistoryError
-from printctl.machine.link.history import PrintHistory, remember
+from printctl.machine.link.history import PrintHistory, data_folder, remember
 from printctl.machine.link.history_entry import INTERRUPTED, entry_of
 from printctl.machine.link.history_query import HistoryQuery
 from printctl.machine.link.journal import Journal, read_records
@@ -198,3 +198,10 @@ def test_command_lists_searches_and_writes_csv(data, tmp_path):
 def test_no_question_breaks_the_index(data, tmp_path, words, who, states, offset):
     asked = HistoryQuery(words, tuple(states), who=who, offset=offset, limit=10)
     assert PrintHistory().find(asked).total == 0
+
+
+def test_data_folder_is_the_users(monkeypatch, tmp_path):
+    monkeypatch.delenv("PRINTCTL_DATA")
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    assert data_folder() == tmp_path / "printctl"

@@ -144,3 +144,22 @@ def test_an_empty_well_can_t_be_scanned() -> None:
     asked = part(wells=["B1..B3"], scanned=["A1"])
     with pytest.raises(RecipeError, match="A1, in which nothing is printed"):
         scanned_wells(asked, PLATE, assigned(asked, PLATE))
+
+
+def test_a_turned_plate_has_a1_where_one_sees_it() -> None:
+    """Behind on the left; a quarter against the clock in front on the left; and so on."""
+    signs = [
+        tuple(
+            at > middle
+            for at, middle in zip(
+                standing_plate(PLATE, PRINTER, turned_deg=turn).centre_mm("A1"),
+                (100, 100),
+                strict=True,
+            )
+        )
+        for turn in (0, 90, 180, 270)
+    ]
+    assert signs == [(False, True), (False, False), (True, False), (True, True)]
+    box = load(Plate, "corning_6").model_copy(update={"shape": "box", "well_y_mm": 30.0})
+    turned = standing_plate(box, PRINTER, turned_deg=90).dish
+    assert (turned.inner_x_mm, turned.inner_y_mm) == (30.0, 34.8)

@@ -29,7 +29,7 @@ from printctl.web.job.machine import Machine, mounted_checks, set_up_of
 from printctl.web.job.print_facts import facts
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.set_up import JobSetUp
-from printctl.web.job.steps_after import flush_limit
+from printctl.web.job.steps_after import Ramp, flush_limit, ramped_c
 from printctl.web.job.tabulating import make_table
 from printctl.web.job.to_start import places_to
 from printctl.web.job.viability import viability
@@ -353,3 +353,15 @@ def test_the_same_file_again_does_no_harm_another_one_is_refused(service):
     assert service.upload("a.gcode", [b"G1 X1\n"]).sha256 == first.sha256
     with pytest.raises(ConflictError, match=r"another file a\.gcode"):
         service.upload("a.gcode", [b"G1 X2\n"])
+
+
+def test_warming_follows_its_rate_and_never_passes_the_target():
+    assert ramped_c(20.0, 37.0, 1.0, 0.0) == 20.0
+    assert ramped_c(20.0, 37.0, 1.0, 90.0) == pytest.approx(21.5)
+    assert ramped_c(20.0, 37.0, 1.0, 1e6) == 37.0
+    assert ramped_c(40.0, 37.0, 1.0, 60.0) == 39.0
+
+
+def test_warming_wants_a_heater_that_is_there(service):
+    with pytest.raises(ConflictError, match="no heater 'bed'"):
+        Ramp(service.printing, "bed", 37.0, 1.0)
