@@ -19,7 +19,7 @@ from printctl.observe.deciding import (
 from printctl.observe.expected import ExpectedInk
 from printctl.observe.judging import _flow, shift_of, telling
 from printctl.observe.thin_lines import low_stretches
-from registration.inspection import Shift, Stations, Stretch
+from registration.inspection import Shift, Stations
 from registration.inspection.values import Gap
 
 HEIGHT, WIDTH = 0.1, 0.25
@@ -155,10 +155,6 @@ def stations(strokes=2, each=60):
         np.zeros((m, 2)), none, np.zeros((m, 2)), row, row, along, full * STEP,
         full * 0.25, full * 0.25, full * 0.01, none, full, full > 0, row * 0,
     )  # fmt: skip
-
-
-def thin(kind="thin", low=3.0, high=3.6, stroke=1):
-    return Stretch(kind, stroke, low, high, 0.7, 0.02, 1e-9)
 
 
 def test_ink_that_stands_low_on_older_ink_is_told_where_no_width_is() -> None:

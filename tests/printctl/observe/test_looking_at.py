@@ -47,13 +47,10 @@ from registration.inspection import (
 )
 from tests.printctl.observe.mending.small_jobs import (
     INK,
-    LAYER_MM,
     NEEDLE,
     PRINTER,
     SYRINGE,
-    JobText,
     bath_job,
-    line_area_mm2,
 )
 from tests.registration.devices.camera_frame import scene
 
@@ -260,43 +257,6 @@ def test_an_earlier_picture_holds_only_in_the_frame_that_was_fitted_where_it_was
     assert not frame_holds(None, frame)
     assert not frame_holds(scene.shifted(0.0, 0.0), object())
     assert not frame_holds(np.zeros((400, 400), np.uint8), frame)
-
-
-# --- mended gaps are looked at again in place of the lines that mended them
-LINES = 6
-
-
-def print_of(layers=2):
-    """Layers of spaced lines of 8 mm; a line's end each."""
-    job = JobText(line_area_mm2())
-    for layer in range(layers):
-        z = 5.0 + LAYER_MM * (layer + 1)
-        for k in range(LINES):
-            ends = np.array([[0, k, z], [8, k, z]]) if layer % 2 == 0 else None
-            ends = np.array([[k, 0, z], [k, 8, z]]) if ends is None else ends
-            job.stroke(ends + [100, 100, 0], mark=f"PASS_END:{k}")
-    return parse_job("\n".join([*job.lines, "M400"]).encode(), "small", PRINTER)
-
-
-def held_at(job, mark):
-    done = job.marks.all[mark].index
-    return HeldPrint(job.lines, done, PRINTER, SYRINGE, INK, NEEDLE, "layered")
-
-
-def mended_print(low=2.0, high=4.0):
-    """The job with a gap of its fourth line mended, and the command it was held at."""
-    job = print_of()
-    held = held_at(job, 3)
-    mend = plan_mend(held, [MendGap(3, low, high)])
-    return job.grown(Insert(1, held.done, mend.lines)), held.done
-
-
-def looked_mends_again(mark, low=2.0, high=4.0):
-    job, before = mended_print(low, high)
-    held = held_at(job, mark)
-    ink = expected_ink(held, job)
-    layer = ink_to_judge(ink, before, held.done)
-    return ink, layer, with_mends(layer, ink, [Mended(3, low, high)], before)
 
 
 def bath_print(gap):

@@ -289,14 +289,5 @@ def test_a_vessel_left_out_by_the_plan_is_told_with_its_place_and_not_refused(
 
 
 # --- trace from a place of the print to its G-code lines
-NETWORK = VesselNetwork.from_segments(
-    np.array([[0.0, 0, 0.5], [10, 0, 0.5]]),
-    np.array([[0, 1]]),
-    np.array([0.2]),
-    np.zeros(1),
-    np.zeros(1),
-)
-
-
 def written(start: FloatArray, end: FloatArray, line: IntArray) -> Strands:
     return Strands.dosed(start, end, np.ones(len(line)), np.arange(len(line)), line)

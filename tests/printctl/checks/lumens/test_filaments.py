@@ -49,9 +49,6 @@ def check(passes, network: VesselNetwork, place=HERE, **more) -> FilamentCheck:
     return check_filaments(ideal, stepped, network, place, 0.05)
 
 
-WHOLE = [([A, FORK, B], 0.8), ([FORK, C], 0.6)]
-
-
 def test_vessels_are_as_open_as_their_filaments_are_thick() -> None:
     found = check([([A, FORK], 0.8), ([FORK, B], 0.6), ([FORK, C], 0.5)], fork())
     assert found.refusal is None

@@ -176,10 +176,6 @@ def test_nonsense_is_told_and_never_a_fault(text: str, tmp_path: Path) -> None:
 
 
 # --- recipe keys that a click on the tissue sets, by kind of growth
-LEFT = {"left_coronary": {"at_mm": [1, 2, 3]}}
-HEART = {"template": "heart", "inlets": LEFT}
-
-
 @pytest.mark.parametrize(
     "given", [None, {}, {"at": [1, 2]}, {"at": [1, 2, "3"]}, {"at": [1, True, 3]},
               {"at": [1, 2, float("nan")]}, {"at": [1, 2, 1e9]}, [1, 2, 3]]
