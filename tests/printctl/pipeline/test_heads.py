@@ -134,7 +134,7 @@ def test_heads_that_stay_in_the_bath_are_refused(tmp_path: Path) -> None:
         whole(tmp_path, profile=str(tmp_path / "fixed.yaml"), bath_depth_mm=6.0)
 
 
-# --- fRESH layers in two inks, from recipe to checked G-code
+# --- FRESH layers in two inks, from recipe to checked G-code
 SIZE_MM = (6.0, 4.0, 1.5)
 WHOLE_UL = 6.0 * (4.0 * 1.5 - np.pi * 0.25**2)
 CREST = 0.06 * (1 - np.pi / 4) / 2
@@ -300,7 +300,7 @@ def test_a_print_that_is_over_before_a_look_is_due_is_told(tmp_path, every, unlo
     (tmp_path / GCODE).write_text("\n".join([*lines, "G1 Z5"]) + "\n")
     stages = {"dry run": SimpleNamespace(summary={"duration_s": 20.0})}
     context = SimpleNamespace(
-        recipe_observing=SimpleNamespace(
+        recipe=SimpleNamespace(
             observe=recipe_observing({"device": "camera", "every": every}).observe, toolpath=None
         ),
         folder=tmp_path,
