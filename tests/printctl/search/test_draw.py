@@ -29,13 +29,6 @@ def column(rows: list[dict[str, Any]], key: str) -> list[Any]:
     return [row[key] for row in rows]
 
 
-def test_a_grid_takes_every_value_with_every_other_the_last_key_fastest() -> None:
-    rows = drawn(search({"seed": [1, 2], "print_scale": {"from": 1, "to": 2, "steps": 3}}))
-    assert [tuple(row.values()) for row in rows] == [
-        (1, 1.0), (1, 1.5), (1, 2.0), (2, 1.0), (2, 1.5), (2, 2.0),
-    ]  # fmt: skip
-
-
 def test_a_latin_hypercube_draws_once_from_each_nth_of_every_range() -> None:
     vary = {"a": {"from": 0, "to": 10}, "b": {"from": 1, "to": 1000, "log": True}}
     rows = drawn(search(vary, draw="latin_hypercube", count=20))
@@ -50,18 +43,6 @@ def test_sobol_points_halve_every_range_evenly_and_any_count_may_be_asked_for() 
     cells = {(int(4 * row["a"]), int(4 * row["b"])) for row in rows}
     assert len(cells) == 16  # a (0, 4, 2)-net in base 2 has one point in each
     assert len(drawn(search(vary, draw="sobol", count=11))) == 11
-
-
-@pytest.mark.parametrize("draw", ["random", "sobol", "latin_hypercube"])
-def test_the_same_seed_draws_the_same_and_another_another(draw: str) -> None:
-    vary = {"a": {"from": 0, "to": 1}, "b": ["x", "y", "z"]}
-
-    def rows(seed: int) -> list[dict[str, Any]]:
-        return drawn(search(vary, draw=draw, count=8, seed=seed))
-
-    assert rows(1) == rows(1)
-    assert rows(1) != rows(2)
-    assert set(column(rows(1), "b")) <= {"x", "y", "z"}
 
 
 # --- ranking of search candidates, against a slow oracle

@@ -12,9 +12,7 @@ from design.network_files.csv_format import write_network_csv
 from design.units import LengthUnit
 from design.vasculature import planar_four_vessel
 from printctl.analysis.networks import Drive, load_source, read_noted, write_network
-from printctl.analysis.networks.source import Source, with_flow
 from printctl.errors import UsageError
-from registration.report.picture import VesselQuantities
 from tests.design.networks import random_network, random_trees
 
 UNITS: dict[str, LengthUnit | None] = {
@@ -31,16 +29,6 @@ def same(found: VesselNetwork, network: VesselNetwork, rel: float) -> None:
 
     assert found.vessel_count == network.vessel_count
     np.testing.assert_allclose(shapes(found), shapes(network), rtol=rel)
-
-
-@pytest.mark.parametrize("first", UNITS)
-@pytest.mark.parametrize("second", UNITS)
-def test_every_format_becomes_every_other(tmp_path: Path, first: str, second: str) -> None:
-    network = random_trees(3, 9, 2)
-    a, b = tmp_path / f"a{first}", tmp_path / f"b{second}"
-    write_network(a, network)
-    write_network(b, read_noted(a, UNITS[first]).network)
-    same(read_noted(b, UNITS[second]).network, network, 1e-9)
 
 
 def test_a_format_that_cannot_hold_a_network_leaves_nothing(tmp_path: Path) -> None:
@@ -71,14 +59,6 @@ def test_the_unit_is_asked_for_where_the_format_is_silent(tmp_path: Path) -> Non
         elif suffix != ".swc":
             with pytest.raises(UsageError, match="drop --unit"):
                 read_noted(path, "cm")
-
-
-@pytest.mark.parametrize(
-    ("name", "word"), [("a.xyz", "isn't a network's"), ("a", "no suffix"), ("a.csv", "isn't there")]
-)
-def test_wrong_sources_are_refused(tmp_path: Path, name: str, word: str) -> None:
-    with pytest.raises(UsageError, match=word):
-        read_noted(tmp_path / name, "mm")
 
 
 # --- test_source
@@ -127,27 +107,6 @@ def test_a_number_typed_takes_the_place_of_a_run_s_own_and_the_rest_stays(folder
     (folder / "flow.csv").unlink()
     own = load_source(folder, None, Drive())
     assert typed.known.flow["wall_shear_pa"] == pytest.approx(2 * own.known.flow["wall_shear_pa"])
-
-
-def test_folders_that_are_no_runs_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"no network\.csv"):
-        load_source(tmp_path, None, Drive())
-    with pytest.raises(UsageError, match="doesn't exist"):
-        load_source(tmp_path / "nothing", None, Drive())
-
-
-def test_a_network_without_an_outlet_has_no_flow_and_it_is_told() -> None:
-    ring = VesselNetwork.from_segments(
-        np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]),
-        np.array([[0, 1], [1, 2], [2, 0]]),
-        np.full(3, 0.1),
-        np.zeros(3),
-        np.zeros(3),
-    )
-    source = with_flow(Source("ring", ring, VesselQuantities(), None, ()), Drive())
-    assert source.known.flow == {}
-    assert source.notes[0].startswith("No flow: ")
-    assert source.network is ring
 
 
 def test_lines_through_one_trunk_are_read_as_one_vessel_and_said(tmp_path: Path) -> None:
