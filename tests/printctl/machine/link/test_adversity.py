@@ -316,6 +316,7 @@ WATCHED = WatchedGauge(query="M871", regex=r"Force: ([-+.\d]+) N", unit="N", hig
 WATCHING = PRINTER.model_copy(update={"watch": (WATCHED,), "extra_commands": ("M871",)})
 SAYS = "Force: {value:.2f} N"
 DATA_MEASURING = layered(6, 40)
+JOB_MEASURING = parse_job(DATA_MEASURING, "test.gcode")
 
 
 def transport_of(ramp, says=SAYS, clock=None, rng=None, **troubles) -> SimTransport:
@@ -360,7 +361,7 @@ def test_readings_below_the_limit_are_journalled_and_shown_and_change_nothing(tm
     assert status.readings == (f"M871: {values[-1]:g} N, at most 12.5 N",)
     assert f"reads {status.readings[0]}" in waiting_lines(status)
     assert Status.from_dict(status.to_dict()) == status
-    assert read_journal(tmp_path / "journal.log").done == len(JOB)
+    assert read_journal(tmp_path / "journal.log").done == len(JOB_MEASURING)
 
 
 def test_a_reading_above_the_limit_ends_the_print_by_a_controlled_stop(tmp_path):
@@ -368,7 +369,7 @@ def test_a_reading_above_the_limit_ends_the_print_by_a_controlled_stop(tmp_path)
     status = printed(tmp_path, transport, retreat=Retreat(relief_mm=0.3, lift_mm=15))
     assert (status.state, status.position_known) == (LinkState.FAILED, True)
     assert "N, its limit is 12.5 N" in status.message
-    assert 0 < status.lines_done < len(JOB)
+    assert 0 < status.lines_done < len(JOB_MEASURING)
     last = records(tmp_path, "reading")[-2:]
     assert all(one["value"] > 12.5 for one in last)
     crossed = 3 + 3 * 11.5 / 19
