@@ -228,7 +228,9 @@ def test_guessing_from_many_addresses_is_slowed_overall(tmp_path: Path) -> None:
     assert late.post("/login", data={"password": "right"}, headers=OURS).status_code == 429
 
 
-def test_guessing_tokens_is_slowed_and_the_right_one_never_waits(here: Served) -> None:
+def test_guessing_tokens_is_slowed_and_the_right_one_never_waits(
+    here: Served,
+) -> None:
     inside = visited(here)
     for _ in range(5):
         wrong = here.client().post("/api/v1/stop", headers={"Authorization": "Bearer no"})

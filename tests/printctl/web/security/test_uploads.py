@@ -8,7 +8,11 @@ import pytest
 
 from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.security.file_types import kind_of
-from printctl.web.security.uploads import TooLargeUploadError, UploadLimits, save_upload
+from printctl.web.security.uploads import (
+    TooLargeUploadError,
+    UploadLimits,
+    save_upload,
+)
 
 LIMITS = UploadLimits(1000, frozenset({"text"}), (".gcode",))
 
