@@ -18,8 +18,8 @@ from printctl.observe.deciding import (
 )
 from printctl.observe.expected import ExpectedInk
 from printctl.observe.judging import _flow, shift_of, telling
-from printctl.observe.thin_lines import low_stretches
-from registration.inspection import Shift, Stations
+from printctl.observe.thin_lines import low_stretches, thin_lines
+from registration.inspection import Shift, Stations, Stretch
 from registration.inspection.values import Gap
 
 HEIGHT, WIDTH = 0.1, 0.25
@@ -252,3 +252,17 @@ def test_a_picture_that_is_less_sure_than_the_last_is_no_step():
         full = np.full(4, seen)
         control.learn(FlowBlocks(np.arange(4.0), full, common * full, np.full(4, 1.41), common))
     assert abs((control.proposal() or 1.41) - 1.41) < 0.1
+
+
+def thin(kind="thin", low=3.0, high=3.6, stroke=1):
+    return Stretch(kind, stroke, low, high, 0.7, 0.02, 1e-9)
+
+
+def test_a_thin_stretch_goes_as_far_as_the_line_is_thin():
+    given, rng = stations(), np.random.default_rng(0)
+    ratio = 1 + 0.04 * rng.standard_normal(120)
+    ratio[70:100] -= 0.3  # 1.5 to 6 mm of stroke 1
+    (found,) = thin_lines((thin(),), given, np.ones(120, bool), ratio)
+    assert found.stroke == 1
+    assert (found.from_mm, found.to_mm) == pytest.approx((1.5, 6.0), abs=0.3)
+    assert found.missing == pytest.approx(0.3, abs=0.03)
