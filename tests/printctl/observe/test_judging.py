@@ -16,10 +16,11 @@ from printctl.observe.deciding import (
     confirmed_gaps,
     judge_supply,
 )
+from printctl.observe.deciding.thin import Thin, seen_twice
 from printctl.observe.expected import ExpectedInk
-from printctl.observe.judging import _flow, shift_of, telling
+from printctl.observe.judging import _flow, narrowed_lumens, shift_of, telling
 from printctl.observe.thin_lines import low_stretches, thin_lines
-from registration.inspection import Shift, Stations, Stretch
+from registration.inspection import Lumen, LumenSeen, Shift, Stations, Stretch
 from registration.inspection.values import Gap
 
 HEIGHT, WIDTH = 0.1, 0.25
@@ -266,3 +267,20 @@ def test_a_thin_stretch_goes_as_far_as_the_line_is_thin():
     assert found.stroke == 1
     assert (found.from_mm, found.to_mm) == pytest.approx((1.5, 6.0), abs=0.3)
     assert found.missing == pytest.approx(0.3, abs=0.03)
+
+
+def test_what_one_picture_alone_shows_isnt_filled_up():
+    one, other = Thin(1, 2.0, 4.0, 0.3), Thin(1, 6.0, 8.0, 0.3)
+    assert seen_twice((one, other), (Thin(1, 3.0, 5.0, 0.3), Thin(2, 6.0, 8.0, 0.3))) == (one,)
+
+
+def test_narrowed_lumens_are_those_surely_narrower():
+    place = np.array([1.0, 1.0, 0.1])
+    lumens = [Lumen.capsule(name, place, place, 0.4) for name in "abcd"]
+    seen = [
+        LumenSeen(name, 0.4, width, 0.01, 1.0, known, 1.0)
+        for name, width, known in (
+            ("a", 0.4, True), ("b", 0.2, True), ("c", 0.34, True), ("d", np.nan, False)
+        )
+    ]  # fmt: skip
+    assert [one.name for one in narrowed_lumens(lumens, seen, 0.9)] == ["b"]

@@ -19,7 +19,7 @@ from printctl.observe.camera_holds import frame_holds
 from printctl.observe.deciding import Decider, DecisionKind, Limits
 from printctl.observe.devices import DeviceError
 from printctl.observe.expected import expected_ink
-from printctl.observe.held_look import HeldLook, slab, unseen_paths
+from printctl.observe.held_look import HeldLook, hidden_stretches, slab, unseen_paths
 from printctl.observe.judging import evidence_of, ink_to_judge, shift_of, without_rest
 from printctl.observe.learned import STATE, Learned
 from printctl.observe.look_values import Look
@@ -31,6 +31,7 @@ from printctl.observe.mends_again import (
     gaps_of_job,
     last_mends,
     of_mends,
+    tries_of,
     unseen_words,
     with_mends,
 )
@@ -43,6 +44,7 @@ from registration.inspection import (
     SeeingOptions,
     Shift,
     Stations,
+    Unseen,
     see_layer,
 )
 from tests.printctl.observe.mending.small_jobs import (
@@ -357,3 +359,41 @@ def test_a_mend_in_a_bath_is_looked_at_again():
     assert lines.end[row][-1, :2] == pytest.approx([104, 100])
     assert lines.fresh.sum() == layer.lines.fresh.sum() + row.sum()
     assert not ink.inserted[again.row].any()
+
+
+def test_tries_are_counted_where_gaps_overlap():
+    mended = (Mended(3, 2.0, 4.0, 2),)
+    assert tries_of(MendGap(3, 3.5, 5.0), mended) == 2
+    assert tries_of(MendGap(3, 4.0, 5.0), mended) == 0
+    assert tries_of(MendGap(4, 2.0, 4.0), mended) == 0
+
+
+@pytest.mark.parametrize(
+    ("sees", "gaps", "told"),
+    [
+        (False, (), [(1.0, 1.8)]),
+        (True, (), []),
+        (True, ((2.0, 2.95),), [(3.0, 3.6)]),  # over older ink, and a gap runs into it
+        (True, ((2.0, 2.7),), []),
+    ],
+)
+def test_a_stretch_that_no_picture_sees_is_told_by_its_length(sees, gaps, told):
+    gaps = tuple(Gap(0, *one, (0.0, 0.0), (0.0, 0.0), 0.0, 0.0) for one in gaps)
+    along = np.arange(0.05, 4.0, 0.1)
+    hidden = (along > 1.0) & (along < 1.8) | (along > 2.5) & (along < 2.6)
+    older = (along > 3.0) & (along < 3.6)
+
+    def picture(seen):
+        why = np.where(older, int(Unseen.OLD_INK), np.where(seen, 0, int(Unseen.GLARE)))
+        return SimpleNamespace(stations=stations_of(along, seen, why), gaps=gaps)
+
+    path = SimpleNamespace(
+        at=lambda along: np.column_stack([along, 0 * along, 0 * along]), length_mm=4.0,
+        command=np.array([0]),
+    )  # fmt: skip
+    at = SimpleNamespace(
+        ink=SimpleNamespace(paths=(path,)), marks=Marks([]), layer=SimpleNamespace(mended=())
+    )
+    each = [picture(~(hidden | older)), picture(np.full(len(along), sees) & ~older)]
+    found = hidden_stretches(cast(HeldLook, at), cast(list[LayerFindings], each), 0.2)
+    assert [(round(one.gap.from_mm, 6), round(one.gap.to_mm, 6)) for one in found] == told

@@ -26,14 +26,16 @@ from printctl.pipeline.measurement_record import Corrections, add_record
 from printctl.pipeline.print_scan import StatedPrint, scan_print
 from printctl.pipeline.scan_defects import scan_defects
 from printctl.pipeline.simulated_scan import scan_size_words
-from printctl.pipeline.stages.scan import load_scan
+from printctl.pipeline.stages.scan import digest_scan, load_scan
 from printctl.recipe.making import FileScan, SimulatedScan
 from printctl.recipe.record import RecordPart
 from registration import read_scan
+from registration.files.writers import write_scan_zarr
 from registration.scan import Scan
 from registration.wall_reference import WallCalibration
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.registration.files.readers.crafted import counts
+from tests.registration.files.readers.crafted import scan as crafted_scan
 
 BOX = np.array([[0.0, 0.0, 0.0], [24.0, 20.0, 3.0]])
 
@@ -240,3 +242,22 @@ def test_a_wrong_record_is_refused(tmp_path: Path, line: str, why: str) -> None:
     path.write_text(line + "\n")
     with pytest.raises(UsageError, match=why):
         read_record(path)
+
+
+def test_every_file_of_a_folder_counts(tmp_path: Path) -> None:
+    path = tmp_path / "s.zarr"
+    write_scan_zarr(path, scan())
+    before = digest_scan(path)
+    write_scan_zarr(path, crafted_scan(volume=counts() + 1))
+    assert digest_scan(path) != before
+
+
+def test_the_scans_of_a_list_count(tmp_path: Path) -> None:
+    path = tmp_path / "all.yaml"
+    entries = "[{file: a.tif, at_mm: [0, 0, 0]}, {file: all.yaml, at_mm: [1, 0, 0]}]"
+    path.write_text("{mosaic: tiles, scans: " + entries + "}")
+    assert digest_scan(path)[1] == ""
+    (tmp_path / "a.tif").write_bytes(b"1")
+    before = digest_scan(path)
+    (tmp_path / "a.tif").write_bytes(b"2")
+    assert digest_scan(path) != before

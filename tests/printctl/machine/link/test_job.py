@@ -23,7 +23,7 @@ from printctl.machine.link.errors import JobError, LinkError, Refused
 from printctl.machine.link.job_start import declared_start
 from printctl.machine.link.look_places import Written, look_places
 from printctl.machine.link.marks import Mark, MarkKind, Marks
-from printctl.machine.link.modal import Modal, ModalTrail, disagreement, modal_state
+from printctl.machine.link.modal import Modal, ModalTrail, disagreement, modal_state, relieved_mm
 from printctl.machine.link.retreat import Retreat, heaters_off
 from printctl.machine.link.watch import DueTask, Watch
 from printctl.machine.printing import Order, find_or_start
@@ -362,3 +362,20 @@ def test_a_run_ends_there_where_the_scan_would_be_simulated(tmp_path: Path) -> N
     scan = SimulatedScan(simulated="oct")
     with pytest.raises(Refused, match="give the scan of the part as a file"):
         printing.work(context(tmp_path, scan, []), lambda *_: None)
+
+
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        ([], 0.0),
+        ([b"G1 E1", b"G1 E0.75 F60", b"G0 Z5"], 0.25),
+        ([b"G1 E1", b"G1 X1 E1.5"], 0.0),
+        ([b"G1 E1", b"G1 E0.75", b"G1 E1"], 0.0),
+        ([b"G1 E5", b"G92 E0", b"G0 X1"], 0.0),
+        ([b"G1 E5", b"G92 E0", b"G1 E-0.25"], 0.25),
+        ([b"G1 E1", b"G1 E0.75", b"G0 X1 Y1", b"M105", b"G1 F600"], 0.25),
+        ([b"G1 E1"], 0.0),
+    ],
+)
+def test_relief_of_the_job_itself_is_found(lines, expected):
+    assert relieved_mm(lines, len(lines)) == pytest.approx(expected)

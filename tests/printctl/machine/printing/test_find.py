@@ -34,7 +34,14 @@ from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.states import LinkState, PrintOutcome, Status
 from printctl.machine.link.syringe_change import CHANGE
 from printctl.machine.print_state.state import PrintTruth, read_print
-from printctl.machine.printing import Order, find_or_start, running, with_reloads
+from printctl.machine.printing import (
+    Order,
+    capacity_mm,
+    find_or_start,
+    running,
+    usable_mm,
+    with_reloads,
+)
 from printctl.machine.printing.recovery import planned, write_rest
 from printctl.machine.printing.watch import follow
 from printctl.observe.continue_print import continue_print
@@ -380,3 +387,9 @@ def test_of_an_observed_print_it_is_told_that_nobody_looks_at_the_rest(tmp_path,
     assert len(told) == (1 if care.looks else 0)
     written = write_rest(tmp_path, plan)
     assert written["steps"] == list(plan.steps)
+
+
+def test_drive_or_syringe_limits_whichever_is_shorter():
+    assert capacity_mm(SYRINGE) == pytest.approx(58.71, abs=0.01)
+    assert usable_mm(SYRINGE, PRINTER) == 0.5
+    assert usable_mm(SYRINGE, load(Printer, "generic_marlin")) == capacity_mm(SYRINGE)
