@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from design.solids.solid import Solid
 from kernels.arrays import FloatArray
 from registration.alignment import AlignmentOptions, align
-from registration.alignment.compare_poses import deviation_where_different
+from registration.alignment.choice import deviation_where_different
 from registration.alignment.distance import ModelSurface
 from registration.alignment.uncertainty import ScanErrors
 from registration.errors import AlignmentError

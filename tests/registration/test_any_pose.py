@@ -11,9 +11,9 @@ from design.solids.solid import Solid
 from kernels.arrays import FloatArray
 from registration.alignment import Alignment, AlignmentOptions, align
 from registration.alignment.distance import ModelSurface
-from registration.alignment.freedoms import loose_freedoms
-from registration.alignment.motion import motion_words, orientation_words
-from registration.alignment.rotations import spread_rotations
+from registration.alignment.doubts import loose_freedoms
+from registration.alignment.rivals import motion_words, orientation_words
+from registration.alignment.search import spread_rotations
 from registration.errors import AlignmentError
 from tests.registration.parts import corners, planar_construct, rod, solid
 from tests.registration.test_alignment import surface_points

@@ -10,8 +10,8 @@ import pytest
 
 from registration.scan import Scan
 from registration.segmentation import segment
-from registration.segmentation.classes import split_classes
-from registration.segmentation.first_light import first_light
+from registration.segmentation.bright_liquid import first_light
+from registration.segmentation.levels import split_classes
 from registration.segmentation.working import Working
 from tests.slower import first_of
 

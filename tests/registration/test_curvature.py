@@ -8,7 +8,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from registration.alignment.distance import ModelSurface
-from registration.segmentation.nets import surface
+from registration.segmentation.mesh import surface
 from tests.registration.parts import ball, rod, solid
 
 

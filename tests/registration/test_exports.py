@@ -14,12 +14,12 @@ import pytest
 
 from registration import RegistrationReport, Scan
 from registration.files.exports import (
+    as_csv,
     write_axes_vtp,
     write_scan_nrrd,
     write_surface_vtp,
     write_tables,
 )
-from registration.files.exports.tables import as_csv
 from registration.measuring.gauging import Defect
 from tests.registration.parts import as_scan, planar_network
 from tests.registration.registered import planar_part

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from registration.measuring.topology.fronts import BARRIER, UNREACHED, grow, path_cost
+from registration.measuring.topology.gel_paths import BARRIER, UNREACHED, grow, path_cost
 
 STEP, MOST = 0.05, 0.4
 SHAPE = (7, 9, 11)

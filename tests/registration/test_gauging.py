@@ -11,8 +11,8 @@ from design.network import VesselNetwork
 from registration.alignment import Fit
 from registration.alignment.distance import ModelSurface
 from registration.measuring.gauging import deviations, find_changes, summarise, trace_vessels
-from registration.measuring.gauging.planes import clearances, stations
 from registration.measuring.gauging.sections import Planes, cut_sections, oval_conductance
+from registration.measuring.gauging.trace import clearances, stations
 from registration.notes import sight_notes
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh

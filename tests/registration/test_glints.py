@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from registration.segmentation.evidence import GLARE
-from registration.segmentation.glints import find_glints
+from registration.segmentation.evidence import GLARE, find_glints
 
 
 @pytest.mark.parametrize("drained", [0.005, 0.2])

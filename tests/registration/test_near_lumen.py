@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from registration.measuring.gauging.near_lumen import split_summary
+from registration.measuring.gauging.deviation import split_summary
 from registration.report.key_figures import key_figures
 from registration.report.page import all_figures
 from registration.report.sections import fit_rows, surface_rows

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from registration.measuring.gauging.near_walls import near_walls
+from registration.measuring.gauging.vessels import near_walls
 
 
 def test_walls_are_those_of_the_lumens_that_points_are_deepest_in():

@@ -3,7 +3,7 @@
 import numpy as np
 
 from design.network import VesselNetwork
-from registration.measuring.gauging.neighbours import Neighbours
+from registration.measuring.gauging.trace import Neighbours
 
 
 def _network(nodes: list[list[float]], ends: list[list[int]], radius: list[float]) -> VesselNetwork:

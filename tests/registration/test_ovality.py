@@ -10,7 +10,7 @@ from design.network import VesselNetwork
 from registration.alignment import Fit
 from registration.alignment.uncertainty import ScanErrors, section_errors
 from registration.measuring.gauging import trace_vessels
-from registration.measuring.gauging.ovality import Oval, ovality
+from registration.measuring.gauging.vessels import Oval, ovality
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from registration.measuring.gauging.ray_kernel import first_walls
+from registration.measuring.gauging.sections import first_walls
 from registration.segmentation.volume import GelField
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from registration.segmentation.reflections import without_lines
+from registration.segmentation.oct_field import without_lines
 
 DEPTH, WALL = 60, 30
 FAINT = pytest.param(

@@ -16,8 +16,8 @@ from registration.segmentation.filters import (
 )
 from registration.segmentation.levels import part_levels, sparse_levels
 from registration.segmentation.light import remaining_light
-from registration.segmentation.local_level import local_level
-from registration.segmentation.nets import surface
+from registration.segmentation.mesh import surface
+from registration.segmentation.walls import local_level
 
 
 def ball(radius: float, centre: FloatArray, n: int = 40) -> NDArray[np.float32]:

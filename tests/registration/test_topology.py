@@ -18,7 +18,7 @@ from registration.measuring.topology import (
     overlap,
     scanned_with,
 )
-from registration.measuring.topology.euler import euler_number, without_specks
+from registration.measuring.topology.compare import euler_number, without_specks
 from tests.registration.phantom import BLOCK, IDENTITY, block, ladder
 from tests.slower import examples
 

@@ -9,12 +9,11 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from design.geometry.surface import Surface
-from registration.alignment.uncertainty import MOST_UNEVEN, ScanErrors, scan_errors
-from registration.alignment.uncertainty.scan_errors import LEVEL_PART
+from registration.alignment.uncertainty import LEVEL_PART, MOST_UNEVEN, ScanErrors, scan_errors
 from registration.notes import uneven_notes
 from registration.scan import Scan
 from registration.segmentation import GelField, Segmentation, Strength
-from registration.segmentation.unevenness import unevenness
+from registration.segmentation.oct_field import unevenness
 from registration.segmentation.working import Working
 
 VOXEL = 0.025

@@ -10,7 +10,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.faults.fault_file import Fault
+from sim.devices.faults import Fault
 
 PROFILE = load(Printer, "marlin_avr")
 

@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from design.anatomy.grown import AnatomicTrees
-from design.anatomy.tried_fewer import grow_or_advise
-from design.anatomy.trunk_count import trunk_ends
+from design.anatomy.grown import AnatomicTrees, grow_or_advise
+from design.anatomy.presets import trunk_ends
 from design.errors import (
     LEAST_TERMINALS,
     CrowdedError,

@@ -8,7 +8,7 @@ import pytest
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.presets import PRESETS
 from design.anatomy.trunk_lines import lines_of
-from design.measures.published_radii import PublishedMatch
+from design.measures.published_comparison import PublishedMatch
 from design.tissue import biventricle, tissue_from_surface
 from design.units import PA_PER_MMHG
 from design.vasculature.growth.forest import grow_forest

@@ -7,13 +7,12 @@ import pytest
 import trimesh
 from manifold3d import Manifold, Mesh
 
-from design.anatomy.heart_base import _across_rims
-from design.anatomy.heart_places import find_heart_places
+from design.anatomy.heart_places import _across_rims, find_heart_places
 from design.anatomy.openness import sample_surface
 from design.errors import TissueError
 from design.geometry.surface import Surface
 from design.tissue import biventricle
-from design.tissue.manifolds import arrays_of
+from design.tissue.zones import arrays_of
 from tests.design.anatomy.hearts import closed_heart, heart_tissue
 from tests.design.tissue.kept import kept_tissue
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from design.anatomy.heart_trunk import narrow_places
-from design.anatomy.layer import join_layer
+from design.anatomy.heart import narrow_places
+from design.anatomy.trunk_lines import join_layer
 from design.tissue import block
 from tests.design.tissue.kept import kept_tissue
 

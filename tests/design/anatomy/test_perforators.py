@@ -5,13 +5,12 @@ import pytest
 from scipy.spatial import cKDTree
 
 from design.anatomy.from_trunks import kept_narrow, roots_of
-from design.anatomy.perforator_ways import Room, Ways
-from design.anatomy.perforators import NARROW, with_perforators
+from design.anatomy.perforators import NARROW, Room, Ways, with_perforators
 from design.anatomy.trunk_lines import TrunkLines, with_shares
 from design.tissue import block
 from design.tissue.shapes import annulus
 from design.vasculature.growth.forest import grow_forest
-from design.vasculature.growth.territories import demand_points
+from design.vasculature.growth.supply import demand_points
 from design.vasculature.options import GrowthOptions
 from tests.design.tissue.kept import kept_tissue
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from design.anatomy.round_trees import _sunk, misfits
+from design.anatomy.fit_apart import _sunk, misfits
 from design.tissue import block
 from design.vasculature.treemath import tree_from_topology, tree_radii
 from tests.design.tissue.kept import kept_tissue

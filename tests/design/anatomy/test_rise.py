@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from design.anatomy.curves import turns
-from design.anatomy.rise import risen_trees
+from design.anatomy.trunk_depth import risen_trees
 from design.tissue import block
 from design.vasculature.treemath import tree_from_topology, tree_radii
 from tests.design.tissue.kept import kept_tissue

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from design.anatomy.shares import uneven_notes
+from design.anatomy.grown import uneven_notes
 from design.tissue import block
 from tests.design.tissue.kept import kept_tissue
 

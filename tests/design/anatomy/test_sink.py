@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from design.anatomy.sink import sink_trunk, with_bends
+from design.anatomy.trunk_depth import sink_trunk, with_bends
 from design.tissue import Surface
 from design.vasculature.treemath import tree_from_topology, tree_radii
 from tests.design.tissue.kept import kept_tissue

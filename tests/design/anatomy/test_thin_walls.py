@@ -6,16 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from design.anatomy.grown import AnatomicTrees
-from design.anatomy.heart import HeartAnatomy, grow_heart
+from design.anatomy.grown import AnatomicTrees, grow_or_advise
+from design.anatomy.heart import HeartAnatomy, grow_heart, guide_depth
 from design.anatomy.heart_places import _grooves, find_heart_places
-from design.anatomy.heart_trunk import guide_depth
 from design.anatomy.openness import sample_surface
-from design.anatomy.sink import check_trunks, sink_trunk
-from design.anatomy.tried_fewer import grow_or_advise
+from design.anatomy.trunk_depth import check_trunks, sink_trunk
 from design.errors import LEAST_TERMINALS, TissueError, WideTrunkError
 from design.tissue import block, tissue_from_surface
-from design.tissue import heart as heart_shape
+from design.tissue import shapes as heart_shape
 from design.units import PA_PER_MMHG
 from design.vasculature.treemath import tree_from_topology, tree_radii
 from tests.design.anatomy.hearts import HEART, closed_heart, heart_tissue

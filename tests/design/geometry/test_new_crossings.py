@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from design.geometry.crossings import find_crossings
-from design.geometry.new_crossings import find_new_crossings
+from design.geometry.crossings import find_crossings, find_new_crossings
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.6, 1.0])

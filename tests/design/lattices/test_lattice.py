@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from design.errors import NetworkError, TissueError
 from design.hemodynamics import FlowConditions, solve_flow
 from design.lattices import LatticeKind, LatticeOptions, build_lattice
-from design.lattices.cells import narrowest, tile, unit_cell
-from design.lattices.orient import directed, st_order
+from design.lattices.lattice import directed, narrowest, st_order, tile, unit_cell
 from design.measures import MeasureOptions, measure_network
 from design.tissue import Tissue, annulus, block, cylinder
 from design.vasculature import collisions

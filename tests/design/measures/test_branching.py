@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 
 from design.errors import NetworkError
 from design.hemodynamics import FlowConditions, solve_flow
-from design.measures.forest import forest_of, strahler_orders
 from design.measures.junctions import measure_murray, measure_terminal_flow
 from design.measures.morphometry import (
     diameter_defined_orders,
+    forest_of,
     measure_morphometry,
     order_table,
+    strahler_orders,
 )
 from design.measures.path_lengths import measure_paths
 from design.network import VesselKind, VesselNetwork

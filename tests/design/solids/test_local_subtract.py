@@ -9,7 +9,7 @@ import pytest
 
 from design.geometry.crossings import find_crossings
 from design.solids import Solid, block_solid, construct_solid, lumen_solid, surface_genus
-from design.solids.check_made import check_made
+from design.solids.check import check_made
 from design.solids.local_subtract import subtract_near
 from tests.design.solids.networks import channels, ladder
 

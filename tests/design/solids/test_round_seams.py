@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from design.solids import Solid, find_crossings, lumen_solid, network_genus, surface_genus
-from design.solids.facets import Facets
 from design.solids.smooth.layout import lay_out
-from design.solids.smooth.split_edges import part_faces
+from design.solids.smooth.round_seams import part_faces
 from design.solids.topology import edge_faults
+from design.solids.tube import Facets
 from design.tissue.closed import edges_of
 from tests.design.solids.networks import channels, ladder, lattice
 

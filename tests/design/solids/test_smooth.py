@@ -8,15 +8,13 @@ from scipy.spatial import ConvexHull
 
 from design.errors import SolidError
 from design.solids import Solid, block_solid, lumen_solid, network_genus, surface_genus
-from design.solids.facets import Facets
 from design.solids.smooth import assemble
 from design.solids.smooth.assemble import sew_parts
 from design.solids.smooth.fillet import rounded_distance, shoot, wall_rows
-from design.solids.smooth.layout import lay_out
+from design.solids.smooth.layout import lay_out, reaches
 from design.solids.smooth.sphere import insert, start
-from design.solids.smooth.tube_start import reaches
 from design.solids.topology import edge_faults, is_closed
-from design.solids.tube import EndShape
+from design.solids.tube import EndShape, Facets
 from tests.design.solids.networks import channels, ladder, lattice, vessel
 from tests.slower import first_of
 

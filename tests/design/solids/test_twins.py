@@ -10,8 +10,13 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from design.solids import block_solid
-from design.solids.topology import corner_fans, edge_faults, is_closed, surface_genus
-from design.solids.twins import pair_half_edges
+from design.solids.topology import (
+    corner_fans,
+    edge_faults,
+    is_closed,
+    pair_half_edges,
+    surface_genus,
+)
 
 
 @cache

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from design.geometry import point_triangle_squared
-from design.tissue.bricks import _ROOM, _nearer
+from design.tissue.build import _ROOM, _nearer
 
 RNG = np.random.default_rng(7)
 FLAT = np.array([0.0, 0, 0, 1, 0, 0, 0.4, 0.9, 0])

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from benchmarks.checkers.containment import surface_tree, to_surface, winding_numbers
 from design.geometry import build_triangle_tree
-from design.geometry.segment_surface import segment_distance, segment_triangle
+from design.geometry.surface_distances import segment_distance, segment_triangle
 from design.tissue import load_tissue
-from design.tissue.depth import depth_bounds, least_depth_along, winding_number
+from design.tissue.grid import depth_bounds, least_depth_along, winding_number
 from tests.design.tissue import surfaces
 from tests.design.tissue.kept import kept_tissue
 

@@ -8,12 +8,10 @@ import numpy as np
 
 from design.network import VesselNetwork
 from design.toolpath.embedded import EmbeddedOptions
-from design.toolpath.embedded.elements import Elements, elements_of
-from design.toolpath.embedded.meetings import Meetings, at_nodes, with_touches
+from design.toolpath.embedded.elements import Elements, ElementSquares, elements_of, squares_of
 from design.toolpath.embedded.needle import Needle
-from design.toolpath.embedded.rules import Rules
+from design.toolpath.embedded.rules import Meetings, Rules, at_nodes, with_touches
 from design.toolpath.embedded.schedule import Pass
-from design.toolpath.embedded.squares import ElementSquares, squares_of
 from design.toolpath.embedded.touches import Touches, touches
 
 

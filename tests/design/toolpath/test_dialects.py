@@ -7,7 +7,7 @@ import pytest
 from design.errors import ToolpathError
 from design.toolpath.fresh import FreshOptions
 from design.toolpath.gcode import GcodeOptions, write_gcode
-from design.toolpath.gcode.dialect import dialect_of
+from design.toolpath.gcode.numbers import dialect_of
 from firmware_profiles import Printer, Syringe, load
 from firmware_profiles.families import family_names
 from tests.design.toolpath.plans import fresh_toolpath

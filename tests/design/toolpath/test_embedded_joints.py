@@ -9,8 +9,7 @@ import pytest
 
 from design.toolpath.embedded import EmbeddedOptions
 from design.toolpath.embedded.joints import Joiner
-from design.toolpath.embedded.schedule import Pass
-from design.toolpath.embedded.walk import Leg
+from design.toolpath.embedded.schedule import Leg, Pass
 from tests.design.toolpath.embedded_parts import parts_of
 from tests.design.toolpath.shapes import network, polylines, ring
 

@@ -8,10 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from design.toolpath.embedded import EmbeddedOptions
-from design.toolpath.embedded.merge import fewest, merge_passes
-from design.toolpath.embedded.pass_rules import contracted, pass_rules
-from design.toolpath.embedded.schedule import Pass
-from design.toolpath.embedded.walk import Leg
+from design.toolpath.embedded.merge import contracted, fewest, merge_passes, pass_rules
+from design.toolpath.embedded.schedule import Leg, Pass
 from tests.design.toolpath.embedded_parts import pairs_of, parts_of, rules_of
 from tests.design.toolpath.shapes import network
 from tests.slower import examples

@@ -9,9 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from design.toolpath.embedded import EmbeddedOptions
-from design.toolpath.embedded.schedule import Pass
-from design.toolpath.embedded.travel import CLIMB, shorten_travels
-from design.toolpath.embedded.walk import Leg
+from design.toolpath.embedded.merge import CLIMB, shorten_travels
+from design.toolpath.embedded.schedule import Leg, Pass
 from tests.design.toolpath.embedded_parts import parts_of, rules_of
 from tests.design.toolpath.shapes import network
 from tests.slower import examples

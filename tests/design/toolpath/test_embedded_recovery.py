@@ -9,7 +9,7 @@ import pytest
 
 from design.toolpath import MoveKind, Toolpath
 from design.toolpath.embedded import EmbeddedOptions, plan_embedded
-from design.toolpath.embedded.recovery import add_recovery_dwells
+from design.toolpath.embedded.write import add_recovery_dwells
 from tests.design.toolpath.shapes import polylines, random_tree
 
 OPTIONS = EmbeddedOptions(open_joints=99)

@@ -12,9 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from design.toolpath.embedded import EmbeddedOptions
-from design.toolpath.embedded.meetings import outside_joints
 from design.toolpath.embedded.needle import joint_reach, radius_at
-from design.toolpath.embedded.rules import find_rules, one_way, with_more
+from design.toolpath.embedded.rules import find_rules, one_way, outside_joints, with_more
 from tests.design.toolpath.embedded_parts import Parts, pairs_of, parts_of, rules_of
 from tests.design.toolpath.shapes import (
     cage,

@@ -10,8 +10,7 @@ from design.toolpath.embedded import EmbeddedOptions
 from design.toolpath.embedded.elements import elements_of
 from design.toolpath.embedded.improve import broken_rules
 from design.toolpath.embedded.rules import find_rules, one_way
-from design.toolpath.embedded.schedule import Scheduler
-from design.toolpath.embedded.walk import Leg, start_walk, undo_write, write_stretch
+from design.toolpath.embedded.schedule import Leg, Scheduler, start_walk, undo_write, write_stretch
 from tests.design.toolpath.embedded_parts import pairs_of, parts_of, rules_of, trail
 from tests.design.toolpath.shapes import cage, network, random_tree
 from tests.design.toolpath.test_embedded_rules import random_rules

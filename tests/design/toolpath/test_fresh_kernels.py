@@ -10,13 +10,12 @@ from hypothesis import strategies as st
 from manifold3d import CrossSection
 
 from design.toolpath.fresh.contours import contours_of
-from design.toolpath.fresh.coverage import measure_coverage
 from design.toolpath.fresh.infill import Intervals, fill, scan, subtract
 from design.toolpath.fresh.layout import lay_out, obstacles
 from design.toolpath.fresh.options import FreshOptions
-from design.toolpath.fresh.order import order_paths
-from design.toolpath.fresh.order_lines import order_lines
+from design.toolpath.fresh.order import order_lines, order_paths
 from design.toolpath.fresh.paths import Role, gather, join
+from design.toolpath.fresh.report import measure_coverage
 from design.toolpath.fresh.walls import build_walls
 from tests.slower import examples
 

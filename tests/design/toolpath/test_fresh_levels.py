@@ -12,9 +12,9 @@ from manifold3d import Manifold
 
 from design.errors import ToolpathError
 from design.toolpath import MoveKind, Toolpath, join_toolpaths
-from design.toolpath.file import load_toolpath, save_toolpath
 from design.toolpath.fresh import Adaptive, FreshLayers, FreshOptions, plan_fresh
 from design.toolpath.fresh.levels import adaptive_levels, even_levels
+from design.toolpath.toolpath import load_toolpath, save_toolpath
 from tests.design.toolpath.shapes import along_x, as_solid, block
 from tests.slower import examples
 

@@ -12,7 +12,7 @@ from manifold3d import CrossSection
 from design.errors import ToolpathError
 from design.toolpath import MoveKind
 from design.toolpath.fresh import Filling, FreshOptions, plan_fresh
-from design.toolpath.fresh.patterns import gyroid_lines
+from design.toolpath.fresh.infill import gyroid_lines
 from tests.design.toolpath.shapes import as_solid, rounded_width
 from tests.slower import examples
 

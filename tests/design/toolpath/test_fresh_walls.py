@@ -12,11 +12,9 @@ from hypothesis import strategies as st
 from manifold3d import CrossSection
 
 from design.toolpath.fresh.coarsen import remove_short_moves
-from design.toolpath.fresh.contours import Contours, contours_of, sample
-from design.toolpath.fresh.largest_disc import measure_room
+from design.toolpath.fresh.contours import Contours, contours_of, measure_room, sample
 from design.toolpath.fresh.paths import Paths, Role, gather
-from design.toolpath.fresh.thin import gap_paths
-from design.toolpath.fresh.walls import build_walls, clear_of_lumens
+from design.toolpath.fresh.walls import build_walls, clear_of_lumens, gap_paths
 from tests.slower import examples
 
 W = 0.15

@@ -7,11 +7,10 @@ import pytest
 import shapely
 
 from design.toolpath.fresh.contours import Contours
-from design.toolpath.fresh.infill import infill_paths
+from design.toolpath.fresh.infill import infill_paths, zigzag
 from design.toolpath.fresh.layout import obstacles
 from design.toolpath.fresh.order import order_paths
 from design.toolpath.fresh.paths import Paths
-from design.toolpath.fresh.zigzag import zigzag
 
 WIDTH = 0.15
 LINK = 0.3

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from design.toolpath.gcode.merge import long_enough
 from design.toolpath.gcode.numbers import decimals_for
-from design.toolpath.gcode.render import Table, render
+from design.toolpath.gcode.table import Table, render
 from firmware_profiles import Printer, load
 from tests.slower import examples
 

@@ -13,7 +13,7 @@ from design.vasculature import (
     supply_balance,
     tree_radii,
 )
-from design.vasculature.growth.territories import demand_points, territory_demand
+from design.vasculature.growth.supply import demand_points, territory_demand
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature import oracles
 

@@ -10,7 +10,7 @@ from manifold3d import Manifold
 
 from design.errors import GrowthError, TissueError
 from design.tissue import depth_demand, function_demand, part_demands, parts_of
-from design.tissue.manifolds import surface_of
+from design.tissue.zones import surface_of
 from design.vasculature import (
     GrowthOptions,
     Inlet,
@@ -20,8 +20,8 @@ from design.vasculature import (
     parts_to_network,
     terminals_of,
 )
-from design.vasculature.growth.sharing import share_terminals
-from design.vasculature.growth.unreached import unreached
+from design.vasculature.growth.points import share_terminals
+from design.vasculature.growth.supply import unreached
 from tests.design.tissue.kept import kept_tissue
 
 OPTIONS = GrowthOptions(terminals=60)

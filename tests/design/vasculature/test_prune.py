@@ -5,8 +5,7 @@ import pytest
 
 from design.tissue import block
 from design.vasculature import GrowthOptions
-from design.vasculature.growth.prune import prune
-from design.vasculature.growth.retip import move_tip, tip_near
+from design.vasculature.growth.prune import move_tip, prune, tip_near
 from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.growth.tree_growth import TreeGrowth
 from tests.design.tissue.kept import kept_tissue

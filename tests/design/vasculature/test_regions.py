@@ -8,14 +8,13 @@ import pytest
 
 from design.tissue import block, function_demand
 from design.vasculature import ClusterPool, GrowthOptions, grow_tree, tree_radii
-from design.vasculature.growth.audit import measure_allowed_radii
-from design.vasculature.growth.make_index import just_below
-from design.vasculature.growth.regions import large_growth, region_growth
-from design.vasculature.growth.regions.audit import measure_again, measure_in_parallel
-from design.vasculature.growth.regions.large_growth import LargeGrowth
-from design.vasculature.growth.regions.split import SHARED, split_tree
+from design.vasculature.growth import large_growth, region_growth
+from design.vasculature.growth.growth_state import just_below
+from design.vasculature.growth.large_growth import LargeGrowth, measure_again, measure_in_parallel
+from design.vasculature.growth.points import depth_first
+from design.vasculature.growth.prune import measure_allowed_radii
+from design.vasculature.growth.region_split import SHARED, split_tree
 from design.vasculature.growth.surroundings import Surroundings
-from design.vasculature.growth.target_points import depth_first
 from tests.design.tissue.kept import kept_tissue
 from tests.design.vasculature.test_grow import check
 

@@ -15,7 +15,7 @@ from design.vasculature import (
     grow_forest,
 )
 from design.vasculature.loops.connect import Web
-from design.vasculature.loops.curve_fit import KIN, Ends, radius_for
+from design.vasculature.loops.curves import KIN, Ends, radius_for
 from design.vasculature.loops.loops import open_web, pruned, tree_ends
 from design.vasculature.loops.routes import RouteObstacles, find_route, swap_ends
 from tests.design.tissue import surfaces

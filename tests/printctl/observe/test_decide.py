@@ -7,7 +7,6 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from printctl.observe.decider_state import restore, state_of
 from printctl.observe.deciding import (
     Decider,
     DecisionKind,
@@ -17,9 +16,8 @@ from printctl.observe.deciding import (
     Limits,
     SupplyState,
 )
-from printctl.observe.deciding.evidence import Narrowed, UnseenPath
-from printctl.observe.deciding.thin import Thin
-from printctl.observe.map_check import MapCheck
+from printctl.observe.deciding.evidence import MapCheck, Narrowed, Thin, UnseenPath
+from printctl.observe.observer import restore, state_of
 from registration.inspection.findings import ToldOfInk
 from registration.inspection.values import Blob, Gap
 from tests.printctl.observe.decisions import GAP, decided, evidence, flow

@@ -16,10 +16,16 @@ from printctl.observe.deciding import (
     confirmed_gaps,
     judge_supply,
 )
-from printctl.observe.deciding.thin import Thin, seen_twice
+from printctl.observe.deciding.evidence import Thin, seen_twice
 from printctl.observe.expected import ExpectedInk
-from printctl.observe.judging import _flow, narrowed_lumens, shift_of, telling
-from printctl.observe.thin_lines import low_stretches, thin_lines
+from printctl.observe.judging import (
+    _flow,
+    low_stretches,
+    narrowed_lumens,
+    shift_of,
+    telling,
+    thin_lines,
+)
 from registration.inspection import Lumen, LumenSeen, Shift, Stations, Stretch
 from registration.inspection.values import Gap
 

@@ -15,7 +15,6 @@ import pytest
 from printctl.machine.link.inserts import Insert
 from printctl.machine.link.job import parse_job
 from printctl.machine.link.marks import Marks
-from printctl.observe.camera_holds import frame_holds
 from printctl.observe.deciding import Decider, DecisionKind, Limits
 from printctl.observe.devices import DeviceError
 from printctl.observe.expected import expected_ink
@@ -37,6 +36,7 @@ from printctl.observe.mends_again import (
 )
 from printctl.observe.records import LookRecord
 from printctl.observe.shown_place import seen_where_ink_shows
+from printctl.observe.views import frame_holds
 from registration.inspection import (
     Appearance,
     Gap,

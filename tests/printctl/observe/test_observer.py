@@ -13,7 +13,7 @@ from printctl.machine.link.errors import LinkError, NoLink, Refused
 from printctl.machine.link.states import LinkState, Status
 from printctl.observe import process
 from printctl.observe.deciding import Decider, FlowControl, Limits
-from printctl.observe.deciding.thin import Thin
+from printctl.observe.deciding.evidence import Thin
 from printctl.observe.devices import DeviceSettings
 from printctl.observe.look_values import Look
 from printctl.observe.look_words import total_words

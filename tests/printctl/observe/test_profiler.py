@@ -14,15 +14,20 @@ import yaml
 from benchmarks.checkers.profiler_painter import profiled
 from benchmarks.observe_laser import expected
 from printctl.errors import UsageError
+from printctl.observe.deciding.evidence import MapCheck
 from printctl.observe.devices import DeviceError
 from printctl.observe.last_map import LastMap
 from printctl.observe.learned import Learned
-from printctl.observe.map_check import MapCheck
-from printctl.observe.profiler import read_profiler_frame, refuse_other_height, try_laser_frame
 from printctl.observe.scan_place import ScanSize, refuse_elsewhere
-from printctl.observe.views import View, open_view
-from registration.devices.camera_frame import write_frame as write_frame_laser_sweep
-from registration.devices.laser_sweep import write_laser
+from printctl.observe.views import (
+    View,
+    open_view,
+    read_profiler_frame,
+    refuse_other_height,
+    try_laser_frame,
+)
+from registration.devices.lens.lens import write_model as write_frame_laser_sweep
+from registration.devices.lens.lens import write_model as write_laser
 from registration.errors import PictureError
 from registration.files.readers.heights import HeightMap
 from registration.inspection import ExpectedLines, HeightFrame

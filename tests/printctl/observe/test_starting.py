@@ -22,11 +22,10 @@ from printctl.machine.link.process import hold_folder
 from printctl.machine.link.record import RECORD
 from printctl.observe import starting
 from printctl.observe.deciding import Limits
-from printctl.observe.devices import DeviceError, DeviceSettings, acquire, picture_of
-from printctl.observe.devices.files import files_in
+from printctl.observe.devices import DeviceError, DeviceSettings, acquire, files_in, picture_of
 from printctl.observe.order import ObserverOrder
+from printctl.observe.process import try_device
 from printctl.observe.records import OBSERVER_LOCK, ORDER, READY, look_folder
-from printctl.observe.trying import try_device
 from printctl.observe.view_before import EMPTY
 from sim.gcode.motion.executed import ExecutedMotion
 

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from printctl.errors import UsageError
-from printctl.observe import camera_holds, views
+from printctl.observe import views
+from printctl.observe import views as camera_holds
 from printctl.observe.devices import DeviceError
 from printctl.observe.look_values import Look
 from printctl.observe.records import LookRecord, look_folder, save_look

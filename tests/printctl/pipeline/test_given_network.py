@@ -19,8 +19,8 @@ from design.network_files.csv_format import read_network_csv, write_network_csv
 from design.tissue.shapes import annulus, block
 from design.tissue.surface import tissue_from_surface
 from printctl.errors import RecipeError
-from printctl.pipeline.outside import outside_note
 from printctl.pipeline.run import design_recipe, toolpath_recipe
+from printctl.pipeline.stages.vasculature import outside_note
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.recipe import Recipe, parse_recipe
 

@@ -20,12 +20,11 @@ from printctl.machine.link.marks import MarkKind
 from printctl.observe.records import ORDER
 from printctl.pipeline import observing
 from printctl.pipeline.heads import layer_lines_um, vessel_heads
-from printctl.pipeline.observable import refuse_unobservable
 from printctl.pipeline.observing import look_care, unlooked_words
+from printctl.pipeline.refusals import refuse_unobservable
 from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import parse_recipe
-from printctl.recipe.heads import HeadPart
-from printctl.recipe.making import Fresh
+from printctl.recipe.making import Fresh, HeadPart
 from printctl.run_folder.artefacts import GCODE
 
 ROOT = Path(__file__).parents[3]

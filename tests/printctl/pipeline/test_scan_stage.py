@@ -24,9 +24,8 @@ from printctl.machine.link.journal import Journal
 from printctl.machine.link.record import LinkRecord
 from printctl.pipeline.measurement_record import Corrections, add_record
 from printctl.pipeline.print_scan import StatedPrint, scan_print
-from printctl.pipeline.scan_defects import scan_defects
 from printctl.pipeline.simulated_scan import scan_size_words
-from printctl.pipeline.stages.scan import digest_scan, load_scan
+from printctl.pipeline.stages.scan import digest_scan, load_scan, scan_defects
 from printctl.recipe.making import FileScan, SimulatedScan
 from printctl.recipe.record import RecordPart
 from registration import read_scan

@@ -22,11 +22,11 @@ from design.tissue import block, tissue_from_surface
 from design.vasculature import DepthPenalty, GrowthOptions, grow_tree, tree_to_network
 from kernels.arrays import FloatArray
 from printctl.errors import RecipeError
-from printctl.pipeline.growth_source import growth_options, read_terminals, read_trunk
-from printctl.pipeline.regions import make_region
+from printctl.pipeline.growing import growth_options, read_terminals, read_trunk
 from printctl.pipeline.run import design_recipe, run_recipe
 from printctl.pipeline.run_options import RunOptions
 from printctl.pipeline.solid_build import RunSolids, build
+from printctl.pipeline.stages.toolpath import make_region
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.recipe.growth import GrownNetwork
 from printctl.recipe.load import parse_recipe

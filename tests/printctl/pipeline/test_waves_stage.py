@@ -12,7 +12,7 @@ import pytest
 
 from design.hemodynamics import FlowConditions
 from printctl.analysis.flow import ONE_D, ONE_D_WAVES, TABLE, steady_conditions
-from printctl.analysis.flow.driven import Driven
+from printctl.analysis.flow.conditions import Driven
 from printctl.pipeline.stages import fidelities
 from printctl.pipeline.stages.flow import work
 from printctl.recipe.parts import FlowPart

@@ -9,7 +9,7 @@ import yaml
 from printctl.errors import RecipeError
 from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.growth import GrownNetwork
-from printctl.recipe.lattice import LatticeNetwork
+from printctl.recipe.model import LatticeNetwork
 from printctl.recipe.tissue import CylinderPart, DepthDemandPart, MeshPart
 
 ROOT = Path(__file__).parents[3]

@@ -15,9 +15,9 @@ from printctl.cli.main import app
 from printctl.cli.tolerance_options import tolerances_of
 from printctl.errors import RecipeError, UsageError
 from printctl.pipeline.facts import recipe_facts
-from printctl.recipe import load_recipe, migrate, parse_recipe
+from printctl.recipe import load, load_recipe, parse_recipe
+from printctl.recipe.load import Change, Step, migrated_text
 from printctl.recipe.making import RegistrationPart
-from printctl.recipe.migrate import Change, Step, migrated_text
 
 ROOT = Path(__file__).parents[3]
 GOOD = yaml.safe_load((ROOT / "examples" / "planar_fresh.yaml").read_text())
@@ -245,7 +245,7 @@ vasculature: {grow: tree, terminals: 20}
 
 @pytest.fixture
 def old(monkeypatch, tmp_path: Path) -> Path:
-    monkeypatch.setattr(migrate, "STEPS", (TWICE,))
+    monkeypatch.setattr(load, "STEPS", (TWICE,))
     path = tmp_path / "old.yaml"
     path.write_text(OLD)
     return path

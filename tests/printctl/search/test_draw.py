@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from printctl.errors import PrintctlError, RecipeError
 from printctl.search import load_search
-from printctl.search.candidates import Candidate, draw_candidates
-from printctl.search.draw import drawn
+from printctl.search.candidates import Candidate, draw_candidates, drawn
 from printctl.search.model import SearchFile
 from printctl.search.quantities import QUANTITIES
 from printctl.search.rank import RankedCandidate, pareto_fronts, ranked

@@ -12,7 +12,7 @@ import pytest
 from design.network import VesselNetwork
 from registration.dye import DyeOptions, DyeReport, Marks, dye_verdict, measure_dye, read_marks
 from registration.dye.arrivals import find_arrivals
-from registration.dye.carrying_flow import carrying_flow
+from registration.dye.flow import carrying_flow
 from registration.dye.patency import _Seen, _series, _stop
 from registration.dye.traces import Traces
 from registration.dye.view import find_view

@@ -10,7 +10,7 @@ import pytest
 
 from design.vasculature.named import planar_four_vessel
 from registration.dye import DyeOptions, DyeReport, dye_dict, dye_verdict, place_rows
-from registration.dye.carrying_flow import carrying_flow, solve_without_closed
+from registration.dye.flow import carrying_flow, solve_without_closed
 from registration.report.dye_page import write_dye_html
 from sim.devices.dye import Occlusion, dye_flow
 from tests.registration.dye.films import PLANAR_FLOW, planar_report

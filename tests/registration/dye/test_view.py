@@ -16,7 +16,7 @@ from registration.dye import DyeReport, Marks, measure_dye, read_marks
 from registration.dye.view import find_view
 from registration.errors import DyeError
 from sim.devices.dye import Disturbance, Dye, DyeCamera, DyeFilm, dye_flow
-from sim.devices.dye.transport import Transport
+from sim.devices.dye.lumens import Transport
 from tests.registration.dye.films import PLANAR_CAMERA, PLANAR_FLOW, filmed, marks_of
 
 NETWORK = planar_four_vessel()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from registration.alignment.uncertainty import Budget, Term, quantity
-from registration.report.budget_table import budget_table
 from registration.report.gauging_sections import pressure_words
+from registration.report.measurement_tables import budget_table
 
 
 def test_a_budgets_rows_name_the_largest_terms_remedy() -> None:

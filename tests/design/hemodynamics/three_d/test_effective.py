@@ -10,7 +10,7 @@ from design.hemodynamics.three_d import FlowOptions, solve_steady, straighten_ed
 from design.hemodynamics.three_d.effective import effective_network, flow_error, rescaled
 from design.hemodynamics.three_d.lumen_mesh import MeshPort
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
-from design.hemodynamics.three_d.vessel_flows import conserve_mass, is_clear
+from design.hemodynamics.three_d.sections import conserve_mass, is_clear
 from design.network import VesselNetwork
 from kernels.arrays import FloatArray
 from tests.design.hemodynamics.networks import network_of

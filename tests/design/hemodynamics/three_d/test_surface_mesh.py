@@ -9,13 +9,12 @@ from skimage.measure import marching_cubes
 
 from design.errors import FlowError
 from design.geometry import build_triangle_tree
-from design.geometry.nearest_points import nearest_feet
+from design.geometry.surface_distances import nearest_feet
 from design.hemodynamics import FlowConditions
 from design.hemodynamics.three_d import FlowOptions, LumenMesh, solve_steady, straighten_edges
-from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
-from design.hemodynamics.three_d.surface_mesh import SurfaceOptions, surface_mesh
+from design.hemodynamics.three_d.mesh import MeshOptions, SurfaceOptions, lumen_mesh, surface_mesh
 from design.network import VesselNetwork
-from design.solids.denoise import denoised
+from design.solids.manifolds import denoised
 from kernels.arrays import FloatArray, IntArray
 from tests.design.hemodynamics.three_d.surfaces import faceted_tube, straight, voxels_of_tube
 from tests.slower import first_rows

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from design.solids.remesh import halfedges, remesh
+from design.solids import remesh as halfedges
+from design.solids.remesh import remesh
 from kernels.arrays import IntArray
 from tests.design.solids.remesh.shapes import Torus, euler, torus_surface
 

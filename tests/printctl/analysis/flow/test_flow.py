@@ -489,7 +489,7 @@ def test_without_fenicsx_the_message_says_how_to_install_it(tmp_path, monkeypatc
         find_engine(bare)
     with pytest.raises(PrintctlError, match="no such file"):
         find_engine(tmp_path / "nothing")
-    monkeypatch.setattr("printctl.analysis.flow.ranks.engine._places", lambda: iter([bare]))
+    monkeypatch.setattr("printctl.analysis.flow.ranks._places", lambda: iter([bare]))
     monkeypatch.delenv("PRINTCTL_DOLFINX_PYTHON", raising=False)
     with pytest.raises(PrintctlError, match=r"no Python with FEniCSx.*conda create"):
         find_engine()

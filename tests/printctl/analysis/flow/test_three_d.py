@@ -21,10 +21,8 @@ from design.network_files.csv_format import read_network_csv
 from design.solids import Solid, write_ply
 from design.solids.manifolds import to_manifold
 from kernels.arrays import FloatArray
-from printctl.analysis.flow.scanned import scanned_lumen
-from printctl.analysis.flow.scanned_size import blur_squared, set_out
-from printctl.recipe.parts import FlowPart
-from printctl.recipe.space import ComparePart, ThreeDPart
+from printctl.analysis.flow.scanned import blur_squared, scanned_lumen, set_out
+from printctl.recipe.parts import ComparePart, FlowPart, ThreeDPart
 from tests.design.hemodynamics.three_d.surfaces import faceted_tube, straight
 from tests.printctl.analysis.flow.test_flow import SINE
 from tests.system.cli import called as printctl

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from design.toolpath.gcode.dialect import dialect_of
+from design.toolpath.gcode.numbers import dialect_of
 from firmware_profiles import Dish, Needle, Printer, load
 from printctl.checks.gate import (
     AllowedLine,
@@ -22,16 +22,16 @@ from printctl.checks.gate import (
     judge,
     judge_stored_line,
 )
-from printctl.checks.gate.limits import (
+from printctl.checks.gate.inputs import (
     IN_DISH_MM_S,
     RIM_MARGIN_MM,
     STEP_ASIDE_MM,
     STEP_DOWN_MM,
+    NotAllowed,
     check_move,
     check_speed,
     reach,
 )
-from printctl.checks.gate.verdict import NotAllowed
 
 MARLIN = load(Printer, "generic_marlin")
 KLIPPER = load(Printer, "klipper_bioprinter")

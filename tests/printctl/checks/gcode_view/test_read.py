@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from firmware_profiles import Printer, load
 from printctl.checks.gcode_view import Pushing, read_job, read_line_map
-from printctl.checks.gcode_view.widths import cross_sections
+from printctl.checks.gcode_view.read import cross_sections
 from printctl.errors import UsageError
 from printctl.rounding import window_mm
 from registration.report.gcode import Act, layer_sums

@@ -15,7 +15,7 @@ from printctl.checks.lumens import (
     read_filaments,
     read_layers,
 )
-from printctl.checks.lumens.merges import segment_distances
+from printctl.checks.lumens.filament_check import segment_distances
 from printctl.errors import UsageError
 from sim.gcode.deposit.pneumatic import pneumatic_deposit
 from sim.gcode.dry_run.run import dry_run

@@ -30,7 +30,7 @@ from printctl.checks.lumens import (
     report_lumens,
     rounded_to_steps,
 )
-from printctl.checks.lumens.measure import slabs_near
+from printctl.checks.lumens.stations import slabs_near
 from printctl.errors import UsageError
 from sim.gcode.lumens.leak_kernels import find_runs, join_runs
 from sim.gcode.lumens.ray_kernels import first_hit, stadium_span

@@ -40,9 +40,9 @@ from printctl.checks.preflight import (
     viability_facts,
 )
 from printctl.checks.preflight.bore import line_checks
-from printctl.checks.preflight.wall_gaps import hub_gap, wall_gap
+from printctl.checks.preflight.dish import hub_gap, wall_gap
 from printctl.checks.set_up import HeadLoading, hub_gap_of, wall_gap_of
-from printctl.recipe.care import CarePart
+from printctl.recipe.making import CarePart
 from sim.gcode.dry_run.run import DryRun, dry_run
 
 PRINTER = load(Printer, "generic_marlin")

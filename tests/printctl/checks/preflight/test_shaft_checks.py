@@ -20,7 +20,7 @@ from design.toolpath.gcode import Gcode, GcodeOptions, save_gcode, stream_gcode,
 from design.toolpath.moves import MoveBuilder
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.checks.preflight import shaft_clearance, written_arrays
-from printctl.checks.preflight.shaft_map import read_written_arrays
+from printctl.checks.preflight.shaft import read_written_arrays
 from printctl.checks.set_up import HeadLoading
 from printctl.errors import SafetyError
 from printctl.machine.link.journalled_print import read_journal

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from printctl.cli.doctor_checks import places
-from printctl.cli.doctor_checks.extras import extras
+from printctl.cli.doctor_checks.collect import extras
 from printctl.cli.doctor_checks.ports import permission_findings, udev_rule
 from printctl.cli.main import app
 from printctl.machine.link.ports import PortInfo
@@ -73,7 +73,7 @@ def test_a_port_that_may_not_be_opened_comes_with_group_and_udev_rule(monkeypatc
 
 def test_a_missing_extra_comes_with_its_command(monkeypatch):
     wanted = ["numpy>=2", 'h5py>=3 ; extra == "scans"', "no-such-thing>=1; extra == 'scans'"]
-    monkeypatch.setattr("printctl.cli.doctor_checks.extras.metadata.requires", lambda name: wanted)
+    monkeypatch.setattr("printctl.cli.doctor_checks.collect.metadata.requires", lambda name: wanted)
     assert extras() == {"scans": "missing no-such-thing; pip install 'printctl[scans]'"}
 
 

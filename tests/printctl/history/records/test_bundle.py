@@ -15,15 +15,19 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from printctl.history.records.bundle import write_bundle
-from printctl.history.records.cover import cover_page
-from printctl.history.records.errors import BundleError, KeyTrouble, RecordsError
-from printctl.history.records.keys import PRIVATE, lab_key
-from printctl.history.records.manifest import read_manifest
-from printctl.history.records.plain_zip import PlainZipWriter, read_members, safe_name
-from printctl.history.records.repeat import entry_of_bundle, make_job, plan_repeat
-from printctl.history.records.table import safe_cell
-from printctl.history.records.verify import Signature, verify_bundle, verify_stream
+from printctl.history.bundle import cover_page, write_bundle
+from printctl.history.plain_zip import PlainZipWriter, read_members, safe_name
+from printctl.history.repeat import entry_of_bundle, make_job, plan_repeat
+from printctl.history.signing import (
+    PRIVATE,
+    BundleError,
+    KeyTrouble,
+    RecordsError,
+    lab_key,
+    read_manifest,
+)
+from printctl.history.table import safe_cell
+from printctl.history.verify import Signature, verify_bundle, verify_stream
 from printctl.machine.link.history_entry import Alarm
 from printctl.machine.printing.films import film_file
 from printctl.pipeline.evidence import evidence

@@ -26,8 +26,8 @@ from printctl.machine.link.states import LinkState, Status
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.transport_serial import SerialTransport
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.faults.fault_file import FaultFile, load_faults
-from sim.devices.faults.gauge import Gauge as SimGauge
+from sim.devices.faults import FaultFile, load_faults
+from sim.devices.faults import Gauge as SimGauge
 from sim.gcode.dry_run.run import dry_run
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
 from tests.printctl.machine.link.jobs import parse_job

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from hypothesis.stateful import invariant, rule
 
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
-from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.link_protocol import Timing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.pairing import Pairing
-from firmware_profiles.families.reprapfirmware.protocol import RrfProtocol
+from firmware_profiles.families.reprapfirmware.facts import RrfProtocol
 from printctl.machine.link.modal import places
 from tests.printctl.machine.link.fake_families import FakeDuet, FakeKlipper
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, slips_through

@@ -18,16 +18,16 @@ from firmware_profiles.families.link_protocol import (
     StrayOk,
     TokenSent,
 )
-from firmware_profiles.families.marlin.bit_flips import guard_command
-from firmware_profiles.families.marlin.doubt import QUESTION, RENUMBER
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import Kind, classify, frame
+from firmware_profiles.families.marlin.sender import guard_command
+from firmware_profiles.families.marlin.state import QUESTION, RENUMBER
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.journal import read_records
 from printctl.machine.link.states import LinkState
 from sim.devices.board.wire import Wire
+from sim.devices.families.marlin.numbering import EMERGENCY
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.families.marlin.urgent import EMERGENCY
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
 from tests.printctl.machine.link.sim_transport import SimTransport
 from tests.printctl.machine.link.simulated import PRINTER, START, gcode, printed

@@ -21,7 +21,7 @@ from printctl.machine.link.states import LinkState, Status
 from printctl.machine.link.stop_place import StopPlace, find_stop_line
 from printctl.machine.link.streamer import Streamer
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.faults.fault_file import parse_fault
+from sim.devices.faults import parse_fault
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.motion.executed import ExecutedMotion
 from tests.printctl.machine.link.jobs import parse_job

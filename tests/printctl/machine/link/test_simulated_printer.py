@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
-from printctl.machine.link.answer_count import EVERY_S
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.history_entry import entry_of
 from printctl.machine.link.journal import Journal
 from printctl.machine.link.journalled_print import read_journal
+from printctl.machine.link.print_parts import EVERY_S
 from printctl.machine.link.retreat import Retreat
 from printctl.machine.link.slips import SOONEST_LINES
 from printctl.machine.link.states import LinkState, Status
@@ -25,7 +25,7 @@ from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.wiring import Wiring
 from printctl.machine.printing.journal_facts import read_journal_facts
 from sim.devices.families.marlin.printer import MarlinPrinter
-from sim.devices.faults.fault_file import Fault, PermanentFaults
+from sim.devices.faults import Fault, PermanentFaults
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.motion.hardware import Board
 from tests.printctl.machine.link.fake_marlin import FakeMarlin, FakeTransport, zigzag

@@ -13,9 +13,8 @@ from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.errors import HandshakeError, Refused
 from printctl.machine.link.states import LinkState
 from printctl.machine.link.temperatures import Temperature
-from printctl.machine.station.heat_limits import heat_limits
 from printctl.machine.station.idle_commands import IdleCommands
-from printctl.machine.station.known_state import Knowledge
+from printctl.machine.station.known_state import Knowledge, heat_limits
 from printctl.machine.station.mounted_profiles import read_mounted_profiles
 from printctl.machine.station.status import MountedParts
 from sim.devices.families.marlin.printer import MarlinPrinter

@@ -13,7 +13,7 @@ import yaml
 
 from printctl.errors import UsageError
 from printctl.recipe import Recipe, parse_recipe
-from printctl.recipe.starter import STARTER
+from printctl.recipe.load import STARTER
 from printctl.web.core import Core
 from printctl.web.design import form as forms
 from printctl.web.design.checking import check_data, check_text

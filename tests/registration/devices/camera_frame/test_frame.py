@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.checkers.dish_camera import Optics, photograph
 from firmware_profiles import load
-from firmware_profiles.dishes import Dish
+from firmware_profiles.plates import Dish
 from registration.devices.camera_frame import (
     Bath,
     CameraFrame,
@@ -25,10 +25,10 @@ from registration.devices.camera_frame import (
     find_marks,
     fit_frame,
     read_frame,
-    write_frame,
 )
+from registration.devices.camera_frame.frame import project
 from registration.devices.camera_frame.insert import Process
-from registration.devices.camera_frame.projection import project
+from registration.devices.lens.lens import write_model as write_frame
 from registration.errors import PictureError
 from tests.registration.devices.camera_frame import scene
 from tests.slower import first_rows

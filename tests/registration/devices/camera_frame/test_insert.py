@@ -10,7 +10,7 @@ import pytest
 
 from design.solids.topology import edge_faults
 from firmware_profiles import load, shipped
-from firmware_profiles.dishes import Dish
+from firmware_profiles.plates import Dish
 from registration.devices.camera_frame import (
     design_insert,
     insert_solids,
@@ -18,7 +18,7 @@ from registration.devices.camera_frame import (
     write_insert,
     write_svg,
 )
-from registration.devices.camera_frame.insert_drawing import drawn
+from registration.devices.camera_frame.insert import drawn
 from registration.errors import PictureError
 
 

@@ -12,16 +12,10 @@ import numpy as np
 import pytest
 import tifffile
 
-from registration.devices.laser_sweep import (
-    fit_laser,
-    read_laser,
-    sweep_heights,
-    trace,
-    write_laser,
-)
-from registration.devices.laser_sweep.middles import line_middles
+from registration.devices.laser_sweep import fit_laser, read_laser, sweep_heights, trace
 from registration.devices.laser_sweep.pictures import sweep_pictures
-from registration.devices.laser_sweep.straight import straight_line
+from registration.devices.laser_sweep.profiles import line_middles, straight_line
+from registration.devices.lens.lens import write_model as write_laser
 from registration.errors import PictureError
 from tests.registration.devices.camera_frame import scene
 from tests.registration.devices.laser_sweep import sweeps

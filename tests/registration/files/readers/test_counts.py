@@ -17,7 +17,7 @@ from printctl.recipe.making import FileScan
 from printctl.web.scan.answers import ScanMetadataRequest
 from registration import Scan, ScanOverrides, read_scan, write_scan_tiff
 from registration.errors import ScanFileError
-from registration.files.readers.intensity_checks import speckle_of
+from registration.files.readers.decibels import speckle_of
 from registration.files.readers.metadata import NAMES
 from registration.segmentation.filters import binned
 from tests.slower import first_of

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from registration.alignment import Fit
 from registration.errors import DatumError
 from registration.measuring.geometry import Frame, Scene, read_datums
-from registration.measuring.geometry.nested import free_words
+from registration.measuring.geometry.datum_fit import free_words
 from tests.registration.measuring.geometry.shapes import (
     AS_DESIGNED,
     BLOCK,

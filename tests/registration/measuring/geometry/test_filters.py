@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from registration.measuring.geometry.filters import closed_filtered, open_filter
+from registration.measuring.geometry.lumen import closed_filtered, open_filter
 
 
 def test_a_wave_of_the_cut_offs_length_keeps_half() -> None:

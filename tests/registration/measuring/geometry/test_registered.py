@@ -10,7 +10,7 @@ import pytest
 from registration import RegistrationReport, Scan, register_scan, report_dict
 from registration.errors import DatumError
 from registration.measuring.geometry import read_datums
-from registration.report.zones import frame_lines, zone_table
+from registration.report.measurement_tables import frame_lines, zone_table
 from tests.registration.parts import bent_network, lumens, solid
 from tests.registration.registered import FAST, bent_lumens
 

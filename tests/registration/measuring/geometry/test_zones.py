@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from registration.measuring.geometry import Characteristic
-from registration.measuring.geometry.characteristic import Zone
-from registration.measuring.geometry.cylinder import minimum_zone
+from registration.measuring.geometry.zones import Zone, minimum_zone
 from tests.registration.measuring.geometry.shapes import (
     AS_DESIGNED,
     Printed,

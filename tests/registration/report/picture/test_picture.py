@@ -14,8 +14,7 @@ from registration.report.picture import (
     fitted_camera,
     quantities,
 )
-from registration.report.picture.compose import round_down
-from registration.report.picture.flow_marks import port_reach
+from registration.report.picture.compose import port_reach, round_down
 
 from ..sample import block_surface, planar_network
 

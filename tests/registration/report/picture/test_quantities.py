@@ -7,8 +7,7 @@ from matplotlib.colors import to_rgb
 from design.network import VesselKind, VesselNetwork
 from registration.report.picture import Colour, Quantity, VesselQuantities, quantities
 from registration.report.picture.colours import NO_DATA, SEQUENTIAL
-from registration.report.picture.pressures import point_pressure
-from registration.report.picture.quantity import magnitude, signed
+from registration.report.picture.quantity import magnitude, point_pressure, signed
 
 
 def fork() -> VesselNetwork:

@@ -2,9 +2,7 @@ import numpy as np
 import pytest
 
 from design.geometry.surface import Surface
-from registration.report.picture.occlusion import occlude
-from registration.report.picture.render import corner_normals
-from registration.report.picture.shell import draw_shell, layer_opacity
+from registration.report.picture.render import corner_normals, draw_shell, layer_opacity, occlude
 
 
 def square(z: float, size: float = 20.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

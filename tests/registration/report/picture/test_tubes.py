@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from registration.report.picture.tubes import draw_tubes
+from registration.report.picture.render import draw_tubes
 from tests.slower import examples
 
 SIZE = 24

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.devices.camera.kernels import draw_lines
+from sim.devices.camera.ink_map import draw_lines
 
 
 def naive(segments, radius, crest, height, weight, profile, shape):

@@ -13,7 +13,7 @@ from sim.devices.families.aerotech.reading import translate
 from sim.devices.families.registry import simulated_printer
 from sim.errors import GcodeError, ServeError
 from sim.gcode.dry_run.run import dry_run
-from sim.gcode.heads.valve import BETWEEN, CLOSED, OPEN
+from sim.gcode.heads import BETWEEN, CLOSED, OPEN
 from sim.gcode.program.modal import DWELL, MOVE, SYNC
 from tests.design.toolpath.plans import fresh_toolpath
 from tests.design.toolpath.shapes import as_solid, block

@@ -5,15 +5,14 @@ import pytest
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.ack_protocol import Sort
-from firmware_profiles.families.reprapfirmware.crc16 import crc16 as crc_of_the_link
+from firmware_profiles.families.reprapfirmware.facts import crc16 as crc_of_the_link
 from printctl.machine.link.clock import VirtualClock
 from printctl.machine.link.journal import Journal
 from printctl.machine.link.states import LinkState
 from printctl.machine.link.streamer import Streamer
 from printctl.machine.link.wiring import Wiring
 from sim.devices.families.registry import simulated_printer
-from sim.devices.families.reprapfirmware.numbering import crc16
-from sim.devices.families.reprapfirmware.printer import DuetPrinter
+from sim.devices.families.reprapfirmware.printer import DuetPrinter, crc16
 from sim.errors import ServeError
 from sim.gcode.motion.executed import ExecutedMotion
 from sim.gcode.program.gcode import checksum

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from sim.devices.recorded_ink import InkSource
-from sim.devices.scanner.live_oct import OctField, live_scan
+from sim.devices.scanner.oct import OctField, live_scan
 from sim.errors import ScannerError
-from sim.gcode.deposit.laid import Laid
+from sim.gcode.deposit.lay import Laid
 from sim.gcode.deposit.strands import Strands
 
 LOW, HIGH = np.array([1.0, 0.5, 0.3]), np.array([2.5, 1.5, 0.9])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.gcode.deposit.rewritten import united
 from sim.gcode.deposit.strands import Strands
+from sim.gcode.deposit.written import united
 
 
 def lines(*each):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from benchmarks.firmware_bench.dry_run_files import short_curve
 from benchmarks.firmware_bench.gcode_files import short_moves
 from firmware_profiles import Printer, load
-from sim.gcode.dry_run.line_times import checksums, sent_bytes
+from sim.gcode.dry_run.feed import checksums, sent_bytes
 from sim.gcode.dry_run.run import dry_run
 from sim.gcode.program.gcode import checksum, read_gcode
 from tests.sim.transcripts import DATA

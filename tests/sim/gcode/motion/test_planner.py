@@ -9,7 +9,6 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from firmware_profiles import Printer, load
-from sim.gcode.motion.block import turn_angle
 from sim.gcode.motion.planner import (
     add_move,
     count_steps,
@@ -18,6 +17,7 @@ from sim.gcode.motion.planner import (
     set_axis,
     set_trapezoid,
     stop_now,
+    turn_angle,
 )
 from sim.gcode.motion.state import BLOCK, LOG, new_planner, new_ring
 from sim.gcode.motion.stepper import axis_steps, timer_interval, walk
